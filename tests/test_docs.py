@@ -101,7 +101,7 @@ def test_every_link_of_a_page_leads_somewhere(page):
 
 
 def all_options(command) -> set[str]:
-    options = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+    options = {name for option in command.params for name in (*option.opts, *option.secondary_opts)}
     return options.union(*(all_options(child) for child in getattr(command, "commands", {}).values()))
 
 

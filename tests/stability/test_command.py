@@ -5,7 +5,7 @@ import pytest
 
 from texclass.reporting import render_markdown
 from texclass.stability import Mark, StabilityResult
-from texclass.stability.battery import summed_up
+from texclass.stability.battery import summary
 
 
 def cell(subject, family, mark, *, library="texclass", group="models", reason="", error=None, limit=None):
@@ -34,7 +34,7 @@ THEIRS = [
 def result(*cells):
     found = pd.DataFrame(cells)
     facts = {"quick": True, "versions": {"texclass": "0"}, "battery": "abc", "seed": 0}
-    return StabilityResult(facts | {"left_out": ["tsfel: not installed"]} | summed_up(found), found)
+    return StabilityResult(facts | {"left_out": ["tsfel: not installed"]} | summary(found), found)
 
 
 @pytest.mark.parametrize(("cells", "code"), [((*RIGHT, *THEIRS), 0), ((*RIGHT, *WRONG), 1)])

@@ -9,11 +9,11 @@ import pytest
 
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
 from texclass.features.sets import Member
-from texclass.stability import rules
+from texclass.stability import exact, rules
 from texclass.stability.exact import NoReferenceError
 from texclass.stability.inputs import LONG, Case, inputs, plain
 from texclass.stability.rules import Check, Mark, Subject, judge
-from texclass.stability.subjects_signals import LAW_GAINS, inferred_laws, one_feature, under_gain, whole
+from texclass.stability.subjects_features import LAW_GAINS, complete, inferred_laws, one_feature, under_gain
 
 CASE = Case("some noise", "order", plain(64).copy(), order=2)
 REQUIRED = Case("plain", "plain", plain(64).copy(), order=2, required=True)
@@ -64,10 +64,11 @@ def test_writing_to_the_input_is_found():
 
 def test_models_that_break_a_rule_are_found():
     def direct_form(x, case, a):
-        yield from rules.predictor(x, case.order, "Burg", a=a)
+        yield from rules.stable_coefficients(a)
 
     def reflection(x, case, k):
-        yield from rules.predictor(x, case.order, "Burg", k=k)
+        energy = exact.lattice_energies(x, k)[-1]
+        yield rules.excess("Burg's optimum", energy, exact.burg_energies(x, case.order)[-1])
 
     def frequencies(x, case, lsf):
         yield from rules.line_spectrum(np.array([0.1, 0.2]), lsf, np.array([0.1, 0.2]))
@@ -155,7 +156,7 @@ def test_a_feature_without_a_reason_or_a_column_is_found():
     usual = {"a": 1.0, "b": 2.0}
 
     def holds(values, reasons=()):
-        found = whole(pd.Series(values), dict(reasons), pd.Series(usual))
+        found = complete(pd.Series(values), dict(reasons), pd.Series(usual))
         return all(f.excess <= 1 for f in found if isinstance(f, Check))
 
     assert holds({"a": 1.0, "b": 3.0})
@@ -174,8 +175,8 @@ def test_a_gain_law_is_inferred_and_its_breach_found():
 
     laws = inferred_laws([outputs(g) for g in LAW_GAINS])
     assert set(laws) == {"rms", "level", "shape"}
-    assert laws["rms"] == pytest.approx((1.0, 0.0))
-    assert laws["level"] == pytest.approx((0.0, 2.0))
+    assert laws["rms"] == Gain(1.0)
+    assert (laws["level"].power, laws["level"].shift) == pytest.approx((0.0, 2.0))
     assert under_gain("law", outputs(1e-100), outputs(1.0), laws, 1e-100, 1e-9).excess <= 1
     lost = outputs(1e-100)
     lost["shape"] = 0.0

@@ -7,11 +7,11 @@ import pytest
 
 from texclass.baselines import extreme_inputs
 from texclass.features import registered
-from texclass.stability import inputs, subjects_models, subjects_signals
+from texclass.stability import inputs, subjects_features, subjects_models, subjects_signals
 from texclass.stability.rules import BAD, Check, Mark, judge
 from texclass.stability.subjects_models import models
 
-EVERY = [*subjects_models.SUBJECTS, *subjects_signals.SUBJECTS, *subjects_signals.subjects()]
+EVERY = [*subjects_models.SUBJECTS, *subjects_signals.SUBJECTS, *subjects_features.subjects()]
 SUBJECTS = {subject.name: subject for subject in EVERY}
 HARD = (
     "plain", "zeros", "constant -1e6", "pure sine", "DC 1e6 + noise 1e-3", "gain 1e-160", "int8",

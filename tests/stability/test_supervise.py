@@ -5,7 +5,7 @@ from collections import Counter
 
 import pytest
 
-from texclass.stability import supervise
+from texclass.stability import Limits, supervise
 from texclass.stability.rules import Mark
 
 SUBJECTS = """
@@ -52,7 +52,7 @@ def found(tmp_path_factory):
             "deliberate:subjects",
             "models",
             quick=True,
-            cell_s=0.5,
+            limits=Limits(cell_s=0.5),
             progress=lambda *at: seen.append(at),
             left_out=left_out,
         )

@@ -13,10 +13,11 @@ from scipy import linalg, ndimage, signal
 from texclass.recording import Samples
 from texclass.stability import exact, rules
 from texclass.stability.inputs import FORMS, VALUES, Case, in_families, lengths, samples_of
-from texclass.stability.rules import Attempt, Check, Subject
+from texclass.stability.rules import Attempt, Check, Subject, largest
+from texclass.stability.subjects_features import cases as feature_cases
+from texclass.stability.subjects_features import extraction
 from texclass.stability.subjects_models import EXCITATION, at_orders, k_of, models, unit_model
-from texclass.stability.subjects_signals import SHORT, extraction, largest
-from texclass.stability.subjects_signals import cases as feature_cases
+from texclass.stability.subjects_signals import SHORT
 
 LIBRARIES = ("librosa", "scipy", "spectrum", "statsmodels", "pysptk", "tsfel", "tsfresh", "pycatch22")
 """Public libraries that are tried where they are installed."""
@@ -107,10 +108,15 @@ def _predictor(library: str, name: str, method: str, fit: Callable[[Any, int], A
     def attempt(x: Any, case: Case) -> Attempt:
         a = np.asarray(fit(x, case.order))
         yield a
-        a = np.asarray(a, dtype=np.float64)
-        yield Check("p + 1 coefficients", abs(a.size - case.order - 1), 0.0)
-        limit = rules.EXCESS_SINGLE if x.dtype in (np.float32, np.float16) else rules.EXCESS
-        yield from rules.predictor(samples_of(x), case.order, method, a=a, limit=limit)
+        a, p, samples = np.asarray(a, dtype=np.float64), case.order, samples_of(x)
+        yield Check("p + 1 coefficients", abs(a.size - p - 1), 0.0)
+        if np.any(samples) and samples.size > p and exact.EXTENDED:
+            padding = 0 if method == BURG else p
+            energy = exact.direct_energy(samples, a, padding)
+            least = exact.burg_energies(samples, p, padding)[-1]
+            limit = 1e-3 if x.dtype in (np.float32, np.float16) else rules.EXCESS  # single precision
+            yield rules.excess(f"{method}'s optimum", energy, least, limit)
+        yield from rules.stable_coefficients(a)
 
     return Subject(name, "baselines", cases, attempt, library)
 

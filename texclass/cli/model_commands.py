@@ -69,8 +69,8 @@ def train(
         p.ProtocolName | None,
         p.evaluation_option(
             metavar="NAME",
-            help="Evaluation protocol, see `texclass benchmark --help`. Default: chronological for 20 or more "
-            "numbered repetitions per surface, since sensors drift; else that of the pipeline.",
+            help="Evaluation protocol, see `texclass benchmark --help`. Default: chronological for 20 or "
+            "more numbered repetitions per surface, since sensors drift; else that of the pipeline.",
         ),
     ] = None,
     shots: p.Shots = None,

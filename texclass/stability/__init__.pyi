@@ -1,6 +1,7 @@
 from .battery import StabilityResult as StabilityResult
 from .battery import run_stability as run_stability
-from .battery import supervise as supervise
+from .processes import Limits as Limits
+from .processes import supervise as supervise
 from .rules import BAD as BAD
 from .rules import Check as Check
 from .rules import Mark as Mark

@@ -56,14 +56,15 @@ def moving_average(x: Samples, n: int) -> Samples:
 # Linear prediction ------------------------------------------------------------------------------------------
 
 
-def burg_energies(x: Samples, order: int) -> list[float]:
+def burg_energies(x: Samples, order: int, padding: int = 0) -> list[float]:
     """Return the residual energies at the orders 0 ... p of Burg's optimum, over that of order 0.
 
     In 77-digit fixed point up to `LARGEST_ORDER`, beyond in 80-bit floats. It ends where nothing is left.
-    Of a signal between zeros, as many as the order, it is the optimum of the autocorrelation method.
+    With p zeros of `padding` on both sides it is the optimum of the autocorrelation method.
     """
     fitted = next((p for p in (18, LARGEST_ORDER) if order <= p), order)
-    return _burg(np.ascontiguousarray(x).tobytes(), fitted)[: order + 1]
+    between = np.pad(x, max(padding, LARGEST_ORDER)) if padding else x  # more zeros change nothing
+    return _burg(np.ascontiguousarray(between).tobytes(), fitted)[: order + 1]
 
 
 @cache

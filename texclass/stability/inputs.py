@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 SEED = 0
@@ -86,13 +87,11 @@ def noise(n: int = N, seed: int = SEED) -> NDArray[np.float64]:
 @cache
 def plain(n: int = N) -> NDArray[np.float64]:
     """Return coloured noise, as surfaces give it: two broad resonances in a sloping spectrum, read-only."""
-    from scipy import signal
-
     poles = np.array([0.95 * np.exp(0.2j), 0.9 * np.exp(0.7j), 0.5])
     a = np.real(np.poly(np.concatenate([poles, poles[:2].conj()])))
-    x = signal.lfilter([1.0], a, noise(n + 200, 1))[200:]
+    x: NDArray[np.float64] = scipy.signal.lfilter([1.0], a, noise(n + 200, 1))[200:]
     x.flags.writeable = False
-    return np.asarray(x)
+    return x
 
 
 def low_passed(factor: int, n: int = N) -> NDArray[np.float64]:
@@ -102,26 +101,18 @@ def low_passed(factor: int, n: int = N) -> NDArray[np.float64]:
     return np.fft.irfft(spectrum)
 
 
-def resonant(distance: float, n: int = N) -> NDArray[np.float64]:
-    """Return noise through a pair of poles at 0.7 rad, `distance` inside the unit circle."""
-    from scipy import signal
-
-    r = 1 - distance
-    return np.asarray(signal.lfilter([1.0], [1.0, -2 * r * np.cos(0.7), r * r], noise(n)))
-
-
 def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
     """Return the samples of every input of length `n`: family -> name -> samples."""
-    t = np.arange(n)
-    sine = np.sin(0.3 * t)
-    square = np.sign(np.sin(0.05 * t) + 1e-9)
-    full_scale = plain(n) / np.abs(plain(n)).max()
+    t, noisy = np.arange(n), plain(n)
+    sine, square = np.sin(0.3 * t), np.sign(np.sin(0.05 * t) + 1e-9)
+    full_scale = noisy / np.abs(noisy).max()
+    radii = {f"pole radius 1 - 1e-{digits}": 1 - 10.0**-digits for digits in range(3, 13)}
 
     def broken(value: float, first: int = 0, stop: int = n) -> NDArray[np.float64]:
-        return np.where((t >= first) & (t < stop), value, plain(n))
+        return np.where((t >= first) & (t < stop), value, noisy)
 
     return {
-        "plain": {"plain": plain(n), "white": noise(n)},
+        "plain": {"plain": noisy, "white": noise(n)},
         "silent": {
             "zeros": np.zeros(n),
             **{f"constant {name}": np.full(n, float(name)) for name in ("1", "0.1", "-1e6", "1e-160")},
@@ -134,7 +125,10 @@ def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
             "sine + 1e-8 noise": sine + 1e-8 * noise(n),
             "two sines + 1e-8 noise": sine + np.cos(2.9 * t) + 1e-8 * noise(n),
         },
-        "poles": {f"pole radius 1 - 1e-{d}": resonant(10.0**-d, n) for d in range(3, 13)},
+        "poles": {
+            name: scipy.signal.lfilter([1.0], [1.0, -2 * r * np.cos(0.7), r * r], noise(n))
+            for name, r in radii.items()
+        },
         "oversampled": {
             "low-passed by 20": low_passed(20, n),
             "low-passed by 100": low_passed(100, n),
@@ -142,15 +136,15 @@ def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
         },
         "offset": {
             "DC 1e6 + noise 1e-3": 1e6 + 1e-3 * noise(n),
-            "DC 1e3 + noise": 1e3 + plain(n),
+            "DC 1e3 + noise": 1e3 + noisy,
             "ramp": np.linspace(-1, 1, n),
         },
         "clipped": {
             "full-scale square": 32767 * square,
-            "clipped noise": np.clip(plain(n), -1.0, 1.0),
-            "quantised to one step": np.round(0.2 * plain(n)),
+            "clipped noise": np.clip(noisy, -1.0, 1.0),
+            "quantised to one step": np.round(0.2 * noisy),
         },
-        "gain": {f"gain {g:g}": g * plain(n) for g in GAINS},
+        "gain": {f"gain {g:g}": g * noisy for g in GAINS},
         "dtype": {
             "int8": np.round(127 * full_scale).astype(np.int8),
             "int16": np.round(32767 * full_scale).astype(np.int16),
@@ -163,10 +157,10 @@ def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
             "bool": full_scale > 0,
         },
         "layout": {
-            "every third sample": np.repeat(plain(n), 3)[::3],
-            "backwards": plain(n)[::-1].copy()[::-1],
-            "column of a table": np.tile(plain(n)[:, np.newaxis], 3)[:, 1],
-            "read-only": plain(n),
+            "every third sample": np.repeat(noisy, 3)[::3],
+            "backwards": noisy[::-1].copy()[::-1],
+            "column of a table": np.tile(noisy[:, np.newaxis], 3)[:, 1],
+            "read-only": noisy,
         },
         "broken": {  # within the first 200 samples: some are given no more
             "one NaN": broken(np.nan, 150, 151),
@@ -186,8 +180,8 @@ def inputs(n: int = N) -> tuple[Case, ...]:
     gains = {f"gain {g:g}": g for g in GAINS}
     return tuple(
         Case(name, family, x, required=family in ordinary or name in ordinary, gain=gains.get(name, 1.0))
-        for family, named in _samples(n).items()
-        for name, x in named.items()
+        for family, samples in _samples(n).items()
+        for name, x in samples.items()
     )
 
 
@@ -204,30 +198,28 @@ def battery(quick: bool, *, longest: int = 600, with_rates: bool = True, n: int 
     Parameters
     ----------
     quick : bool
-        A part of it.
+        Whether a part of it will do.
     longest : int
-        Plain noise of every length up to this one; 0 leaves lengths out.
+        Samples of the longest of the short inputs (default 600); 0 leaves them out.
     with_rates : bool
-        Plain noise at other sampling rates.
+        Whether plain noise at other sampling rates is among them (default True).
     n : int
         Samples of all others.
     """
-    chosen = in_families(*VALUES, *FORMS, quick=quick, n=n)
-    chosen += lengths(quick, longest) if longest else ()
-    return chosen + (rates(quick, n) if with_rates else ())
+    short = lengths(quick, longest) if longest else ()
+    return in_families(*VALUES, *FORMS, quick=quick, n=n) + short + (rates(quick, n) if with_rates else ())
 
 
 def lengths(quick: bool, longest: int = 600) -> tuple[Case, ...]:
     """Return the first n samples of plain noise for every n from 0 to 600 (quick: some of them)."""
     few = (0, 1, 2, 3, 8, 11, 32, 64, 129, 543, 544, 600)
-    chosen = few if quick else range(longest + 1)
-    return tuple(Case(f"{n} samples", "length", plain()[:n]) for n in chosen if n <= longest)
+    sizes = few if quick else range(longest + 1)
+    return tuple(Case(f"{n} samples", "length", plain()[:n]) for n in sizes if n <= longest)
 
 
 def rates(quick: bool, n: int = N) -> tuple[Case, ...]:
     """Return plain noise declared at rates from 500 Hz to 50 kHz."""
-    chosen = RATES_HZ[:: 4 if quick else 1]
-    return tuple(Case(f"fs {fs:g} Hz", "rate", plain(n), fs=fs) for fs in chosen)
+    return tuple(Case(f"fs {fs:g} Hz", "rate", plain(n), fs=fs) for fs in RATES_HZ[:: 4 if quick else 1])
 
 
 def beyond(quick: bool) -> tuple[Case, ...]:
@@ -244,13 +236,9 @@ def with_orders(cases: Iterable[Case], quick: bool, largest: int = 1000) -> tupl
 
     A quick run takes orders 2 and 18, and 400 for plain signals.
     """
-
-    def orders_of(family: str) -> tuple[int, ...]:
-        if family in (*FORMS, "length"):
-            return (10,)
-        return ((2, 18, 400) if family == "plain" else (2, 18)) if quick else ORDERS
-
-    return tuple(case.at_order(p) for case in cases for p in orders_of(case.family) if p <= largest)
+    usual = (2, 18) if quick else ORDERS
+    orders = dict.fromkeys((*FORMS, "length"), (10,)) | {"plain": (2, 18, 400) if quick else ORDERS}
+    return tuple(c.at_order(p) for c in cases for p in orders.get(c.family, usual) if p <= largest)
 
 
 def samples_of(x: Any) -> NDArray[np.float64]:

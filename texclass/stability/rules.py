@@ -1,18 +1,15 @@
 """What "right" means: how one cell is judged, a subject on an input, by one rule for ours and for theirs.
 
-A subject yields findings about its result; the checks it shares with others stand below. The end runs in
-processes of their own.
+A subject yields findings about its result; the checks it shares with others stand below.
 """
 
-import importlib
-import os
 import re
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from enum import StrEnum
-from functools import cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,15 +25,11 @@ _FLOATING_POINT = re.compile(
 )
 _UNDEFINED = re.compile(r"\bnan\b|undefined|constant|too short|singular|not converge|ill.condition", re.I)
 """Words of a warning by which a library says that its result is undefined."""
-_UNTOLD = re.compile(r"\x1b\[[0-9;]*m|(?:\.{1,2}/|/)(?:[\w.+-]+/)+(?=[\w.+-])")
+_COLOURS_AND_FOLDERS = re.compile(r"\x1b\[[0-9;]*m|(?:\.{1,2}/|/)(?:[\w.+-]+/)+(?=[\w.+-])")
 """Colours, and folders before a file's name, which differ from machine to machine."""
 OMEGA: Samples = (np.arange(256) + 0.5) * np.pi / 256
 EXCESS = 1e-6
 """Residual energy above the optimum of the method, relative to it."""
-EXCESS_SINGLE = 1e-3
-"""The same for samples that come in single precision, in which a library may go on."""
-FLOOR = 1e-20
-"""Residual energy over that of the signal that counts as 0: times `EXCESS`, the rounding of the samples."""
 RESPONSE = 1e-9
 """Error of a response over its largest magnitude."""
 
@@ -55,6 +48,8 @@ class Mark(StrEnum):
     HANG = "hang"
 
 
+OURS = "texclass"
+"""Library of our own subjects."""
 BAD = (Mark.SILENT, Mark.WRONG, Mark.CRASH, Mark.HANG)
 """NaN or infinity without a word, a wrong result handed over as right, an accident, no answer at all."""
 
@@ -76,7 +71,7 @@ class Check(NamedTuple):
 
 Given = Callable[[bool], Iterable[Case]]
 """Inputs of the battery that a subject is given; the argument says whether the run is a quick one."""
-Attempt = Iterator[Any]
+Attempt = Generator[Any, None, Any]
 """Findings about a result, one after another: a `Check`, or a reason (str) by which the subject itself says
 that this input has no proper answer; anything else is passed over. What stands before the first `yield` is
 tried, and judged if it raises."""
@@ -104,7 +99,7 @@ class Subject(NamedTuple):
     group: str
     cases: Given
     trial: Trial
-    library: str = "texclass"
+    library: str = OURS
 
 
 def tried(
@@ -121,35 +116,34 @@ def tried(
 
 
 def judge(subject: Subject, case: Case) -> dict[str, Any]:
-    """Run a subject on an input and say what came out.
+    """Run a subject on an input and return the outcome.
 
     - An exception raised on purpose (`is_clear`) is a clear error; `UndefinedFeatureError` a documented NaN
       with its reason. Either is wrong on an input marked `required`, which every subject must answer.
     - Any other exception is a crash.
     - A result is wrong if one of its checks fails, or if the input was written to. If its numbers are not
-      finite it is a silent NaN, unless the library itself said why (by a warning or a reason).
+      finite it is a silent NaN, unless the library itself gave the reason (by a warning or a reason).
     - A right result with a floating-point warning of NumPy is `WARNED`.
 
     Returns
     -------
     dict
-        library, group, subject, family, case and mark; reason: why it is documented, refused, wrong, ...;
-        error, limit and what: those of the check that comes nearest to its limit (or exceeds it most), None
-        and "" where nothing was measured; seconds.
+        What `outcome` returns; error, limit and what are those of the check that comes nearest to its limit
+        (or exceeds it most).
     """
-    before, start = case.x.tobytes(), time.perf_counter()
+    names, before, start = names_of(subject, case), case.x.tobytes(), time.perf_counter()
     attempt = subject.trial(case.x, case)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            findings, refused = [next(attempt)], None
+            findings, refusal = [next(attempt)], None
         except Exception as error:
-            findings, refused = [], error
+            findings, refusal = [], error
     seconds = time.perf_counter() - start
-    if refused:
-        return cell_of(subject, case, *_refusal(refused, subject, case), seconds=seconds)
+    if refusal:
+        return outcome(names, *judge_refusal(refusal, subject, case), seconds=seconds)
     if case.x.tobytes() != before:
-        return cell_of(subject, case, Mark.WRONG, "the input was written to", seconds=seconds)
+        return outcome(names, Mark.WRONG, "the input was written to", seconds=seconds)
     unchecked = ""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
@@ -158,14 +152,53 @@ def judge(subject: Subject, case: Case) -> dict[str, Any]:
         except exact.NoReferenceError as error:
             unchecked = str(error)
         except Exception as error:
-            what = f"a result of the expected form ({type(error).__name__}: {error})"
-            findings.append(Check(what, np.inf, 0.0))
+            findings.append(holds(f"a result of the expected form ({type(error).__name__}: {error})", False))
     checks = [finding for finding in findings if isinstance(finding, Check)]
     worst = max(checks, key=lambda check: check.excess, default=None)  # of equals the first: finite numbers
     reasons = [finding for finding in findings if isinstance(finding, str)]
-    said = [str(warning.message) for warning in caught]
-    mark, reason = _verdict(worst, reasons, said, unchecked, required=case.required)
-    return cell_of(subject, case, mark, reason, seconds=seconds, **worst._asdict() if worst else {})
+    texts = [str(warning.message) for warning in caught]
+    mark, reason = judge_result(worst, reasons, texts, unchecked, required=case.required)
+    return outcome(names, mark, reason, **worst._asdict() if worst else {}, seconds=seconds)
+
+
+def names_of(subject: Subject, case: Case) -> dict[str, str]:
+    """Return the names of a subject and an input: library, group, subject, family and case."""
+    names = (subject.library, subject.group, subject.name, case.family, case.name)
+    return dict(zip(("library", "group", "subject", "family", "case"), names, strict=True))
+
+
+def outcome(names: Mapping[str, str], mark: Mark, reason: str, **measured: Any) -> dict[str, Any]:
+    """Return a row of the table of outcomes.
+
+    Parameters
+    ----------
+    names : mapping
+        As `names_of` returns them.
+    mark : Mark
+        What became of the subject on the input.
+    reason : str
+        Why it is documented, refused, wrong, ...; colours and folders, which differ from machine to machine,
+        are removed.
+    **measured
+        what, error and limit of the decisive check ("" and None where nothing was measured), and seconds, the
+        time that the subject took.
+    """
+    reason = " ".join(_COLOURS_AND_FOLDERS.sub("", reason).split())[:300]
+    row = {**names, "mark": mark, "reason": reason, "error": None, "limit": None, "what": "", "seconds": 0.0}
+    return row | measured
+
+
+def judge_refusal(error: Exception, subject: Subject, case: Case) -> tuple[Mark, str]:
+    """Return mark and reason of an exception."""
+    text = f"{type(error).__name__}: {error}"
+    if not is_clear(error, subject.library):
+        frames = traceback.extract_tb(error.__traceback__)
+        where = f" ({frames[-1].filename.rsplit('/', 1)[-1]}:{frames[-1].lineno})" if frames else ""
+        return Mark.CRASH, text + where
+    if case.required:
+        return Mark.WRONG, f"refuses an ordinary input: {text}"
+    undefined = type(error).__name__ == "UndefinedFeatureError"  # by name: its import takes a second
+    return (Mark.DOCUMENTED if undefined else Mark.REFUSED), text
 
 
 def is_clear(error: Exception, library: str) -> bool:
@@ -188,49 +221,19 @@ def is_clear(error: Exception, library: str) -> bool:
     return (kind or own) and on_purpose and len(str(error)) >= 10
 
 
-def cell_of(subject: Subject, case: Case, mark: Mark, reason: str = "", **found: Any) -> dict[str, Any]:
-    """Return a cell; its reason loses colours and what differs from machine to machine."""
-    return {
-        "library": subject.library,
-        "group": subject.group,
-        "subject": subject.name,
-        "family": case.family,
-        "case": case.name,
-        "mark": mark,
-        "reason": " ".join(_UNTOLD.sub("", reason).split())[:300],
-        "error": None,
-        "limit": None,
-        "what": "",
-        "seconds": 0.0,
-    } | found
-
-
-def _refusal(error: Exception, subject: Subject, case: Case) -> tuple[Mark, str]:
-    """Return mark and reason of an exception."""
-    text = f"{type(error).__name__}: {error}"
-    if not is_clear(error, subject.library):
-        frames = traceback.extract_tb(error.__traceback__)
-        where = f" ({frames[-1].filename.rsplit('/', 1)[-1]}:{frames[-1].lineno})" if frames else ""
-        return Mark.CRASH, text + where
-    if case.required:
-        return Mark.WRONG, f"refuses an ordinary input: {text}"
-    undefined = type(error).__name__ == "UndefinedFeatureError"  # by name: its import takes a second
-    return (Mark.DOCUMENTED if undefined else Mark.REFUSED), text
-
-
-def _verdict(
-    worst: Check | None, reasons: list[str], said: list[str], unchecked: str, *, required: bool
+def judge_result(
+    worst: Check | None, reasons: list[str], texts: list[str], unchecked: str, *, required: bool
 ) -> tuple[Mark, str]:
-    """Return mark and reason of a result, from its worst check, its reasons and the warnings it gave."""
-    noisy = [text for text in said if _FLOATING_POINT.search(text)]
-    reasons = [*reasons, *(text for text in said if text not in noisy and _UNDEFINED.search(text))]
+    """Return mark and reason of a result, from its worst check, its reasons and the texts of its warnings."""
+    noisy = [text for text in texts if _FLOATING_POINT.search(text)]
+    reasons = [*reasons, *(text for text in texts if text not in noisy and _UNDEFINED.search(text))]
     if worst is not None and worst.excess > 1:
         if np.isfinite(worst.error):
             return Mark.WRONG, f"{worst.what}: {worst.error:.3g}; the limit is {worst.limit:.3g}"
-        no_number = worst.what.startswith("finite")
-        if not (no_number and reasons):
-            return (Mark.SILENT if no_number else Mark.WRONG), f"not so: {worst.what}"
-        return (Mark.WRONG if required else Mark.DOCUMENTED), reasons[0]
+        is_no_number = worst.what.startswith("finite")
+        if is_no_number and reasons:
+            return (Mark.WRONG if required else Mark.DOCUMENTED), reasons[0]
+        return (Mark.SILENT if is_no_number else Mark.WRONG), f"not so: {worst.what}"
     if noisy:
         return Mark.WARNED, noisy[0]
     if reasons:
@@ -238,7 +241,12 @@ def _verdict(
     return (Mark.UNCHECKED if unchecked and worst is None else Mark.EXACT), unchecked
 
 
-# Checks that ours and public libraries share ----
+# Checks that ours and public libraries share ----------------------------------------------------------------
+
+
+def largest(x: ArrayLike) -> float:
+    """Return the largest magnitude."""
+    return float(np.max(np.abs(x)))
 
 
 def holds(what: str, condition: object) -> Check:
@@ -267,9 +275,12 @@ def stable(k: Samples) -> Check:
 
 
 def stable_coefficients(a: Samples) -> Iterator[Check]:
-    """Check that 1, a_1 ... a_p are finite and, by a 60-digit step-down, a stable filter."""
+    """Check that 1, a_1 ... a_p are finite and, by a 60-digit step-down, a stable filter.
+
+    An order above 128 is not stepped down: in 60 digits that takes minutes for all inputs.
+    """
     yield finite("coefficients", a)
-    if np.all(np.isfinite(a)):
+    if a.size <= 129 and np.all(np.isfinite(a)):
         yield stable(exact.step_down(a))
 
 
@@ -280,44 +291,14 @@ def stable_sections(denominators: Samples) -> Check:
     return Check("sections that are not stable", float(np.sum(~inside)), 0.0)
 
 
-def predictor(
-    x: Samples,
-    order: int,
-    method: str,
-    *,
-    k: Samples | None = None,
-    a: Samples | None = None,
-    limit: float = EXCESS,
-) -> Iterator[Check]:
-    """Check that a linear predictor is finite, stable, and leaves no more energy than its method's optimum.
+def excess(whose: str, energy: float, least: float, limit: float = EXCESS) -> Check:
+    """Check the residual energy of a predictor against the least one, relative to it.
 
-    Coefficients of an order above 128 are not stepped down: in 60 digits that takes minutes for all inputs.
+    Both are relative to the energy of the signal, of which less than 1e-20 counts as 0: times the limit, it
+    is the rounding of the samples.
     """
-    if k is not None:
-        yield finite("reflection coefficients", k)
-        yield stable(k)
-    if np.any(x) and x.size > order and exact.EXTENDED:
-        yield Check(f"residual energy above {method}'s optimum", excess(x, order, method, k=k, a=a), limit)
-    if a is not None:
-        yield from stable_coefficients(a) if order <= 128 else [finite("coefficients", a)]
-
-
-def excess(
-    x: Samples, order: int, method: str, *, k: Samples | None = None, a: Samples | None = None
-) -> float:
-    """Return the residual energy above the optimum, relative to it (0 where both are rounding).
-
-    Of Burg's method the optimum is his recursion, of the autocorrelation method the same between zeros.
-    """
-    padding = 0 if method == "Burg" else order
-    between = np.pad(x, max(order, exact.LARGEST_ORDER)) if padding else x
-    best = exact.burg_energies(between, order)[-1]
-    if k is not None:
-        left = exact.lattice_energies(x, k, padding)[-1]
-    else:
-        assert a is not None
-        left = exact.direct_energy(x, a, padding)
-    return max(float((left - best) / (best + FLOOR)), 0.0) if np.isfinite(left) else np.inf
+    error = max((energy - least) / (least + 1e-20), 0.0) if np.isfinite(energy) else np.inf
+    return Check(f"residual energy above {whose}", float(error), limit)
 
 
 def line_spectrum(k: Samples, lsf: Samples, back: Samples | None) -> Iterator[Check]:
@@ -346,34 +327,3 @@ def spectrum_db(k: Samples) -> Samples:
 def response(what: str, out: Samples, k: Samples, excitation: Samples) -> Check:
     """Check the sound of a model against that of 60-digit arithmetic."""
     return close(f"{what}, against 60 digits", out, exact.all_pole_response(k, excitation), RESPONSE)
-
-
-# In a process of its own, which imports no more than this: it is started anew after each crash --------------
-
-
-def quiet_thread(said: str) -> None:
-    """Keep the process to one thread, and what is printed in it in a file."""
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
-
-    printed = os.open(said, os.O_WRONLY | os.O_APPEND)
-    os.dup2(printed, 1)
-    os.dup2(printed, 2)
-    threadpool_limits(1)
-
-
-@cache
-def _pairs(place: str, group: str, quick: bool) -> list[tuple[Subject, Case]]:
-    module, name = place.split(":")
-    found = getattr(importlib.import_module(module), name)
-    subjects: list[Subject] = found() if callable(found) else found
-    return [
-        (subject, case) for subject in subjects if subject.group == group for case in subject.cases(quick)
-    ]
-
-
-def cells_at(place: str, group: str, quick: bool, number: int | None = None) -> Any:
-    """Return a cell; without a number all cells, as they are before they are judged."""
-    pairs = _pairs(place, group, quick)
-    if number is None:
-        return [cell_of(subject, case, Mark.HANG) for subject, case in pairs]
-    return judge(*pairs[number])

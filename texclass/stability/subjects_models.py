@@ -16,33 +16,17 @@ from texclass.stability.rules import Attempt, Check, Subject, tried
 from texclass.vibration import line_spectrum
 from texclass.vibration.autoregressive import autocorrelation, from_autocorrelation
 
-Derivation = Callable[[Samples, Case], Attempt]
 SUBJECTS: list[Subject] = []
 tried_on = partial(tried, SUBJECTS, "models")
-METHODS = {"burg": "Burg", "autocorrelation": "the autocorrelation method"}
-"""Those with an optimum that can be had in many digits."""
 EXCITATION = noise(192, 7)
-OMEGA_FEW = np.array([1e-6, 0.05, 0.3, 0.7, 1.5, 2.9, np.pi])
 SEGMENT = 200
 """Samples of a decaying segment: what the matrix pencil and Prony's method are given."""
 LONGEST_TAP = 400
 MODE = vibration.DecayingModes(*np.array([[90.0], [60.0], [2.0], [0.5]]))
 TAP = vibration.TapModel(-1500.0, 80.0, 300.0)
-PERFECT = {
-    "rms_spectral_error": 0.0,
-    "goodness_of_fit": 1.0,
-    "mean_absolute_difference": 0.0,
-    "log_spectral_distance": 0.0,
-    "band_energy_distance": 0.0,
-}
-"""Scores, and what a signal gets against itself."""
-TAP_FITS = {  # Okamura's is one by eye: a spectral peak, and a line through some peaks
-    "tap model, Okamura": {"fit": vibration.fit_okamura, "limit": 0.1},
-    "tap model, maximum likelihood": {"fit": vibration.fit_tap_model, "limit": 1e-6},
-}
 
 
-# What they are given ----------------------------------------------------------------------------------------
+# Inputs ----------------------------------------------------------------------------------------
 
 
 def at_orders(quick: bool, largest: int) -> tuple[Case, ...]:
@@ -93,23 +77,29 @@ def _taps(quick: bool) -> tuple[Case, ...]:
 # Fits -------------------------------------------------------------------------------------------------------
 
 
-@tried_on({f"fit, {name}": {"method": name} for name in METHODS}, partial(at_orders, largest=1000))
+@tried_on(
+    {"fit, burg": {"method": "burg"}, "fit, autocorrelation": {"method": "autocorrelation"}},
+    partial(at_orders, largest=1000),
+)
 def _fit(x: Any, case: Case, *, method: Any) -> Attempt:
     model = vibration.fit(x, case.order, method=method)
     yield rules.finite("gain", model.gain)
-    signal = samples_of(x)
-    yield from rules.predictor(signal, case.order, METHODS[method], k=model.reflection)
-    yield from _free_of_gain(signal, case, model, method)
+    signal, p = samples_of(x), case.order
+    yield from _reflection(signal, case, model, method)
     if not np.any(signal):
         yield Check("gain of silence", float(model.gain), 0.0)
         return
     rms = math.hypot(*signal) / math.sqrt(signal.size)
     yield rules.close("residual of order 0 = RMS", model.residual[0], rms, 1e-12)
     if exact.EXTENDED:
-        burg = method == "burg"
-        energies = exact.lattice_energies(signal, model.reflection, 0 if burg else model.order)
-        m = min(model.order, energies.size - 1)
-        n_samples = signal.size - m if burg else signal.size
+        is_burg = method == "burg"
+        padding = 0 if is_burg else p
+        energies = exact.lattice_energies(signal, model.reflection, padding)
+        if signal.size > p:
+            whose = "Burg's optimum" if is_burg else "the autocorrelation method's optimum"
+            yield rules.excess(whose, energies[-1], exact.burg_energies(signal, p, padding)[-1])
+        m = min(p, energies.size - 1)
+        n_samples = signal.size - m if is_burg else signal.size
         measured = rms * np.sqrt(energies[m] * signal.size / n_samples)
         floor = 1e-8 * rms  # of a residual below 1e-14 of the signal only that it is so small
         yield rules.close("residual as the samples give it", model.residual[m], measured, 1e-6, scale=floor)
@@ -124,9 +114,7 @@ def _fit_both_ways(x: Any, case: Case) -> Attempt:
     model = vibration.fit(x, case.order, method="modified_covariance")
     yield rules.finite("gain", model.gain)
     signal = samples_of(x)
-    yield rules.finite("reflection coefficients", model.reflection)
-    yield rules.stable(model.reflection)
-    yield from _free_of_gain(signal, case, model, "modified_covariance")
+    yield from _reflection(signal, case, model, "modified_covariance")
     most = 1.01 * math.hypot(*signal)  # 0 for silence
     yield rules.holds("a gain no larger than the signal", model.gain <= most)
     if model.fallback:
@@ -134,11 +122,14 @@ def _fit_both_ways(x: Any, case: Case) -> Attempt:
         yield rules.close("the fallback is Burg's fit", model.reflection, burg.reflection, 0.0)
         yield "fallback: modified covariance is unstable or undetermined here, Burg's fit returned"
     elif np.any(signal) and exact.EXTENDED:
-        above = rules.excess(signal, case.order, "Burg", k=model.reflection)
-        yield Check("residual energy above Burg's", above, rules.EXCESS)
+        left = exact.lattice_energies(signal, model.reflection)[-1]
+        yield rules.excess("Burg's", left, exact.burg_energies(signal, case.order)[-1])
 
 
-def _free_of_gain(x: Samples, case: Case, model: vibration.Autoregression, method: Any) -> Iterator[Check]:
+def _reflection(x: Samples, case: Case, model: vibration.Autoregression, method: Any) -> Iterator[Check]:
+    """Check that k is finite and stable, and does not depend on gain, dtype and layout."""
+    yield rules.finite("reflection coefficients", model.reflection)
+    yield rules.stable(model.reflection)
     louder = vibration.fit(np.ldexp(exact.unit(x), 40), case.order, method=method)
     alone = vibration.fit(exact.unit(x), case.order, method=method)
     yield rules.close("k free of gain", louder.reflection, alone.reflection, 0.0)
@@ -197,24 +188,9 @@ def unit_model(k: Samples) -> vibration.Autoregression:
     return vibration.Autoregression(k, np.asarray(1.0))
 
 
-def derived(name: str, largest: int) -> Callable[[Derivation], Derivation]:
-    """Return a decorator: what is derived from reflection coefficients is a subject, given `models`."""
-
-    def cases(quick: bool) -> tuple[Case, ...]:
-        return models(quick, min(largest, 400 if largest == 1000 else 128) if quick else largest)
-
-    def add(derivation: Derivation) -> Derivation:
-        @tried_on(name, cases)
-        def _(x: Any, case: Case) -> Attempt:
-            yield from derivation(k_of(x, case), case)
-
-        return derivation
-
-    return add
-
-
-@derived("line spectrum, there and back", 1000)
-def _line_spectrum(k: Samples, case: Case) -> Attempt:
+@tried_on("line spectrum, there and back", partial(models, largest=1000))
+def _line_spectrum(x: Any, case: Case) -> Attempt:
+    k = k_of(x, case)
     lsf = line_spectrum.from_reflection(k)
     back = line_spectrum.to_reflection(lsf)
     yield from rules.line_spectrum(k, lsf, back)
@@ -224,8 +200,9 @@ def _line_spectrum(k: Samples, case: Case) -> Attempt:
         yield Check("frequencies, against 60 digits", exact.line_spectrum_error(k, lsf), 1e-12)
 
 
-@derived("lattice synthesis", 1000)
-def _lattice_synthesis(k: Samples, case: Case) -> Attempt:
+@tried_on("lattice synthesis", partial(models, largest=1000))
+def _lattice_synthesis(x: Any, case: Case) -> Attempt:
+    k = k_of(x, case)
     model = unit_model(k)
     level = float(model.level) if np.isfinite(model.level) else 1.0
     out: Samples = np.asarray(vibration.LatticeSynthesis(model, level=level).process(EXCITATION), np.float64)
@@ -243,9 +220,10 @@ def _lattice_synthesis(k: Samples, case: Case) -> Attempt:
         yield rules.response("synthesis", out, k, EXCITATION)
 
 
-@derived("lattice inverse filter", 400)
-def _lattice_inverse(k: Samples, case: Case) -> Attempt:
+@tried_on("lattice inverse filter", lambda quick: models(quick, 128 if quick else 400))
+def _lattice_inverse(x: Any, case: Case) -> Attempt:
     """Check that undoing the synthesis loses the prediction gain (level / gain) in digits, and no more."""
+    k = k_of(x, case)
     model = unit_model(k)
     level = None if np.isfinite(model.level) else 1.0
     out = vibration.LatticeSynthesis(model, level=level).process(EXCITATION)
@@ -258,17 +236,20 @@ def _lattice_inverse(k: Samples, case: Case) -> Attempt:
         yield rules.close("the excitation comes back", back, EXCITATION, 1000 * lost + 1e-12)
 
 
-@derived("log spectrum", 1000)
-def _log_spectrum(k: Samples, case: Case) -> Attempt:
-    db = unit_model(k).log_spectrum_db(OMEGA_FEW)
+@tried_on("log spectrum", partial(models, largest=1000))
+def _log_spectrum(x: Any, case: Case) -> Attempt:
+    k = k_of(x, case)
+    omega = np.array([1e-6, 0.05, 0.3, 0.7, 1.5, 2.9, np.pi])
+    db = unit_model(k).log_spectrum_db(omega)
     yield rules.finite("log spectrum", db)
-    right = exact.log_spectrum_db(k, OMEGA_FEW)
+    right = exact.log_spectrum_db(k, omega)
     yield rules.close("log spectrum, against 60 digits", db, right, 1e-9, scale=10.0)
 
 
-@derived("poles", 256)
-def _poles(k: Samples, case: Case) -> Attempt:
+@tried_on("poles", partial(models, largest=256))
+def _poles(x: Any, case: Case) -> Attempt:
     """Check that they lie inside the unit circle, and that their product has the spectrum of the model."""
+    k = k_of(x, case)
     poles = unit_model(k).poles()
     yield rules.finite("poles", np.abs(poles))
     yield rules.holds("poles inside the unit circle", np.max(np.abs(poles)) < 1)
@@ -277,15 +258,17 @@ def _poles(k: Samples, case: Case) -> Attempt:
     yield Check("dB RMS of the spectrum of their product", error, 1e-6)
 
 
-@derived("cepstrum", 128)
-def _cepstrum(k: Samples, case: Case) -> Attempt:
+@tried_on("cepstrum", partial(models, largest=128))
+def _cepstrum(x: Any, case: Case) -> Attempt:
+    k = k_of(x, case)
     c = unit_model(k).cepstrum(20)[1:]
     yield rules.finite("cepstrum", c)
     yield rules.close("cepstrum, against 60 digits", c, exact.cepstrum(k, 20), 1e-9, scale=1.0)
 
 
-@derived("direct form, or its refusal", 256)
-def _direct_form(k: Samples, case: Case) -> Attempt:
+@tried_on("direct form, or its refusal", partial(models, largest=256))
+def _direct_form(x: Any, case: Case) -> Attempt:
+    k = k_of(x, case)
     a = unit_model(k).direct_form()
     yield rules.finite("coefficients", a)
     back = exact.step_down(a)
@@ -294,8 +277,9 @@ def _direct_form(k: Samples, case: Case) -> Attempt:
         yield rules.close("k of the coefficients", back, k, 2e-6, scale=1.0)
 
 
-@derived("log area ratios", 1000)
-def _log_area_ratios(k: Samples, case: Case) -> Attempt:
+@tried_on("log area ratios", partial(models, largest=1000))
+def _log_area_ratios(x: Any, case: Case) -> Attempt:
+    k = k_of(x, case)
     areas = unit_model(k).log_area_ratios
     yield rules.finite("log area ratios", areas)
     right = np.log((1 + k.astype(np.longdouble)) / (1 - k.astype(np.longdouble)))
@@ -347,7 +331,13 @@ def _prony(x: Any, case: Case) -> Attempt:
         yield Check("stability as stated", float(stable != fitted.is_stable), 0.0)
 
 
-@tried_on(TAP_FITS, _taps)
+@tried_on(
+    {  # Okamura's fit is one by eye: a spectral peak, and a line through some peaks
+        "tap model, Okamura": {"fit": vibration.fit_okamura, "limit": 0.1},
+        "tap model, maximum likelihood": {"fit": vibration.fit_tap_model, "limit": 1e-6},
+    },
+    _taps,
+)
 def _tap(x: Any, case: Case, *, fit: Callable[..., vibration.TapModel], limit: float) -> Attempt:
     tap = fit([x[:LONGEST_TAP], x[: LONGEST_TAP // 2]], [1.0, 1.0], case.fs)
     yield rules.finite("parameters", [tap.amplitude_slope, tap.decay_per_s, tap.frequency_hz])
@@ -386,21 +376,31 @@ def _major_frequencies(x: Any, case: Case) -> Attempt:
 # Scores -----------------------------------------------------------------------------------------------------
 
 
-@tried_on({f"score, {name}": {"name": name} for name in PERFECT}, inputs.battery)
-def _score(x: Any, case: Case, *, name: str) -> Attempt:
-    def rated(a: Any, b: Any) -> float:
-        rate = (case.fs,) if name == "band_energy_distance" else ()
-        return float(getattr(vibration.scores, name)(a, b, *rate))
+SCORES = {
+    "rms_spectral_error": 0.0,
+    "goodness_of_fit": 1.0,
+    "mean_absolute_difference": 0.0,
+    "log_spectral_distance": 0.0,
+    "band_energy_distance": 0.0,
+}
+"""Score -> value of a signal against itself."""
 
+
+@tried_on(
+    {f"score, {name}": {"name": name, "perfect": value} for name, value in SCORES.items()}, inputs.battery
+)
+def _score(x: Any, case: Case, *, name: str, perfect: float) -> Attempt:
+    rate = (case.fs,) if name == "band_energy_distance" else ()
+    score = getattr(vibration.scores, name)
     signal = samples_of(x)
     other = signal * (1 + 0.1 * noise(inputs.N, 5)[: signal.size])
-    alone, rating = rated(x, x), rated(x, other)
+    alone, rating = float(score(x, x, *rate)), float(score(x, other, *rate))
     yield rules.finite("score", (alone, rating))
-    yield Check("score of a signal against itself", abs(alone - PERFECT[name]), 1e-12)
+    yield Check("score of a signal against itself", abs(alone - perfect), 1e-12)
     if name == "mean_absolute_difference":
         right = math.fsum(np.abs(signal - other)) / signal.size
         yield rules.close("mean of |difference|", rating, right, 1e-14)
     elif np.any(signal):
         shift = 60 - int(np.frexp(np.max(np.abs(signal)))[1])
-        louder = rated(np.ldexp(signal, shift), np.ldexp(other, shift))
+        louder = score(np.ldexp(signal, shift), np.ldexp(other, shift), *rate)
         yield rules.close("free of a common gain", louder, rating, 1e-9, scale=1.0)

@@ -1,28 +1,22 @@
-"""Subjects: filters, streams of 10^8 samples, the transforms that features share; and every feature."""
+"""Subjects: filters, streams of 10^8 samples, and the transforms that features share."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import cache, partial
+from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import pandas as pd
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft
-from scipy.signal import get_window
 
 from texclass import signals
 from texclass.features import conditioning, spectra
-from texclass.features.contract import UndefinedFeatureError, registered
-from texclass.features.examination import bare_view
-from texclass.features.phase_view import Phase, PhaseView, Views
-from texclass.features.sets import FeatureSet, Member
-from texclass.recording import Phases, Recording, Samples, Tap
+from texclass.features.phase_view import PhaseView
+from texclass.recording import Samples
 from texclass.stability import exact, rules
-from texclass.stability.inputs import LONG, RATES_HZ, Case, battery, lengths, noise, plain, samples_of
-from texclass.stability.rules import Attempt, Check, Subject, Trial, tried
+from texclass.stability.inputs import RATES_HZ, Case, battery, lengths, noise, samples_of
+from texclass.stability.rules import Attempt, Check, Subject, largest, tried
 from texclass.vibration import Autoregression, LatticeInverse, LatticeSynthesis
 
 SUBJECTS: list[Subject] = []
@@ -33,14 +27,6 @@ SHORT = 400
 BANDS: dict[Any, Any] = {"lowpass": 100.0, "highpass": 20.0, "bandpass": (50.0, 200.0)}
 BLOCK = 1_000_000
 STREAM_MODEL = Autoregression(np.linspace(0.9, -0.5, 18), np.asarray(1.0))
-SINGLE = 5e-6
-"""Error of what is computed in single precision, over its largest value."""
-
-
-def largest(x: Any) -> float:
-    """Return the largest magnitude."""
-    return float(np.max(np.abs(x)))
-
 
 # Filters ----------------------------------------------------------------------------------------------------
 
@@ -125,7 +111,7 @@ def _causal(x: Any, case: Case) -> Attempt:
 # Streams ----------------------------------------------------------------------------------------------------
 
 
-def _causal_blocks() -> Callable[[Samples], Any]:
+def _band_pass() -> Callable[[Samples], Any]:
     sos, state = _sections("bandpass", 10_000.0), None
 
     def process(x: Samples) -> Any:
@@ -136,16 +122,13 @@ def _causal_blocks() -> Callable[[Samples], Any]:
     return process
 
 
-def _inverse_blocks() -> Callable[[Samples], Any]:
+def _synthesis() -> Callable[[Samples], Any]:
+    return LatticeSynthesis(STREAM_MODEL).process
+
+
+def _synthesis_undone() -> Callable[[Samples], Any]:
     lattice, inverse = LatticeSynthesis(STREAM_MODEL), LatticeInverse(STREAM_MODEL)
     return lambda x: inverse.process(lattice.process(x))
-
-
-STREAMS: dict[str, Callable[[], Callable[[Samples], Any]]] = {
-    "causal": _causal_blocks,
-    "lattice synthesis, p = 18": lambda: LatticeSynthesis(STREAM_MODEL).process,
-    "lattice inverse, p = 18": _inverse_blocks,
-}
 
 
 def _in_a_stream(quick: bool) -> list[Case]:
@@ -153,13 +136,20 @@ def _in_a_stream(quick: bool) -> list[Case]:
     return [Case(f"{n:.0e} samples in a stream", "stream", noise(BLOCK, 8), order=n)]
 
 
-@filters({f"stream: {name}": {"start": start} for name, start in STREAMS.items()}, _in_a_stream)
+@filters(
+    {
+        "stream: causal": {"start": _band_pass},
+        "stream: lattice synthesis, p = 18": {"start": _synthesis},
+        "stream: lattice inverse, p = 18": {"start": _synthesis_undone},
+    },
+    _in_a_stream,
+)
 def _stream(x: Samples, case: Case, *, start: Callable[[], Callable[[Samples], Any]]) -> Attempt:
     """Check that nothing drifts: the last block is what a fresh start makes of it, once that has settled."""
     process, last = start(), x
     for _ in range(case.order // BLOCK):
         last = np.asarray(process(x))
-    fresh = x if start is _inverse_blocks else np.asarray(start()(x))
+    fresh = x if start is _synthesis_undone else np.asarray(start()(x))
     settled = slice(BLOCK // 2, None)
     error = largest((last - fresh)[settled]) / largest(fresh[settled])
     yield Check("the last block, against a fresh start", error, 1e-9)
@@ -215,7 +205,7 @@ def _remove_hand_motion(x: Any, case: Case) -> Attempt:
 # Shared by features: against 80-bit floats where that is feasible, and always free of gain ------------------
 
 
-def _spectrum(x: Any) -> Any:
+def _spectrum(x: Any, fs: float) -> Any:
     return fft.rfft(x, conditioning.FINEST * fft.next_fast_len(-(-x.size // conditioning.FINEST)))
 
 
@@ -230,14 +220,14 @@ def _spectral_changes(x: Any, fs: float) -> Any:
 
 
 def _power_frames(x: Any, fs: float) -> Any:
-    w = get_window("hann", 128).astype(np.longdouble)
+    w = scipy.signal.get_window("hann", 128).astype(np.longdouble)
     power = np.abs(fft.rfft(sliding_window_view(x, 128)[::64] * w, axis=1)) ** 2 * 2 / (fs * (w @ w))
     power[:, [0, -1]] /= 2
     return power
 
 
 def _mean_spectrum(x: Any, fs: float) -> Any:
-    power = np.abs(_spectrum(x)) ** 2 * 2 / (fs * x.size)
+    power = np.abs(_spectrum(x, fs)) ** 2 * 2 / (fs * x.size)
     step = fs / (2 * (power.size - 1))
     width = max(1.0, step)
     n_bins = int(min(spectra.BAND_HZ, fs / 2) / width)
@@ -250,8 +240,8 @@ def _cutoff(view: PhaseView) -> float:
 
 
 SHARED: dict[str, tuple[Callable[[PhaseView], Any], Callable[[Any, float], Any] | None]] = {
-    "spectrum": (conditioning.spectrum, lambda x, fs: _spectrum(x)),
-    "low_spectrum": (conditioning.low_spectrum, lambda x, fs: np.array_split(_spectrum(x), 2)[0]),
+    "spectrum": (conditioning.spectrum, _spectrum),
+    "low_spectrum": (conditioning.low_spectrum, lambda x, fs: np.array_split(_spectrum(x, fs), 2)[0]),
     "autocorrelation": (spectra.autocorrelation, _autocorrelation),
     "spectral_changes (DCT)": (lambda v: spectra.spectral_changes(v, 256, 64), _spectral_changes),
     "power_frames": (lambda v: spectra.power_frames(v, 128 / v.fs, 64 / v.fs, "hann")[0], _power_frames),
@@ -272,232 +262,7 @@ def _shared(x: Any, case: Case, *, name: str) -> Attempt:
     signal = samples_of(x)
     if reference:
         right = np.abs(reference((signal / largest(signal)).astype(np.longdouble), case.fs))
-        yield rules.close("in 80-bit floats", out, right, SINGLE, scale=1e-6)
+        yield rules.close("in 80-bit floats", out, right, 5e-6, scale=1e-6)  # computed in single precision
     other = np.abs(np.asarray(transform(PhaseView(exact.unit(signal) * 1.1, case.fs))))
     scale = 1e-3 if name == "band_passed" else 1e-2  # of the movement, whose largest magnitude is 1
     yield rules.close("free of gain", other, out, 1e-5, scale=scale)
-
-
-# Features, ours one by one, and those of a library all together ---------------------------------------------
-
-
-GAIN_ERROR = 1e-5
-"""Relative error of a declared gain law; our features work in single precision inside."""
-LAW_GAINS = (1e-6, 1e-3, 1.0, 1e3, 1e6)
-"""A library that declares no gain law has one where an output follows it over these twelve decades."""
-SENSITIVITY = 1e-3
-"""Relative change of a feature that a relative change of the samples by 1e-13 may make."""
-STEADY = ("plain", "poles", "oversampled", "gain", "rate")
-"""Families on which a change of the samples by 1e-13 may not be seen.
-
-Symmetric signals may tip over, and for what stands on an offset that is no small change.
-"""
-cases = partial(battery, n=LONG)
-"""What a feature is given."""
-Extract = Callable[[Any, Case], tuple[dict[str, Any], dict[str, str]]]
-"""Takes samples and case, returns outputs by name, and reasons by output."""
-Laws = Mapping[Any, tuple[float, float]]
-"""Output -> (power, shift) of y(g x) = g^power y(x) + shift log10(g)."""
-Values = pd.Series
-
-
-def subjects() -> list[Subject]:
-    """Return one subject for each feature, and all features together as a library is judged."""
-    members = tuple(Member(name, feature) for name, feature in registered().items())
-    whole = FeatureSet("all", members).reading("tap", "movement", "travel", "friction")
-
-    def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
-        values, reasons = whole.compute(views_of(x, case.fs))
-        why = dict(reasons)
-        told = {c: why[m.name] for m in members if m.name in why for c in m.columns}
-        return dict(zip(whole.column_names, values.tolist(), strict=True)), told
-
-    def without_ribs(quick: bool) -> list[Case]:
-        return [replace(case, required=False) for case in cases(quick)]  # even ordinary noise has none
-
-    given = {"rib_density": without_ribs}
-    each = [Subject(m.name, "features", given.get(m.name, cases), one_feature(m)) for m in members]
-    return [*each, Subject("all features", "features", cases, extraction(extract))]
-
-
-def views_of(x: Any, fs: float, phase: Phase = "movement") -> Views:
-    """Return the samples as a movement, as friction, and as taps with their contact after a quarter.
-
-    One tap of few samples, four of many. Over its way, the samples of a movement are a tenth of a mm apart at
-    10 kHz. For a pair: the samples, and the same backwards.
-    """
-    if phase == "pair":
-        one, other = views_of(x, fs), views_of(x[::-1], fs)
-        return replace(one, sides=(one, other))
-    n = len(x)
-    each = n // 4 if n >= LONG else n
-    taps = tuple(Tap(i, i + min(each // 4, each - 1), i + each) for i in range(0, n - each + 1, max(each, 1)))
-    phases = Phases(taps if n else (), (0, n))
-    return Views(Recording(x, fs=fs, friction=x, speed=np.full(n, 1000.0), phases=phases), phases)
-
-
-def one_feature(member: Member) -> Trial:
-    """Return an attempt at one of our features: as a library of its outputs; then what else is known."""
-    feature = member.feature
-    law = feature.gain.power, feature.gain.shift
-
-    def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
-        if case.family == "broken":  # a recording would refuse it
-            given = feature.function(bare_view(feature.phase, samples_of(x), case.fs))
-            values = np.atleast_1d(np.asarray(given, dtype=np.float64))
-        else:
-            values = member.values(views_of(x, case.fs, feature.phase))
-        return dict(zip(member.columns, values.tolist(), strict=True)), {}
-
-    as_of_a_library = extraction(extract, dict.fromkeys(member.columns, law))
-
-    def attempt(x: Any, case: Case) -> Attempt:
-        findings = as_of_a_library(x, case)
-        values = next(findings)
-        yield values
-        yield from findings
-        signal = samples_of(x)
-        yield rules.holds("no value for silence", np.any(signal))
-        yield from _in_many_digits(feature.name, signal, list(values.values()))
-
-    return attempt
-
-
-def _in_many_digits(name: str, signal: Samples, values: list[float]) -> Attempt:
-    """Check the features that can be had in many digits."""
-    wide = signal.astype(np.longdouble)
-    match name:
-        case "friction":
-            right = math.fsum(np.abs(signal)) / signal.size
-            yield rules.close("mean |x|, against exact sums", values[0], right, 1e-13)
-        case "mean_magnitude":
-            right = float(np.abs(wide - wide.mean()).mean())
-            yield rules.close("mean |x - mean|", values[0], right, 1e-13, scale=1e-4 * largest(signal))
-        case "variance":
-            square = float(wide.var())
-            if 1e-290 < square < 1e290:
-                rounding = (1e-13 * largest(signal)) ** 2 / square  # of an offset
-                yield rules.close("variance, in 80-bit floats", values[0], square, 1e-13 + rounding)
-        case "lpc_coefficients":
-            yield from rules.stable_coefficients(np.append(1.0, -np.array(values)))
-
-
-def extraction(extract: Extract, laws: Laws | None = None) -> Trial:
-    """Return an attempt at a library of features, all outputs together.
-
-    Parameters
-    ----------
-    extract
-        What is tried.
-    laws
-        Gain laws that it declares; else it is held to those that it follows (see `inferred_laws`).
-    """
-    limit, copied = (1e-4, 1e-4) if laws is None else (GAIN_ERROR, 0.0)
-
-    def numbers(x: Any, case: Case) -> Values:
-        try:
-            return as_numbers(extract(x, case)[0])
-        except UndefinedFeatureError:
-            return pd.Series(np.nan, index=pd.Index(list(laws or ())))
-
-    @cache
-    def of_noise(gain: float, fs: float) -> Values:
-        return numbers(gain * plain(LONG), Case("plain", "plain", plain(LONG), fs=fs))
-
-    def attempt(x: Any, case: Case) -> Attempt:
-        result, reasons = extract(x, case)
-        yield result
-        values, expected, signal = as_numbers(result), of_noise(1.0, case.fs), samples_of(x)
-        yield from whole(values, reasons, expected)
-        if case.family in STEADY:
-            changed = numbers(signal * (1 + 1e-13 * noise(signal.size, 6)), case)
-            what = "change when samples change by 1e-13"
-            yield same_values(what, changed, values, SENSITIVITY, expected)
-        if case.family in ("dtype", "layout"):
-            yield same_values("as of the float64 copy", values, numbers(signal, case), copied)
-        if laws is not None:
-            # 1.1 rounds every sample anew: 1.1 times 1e6 by 1e-10, which is 1e-7 of the noise on it
-            louder, allowed = numbers(1.1 * signal, case), 1e-3 if case.family == "offset" else limit
-            yield rules.holds("a value at gain 1.1", np.isfinite(louder).all())
-            # outputs of one feature share a scale: 0 may come out as 1e-17
-            shared = 1e-7 * louder.abs().max()
-            yield under_gain("the declared gain law, at gain 1.1", louder, values, laws, 1.1, allowed, shared)
-        if case.family == "gain":
-            what, of, least = "the declared gain law, from gain 1", laws, 1e-7 * values.abs().max()
-            if of is None:
-                what, least = "the gain law it follows from 1e-6 to 1e6", None
-                of = inferred_laws([of_noise(gain, case.fs) for gain in LAW_GAINS])
-            yield under_gain(what, values, expected, of, case.gain, limit, least)
-        if reasons and len(reasons) == len(values):
-            yield next(iter(reasons.values()))
-
-    return attempt
-
-
-def as_numbers(outputs: dict[str, Any]) -> Values:
-    """Return outputs as floats, NaN where one is no number."""
-    return pd.to_numeric(pd.Series(outputs), errors="coerce").astype(np.float64)
-
-
-def whole(values: Values, reasons: Mapping[str, str], expected: Values) -> Attempt:
-    """Check that every output that plain noise has is there, and is finite or has a reason."""
-    n_differ = values.index.symmetric_difference(expected.index).size
-    yield Check(f"as many columns as for noise ({n_differ} differ)", float(n_differ), 0.0)
-    unsaid = values.index[~np.isfinite(values)].difference(list(reasons), sort=False)
-    silent = [name for name in unsaid if np.isfinite(expected.get(name, 0.0))]
-    first = f", {', '.join(silent[:3])}" if silent else ""
-    what = f"finite outputs, or a reason: {len(silent)} of {len(values)} NaN without a reason{first}"
-    yield rules.holds(what, not silent)
-    if reasons:
-        yield f"{len(reasons)} of {len(values)}: {next(iter(reasons.values()))}"
-
-
-def same_values(
-    what: str, values: Values, reference: Values, limit: float, scale: Values | None = None
-) -> Check:
-    """Check the worst relative difference of outputs that both have a value; `scale` says what is small."""
-    both = pd.concat({"given": values, "right": reference, "scale": scale}, axis=1)
-    both = both[np.isfinite(both["given"]) & np.isfinite(both["right"])]
-    size = both.abs().replace(np.inf, 0.0).max(axis=1)
-    return _worst(what, (both["given"] - both["right"]).abs() / size, limit)
-
-
-def inferred_laws(outputs: Sequence[Values]) -> dict[Any, tuple[float, float]]:
-    """Return the laws that outputs of noise follow at all `LAW_GAINS`."""
-    decades, laws = np.diff(np.log10(LAW_GAINS)), {}
-    for name, y in pd.concat(outputs, axis=1).T.dropna(axis=1).items():
-        if not np.all(np.isfinite(y)):
-            continue
-        steps, rounding = np.diff(y) / decades, 1e-6 * y.abs().max()
-        if np.ptp(steps) <= rounding:
-            shift = float(steps.mean())
-            laws[name] = 0.0, (shift if abs(shift) > rounding else 0.0)
-        elif np.all(y > 0) or np.all(y < 0):
-            powers = np.diff(np.log10(np.abs(y))) / decades
-            if np.ptp(powers) <= 1e-6:
-                laws[name] = float(powers.mean().round(6)), 0.0
-    return laws
-
-
-def under_gain(
-    what: str, values: Values, once: Values, laws: Laws, gain: float, limit: float, least: float | None = None
-) -> Check:
-    """Check that outputs keep their law at any gain; values out of the range of float64 do not count.
-
-    Errors are over the output as it should be, over `least` if it is smaller (by default over what is added).
-    """
-    errors = {}
-    for name, (power, shift) in laws.items():
-        exponent = power * np.log10(gain) + np.log10(abs(once[name])) if once[name] else 0.0
-        given, added = values.get(name, np.nan), shift * np.log10(gain)
-        if np.isfinite(given) and abs(exponent) <= 290:
-            right = once[name] * gain**power + added
-            small = abs(added) if least is None else least
-            errors[name] = abs(given - right) / max(abs(right), small, 1e-300)
-    return _worst(what, pd.Series(errors, dtype=float), limit)
-
-
-def _worst(what: str, errors: Values, limit: float) -> Check:
-    """Check the largest of some outputs' errors, naming the output that exceeds its limit."""
-    worst = float(errors.fillna(0.0).max()) if len(errors) else 0.0
-    return Check(f"{what} ({errors.idxmax()})" if worst > limit else what, worst, limit)
