@@ -112,6 +112,7 @@ REFUSED = {
         *(lambda m=m: TapModel(*m) for m in ((NAN, 1, 1), (1, 0, 1), (1, 1, 0), (1, INF, 1))),
         *(lambda t=t, v=v: fit_okamura(t, v, 1e4) for t, v in BAD_TAPS),
         *(lambda t=t, v=v: fit_tap_model(t, v, 1e4) for t, v in BAD_TAPS),
+        lambda: fit_okamura([[1.0]], [1.0], 1e4),
         lambda: fit_okamura([TapModel(-1500, 600, 592).synthesize(1.0, 200, 25e3)[::-1]], [1.0], 25e3),
     ],
     "major frequencies": [

@@ -24,10 +24,6 @@ Variance = Literal["residual", "yule_walker"]
 
 DIRECT_FORM_ERROR = 1e-6
 """Largest change of a reflection coefficient that direct-form coefficients may bring."""
-OUTERMOST = 1 - 2.0**-52
-"""The largest radius of a pole that is returned."""
-LOSS = 1e8
-"""Levinson's recursion is replaced where it magnifies the rounding of the autocorrelation by more."""
 WORTH_LOADING = 1e7
 """Samples times order from which on it takes less time to load numba than to do without."""
 
@@ -170,7 +166,7 @@ class Autoregression:
         They are the eigenvalues of the Hessenberg matrix H_ij = -k_{i-1} k_j c_i ... c_{j-1}, H_{j+1,j} = c_j
         with c = sqrt(1 - k^2) and k_0 = 1. Its norm is 1, so that they are right where the coefficients a_i
         are not; the direct form is never built. What rounding puts on the unit circle or beyond is returned
-        at the radius `OUTERMOST`.
+        at the radius 1 - 2^-52.
         """
         k, p = self.reflection, self.order
         c = np.sqrt((1 - k) * (1 + k))
@@ -183,7 +179,8 @@ class Autoregression:
             if j + 1 < p:
                 H[..., j + 1, j] = c[..., j]
         poles = np.asarray(np.linalg.eigvals(H), dtype=np.complex128)
-        return poles * (OUTERMOST / np.maximum(np.abs(poles), OUTERMOST))
+        outermost = 1 - 2.0**-52
+        return poles * (outermost / np.maximum(np.abs(poles), outermost))
 
     def cepstrum(self, n: int) -> Samples:
         """Return c_0 = ln(gain) and c_1 ... c_{n-1} of ln |H(e^jw)| = c_0 + sum_i c_i cos(i w), H = gain / A.
@@ -276,7 +273,7 @@ def fit(
 
     Burg's residual energy is summed anew at each order: updated by (1 - k^2) it is lost to rounding in
     sinusoids and oversampled signals. Levinson's recursion is checked: where it would magnify the rounding of
-    the autocorrelation by more than `LOSS`, the same k are computed on the zero-padded signal.
+    the autocorrelation by more than 1e8, the same k are computed on the zero-padded signal.
 
     References
     ----------
@@ -404,7 +401,7 @@ def _autocorrelation(frames: Samples, order: int) -> tuple[Samples, Samples, NDA
     k, energy, loss, fitted = recursions.levinson(r / r[:, :1])
     rms = np.where(silent, 0.0, np.sqrt(r[:, 0] / frames.shape[1]))
     deviation = rms[:, np.newaxis] * np.sqrt(energy)
-    lost = loss > LOSS
+    lost = loss > 1e8  # by so much the rounding of r is magnified
     if lost.any():
         k[lost], deviation[lost], fitted[lost] = recursions.burg(frames[lost], order, order)
     fitted[silent] = 0

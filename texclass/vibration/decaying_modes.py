@@ -11,16 +11,33 @@ from scipy import linalg
 from texclass.recording import Samples, read_only
 from texclass.signals import one_channel, positive, to_unit_scale
 
-MAX_PENCIL = 400
-"""Largest pencil parameter: beyond it the cost of the decomposition grows without need."""
-NOISE_EDGE = 3.3
-"""Largest over median singular value that white noise in a square Hankel matrix exceeds once in 100 cases."""
-RESOLVED = 1e-10
-"""Part of the largest singular value below which rounding turns the singular vectors by 1e-6 and more."""
-LEAST_DECAY = 1e-9
-"""Least decay of a mode over the whole segment, in nepers: an undamped tone gets this one."""
-
 Poles = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class PencilSettings:
+    """Limits of the matrix pencil.
+
+    Attributes
+    ----------
+    max_width
+        Largest pencil parameter, in samples: beyond it the cost of the decomposition grows without need.
+    noise_edge
+        Largest over median singular value that white noise in a square Hankel matrix exceeds once in 100
+        cases.
+    resolved
+        Part of the largest singular value below which rounding turns the singular vectors by 1e-6 and more.
+    least_decay
+        Least decay of a mode over the whole segment, in nepers: an undamped tone gets this one.
+    """
+
+    max_width: int = 400
+    noise_edge: float = 3.3
+    resolved: float = 1e-10
+    least_decay: float = 1e-9
+
+
+PENCIL = PencilSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +169,12 @@ NO_MODES = DecayingModes(*np.zeros((4, 0)))
 
 
 def fit_matrix_pencil(
-    x: ArrayLike, fs: float, *, order: int | None = None, outside: Literal["reflect", "project"] = "reflect"
+    x: ArrayLike,
+    fs: float,
+    *,
+    order: int | None = None,
+    outside: Literal["reflect", "project"] = "reflect",
+    settings: PencilSettings = PENCIL,
 ) -> DecayingModes:
     """Fit decaying modes to a segment by the total-least-squares matrix pencil on its signal subspace.
 
@@ -173,6 +195,8 @@ def fit_matrix_pencil(
         `numerical_rank` reads from the singular values.
     outside : {"reflect", "project"}
         What becomes of a pole outside the unit circle, see the notes.
+    settings : PencilSettings
+        Limits of the algorithm.
 
     Returns
     -------
@@ -188,11 +212,11 @@ def fit_matrix_pencil(
     -----
     A pole outside the unit circle is *reflected* to 1/conj(z): frequency and rate stay, the growth becomes a
     decay, and nothing rings on past the segment. On request it is *projected* along its radius instead, to a
-    decay of `LEAST_DECAY` nepers over the segment: a segment that does not decay is fitted better that way,
+    decay of `least_decay` nepers over the segment: a segment that does not decay is fitted better that way,
     but the mode practically never ends. A pole closer to the circle than that is projected in either case.
     The amplitudes are fitted afterwards, so they are the best ones for the poles returned.
 
-    The pencil parameter is n_samples // 2, at most `MAX_PENCIL`.
+    The pencil parameter is n_samples // 2, at most `max_width`.
 
     References
     ----------
@@ -212,8 +236,9 @@ def fit_matrix_pencil(
     n = samples.size
     if order is not None and not 1 <= order <= n // 2:
         raise ValueError(f"order is {order}; the rule is 1 to n_samples // 2 = {n // 2}")
-    singular, V = _right_subspace(samples)
-    rank = numerical_rank(singular) if order is None else min(order, _above_rounding(singular))
+    singular, V = _right_subspace(samples, settings.max_width)
+    above_rounding = int(np.sum(singular > settings.resolved * singular[0]))
+    rank = min(numerical_rank(singular, settings.noise_edge) if order is None else order, above_rounding)
     if rank == 0:
         return NO_MODES
     # The eigenvalues of Phi, V_1 Phi = V_2: with W the right vectors of [V_1 V_2], Phi = -W_12 W_22^-1.
@@ -221,7 +246,7 @@ def fit_matrix_pencil(
     both = np.hstack([V[:-1, :rank], V[1:, :rank]])
     W = linalg.svd(both, lapack_driver="gesvd")[2].T  # many equal singular values: gesdd may give up
     Phi = -W[:rank, rank:] @ linalg.pinv(W[rank:, rank:])
-    z = stabilised(np.asarray(linalg.eigvals(Phi), dtype=np.complex128), n, outside)
+    z = stabilised(np.asarray(linalg.eigvals(Phi), dtype=np.complex128), outside, settings.least_decay / n)
     z = z[z.imag >= 0]  # one of each conjugate pair; a negative real pole lies exactly at fs/2
     f, B = fs * (np.abs(np.angle(z)) / (2 * np.pi)), -np.log(np.abs(z)) * fs
     modes = fit_amplitudes(samples, f, B, fs).strongest(n, n / fs)
@@ -230,44 +255,45 @@ def fit_matrix_pencil(
     return DecayingModes(modes.frequency_hz, modes.decay_per_s, amplitude, modes.phase)
 
 
-def numerical_rank(singular: ArrayLike) -> int:
-    """Return how many singular values of a nearly square Hankel matrix stand out of noise and rounding.
+def numerical_rank(singular: ArrayLike, noise_edge: float = PENCIL.noise_edge) -> int:
+    """Return how many singular values of a nearly square Hankel matrix stand out of noise.
 
-    Those above `NOISE_EDGE` times the median of the others count; signal is taken out of the median step by
+    Those above `noise_edge` times the median of the others count; signal is taken out of the median step by
     step. White noise alone gives 0 in 99 of 100 segments, at 20 to 800 samples.
 
     Parameters
     ----------
     singular : array_like of shape (n_values,)
         Descending.
+    noise_edge : float
+        See `PencilSettings`.
 
     Returns
     -------
     int
-        At most three quarters of the values that exceed rounding: the rest must show the noise.
+        At most three quarters of the values: the rest must show the noise.
     """
     s = np.asarray(singular, dtype=np.float64)
     rank, last = 0, -1
     while rank > last:
         last = rank
-        rank = min(int(np.sum(s > NOISE_EDGE * np.median(s[rank:]))), 3 * s.size // 4)
-    return min(rank, _above_rounding(s))
+        rank = min(int(np.sum(s > noise_edge * np.median(s[rank:]))), 3 * s.size // 4)
+    return rank
 
 
-def stabilised(z: Poles, n_samples: int, outside: Literal["reflect", "project"]) -> Poles:
-    """Return the poles brought into the unit circle and kept `LEAST_DECAY` / n_samples away from it."""
+def stabilised(z: Poles, outside: Literal["reflect", "project"], least_decay: float) -> Poles:
+    """Return the poles brought into the unit circle, to a decay of `least_decay` nepers a sample or more."""
     least = 2.0**-52  # a pole at 0 is a single impulse: no frequency, and a decay that log can still give
     z = np.where(np.abs(z) < least, least, z)
     radius = np.abs(z)
     inside = np.where(radius > 1, 1 / radius, radius) if outside == "reflect" else radius
-    return np.asarray(z / radius * np.minimum(inside, np.exp(-LEAST_DECAY / n_samples)))
+    return np.asarray(z / radius * np.minimum(inside, np.exp(-least_decay)))
 
 
-def _right_subspace(x: Samples) -> tuple[Samples, Samples]:
+def _right_subspace(x: Samples, max_width: int) -> tuple[Samples, Samples]:
     """Return singular values and right singular vectors (columns) of the Hankel matrix."""
-    width = min(x.size // 2, MAX_PENCIL) + 1
-    Y = sliding_window_view(x, width)
-    step = 4 * MAX_PENCIL
+    Y = sliding_window_view(x, min(x.size // 2, max_width) + 1)
+    step = 4 * max_width
     R: Samples = Y[:step]
     for start in range(step, len(Y), step):  # Y^T Y = R^T R, without ever storing a long Y
         R = np.asarray(np.linalg.qr(np.vstack([R, Y[start : start + step]]), mode="r"))
@@ -276,10 +302,6 @@ def _right_subspace(x: Samples) -> tuple[Samples, Samples]:
     except linalg.LinAlgError:  # divide and conquer is twice as fast, but gives up on a few finite matrices
         _, singular, Vh = linalg.svd(R, full_matrices=False, lapack_driver="gesvd")
     return singular, Vh.T
-
-
-def _above_rounding(singular: Samples) -> int:
-    return int(np.sum(singular > RESOLVED * singular[0]))
 
 
 def fit_amplitudes(x: Samples, frequency_hz: Samples, decay_per_s: Samples, fs: float) -> DecayingModes:

@@ -13,16 +13,33 @@ from texclass.recording import Samples
 from texclass.signals import one_channel, to_unit_scale
 from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil
 
-LEAST_RINGING = 64
-"""Samples of the shortest beginning of a tap whose spectrum is looked at."""
-MOST_BEFORE = 5.0
-"""Nepers by which the envelope at the impact may exceed the largest peak."""
-CLEAR = 1.5
-"""Height of a spectral peak over the largest of noise alone, from which it is one."""
-PEAK_FLOOR = 0.1
-"""The envelope ends before the first peak below this part of the largest: there noise makes the peaks."""
-APART = 0.7
-"""Least distance of two peaks, in half periods."""
+
+@dataclass(frozen=True)
+class OkamuraSettings:
+    """Thresholds of `fit_okamura`, which the paper leaves open.
+
+    Attributes
+    ----------
+    least_ringing
+        Samples of the shortest beginning of a tap whose spectrum is looked at.
+    clear
+        Height of a spectral peak over the largest of noise alone, from which it is one.
+    apart
+        Least distance of two peaks, in half periods.
+    peak_floor
+        The envelope ends before the first peak below this part of the largest: there noise makes the peaks.
+    most_before
+        Nepers by which the envelope at the impact may exceed the largest peak.
+    """
+
+    least_ringing: int = 64
+    clear: float = 1.5
+    apart: float = 0.7
+    peak_floor: float = 0.1
+    most_before: float = 5.0
+
+
+OKAMURA = OkamuraSettings()
 
 
 @dataclass(frozen=True)
@@ -66,14 +83,16 @@ class TapModel:
         return self.modes(velocity).synthesize(n_samples, fs)
 
 
-def fit_okamura(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> TapModel:
+def fit_okamura(
+    taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float, *, settings: OkamuraSettings = OKAMURA
+) -> TapModel:
     """Fit the tap model as published: frequency from the spectrum, decay from the peaks, slope by regression.
 
     - Frequency: maximum of the magnitude spectrum (interpolated) of each tap; the mean over taps. For a
       complete decay it lies at sqrt(w^2 - B^2), below w.
     - Decay: log |peak| = log E - B t by least squares over the positive and negative peaks of each tap, each
       peak weighted with its height; the mean over taps. There is one peak in half a period, from the largest
-      on, and the first one below `PEAK_FLOOR` of it, or not below the one before, ends the envelope.
+      on, and the first one below `peak_floor` of it, or not below the one before, ends the envelope.
     - Amplitude slope: regression through the origin of the amplitudes on the velocities, as A v has no
       offset. The amplitude of a tap is E sqrt(1 + (B/w)^2): exp(-B t) sin(w t) has its peaks where sin(w t)
       is w / sqrt(w^2 + B^2).
@@ -86,6 +105,8 @@ def fit_okamura(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Ta
         Impact velocities, not all zero; ones, if they are unknown.
     fs : float
         Sampling rate in Hz.
+    settings : OkamuraSettings
+        Thresholds of the algorithm.
 
     Returns
     -------
@@ -112,13 +133,13 @@ def fit_okamura(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Ta
     scaled, v, exponent = checked_taps(taps, velocity)
     frequency_hz, B, E = np.empty((3, len(scaled)))
     for i, tap in enumerate(scaled):
-        x = tap[: _ringing(tap, f"tap {i}")]
+        x = tap[: _ringing(tap, f"tap {i}", settings)]
         frequency_hz[i] = _spectral_peak_hz(x, fs)
-        place, height = _falling_peaks(x, fs / (2 * frequency_hz[i]))
+        place, height = _falling_peaks(x, fs / (2 * frequency_hz[i]), settings)
         if place.size < 2:
             raise ValueError(f"tap {i} has {place.size} peaks that decay; the rule is at least 2")
         slope, level = np.polyfit(place / fs, np.log(np.abs(height)), 1, w=np.abs(height))
-        if not (slope < 0 and level < np.log(np.abs(height).max()) + MOST_BEFORE):
+        if not (slope < 0 and level < np.log(np.abs(height).max()) + settings.most_before):
             raise ValueError(f"tap {i} does not decay as a sinusoid does: its peaks are within the noise")
         B[i], E[i] = -slope, np.sign(height[0]) * np.exp(level)
     E *= np.sqrt(1 + (B / (2 * np.pi * frequency_hz)) ** 2)
@@ -127,13 +148,13 @@ def fit_okamura(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Ta
     return TapModel(_slope(A, v, exponent), float(B.mean()), float(frequency_hz.mean()))
 
 
-def _falling_peaks(x: Samples, half_period: float) -> tuple[Samples, Samples]:
+def _falling_peaks(x: Samples, half_period: float, settings: OkamuraSettings) -> tuple[Samples, Samples]:
     """Return place (in samples) and signed height of the peaks of a tap, from the largest on while they fall.
 
     Each is that of a parabola through the eighth of a period on either side, which averages noise.
     """
     side = max(1, int(half_period / 4))
-    found, _ = find_peaks(np.abs(x), distance=max(1.0, APART * half_period))
+    found, _ = find_peaks(np.abs(x), distance=max(1.0, settings.apart * half_period))
     found = found[(found >= side) & (found < x.size - side)]
     if not found.size:
         return np.empty(0), np.empty(0)
@@ -143,7 +164,7 @@ def _falling_peaks(x: Samples, half_period: float) -> tuple[Samples, Samples]:
     place, height = found + shift, c + (b + a * shift) * shift
     size = np.abs(height)
     first = int(np.argmax(size))
-    ends = (size[first + 1 :] < PEAK_FLOOR * size[first]) | (np.diff(size[first:]) >= 0)
+    ends = (size[first + 1 :] < settings.peak_floor * size[first]) | (np.diff(size[first:]) >= 0)
     last = first + 1 + (int(np.argmax(ends)) if ends.any() else ends.size)
     return place[first:last], height[first:last]
 
@@ -231,7 +252,7 @@ def _slope(amplitude: float, v: Samples, exponent: int) -> float:
         return float(np.ldexp(amplitude / np.max(np.abs(v)), exponent))
 
 
-def _ringing(x: Samples, name: str) -> int:
+def _ringing(x: Samples, name: str, settings: OkamuraSettings) -> int:
     """Return how many samples of a tap have the clearest spectral peak: later ones add noise alone.
 
     Raises
@@ -240,15 +261,15 @@ def _ringing(x: Samples, name: str) -> int:
         If no peak is higher than noise makes it.
     """
     sizes = [x.size]
-    while sizes[-1] >= 2 * LEAST_RINGING:
+    while sizes[-1] >= 2 * settings.least_ringing:
         sizes.append(sizes[-1] // 2)
     clear = []
     for size in sizes:
         magnitude = np.abs(fft.rfft(x[:size]))
         # The largest of m magnitudes of white noise is about sqrt(log2 m) times their median.
         of_noise = np.median(magnitude) * np.sqrt(np.log2(max(magnitude.size, 2)))
-        clear.append(magnitude[1:].max() / max(of_noise, 1e-300))
-    if x.size >= LEAST_RINGING and max(clear) < CLEAR:
+        clear.append(magnitude[1:].max(initial=0.0) / max(of_noise, 1e-300))
+    if x.size >= settings.least_ringing and max(clear) < settings.clear:
         raise ValueError(f"{name} is within the noise; the rule is a spectral peak that stands out")
     return next(size for size, ratio in zip(sizes, clear, strict=True) if ratio >= 0.7 * max(clear))
 
@@ -273,7 +294,7 @@ def _starts(taps: list[Samples], v: Samples, fs: float) -> list[Samples]:
     problem = TapShapes(taps, v / np.max(np.abs(v)))
     grid = []
     size = strongest.size
-    while size >= LEAST_RINGING:
+    while size >= OKAMURA.least_ringing:
         power = np.sum([np.abs(fft.rfft(tap[:size], 2 * size)) ** 2 for tap in taps], axis=0)
         peaks, _ = find_peaks(power)
         for k in peaks[np.argsort(power[peaks])[-3:]]:

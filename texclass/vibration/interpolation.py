@@ -20,9 +20,6 @@ from texclass.vibration.reflection import log_cosines
 Loudness = Literal["gain", "level"]
 Models = Sequence[Autoregression] | Autoregression
 
-ROUNDING = 1e-9
-"""What weights may miss 0 or the sum 1 by, as barycentric coordinates do."""
-
 
 class ModelBlend:
     """Models of one order, ready to be mixed with any weights: their line spectra are computed once.
@@ -99,13 +96,14 @@ class ModelBlend:
         Raises
         ------
         ValueError
-            If a weight is negative, NaN, the sum is not 1 (both but for `ROUNDING`), or the shape is wrong.
+            If a weight is negative, NaN, the sum is not 1 (both within 1e-9), or the shape is wrong.
         """
         w, n = np.asarray(weights, dtype=np.float64), len(self.amplitude)
         if w.ndim < 1 or w.shape[-1] != n:
             raise ValueError(f"weights have shape {w.shape}; the rule is (..., {n}), one for each model")
         total = w.sum(axis=-1, keepdims=True)
-        if not (np.all(w >= -ROUNDING) and np.all(np.abs(total - 1) <= ROUNDING)):
+        rounding = 1e-9  # as of barycentric coordinates
+        if not (np.all(w >= -rounding) and np.all(np.abs(total - 1) <= rounding)):
             raise ValueError(f"weights are {w}; the rule is at least 0 each, and 1 in sum: no extrapolation")
         w = np.maximum(w, 0.0)
         w = w / w.sum(axis=-1, keepdims=True)

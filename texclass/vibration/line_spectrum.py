@@ -24,10 +24,6 @@ one with one more column than rows. Every quantity is a sum, product or quotient
 keeps its relative accuracy, however small it is.
 """
 
-import ctypes
-from collections.abc import Callable
-from functools import cache
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -249,22 +245,11 @@ def _checked_lsf(lsf: ArrayLike) -> Samples:
     return frames
 
 
-@cache
-def _dlasq2() -> Callable[..., None]:
-    """LAPACK's dqds: singular values, squared, to high relative accuracy, from the squared entries."""
-    from scipy.linalg import cython_lapack
-
-    capsule = cython_lapack.__pyx_capi__["dlasq2"]
-    name = ctypes.pythonapi.PyCapsule_GetName
-    name.restype, name.argtypes = ctypes.c_char_p, [ctypes.py_object]
-    place = ctypes.pythonapi.PyCapsule_GetPointer
-    place.restype, place.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    pointer = ctypes.POINTER(ctypes.c_int)
-    return ctypes.CFUNCTYPE(None, pointer, ctypes.c_void_p, pointer)(place(capsule, name(capsule)))
-
-
 def squared_singular_values(path: Samples) -> Samples:
     """Return the non-zero singular values, squared, of the bidiagonal matrix of each row.
+
+    LAPACK leaves a bidiagonal matrix as it is and finds the singular values, without vectors, by the dqds
+    algorithm, which keeps the relative accuracy of the smallest one.
 
     Parameters
     ----------
@@ -276,25 +261,13 @@ def squared_singular_values(path: Samples) -> Samples:
     ndarray of shape (n_frames, (n + 1) // 2)
         Decreasing.
 
-    Raises
-    ------
-    ArithmeticError
-        If the iteration of LAPACK does not converge.
-
     References
     ----------
     Fernando, Parlett, "Accurate singular values and differential qd algorithms", 1994.
     """
     n = path.shape[1]
-    size = (
-        n // 2 + 1
-    )  # an extra column is one of a square matrix whose last entry is 0, and its last value, too
-    work = np.zeros((len(path), 4 * size))
-    work[:, :n] = path
-    order, info = ctypes.c_int(size), ctypes.c_int(0)
-    dlasq2, start = _dlasq2(), work.ctypes.data
-    for row in range(len(work)):
-        dlasq2(order, start + row * work.strides[0], info)
-        if info.value:
-            raise ArithmeticError(f"dlasq2 returned {info.value}; the rule is convergence, info = 0")
-    return work[:, : (n + 1) // 2]
+    size = n // 2 + 1  # an extra column makes a square matrix whose last entry, and last value, is 0
+    entries, i = np.sqrt(path), np.arange(n)
+    B = np.zeros((len(path), size, size))
+    B[:, i // 2, (i + 1) // 2] = entries
+    return np.asarray(np.linalg.svd(B, compute_uv=False)[:, : (n + 1) // 2] ** 2)

@@ -13,8 +13,6 @@ from texclass.vibration.decaying_modes import Sinusoids
 BEAT_BOUNDS_HZ = (50.0, 100.0, 150.0, 250.0, 500.0)
 BEAT_THRESHOLDS_HZ = (6.0, 7.0, 9.0, 9.0, 15.0, 80.0)
 """`oeztuerk2018`, Table 3.2: least distance of two frequencies up to each bound, and above the last one."""
-UPPER_HZ = 1400.0
-"""Where Table 3.2 ends, and what is felt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +76,7 @@ def strongest_lines(
 
 
 def fit_major_frequencies(
-    x: ArrayLike, fs: float, *, n_frequencies: int = 13, upper_hz: float = UPPER_HZ
+    x: ArrayLike, fs: float, *, n_frequencies: int = 13, upper_hz: float = 1400.0
 ) -> MajorFrequencies:
     """Choose the lines of largest amplitude that keep the beat threshold from each other.
 
@@ -94,7 +92,7 @@ def fit_major_frequencies(
     n_frequencies : int
         How many at most. The thesis tries 2 to 30 and finds 12 to 14 enough.
     upper_hz : float
-        Highest frequency, in Hz.
+        Highest frequency in Hz (default 1400, where Table 3.2 and what is felt end).
 
     Returns
     -------

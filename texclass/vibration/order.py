@@ -14,9 +14,6 @@ from texclass.vibration.scores import N_DFT, relative_error
 
 Criterion = Literal["spectral_error", "aicc"]
 
-LITTLE = 0.05
-"""Part of the whole gain from order 0 to the best one that is not worth a higher order."""
-
 
 @dataclass(frozen=True, eq=False)
 class OrderSelection:
@@ -61,7 +58,7 @@ def select_order(
     at_most : float, optional
         Take the smallest order with a spectral error of at most this. If none has, the one of the smallest
         error is taken and `met` is False. Without it, "spectral_error" takes the smallest order beyond which
-        little is gained (`LITTLE` of the way from order 0 to the best), as the paper reads its figure 3.2,
+        little is gained (5 % of the way from order 0 to the best), as the paper reads its figure 3.2,
         and "aicc" that of the smallest AICc.
     method : {"burg", "autocorrelation"}
         The methods whose fit at one order contains those at all lower ones.
@@ -89,7 +86,7 @@ def select_order(
     best = int(np.argmin(values))
     limit = values[best]
     if criterion == "spectral_error":
-        limit = limit + LITTLE * (values[0] - limit) if at_most is None else max(at_most, limit)
+        limit = limit + 0.05 * (values[0] - limit) if at_most is None else max(at_most, limit)
     order = int(np.argmax(values <= limit))
     return OrderSelection(
         order, at_most is None or bool(values[order] <= at_most), values, model.truncated(order)

@@ -313,26 +313,3 @@ def _path(gaps, weights, out):  # type: ignore[no-untyped-def]
             out[2 * i] = q[i]
         if 2 * i + 1 < out.size and i < m - 1:
             out[2 * i + 1] = e[i]
-
-
-@njit(cache=True, error_model="numpy")
-def rises(x: Samples, d: float, alpha: float, beta: float) -> tuple[Indices, Indices]:
-    """Return where a magnitude is cut, see `rising_peaks`, and how many peaks each segment has."""
-    starts, n_peaks = np.empty(x.size, np.int64), np.zeros(x.size + 1, np.int64)
-    segment, height, up, last = 0, -1.0, True, 0.0
-    lowest, at = abs(x[0]), 0
-    for t in range(x.size):
-        now = abs(x[t])
-        following = abs(x[t + 1]) if t + 1 < x.size else 0.0
-        up = up or now > last
-        last = now
-        if now < lowest:
-            lowest, at = now, t
-        if up and following < now:
-            rise = now - height
-            if height >= 0 and rise > d and rise > alpha * np.exp(-beta * n_peaks[segment]) * height:
-                starts[segment] = at
-                segment += 1
-            n_peaks[segment] += 1
-            height, lowest, at, up = now, now, t, False
-    return starts[:segment].copy(), n_peaks[: segment + 1].copy()

@@ -4,11 +4,12 @@ The passage over each feature of a surface makes the tool ring: a segment begins
 lasts while it decays, so that one decaying filter can stand for it.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
+from scipy import ndimage, signal
 
 from texclass.recording import Samples
 from texclass.signals import one_channel, to_unit_scale
@@ -16,11 +17,7 @@ from texclass.signals import one_channel, to_unit_scale
 Indices = NDArray[np.int64]
 
 THRESHOLD = 1.0
-"""alpha of `guruswamy2011`, section IV-B."""
-DECAY = 0.05
-"""beta of `guruswamy2011`, section IV-B, per peak."""
-SHARE, FLOOR = 0.75, 0.1
-"""Of `guruswamy2011`, eq. (6) and (7): parts of the whole power and of the highest one."""
+"""alpha of `guruswamy2011`, section IV-B: the rise over the peak before that begins a segment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +62,7 @@ class VibrationBand:
 
 
 def segment_rising_peaks(
-    x: ArrayLike, dead_band: float, *, threshold: float = THRESHOLD, decay: float = DECAY
+    x: ArrayLike, dead_band: float, *, threshold: float = THRESHOLD, decay: float = 0.05
 ) -> Segmentation:
     """Cut a signal where a peak of its magnitude is larger than the one before.
 
@@ -83,9 +80,9 @@ def segment_rising_peaks(
     dead_band : float
         d, at least 0, in the unit of `x`; the paper's is two bits of the sensor, 0.3066 m/s^2.
     threshold : float
-        alpha, at least 0. With 0 the dead band decides alone.
+        alpha, at least 0 (default 1.0, as published). With 0 the dead band decides alone.
     decay : float
-        beta, at least 0.
+        beta per peak, at least 0 (default 0.05, as published).
 
     Returns
     -------
@@ -115,24 +112,38 @@ def segment_rising_peaks(
     >>> segment_rising_peaks(np.tile(ring, 3), dead_band=0.1).bounds
     array([  0, 100, 200, 300])
     """
-    from texclass.vibration import recursions  # numba: half a second, which only what cuts waits for
-
     samples = one_channel(x, "signal", at_least=1)
     if not (dead_band >= 0 and threshold >= 0 and decay >= 0):
         raise ValueError(
             f"dead band, threshold, decay are {dead_band}, {threshold}, {decay}; the rule is all at least 0"
         )
-    samples = np.require(samples, requirements=["C", "W"])  # one compiled version serves all
-    starts, n_peaks = recursions.rises(samples, dead_band, threshold, decay)
-    return Segmentation(np.concatenate([[0], starts, [samples.size]]), n_peaks)
+    magnitude = np.abs(samples)
+    peaks = signal.find_peaks(np.pad(magnitude, 1), plateau_size=1)[1]["right_edges"] - 1
+    height = magnitude[peaks]
+    rise = np.diff(height)
+    first_peaks = [0]  # of each segment
+    for i in np.flatnonzero(rise > dead_band).tolist():
+        j = i + 1 - first_peaks[-1]
+        if rise[i] > threshold * math.exp(-decay * j) * height[i]:
+            first_peaks.append(i + 1)
+    minima = [peaks[i - 1] + np.argmin(magnitude[peaks[i - 1] : peaks[i]]) for i in first_peaks[1:]]
+    bounds = np.array([0, *minima, samples.size])
+    return Segmentation(bounds, np.diff(first_peaks, append=peaks.size))
 
 
-def vibration_band(frequency_hz: ArrayLike, power: ArrayLike, *, smoothing_hz: float) -> VibrationBand:
+def vibration_band(
+    frequency_hz: ArrayLike,
+    power: ArrayLike,
+    *,
+    smoothing_hz: float,
+    share: float = 0.75,
+    floor: float = 0.1,
+) -> VibrationBand:
     """Return the major frequency of a power spectrum and its automatic upper cut-off.
 
     With Y the smoothed spectrum, the cut-off is the lowest frequency of the grid with both ::
 
-        sum_(f <= f_upper) Y / sum Y > SHARE,    Y(f) < FLOOR Y(f_major)  for all f > f_upper
+        sum_(f <= f_upper) Y / sum Y > share,    Y(f) < floor Y(f_major)  for all f > f_upper
 
     Parameters
     ----------
@@ -142,6 +153,10 @@ def vibration_band(frequency_hz: ArrayLike, power: ArrayLike, *, smoothing_hz: f
         Power (density) at these frequencies, not negative, not all 0. Any unit.
     smoothing_hz : float
         Standard deviation of the Gaussian that low-passes the spectrum, at least 0.
+    share : float
+        Part of the whole power (default 0.75, as published).
+    floor : float
+        Part of the highest power (default 0.1, as published).
 
     Returns
     -------
@@ -177,6 +192,6 @@ def vibration_band(frequency_hz: ArrayLike, power: ArrayLike, *, smoothing_hz: f
         raise ValueError(f"smoothing is {smoothing_hz} Hz; the rule is at least 0")
     Y = ndimage.gaussian_filter1d(P, smoothing_hz / (f[1] - f[0])) if smoothing_hz > 0 else P
     running = np.cumsum(Y)
-    enough = int(np.argmax(running > SHARE * running[-1]))
-    high = int(np.flatnonzero(FLOOR * Y.max() <= Y)[-1])
+    enough = int(np.argmax(running > share * running[-1]))
+    high = int(np.flatnonzero(floor * Y.max() <= Y)[-1])
     return VibrationBand(float(f[np.argmax(Y)]), float(f[max(enough, high)]))
