@@ -41,8 +41,8 @@ class StabilityResult(Result, kind="stability"):
     Attributes
     ----------
     cells : DataFrame
-        One row for each subject and input, with the columns that `texclass.stability.judge` returns; empty if the
-        result was read from a file.
+        One row for each subject and input, with the columns that `texclass.stability.judge` returns; empty if
+        the result was read from a file.
     """
 
     cells: pd.DataFrame = field(default_factory=pd.DataFrame)

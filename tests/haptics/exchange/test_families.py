@@ -6,15 +6,32 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from texclass.haptics.exchange import describe, load_texture, save_texture, to_hatt
+from texclass.haptics.exchange import (
+    describe,
+    load_texture,
+    play_ahap,
+    play_hjif,
+    play_texture,
+    read_ahap,
+    read_hatt,
+    read_hjif,
+    save_texture,
+    to_hatt,
+    write_ahap,
+    write_hatt,
+    write_hjif,
+    write_wav,
+)
 from texclass.haptics.exchange.texture_file import TAPS, TEXTURES
-from texclass.haptics.textures import Renderer, Texture
+from texclass.haptics.scene import PlannedScene, SceneSurface
+from texclass.haptics.textures import GridModel, Renderer, Texture, pack
 from texclass.haptics.textures.abdulali2016 import DelaunayTexture, Frame, NetworkTexture, RadialNetwork, bake
 from texclass.haptics.textures.guruswamy2011 import Amplitude, LevelLaw, SinusoidTexture, SpatialTexture
 from texclass.haptics.textures.oeztuerk2018 import FrequencyTexture, LpcTexture
 from texclass.vibration import Autoregression
 from texclass.vibration.line_spectrum import from_reflection
 from texclass.vibration.major_frequencies import MajorFrequencies
+from texclass.vibration.scores import goodness_of_fit
 
 K = np.array([[-0.8, 0.5, 0.1], [-0.5, 0.6, 0.2]])
 LSF = from_reflection(K[0])
@@ -64,6 +81,66 @@ MADE = {
     "oeztuerk2018-frequencies": frequencies,
     "oeztuerk2018-lpc": lpc,
 }
+
+
+def scene_surface():
+    grid = GridModel(([50.0, 200.0], [0.5, 2.0]), np.full((2, 2, 1), 0.5), np.full((2, 2), 4.0), 5.0)
+    scene = PlannedScene("desk", 1000.0, "m/s^2", (20.0, 400.0), 30.0, 1, {"wood": 0}, (grid,))
+    return SceneSurface(scene, "wood")
+
+
+def packed_vibration():
+    return pack(np.random.default_rng(0).standard_normal(2000), 40, fs=1000.0)
+
+
+WITH_AR_MODELS = {
+    **{name: make for name, make in MADE.items() if not name.startswith(("guruswamy", "oeztuerk2018-f"))},
+    "packed law": lambda: pack(to_hatt(network(), order=2), 64),
+    "packed vibration": packed_vibration,
+}
+EVERY_KIND = MADE | WITH_AR_MODELS | {"surface of a scene": scene_surface}
+
+
+@pytest.mark.parametrize("kind", EVERY_KIND)
+def test_every_texture_is_exported_at_the_middle_of_what_it_knows(kind, tmp_path):
+    texture = EVERY_KIND[kind]()
+    for axis in (texture.speeds, texture.forces):
+        assert axis.size
+        assert axis[0] > 0
+        assert np.all(np.diff(axis) > 0)
+    played = play_texture(texture, seconds=0.3)
+    middle = [np.sqrt(axis[0] * axis[-1]) for axis in (texture.speeds, texture.forces)]
+    assert (played.speed, played.force) == pytest.approx(middle)
+    ends = f"{texture.speeds[0]:.4g} to {texture.speeds[-1]:.4g} mm/s"
+    assert (ends if texture.speeds.size > 1 else "knows no other") in played.lost["speed"]
+    write_hjif(played, tmp_path / "a.hjif")
+    write_ahap(played, tmp_path / "a.ahap")
+    write_wav(tmp_path / "a.wav", played.samples, played.fs, unit=played.unit)
+    level = [np.std(x) for x in (play_hjif(read_hjif(tmp_path / "a.hjif")), played.samples)]
+    assert level[0] == pytest.approx(level[1], rel=0.03)
+    assert play_ahap(read_ahap(tmp_path / "a.ahap")).any()
+    outside = play_texture(texture, speed=3 * texture.speeds[-1], seconds=0.3).lost["speed"]
+    assert ("outside the" in outside) == (texture.speeds.size > 1)
+
+
+@pytest.mark.parametrize("kind", WITH_AR_MODELS)
+def test_every_texture_of_models_is_written_as_hatt(kind, tmp_path):
+    texture = WITH_AR_MODELS[kind]()
+    written = read_hatt(write_hatt(to_hatt(texture, fs=texture.fs), tmp_path / "a.xml"))
+    assert (written.speeds[-1], written.forces[-1]) == pytest.approx(
+        (5.0, 0.05) if kind == "packed vibration" else (texture.speeds[-1], texture.forces[-1])
+    )
+    speed, force = texture.speeds[-1], texture.forces[-1]
+    meant, again = (play_texture(one, speed=speed, force=force, seconds=3.0) for one in (texture, written))
+    assert np.std(again.samples) == pytest.approx(np.std(meant.samples), rel=0.15)
+    assert goodness_of_fit(meant.samples, again.samples) > 0.97
+
+
+@pytest.mark.parametrize("kind", EVERY_KIND.keys() - WITH_AR_MODELS)
+def test_other_textures_are_not_written_as_hatt(kind):
+    if kind != "surface of a scene":
+        with pytest.raises(ValueError, match="must hold AR models, got"):
+            to_hatt(EVERY_KIND[kind]())
 
 
 def test_every_family_is_tried():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from test_families import K as SLATE
-from test_families import lpc, network
+from test_families import frequencies, lpc, network
 
 from texclass.haptics.exchange import hatt_xml, read_hatt, to_hatt, write_hatt
 from texclass.haptics.textures.oeztuerk2018 import LpcTexture
@@ -248,7 +248,7 @@ def test_units_of_known_size_become_metres(slate):
     assert_allclose(to_hatt(texture, unit="g").levels, 9.80665 * to_hatt(texture).levels, rtol=1e-9)
 
 
-def test_what_hatt_cannot_hold_is_refused(hum):
+def test_what_hatt_cannot_hold_is_refused():
     for options, match in (
         ({"unit": "V"}, "unit is"),
         ({"fs": 2000.0}, "at most that of the texture"),
@@ -259,7 +259,7 @@ def test_what_hatt_cannot_hold_is_refused(hum):
         with pytest.raises(ValueError, match=match):
             to_hatt(lpc(1000.0), **options)
     with pytest.raises(ValueError, match="AR models"):
-        to_hatt(hum)
+        to_hatt(frequencies())
 
 
 def test_an_order_beyond_coefficients_is_not_written(slate, tmp_path):

@@ -23,10 +23,9 @@ triangle at the sixteenth.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -36,6 +35,8 @@ from texclass.atomic_write import path_ending, write_atomic
 from texclass.haptics.exchange.foreign import printable, read_limited
 from texclass.haptics.textures import Texture
 from texclass.haptics.textures.hatt import HattTexture, Mesh
+from texclass.haptics.textures.oeztuerk2018 import LpcTexture
+from texclass.haptics.textures.packed import PackedTexture
 from texclass.recording import ACCELERATION_UNITS, Samples
 from texclass.vibration import Autoregression, line_spectrum
 from texclass.vibration.autoregressive import from_autocorrelation, from_direct_form
@@ -55,8 +56,6 @@ FS = 1000.0
 """What the toolkit renders at, Hz."""
 ORDER = 20
 """Of the AR models in the published textures, about."""
-N_STEPS = 6
-"""Speeds and forces at which a texture without nodes of its own is read."""
 _BINS = 1 << 14
 
 
@@ -307,12 +306,12 @@ def to_hatt(
     Parameters
     ----------
     texture : Texture
-        With AR models: hatt (kept but for the unit), abdulali2016 or its Delaunay variant, oeztuerk2018-lpc.
+        With AR models: hatt (kept but for the unit), all of abdulali2016, oeztuerk2018-lpc, packed.
     unit : str
         Of its vibration: m/s^2, g or mg.
     speeds, forces : sequence of float, optional
-        Of the models, mm/s and N, above 0; by default evenly over the texture's range (the speeds of an LPC
-        texture as they are).
+        Of the models, mm/s and N, above 0; by default evenly up to the fastest and the hardest of the texture
+        (the speeds of an LPC texture as they are).
     fs : float
         Hz, at most the texture's.
     order : int
@@ -329,14 +328,19 @@ def to_hatt(
     factor = ACCELERATION_UNITS[unit]
     if isinstance(texture, HattTexture):
         return replace(texture, variance=texture.variance * factor**2)
-    own_speeds, own_forces, models = _read(texture)
-    grid = [np.array(each, dtype=np.float64) for each in (speeds or own_speeds, forces or own_forces)]
+    steps = np.arange(1, 7) / 6
+    own: Sequence[Sequence[float] | Samples] = texture.speeds[-1] * steps, texture.forces[-1] * steps
+    if isinstance(texture, LpcTexture):
+        own = texture.speeds, texture.forces
+    elif isinstance(texture, PackedTexture) and texture.speeds.size == 1:
+        own = texture.model.axes  # slower and softer than these it fades out, above them nothing changes
+    grid = [np.array(axis, dtype=np.float64) for axis in (speeds or own[0], forces or own[1])]
     if not all(np.all(np.isfinite(axis) & (axis > 0)) for axis in grid):
         raise ValueError(f"speeds are {grid[0].tolist()}, forces {grid[1].tolist()}; the rule is above 0")
     if not 0 < fs <= texture.fs:
         raise ValueError(f"fs is {fs:g}; the rule is at most that of the texture, {texture.fs:g} Hz")
     speed, force = (axis.ravel() for axis in np.meshgrid(*grid, indexing="ij"))
-    model = models(speed, force)
+    model = texture.autoregressions(speed, force)
     if fs != texture.fs or model.order > order:
         # the autocorrelation of the spectrum below fs / 2: r_i = (1 / N) sum_n S(w_n) (fs / fs_0) e^{j i w_n}
         share = fs / texture.fs
@@ -346,21 +350,3 @@ def to_hatt(
     lsf = line_spectrum.from_reflection(model.reflection)
     variance = (model.gain * factor) ** 2
     return HattTexture.from_models(speed, force, line_spectrum.spread(lsf), variance, fs, name=texture.name)
-
-
-def _read(texture: Any) -> tuple[Sequence[float], Sequence[float], Callable[..., Autoregression]]:
-    """Return speeds (mm/s) and forces (N) to read a texture at, and what reads its models at (n,) of each."""
-    if texture.family == "oeztuerk2018-lpc":
-        return texture.speeds.tolist(), [1.0], lambda speed, _: texture.at(speed)
-    if texture.family not in ("abdulali2016", "abdulali2016-delaunay"):
-        raise ValueError(
-            f"family is {texture.family!r}; the rule is one of AR models: hatt, abdulali2016, "
-            "abdulali2016-delaunay, oeztuerk2018-lpc"
-        )
-
-    def models(speed: Samples, force: Samples) -> Autoregression:
-        k, level = texture.models(np.column_stack([speed, np.zeros_like(speed)]), force)
-        return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
-
-    steps = np.arange(1, N_STEPS + 1) / N_STEPS
-    return (texture.frame.fastest * steps).tolist(), (texture.frame.hardest * steps).tolist(), models

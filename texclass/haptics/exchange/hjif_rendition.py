@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import signal
 
 from texclass.atomic_write import path_ending, write_atomic
 from texclass.haptics.exchange import wavelet_stream
@@ -28,13 +29,14 @@ from texclass.haptics.exchange.hjif import (
     play_hjif,
 )
 from texclass.haptics.exchange.rendition import Rendition, told_level
-from texclass.haptics.exchange.wav import resampled
 from texclass.recording import UNITS, Samples
 from texclass.validation import check_above_0
 
-RATES = (1000, 2000, 4000, 8000)
-"""Of wavelet bands, samples in 1000 ticks: blocks of 512 samples then last a power of two of ticks."""
+RATE = 8000
+"""Samples of wavelet bands in 1000 ticks. Players have 8000 a second and hold a sample until the next one: a
+lower rate would be played as steps, with images above half of it."""
 BLOCK = 512
+"""Samples of a wavelet block, which lasts 64 ticks: a power of two, as players ask for."""
 HEADROOM = 1.01
 """Gains over the largest sample: 16-bit players may wrap at 1, which rounded coefficients exceed a little."""
 USUAL = 100.0, 1.0, "arbitrary"
@@ -87,7 +89,7 @@ def made_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tupl
     exponent, rate = -3, rendition.fs
     if over:  # samples in 1000 ticks of 10^exponent m
         rate = 1000 / rendition.pitch_mm
-        while rate > RATES[-1] and exponent > -6:
+        while rate > RATE and exponent > -6:
             exponent, rate = exponent - 1, rate / 10
     if rendition.taps.size:
         channel = _transients(rendition.taps)
@@ -97,7 +99,7 @@ def made_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tupl
         lost["lines"] = f"{len(channel['bands'])} of {len(rendition.lines)}, frequencies in whole Hz"
     else:
         channel = _wavelets(rendition.samples, rate, planes)
-        top, own, unit = float(channel["frequency_sampling"]), rendition.fs, "Hz"
+        top, own, unit = float(RATE), rendition.fs, "Hz"
         if over:
             top, own, unit = top / 10.0 ** (3 + exponent + 3), 1 / rendition.pitch_mm, "/mm"
         lost["band"] = f"0 to {min(top, own) / 2:g} {unit} of 0 to {own / 2:g} {unit}"
@@ -124,8 +126,7 @@ def made_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tupl
     found = Haptics.model_validate_json(json.dumps(content))
     lost["level"] = "the peak of each tap is kept"
     if not rendition.taps.size:
-        fs = float(channel.get("frequency_sampling", FS))
-        lost["level"] = told_level(play_hjif(found, fs)[:, 0], rendition.samples)
+        lost["level"] = told_level(play_hjif(found)[:, 0], rendition.samples)
     return found, lost
 
 
@@ -156,19 +157,20 @@ def _oscillators(rendition: Rendition) -> Content:
 
 
 def _wavelets(x: Samples, rate: float, planes: int) -> Content:
-    """Return the channel of samples (n,) of a rate (in 1000 ticks): one band, rate and number of samples."""
-    wanted = next((one for one in RATES if one >= rate * (1 - 1e-9)), RATES[-1])
-    x = resampled(x, rate, wanted)
+    """Return the channel of samples (n,) of a rate (in 1000 ticks), with their rate and number."""
+    own = max(min(round(rate), RATE), 1)
+    count = max(round(x.size * own / rate), 1)
+    x = signal.resample(x, max(round(x.size * RATE / rate), 1))  # by its spectrum: nothing above rate / 2
     blocks = np.pad(x, (0, -x.size % BLOCK)).reshape(-1, BLOCK)
     coefficients = np.array([wavelet_stream.transform(block) for block in blocks])
     largest = float(np.abs(coefficients).max()) / wavelet_stream.LARGEST
     gain = HEADROOM * max(float(np.abs(x).max()), largest) or 1.0
-    length = BLOCK * TICKS // wanted
+    length = BLOCK * TICKS // RATE
     streams = [base64.b64encode(wavelet_stream.encode(one / gain, planes)).decode() for one in coefficients]
     # players take a final = for further bits
     effects = [_effect(i * length, wavelet_stream=stream.rstrip("=")) for i, stream in enumerate(streams)]
-    band = _band("WaveletWave", (0, wanted), effects) | {"block_length": length}
-    return {"gain": gain, "bands": [band], "frequency_sampling": wanted, "sample_count": x.size}
+    band = _band("WaveletWave", (0, RATE), effects) | {"block_length": length}
+    return {"gain": gain, "bands": [band], "frequency_sampling": own, "sample_count": count}
 
 
 def _constant(value: float) -> Content:
@@ -233,6 +235,8 @@ def rendition_of(haptics: Haptics) -> Rendition:
     taps = _taps(effects if kinds == {"Transient"} else [], gain, haptics.timescale)
     lines = _lines(effects if kinds == {"VectorialWave"} else [], gain)
     fs = float(max(channel.bands[0].upper_frequency_limit, 40)) if kinds == {"WaveletWave"} else FS
+    if kinds == {"WaveletWave"} and 40 <= (own := channel.frequency_sampling or 0) < fs:
+        fs = float(own)  # nothing was coded above half of the channel's own rate
     x = play_hjif(_only(haptics, felt[0]), fs)[:, 0]
     mu = [float(np.median(play_hjif(_only(haptics, one), 100.0)[:, 0])) for one in rough]
     pitch = 0.0

@@ -55,6 +55,14 @@ class Playable(Protocol):
     def fs(self) -> float:
         """Of the vibration, Hz."""
 
+    @property
+    def speeds(self) -> Samples:
+        """Rising speeds at which it is known, mm/s."""
+
+    @property
+    def forces(self) -> Samples:
+        """Rising forces at which it is known, N."""
+
     def renderer(self, *, seed: int = 0) -> Renderer:
         """Return a renderer at rest."""
 
@@ -136,7 +144,7 @@ def play_texture(
     ValueError
         If the speed, the force or the duration is not above 0, or it is too long.
     """
-    slow_fast, light_hard = _reach(texture)
+    slow_fast, light_hard = ((float(axis[0]), float(axis[-1])) for axis in (texture.speeds, texture.forces))
     v = float(np.sqrt(np.prod(slow_fast))) if speed is None else speed
     f = float(np.sqrt(np.prod(light_hard))) if force is None else force
     check_above_0(speed=v, force=f, seconds=seconds)
@@ -149,13 +157,13 @@ def play_texture(
     x = factor * _played(texture, v, f, seconds, seed)
     by_speed = _change(texture, x / factor, [(end, f) for end in slow_fast], seed)
     by_force = _change(texture, x / factor, [(v, end) for end in light_hard], seed)
-    lost = {"speed": f"fixed at {v:.4g} mm/s; {by_speed}", "force": f"fixed at {f:.4g} N; {by_force}"}
+    lost = {"speed": f"fixed at {v:.4g} mm/s{_beyond(v, slow_fast)}; {by_speed}"}
+    lost["force"] = f"fixed at {f:.4g} N{_beyond(f, light_hard)}; {by_force}"
     if getattr(texture, "tap", None) is not None and texture.tap.n_modes:  # type: ignore[attr-defined]
         lost["taps"] = "left out: a stroke is played"
     lines = np.zeros((0, 3))
-    if getattr(texture, "family", "") == "oeztuerk2018-frequencies":
-        # the major frequencies of this speed are all that it plays
-        found = texture.at(v)  # type: ignore[attr-defined]
+    if isinstance(texture, FrequencyTexture):  # the major frequencies of this speed are all that it plays
+        found = texture.at(v)
         lines = np.column_stack([found.frequency_hz, factor * found.amplitude, found.phase])
         lines = lines[(lines[:, 1] > 0) & (lines[:, 0] < texture.fs / 2)]
         x = factor * np.asarray(found.synthesize(x.size, texture.fs))
@@ -255,19 +263,10 @@ def told_level(sent: Samples, meant: Samples) -> str:
     return f"{level_db(sent) - level_db(meant):+.2f} dB"
 
 
-def _reach(texture: Playable) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the speeds (mm/s) and forces (N) between which a texture was recorded."""
-    if (mesh := getattr(texture, "mesh", None)) is not None:
-        v, f = (axis[axis > 0] for axis in (mesh.speed, mesh.force))
-        return (float(v.min()), float(v.max())), (float(f.min()), float(f.max()))
-    if (frame := getattr(texture, "frame", None)) is not None:
-        slowest, lightest = max(frame.slow, frame.fastest / 10), max(frame.light, frame.hardest / 10)
-        return (slowest, frame.fastest), (lightest, frame.hardest)
-    if (scaling := getattr(texture, "scaling", None)) is not None:
-        force = scaling.force or 1.0
-        return (scaling.speed / 2, 2 * scaling.speed), (force / 2, 2 * force)
-    speeds, forces = getattr(texture, "speeds", [100.0]), getattr(texture, "forces", [1.0])
-    return (float(speeds[0]), float(speeds[-1])), (float(forces[0]), float(forces[-1]))
+def _beyond(value: float, ends: tuple[float, float]) -> str:
+    """Return in words that a value lies outside the range of a texture that depends on it, else nothing."""
+    is_inside = ends[0] == ends[1] or ends[0] * (1 - 1e-9) <= value <= ends[1] * (1 + 1e-9)
+    return "" if is_inside else f", outside the {ends[0]:.4g} to {ends[1]:.4g} that the texture knows"
 
 
 def _played(texture: Playable, speed: float, force: float, seconds: float, seed: int) -> Samples:

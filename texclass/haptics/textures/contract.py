@@ -7,14 +7,17 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any, ClassVar, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from texclass.recording import Samples
+from texclass.vibration.autoregressive import Autoregression
 
+USUAL_MM_S, USUAL_N = 100.0, 1.0
+"""Speed and force of a usual stroke, for textures that depend on neither."""
 _RULES = {"unexpected_keyword_argument": "no such key", "missing_argument": "that each key is given"}
 
 
@@ -133,10 +136,20 @@ class Texture(Stored, ABC):
         Of the surface.
     fs : float
         Sampling rate of the vibration, Hz.
+    speeds, forces : ndarray
+        Rising speeds (mm/s) and forces (N), above 0, at which the surface is known: the first and the last
+        are the ends of its range. One value where the texture depends on no other.
     """
 
     name: str
-    fs: float
+    if TYPE_CHECKING:  # read-only here; a field in one family, a property in another
+
+        @property
+        def fs(self) -> float: ...  # noqa: D102
+        @property
+        def speeds(self) -> Samples: ...  # noqa: D102
+        @property
+        def forces(self) -> Samples: ...  # noqa: D102
 
     @property
     @abstractmethod
@@ -146,6 +159,16 @@ class Texture(Stored, ABC):
     @abstractmethod
     def renderer(self, *, seed: int = 0) -> Renderer:
         """Return a renderer at rest at the texture's rate; the seed is that of its noise, if it has any."""
+
+    def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
+        """Return the AR models of strokes along +x at speeds (n,), mm/s, and forces (n,), N.
+
+        Raises
+        ------
+        ValueError
+            If the texture holds no AR models.
+        """
+        raise ValueError(f"texture {self.name!r} must hold AR models, got the family {self.family!r}")
 
 
 def constant_stroke(

@@ -308,6 +308,16 @@ class HattTexture(Texture):
         silent = np.where(touching, s2[source], 0.0)
         return cls(mesh, ar[source], ma[source], silent, g[source], fs, name, mu)
 
+    @cached_property
+    def speeds(self) -> Samples:
+        """Speeds of the nodes that move, mm/s."""
+        return np.unique(self.mesh.speed[self.mesh.speed > 0])
+
+    @cached_property
+    def forces(self) -> Samples:
+        """Forces of the nodes in contact, N."""
+        return np.unique(self.mesh.force[self.mesh.force > 0])
+
     @property
     def order(self) -> int:
         """Order p of the AR part."""

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from texclass import vibration
-from texclass.haptics.textures.contract import Texture
+from texclass.haptics.textures.contract import USUAL_N, Texture
 from texclass.haptics.textures.gliding import checked_path
 from texclass.haptics.textures.grid import cell
 from texclass.recording import Samples
@@ -72,6 +72,11 @@ class SpeedTexture(Texture):
         object.__setattr__(self, "speeds", _rising(self.speeds))
         positive(self.fs, "fs")
         positive(self.peak, "peak")
+
+    @cached_property
+    def forces(self) -> Samples:
+        """One usual force, N: the models depend on none."""
+        return np.array([USUAL_N])
 
     def place(self, speed: ArrayLike) -> Samples:
         """Return where speeds (mm/s) lie among the recorded ones, 0 ... n_speeds - 1, held at both ends."""
@@ -166,6 +171,10 @@ class LpcTexture(SpeedTexture):
         n_rows = (self.speeds.size - 1) * N_SUB + 1
         models = self._at_places(np.arange(n_rows) / N_SUB)
         return np.ascontiguousarray(models.reflection), np.ascontiguousarray(models.level)
+
+    def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
+        """Return the models at speeds (n,), whatever the force."""
+        return self.at(speed)
 
     def _at_places(self, place: ArrayLike) -> Autoregression:
         """Return the models at places (...) among the speeds, 0 ... n_speeds - 1: of two neighbours."""

@@ -15,11 +15,13 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texclass.haptics.textures.contract import Texture
+from texclass.haptics.textures.contract import USUAL_MM_S, USUAL_N, Texture
 from texclass.haptics.textures.gliding import GlidingRenderer
 from texclass.haptics.textures.grid import GridModel
 from texclass.recording import UNITS, Samples
+from texclass.vibration.autoregressive import Autoregression
 from texclass.vibration.decaying_modes import DecayingModes
+from texclass.vibration.reflection import log_cosines
 
 MARK = 0xB5
 """The first byte: no safetensors file begins with an odd one."""
@@ -109,7 +111,7 @@ class PackedTexture(Texture):
         return decode(self.to_bytes()[2:])
 
     @property
-    def fs(self) -> float:  # type: ignore[override]
+    def fs(self) -> float:
         """Sampling rate, Hz."""
         return float(self._read["fs"])
 
@@ -135,6 +137,16 @@ class PackedTexture(Texture):
         power = 10 ** (db / 10)
         rows = np.repeat(k[:, np.newaxis], 2, axis=1)
         return GridModel((2.0**v, 2.0**f), rows, power, WIDEST * float(np.sqrt(power.max())))
+
+    @cached_property
+    def speeds(self) -> Samples:
+        """Of the slowest and the fastest spectrum, mm/s; a usual one where the level follows none."""
+        return self.model.speeds if self._read["ends"] else np.array([USUAL_MM_S])
+
+    @cached_property
+    def forces(self) -> Samples:
+        """Softest and hardest, N; a usual one where the level follows none."""
+        return self.model.forces if self._read["ends"] else np.array([USUAL_N])
 
     @cached_property
     def tap(self) -> DecayingModes:
@@ -169,6 +181,11 @@ class PackedTexture(Texture):
     def operations(self) -> float:
         """Multiplications and additions per rendered sample."""
         return self.model.operations(self.fs)
+
+    def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
+        """Return the AR models at speeds (n,) and forces (n,)."""
+        k, power = self.model.at(speed, force)
+        return Autoregression(k, np.sqrt(power) * np.exp(log_cosines(k).sum(axis=-1)))
 
     def renderer(self, *, seed: int = 0) -> GlidingRenderer:
         """Return a renderer at rest; see `Texture`."""

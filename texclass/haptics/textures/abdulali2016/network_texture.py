@@ -17,6 +17,8 @@ from texclass.haptics.textures.grid import GridModel, cell, warped
 from texclass.recording import Samples
 from texclass.signals import positive
 from texclass.vibration import line_spectrum
+from texclass.vibration.autoregressive import Autoregression
+from texclass.vibration.reflection import log_cosines
 
 LIMIT = 2.0
 """No rendered sample exceeds this many times the recorded peak."""
@@ -82,6 +84,16 @@ class Frame:
     def n_inputs(self) -> int:
         """3, or 2 if isotropic."""
         return len(self.mean)
+
+    @property
+    def speeds(self) -> Samples:
+        """Lowest and highest speed, mm/s: at least a tenth of the fastest segment."""
+        return np.array([max(self.slow, self.fastest / 10), self.fastest])
+
+    @property
+    def forces(self) -> Samples:
+        """Lowest and highest force, N: at least a tenth of the hardest segment."""
+        return np.array([max(self.light, self.hardest / 10), self.hardest])
 
     def motion(self, velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
         """Return speed (n,) and force (n,) of velocities (n, 2) and forces (n,), kept in range."""
@@ -190,6 +202,16 @@ class MapTexture(Texture):
         if self.frame.gap > largest:
             raise ValueError(f"gap is {self.frame.gap}; the rule is at most pi / (p + 1) = {largest:g}")
 
+    @cached_property
+    def speeds(self) -> Samples:
+        """Ends of the range, mm/s."""
+        return self.frame.speeds
+
+    @cached_property
+    def forces(self) -> Samples:
+        """Ends of the range, N."""
+        return self.frame.forces
+
     @property
     @abstractmethod
     def order(self) -> int:
@@ -209,6 +231,11 @@ class MapTexture(Texture):
         k = line_spectrum.to_reflection(line_spectrum.spread(out[:, :-1], self.frame.gap))
         level = level_of(self.loudness, out[:, -1], k, self.frame.motion(velocity, force), self.growth)
         return k, np.minimum(level, self.frame.cap(velocity, force))
+
+    def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
+        """Return the AR models of strokes along +x at speeds (n,) and forces (n,)."""
+        k, level = self.models(np.column_stack([speed, np.zeros_like(speed)]), force)
+        return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
 
     def renderer(self, *, seed: int = 0) -> GlidingRenderer:
         """Return a renderer at rest, which follows the motion with the bandwidth it was recorded with."""
@@ -369,6 +396,16 @@ class BakedTexture(Texture):
                 f"the rule is {n} axes of 2 nodes or more, scale 'root', AR"
             )
 
+    @cached_property
+    def speeds(self) -> Samples:
+        """Ends of the range, mm/s."""
+        return self.frame.speeds
+
+    @cached_property
+    def forces(self) -> Samples:
+        """Ends of the range, N."""
+        return self.frame.forces
+
     @property
     def order(self) -> int:
         """Order p of the AR models."""
@@ -378,6 +415,14 @@ class BakedTexture(Texture):
     def operations(self) -> float:
         """Multiplications and additions per sample: 2^d corners, sqrt(1 - k^2), and the lattice."""
         return float(2 ** (self.frame.n_inputs + 1) * (self.order + 1) + 10 * self.order)
+
+    def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
+        """Return the AR models of strokes along +x at speeds (n,) and forces (n,)."""
+        velocity = np.column_stack([speed, np.zeros_like(speed)])
+        along = [speed] if self.frame.isotropic else [*velocity.T]
+        k, power = self.grid.at(*along, force)
+        level = np.minimum(np.sqrt(power), self.frame.cap(velocity, force))
+        return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
 
     def renderer(self, *, seed: int = 0) -> GlidingRenderer:
         """Return a renderer at rest."""

@@ -6,13 +6,14 @@ order in coupled form. What rings lies in the first `counts[RINGING]` rows of a 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from texclass.haptics.textures.contract import Texture, freeze
+from texclass.haptics.textures.contract import USUAL_N, Texture, freeze
 from texclass.recording import Samples
 
 Course = Literal["line", "travelled"]
@@ -209,6 +210,16 @@ class SpatialTexture(Texture):
                 raise ValueError(
                     f"texture {self.name!r}: {name} is {getattr(self, name)}; the rule is {rule}"
                 )
+
+    @cached_property
+    def speeds(self) -> Samples:
+        """Half and twice the speed of the scan, mm/s."""
+        return self.scaling.speed * np.array([0.5, 2.0])
+
+    @cached_property
+    def forces(self) -> Samples:
+        """Half and twice the force of the scan, N; about a usual one where the scan has none."""
+        return (self.scaling.force or USUAL_N) * np.array([0.5, 2.0])
 
     @property
     def n_features(self) -> int:
