@@ -40,7 +40,6 @@ from texclass.haptics.textures.packed import PackedTexture
 from texclass.recording import ACCELERATION_UNITS, Samples
 from texclass.vibration import Autoregression, line_spectrum
 from texclass.vibration.autoregressive import from_autocorrelation, from_direct_form
-from texclass.vibration.reflection import log_cosines
 
 LARGEST_FILE = 8 << 20
 """Bytes; the published textures have 120,000."""
