@@ -150,6 +150,9 @@ def test_choices_are_those_of_the_library():
     assert of["benchmark"]["baselines_signals"] == set(get_args(Given))
     assert of["benchmark"]["backend"] == set(get_args(Backend))
     assert of["export"]["start"] == set(get_args(Start))
+    scenes = [path.stem for path in sorted((ROOT / "texclass/haptics/scene/examples").glob("*.toml"))]
+    for name in ("scene plan", "scene render", "scene page"):
+        assert ", ".join(scenes) in COMMANDS[name].params[0].help
 
 
 def test_a_command_seldom_looks_for_garbage_and_leaves_none_to_look_for_at_its_end(monkeypatch):

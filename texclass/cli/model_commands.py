@@ -120,16 +120,13 @@ def train(
 
 
 @app.command(rich_help_panel="Models", epilog="Example: texclass model surfaces.skops")
-def model(
-    file: Annotated[Path, Argument(metavar="MODEL", help="Model file written by `texclass train`.")],
-    json_file: p.JsonFile = None,
-) -> None:
+def model(model: p.ModelFile, json_file: p.JsonFile = None) -> None:
     """Show surfaces, features, accuracy, calibration, cost and versions of a model."""
     from texclass.recognition import load_model
     from texclass.recognition.model_document import model_document
     from texclass.reporting import print_document
 
-    loaded = load_model(file)
+    loaded = load_model(model)
     write_json(json_file, loaded.manifest.to_json())
     if json_file != Path("-"):
         print_document(model_document(loaded))
