@@ -12,12 +12,12 @@ from typing import Literal, get_args, get_origin, get_type_hints
 import numpy as np
 import pandas as pd
 import pytest
-import typer
+from every_command import COMMANDS, flags
 from toy_noises import TINY
 
 from texclass import __version__
 from texclass.baselines.comparison import Given
-from texclass.cli import app, main
+from texclass.cli import main
 from texclass.cli.parameters import reader_settings
 from texclass.evaluation.protocols import PROTOCOLS
 from texclass.evaluation.workers import Backend
@@ -42,13 +42,6 @@ features = ["band_level"]
 
 
 ROOT = Path(__file__).parents[1]
-PROGRAM = typer.main.get_command(app)
-COMMANDS = {
-    f"{group}{name}": command
-    for group, of in (("", PROGRAM), *((f"{g} ", PROGRAM.commands[g]) for g in ("datasets", "scene")))
-    for name, command in of.commands.items()
-    if name != "scene"
-}
 READERS = {
     name: command for name, command in COMMANDS.items() if any(p.name == "column" for p in command.params)
 }
@@ -184,7 +177,7 @@ def test_what_an_output_cannot_show_is_left_out_of_it(monkeypatch):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_command_has_a_panel_an_example_and_options_with_help_and_kind(name):
     command = COMMANDS[name]
-    options = {flag: p for p in command.params for flag in (*p.opts, *p.secondary_opts)}
+    options = flags(command)
     if " " not in name:
         assert command.rich_help_panel in {"Recordings", "Evaluation", "Models", "Rendering"}
     for flag in {"-o", "--json", "--jsonl"} & set(options):
@@ -201,9 +194,7 @@ def test_each_command_has_a_panel_an_example_and_options_with_help_and_kind(name
 
 @pytest.mark.parametrize("folder", ["docs", "datasets", "texclass"])
 def test_every_option_that_a_page_or_a_message_names_exists(folder):
-    params = [p for command in COMMANDS.values() for p in command.params]
-    options = {flag for p in params for flag in (*p.opts, *p.secondary_opts)}
-    options |= {"--help", "--version"}
+    options = {flag for command in COMMANDS.values() for flag in flags(command)} | {"--help", "--version"}
     options |= {"--out", "--verbose"}  # of the chapters, and of `ros2 topic info`
     files = [path for path in (ROOT / folder).rglob("*.*") if path.suffix in {".md", ".py", ".toml"}]
     named = {
@@ -348,7 +339,7 @@ def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):
 
 @pytest.mark.parametrize("name", READERS)
 def test_every_option_of_reading_reaches_the_reader(command, monkeypatch, name):
-    taken = {flag for option in READERS[name].params for flag in option.opts}
+    taken = set(flags(READERS[name]))
     loading = {flag.replace("_", "-") for flag in inspect.signature(load_recording).parameters}
     assert {f"--{option}" for option in loading - {"path", "auxiliary", "topic"}} <= taken
     assert ("--labels" in taken) == (name not in {"inspect", "stream", "describe"})

@@ -1,19 +1,16 @@
 """The suffix of an output file decides its format, in every command; others are refused before any work."""
 
-import inspect
 import io
 import json
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pandas as pd
 import pytest
+from every_command import COMMANDS
 from PIL import Image
 from toy_noises import TINY
-from typer.models import OptionInfo
 
-from texclass.cli import app
 from texclass.cli.result_files import write_page
 from texclass.evaluation import extract_table
 from texclass.features import load_feature_set
@@ -22,8 +19,6 @@ from texclass.loaders import open_dataset
 from texclass.recognition.model_files import write_model_file
 from texclass.robot import export_onnx
 
-INPUTS = {"labels", "baselines_python", "taps"}
-"""Options with the path of a file that a command reads or runs."""
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 EXPECTED = {
     "benchmark output": "a folder",
@@ -50,51 +45,30 @@ EXPECTED = {
 """Command and option -> what a message lists; `--json` writes JSON everywhere."""
 
 
-def commands(program, words=()):
-    """Yield the words that call each command, and its function."""
-    for one in program.registered_commands:
-        yield (*words, one.name or one.callback.__name__), one.callback
-    for group in program.registered_groups:
-        yield from commands(group.typer_instance, (*words, group.name))
+OUTPUTS = {
+    f"{name} {p.name}": (name, p.opts[-1])
+    for name, command in COMMANDS.items()
+    for p in command.params
+    if getattr(p, "rich_help_panel", None) == "Output" and p.metavar in {"FILE", "FOLDER"}
+}
+"""Command and option -> words of the command, and how the option is spelled."""
 
 
-def output_options():
-    """Return the options with the path of an output: words of the command, its arguments, name, spelling."""
-    found = []
-    for words, function in commands(app):
-        parameters = inspect.signature(function).parameters.values()
-        required = sum(p.default is p.empty and not _spelled(p) for p in parameters)
-        paths = [p for p in parameters if "pathlib.Path" in str(p.annotation) and p.name not in INPUTS]
-        found += [(words, required, p.name, _spelled(p)) for p in paths if _spelled(p)]
-    return found
-
-
-def _spelled(parameter):
-    """Return how an option is written on the command line; "" for an argument."""
-    info = [one for one in get_args(parameter.annotation) if isinstance(one, OptionInfo)]
-    if not info:
-        return ""
-    stated = [one for one in (info[0].default, *(info[0].param_decls or ())) if str(one).startswith("-")]
-    return stated[-1] if stated else f"--{parameter.name.replace('_', '-')}"
-
-
-@pytest.mark.parametrize(("words", "n_arguments", "name", "spelled"), output_options())
-def test_each_output_option_refuses_another_suffix_before_any_work(
-    command, tmp_path, monkeypatch, words, n_arguments, name, spelled
-):
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_each_output_option_refuses_another_suffix_before_any_work(command, tmp_path, monkeypatch, output):
     monkeypatch.chdir(tmp_path)
-    expected = ".json" if name == "json_file" else EXPECTED[f"{' '.join(words)} {name}"]
-    wrong = "result.xlsx"
-    code, out, err = command(*words, *["absent"] * n_arguments, spelled, wrong)
+    name, flag = OUTPUTS[output]
+    n_arguments = sum(p.required and p.param_type_name == "argument" for p in COMMANDS[name].params)
+    code, out, err = command(*name.split(), *["absent"] * n_arguments, flag, "result.xlsx")
     assert (code, out) == (1, "")
-    assert err == f"error: cannot write {wrong}: the suffix is '.xlsx'. Expected {expected}\n"
+    expected = EXPECTED.get(output, ".json")
+    assert err == f"error: cannot write result.xlsx: the suffix is '.xlsx'. Expected {expected}\n"
     assert list(tmp_path.iterdir()) == []
 
 
 def test_every_output_option_is_found():
-    found = {f"{' '.join(words)} {name}" for words, _, name, _ in output_options()}
-    assert set(EXPECTED) <= found
-    assert {name.rpartition(" ")[2] for name in found - set(EXPECTED)} == {"json_file"}
+    assert set(EXPECTED) <= set(OUTPUTS)
+    assert {output.rpartition(" ")[2] for output in OUTPUTS.keys() - EXPECTED} == {"json_file"}
 
 
 def test_extract_writes_the_format_of_the_suffix_and_resumes_both(command, tmp_path, monkeypatch):
