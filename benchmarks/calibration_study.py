@@ -9,10 +9,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from sklearn.model_selection import StratifiedKFold
 from study import command_line, interval, table, write
 
+from texclass.classifiers.segment_voting import knowing
 from texclass.evaluation import cached_table, cluster_interval, load_pipeline, touches
+from texclass.evaluation.pipeline import PipelineDefinition
 from texclass.evaluation.windows import parents
 from texclass.loaders import Dataset, open_dataset
 from texclass.recognition import expected_calibration_error, train
@@ -51,6 +54,12 @@ def halves(dataset: Dataset) -> Iterator[tuple[Dataset, ...]]:
         yield tuple(replace(dataset, entries=tuple(entries[part])) for part in split)
 
 
+def features_of(felt: Dataset, pipeline: PipelineDefinition, touch_s: float | None) -> pd.DataFrame:
+    """Return the features of recordings, or of their touches."""
+    felt = felt if touch_s is None else touches(felt, touch_s)
+    return cached_table(felt, *pipeline.needed, channels=pipeline.channels).frame
+
+
 def measure(case: dict[str, Any]) -> dict[str, Any]:
     """Return accuracy and calibration errors of a case."""
     pipeline, dataset = load_pipeline(case["pipeline"]), open_dataset(case["dataset"])
@@ -58,13 +67,12 @@ def measure(case: dict[str, Any]) -> dict[str, Any]:
     found = []
     for known, asked in halves(dataset):
         model = train(known, pipeline, **asked_for)
-        felt = asked if case["touch_s"] is None else touches(asked, case["touch_s"])
-        frame = cached_table(felt, *pipeline.needed, channels=pipeline.channels).frame
-        X = prepared = frame[list(model.columns)].to_numpy(dtype=np.float64)
+        trained, frame = (features_of(felt, pipeline, case["touch_s"]) for felt in (known, asked))
+        X_train, X = (one[list(model.columns)].to_numpy(dtype=np.float64) for one in (trained, frame))
         p, p_known = model.judge(X)
-        for _, step in model.recogniser.steps[1:-1]:
-            prepared = step.transform(prepared)
-        raw = model.recogniser[-1].predict_proba(prepared).max(axis=1)
+        classifier = knowing(pipeline.classifiers[case["classifier"]].make(), model.columns)
+        classifier.fit(model.prepare(X_train), trained["material"].to_numpy(dtype=str))
+        raw = classifier.predict_proba(model.prepare(X)).max(axis=1)
         hits = np.array(model.materials)[p.argmax(axis=1)] == frame["material"].to_numpy(dtype=str)
         alarms = p_known <= model.novelty.false_alarms
         found.append((p.max(axis=1), raw, hits, parents(frame).to_numpy(dtype=str), alarms))

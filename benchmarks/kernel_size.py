@@ -15,7 +15,7 @@ from texclass.evaluation.folds import over_folds
 from texclass.evaluation.pipeline import MatchedRow
 from texclass.evaluation.protocols import find_protocol, splits_of
 from texclass.loaders import open_dataset
-from texclass.recognition.deployed import described_classifier
+from texclass.recognition.array_form import classifier_of
 from texclass.robot.export.answers_graph import add_part
 from texclass.robot.export.graph import Graph, Tensor
 from texclass.tradeoff.front import Labelled, accuracy_of, preparation
@@ -34,7 +34,7 @@ def judged(classifier, data, splits):
 
     ((fitted, hits, seconds),) = over_folds(fitted_on, data.X, data.y, splits, preparation())
     graph = Graph()
-    add_part(described_classifier(fitted), Tensor(graph, "rows"))
+    add_part(classifier_of(fitted), Tensor(graph, "rows"))
     return {
         **accuracy_of(hits, splits, data),
         "n_kept": len(fitted.dual_),

@@ -5,7 +5,7 @@ import numpy as np
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
 from texclass.recognition import Calibration, Model, Novelty
-from texclass.recognition.deployed import Deployed
+from texclass.recognition.array_form import classifier_of, steps_of
 from texclass.recognition.model_files import Manifest
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import Ranges, fit_nearness, kind_for, strangeness
@@ -29,8 +29,8 @@ def plan_of(features=("mfcc",), feature_set="texclass"):
     return Plan.of(load_feature_set(feature_set).restricted_to(list(features)))
 
 
-def model_of(steps, classifier, *, n_classes=4, plan=None, undefined=0.05, X=None, false_alarms=0.05):
-    """Return a model; its held-out recordings are drawn anew."""
+def fitted(steps, classifier, *, n_classes=4, plan=None, undefined=0.05, X=None, false_alarms=0.05):
+    """Return a model, its held-out recordings drawn anew, and the pruned recogniser it was made of."""
     plan = plan_of() if plan is None else plan
     drawn, y = rows_of(len(plan.columns), n_classes, undefined=undefined)
     X = drawn if X is None else X
@@ -39,20 +39,32 @@ def model_of(steps, classifier, *, n_classes=4, plan=None, undefined=0.05, X=Non
     fresh = rows_of(X.shape[1], n_classes, seed=3, undefined=undefined)[0]
     fresh = fresh[:, [plan.columns.index(c) for c in recogniser.columns]]
     X = X[:, [plan.columns.index(c) for c in recogniser.columns]]
-    prepared, held_out = X, fresh
-    for _, step in recogniser.steps[1:-1]:
-        prepared, held_out = step.transform(prepared), step.transform(held_out)
+    prepared, held_out = prepared_by(recogniser, X), prepared_by(recogniser, fresh)
     kind = kind_for(recogniser[-1])
     near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
     strange = strangeness(kind, class_scores(recogniser[-1], held_out), held_out, near)
-    novelty = Novelty(kind, np.sort(strange), false_alarms, near)
-    return Model(
-        Deployed.of(recogniser, (prepared, y)),
+    model = Model(
+        recogniser[0].plan_,
+        tuple(recogniser.classes_.tolist()),
+        [part for _, step in recogniser.steps[1:-1] for part in steps_of(step)],
+        classifier_of(recogniser[-1], (prepared, y)),
         Calibration(0.7, 0.02),
-        novelty,
+        Novelty(kind, np.sort(strange), false_alarms, near),
         Ranges.of(X),
         manifest_of(y, false_alarms),
     )
+    return model, recogniser
+
+
+def model_of(steps, classifier, **options):
+    return fitted(steps, classifier, **options)[0]
+
+
+def prepared_by(recogniser, X):
+    """Return what the steps between features and classifier make of rows of features."""
+    for _, step in recogniser.steps[1:-1]:
+        X = step.transform(X)
+    return X
 
 
 def manifest_of(y, false_alarms):

@@ -12,17 +12,22 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from sklearn.decomposition import PCA
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.impute import SimpleImputer
+from sklearn.preprocessing import StandardScaler
 
 from fuzz.contract import Target
 from fuzz.mutate import Tree, archives, either, json_of, members_of, of_bytes, of_tree, trees
 from fuzz.recordings import valid, written
 from texclass.baselines.worker_process import read_outcome
+from texclass.classifiers import KernelDiscriminant
 from texclass.evaluation.feature_table import FeatureTable, LeftOut, read_part, read_table, write_table
 from texclass.evaluation.windows import read_movements
 from texclass.features.extractor import Reason
 from texclass.loaders.simulated import recall, remember
-from texclass.recognition import load_model, train
-from texclass.recognition.model_files import BESIDE, Manifest, digest_of, read_manifest
+from texclass.recognition import load_model
+from texclass.recognition.model_files import Manifest, digest_of, read_manifest
 from texclass.recording import Recording
 from texclass.tradeoff.recogniser import load_recogniser
 
@@ -31,7 +36,8 @@ _JSON = trees(json.loads, json_of)
 
 def _sealed(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
     """Change what a model file says, or holds, and make its digest right again."""
-    name = rng.choice(["schema.json", "schema.json", "manifest.json", *sorted(members)])
+    described = [name for name in ("schema.json", "arrays.json") if name in members]
+    name = rng.choice([*2 * described, *sorted(members)])
     members[name] = _changed_member(rng, name, members[name])
     if "manifest.json" in members:
         stated = json.loads(members.pop("manifest.json"))
@@ -65,21 +71,14 @@ def _inner_json(tree: Tree) -> list[tuple[dict[str, object], str]]:
 
 
 @cache
-def _model() -> bytes:
-    """Return a model of four surfaces; its estimators and its arrays."""
-    sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "recognition"))
-    from toy_surfaces import pipeline, surfaces
+def _models() -> list[bytes]:
+    """Return a model of arrays, one with a step that skops writes, and the recogniser of this one."""
+    sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+    from toy_models import fitted, model_of
 
-    return written("a.skops", train(surfaces(), pipeline(), row="Spectrum", classifier="lda").save)
-
-
-def _recognisers() -> list[bytes]:
-    import skops.io
-
-    from texclass.evaluation.trusted import load_trusted
-
-    document = load_trusted(_model(), beside=BESIDE)
-    return [skops.io.dumps(document["recogniser"])]
+    arrays = model_of([SimpleImputer(), StandardScaler()], KernelDiscriminant())
+    of_skops, recogniser = fitted([SimpleImputer(), PCA(3)], LinearDiscriminantAnalysis())
+    return [written("a.skops", one.save) for one in (arrays, of_skops, recogniser)]
 
 
 def _manifest(data: bytes) -> Manifest:
@@ -177,9 +176,9 @@ _PART = (
 _OUTCOME = b'{"first_s": 1.0, "versions": {"aeon": "1"}, "missing": false, "message": "x", "predicted": [0]}'
 _SEALED = archives(_sealed, deflate=False)
 TARGETS = (
-    Target("model", lambda: [_model()], load_model, _SEALED, "fuzzed.skops", (UserWarning,)),
-    Target("recogniser", _recognisers, load_recogniser, _SEALED, "recogniser.skops", (UserWarning,)),
-    Target("manifest", lambda: [members_of(_model())["manifest.json"]], _manifest, _JSON),
+    Target("model", lambda: _models()[:2], load_model, _SEALED, "fuzzed.skops", (UserWarning,)),
+    Target("recogniser", lambda: _models()[2:], load_recogniser, _SEALED, "recogniser.skops", (UserWarning,)),
+    Target("manifest", lambda: [members_of(_models()[0])["manifest.json"]], _manifest, _JSON),
     Target("feature table", _tables, _table, either(_table_facts, of_bytes), "table.parquet"),
     Target("part of an extraction", lambda: [_PART], _part, _JSON, "part.json"),
     Target("cached movements", lambda: [b"[[0, 10, 1000.0, \"\"], [3, 9, 1000.0, \"\"]]"], _movements, _JSON,

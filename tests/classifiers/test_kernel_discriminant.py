@@ -6,12 +6,12 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.gaussian_process.kernels import Matern
 from sklearn.utils.estimator_checks import check_estimator
 
+from texclass.classifiers.kernel import matern32
 from texclass.classifiers.kernel_discriminant import (
     KernelDiscriminant,
     correlation_ratio,
-    drawn,
-    matern,
-    view_of,
+    fit_view,
+    stratified_subsample,
 )
 from texclass.recording import Samples
 
@@ -32,7 +32,7 @@ def test_it_keeps_the_rules_of_scikit_learn() -> None:
 
 def test_kernel_is_the_matern_of_scikit_learn() -> None:
     a, b = np.random.default_rng(0).standard_normal((2, 20, 4))
-    np.testing.assert_allclose(matern(a, b, 0.7), Matern(0.7, nu=1.5)(a, b), atol=1e-12)
+    np.testing.assert_allclose(matern32(a, b, 0.7), Matern(0.7, nu=1.5)(a, b), atol=1e-12)
 
 
 def test_coefficients_solve_kernel_ridge_regression() -> None:
@@ -49,9 +49,9 @@ def test_few_samples_have_the_coefficients_that_serve_all_best() -> None:
     m = len(model.dual_)
     assert 6 <= m < 120
     assert len(np.unique(model.predict(X))) == 6
-    of_kept = sum(matern(a, a, 1.6) for a in model.prototypes_) / 2
+    of_kept = sum(matern32(a, a, 1.6) for a in model.prototypes_) / 2
     seen = [view(X) for view in model.views_]
-    of_all = sum(matern(a, b, 1.6) for a, b in zip(seen, model.prototypes_, strict=True)) / 2
+    of_all = sum(matern32(a, b, 1.6) for a, b in zip(seen, model.prototypes_, strict=True)) / 2
     Y = np.eye(6)[y] - 1 / 6
     # Where the derivative of |Y - K_nm alpha|^2 + ridge alpha' K_mm alpha is 0.
     slope = of_all.T @ (of_all @ model.dual_ - Y) + 0.04 * of_kept @ model.dual_
@@ -91,7 +91,7 @@ def test_whitened_view_has_identity_within_classes_when_hardly_shrunk() -> None:
     X, y = drifting(200, 3)
     for apart in (0.0, 1e4):  # also where all variation within classes is small beside their distance
         moved = X + apart * np.random.default_rng(4).standard_normal((6, 30))[y]
-        seen = view_of(moved, y, 1e-6, relevance=0.0)(moved)
+        seen = fit_view(moved, y, 1e-6, relevance=0.0)(moved)
         within = sum(np.cov(seen[y == c].T, bias=True) for c in range(6)) / 6
         np.testing.assert_allclose(within / np.trace(within) * 30, np.eye(30), atol=5e-3)
 
@@ -152,12 +152,12 @@ def test_probabilities_are_those_of_a_known_mixture() -> None:
 
 def test_a_draw_keeps_every_class_the_order_and_all_windows_of_a_recording_alike() -> None:
     labels = np.repeat([0, 1, 2], [100, 50, 4])
-    kept = drawn(labels, 60, 0)
+    kept = stratified_subsample(labels, 60, 0)
     assert kept.size == 60
     assert set(labels[kept]) == {0, 1, 2}
     assert (np.diff(kept) > 0).all()
-    assert drawn(labels, 154, 0).size == 154
-    of_window = np.bincount(drawn(np.zeros(4000, dtype=int), 1000, 0) % 4)
+    assert stratified_subsample(labels, 154, 0).size == 154
+    of_window = np.bincount(stratified_subsample(np.zeros(4000, dtype=int), 1000, 0) % 4)
     assert (np.abs(of_window - 250) < 60).all()
 
 
@@ -194,7 +194,7 @@ def test_what_is_known_to_change_misleads_less_and_no_change_known_is_as_none() 
         assert knowing_it.score(later, y) > plain.score(later, y)
     nothing = KernelDiscriminant().fit(X, y, changes=np.zeros((3, 2)))
     np.testing.assert_allclose(nothing.decision_function(later), plain.decision_function(later))
-    with pytest.raises(ValueError, match="changes have 3 columns; the rule is those of X, 2"):
+    with pytest.raises(ValueError, match="changes must have 2 columns as X, got 3"):
         KernelDiscriminant().fit(X, y, changes=np.zeros((1, 3)))
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.neighbors import KNeighborsClassifier
 from sklearn.utils.estimator_checks import check_estimator
 
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
-from texclass.classifiers.segment_voting import SegmentVoting, changes_of, knowing, pieces_of
+from texclass.classifiers.segment_voting import SegmentVoting, changes_of, knowing
 from texclass.evaluation import load_pipeline
 from texclass.features.plan import Plan
 from texclass.features.sets import load_feature_set
@@ -58,9 +59,8 @@ def test_recordings_too_short_to_be_divided_count_once() -> None:
     X, y = recordings(6, 5)
     whole = X[:, ::4]
     same = np.repeat(whole, 4, axis=1)
-    rows, owner = pieces_of(np.concatenate([same, X]), 4)
-    assert owner.tolist() == [*range(24), *np.repeat(range(24, 48), 4)]
-    np.testing.assert_array_equal(rows[:24], whole)
+    both = SegmentVoting(KNeighborsClassifier(), n_pieces=4).fit(np.concatenate([same, X]), [*y, *y])
+    assert both.estimator_.n_samples_fit_ == len(same) + 4 * len(X)
     model, alone = SegmentVoting(n_pieces=4).fit(same, y), KernelDiscriminant().fit(whole, y)
     assert model.whole_ is None
     np.testing.assert_allclose(model.decision_function(same), alone.decision_function(whole), atol=1e-12)
@@ -81,7 +81,7 @@ def test_columns_that_are_no_multiple_of_the_pieces_are_refused() -> None:
         SegmentVoting(n_pieces=0).fit(X, y)
     with pytest.raises(TypeError, match="does not seem to be a scikit-learn estimator"):
         SegmentVoting(3).fit(X, y)
-    with pytest.raises(ValueError, match="19 columns; the rule is a multiple of n_pieces = 4"):
+    with pytest.raises(ValueError, match="n_pieces = 4 columns of pieces, got 19"):
         SegmentVoting(n_pieces=4).fit(X[:, 1:], y)
 
 
@@ -111,9 +111,9 @@ def test_a_classifier_knows_the_columns_of_the_whole_by_their_names() -> None:
     assert (told.columns, told.undivided) == (tuple(names[:2]), ())
     assert knowing(SegmentVoting(n_pieces=2), names).columns == ()
     X, y = recordings(3, 11)
-    with pytest.raises(ValueError, match=r"undivided is \(20,\); the rule is columns 0 to 19"):
+    with pytest.raises(ValueError, match=r"undivided must be columns 0 to 19, got \(20,\)"):
         SegmentVoting(n_pieces=4, undivided=(20,)).fit(X, y)
-    with pytest.raises(ValueError, match="3 names of columns; the rule is one a column, 20"):
+    with pytest.raises(ValueError, match="columns must be 20 names, one a column, got 3"):
         SegmentVoting(columns=("a", "b", "c")).fit(X, y)
 
 

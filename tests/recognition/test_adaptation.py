@@ -60,7 +60,7 @@ def test_the_same_sensor_changes_next_to_nothing(kernel_model):
     for one in asked:
         assert adapted.answer(one).surface == one.material
     X = rows_of(kernel_model, asked)[0]
-    moved = (adapted.deployed.steps[0]["scale"] - 1) * X + adapted.deployed.steps[0]["shift"]
+    moved = (adapted.steps[0]["scale"] - 1) * X + adapted.steps[0]["shift"]
     assert np.sqrt(np.mean((moved / kernel_model.surfaces.within) ** 2)) < 0.5
 
 
@@ -69,9 +69,6 @@ def test_an_adapted_model_is_saved_answers_the_same_and_tells_of_its_references(
     adapted.save(tmp_path / "a.skops")
     again = load_model(tmp_path / "a.skops")
     assert again.answer(TESTS[0]) == adapted.answer(TESTS[0])
-    X = rows_of(adapted, TESTS[:5])[0]
-    by_scikit_learn = again.recogniser[1:].predict(X)
-    assert by_scikit_learn.tolist() == [again.materials[i] for i in again.judge(X)[0].argmax(axis=1)]
     told = again.manifest.adapted
     assert told["references"] == [[one.recording_id, one.material] for one in THREE]
     assert told["hash"] == adapt(linear_model, THREE).manifest.adapted["hash"]

@@ -11,14 +11,17 @@ import pytest
 import skops.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from sklearn.ensemble import RandomForestClassifier
+from sklearn.decomposition import PCA
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.impute import SimpleImputer
 from skops.io._protocol import PROTOCOL
+from toy_models import model_of
 from toy_surfaces import pipeline, surfaces
 
 from texclass.evaluation.pipeline import Use
 from texclass.evaluation.trusted import TRUSTED, UntrustedFileError, check_archive, load_trusted
 from texclass.recognition import ModelFileError, load_model, read_manifest_of, train
-from texclass.recognition.model_files import FORMAT, read_deployed, read_manifest, write_model_file
+from texclass.recognition.model_files import FORMAT, read_manifest, read_model_file, write_model_file
 
 
 @pytest.fixture(scope="module")
@@ -28,13 +31,24 @@ def file(linear_model, tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module")
+def skops_file(tmp_path_factory):
+    """Return the file of a model with a step that has no array form."""
+    path = tmp_path_factory.mktemp("models") / "surface.skops"
+    model_of([SimpleImputer(), PCA(3)], LinearDiscriminantAnalysis()).save(path)
+    return path
+
+
+def members_of(file):
+    with zipfile.ZipFile(file) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
 def rewritten(file, change, *, sign=True):
     """Return the path of a model file whose members went through `change`, its digest made right again."""
     from texclass.recognition.model_files import digest_of
 
-    with zipfile.ZipFile(file) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
-    members = change(members)
+    members = change(members_of(file))
     if sign:
         stated = json.loads(members.pop("manifest.json"))
         stated.pop("digest", None)
@@ -53,11 +67,6 @@ def edited(name, old, new):
         return {**members, name: members[name].replace(old, new, 1)}
 
     return change
-
-
-def without_arrays(members):
-    """Return the members of a file without its arrays."""
-    return {name: content for name, content in members.items() if name != "deployed.json"}
 
 
 def test_the_manifest_is_read_without_making_any_object(file, linear_model, monkeypatch):
@@ -86,7 +95,7 @@ def one_array_more(members):
     return {**members, "9999999.npy": next(v for k, v in members.items() if k.endswith(".npy"))}
 
 
-OTHER_FORMAT = r"its format is {}, written by texclass \S+\. Expected format 3: train the model again"
+OTHER_FORMAT = r"its format is {}, written by texclass \S+\. Expected format 4: train the model again"
 
 
 @pytest.mark.parametrize(
@@ -108,32 +117,41 @@ def test_a_file_that_is_changed_or_of_another_format_or_holds_more_is_refused(fi
         load_model(rewritten(file, change, sign=sign))
 
 
-def test_no_estimator_is_made_to_answer_and_none_of_a_class_that_is_not_trusted(file):
-    popen = edited("schema.json", b"LinearDiscriminantAnalysis", b"Popen")
-    refused = pytest.raises(
-        ModelFileError, match=r"it names sklearn\.discriminant_analysis\.Popen; the rule is"
-    )
-    model = load_model(rewritten(file, popen, sign=True))
-    with refused:
-        _ = model.recogniser
+def test_a_file_holds_either_arrays_or_skops(file, skops_file):
+    arrays, archive = members_of(file), members_of(skops_file)
+    assert "arrays.json" in arrays
+    assert "schema.json" not in arrays
+    assert "schema.json" in archive
+    assert "arrays.json" not in archive
+    assert load_model(skops_file).estimators == ("PCA",)
+    for change in (
+        lambda members: {**members, "schema.json": archive["schema.json"]},
+        lambda members: {name: data for name, data in members.items() if name != "arrays.json"},
+    ):
+        with pytest.raises(ModelFileError, match=r"it must hold either arrays\.json or schema\.json"):
+            load_model(rewritten(file, change))
 
-    with refused:
-        load_model(rewritten(file, lambda members: without_arrays(popen(members)), sign=True))
+
+def test_no_estimator_of_a_class_that_is_not_trusted_is_made(skops_file):
+    popen = edited("schema.json", b'"PCA"', b'"Popen"')
+    with pytest.raises(ModelFileError, match=r"it names sklearn\.decomposition\._pca\.Popen; the rule is"):
+        load_model(rewritten(skops_file, popen))
 
 
 @pytest.mark.parametrize(
     "content",
-    [b"{", b"[]", b'{"deployed": {"array": "none.npy"}}', b"[" * 100_000, b'{"deployed": {"plan": "[]"}}'],
+    [
+        b"{",
+        b"[]",
+        b'{"steps": {"array": "none.npy"}}',
+        b"[" * 100_000,
+        b'{"plan": "[]"}',
+        b'{"plan": "[]", "channels": [], "classifier": {"does": "__import__", "name": "os"}}',
+    ],
 )
 def test_arrays_that_cannot_be_read_are_refused(file, content):
     with pytest.raises(ModelFileError, match=r"changed\.skops: "):
-        load_model(rewritten(file, lambda members: {**members, "deployed.json": content}, sign=True))
-
-
-def test_a_file_without_arrays_answers_through_its_estimators(file, linear_model):
-    middle = linear_model.ranges.median
-    answer = load_model(rewritten(file, without_arrays, sign=True)).answer_values(middle)
-    assert answer == load_model(file).answer_values(middle)
+        load_model(rewritten(file, lambda members: {**members, "arrays.json": content}))
 
 
 def test_what_is_no_manifest_is_refused(linear_model):
@@ -143,7 +161,7 @@ def test_what_is_no_manifest_is_refused(linear_model):
         b"{",
         b"[]",
         b'{"format_version": "1.0"}',
-        b'{"format_version": 3}',
+        b'{"format_version": 4}',
         b"[" * 100_000,
         b"\xff",
     ):
@@ -214,16 +232,17 @@ def test_members_that_overlap_are_refused():
         check_archive(bytes(data))
 
 
-def test_parts_that_do_not_fit_each_other_are_refused(linear_model, tmp_path, file):
-    _, manifest, whole = read_deployed(file)
-    document = whole()
+def test_parts_that_do_not_fit_each_other_are_refused(tmp_path, file):
+    document, manifest = read_model_file(file)
     for key, value, message in (
         ("calibration", {"beta": 1.0}, "lapse"),
         ("ranges", {name: np.zeros(2) for name in ("low", "median", "high")}, "shapes"),
         ("probe", {"values": np.zeros(13), "probabilities": np.full(4, 0.25)}, "other answers than when"),
         ("novelty", {**document["novelty"], "kind": "guess"}, "kind is 'guess'"),
+        ("classifier", {"does": "ask", "estimator": {}, "votes": False}, "no attribute"),
+        ("classifier", {"does": "eval"}, "eval"),
     ):
-        write_model_file(tmp_path / "odd.skops", {**document, key: value}, manifest)
+        write_model_file(tmp_path / "odd.skops", {**document, key: value}, manifest, is_arrays=True)
         with pytest.raises(ModelFileError, match=rf"odd\.skops: not a model of texclass \(.*{message}"):
             load_model(tmp_path / "odd.skops")
 
@@ -241,7 +260,7 @@ def test_a_classifier_that_cannot_be_loaded_safely_is_not_trained():
     with pytest.raises(ValueError, match=r"holds sklearn\.tree\._tree\.Tree; the rule is"):
         train(surfaces(), pipeline(classifiers=forest), row="Spectrum")
     both = pipeline(classifiers={**forest, **pipeline().classifiers})
-    assert not isinstance(train(surfaces(), both, row="Spectrum").recogniser[-1], RandomForestClassifier)
+    assert train(surfaces(), both, row="Spectrum").estimators == ()
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))

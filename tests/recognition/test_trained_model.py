@@ -137,7 +137,7 @@ def test_a_budget_buys_no_more_than_it_says(kernel_model):
 
 def test_a_kernel_of_few_kilobytes_answers_and_says_what_it_was_limited_to(kernel_model):
     small = train(surfaces(), pipeline(), row="Spectrum", classifier="kernel", max_kb=2)
-    n_kept, n_all = (len(model.recogniser[-1].dual_) for model in (small, kernel_model))
+    n_kept, n_all = (len(model.classifier["dual"]) for model in (small, kernel_model))
     assert n_kept < n_all
     assert small.manifest.accuracy["mean"] > 0.8
     assert small.manifest.pipeline["budget"] == "2 kB of a kernel"

@@ -1,5 +1,6 @@
 """A kernel discriminant for many correlated features and few recordings: closed form, no tuning inside."""
 
+from dataclasses import replace
 from numbers import Integral, Real
 from typing import Any, Self
 
@@ -11,16 +12,15 @@ from sklearn.utils import check_scalar
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from texclass.classifiers.kernel import View, kernel_scores, mean_kernel
 from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
-BLOCK = 2048
-"""Rows of a kernel matrix computed at a time when predicting."""
-LEAST_RELEVANCE = 0.1
+MIN_RELEVANCE = 0.1
 """Correlation ratio below which no column falls: classes may differ in spread alone."""
 CHANGES_WEIGHT = 3.0
 """Of the covariance of known changes, beside the within-class covariance of the training samples."""
-LARGEST_CHANGE = 3.0
+MAX_CHANGE = 3.0
 """Standard deviations of a column that a known change may be, for what hardly varied in training."""
 
 
@@ -88,8 +88,6 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     ['felt', 'glass']
     """
 
-    limit: float | None = None  # of models of before, which have none
-
     def __init__(
         self,
         *,
@@ -130,69 +128,80 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             If a parameter is of another kind or out of its range, there is one class only, changes have not
             the columns of X, or not a sample of each class is within `max_kb`.
         """
-        for name in ("length", "ridge"):
-            check_scalar(getattr(self, name), name, Real, min_val=0, include_boundaries="neither")
-        check_scalar(self.shrinkage, "shrinkage", Real, min_val=0, max_val=1, include_boundaries="right")
-        check_scalar(self.relevance, "relevance", Real, min_val=0)
-        check_scalar(self.max_samples, "max_samples", Integral, min_val=2)
-        if self.limit is not None:
-            check_scalar(self.limit, "limit", Real, min_val=0, include_boundaries="neither")
-        if self.max_kb is not None:
-            check_scalar(self.max_kb, "max_kb", Real, min_val=0, include_boundaries="neither")
-        rows, given = validate_data(self, X, y, dtype=np.float64)
-        check_classification_targets(given)
-        if changes is not None and changes.shape[1] != rows.shape[1]:
-            raise ValueError(
-                f"changes have {changes.shape[1]} columns; the rule is those of X, {rows.shape[1]}"
-            )
-        self.classes_, labels = np.unique(given, return_inverse=True)
-        n_classes = self.classes_.size
-        if n_classes < 2:
-            raise ValueError("y holds 1 class; the rule is at least 2")
-        kept = drawn(labels, self.max_samples, self.random_state)
+        rows, labels = self._check(X, y, changes)
+        kept = stratified_subsample(labels, self.max_samples, self.random_state)
         rows, labels = rows[kept], labels[kept]
         if self.limit is not None:
             mean, reach = rows.mean(axis=0), self.limit * rows.std(axis=0)
             self.low_, self.high_ = mean - reach, mean + reach
-        rows = self._limited(rows)
+        rows = self._clip(rows)
         shrinkages = (1.0,) if self.shrinkage == 1 else (1.0, self.shrinkage)
-        self.views_ = tuple(view_of(rows, labels, part, self.relevance, changes) for part in shrinkages)
-        weight = (labels.size / n_classes / np.bincount(labels))[labels]
-        Y = np.eye(n_classes)[labels] - 1 / n_classes
+        self.views_ = tuple(fit_view(rows, labels, part, self.relevance, changes) for part in shrinkages)
+        Y, weight = class_indicators(labels)
         if self.max_kb is not None:
-            self._fit_few(rows, labels, weight[:, None], Y)
-            return self
+            return self._fit_compressed(rows, labels, Y, weight)
         self.prototypes_ = tuple(view(rows) for view in self.views_)
-        K = self._kernel(self.prototypes_)
+        K = mean_kernel(self.prototypes_, self.prototypes_, self.length)
         K.flat[:: labels.size + 1] += self.ridge / weight
         self.dual_ = linalg.solve(K, Y, assume_a="pos", overwrite_a=True)
         return self
 
-    def _fit_few(self, rows: Samples, labels: Labels, weight: Samples, Y: Samples) -> None:
-        """Keep the samples that are within `max_kb`, and the coefficients that serve all of them best."""
-        n_features, n_classes, n_views = rows.shape[1], Y.shape[1], len(self.views_)
-        # Means, scales and weights of columns; the whitening. A sample, its lengths, its coefficients.
-        n_limits = 0 if self.limit is None else 2
+    def _check(self, X: ArrayLike, y: ArrayLike, changes: Samples | None) -> tuple[Samples, Labels]:
+        positive: dict[str, Any] = {"min_val": 0, "include_boundaries": "neither"}
+        check_scalar(self.length, "length", Real, **positive)
+        check_scalar(self.ridge, "ridge", Real, **positive)
+        check_scalar(self.shrinkage, "shrinkage", Real, min_val=0, max_val=1, include_boundaries="right")
+        check_scalar(self.relevance, "relevance", Real, min_val=0)
+        check_scalar(self.max_samples, "max_samples", Integral, min_val=2)
+        for name in ("limit", "max_kb"):
+            if getattr(self, name) is not None:
+                check_scalar(getattr(self, name), name, Real, **positive)
+        rows, y = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(y)
+        if changes is not None and changes.shape[1] != rows.shape[1]:
+            raise ValueError(f"changes must have {rows.shape[1]} columns as X, got {changes.shape[1]}")
+        self.classes_, labels = np.unique(y, return_inverse=True)
+        if len(self.classes_) < 2:
+            raise ValueError("y must contain at least 2 classes, got 1 class")
+        return rows, labels
+
+    def _fit_compressed(self, rows: Samples, labels: Labels, Y: Samples, weight: Samples) -> Self:
+        """Keep the samples that fit into `max_kb`, with the coefficients that fit all samples best."""
+        n_kept = self._n_kept(rows.shape[1], Y.shape[1])
+        kept = rows[stratified_subsample(labels, n_kept, self.random_state)]
+        self.views_ = tuple(
+            replace(view, weights=rounded(view.weights, np.float16)) if view.weights.ndim == 2 else view
+            for view in self.views_
+        )
+        self.prototypes_ = tuple(
+            view.project(rounded(view.standardise(kept), np.float16)) for view in self.views_
+        )
+        # With K_mm = V D V', beta of F = K_nm V D^(-1/2) is a plain ridge regression.
+        K = mean_kernel(self.prototypes_, self.prototypes_, self.length)
+        D, V = linalg.eigh(K, driver="evd")
+        is_regular = D[-1] * len(D) * np.finfo(float).eps < D
+        root = V[:, is_regular] / np.sqrt(D[is_regular])
+        F = mean_kernel((view(rows) for view in self.views_), self.prototypes_, self.length) @ root
+        WF = weight[:, np.newaxis] * F
+        beta = linalg.solve(F.T @ WF + self.ridge * np.eye(F.shape[1]), WF.T @ Y, assume_a="pos")
+        self.dual_ = rounded(root @ beta, np.float32)
+        return self
+
+    def _n_kept(self, n_features: int, n_classes: int) -> int:
+        """Return how many samples fit into `max_kb`: at least one of each class."""
+        n_views, n_limits = len(self.views_), 0 if self.limit is None else 2
+        # Bytes of means, scales, weights and limits of columns, and of the whitening; then those of a sample,
+        # its lengths and coefficients.
         of_views = (16 + 16 * n_views + 8 * n_limits) * n_features + 2 * n_features**2 * (n_views - 1)
-        of_one = 2 * n_features + 8 * n_views + 4 * n_classes
-        n_kept = int((1000 * (self.max_kb or 0) - of_views) // of_one)
+        of_sample = 2 * n_features + 8 * n_views + 4 * n_classes
+        n_kept = int((1000 * (self.max_kb or 0) - of_views) // of_sample)
         if n_kept < n_classes:
-            least = (of_views + n_classes * of_one) / 1000
+            least = (of_views + n_classes * of_sample) / 1000
             raise ValueError(
                 f"max_kb is {self.max_kb:g}; the rule is at least {least:g}, "
                 f"for {n_features} features and a sample of each of {n_classes} classes"
             )
-        kept = rows[drawn(labels, n_kept, self.random_state)]
-        for view in self.views_:
-            view.weights = _in(np.float16, view.weights) if view.weights.ndim > 1 else view.weights
-        self.prototypes_ = tuple(view.seen(_in(np.float16, view.standardised(kept))) for view in self.views_)
-        # With K_mm = V l V', beta of F = K_nm V l^(-1/2) is a plain ridge regression.
-        values, vectors = linalg.eigh(self._kernel(self.prototypes_), driver="evd")
-        sure = values > values[-1] * len(values) * np.finfo(float).eps
-        root = vectors[:, sure] / np.sqrt(values[sure])
-        F = self._kernel([view(rows) for view in self.views_]) @ root
-        squares = F.T @ (weight * F) + self.ridge * np.eye(F.shape[1])
-        self.dual_ = _in(np.float32, root @ linalg.solve(squares, F.T @ (weight * Y), assume_a="pos"))
+        return n_kept
 
     def decision_function(self, X: ArrayLike) -> Samples:
         """Return estimates of P(class) - 1/n_classes, shape (n_samples, n_classes).
@@ -215,49 +224,17 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     def _scores(self, X: ArrayLike) -> Samples:
         check_is_fitted(self)
-        rows = self._limited(validate_data(self, X, dtype=np.float64, reset=False))
-        blocks = (rows[k : k + BLOCK] for k in range(0, len(rows), BLOCK))
-        return np.concatenate([self._kernel([v(b) for v in self.views_]) @ self.dual_ for b in blocks])
+        rows = self._clip(validate_data(self, X, dtype=np.float64, reset=False))
+        return kernel_scores(rows, self.views_, self.prototypes_, self.dual_, self.length)
 
-    def _limited(self, rows: Samples) -> Samples:
+    def _clip(self, rows: Samples) -> Samples:
         return rows if self.limit is None else np.clip(rows, self.low_, self.high_)
 
-    def _kernel(self, rows: Any) -> Samples:
-        pairs = zip(rows, self.prototypes_, strict=True)
-        return np.asarray(sum(matern(a, b, self.length) for a, b in pairs) / len(self.views_))
 
-
-class View:
-    """A linear map of features: standardise, then multiply.
-
-    Attributes
-    ----------
-    mean, scale : ndarray of shape (n_features,)
-        Of the training samples; `scale` is infinite where a column is constant.
-    weights : ndarray of shape (n_features, n_features), or (n_features,) when diagonal
-        The root mean square length of a training sample is 1 after it.
-    """
-
-    def __init__(self, mean: Samples, scale: Samples, weights: Samples) -> None:
-        self.mean, self.scale, self.weights = mean, scale, weights
-
-    def __call__(self, X: Samples) -> Samples:
-        """Return the samples in this view, shape (n_samples, n_features)."""
-        return self.seen(self.standardised(X))
-
-    def standardised(self, X: Samples) -> Samples:
-        """Return the samples without mean and scale."""
-        return np.asarray((X - self.mean) / self.scale)
-
-    def seen(self, Z: Samples) -> Samples:
-        """Return standardised samples in this view."""
-        return np.asarray(Z * self.weights if self.weights.ndim == 1 else Z @ self.weights)
-
-
-def view_of(
+def fit_view(
     X: Samples, labels: Labels, shrinkage: float, relevance: float, changes: Samples | None = None
 ) -> View:
-    """Return the view with S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I whitened; shrinkage 1: none.
+    """Fit the view that whitens S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I; shrinkage 1: no whitening.
 
     S_w is the within-class covariance of the standardised samples; `CHANGES_WEIGHT` C' C / n is added where n
     changes C are known. The whitened columns are the directions S^(-1/2), so each still belongs to one
@@ -267,21 +244,24 @@ def view_of(
     scale = np.where(deviation > 1e-12 * np.abs(mean), deviation, np.inf)
     Z = (X - mean) / scale
     C = np.zeros((1, Z.shape[1])) if changes is None else changes / scale
-    C = np.clip(C, -LARGEST_CHANGE, LARGEST_CHANGE) * np.sqrt(CHANGES_WEIGHT / len(C))
-    if shrinkage == 1:
-        weights = _weights(Z, labels, relevance, C)
-        seen = Z * weights
-    else:
+    C = np.clip(C, -MAX_CHANGE, MAX_CHANGE) * np.sqrt(CHANGES_WEIGHT / len(C))
+    root = np.ones(Z.shape[1])
+    if shrinkage < 1:
         residual = Z - class_means(Z, labels)[labels]
-        S = residual.T @ residual / len(Z) + C.T @ C
-        level = np.trace(S) / len(S) or 1.0
-        # Few samples leave many equal values: LAPACK's default driver can fail on those.
-        values, vectors = linalg.eigh((1 - shrinkage) * S + shrinkage * level * np.eye(len(S)), driver="evd")
-        root = vectors / np.sqrt(np.maximum(values, 1e-12 * level)) @ vectors.T
-        weights = root * _weights(Z @ root, labels, relevance, C @ root)
-        seen = Z @ weights
-    size = np.sqrt(np.mean(np.einsum("ij,ij->i", seen, seen)))
-    return View(mean, scale, weights / (size or 1.0))
+        root = shrunk_whitening(residual.T @ residual / len(Z) + C.T @ C, shrinkage)
+    view = View(mean, scale, root)
+    eta = correlation_ratio(view.project(Z), labels, np.square(view.project(C)).sum(axis=0))
+    weights = root * np.maximum(eta, MIN_RELEVANCE) ** relevance
+    rms = np.sqrt(np.mean(np.square(View(mean, scale, weights).project(Z)).sum(axis=1)))
+    return View(mean, scale, weights / (rms or 1.0))
+
+
+def shrunk_whitening(S: Samples, shrinkage: float) -> Samples:
+    """Return ((1 - shrinkage) S + shrinkage tr(S)/p I)^(-1/2)."""
+    level = np.trace(S) / len(S) or 1.0
+    # Few samples leave many equal eigenvalues, with which the default driver of LAPACK can fail.
+    D, V = linalg.eigh((1 - shrinkage) * S + shrinkage * level * np.eye(len(S)), driver="evd")
+    return np.asarray(V / np.sqrt(np.maximum(D, 1e-12 * level)) @ V.T)
 
 
 def correlation_ratio(Z: Samples, labels: Labels, changes: Samples | float = 0.0) -> Samples:
@@ -297,26 +277,19 @@ def correlation_ratio(Z: Samples, labels: Labels, changes: Samples | float = 0.0
     return np.asarray(np.sqrt(np.clip(1 - ratio, 0, 1)))
 
 
-def matern(a: Samples, b: Samples, length: float) -> Samples:
-    """Return (1 + s) exp(-s), s = sqrt(3) |a_i - b_j| / length, shape (n_a, n_b)."""
-    s = a @ (-2 * b.T)
-    s += np.einsum("ij,ij->i", a, a)[:, None]
-    s += np.einsum("ij,ij->i", b, b)
-    np.maximum(s, 0, out=s)
-    s *= 3 / length**2
-    np.sqrt(s, out=s)
-    k = np.exp(-s)
-    s += 1
-    return np.asarray(np.multiply(k, s, out=k))
+def class_indicators(labels: Labels) -> tuple[Samples, Samples]:
+    """Return centred class indicators, shape (n_samples, n_classes), and weights that balance the classes."""
+    counts = np.bincount(labels)
+    return np.eye(len(counts))[labels] - 1 / len(counts), (len(labels) / len(counts) / counts)[labels]
 
 
-def _in(dtype: type[np.floating[Any]], values: Samples) -> Samples:
-    """Return values rounded to a type of fewer bits."""
+def rounded(values: Samples, dtype: type[np.floating[Any]]) -> Samples:
+    """Return values rounded to a type of fewer bits, in double precision again."""
     return np.asarray(values.astype(dtype).astype(np.float64))
 
 
-def drawn(labels: Labels, n: int, seed: int) -> Labels:
-    """Return indices of `n` samples drawn at random, one of each class at least, in order; all, if not more.
+def stratified_subsample(labels: Labels, n: int, seed: int) -> Labels:
+    """Return ascending indices of `n` samples drawn at random, one of each class at least; all, if not more.
 
     Every k-th sample would be the same part of all recordings of k windows.
     """
@@ -325,11 +298,6 @@ def drawn(labels: Labels, n: int, seed: int) -> Labels:
     order = np.random.default_rng(seed).permutation(labels.size)
     first = np.unique(labels[order], return_index=True)[1]
     return np.sort(np.concatenate([order[first], np.delete(order, first)])[:n])
-
-
-def _weights(Z: Samples, labels: Labels, relevance: float, changes: Samples) -> Samples:
-    ratio = correlation_ratio(Z, labels, np.einsum("ij,ij->j", changes, changes))
-    return np.asarray(np.maximum(ratio, LEAST_RELEVANCE) ** relevance)
 
 
 def class_means(X: Samples, labels: Labels) -> Samples:

@@ -86,11 +86,6 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
     ['felt', 'glass']
     """
 
-    undivided: tuple[int, ...] = ()  # of models of before, which have none
-    known_changes: bool = False
-    columns: tuple[str, ...] = ()
-    weight_: float = 0.5  # of models of before, for any number of recordings
-
     def __init__(
         self,
         estimator: Any = None,
@@ -124,43 +119,65 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
             If the number of columns of pieces is not a multiple of `n_pieces`, `undivided` names others than
             columns of X, there are not as many names as columns, or as `estimator` does.
         """
+        rows, labels = self._check(X, y)
+        changes = changes_of(self.columns) if self.columns else None
+        pieces, recording = self._distinct_pieces(rows)
+        # All pieces change alike: the columns of the first are those of any.
+        self.estimator_ = self._fit_new(pieces, labels[recording], changes, self.columns_[:, 0])
+        has_whole = len(pieces) > len(rows) and not self.undivided and self.whole_weight > 0
+        self.whole_ = self._fit_new(rows, labels, changes) if has_whole else None
+        n = int(np.unique(labels, return_counts=True)[1].min())
+        self.weight_ = float(self.whole_weight) * n / (n + 1)
+        return self
+
+    def _check(self, X: ArrayLike, y: ArrayLike) -> tuple[Samples, NDArray[Any]]:
         check_scalar(self.n_pieces, "n_pieces", Integral, min_val=1)
         check_scalar(self.whole_weight, "whole_weight", Real, min_val=0)
         rows, labels = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(labels)
         self.classes_ = np.unique(labels)
         if len(self.classes_) < 2:
-            raise ValueError("y holds 1 class; the rule is at least 2")
-        if not np.isin(self.undivided, np.arange(rows.shape[1])).all():
-            raise ValueError(f"undivided is {self.undivided}; the rule is columns 0 to {rows.shape[1] - 1}")
-        if self.columns and len(self.columns) != rows.shape[1]:
+            raise ValueError("y must contain at least 2 classes, got 1 class")
+        n_columns = rows.shape[1]
+        if not np.isin(self.undivided, np.arange(n_columns)).all():
+            raise ValueError(f"undivided must be columns 0 to {n_columns - 1}, got {self.undivided}")
+        if self.columns and len(self.columns) != n_columns:
+            raise ValueError(f"columns must be {n_columns} names, one a column, got {len(self.columns)}")
+        n_divided = n_columns - len(set(self.undivided))
+        if n_divided % self.n_pieces:
             raise ValueError(
-                f"{len(self.columns)} names of columns; the rule is one a column, {rows.shape[1]}"
+                f"X must have a multiple of n_pieces = {self.n_pieces} columns of pieces, got {n_divided}: "
+                "features computed of so many pieces, and all pieces of each"
             )
-        columns, n_pieces = self.columns_
-        pieces, owner = pieces_of(rows[:, columns], n_pieces)
-        of_whole = {"changes": changes_of(self.columns)} if self.columns else {}
-        # All pieces change alike: the columns of the first are those of any.
-        of_piece = {name: changes[:, columns[::n_pieces]] for name, changes in of_whole.items()}
-        self.estimator_ = self._unfitted().fit(pieces, labels[owner], **of_piece)
-        more = len(pieces) > len(rows) and not self.undivided and self.whole_weight > 0
-        self.whole_ = self._unfitted().fit(rows, labels, **of_whole) if more else None
-        n = int(np.unique(labels, return_counts=True)[1].min())
-        self.weight_ = float(self.whole_weight) * n / (n + 1)
-        return self
+        return rows, labels
+
+    def _fit_new(
+        self, X: Samples, y: NDArray[Any], changes: Samples | None, columns: Any = slice(None)
+    ) -> Any:
+        return self._unfitted().fit(X, y, **({} if changes is None else {"changes": changes[:, columns]}))
 
     @property
-    def columns_(self) -> tuple[NDArray[np.intp], int]:
-        """Which columns the pieces have, side by side, and how many pieces vote.
+    def columns_(self) -> NDArray[np.intp]:
+        """The columns of each feature in each piece, shape (n_features, n_pieces).
 
-        What is of the whole stands in each piece. Where no column is of pieces, a recording is one piece.
+        Columns of the whole recording stand in each piece. Without others, a recording is one piece.
         """
         every = np.arange(self.n_features_in_)
         divided = np.setdiff1d(every, self.undivided)
         if not divided.size:
-            return every, 1
-        of_whole = np.repeat(np.asarray(self.undivided, dtype=np.intp), self.n_pieces)
-        return np.append(divided, of_whole), int(self.n_pieces)
+            return every[:, np.newaxis]
+        repeated = np.tile(np.array(self.undivided, dtype=np.intp)[:, np.newaxis], self.n_pieces)
+        return np.vstack([divided.reshape(-1, self.n_pieces), repeated])
+
+    def _distinct_pieces(self, X: Samples) -> tuple[Samples, NDArray[np.intp]]:
+        """Return the pieces of recordings as rows, and the recording that each belongs to, ascending.
+
+        A recording whose pieces are all the same has one.
+        """
+        pieces = X[:, self.columns_.T]  # (n_recordings, n_pieces, n_features)
+        is_kept = np.ones(pieces.shape[:2], dtype=bool)
+        is_kept[:, 1:] = (pieces != pieces[:, :1]).any(axis=(1, 2))[:, np.newaxis]
+        return pieces[is_kept], np.nonzero(is_kept)[0]
 
     def decision_function(self, X: ArrayLike) -> Samples:
         """Return the mean decision of the pieces, shape (n_recordings, n_classes).
@@ -184,11 +201,9 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         """Return the mean over the pieces of each recording, and over them and the whole."""
         check_is_fitted(self)
         rows = validate_data(self, X, dtype=np.float64, reset=False)
-        columns, n_pieces = self.columns_
-        pieces, owner = pieces_of(rows[:, columns], n_pieces)
-        decisions = decide(self.estimator_, pieces)
-        counts = np.bincount(owner).reshape(-1, *[1] * (decisions.ndim - 1))
-        mean = np.add.reduceat(decisions, np.flatnonzero(np.diff(owner, prepend=-1)), axis=0) / counts
+        pieces = rows[:, self.columns_.T]  # (n_recordings, n_pieces, n_features)
+        decisions = decide(self.estimator_, pieces.reshape(-1, pieces.shape[2]))
+        mean = decisions.reshape(*pieces.shape[:2], *decisions.shape[1:]).mean(axis=1)
         if self.whole_ is None:
             return np.asarray(mean)
         whole = decide(self.whole_, rows)
@@ -217,37 +232,6 @@ def decisions_of(classifier: Any, rows: Samples) -> Samples:
         return np.asarray(classifier.decision_function(rows))
     p = np.asarray(classifier.predict_proba(rows))
     return p[:, 1] - 0.5 if p.shape[1] == 2 else p
-
-
-def pieces_of(X: Samples, n_pieces: int) -> tuple[Samples, NDArray[np.intp]]:
-    """Return the pieces of recordings as rows, and the recording that each belongs to.
-
-    Parameters
-    ----------
-    X : ndarray of shape (n_recordings, n_features * n_pieces)
-        The pieces of each feature side by side.
-    n_pieces : int
-        Pieces of a recording.
-
-    Returns
-    -------
-    ndarray of shape (n_rows, n_features)
-        n_pieces rows a recording; one where its pieces are all the same.
-    ndarray of shape (n_rows,)
-        Row of X, ascending.
-    """
-    n, n_columns = X.shape
-    if n_columns % n_pieces:
-        raise ValueError(
-            f"X has {n_columns} columns; the rule is a multiple of n_pieces = {n_pieces}: "
-            "features computed of so many pieces, and all pieces of each"
-        )
-    pieces = X.reshape(n, -1, n_pieces)
-    same = (pieces == pieces[:, :, :1]).all(axis=(1, 2))
-    kept = np.ones((n, n_pieces), dtype=bool)
-    kept[same, 1:] = False
-    owner, piece = np.nonzero(kept)
-    return pieces[owner, :, piece], owner
 
 
 def changes_of(columns: Sequence[str]) -> Samples:

@@ -19,8 +19,8 @@ TRUSTED = frozenset(
         "texclass.evaluation.cost.CostModel",
         "texclass.tradeoff.cost_selection.CostAwareSelector",
         "texclass.tradeoff.cost_selection.Subset",
+        "texclass.classifiers.kernel.View",
         "texclass.classifiers.kernel_discriminant.KernelDiscriminant",
-        "texclass.classifiers.kernel_discriminant.View",
         "texclass.evaluation.selection.ForwardSelector",
         "texclass.classifiers.segment_voting.SegmentVoting",
     }
@@ -68,15 +68,15 @@ def archive_of(document: Any) -> bytes:
     return buffer.getvalue()
 
 
-def load_trusted(data: bytes, *, beside: frozenset[str] = frozenset()) -> Any:
+def load_trusted(data: bytes, *, members: frozenset[str] = frozenset({SCHEMA})) -> Any:
     """Return the object in a skops archive that names trusted classes only.
 
     Parameters
     ----------
     data : bytes
         The file.
-    beside : frozenset of str
-        Members it may hold beside those of skops.
+    members : frozenset of str
+        Members it may hold beside arrays.
 
     Raises
     ------
@@ -85,7 +85,9 @@ def load_trusted(data: bytes, *, beside: frozenset[str] = frozenset()) -> Any:
     """
     import skops.io
 
-    check_archive(data, beside)
+    check_archive(data, members)
+    if SCHEMA not in members_of(data):
+        raise UntrustedFileError(f"it holds no {SCHEMA}; the rule is a skops archive")
     try:
         foreign = foreign_in(data)
         made = None if foreign else skops.io.loads(data, trusted=sorted(TRUSTED))
@@ -139,8 +141,8 @@ def read_bounded(path: str | Path) -> bytes:
     return data
 
 
-def check_archive(data: bytes, beside: frozenset[str] = frozenset()) -> None:
-    """Check that an archive is whole, holds what skops writes, and unpacks to no more than itself.
+def check_archive(data: bytes, members: frozenset[str] = frozenset({SCHEMA})) -> None:
+    """Check that an archive is whole, holds these members and arrays, and unpacks to no more than itself.
 
     Raises
     ------
@@ -149,8 +151,7 @@ def check_archive(data: bytes, beside: frozenset[str] = frozenset()) -> None:
     """
     try:
         with ZipFile(io.BytesIO(data)) as archive:
-            members = archive.infolist()
-            for problem in _problems(members, len(data), beside):
+            for problem in _problems(archive.infolist(), len(data), members):
                 raise UntrustedFileError(problem)
             if (broken := archive.testzip()) is not None:
                 raise UntrustedFileError(f"{broken} is damaged; the rule is an untouched file")
@@ -181,14 +182,12 @@ def members_of(data: bytes) -> Mapping[str, bytes]:
         return {name: archive.read(name) for name in sorted(archive.namelist())}
 
 
-def _problems(members: list[ZipInfo], n_bytes: int, beside: frozenset[str]) -> Iterator[str]:
+def _problems(members: list[ZipInfo], n_bytes: int, allowed: frozenset[str]) -> Iterator[str]:
     names = [member.filename for member in members]
     if len(set(names)) < len(names):
         yield "two members bear one name; the rule is one each"
-    if SCHEMA not in names:
-        yield f"it holds no {SCHEMA}; the rule is a skops archive"
     for member in members:
-        if member.filename not in (SCHEMA, *beside) and not ARRAY.fullmatch(member.filename):
+        if member.filename not in allowed and not ARRAY.fullmatch(member.filename):
             yield f"it holds {member.filename[:60]!r}; the rule is descriptions and arrays"
         if member.compress_type != ZIP_STORED or member.compress_size != member.file_size:
             yield f"{member.filename} is compressed; the rule is stored members, which unpack to no more"

@@ -9,7 +9,7 @@ older lets right answers be thought less of; what it feels now and then tells ho
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,9 @@ from scipy.special import digamma, polygamma
 from texclass.evaluation.feature_table import metadata
 from texclass.loaders.dataset import Dataset
 from texclass.recognition.conformal import HALF_LIFE, conformities, facts_of, n_later, recency
-from texclass.recognition.deployed import Deployed
 from texclass.recognition.model import Model
 from texclass.recognition.unknown import Novelty, Ranges, Surfaces, least_held_out, strangeness
 from texclass.recording import Recording, Samples
-
-if TYPE_CHECKING:
-    from texclass.tradeoff.recogniser import Recogniser
 
 LEAST_LABELLED, LEAST_UNLABELLED = 3, 10
 """References that it takes: of known surfaces, or of which nothing is known."""
@@ -136,7 +132,7 @@ def adapted_to(
             f"{n_labelled} of {n_recordings} references are of a known surface; the rule is at least "
             f"{LEAST_LABELLED} that are, or {LEAST_UNLABELLED} recordings of any surfaces of the model"
         )
-    hits_before = _hits(model.deployed.decided(X)[1], known)
+    hits_before = _hits(model.decide(X)[1], known)
     for kind in KINDS:
         found = fit_map(model, X, known, surfaces, n_recordings, kind)
         decisions, strange = _held_out(model, X, known, of, surfaces, found, kind)
@@ -342,7 +338,7 @@ def rows_of(
                 f"one of {', '.join(model.materials)}, or references without labels (--unlabelled)"
             )
         for touch in model.cut(recording):
-            rows.append(model.deployed.compute(touch).values)
+            rows.append(model.compute(touch).values)
             known.append([float(material == label) for material in model.materials])
             of.append(i)
     X = np.array(rows).reshape(-1, len(model.columns))
@@ -374,7 +370,7 @@ def _held_out(
         rest, asked = folds != fold, folds == fold
         n_rest = len(set(of[rest].tolist()))
         scale, shift = fit_map(model, X[rest], known[rest], surfaces, n_rest, kind)
-        prepared, decisions[asked] = model.deployed.decided(X[asked] * scale + shift)
+        prepared, decisions[asked] = model.decide(X[asked] * scale + shift)
         strange[asked] = strangeness(novelty.kind, decisions[asked], prepared, novelty.nearness)
     return decisions, strange
 
@@ -401,20 +397,6 @@ def _mapped(model: Model, found: Map, novelty: Novelty, told: Mapping[str, Any],
     scale, shift = found
     ranges = model.ranges
     low, median, high = ((edge - shift) / scale for edge in (ranges.low, ranges.median, ranges.high))
-    before, step = model.deployed, {"does": "affine", "scale": scale, "shift": shift}
-
-    def recogniser() -> "Recogniser":
-        from sklearn.preprocessing import MinMaxScaler
-
-        first, *others = before.recogniser.steps
-        # The map, as the scaler of values that lie between those it brings to 0 and to 1.
-        scaler = MinMaxScaler().fit(np.array([-shift / scale, (1 - shift) / scale]))
-        scaler.scale_, scaler.min_ = scale, shift
-        return type(before.recogniser)([first, ("adapted", scaler), *others])
-
-    deployed = Deployed(
-        before.plan, before.classes, [step, *before.steps], before.decide, recogniser, before.banks
-    )
     facts = model.manifest
     unknown = {**facts.unknown, "threshold": novelty.threshold, "n": len(novelty.held_out)}
     changed: dict[str, Any] = {"adapted": told, "unknown": unknown}
@@ -422,7 +404,7 @@ def _mapped(model: Model, found: Map, novelty: Novelty, told: Mapping[str, Any],
         changed["input"] = facts.input.model_copy(update={"resample": True})
     return replace(
         model,
-        deployed=deployed,
+        steps=[{"does": "affine", "scale": scale, "shift": shift}, *model.steps],
         novelty=novelty,
         ranges=Ranges(low, median, high),
         surfaces=None,
@@ -449,11 +431,8 @@ def with_references(model: Model, references: Dataset) -> Model:
     Raises
     ------
     ValueError
-        If the model keeps no sets, a surface is unknown to it, or a recording cannot be judged by it; the
-        message names it.
+        If a surface is unknown to it, or a recording cannot be judged by it; the message names it.
     """
-    if not model.conformity:
-        raise ValueError(f"{model!r} has no sets; the rule is a model of format 2.3 or later: train it again")
     table = metadata(references.entries)
     materials = table["material"].to_numpy(dtype=str)
     if unknown := sorted({*materials.tolist()} - {*model.materials}):
@@ -467,13 +446,13 @@ def with_references(model: Model, references: Dataset) -> Model:
         if unlike:
             raise ValueError(f"{recording.recording_id}: {unlike[0]}")
         for touch in model.cut(recording) or (recording,):
-            rows.append(model.deployed.compute(touch).values)
+            rows.append(model.compute(touch).values)
             contacts.append(i)
     numbered = table["repetition"].notna().all()
     ages = n_later(materials, table["repetition"].to_numpy()) if numbered else np.zeros(len(table))
     known = model.manifest.calibration
     later = conformities(
-        model.deployed.decided(np.array(rows))[1],
+        model.decide(np.array(rows))[1],
         np.array([model.materials.index(name) for name in materials[contacts].tolist()]),
         contacts,
         model.calibration,

@@ -1,26 +1,26 @@
 """A trained model: a recording in, an answer out, and with it what a user should know of the answer."""
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from texclass.features.cepstrum import with_banks
+from texclass.features.cepstrum import Banks, with_banks
 from texclass.features.phase_view import TURN
-from texclass.features.plan import Plan
+from texclass.features.plan import Computed, Plan
 from texclass.phases import segment
 from texclass.recognition.answers import Answer, Prediction, joined, ranked
+from texclass.recognition.array_form import Part, apply_all, decide, estimators_in
 from texclass.recognition.conformal import LEVELS, Conformity
-from texclass.recognition.deployed import Deployed
 from texclass.recognition.model_files import (
     Manifest,
     ModelFileError,
     changed_value,
     probe_values,
-    read_deployed,
+    read_model_file,
     write_model_file,
 )
 from texclass.recognition.probabilities import Calibration, log_of
@@ -30,7 +30,6 @@ from texclass.recording import Recording, Samples, axes_differ, describe_axes
 
 if TYPE_CHECKING:
     from texclass.evaluation.feature_table import LeftOut
-    from texclass.tradeoff.recogniser import Recogniser
 
 SAME_ANSWER = 1e-6
 """Difference of a probability that rounding on another machine explains."""
@@ -52,8 +51,14 @@ class Model:
 
     Attributes
     ----------
-    deployed
-        Features, preparation, classifier, as they answer.
+    plan
+        The features to compute of a recording.
+    materials
+        The surfaces it knows, in the order of its decisions.
+    steps
+        What prepares rows of features; see `texclass.recognition.array_form`.
+    classifier
+        What decides on prepared rows, likewise.
     calibration
         Decisions -> probabilities.
     novelty
@@ -64,14 +69,15 @@ class Model:
         What a user should know of it.
     conformity
         How held-out answers conformed, of which sets are made: "answer"; of touches also "recording", which
-        all of them make together, and "contact 1", "contact 2", ... of a stream, after so many. Empty in
-        models of format 2.2.
+        all of them make together, and "contact 1", "contact 2", ... of a stream, after so many.
     levels
         How often the right material is to be in the sets that answers tell.
     left_out
         Bad recordings that were skipped in training; not saved, but for their names in the manifest.
     surfaces
-        Where they lay; None in models of format 2.2 and earlier.
+        Where they lay; None in an adapted model.
+    banks
+        Mel filters that the features need; see `texclass.features.cepstrum.with_banks`.
 
     Examples
     --------
@@ -80,7 +86,10 @@ class Model:
     'oak'
     """
 
-    deployed: Deployed
+    plan: Plan
+    materials: tuple[str, ...]
+    steps: Sequence[Part]
+    classifier: Part
     calibration: Calibration
     novelty: Novelty
     ranges: Ranges
@@ -89,25 +98,16 @@ class Model:
     conformity: Mapping[str, Conformity] = field(default_factory=dict)
     levels: tuple[float, ...] = LEVELS
     surfaces: Surfaces | None = None
+    banks: Banks = field(default_factory=dict)
 
     def __repr__(self) -> str:
         of = self.manifest.pipeline
         return f"<Model of {len(self.materials)} surfaces: {of['row']} with {of['classifier']}>"
 
     @property
-    def recogniser(self) -> "Recogniser":
-        """Features, preparation and classifier as a pipeline of scikit-learn."""
-        return self.deployed.recogniser
-
-    @property
-    def plan(self) -> Plan:
-        """What is computed of a recording."""
-        return self.deployed.plan
-
-    @property
-    def materials(self) -> tuple[str, ...]:
-        """The surfaces it knows, in the order of its decisions."""
-        return self.deployed.classes
+    def estimators(self) -> tuple[str, ...]:
+        """The classes of scikit-learn in it that have no array form."""
+        return tuple(type(one).__name__ for one in estimators_in((self.steps, self.classifier)))
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -188,14 +188,10 @@ class Model:
         Raises
         ------
         ValueError
-            If the level is none, or as `predict`; or if the model is of a version that kept no sets.
+            If the level is none, or as `predict`.
         """
         if not 0 < level < 1:
             raise ValueError(f"level is {level!r}; the rule is above 0 and below 1")
-        if not self.conformity:
-            raise ValueError(
-                f"{self!r} has no sets; the rule is a model of format 2.3 or later: train it again"
-            )
         return replace(self, levels=(level,)).predict(felt, **reading).sets.get(level, ())
 
     def answer(self, recording: Recording) -> Answer:
@@ -215,7 +211,7 @@ class Model:
         unlike += self.other_axes(recording.channels)
         unlike += self.narrow_band(recording.native_fs or recording.fs)
         phases = segment(recording)
-        row = self.deployed.compute(recording.with_(phases=phases))
+        row = self.compute(recording.with_(phases=phases))
         nothing = ["no feature has a value"] if np.isnan(row.values).all() else []
         told = [*unlike, *nothing]
         start, stop = phases.movement or (0, 0)
@@ -305,9 +301,28 @@ class Model:
         return self.calibration(decisions), p_known
 
     def _decided(self, X: Samples) -> tuple[Samples, Samples]:
-        prepared, decisions = self.deployed.decided(X)
+        prepared, decisions = self.decide(X)
         strange = strangeness(self.novelty.kind, decisions, prepared, self.novelty.nearness)
         return decisions, self.novelty.p_value(strange)
+
+    def compute(self, recording: Recording) -> Computed:
+        """Compute the features of a recording; its phases are found unless it declares them."""
+        with with_banks(dict(self.banks)):  # those of other rates are not the model's
+            return self.plan.compute(recording.with_(phases=segment(recording)))
+
+    def prepare(self, X: Samples) -> Samples:
+        """Return rows of features (n, n_columns) as its classifier sees them, shape (n, n_prepared)."""
+        return apply_all(self.steps, X)
+
+    def decide(self, X: Samples) -> tuple[Samples, Samples]:
+        """Return prepared rows (n, n_prepared) and decisions (n, n_materials) for features (n, n_columns).
+
+        Raises
+        ------
+        ValueError
+            If a prepared value is not finite.
+        """
+        return decide(self.steps, self.classifier, X)
 
     def answer_touches(self, recording: Recording) -> Answer:
         """Say which surface a recording is of that is longer than the touches the model was trained on.
@@ -338,20 +353,24 @@ class Model:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write a model file: skops with a manifest."""
-        with with_banks(self.deployed.banks):
+        """Write a model file: arrays, or skops where an estimator has no array form; and a manifest."""
+        with with_banks(self.banks):
             values = probe_values(self.plan, self.manifest.fs, self.manifest.unit)
-        beside = {
+        document = {
+            "plan": self.plan.to_json(),
+            "channels": list(self.plan.channels),
+            "materials": list(self.materials),
+            "steps": list(self.steps),
+            "classifier": self.classifier,
+            "banks": [{"of": list(key), "weights": weights} for key, weights in self.banks.items()],
             "calibration": dict(vars(self.calibration)),
             "novelty": self.novelty.document(),
             "ranges": dict(vars(self.ranges)),
-            "probe": {"values": values, "probabilities": self._typical()},
             "conformity": {kind: dict(vars(known)) for kind, known in self.conformity.items()},
             "surfaces": {} if self.surfaces is None else self.surfaces._asdict(),
+            "probe": {"values": values, "probabilities": self._typical()},
         }
-        document = {"recogniser": self.recogniser.document(), **beside}
-        deployed = None if self.deployed.asked else {"deployed": self.deployed.document(), **beside}
-        write_model_file(path, document, self.manifest, deployed)
+        write_model_file(path, document, self.manifest, is_arrays=not self.estimators)
 
     def _typical(self) -> Samples:
         """Return the probabilities (n_materials,) of the medians of training."""
@@ -446,19 +465,18 @@ def load_model(path: str | Path) -> Model:
     UserWarning
         If the features give other values than when it was trained.
     """
-    document, manifest, read_whole = read_deployed(path)
+    document, manifest = read_model_file(path)
     try:
         with np.errstate(all="ignore"):  # of damaged numbers, whose answers are then others
-            deployed, same_code = _deployed(document, read_whole)
-            model = _of_document(document, deployed, manifest)
+            model, is_same_code = _of_document(document, manifest)
             if sorted(model.materials) != sorted(manifest.materials):
                 raise ValueError("it knows other materials than its manifest says; the rule is the same")
             if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=SAME_ANSWER):
                 by = f"scikit-learn {manifest.versions.get('scikit-learn', 'unknown')}"
                 raise ValueError(f"it gives other answers than when it was trained with {by}; train it again")
             changed = None
-            if not same_code:
-                with with_banks(dict(deployed.banks)):
+            if not is_same_code:
+                with with_banks(dict(model.banks)):
                     now = probe_values(model.plan, manifest.fs, manifest.unit)
                 changed = changed_value(np.asarray(document["probe"]["values"]), now, model.columns)
     except Exception as error:  # its parts are known classes, but may not fit each other
@@ -472,39 +490,27 @@ def load_model(path: str | Path) -> Model:
     return model
 
 
-def _of_document(document: Mapping[str, Any], deployed: Deployed, manifest: Manifest) -> Model:
-    """Return the model that a file describes, around what answers in it."""
+def _of_document(document: Mapping[str, Any], manifest: Manifest) -> tuple[Model, bool]:
+    """Return the model that a file describes, and whether the code of its features is still the same."""
 
     def arrays(stated: Mapping[str, Any]) -> dict[str, Samples]:
         return {name: np.asarray(values, dtype=np.float64) for name, values in stated.items()}
 
-    return Model(
-        deployed,
+    plan, is_same_code = Plan.of_json(document["plan"], document["channels"])
+    model = Model(
+        plan,
+        tuple(document["materials"]),
+        document["steps"],
+        document["classifier"],
         Calibration(*(float(document["calibration"][name]) for name in ("beta", "lapse"))),
         Novelty.of_document(document["novelty"]),
         Ranges(**arrays(document["ranges"])),
         manifest,
-        conformity={  # this and the surfaces: since 2.3
-            kind: Conformity(**arrays(known)) for kind, known in document.get("conformity", {}).items()
-        },
-        surfaces=Surfaces(**arrays(lay)) if (lay := document.get("surfaces")) else None,
+        conformity={kind: Conformity(**arrays(known)) for kind, known in document["conformity"].items()},
+        surfaces=Surfaces(**arrays(lay)) if (lay := document["surfaces"]) else None,
+        banks={tuple(bank["of"]): bank["weights"] for bank in document["banks"]},
     )
-
-
-def _deployed(
-    document: Mapping[str, Any], read_whole: Callable[[], Mapping[str, Any]]
-) -> tuple[Deployed, bool]:
-    """Return what a file says of its recogniser, and whether the code of its features is still the same."""
-
-    def recogniser() -> "tuple[Recogniser, bool]":
-        from texclass.tradeoff.recogniser import Recogniser
-
-        return Recogniser.of_document(read_whole()["recogniser"])
-
-    if "deployed" in document:
-        return Deployed.of_document(document["deployed"], lambda: recogniser()[0])
-    found, same_code = recogniser()
-    return Deployed.of(found), same_code
+    return model, is_same_code
 
 
 def _named(names: Sequence[str]) -> str:

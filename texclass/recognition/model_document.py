@@ -13,7 +13,7 @@ from texclass.reporting.wording import counted
 
 def model_document(model: Model) -> Document:
     """Return the facts of a model: surfaces, features, accuracy, calibration, cost, versions."""
-    m, by_sklearn = model.manifest, ", ".join(model.deployed.asked)
+    m, by_sklearn = model.manifest, ", ".join(model.estimators)
     on, left_out = m.trained_on, ""
     felt = counted(on["n_recordings"], "recording")
     if m.touch_s is not None:
@@ -97,9 +97,8 @@ def _unknown(m: Manifest) -> str:
 
 
 def _cost(cost: Mapping[str, float]) -> str:
-    steps = ", ".join(
-        f"{step} {cost[f'{step}_ms']:.2f}" for step in ("segmentation", "features", "classifier")
-    )
+    names = ("segmentation", "features", "classifier")
+    steps = ", ".join(f"{name} {cost[f'{name}_ms']:.2f}" for name in names)
     return f"{sum(cost.values()):.2f} ms a recording ({steps}) on the machine that trained it"
 
 
@@ -155,7 +154,7 @@ def _probabilities(calibration: Mapping[str, Any]) -> str:
 def _of_sets(model: Model) -> str:
     """Return on what the sets of a model stand."""
     if not model.conformity:
-        return "none; the rule is a model of format 2.3 or later"
+        return "none"
     known, levels = model.conformity["answer"], " and ".join(f"{100 * level:g}" for level in model.levels)
     referred = ", references among them" * ("references" in model.manifest.calibration["sets"])
     return f"hold in {levels} % by what {known.n:.3g} contacts tell{referred}" + (

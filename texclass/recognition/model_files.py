@@ -1,9 +1,13 @@
-"""Files of trained models: a skops archive, facts about the model, a digest, a probe of the feature code."""
+"""Files of trained models: arrays or a skops archive, facts about the model, a digest.
+
+A model whose steps all have an array form is JSON beside arrays: it is read without scikit-learn or skops.
+Any other is an archive of skops, of classes on the allow-list.
+"""
 
 import hashlib
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 from zipfile import ZipFile, ZipInfo
@@ -13,7 +17,8 @@ from pydantic import Field
 
 from texclass.atomic_write import path_ending, write_atomic
 from texclass.evaluation.trusted import (
-    ARRAY,
+    SCHEMA,
+    UntrustedFileError,
     archive_of,
     check_archive,
     foreign_in,
@@ -27,11 +32,11 @@ from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
 
-FORMAT = 3
+FORMAT = 4
 """Version of the format of model files: a file of another version is refused."""
-MANIFEST, DEPLOYED = "manifest.json", "deployed.json"
-BESIDE = frozenset({MANIFEST, DEPLOYED})
-"""Members that are none of skops; the second says what answers, its arrays by the names of their members."""
+MANIFEST, ARRAYS = "manifest.json", "arrays.json"
+"""Members that are none of skops; the second names its arrays by their members."""
+MEMBERS = frozenset({MANIFEST, ARRAYS, SCHEMA})
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 """A rate in Hz, or a duration in seconds."""
 PROBE_S, MOST_PROBED = 1.5, 1_000_000
@@ -148,10 +153,7 @@ def read_manifest(text: bytes | str) -> Manifest:
 
 
 def write_model_file(
-    path: str | Path,
-    document: Mapping[str, Any],
-    manifest: Manifest,
-    deployed: Mapping[str, Any] | None = None,
+    path: str | Path, document: Mapping[str, Any], manifest: Manifest, *, is_arrays: bool
 ) -> None:
     """Write a model file: complete, or not at all; the same bytes for the same model.
 
@@ -160,11 +162,11 @@ def write_model_file(
     path : str or Path
         The file.
     document : mapping
-        What skops writes: plain data and scikit-learn objects.
+        Plain data, arrays and, unless `is_arrays`, estimators of scikit-learn.
     manifest : Manifest
         The facts.
-    deployed : mapping, optional
-        What answers without these objects: plain data and arrays, each stored once however often it occurs.
+    is_arrays : bool
+        Whether it is written without skops.
 
     Raises
     ------
@@ -172,18 +174,31 @@ def write_model_file(
         If it would hold a class that nobody could load again, or the suffix is another one.
     """
     path_ending(path, ".skops")
-    data = archive_of(dict(document))
-    if foreign := foreign_in(data):
+    if not is_arrays and (foreign := unsafe_classes(document)):
         raise ValueError(f"{path}: {foreign[0]} cannot be saved; the rule is classes that load safely")
-    stated, members = json.loads(manifest.to_json()), dict(members_of(data))
-    added = {} if deployed is None else _without_arrays(deployed, members)
-    stated["digest"] = digest_of(stated, members | added)
-    added[MANIFEST] = json.dumps(stated, sort_keys=True, indent=1).encode()
-    buffer = io.BytesIO(data)
-    with ZipFile(buffer, "a") as archive:
-        for name, content in added.items():
+    members = _array_members(document) if is_arrays else dict(members_of(archive_of(dict(document))))
+    stated = json.loads(manifest.to_json())
+    stated["digest"] = digest_of(stated, members)
+    members[MANIFEST] = json.dumps(stated, sort_keys=True, indent=1).encode()
+    buffer = io.BytesIO()
+    with ZipFile(buffer, "w") as archive:
+        for name, content in members.items():
             archive.writestr(ZipInfo(name), content)
     write_atomic(Path(path), buffer.getvalue())
+
+
+def _array_members(document: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return the members of a document of plain data and arrays: each array once, however often it occurs."""
+    names: dict[bytes, str] = {}
+
+    def as_json(value: Any) -> Any:
+        if not isinstance(value, np.ndarray):
+            return value.item() if isinstance(value, np.generic) else dict(value)
+        np.save(buffer := io.BytesIO(), value, allow_pickle=False)
+        return {"array": names.setdefault(buffer.getvalue(), f"{len(names) + 1}.npy")}
+
+    text = json.dumps(document, sort_keys=True, default=as_json)
+    return {**{name: content for content, name in names.items()}, ARRAYS: text.encode()}
 
 
 def unsafe_classes(document: Mapping[str, Any]) -> list[str]:
@@ -204,32 +219,8 @@ def read_manifest_of(path: str | Path) -> Manifest:
     return _checked_file(path)[0]
 
 
-def _without_arrays(deployed: Mapping[str, Any], members: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the members that a document of arrays adds to those of a file."""
-    names = {content: name for name, content in members.items() if ARRAY.fullmatch(name)}
-    last = max((int(Path(name).stem) for name in names.values()), default=0)
-    added: dict[str, bytes] = {}
-
-    def named(value: Any) -> Any:
-        if not isinstance(value, np.ndarray):
-            return value.item() if isinstance(value, np.generic) else dict(value)
-        np.save(written := io.BytesIO(), value, allow_pickle=False)
-        content = written.getvalue()
-        if content not in names:
-            names[content] = f"{last + len(added) + 1}.npy"
-            added[names[content]] = content
-        return {"array": names[content]}
-
-    text = json.dumps(deployed, sort_keys=True, default=named)
-    return {**added, DEPLOYED: text.encode()}
-
-
-def read_deployed(
-    path: str | Path,
-) -> tuple[Mapping[str, Any], Manifest, Callable[[], Mapping[str, Any]]]:
-    """Return what answers in a model file, its manifest, and what reads the whole document of it.
-
-    No object is made but arrays and plain data; of a file without such a part, it is the whole document.
+def read_model_file(path: str | Path) -> tuple[Mapping[str, Any], Manifest]:
+    """Return what `write_model_file` wrote.
 
     Raises
     ------
@@ -238,42 +229,32 @@ def read_deployed(
     ModelFileError
         If it is no whole model file, was changed, is of another format, or names a class that is not trusted.
     """
-    manifest, data = _checked_file(path)
-    members = members_of(data)
-    if DEPLOYED not in members:
-        document = _whole(path, data)
-        return document, manifest, lambda: document
+    manifest, members, data = _checked_file(path)
 
-    def made(stated: dict[str, Any]) -> Any:
+    def array_or_mapping(stated: dict[str, Any]) -> Any:
         if stated.keys() != {"array"}:
             return stated
         return np.load(io.BytesIO(members[stated["array"]]), allow_pickle=False)
 
     try:
-        answering = json.loads(members[DEPLOYED], object_hook=made)
-        if not isinstance(answering, dict):
-            raise ValueError(f"a {type(answering).__name__}")
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ModelFileError(
-            f"{path}: {DEPLOYED} cannot be read ({type(error).__name__}: {error})"
-        ) from error
-    return answering, manifest, lambda: _whole(path, data)
-
-
-def _whole(path: str | Path, data: bytes) -> Mapping[str, Any]:
-    try:
-        document = load_trusted(data, beside=BESIDE)
-    except ValueError as error:
+        if SCHEMA in members:
+            document = load_trusted(data, members=MEMBERS)
+        else:
+            document = json.loads(members[ARRAYS], object_hook=array_or_mapping)
+        if not isinstance(document, dict):
+            raise ValueError(f"it holds a {type(document).__name__}; the rule is a model of texclass")
+    except UntrustedFileError as error:
         raise ModelFileError(f"{path}: {error}") from error
-    if not isinstance(document, dict):
-        raise ModelFileError(f"{path}: holds a {type(document).__name__}; the rule is a model of texclass")
-    return document
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ModelFileError(f"{path}: it cannot be read ({type(error).__name__}: {error})") from error
+    return document, manifest
 
 
-def _checked_file(path: str | Path) -> tuple[Manifest, bytes]:
+def _checked_file(path: str | Path) -> tuple[Manifest, Mapping[str, bytes], bytes]:
+    """Return the facts of a model file, its members without these, and its bytes."""
     try:
         data = read_bounded(path)
-        check_archive(data, BESIDE)
+        check_archive(data, MEMBERS)
         members = dict(members_of(data))
         if MANIFEST not in members:
             raise ValueError("it has no manifest; the rule is a file that `texclass train` wrote")
@@ -282,9 +263,11 @@ def _checked_file(path: str | Path) -> tuple[Manifest, bytes]:
         stated = json.loads(text)
         if stated.pop("digest", None) != digest_of(stated, members):
             raise ValueError("it was changed since it was written: its digest is another; train it again")
+        if (ARRAYS in members) == (SCHEMA in members):
+            raise ValueError(f"it must hold either {ARRAYS} or {SCHEMA}; train it again")
     except ValueError as error:
         raise ModelFileError(f"{path}: {error}") from error
-    return manifest, data
+    return manifest, members, data
 
 
 def digest_of(manifest: Mapping[str, Any], members: Mapping[str, bytes]) -> str:

@@ -23,6 +23,7 @@ from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import versions
+from texclass.recognition.array_form import Part, apply_all, classifier_of, decide, estimators_in, steps_of
 from texclass.recognition.candidates import (
     Candidate,
     HeldOut,
@@ -34,7 +35,6 @@ from texclass.recognition.candidates import (
 )
 from texclass.recognition.candidates import exportable as with_graph
 from texclass.recognition.conformal import HALF_LIFE, Conformity, conformities, facts_of, n_later, recency
-from texclass.recognition.deployed import Deployed, prepared_by
 from texclass.recognition.holding_out import AT_RANDOM, FALSE_ALARMS, IN_TIME, HoldingOut, holding_out
 from texclass.recognition.model import Model
 from texclass.recognition.model_files import Manifest, unsafe_classes
@@ -169,30 +169,31 @@ def train(
     meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), defined.channels)
     limits: dict[str, Any] = {"max_ms": max_ms, "max_features": max_features, "max_kb": max_kb}
     candidates = candidates_of(defined, table, meter, row=row, classifier=classifier, **limits)
-    chosen, held_out, recogniser, accuracy = _choice(candidates, tests, exportable=exportable, **work)
+    chosen, held_out, fitted, accuracy = _choice(candidates, tests, exportable=exportable, **work)
     calibration, conformity, calibrated = _calibrated(held_out, tests)
     far, stretch = _distances(chosen, held_out, tests, false_alarms)
-    X, y = table.frame[list(recogniser.columns)].to_numpy(dtype=np.float64), chosen.trained_on(table.frame)[1]
-    deployed, novelty = _deployed(recogniser, X, y, far, tests.level(false_alarms, len(far)))
+    plan: Plan = fitted["plan"]
+    X, y = replace(chosen, plan=plan).trained_on(table.frame)
+    novelty = _novelty(chosen, fitted["steps"], X, y, far, tests.level(false_alarms, len(far)))
     manifest = Manifest(
-        **_recordings(felt, meter, table, deployed.plan),
-        materials=deployed.classes,
+        **_recordings(felt, meter, table, plan),
+        materials=fitted["materials"],
         pipeline=_pipeline(defined, chosen, meter, tests.few, max_kb, max_ms),
         accuracy=accuracy,
         calibration=calibrated,
         unknown=_unknown(novelty, false_alarms, stretch),
-        cost=_cost(deployed, meter, X[:1]),
+        cost=_cost(fitted, meter, X[:1]),
         touch_s=touch_s,
         versions=versions(*LIBRARIES),
     )
     return Model(
-        deployed,
-        calibration,
-        novelty,
-        Ranges.of(X),
-        manifest,
-        table.left_out,
-        conformity,
+        **fitted,
+        calibration=calibration,
+        novelty=novelty,
+        ranges=Ranges.of(X),
+        manifest=manifest,
+        left_out=table.left_out,
+        conformity=conformity,
         surfaces=Surfaces.of(X, y),
     )
 
@@ -204,8 +205,8 @@ def _choice(
     exportable: bool,
     n_jobs: int,
     progress: Progress | None,
-) -> tuple[Candidate, HeldOut, Recogniser, Facts]:
-    """Return the best candidate, what it said, trained on everything, and what the manifest says of it."""
+) -> tuple[Candidate, HeldOut, Facts, Facts]:
+    """Return the best candidate, what it said, its parts of a model, and what the manifest says of it."""
     candidates = without_choice(candidates) if tests.few else candidates
     candidates = candidates if tests.splits else untested(candidates)
     candidates, others, lacking = with_graph(candidates) if exportable else (candidates, [], ())
@@ -214,19 +215,19 @@ def _choice(
     said = list(each(calls, n_jobs=n_jobs, progress=progress, what="candidates", total=len(calls)))
     clusters = tests.protocol.clusters(tests.table)[said[0].rows]
     tried = list(zip(candidates, said, strict=False))
-    candidate, held_out, recogniser, expected = _best(tried, tests, clusters)
-    accuracy = tests.promised(expected, len(set(clusters)), len(recogniser.classes_))
+    candidate, held_out, fitted, expected = _best(tried, tests, clusters)
+    accuracy = tests.promised(expected, len(set(clusters)), len(fitted["materials"]))
     if others:
         hits = np.array([one.hits for one in said[len(candidates) :]])
         _, with_all = accuracy_of_choice(hits, [c.n_columns for c in others], clusters, tests.seed)
         accuracy |= {"without_graph": list(lacking), "with_all_features": with_all.mean}
-    return candidate, held_out, recogniser, accuracy
+    return candidate, held_out, fitted, accuracy
 
 
 def _best(
     tried: Sequence[tuple[Candidate, HeldOut]], tests: HoldingOut, clusters: NDArray[Any]
-) -> tuple[Candidate, HeldOut, Recogniser, Facts]:
-    """Return the best candidate that can be saved, trained on everything, and its expected accuracy."""
+) -> tuple[Candidate, HeldOut, Facts, Facts]:
+    """Return the best candidate that can be saved, its parts of a model, and its expected accuracy."""
     left = list(tried)
     while left:
         best, expected = 0, dict[str, Any]()
@@ -236,15 +237,27 @@ def _best(
             low, high = accuracy.interval
             expected = {"mean": accuracy.mean, "low": low, "high": high, "n_tested": accuracy.n_tested}
         candidate, held_out = left[best]
-        with without_remarks(), one_thread():  # the number of threads would change last digits
-            X, y = candidate.trained_on(tests.table)
-            recogniser = Recogniser.fitted_on(candidate.plan, X, y, candidate.steps).prune()
-        if not (unsafe := unsafe_classes(recogniser.document())):
-            return candidate, held_out, recogniser, expected | {"n_candidates": len(left)}
+        fitted = fitted_on(candidate, tests.table)
+        estimators = estimators_in((fitted["steps"], fitted["classifier"]))
+        if not (unsafe := unsafe_classes({"estimators": estimators}) if estimators else []):
+            return candidate, held_out, fitted, expected | {"n_candidates": len(left)}
         left = [pair for pair in left if pair[0].classifier_name != candidate.classifier_name]
     raise ValueError(
         f"{candidate} holds {unsafe[0]}; the rule is a classifier whose file can be loaded safely"
     )
+
+
+def fitted_on(candidate: Candidate, table: pd.DataFrame) -> Facts:
+    """Fit a candidate on all rows of a table, and return what a model computes with it: its parts, pruned."""
+    X, y = candidate.trained_on(table)
+    with without_remarks(), one_thread():  # the number of threads would change last digits
+        recogniser = Recogniser.fitted_on(candidate.plan, X, y, candidate.steps).prune()
+        plan: Plan = recogniser[0].plan_
+        X, y = replace(candidate, plan=plan).trained_on(table)
+        steps = [part for _, step in recogniser.steps[1:-1] for part in steps_of(step)]
+        classifier = classifier_of(recogniser[-1], (apply_all(steps, X), y))
+    materials = tuple(str(name) for name in recogniser.classes_)
+    return {"plan": plan, "materials": materials, "steps": steps, "classifier": classifier}
 
 
 def _calibrated(held_out: HeldOut, tests: HoldingOut) -> tuple[Calibration, dict[str, Conformity], Facts]:
@@ -319,15 +332,15 @@ def _distances(
     return np.sort(stretch * folds), stretch
 
 
-def _deployed(
-    recogniser: Recogniser, X: Samples, y: NDArray[Any], far: Samples, level: float
-) -> tuple[Deployed, Novelty]:
-    """Return a recogniser that was trained on X and y as it answers, and when a surface is unknown to it."""
-    kind = kind_for(recogniser[-1])
-    with one_thread():
-        prepared = prepared_by(recogniser, X)
-        near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
-    return Deployed.of(recogniser, (prepared, y)), Novelty(kind, far, level, near)
+def _novelty(
+    chosen: Candidate, steps: Sequence[Part], X: Samples, y: NDArray[Any], far: Samples, level: float
+) -> Novelty:
+    """Return when a surface is unknown to a candidate that was trained on X and y."""
+    kind, near = kind_for(chosen.classifier), None
+    if kind == "distance":
+        with one_thread():
+            near = fit_nearness(apply_all(steps, X), np.unique(y, return_inverse=True)[1])
+    return Novelty(kind, far, level, near)
 
 
 def _unknown(novelty: Novelty, false_alarms: float, stretch: float) -> Facts:
@@ -342,12 +355,13 @@ def _unknown(novelty: Novelty, false_alarms: float, stretch: float) -> Facts:
     }
 
 
-def _cost(deployed: Deployed, meter: CostMeter, row: Samples) -> dict[str, float]:
+def _cost(fitted: Facts, meter: CostMeter, row: Samples) -> dict[str, float]:
     """Return what the manifest states of milliseconds here, the classifier's on one row of features."""
+    call = partial(decide, fitted["steps"], fitted["classifier"], row)
     return {
         "segmentation_ms": meter.segmentation_ms,
-        "features_ms": meter.measured(deployed.plan)[0],
-        "classifier_ms": 1e3 * min(repeat(partial(deployed.decided, row), number=1, repeat=5)),
+        "features_ms": meter.measured(fitted["plan"])[0],
+        "classifier_ms": 1e3 * min(repeat(call, number=1, repeat=5)),
     }
 
 

@@ -1,7 +1,7 @@
 """A trained model as an ONNX graph: features in; label, probabilities, p-value and verdict out.
 
-Steps and classifiers are built from what `texclass.recognition.deployed` says that they do; skl2onnx converts
-those of scikit-learn that have no such form.
+Steps and classifiers are built from their array form (`texclass.recognition.array_form`); skl2onnx converts
+estimators of scikit-learn that have none.
 """
 
 import warnings
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.impute import SimpleImputer
 
-from texclass.recognition.deployed import Part
+from texclass.recognition.array_form import Part
 from texclass.recognition.model import Model
 from texclass.recognition.probabilities import LEAST_PROBABILITY
 from texclass.recording import Samples
@@ -77,9 +77,9 @@ def add_answers(model: Model, features: Tensor, silent: Tensor | None = None) ->
         If a step or the classifier has no export.
     """
     graph, prepared = features.graph, features
-    for part in model.deployed.steps:
+    for part in model.steps:
         prepared = add_part(part, prepared)
-    decisions = add_part(model.deployed.decide, prepared)
+    decisions = add_part(model.classifier, prepared)
     # (1 - lapse) softmax(beta s) + lapse / K; a scalar beta would lose digits as single columns do
     n, calibration = len(model.materials), model.calibration
     p = graph.add("Softmax", decisions * np.full(n, calibration.beta), axis=1)
@@ -123,7 +123,7 @@ def add_part(part: Part, rows: Tensor) -> Tensor:
     Parameters
     ----------
     part : mapping
-        As `texclass.recognition.deployed` describes it.
+        As `texclass.recognition.array_form` describes it.
     rows : Tensor
         Of shape (n, n_features_in), double.
 
@@ -215,29 +215,19 @@ def _neighbours(
 
 
 def _vote(
-    rows: Tensor,
-    n_pieces: int,
-    piece: Part,
-    whole: Part | None,
-    whole_weight: float,
-    n_columns: int,
-    n_classes: int,
-    divided: NDArray[Any] | None = None,
-    seen: NDArray[Any] | None = None,
+    rows: Tensor, columns: NDArray[Any], piece: Part, whole: Part | None, whole_weight: float
 ) -> Tensor:
     """Add the mean over the pieces, then that and the whole.
 
     Pieces that are all the same need no rule of their own: their mean is their decision.
     """
-    columns = np.arange(n_columns) if divided is None else divided
-    n_asked = 1 if rows.graph.same_pieces else n_pieces
-    votes = [add_part(piece, rows.take(columns[i::n_pieces])) for i in range(n_asked)]
+    n_asked = 1 if rows.graph.same_pieces else columns.shape[1]
+    votes = [add_part(piece, rows.take(columns[:, i])) for i in range(n_asked)]
     mean = rows.graph.add("Sum", *votes) / len(votes)
     if whole is None:
         return mean
-    looked_at = rows if seen is None else rows.take(seen)
-    beside = add_part(whole, looked_at) * np.full(n_classes, whole_weight)
-    return (mean + beside) / (1 + whole_weight)
+    # (mean + w whole) / (1 + w); a scalar w beside the product in `whole` would lose digits: see Graph.model
+    return (mean / whole_weight + add_part(whole, rows)) / (1 / whole_weight + 1)
 
 
 def _chain(rows: Tensor, steps: Sequence[Part], decide: Part) -> Tensor:
@@ -283,7 +273,7 @@ BUILDERS: Mapping[str, Callable[..., Tensor]] = {
     "chain": _chain,
     "ask": _ask,
 }
-"""What is done -> what adds it to a graph; see `texclass.recognition.deployed`."""
+"""What is done -> what adds it to a graph; see `texclass.recognition.array_form`."""
 
 
 def _as_decisions(p: Tensor, n_classes: int, votes: bool) -> Tensor:

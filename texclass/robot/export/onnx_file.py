@@ -38,7 +38,7 @@ class Exported(NamedTuple):
     path
         The file.
     parity
-        How it was compared with scikit-learn.
+        How it was compared with the model.
     single_precision
         Operators that compute in single precision; none of what shipped pipelines name.
     facts

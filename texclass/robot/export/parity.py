@@ -1,4 +1,4 @@
-"""Whether a graph gives the answers of scikit-learn: label by label, probability by probability.
+"""Whether a graph gives the answers of its model: label by label, probability by probability.
 
 Both are asked about rows of features that are ordinary, extreme, undefined, and on either side of boundaries
 between answers. What differs is an error, unless rounding alone decides.
@@ -10,15 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.feature_selection import SelectorMixin
-from sklearn.impute import SimpleImputer
-from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
+from sklearn.neighbors import KNeighborsClassifier
 
-from texclass.classifiers.kernel_discriminant import KernelDiscriminant
-from texclass.classifiers.segment_voting import SegmentVoting
-from texclass.recognition.deployed import prepared_by
+from texclass.recognition.array_form import Part, apply, squared_distances
 from texclass.recognition.model import Model
-from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import strangeness
 from texclass.recording import Samples
 from texclass.robot.export.answers_graph import FEATURES, OUTPUTS, UNDEFINED
@@ -52,12 +47,12 @@ Said = dict[str, NDArray[Any]]
 
 
 class ParityError(OnnxExportError):
-    """A graph gives other answers than scikit-learn; the message says where and by how much."""
+    """A graph gives other answers than its model; the message says where and by how much."""
 
 
 @dataclass(frozen=True)
 class Parity:
-    """How a graph was compared with scikit-learn, and found the same.
+    """How a graph was compared with its model, and found the same.
 
     Attributes
     ----------
@@ -86,7 +81,7 @@ class Parity:
     def __str__(self) -> str:
         kinds = ", ".join(f"{n} {kind}" for kind, n in self.rows.items())
         return (
-            f"as scikit-learn on {sum(self.rows.values())} rows ({kinds}): no label differs, probabilities "
+            f"as texclass on {sum(self.rows.values())} rows ({kinds}): no label differs, probabilities "
             f"by at most {self.difference:.1e} (tolerance {self.tolerance:g}), {self.n_ties} ties; "
             f"{self.n_answered} of {self.n_materials} materials were answered, {self.n_unknown} rows unknown"
         )
@@ -98,7 +93,7 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     Parameters
     ----------
     model : Model
-        What scikit-learn answers.
+        What the graph was made of.
     graph : bytes
         The ONNX model.
     seed : int
@@ -121,7 +116,7 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     names = [f"row {i} ({kind})" for i, kind in enumerate(kinds)]
     gap = check_same(
         model, X, found, expected, allowed=allowed, rounding=rounding,
-        against="scikit-learn", names=names, tolerance=TOLERANCE,
+        against="texclass", names=names, tolerance=TOLERANCE,
     )  # fmt: skip
     decided = (found["label"] != expected["label"]) | (gap > TOLERANCE)
     decided |= (expected["label"] != UNDEFINED) & (found["p_known"] != expected["p_known"])
@@ -205,7 +200,7 @@ def check_same(
 
 
 def reference(model: Model, X: Samples) -> Said:
-    """Return what scikit-learn says of rows of features (n, n_columns), as a graph has to.
+    """Return what a model says of rows of features (n, n_columns), as a graph has to.
 
     Returns
     -------
@@ -213,30 +208,39 @@ def reference(model: Model, X: Samples) -> Said:
         The outputs of a graph; how strange the rows are, as "strange"; and as "tied" where neighbours are so
         equally far that rounding says which of them count. Of rows of which nothing can be said: "", NaN.
     """
-    prepared = prepared_by(model.recogniser, X)
+    prepared = model.prepare(X)
     defined = np.isfinite(prepared).all(axis=1)
-    classifier, seen = model.recogniser[-1], prepared[defined]
-    decisions = class_scores(classifier, seen)
+    seen = prepared[defined]
+    decisions = apply(model.classifier, seen)
     strange = strangeness(model.novelty.kind, decisions, seen, model.novelty.nearness)
     p = model.calibration(decisions)
-    tied = np.zeros(len(seen), dtype=bool)
-    n = getattr(classifier, "n_neighbors", 0)
-    if isinstance(classifier, KNeighborsClassifier) and n < classifier.n_samples_fit_:
-        # The last neighbour that counts and the next one are equally far.
-        squares = classifier.kneighbors(seen, n + 1)[0] ** 2
-        rounding = TOLERANCE * squares[:, n] + ROUNDING * np.einsum("ij,ij->i", seen, seen)
-        tied = squares[:, n] - squares[:, n - 1] <= rounding
     said: Said = {}
     for name, values, undefined in (
         ("label", np.array(model.materials)[p.argmax(axis=1)], UNDEFINED),
         ("probabilities", p, np.nan),
         ("strange", strange, np.nan),
         ("p_known", model.novelty.p_value(strange), np.nan),
-        ("tied", tied, False),
+        ("tied", _tied(model.classifier, seen), False),
     ):
         said[name] = np.full((len(X), *values.shape[1:]), undefined, dtype=values.dtype)
         said[name][defined] = values
     return said | {"unknown": _verdict(model, X, np.nan_to_num(said["p_known"]))}
+
+
+def _tied(classifier: Part, rows: Samples) -> NDArray[np.bool_]:
+    """Return of which prepared rows the last neighbour that counts and the next one are equally far."""
+    tied, estimator = np.zeros(len(rows), dtype=bool), classifier.get("estimator")
+    if classifier["does"] == "neighbours":
+        n, squares = classifier["n"], np.sort(squared_distances(rows, classifier["points"]), axis=1)
+    elif isinstance(estimator, KNeighborsClassifier) and len(rows):
+        n, most = estimator.n_neighbors, estimator.n_samples_fit_
+        squares = estimator.kneighbors(rows, min(n + 1, most))[0] ** 2
+    else:
+        return tied
+    if n == squares.shape[1]:
+        return tied
+    rounding = TOLERANCE * squares[:, n] + ROUNDING * np.square(rows).sum(axis=1)
+    return np.asarray(squares[:, n] - squares[:, n - 1] <= rounding)
 
 
 def check_of(said: Said, i: int) -> dict[str, Any]:
@@ -250,16 +254,8 @@ def check_of(said: Said, i: int) -> dict[str, Any]:
 
 
 def _rounding(model: Model, X: Samples, p: Samples, rng: np.random.Generator) -> Samples:
-    """Return by how much probabilities may differ by rounding alone, shape (n,).
-
-    By as much as they change when features are nudged; and scikit-learn has squared distances to centroids as
-    |a|^2 - 2 a b + |b|^2, a graph as |a - b|^2.
-    """
-    changes, classifier = np.zeros(len(X)), model.recogniser[-1]
-    if isinstance(classifier, NearestCentroid):
-        deviation = classifier.within_class_std_dev_
-        rows = np.nan_to_num(prepared_by(model.recogniser, X)) / np.where(deviation != 0, deviation, 1.0)
-        changes = 2 * model.calibration.beta * ROUNDING * np.einsum("ij,ij->i", rows, rows)
+    """Return by how much probabilities change when features are nudged, shape (n,)."""
+    changes = np.zeros(len(X))
     for _ in range(N_NUDGES):
         nudged = reference(model, X * (1 + NUDGE * rng.choice([-1.0, 1.0], X.shape)))["probabilities"]
         changes = np.maximum(changes, np.nan_to_num(np.abs(nudged - p)).max(axis=1))
@@ -354,20 +350,24 @@ def remembered(model: Model) -> Samples:
     None, shape (0, n_columns), where nothing is remembered, or a step cannot be undone.
     """
     near, nothing = model.novelty.nearness, np.empty((0, len(model.columns)))
-    prepared = _of_classifier(model.recogniser[-1])
-    if model.deployed.decide["does"] == "neighbours":
-        prepared.append(np.asarray(model.deployed.decide["points"]))
+    prepared = _in_classifier(model.classifier)
     if near is not None:  # the rows in which its view sees the class means: those closest to the mean of all
         prepared.append(near.mean + near.means @ np.linalg.pinv(near.view))
     if not prepared:
         return nothing
     rows = np.concatenate(prepared)
-    for _, step in reversed(model.recogniser.steps[1:-1]):
-        if step in (None, "passthrough") or (isinstance(step, SimpleImputer) and step.keep_empty_features):
-            continue
-        if not hasattr(step, "inverse_transform") or isinstance(step, SelectorMixin | SimpleImputer):
-            return nothing
-        rows = step.inverse_transform(rows)
+    for part in reversed(model.steps):
+        match part:
+            case {"does": "fill" | "clip"}:
+                pass
+            case {"does": "standardise", "center": center, "scale": scale}:
+                rows = rows * scale + center
+            case {"does": "affine", "scale": scale, "shift": shift}:
+                rows = (rows - shift) / scale
+            case {"does": "ask", "estimator": step} if hasattr(step, "inverse_transform"):
+                rows = step.inverse_transform(rows)
+            case _:
+                return nothing
     return rows
 
 
@@ -391,18 +391,24 @@ def listed(values: Samples) -> list[float | None]:
     return [None if np.isnan(value) else value for value in values.tolist()]
 
 
-def _of_classifier(classifier: Any) -> list[Samples]:
-    if isinstance(classifier, SegmentVoting):
-        sees_all = classifier.whole_ is not None and not classifier.undivided
-        return _of_classifier(classifier.whole_) if sees_all else []
-    if isinstance(classifier, KernelDiscriminant):
-        view, prototypes = classifier.views_[0], classifier.prototypes_[0]
-        if view.weights.ndim > 1:
-            return []
-        constant = np.isinf(view.scale)
-        size = np.where(constant, 0.0, np.where(constant, 1.0, view.scale) / view.weights)
-        return [view.mean + prototypes * size]
-    return [np.asarray(getattr(classifier, name)) for name in FITTED if hasattr(classifier, name)]
+def _in_classifier(part: Part) -> list[Samples]:  # noqa: PLR0911  (one for each kind)
+    """Return the prepared rows that a classifier remembers."""
+    match part:
+        case {"does": "vote", "whole": dict(whole)}:
+            return _in_classifier(whole)
+        case {"does": "chain", "steps": [{"does": "clip"}], "decide": dict(kernel)}:
+            return _in_classifier(kernel)
+        case {"does": "kernel", "views": [{"mean": mean, "scale": scale, "weights": weights}, *_]}:
+            if weights.ndim > 1:
+                return []
+            is_constant = np.isinf(scale)
+            size = np.where(is_constant, 0.0, np.where(is_constant, 1.0, scale) / weights)
+            return [mean + part["prototypes"][0] * size]
+        case {"does": "gauss", "mean": rows} | {"does": "centroids" | "neighbours", "points": rows}:
+            return [rows]
+        case {"does": "ask", "estimator": classifier}:
+            return [np.asarray(getattr(classifier, name)) for name in FITTED if hasattr(classifier, name)]
+    return []
 
 
 def _verdict(model: Model, X: Samples, p_known: Samples) -> NDArray[np.bool_]:

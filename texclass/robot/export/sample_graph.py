@@ -7,7 +7,6 @@ import numpy as np
 
 from texclass.features.phase_view import LEAST_PIECE, TURN, kept_length
 from texclass.features.plan import Plan
-from texclass.recognition.deployed import prepared_by
 from texclass.recognition.live.online_recogniser import Stretches
 from texclass.recognition.model import Model
 from texclass.recording import STANDARD_GRAVITY, Recording, Samples
@@ -160,14 +159,14 @@ def recording_of(model: Model, window: Samples) -> Recording:
 
 def _same_pieces(model: Model, n_samples: int) -> bool:
     """Return whether windows are too short to be cut, and all steps leave their equal pieces equal."""
-    n_pieces = getattr(model.recogniser[-1], "n_pieces", 1)
+    n_pieces = model.classifier["columns"].shape[1] if model.classifier["does"] == "vote" else 1
     given = [member.parameters.get("n_pieces", 1) for _, part in model.plan.parts for member in part.members]
     cut = n_samples >= n_pieces * LEAST_PIECE
     if n_pieces == 1 or cut or set(given) != {n_pieces} or len(model.columns) % n_pieces:
         return False
     rows = np.random.default_rng(0).standard_normal((2, len(model.columns) // n_pieces))
     rows[1] = np.nan
-    prepared = prepared_by(model.recogniser, np.repeat(rows, n_pieces, axis=1))
+    prepared = model.prepare(np.repeat(rows, n_pieces, axis=1))
     if prepared.shape[1] % n_pieces:
         return False
     pieces = prepared.reshape(2, -1, n_pieces)

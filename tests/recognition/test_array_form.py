@@ -12,12 +12,12 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
-from toy_models import model_of
+from toy_models import fitted, model_of, prepared_by
 
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
 from texclass.classifiers.segment_voting import SegmentVoting
 from texclass.recognition import load_model
-from texclass.recognition.deployed import described_classifier, described_steps, function_of
+from texclass.recognition.array_form import apply, apply_all, classifier_of, estimators_in, steps_of
 from texclass.recognition.probabilities import class_scores
 from texclass.recording import Phases, Recording
 
@@ -49,20 +49,20 @@ CLASSIFIERS = (
 def test_decisions_are_those_of_scikit_learn(classifier, n_classes):
     y = np.arange(80) % n_classes
     X = RNG.normal(size=(80, 6)) + y[:, None] * RNG.normal(size=6)
-    fitted = clone(classifier).fit(X[:50], y[:50])
+    trained = clone(classifier).fit(X[:50], y[:50])
     asked = np.concatenate([X, np.tile(X[:3, :2], 3)])  # among them some whose pieces are all the same
-    part = described_classifier(fitted, (X[:50], y[:50]))
-    assert "estimator" not in str(part)
-    np.testing.assert_allclose(function_of(part)(asked), class_scores(fitted, asked), rtol=1e-9, atol=1e-9)
+    part = classifier_of(trained, (X[:50], y[:50]))
+    assert not estimators_in(part)
+    np.testing.assert_allclose(apply(part, asked), class_scores(trained, asked), rtol=1e-9, atol=1e-9)
 
 
 def test_pieces_judged_with_columns_of_the_whole_decide_as_they_do_in_scikit_learn():
     y = np.arange(40) % 3
     X = np.column_stack([np.repeat(RNG.normal(size=(40, 2)), 2, axis=1), RNG.normal(size=40)]) + y[:, None]
-    fitted = SegmentVoting(n_pieces=2, undivided=(4,)).fit(X, y)
+    trained = SegmentVoting(n_pieces=2, undivided=(4,)).fit(X, y)
     asked = np.concatenate([X, RNG.normal(size=(9, 5))])  # the last ones are of several pieces
-    part = described_classifier(fitted, (X, y))
-    np.testing.assert_allclose(function_of(part)(asked), class_scores(fitted, asked), rtol=1e-9, atol=1e-9)
+    decisions = apply(classifier_of(trained), asked)
+    np.testing.assert_allclose(decisions, class_scores(trained, asked), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore:Skipping features without any observed values")
@@ -80,9 +80,7 @@ def test_prepared_rows_are_those_of_scikit_learn():
     ):  # fmt: skip
         for first in (fill, keep):
             steps = make_pipeline(clone(first), scaler).fit(X[:40])
-            rows = X
-            for part in described_steps(steps):
-                rows = function_of(part)(rows)
+            rows = apply_all(steps_of(steps), X)
             np.testing.assert_allclose(rows, steps.transform(X), rtol=1e-12, atol=1e-12)
 
 
@@ -93,23 +91,21 @@ def test_prepared_rows_are_those_of_scikit_learn():
     ids=lambda c: type(c).__name__,
 )
 def test_a_saved_model_answers_as_its_estimators_do(classifier, n_classes, tmp_path):
-    model = model_of([SimpleImputer(), StandardScaler()], clone(classifier), n_classes=n_classes)
+    model, recogniser = fitted([SimpleImputer(), StandardScaler()], clone(classifier), n_classes=n_classes)
     model.save(tmp_path / "m.skops")
     loaded = load_model(tmp_path / "m.skops")
-    assert loaded.deployed.asked == ()
+    assert loaded.estimators == ()
     low, high = loaded.ranges.low, loaded.ranges.high
     X = RNG.uniform(2 * low - high, 2 * high - low, size=(200, len(low)))
     X[RNG.random(X.shape) < 0.05] = np.nan
-    rows = X
-    for _, step in loaded.recogniser.steps[1:-1]:
-        rows = step.transform(rows)
-    scores = class_scores(loaded.recogniser[-1], rows)
+    rows = prepared_by(recogniser, X)
+    scores = class_scores(recogniser[-1], rows)
     p, p_known = loaded.judge(X)
     np.testing.assert_allclose(p, loaded.calibration(scores), rtol=0, atol=1e-9)
     near = loaded.novelty.nearness
     strange = -scores.max(axis=1) if near is None else near(rows)
     np.testing.assert_array_equal(p_known, loaded.novelty.p_value(strange))
-    assert loaded.materials == tuple(loaded.recogniser[-1].classes_)
+    assert loaded.materials == tuple(recogniser.classes_)
     again = tmp_path / "again.skops"
     loaded.save(again)
     assert again.read_bytes() == (tmp_path / "m.skops").read_bytes()
@@ -117,17 +113,17 @@ def test_a_saved_model_answers_as_its_estimators_do(classifier, n_classes, tmp_p
 
 def test_what_has_no_array_form_is_asked_itself(tmp_path):
     forest = RandomForestClassifier(5, random_state=0)
-    model = model_of([SimpleImputer(), StandardScaler()], forest)
-    assert model.deployed.asked == ("RandomForestClassifier",)
+    model, recogniser = fitted([SimpleImputer(), StandardScaler()], forest)
+    assert model.estimators == ("RandomForestClassifier",)
     X = np.tile(model.ranges.median, (3, 1))
-    scores = class_scores(model.recogniser[-1], model.recogniser[1:-1].transform(X))
+    scores = class_scores(recogniser[-1], prepared_by(recogniser, X))
     np.testing.assert_allclose(model.judge(X)[0], model.calibration(scores), atol=1e-12)
 
 
 def test_a_model_keeps_the_filters_of_its_own_rate_alone(tmp_path):
     model_of([SimpleImputer()], LinearDiscriminantAnalysis()).save(tmp_path / "m.skops")
     model = load_model(tmp_path / "m.skops")
-    ((rate, *_),) = model.deployed.banks
+    ((rate, *_),) = model.banks
     assert rate == model.manifest.fs
     for fs in (rate, 1.005 * rate):
         x = RNG.standard_normal(4000)

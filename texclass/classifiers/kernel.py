@@ -1,0 +1,63 @@
+"""The kernel of the discriminant and the views in which it compares samples, in numpy alone."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from texclass.recording import Samples
+
+BATCH = 2048
+"""Rows of a kernel matrix that are held at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A linear map of features: standardise, then multiply.
+
+    Attributes
+    ----------
+    mean, scale : ndarray of shape (n_features,)
+        Mean and standard deviation of the training samples; `scale` is infinite where a column is constant.
+    weights : ndarray of shape (n_features, n_features), or (n_features,) if diagonal
+        After the map, training samples have a root mean square length of 1.
+    """
+
+    mean: Samples
+    scale: Samples
+    weights: Samples
+
+    def __call__(self, X: Samples) -> Samples:
+        """Return samples in this view, shape (n_samples, n_features)."""
+        return self.project(self.standardise(X))
+
+    def standardise(self, X: Samples) -> Samples:
+        """Return samples without mean and scale."""
+        return np.asarray((X - self.mean) / self.scale)
+
+    def project(self, Z: Samples) -> Samples:
+        """Return standardised samples in this view."""
+        return np.asarray(Z * self.weights if self.weights.ndim == 1 else Z @ self.weights)
+
+
+def matern32(x1: Samples, x2: Samples, length: float) -> Samples:
+    """Return the Matern 3/2 kernel (1 + s) exp(-s), s = sqrt(3) |x1 - x2| / length, shape (n_1, n_2)."""
+    squared = x1 @ (-2 * x2.T)
+    squared += np.square(x1).sum(axis=1)[:, np.newaxis]
+    squared += np.square(x2).sum(axis=1)
+    s = np.sqrt(3 * np.maximum(squared, 0)) / length
+    return np.asarray((1 + s) * np.exp(-s))
+
+
+def mean_kernel(projections: Iterable[Samples], prototypes: Sequence[Samples], length: float) -> Samples:
+    """Return the mean over the views of the kernels between samples and prototypes, shape (n_1, n_2)."""
+    pairs = zip(projections, prototypes, strict=True)
+    return np.asarray(sum(matern32(x, known, length) for x, known in pairs) / len(prototypes))
+
+
+def kernel_scores(
+    X: Samples, views: Sequence[View], prototypes: Sequence[Samples], dual: Samples, length: float
+) -> Samples:
+    """Return K dual, K the mean kernel between samples X and prototypes, shape (n_samples, n_classes)."""
+    batches = (X[k : k + BATCH] for k in range(0, max(1, len(X)), BATCH))
+    return np.concatenate([mean_kernel((v(b) for v in views), prototypes, length) @ dual for b in batches])
