@@ -9,7 +9,7 @@ from texclass.recognition.array_form import classifier_of, steps_of
 from texclass.recognition.model_files import Manifest
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import Ranges, fit_nearness, kind_for, strangeness
-from texclass.tradeoff.recogniser import Recogniser
+from texclass.tradeoff.recogniser import fit_recogniser, prune
 
 NAMES = ("cork", "felt", "oak", "slate", "tin", "wool")
 
@@ -35,10 +35,10 @@ def fitted(steps, classifier, *, n_classes=4, plan=None, undefined=0.05, X=None,
     drawn, y = rows_of(len(plan.columns), n_classes, undefined=undefined)
     X = drawn if X is None else X
     named = [(f"step{i}", step) for i, step in enumerate(steps)]
-    recogniser = Recogniser.fitted_on(plan, X, y, [*named, ("classifier", classifier)]).prune()
+    recogniser = prune(fit_recogniser(plan, X, y, [*named, ("classifier", classifier)]))
     fresh = rows_of(X.shape[1], n_classes, seed=3, undefined=undefined)[0]
-    fresh = fresh[:, [plan.columns.index(c) for c in recogniser.columns]]
-    X = X[:, [plan.columns.index(c) for c in recogniser.columns]]
+    fresh = fresh[:, [plan.columns.index(c) for c in recogniser[0].plan_.columns]]
+    X = X[:, [plan.columns.index(c) for c in recogniser[0].plan_.columns]]
     prepared, held_out = prepared_by(recogniser, X), prepared_by(recogniser, fresh)
     kind = kind_for(recogniser[-1])
     near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None

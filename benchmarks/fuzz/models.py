@@ -5,7 +5,7 @@ import os
 import random
 import sys
 import tempfile
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ from texclass.loaders.simulated import recall, remember
 from texclass.recognition import load_model
 from texclass.recognition.model_files import Manifest, digest_of, read_manifest
 from texclass.recording import Recording
-from texclass.tradeoff.recogniser import load_recogniser
+from texclass.tradeoff.recogniser import load_recogniser, save_recogniser
 
 _JSON = trees(json.loads, json_of)
 
@@ -78,7 +78,8 @@ def _models() -> list[bytes]:
 
     arrays = model_of([SimpleImputer(), StandardScaler()], KernelDiscriminant())
     of_skops, recogniser = fitted([SimpleImputer(), PCA(3)], LinearDiscriminantAnalysis())
-    return [written("a.skops", one.save) for one in (arrays, of_skops, recogniser)]
+    saves = (arrays.save, of_skops.save, partial(save_recogniser, recogniser))
+    return [written("a.skops", save) for save in saves]
 
 
 def _manifest(data: bytes) -> Manifest:

@@ -12,7 +12,7 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.feature_selection import SelectKBest, VarianceThreshold
 from sklearn.impute import SimpleImputer
 from sklearn.naive_bayes import GaussianNB
-from sklearn.pipeline import make_pipeline
+from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
 from texclass.evaluation import trusted
@@ -20,7 +20,7 @@ from texclass.evaluation.selection import ForwardSelector
 from texclass.features import FeatureExtractor, load_feature_set
 from texclass.recording import Phases, Recording
 from texclass.tradeoff.cost_selection import CostAwareSelector
-from texclass.tradeoff.recogniser import Recogniser, load_recogniser
+from texclass.tradeoff.recogniser import fit_recogniser, load_recogniser, prune, save_recogniser
 
 RNG = np.random.default_rng(0)
 SET = load_feature_set("texclass").restricted_to(["waviness", "fineness", "mfcc", "hardness", "friction"])
@@ -59,11 +59,15 @@ STEPS = {
 }  # fmt: skip
 
 
+def columns_of(recogniser):
+    return recogniser[0].plan_.columns
+
+
 @cache
 def fitted(name):
     """Return a recogniser of the named steps; tests share it, and do not change it."""
     named = [(f"step{i}", clone(step, safe=False)) for i, step in enumerate(STEPS[name])]
-    return Recogniser([("features", FeatureExtractor(SET)), *named]).fit(X, Y)
+    return Pipeline([("features", FeatureExtractor(SET)), *named]).fit(X, Y)
 
 
 @pytest.mark.filterwarnings(
@@ -72,7 +76,7 @@ def fitted(name):
 @pytest.mark.parametrize("name", STEPS)
 def test_pruned_predictions_are_the_same_to_the_last_bit(name):
     recogniser = fitted(name)
-    pruned = recogniser.prune()
+    pruned = prune(recogniser)
     np.testing.assert_array_equal(pruned.predict(X), recogniser.predict(X))
     np.testing.assert_array_equal(pruned.predict_proba(X), recogniser.predict_proba(X))
     np.testing.assert_array_equal(pruned.predict_proba(X[3:4]), recogniser.predict_proba(X[3:4]))
@@ -81,17 +85,17 @@ def test_pruned_predictions_are_the_same_to_the_last_bit(name):
 def test_pruned_computes_only_what_is_selected():
     recogniser = fitted("forward")
     support = recogniser[3].get_support()
-    pruned = recogniser.prune()
-    assert pruned.columns == tuple(np.array(recogniser.columns)[support])
+    pruned = prune(recogniser)
+    assert columns_of(pruned) == tuple(np.array(columns_of(recogniser))[support])
     assert [type(step) for _, step in pruned.steps[1:]] == [SimpleImputer, MinMaxScaler, GaussianNB]
-    assert pruned.prune().columns == pruned.columns
+    assert columns_of(prune(pruned)) == columns_of(pruned)
 
 
 @pytest.mark.filterwarnings("ignore:Skipping features")
 def test_what_a_mixing_step_needs_is_kept():
-    pruned = fitted("mixed").prune()
-    assert "hardness" not in pruned.columns
-    assert len(pruned.columns) == 16
+    pruned = prune(fitted("mixed"))
+    assert "hardness" not in columns_of(pruned)
+    assert len(columns_of(pruned)) == 16
 
 
 def test_channels_are_pruned_one_by_one():
@@ -100,11 +104,11 @@ def test_channels_are_pruned_one_by_one():
         for r in X
     ]
     steps = [("impute", KEEP), ("select", SelectKBest(k=3)), ("classify", GaussianNB())]
-    recogniser = Recogniser([("features", FeatureExtractor(SET, channels="each")), *steps])
+    recogniser = Pipeline([("features", FeatureExtractor(SET, channels="each")), *steps])
     with pytest.warns(UserWarning, match="constant"), np.errstate(invalid="ignore", divide="ignore"):
         recogniser.fit(stereo, Y)
-    pruned = recogniser.prune()
-    assert len(pruned.columns) == 3
+    pruned = prune(recogniser)
+    assert len(columns_of(pruned)) == 3
     np.testing.assert_array_equal(pruned.predict_proba(stereo), recogniser.predict_proba(stereo))
 
 
@@ -112,30 +116,28 @@ def test_fitting_on_a_table_is_fitting_on_recordings():
     whole = fitted("cost-aware")
     values = whole[0].transform(X)
     steps = [("impute", KEEP), ("scale", StandardScaler()), ("classify", LinearDiscriminantAnalysis())]
-    from_table = Recogniser.fitted_on(whole[0].plan_, values, Y, steps)
-    from_recordings = Recogniser([("features", FeatureExtractor(SET)), *steps]).fit(X, Y)
+    from_table = fit_recogniser(whole[0].plan_, values, Y, steps)
+    from_recordings = Pipeline([("features", FeatureExtractor(SET)), *steps]).fit(X, Y)
     np.testing.assert_array_equal(from_table.predict_proba(X), from_recordings.predict_proba(X))
 
 
 def test_saved_and_loaded_it_says_the_same(tmp_path):
     whole, path = fitted("cost-aware"), tmp_path / "models" / "r.skops"
-    for recogniser in (whole, whole.prune()):
-        recogniser.save(path)
+    for recogniser in (whole, prune(whole)):
+        save_recogniser(recogniser, path)
         loaded = load_recogniser(path)
         np.testing.assert_array_equal(loaded.predict_proba(X), recogniser.predict_proba(X))
-        assert loaded.columns == recogniser.columns
+        assert columns_of(loaded) == columns_of(recogniser)
         assert loaded[0].plan_.parts[0][1].without_hand  # as the set `texclass` says
-        assert loaded.prune().columns == whole.prune().columns
+        assert columns_of(prune(loaded)) == columns_of(prune(whole))
 
 
 def test_arrays_of_signals_keep_their_rate_and_unit(tmp_path):
     signals = np.array([r.acceleration for r in X])
     steps = [("impute", KEEP), ("select", SelectKBest(k=2)), ("classify", GaussianNB())]
     few = SET.restricted_to(["waviness", "mfcc"])
-    recogniser = Recogniser([("features", FeatureExtractor(few, fs=4000.0, unit="g")), *steps]).fit(
-        signals, Y
-    )
-    recogniser.prune().save(tmp_path / "r.skops")
+    recogniser = Pipeline([("features", FeatureExtractor(few, fs=4000.0, unit="g")), *steps]).fit(signals, Y)
+    save_recogniser(prune(recogniser), tmp_path / "r.skops")
     loaded = load_recogniser(tmp_path / "r.skops")
     np.testing.assert_array_equal(loaded.predict(signals), recogniser.predict(signals))
 
@@ -157,7 +159,7 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
 
 
 def test_changed_code_is_told(tmp_path, monkeypatch):
-    fitted("cost-aware").save(tmp_path / "r.skops")
+    save_recogniser(fitted("cost-aware"), tmp_path / "r.skops")
     monkeypatch.setattr("texclass.features.plan.code_hash", lambda feature_set: "other")
     with pytest.warns(UserWarning, match="train it again"):
         load_recogniser(tmp_path / "r.skops")

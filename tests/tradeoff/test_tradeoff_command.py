@@ -47,7 +47,7 @@ def test_without_limits_the_knee_is_saved_for_use(tradeoff, plates):
     assert written["chosen"]["why"].startswith("knee")
     assert written["dataset"]["n_materials"] == 3
     recogniser = load_recogniser(plates / "knee" / "plates-tradeoff.skops")
-    assert list(recogniser.columns) == written["chosen"]["columns"]
+    assert list(recogniser[0].plan_.columns) == written["chosen"]["columns"]
     recordings = open_dataset("plates", unit="arbitrary")
     truth = [entry.material for entry in recordings.entries]
     assert np.mean(recogniser.predict(list(recordings)) == truth) > 0.9

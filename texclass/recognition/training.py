@@ -57,7 +57,7 @@ from texclass.recognition.unknown import (
     least_held_out,
 )
 from texclass.recording import RecordingError, Samples
-from texclass.tradeoff.recogniser import Recogniser
+from texclass.tradeoff.recogniser import fit_recogniser, prune
 from texclass.validation import check_above_0
 
 NAMED_OF = "texclass"
@@ -251,7 +251,7 @@ def fitted_on(candidate: Candidate, table: pd.DataFrame) -> Facts:
     """Fit a candidate on all rows of a table, and return what a model computes with it: its parts, pruned."""
     X, y = candidate.trained_on(table)
     with without_remarks(), one_thread():  # the number of threads would change last digits
-        recogniser = Recogniser.fitted_on(candidate.plan, X, y, candidate.steps).prune()
+        recogniser = prune(fit_recogniser(candidate.plan, X, y, candidate.steps))
         plan: Plan = recogniser[0].plan_
         X, y = replace(candidate, plan=plan).trained_on(table)
         steps = [part for _, step in recogniser.steps[1:-1] for part in steps_of(step)]

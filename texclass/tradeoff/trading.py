@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
+from sklearn.pipeline import Pipeline
 
 from texclass.evaluation.cost import CostMeter, CostModel, classifier_cost
 from texclass.evaluation.feature_table import FeatureTable
@@ -40,7 +41,7 @@ from texclass.tradeoff.front import (
     preparation,
     study_facts,
 )
-from texclass.tradeoff.recogniser import Recogniser
+from texclass.tradeoff.recogniser import fit_recogniser, save_recogniser
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa")
 CLASSIFIERS = {
@@ -228,12 +229,12 @@ class Offer:
         some, every = self.meter.measured(part, self.plan)
         return self.whole.segmentation_ms + some / every * self.whole.features_ms
 
-    def fitted(self, columns: Sequence[str]) -> Recogniser:
+    def fitted(self, columns: Sequence[str]) -> Pipeline:
         """Return the pruned pipeline of some columns, fitted on all recordings."""
         plan = self.plan.restricted_to(columns)
         X = self.table.of(plan.columns)
         steps = [*preparation().steps, ("classifier", discriminant())]
-        return Recogniser.fitted_on(plan, X, self.data.y, steps)
+        return fit_recogniser(plan, X, self.data.y, steps)
 
 
 def check_model(offer: Offer, seed: int, n: int = N_CHECKED) -> list[tuple[float, float]]:
@@ -321,7 +322,7 @@ def _chosen(
     names = [costs.columns[i] for i in sorted(columns)]
     recogniser = offer.fitted(names)
     if file is not None:
-        recogniser.save(file)
+        save_recogniser(recogniser, file)
     return {
         "why": why,
         "columns": names,
