@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -23,6 +24,28 @@ N_STEPS, LARGEST_STEP = 12, 2.0
 """Of the scoring; it has settled to 1e-3 after about 8."""
 RENEWAL_HZ = 1000.0
 """How often the parameters between the nodes are renewed; the level is renewed at each sample."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Numbers at the nodes of a grid: multilinear over warped axes in between, held beyond the outermost.
+
+    Parameters
+    ----------
+    axes : sequence of ndarray of shape (n_nodes,)
+        Of the nodes, rising; warped, see `warped`.
+    values : ndarray of shape (product of n_nodes, m)
+        The nodes of the last axis stand together.
+    """
+
+    axes: tuple[Samples, ...]
+    values: Samples
+
+    def at_warped(self, points: Samples) -> Samples:
+        """Return the numbers (n, m) at warped points (n, n_axes); every row by itself, bit for bit."""
+        out = np.zeros((len(points), self.values.shape[1]))
+        _mix(self.axes, np.ascontiguousarray(points), self.values, out)
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +89,7 @@ class GridModel:
     A texture that is dear to read becomes one by being read at the nodes: of the network of `abdulali2016`,
     `k, level = network.models(velocity, force)` at all nodes, in the order of `meshgrid(*axes,
     indexing="ij")`, is `GridModel(axes, k.reshape(*n_nodes, -1), level.reshape(n_nodes) ** 2, frame.peak,
-    scale="root")`. A renderer finds its way between the nodes by `cell`, on `warped` axes.
+    scale="root")`.
     """
 
     axes: tuple[Samples, ...]
@@ -144,15 +167,23 @@ class GridModel:
         """Of its arrays."""
         return sum(a.nbytes for a in (*self.axes, self.rows, self.power, self.frequency_hz, self.per_mm))
 
+    @cached_property
+    def nodes(self) -> Grid:
+        """Rows and w(power) over warped axes: what a renderer reads."""
+        power = np.maximum(self.power, LEAST_POWER) if self.scale == "log" else self.power
+        values = np.concatenate([self.rows, warped(power, self.scale)[..., np.newaxis]], axis=-1)
+        axes = tuple(warped(axis, self.scale) for axis in self.axes)
+        return Grid(axes, values.reshape(self.power.size, -1))
+
     def operations(self, fs: float) -> float:
         """Return multiplications and additions per sample of one contact; see `operations`."""
         return operations(self.order, self.n_lines, fs)
 
     def at(self, *points: ArrayLike) -> tuple[Samples, Samples]:
         """Return rows (n, order + n_lines) and power (n,) at points, one array of shape (n,) an axis."""
-        share = shares(self.axes, points, self.scale)
-        rows = share @ self.rows.reshape(share.shape[1], -1)
-        return np.asarray(rows), mixed_power(share, self.power.ravel(), self.scale)
+        found = self.nodes.at_warped(np.column_stack([warped(point, self.scale) for point in points]))
+        w = found[:, -1]
+        return found[:, :-1], np.exp(w) if self.scale == "log" else w**2
 
 
 def renewal(fs: float) -> int:
@@ -251,3 +282,22 @@ def cell(nodes, x):  # type: ignore[no-untyped-def]
     while x >= nodes[i + 1]:
         i += 1
     return i, i + 1, (x - nodes[i]) / (nodes[i + 1] - nodes[i])
+
+
+@njit(cache=True, error_model="numpy")
+def _mix(axes, points, values, out):  # type: ignore[no-untyped-def]
+    """Add the values of the corners around each point, each with its share."""
+    n = len(axes)
+    below, above, share = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
+    for t in range(len(points)):
+        for i in range(n):
+            below[i], above[i], share[i] = cell(axes[i], points[t, i])
+        for corner in range(1 << n):
+            weight, node = 1.0, 0
+            for i in range(n):
+                up = (corner >> i) & 1
+                weight *= share[i] if up else 1.0 - share[i]
+                node = node * axes[i].size + (above[i] if up else below[i])
+            if weight > 0.0:
+                for m in range(out.shape[1]):
+                    out[t, m] += weight * values[node, m]

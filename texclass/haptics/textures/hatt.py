@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import Delaunay
 
 from texclass.haptics.textures.contract import Texture, freeze
-from texclass.haptics.textures.gliding import GlidingRenderer
+from texclass.haptics.textures.motion_renderer import MotionRenderer
 from texclass.recording import Samples
 from texclass.signals import positive
 from texclass.vibration import line_spectrum
@@ -370,17 +370,16 @@ class HattTexture(Texture):
         level = np.where((speed > 0) & (force > 0), mixed(self.gain) * np.sqrt(mixed(self.variance)), 0.0)
         return _filters(mixed(self.ar_lsf), mixed(self.ma_lsf), level)
 
-    def renderer(self, *, seed: int = 0) -> GlidingRenderer:
+    def renderer(self, *, seed: int = 0) -> MotionRenderer:
         """Return a renderer at rest, silent there and without contact; the seed is that of the noise."""
-        return GlidingRenderer(
-            self._read,
+        return MotionRenderer(
+            lambda course: self._read(course[:, :2], course[:, 2]),
             fs=self.fs,
             order=max(self.order, self.ma_order),
             n_taps=self.ma_order + 1,
             hop=self.hop,
             limit=LIMIT * float(self.levels.max()),
             seed=seed,
-            running=False,
         )
 
 

@@ -4,25 +4,23 @@ How many speeds a surface needs, its friction tells: `speed_intervals`.
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from texclass import vibration
 from texclass.haptics.textures.contract import USUAL_N, Texture
-from texclass.haptics.textures.gliding import checked_path
-from texclass.haptics.textures.grid import cell
+from texclass.haptics.textures.grid import Grid
+from texclass.haptics.textures.motion_renderer import MotionRenderer, Read
 from texclass.recording import Samples
 from texclass.signals import one_channel, positive
 from texclass.vibration import Autoregression, MajorFrequencies, ModelBlend
 from texclass.vibration.interpolation import Loudness
-from texclass.vibration.lattice import turn
 from texclass.vibration.major_frequencies import interpolate, pairs_closer_than_beats
 
 ORDER = 400
@@ -39,8 +37,6 @@ N_SUB = 16
 """LPC models laid out between two recorded speeds; between these k moves linearly."""
 UPDATE_HZ = 1000.0
 """How often the renderer of LPC models renews k."""
-UNKNOWN = -1.0
-"""Place before the first sample, which takes its own at once."""
 BIN_MM_S = 40.0
 """`oeztuerk2018`, figure 4.2: bins of 4 cm/s."""
 FRICTION = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
@@ -48,9 +44,6 @@ N_INTERVALS = (7, 5, 4, 3, 2, 2)
 """`oeztuerk2018`, section 4.2: intervals at each of these coefficients."""
 EXTREME = 1.2
 """From here on 1 interval. The thesis calls its seventh coefficient extreme and does not print it."""
-
-Player = Callable[[Samples, Samples], None]
-"""Fills samples (n,) along places among the speeds and loudness (n, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,13 +82,25 @@ class SpeedTexture(Texture):
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
         """Return the vibration at a constant speed (mm/s), shape (n_samples,); the seed is that of noise."""
 
-    @abstractmethod
-    def player(self, seed: int) -> Player:
-        """Return what plays along a course from the first sample on; the seed is that of noise."""
+    def _rendered(self, read: Read, seed: int, **options: Any) -> MotionRenderer:
+        """Return a renderer that follows (place, loudness): among the speeds, and 0 without contact ... 1."""
 
-    def renderer(self, *, seed: int = 0) -> "SpeedRenderer":
-        """Return a renderer at rest; the seed is that of the noise, if there is any."""
-        return SpeedRenderer(self, seed)
+        def motion(velocity: Samples, force: Samples) -> Samples:
+            speed = np.hypot(velocity[:, 0], velocity[:, 1])
+            loudness = np.minimum(speed / (STILL * self.speeds[0]), 1.0) * (force > 0)
+            return np.column_stack([np.interp(speed, self.speeds, np.arange(self.speeds.size)), loudness])
+
+        return MotionRenderer(
+            read,
+            fs=self.fs,
+            limit=PEAK_FACTOR * self.peak,
+            seed=seed,
+            motion=motion,
+            start=(np.nan, 0.0),
+            motion_hz=1 / (2 * np.pi * GLIDE_S),
+            glide=False,
+            **options,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,19 +186,19 @@ class LpcTexture(SpeedTexture):
         distance = np.abs(np.asarray(place)[..., np.newaxis] - np.arange(self.speeds.size))
         return self._blend.at(np.maximum(1 - distance, 0.0))
 
-    def player(self, seed: int) -> Player:
-        """Return what drives the lattice of the place with noise, as if it had gone on for ever."""
-        rng, (rows, levels) = np.random.default_rng(seed), self.grid
-        (k, c), b = np.empty((2, self.order)), np.append(rng.standard_normal(self.order), 0.0)
-        hop, limit, count = self.update_samples, PEAK_FACTOR * self.peak, 0
-
-        def play(course: Samples, out: Samples) -> None:
-            nonlocal count
-            noise = rng.standard_normal(out.size)
-            _play_lattice(noise, course, rows, levels, count, hop, k, c, b, limit, out)
-            count = (count + out.size) % hop
-
-        return play
+    def renderer(self, *, seed: int = 0) -> MotionRenderer:
+        """Return a renderer at rest; the seed is that of the noise."""
+        rows, levels = self.grid
+        places = np.arange(levels.size) / N_SUB
+        nodes = Grid((places,), rows)
+        return self._rendered(
+            lambda course: (nodes.at_warped(course[:, :1]), np.ones((len(course), 1))),
+            seed,
+            order=self.order,
+            hop=self.update_samples,
+            factor=lambda course: course[:, 1] * np.interp(course[:, 0], places, levels),
+            n_drawn=self.order,
+        )
 
     def parameters(self) -> dict[str, Any]:
         """Return what is not an array; of the models all follows from reflection coefficients and gains."""
@@ -268,16 +273,17 @@ class FrequencyTexture(SpeedTexture):
         """Return the vibration at a constant speed (mm/s), shape (n_samples,); nothing in it is random."""
         return self.at(speed).synthesize(n_samples, self.fs)
 
-    def player(self, seed: int) -> Player:
-        """Return what adds up oscillators whose phases never jump; nothing is random in it."""
-        f, A, start = self.tracks
+    def renderer(self, *, seed: int = 0) -> MotionRenderer:
+        """Return a renderer at rest, whose oscillators' phases never jump; nothing is random in it."""
+        f, A, phase = self.tracks
         omega, amplitude = 2 * np.pi * np.minimum(f / self.fs, 0.5), np.where(f < self.fs / 2, A, 0.0)
-        phase, limit = start.copy(), PEAK_FACTOR * self.peak
+        nodes = Grid((np.arange(float(self.speeds.size)),), np.hstack([omega, amplitude]))
 
-        def play(course: Samples, out: Samples) -> None:
-            _play_lines(course, omega, amplitude, phase, limit, out)
+        def read(course: Samples) -> tuple[Samples, Samples]:
+            found = nodes.at_warped(course[:, :1])
+            return found[:, : phase.size], found[:, phase.size :]
 
-        return play
+        return self._rendered(read, seed, hop=1, n_taps=0, phase=phase, factor=lambda course: course[:, 1])
 
 
 def fit_lpc(
@@ -413,86 +419,6 @@ def follow_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, 
         A[known, j] = [models[i].amplitude[lines[i]] for i in known]
         phase[j] = models[known[0]].phase[lines[known[0]]]
     return f, A, phase
-
-
-# Playing a texture ------------------------------------------------------------------------------------------
-
-
-class SpeedRenderer:
-    """Plays a texture along a path, place and loudness following speed and contact; see `Renderer`."""
-
-    def __init__(self, texture: SpeedTexture, seed: int) -> None:
-        self.fs, self._begin = texture.fs, partial(texture.player, seed)
-        still, share = STILL * float(texture.speeds[0]), -float(np.expm1(-1 / (GLIDE_S * texture.fs)))
-        self._following = texture.speeds, still, share
-        self._motion = np.empty(2)
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to rest, with the random numbers and the phases of the first sample."""
-        self._motion[:] = UNKNOWN, 0.0
-        self._play = self._begin()
-
-    def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
-        """Return the vibration for the next samples; the position is not used."""
-        v, f = checked_path(velocity, force)
-        course, out = np.empty((f.size, 2)), np.empty(f.size)
-        _follow(v, f, *self._following, self._motion, course)
-        self._play(course, out)
-        return out
-
-
-@njit(cache=True, error_model="numpy")
-def _follow(velocity, force, speeds, still, share, state, out):  # type: ignore[no-untyped-def]
-    """Move place and loudness, sample by sample, towards those of the motion: s += share (target - s)."""
-    for t in range(force.size):
-        v = np.sqrt(velocity[t, 0] ** 2 + velocity[t, 1] ** 2)
-        below, _, share_above = cell(speeds, v)
-        place = below + share_above
-        loudness = min(v / still, 1.0) if force[t] > 0.0 else 0.0
-        if state[0] < 0.0:
-            state[0] = place
-        state[0] += share * (place - state[0])
-        state[1] += share * (loudness - state[1])
-        out[t] = state
-
-
-@njit(cache=True, error_model="numpy")
-def _play_lattice(noise, course, rows, levels, count, hop, k, c, b, limit, out):  # type: ignore[no-untyped-def]
-    """Drive the lattice of the place with noise; k is renewed every `hop` samples, the level at each."""
-    p, last = k.size, levels.size - 1
-    for t in range(out.size):
-        at = course[t, 0] * N_SUB
-        i = min(int(at), last - 1)
-        w = at - i
-        if (count + t) % hop == 0:
-            for m in range(p):
-                k[m] = min(max((1.0 - w) * rows[i, m] + w * rows[i + 1, m], -1.0), 1.0)
-                c[m] = np.sqrt((1.0 - k[m]) * (1.0 + k[m]))
-        f = noise[t]
-        for m in range(p - 1, -1, -1):
-            f, b[m + 1] = turn(f, b[m], k[m], c[m])
-        b[0] = f
-        level = course[t, 1] * ((1.0 - w) * levels[i] + w * levels[i + 1])
-        out[t] = min(max(level * f, -limit), limit)
-
-
-@njit(cache=True, error_model="numpy")
-def _play_lines(course, omega, amplitude, phase, limit, out):  # type: ignore[no-untyped-def]
-    """Add up oscillators whose frequencies and amplitudes are those of the place; their phases run on."""
-    last = omega.shape[0] - 1
-    for t in range(out.size):
-        i = min(int(course[t, 0]), last - 1)
-        w = course[t, 0] - i
-        x = 0.0
-        for j in range(phase.size):
-            a = (1.0 - w) * amplitude[i, j] + w * amplitude[i + 1, j]
-            if a > 0.0:
-                x += a * np.cos(phase[j])
-            phase[j] += (1.0 - w) * omega[i, j] + w * omega[i + 1, j]
-            if phase[j] > np.pi:
-                phase[j] -= 2.0 * np.pi
-        out[t] = min(max(course[t, 1] * x, -limit), limit)
 
 
 # How many signals a surface needs ---------------------------------------------------------------------------

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texclass.haptics.textures.contract import USUAL_MM_S, USUAL_N, Texture
-from texclass.haptics.textures.gliding import GlidingRenderer
 from texclass.haptics.textures.grid import GridModel
+from texclass.haptics.textures.motion_renderer import MotionRenderer
 from texclass.recording import UNITS, Samples
 from texclass.vibration.autoregressive import Autoregression
 from texclass.vibration.decaying_modes import DecayingModes
@@ -187,24 +187,32 @@ class PackedTexture(Texture):
         k, power = self.model.at(speed, force)
         return Autoregression(k, np.sqrt(power) * np.exp(log_cosines(k).sum(axis=-1)))
 
-    def renderer(self, *, seed: int = 0) -> GlidingRenderer:
+    def renderer(self, *, seed: int = 0) -> MotionRenderer:
         """Return a renderer at rest; see `Texture`."""
         return grid_renderer(self.model, self.fs, seed=seed)
 
 
-def grid_renderer(model: GridModel, fs: float, *, seed: int = 0) -> GlidingRenderer:
+def grid_renderer(model: GridModel, fs: float, *, seed: int = 0) -> MotionRenderer:
     """Return a renderer at rest of a model over speed and force; it is silent without either."""
     slow, light = (axis[0] for axis in model.axes)
 
-    def read(velocity: Samples, force: Samples) -> tuple[Samples, Samples]:
-        speed = np.hypot(*velocity.T)
+    def read(course: Samples) -> tuple[Samples, Samples]:
+        speed, force = np.hypot(course[:, 0], course[:, 1]), course[:, 2]
         k, power = model.at(np.maximum(speed, slow), np.maximum(force, light))
         heard = np.clip(speed / min(slow, REST_MM_S), 0.0, 1.0)
         heard *= np.clip(force / min(light, LIGHT_N), 0.0, 1.0)
-        return np.ascontiguousarray(k), (heard * np.sqrt(power))[:, np.newaxis]
+        return k, (heard * np.sqrt(power))[:, np.newaxis]
 
-    limit, hop = WIDEST * float(np.sqrt(model.power.max())), max(1, round(fs / 1000))
-    return GlidingRenderer(read, fs=fs, order=model.order, hop=hop, limit=limit, seed=seed, motion_hz=30.0)
+    return MotionRenderer(
+        read,
+        fs=fs,
+        order=model.order,
+        hop=max(1, round(fs / 1000)),
+        limit=WIDEST * float(np.sqrt(model.power.max())),
+        seed=seed,
+        motion_hz=30.0,
+        n_drawn=model.order + 1,
+    )
 
 
 def mode_codes(modes: DecayingModes) -> list[list[int]]:

@@ -12,8 +12,8 @@ from scipy import interpolate, spatial
 
 from texclass.haptics.textures.abdulali2016.model_points import MOTION_HZ, STEEPEST, Loudness, level_of
 from texclass.haptics.textures.contract import Texture, freeze
-from texclass.haptics.textures.gliding import GlidingRenderer
-from texclass.haptics.textures.grid import GridModel, cell, warped
+from texclass.haptics.textures.grid import GridModel
+from texclass.haptics.textures.motion_renderer import MotionRenderer
 from texclass.recording import Samples
 from texclass.signals import positive
 from texclass.vibration import line_spectrum
@@ -237,14 +237,14 @@ class MapTexture(Texture):
         k, level = self.models(np.column_stack([speed, np.zeros_like(speed)]), force)
         return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
 
-    def renderer(self, *, seed: int = 0) -> GlidingRenderer:
+    def renderer(self, *, seed: int = 0) -> MotionRenderer:
         """Return a renderer at rest, which follows the motion with the bandwidth it was recorded with."""
 
-        def read(velocity: Samples, force: Samples) -> tuple[Samples, Samples]:
-            k, level = self.models(velocity, force)
+        def read(course: Samples) -> tuple[Samples, Samples]:
+            k, level = self.models(course[:, :2], course[:, 2])
             return k, level[:, np.newaxis]
 
-        return GlidingRenderer(
+        return MotionRenderer(
             read,
             fs=self.fs,
             order=self.order,
@@ -253,6 +253,7 @@ class MapTexture(Texture):
             seed=seed,
             motion_hz=MOTION_HZ,
             glide=self.glide,
+            n_drawn=self.order + 1,
         )
 
 
@@ -424,22 +425,26 @@ class BakedTexture(Texture):
         level = np.minimum(np.sqrt(power), self.frame.cap(velocity, force))
         return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
 
-    def renderer(self, *, seed: int = 0) -> GlidingRenderer:
+    def renderer(self, *, seed: int = 0) -> MotionRenderer:
         """Return a renderer at rest."""
-        frame, grid = self.frame, self.grid
-        axes = tuple(warped(axis, "root") for axis in grid.axes)
-        level = np.sqrt(grid.power)[..., np.newaxis]
-        nodes = np.concatenate([grid.rows, level], axis=-1).reshape(-1, self.order + 1)
+        frame, nodes = self.frame, self.grid.nodes
         bounds = (*np.maximum([frame.fastest, frame.hardest, frame.slow, frame.light], 1e-12), frame.loudest)
 
-        def read(velocity: Samples, force: Samples) -> tuple[Samples, Samples]:
-            k, level = np.zeros((len(force), self.order)), np.zeros((len(force), 1))
-            _read_grid(velocity, force, axes, nodes, bounds, k, level)
-            return k, level
+        def read(course: Samples) -> tuple[Samples, Samples]:
+            at, cap = np.empty((len(course), frame.n_inputs)), np.empty(len(course))
+            _keep_in_range(course, bounds, at, cap)
+            found = nodes.at_warped(at)
+            return found[:, :-1], np.minimum(found[:, -1], cap)[:, np.newaxis]
 
-        limit = LIMIT * frame.peak
-        return GlidingRenderer(
-            read, fs=self.fs, order=self.order, hop=1, limit=limit, seed=seed, motion_hz=MOTION_HZ
+        return MotionRenderer(
+            read,
+            fs=self.fs,
+            order=self.order,
+            hop=1,
+            limit=LIMIT * frame.peak,
+            seed=seed,
+            motion_hz=MOTION_HZ,
+            n_drawn=self.order + 1,
         )
 
 
@@ -491,31 +496,18 @@ def _evaluate(u, q, w, d, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _read_grid(velocity, force, axes, nodes, bounds, k, level):  # type: ignore[no-untyped-def]
-    """Add what a grid on axes of square roots says of k and level, multilinear; the level capped."""
+def _keep_in_range(course, bounds, at, cap):  # type: ignore[no-untyped-def]
+    """Write the signed roots of inputs kept in range, and the largest level allowed; see `Frame.cap`."""
     fastest, hardest, slow, light, loudest = bounds
-    n = len(axes)
-    at, below, above, share = np.empty(n), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
-    for t in range(len(force)):
-        speed = np.sqrt(velocity[t, 0] ** 2 + velocity[t, 1] ** 2)
+    n = at.shape[1]
+    for t in range(len(course)):
+        speed = np.sqrt(course[t, 0] ** 2 + course[t, 1] ** 2)
         shrink = fastest / speed if speed > fastest else 1.0
         if n == 2:
-            at[0] = speed
+            at[t, 0] = speed * shrink
         else:
-            at[0], at[1] = velocity[t, 0], velocity[t, 1]
-        at[: n - 1] *= shrink
-        at[n - 1] = min(max(force[t], 0.0), hardest)
+            at[t, 0], at[t, 1] = course[t, 0] * shrink, course[t, 1] * shrink
+        at[t, n - 1] = min(course[t, 2], hardest)
         for i in range(n):
-            below[i], above[i], share[i] = cell(axes[i], np.sign(at[i]) * np.sqrt(abs(at[i])))
-        for corner in range(1 << n):
-            weight, node = 1.0, 0
-            for i in range(n):
-                up = (corner >> i) & 1
-                weight *= share[i] if up else 1.0 - share[i]
-                node = node * axes[i].size + (above[i] if up else below[i])
-            if weight > 0.0:
-                for m in range(k.shape[1]):
-                    k[t, m] += weight * nodes[node, m]
-                level[t, 0] += weight * nodes[node, -1]
-        cap = loudest * (min(speed / slow, 1.0) * min(force[t] / light, 1.0))
-        level[t, 0] = min(level[t, 0], cap)
+            at[t, i] = np.sign(at[t, i]) * np.sqrt(abs(at[t, i]))
+        cap[t] = loudest * (min(speed / slow, 1.0) * min(course[t, 2] / light, 1.0))
