@@ -43,8 +43,10 @@ def scene_of(models, fs=1000.0):
 
 def drawn(n, seed=5):
     """Return the noise that the renderer of one contact draws first."""
-    phase = np.zeros((1, kernels.N_COUNTS), dtype=np.int64)
-    phase[0, kernels.NOISE] = np.random.SeedSequence(seed).generate_state(1, np.uint64).view(np.int64)[0]
+    phase = np.zeros((1, len(kernels.Phase)), dtype=np.int64)
+    phase[0, kernels.Phase.NOISE] = (
+        np.random.SeedSequence(seed).generate_state(1, np.uint64).view(np.int64)[0]
+    )
     return [kernels.draw(phase, 0) for _ in range(n)]
 
 

@@ -67,7 +67,7 @@ def play(data, chosen, speed, noise):
 
 def stored(data, model):
     """Return a model as the page keeps it, of the order that all of them have."""
-    order = data["index"][kernels.ORDER]
+    order = data["index"][kernels.Column.ORDER]
     rows = np.pad(model.rows, ((0, 0), (0, 0), (0, order - model.order)))
     return PlannedScene(
         "one", data["fs"], "m/s^2", (20.0, 450.0), 1e6, 1, {"wood": 0},
@@ -162,7 +162,7 @@ def test_in_the_browser_a_slider_reaches_the_samples_and_the_command(browser, pa
     )
     sent = browser.run("window.sent.filter((m) => m.part).map((m) => [...m.part])")[-1]
     bank, index = packed(stored(data, retouch(texture, rough=value).model))
-    np.testing.assert_allclose(sent, bank[index[0, kernels.AT_SPEEDS] :], rtol=1e-9)
+    np.testing.assert_allclose(sent, bank[index[0, kernels.Column.AT_SPEEDS] :], rtol=1e-9)
     browser.run("document.getElementById('reset').click()")
     assert "as it was" in browser.run("document.getElementById('command').value")
     assert not browser.noises(page)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.haptics.exchange.texture_file import read_stored, write_stored
 from texclass.haptics.scene import render_kernels as kernels
+from texclass.haptics.scene.render_kernels import NONE, Column, Fact, Phase, State
 from texclass.haptics.textures.contract import Stored
 from texclass.haptics.textures.grid import LEAST_POWER, GridModel, renewal
 from texclass.recording import Samples
@@ -126,22 +127,22 @@ def load_scene(path: str | Path) -> PlannedScene:
 
 def packed(scene: PlannedScene) -> tuple[Samples, NDArray[np.int64]]:
     """Return `bank` and `index` of a scene, as `render_kernels` tells: what a loop over samples plays."""
-    facts = np.empty(kernels.N_FACTS)
-    facts[kernels.GLIDE] = -np.expm1(-1 / (GLIDE_S * scene.fs))
-    facts[kernels.HOP] = renewal(scene.fs)
-    facts[kernels.FADE] = max(2, round(FADE_S * scene.fs))
-    facts[kernels.STILL] = STILL
-    facts[kernels.RADIANS] = 2 * np.pi / scene.fs
-    facts[kernels.OUTPUT] = scene.largest_output
-    index, parts = np.zeros((len(scene.models), kernels.N_INDEX), dtype=np.int64), [facts]
+    facts = np.empty(len(Fact))
+    facts[Fact.GLIDE] = -np.expm1(-1 / (GLIDE_S * scene.fs))
+    facts[Fact.HOP] = renewal(scene.fs)
+    facts[Fact.FADE] = max(2, round(FADE_S * scene.fs))
+    facts[Fact.STILL] = STILL
+    facts[Fact.RADIANS] = 2 * np.pi / scene.fs
+    facts[Fact.OUTPUT] = scene.largest_output
+    index, parts = np.zeros((len(scene.models), len(Column)), dtype=np.int64), [facts]
     for row, model in zip(index, scene.models, strict=True):
-        row[: kernels.AT_SPEEDS] = model.n_lines, model.order, *model.n_nodes
+        row[: Column.AT_SPEEDS] = model.n_lines, model.order, *model.n_nodes
         ln_power = np.log(np.maximum(model.power, LEAST_POWER))
         bounds = np.array([model.speeds[0], model.forces[0], PEAK_FACTOR * model.peak])
         course = np.concatenate([model.frequency_hz, model.per_mm])
         arrays = np.log(model.speeds), np.log(model.forces), model.rows, ln_power, course, bounds
         begins = np.cumsum([0, *(array.size for array in arrays)]) + sum(part.size for part in parts)
-        row[kernels.AT_SPEEDS :] = begins[:-1]
+        row[Column.AT_SPEEDS :] = begins[:-1]
         parts += [array.ravel() for array in arrays]
     return np.concatenate(parts), index
 
@@ -190,10 +191,10 @@ class SceneRenderer:
         self._scene = scene
         bank, index = packed(scene)
         columns = max(model.rows.shape[-1] for model in scene.models)
-        self._state = np.zeros((n, kernels.VOICES + 6 * (columns + 1)))
-        self._phase = np.zeros((n, kernels.N_COUNTS), dtype=np.int64)
+        self._state = np.zeros((n, State.VOICES + 6 * (columns + 1)))
+        self._phase = np.zeros((n, len(Phase)), dtype=np.int64)
         self._arrays = bank, index, self._state, self._phase
-        self.motion, self.out = self._state[:, : kernels.OUT], self._state[:, kernels.OUT]
+        self.motion, self.out = self._state[:, : State.OUT], self._state[:, State.OUT]
         self.reset()
         # Compile, or load what was compiled, before the first sample is due.
         self.step(0, 0.0, 0.0, 0.0)
@@ -208,15 +209,15 @@ class SceneRenderer:
 
     def reset(self) -> None:
         """Lift all contacts, with the random numbers of the first sample."""
-        self._state[:, kernels.SPEED :] = 0.0
+        self._state[:, State.SPEED :] = 0.0
         self._phase[:] = 0
-        self._phase[:, [kernels.MODEL, kernels.OTHER, kernels.WANTED]] = kernels.NONE
+        self._phase[:, [Phase.MODEL, Phase.OTHER, Phase.WANTED]] = NONE
         seeds = np.random.SeedSequence(self._seed).generate_state(self.n_contacts, np.uint64)
-        self._phase[:, kernels.NOISE] = seeds.view(np.int64)
+        self._phase[:, Phase.NOISE] = seeds.view(np.int64)
 
     def touch(self, contact: int, surface: str | None) -> None:
         """Let a contact begin on a surface, pass to another one, or end (None), from the next sample on."""
-        self._phase[self._checked(contact), kernels.WANTED] = self._model(surface)
+        self._phase[self._checked(contact), Phase.WANTED] = self._model(surface)
 
     def step(self, contact: int, speed_x: float, speed_y: float, force: float) -> float:
         """Return the next sample of one contact, in the unit of the recordings.
@@ -301,7 +302,7 @@ class SceneRenderer:
         return found
 
     def _model(self, surface: str | None) -> int:
-        return kernels.NONE if surface is None else self._scene.index_of(surface)
+        return NONE if surface is None else self._scene.index_of(surface)
 
     def _checked(self, contact: int) -> int:
         if not 0 <= contact < self.n_contacts:
