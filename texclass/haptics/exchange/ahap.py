@@ -22,12 +22,9 @@ from texclass.haptics.exchange.foreign import Part, read_foreign
 from texclass.haptics.exchange.rendition import LONGEST_S, Rendition
 from texclass.recording import Samples
 
-LARGEST_FILE, MOST_ENTRIES = 4 << 20, 20_000
+LARGEST_FILE = 4 << 20
 MOST_POINTS = 16
 """Of a curve."""
-STEP_S = 0.02
-"""From point to point of a curve that is written, if the vibration is short enough for that."""
-MOST_CURVES = 60
 SHARP_HZ = (80.0, 230.0)
 """What sharpness 0 and 1 stand for: about where the actuator of a phone vibrates. Ours; Apple gives none."""
 TRANSIENT_S = 0.02
@@ -108,7 +105,7 @@ class Pattern(Part):
 
     Version: float
     Metadata: dict[str, Any] = Field(default_factory=dict)
-    Pattern: tuple[Item, ...] = Field(max_length=MOST_ENTRIES)
+    Pattern: tuple[Item, ...] = Field(max_length=20_000)
 
 
 def read_ahap(path: str | Path) -> Pattern:
@@ -172,7 +169,7 @@ def _stroke(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]
     """Return a continuous event and its curves, the RMS of intensity 1, and what else is lost."""
     x, fs = rendition.samples, rendition.fs
     seconds = x.size / fs
-    step = max(STEP_S, seconds / (MOST_CURVES * (MOST_POINTS - 1)))
+    step = max(0.02, seconds / (60 * (MOST_POINTS - 1)))  # a point every 20 ms, in at most 60 curves
     n = max(round(seconds / step), 1)
     pieces = [piece for piece in np.array_split(x, n) if piece.size]
     rms = np.array([np.sqrt(np.mean(np.square(piece))) for piece in pieces])

@@ -18,8 +18,6 @@ from texclass.simulate.hand import CONTROL_RATE, smooth_noise
 
 SHARES = (0.1, 0.9)
 """Of the largest speed and force of a texture's models, between which it is felt."""
-STEADY_HZ, RESTLESS_HZ = 0.2, 1.5
-"""Up to which speed and force wander slowly, and up to which they tremble about that."""
 
 
 def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
@@ -116,7 +114,8 @@ def felt_share(n: int, fs: float, rng: Generator) -> Samples:
     from scipy.special import ndtr
 
     n_knots = int(np.ceil(n / fs * CONTROL_RATE)) + 2
-    walk = (smooth_noise(n_knots, STEADY_HZ, rng) + smooth_noise(n_knots, RESTLESS_HZ, rng)) / np.sqrt(2)
+    # a slow walk, Hz, and a tremble about it
+    walk = (smooth_noise(n_knots, 0.2, rng) + smooth_noise(n_knots, 1.5, rng)) / np.sqrt(2)
     at = np.interp(np.arange(n) / fs * CONTROL_RATE, np.arange(n_knots), ndtr(walk))
     low, high = SHARES
     return np.asarray(low + (high - low) * at)

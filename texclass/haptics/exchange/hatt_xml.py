@@ -46,16 +46,11 @@ LARGEST_FILE = 8 << 20
 MOST_ELEMENTS, DEEPEST = 300_000, 16
 MOST_MODELS = 10_000
 _UNITS = {"AccelUnits": "m/s^2", "SpeedUnits": "mm/s", "ForceUnits": "N"}
-_OPTIONAL = _UNITS | {"material": "", "mu": "0", "numMACoeff": "0"}
-"""What a file may leave out -> what it then means."""
-_DECIMALS = 6
-"""Of the line spectra in the published files: those of the coefficients, rounded."""
 _TOLERANCE = 2e-6
 FS = 1000.0
 """What the toolkit renders at, Hz."""
 ORDER = 20
 """Of the AR models in the published textures, about."""
-_BINS = 1 << 14
 
 
 def read_hatt(path: str | Path) -> HattTexture:
@@ -109,7 +104,8 @@ class _BoundedTree(ElementTree.TreeBuilder):
 def _texture(root: Element) -> HattTexture:
     if root.tag != "modelSet":
         raise ValueError(f"is a <{root.tag:.40}>; the rule is <modelSet>")
-    for tag, usual in _OPTIONAL.items():
+    optional = _UNITS | {"material": "", "mu": "0", "numMACoeff": "0"}
+    for tag, usual in optional.items():
         if root.find(tag) is None:
             ElementTree.SubElement(root, tag).text = usual
     for tag, unit in _UNITS.items():
@@ -165,7 +161,7 @@ def _frequencies(model: Element, part: str, order: int) -> Samples:
                 raise ValueError(
                     f"{part}coeff and {part}lsf are {worst:.3g} rad apart; the rule is {_TOLERANCE}"
                 )
-            if lsf is None or np.array_equal(np.round(lsf, _DECIMALS), lsf):
+            if lsf is None or np.array_equal(np.round(lsf, 6), lsf):
                 return line_spectrum.spread(exact)
         if lsf is None or np.any(np.diff(lsf) < 0) or lsf[0] < 0 or lsf[-1] > math.pi:
             raise ValueError(
@@ -344,7 +340,7 @@ def to_hatt(
         # the autocorrelation of the spectrum below fs / 2: r_i = (1 / N) sum_n S(w_n) (fs / fs_0) e^{j i w_n}
         share = fs / texture.fs
         with np.errstate(under="ignore"):
-            power = 10 ** (model.log_spectrum_db(np.linspace(0, np.pi, _BINS + 1) * share) / 10) * share
+            power = 10 ** (model.log_spectrum_db(np.linspace(0, np.pi, (1 << 14) + 1) * share) / 10) * share
         model = from_autocorrelation(np.fft.irfft(power, axis=-1)[..., : order + 1])
     lsf = line_spectrum.from_reflection(model.reflection)
     variance = (model.gain * factor) ** 2

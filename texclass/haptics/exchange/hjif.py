@@ -45,7 +45,6 @@ MOST_BANDS = {1: 7, 2: 63}
 """A channel's, by level; the schema allows more than the reference software does."""
 MOST_CHANNELS = {1: 127, 2: 65535}
 _INT = 2**31 - 1
-_MASK = 2**32 - 1
 
 Count = Field(ge=0, le=_INT)
 
@@ -159,7 +158,7 @@ class Channel(Stated):
     description: str
     gain: float = Field(ge=0)
     mixing_coefficient: float = Field(ge=0)
-    body_part_mask: int = Field(ge=0, le=_MASK)
+    body_part_mask: int = Field(ge=0, le=2**32 - 1)
     reference_device_id: int | None = Field(default=None, ge=0, le=_INT)
     frequency_sampling: int | None = Field(default=None, ge=1, le=_INT)
     sample_count: int | None = Field(default=None, ge=0, le=_INT)

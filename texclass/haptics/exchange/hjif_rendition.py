@@ -29,6 +29,7 @@ from texclass.haptics.exchange.hjif import (
     play_hjif,
 )
 from texclass.haptics.exchange.rendition import Rendition, told_level
+from texclass.haptics.textures.contract import USUAL_MM_S, USUAL_N
 from texclass.recording import UNITS, Samples
 from texclass.validation import check_above_0
 
@@ -39,8 +40,6 @@ BLOCK = 512
 """Samples of a wavelet block, which lasts 64 ticks: a power of two, as players ask for."""
 HEADROOM = 1.01
 """Gains over the largest sample: 16-bit players may wrap at 1, which rounded coefficients exceed a little."""
-USUAL = 100.0, 1.0, "arbitrary"
-"""mm/s, N and unit of files that do not say them as ours do."""
 _TOLD = re.compile(r"(.*) at ([\d.]+(?:e[+-]\d\d)?) mm/s(?:, ([\d.]+(?:e[+-]\d\d)?) N)?, (\S+)")
 """How a vibration is described: `Rendition.told`, then the unit."""
 
@@ -225,7 +224,7 @@ def rendition_of(haptics: Haptics) -> Rendition:
         raise ValueError("it holds no vibration; the rule is a Vibrotactile perception")
     channel = felt[0].channels[0]
     told = _TOLD.fullmatch(felt[0].description)
-    name, (speed, force, unit) = haptics.description, USUAL
+    name, speed, force, unit = haptics.description, USUAL_MM_S, USUAL_N, "arbitrary"
     if told and told[4] in UNITS:
         name, speed, force, unit = told[1], float(told[2]), float(told[3] or 0), told[4]
     check_above_0(speed=speed)

@@ -25,15 +25,12 @@ from texclass.recording import ACCELERATION_UNITS, Samples
 from texclass.validation import check_above_0
 from texclass.vibration import MajorFrequencies, TapModel, autoregressive, line_spectrum
 
-SECONDS = 2.0
-"""Played by default."""
 LONGEST_S = 30.0
 """Played at most: the longest event of AHAP."""
 SETTLED_S = 0.5
 """Played before it and thrown away, until hand and filters have settled."""
 TAP_M_S, TAP_EVERY_S, TAP_FS = 0.1, 0.25, 8000.0
 """Impact velocity of taps, m/s, seconds from one material to the next, and rate, Hz."""
-SILENT = 1e-300
 ORDER = 30
 """Of AR models of what was played, at most a tenth of the samples."""
 LARGEST = 1e100
@@ -121,7 +118,7 @@ def play_texture(
     unit: str = "m/s^2",
     speed: float | None = None,
     force: float | None = None,
-    seconds: float = SECONDS,
+    seconds: float = 2.0,
     seed: int = 0,
 ) -> Rendition:
     """Play a texture for other formats.
@@ -253,7 +250,7 @@ def texture_of(rendition: Rendition) -> tuple[Stored, dict[str, str]]:
 
 def level_db(x: Samples) -> float:
     """Return the RMS of samples (n,) in dB of their unit."""
-    return float(20 * np.log10(max(np.sqrt(np.mean(np.square(x))), SILENT)))
+    return float(20 * np.log10(max(np.sqrt(np.mean(np.square(x))), 1e-300)))
 
 
 def told_level(sent: Samples, meant: Samples) -> str:

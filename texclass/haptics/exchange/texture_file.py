@@ -48,11 +48,7 @@ VERSION = 2
 """Of the header. Files of version 1 were ZIP archives."""
 LARGEST_FILE, LARGEST_HEADER = 64 << 20, 4 << 20
 """Bytes that are read at most."""
-MOST_DIMENSIONS = 4
 _KEY = "texclass"
-_UNFIT = (LookupError, TypeError, AttributeError, ArithmeticError, MemoryError, RecursionError)
-_POINTS = ("speed", "triangles", "speeds", "centres", "u", "position_mm", "frequency_hz")
-"""Arrays with one row a point, triangle, feature or mode."""
 
 
 def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) -> Path:
@@ -152,13 +148,15 @@ def describe(path: str | Path) -> dict[str, Any]:
     for name, array in arrays.items():
         last = name.rpartition(".")[2]
         shapes[last] = [int(np.prod(shapes[last])) + array.size] if last in shapes else list(array.shape)
+    # with one row a point, triangle, feature or mode
+    counted = "speed", "triangles", "speeds", "centres", "u", "position_mm", "frequency_hz"
     return {
         "family": header.family,
         "name": header.name,
         **origin,
         "unit": header.unit,
         "fs": header.fs,
-        "points": {name: shapes[name][0] for name in _POINTS if shapes.get(name)},
+        "points": {name: shapes[name][0] for name in counted if shapes.get(name)},
         "order": header.order,
         "operations per sample": header.operations,
         "bytes": path.stat().st_size,
@@ -261,7 +259,7 @@ def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
             text = (file.metadata() or {}).get(_KEY, "")
             described = {name: file.get_slice(name) for name in file.offset_keys()}
             for name, part in described.items():
-                if part.get_dtype() not in ("F64", "I64") or len(part.get_shape()) > MOST_DIMENSIONS:
+                if part.get_dtype() not in ("F64", "I64") or len(part.get_shape()) > 4:
                     raise ValueError(
                         f"array {name!r:.80} is {part.get_dtype()} of {len(part.get_shape())} axes"
                     )
@@ -306,7 +304,15 @@ def read_stored(path: str | Path, families: Mapping[str, str | type[Stored]]) ->
     try:
         with np.errstate(all="ignore"):  # of numbers that no surface has: the family's own rules judge them
             found = kind.restore(header.parameters, arrays)
-    except (ValueError, *_UNFIT) as error:
+    except (
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        ArithmeticError,
+        MemoryError,
+        RecursionError,
+    ) as error:
         reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
         raise ValueError(f"{path}: makes no {header.family!r}: {reason:.500}") from error
     told, held = (header.name, header.fs), (getattr(found, "name", ""), getattr(found, "fs", None))

@@ -14,6 +14,7 @@ partitioning in hierarchical trees", 1996.
 import math
 from collections import deque
 from collections.abc import Sequence
+from enum import IntEnum
 
 import numpy as np
 import pywt
@@ -29,13 +30,17 @@ PLANES = 10
 MOST_PLANES = 15
 LARGEST = 16.875
 """What a stream can state as the largest coefficient."""
-_RANGE, _HALF, _QUARTER, _DIGITS = 1024, 512, 256, 10
-_HEAD, _SIGN, _LOOSE, _CHILDREN, _CHILD, _BEYOND, _REFINE = range(7)
-"""Contexts: of the head, a sign, a single coefficient, a set's first generation, one of it, those beyond."""
+_RANGE = 1024
+"""Of the arithmetic coder: 10 bits."""
 _PLANES_BITS, _LARGEST_BITS = 4, 7
-_WAVELET = pywt.Wavelet("bior4.4")
 # pywt pads all four with zeros to one length; without them they are symmetric
-_LOW, _HIGH, _LOW_BACK, _HIGH_BACK = (np.trim_zeros(taps) for taps in _WAVELET.filter_bank)
+_LOW, _HIGH, _LOW_BACK, _HIGH_BACK = (np.trim_zeros(taps) for taps in pywt.Wavelet("bior4.4").filter_bank)
+
+
+class _Context(IntEnum):
+    """Of the head, a sign, a single coefficient, a set's first generation, one of it, those beyond, a bit."""
+
+    HEAD, SIGN, LOOSE, CHILDREN, CHILD, BEYOND, REFINE = range(7)
 
 
 def transform(block: Samples) -> Samples:
@@ -71,7 +76,7 @@ def encode(coefficients: Samples, planes: int = PLANES) -> bytes:
         return b""
     coder = _Coder()
     _write_number(coder, planes, _PLANES_BITS)
-    coder.code(above_1, _HEAD)
+    coder.code(above_1, _Context.HEAD)
     _write_number(coder, steps, _LARGEST_BITS)
     _walk(whole, planes, coder)
     return coder.closed()
@@ -83,7 +88,7 @@ def decode(stream: bytes, n: int) -> Samples:
         return np.zeros(n)
     coder = _Coder(np.unpackbits(np.frombuffer(stream, dtype=np.uint8)).tolist())
     planes = _read_number(coder, _PLANES_BITS)
-    above_1 = coder.code(False, _HEAD)
+    above_1 = coder.code(False, _Context.HEAD)
     steps = _read_number(coder, _LARGEST_BITS)
     stated = steps / 8 + 1 if above_1 else steps / 2**_LARGEST_BITS
     return _walk(np.zeros(n, dtype=np.int64), planes, coder) * (stated / 2.0**planes)
@@ -91,11 +96,11 @@ def decode(stream: bytes, n: int) -> Samples:
 
 def _write_number(coder: "_Coder", value: int, n_bits: int) -> None:
     for i in range(n_bits):
-        coder.code(bool(value >> i & 1), _HEAD)
+        coder.code(bool(value >> i & 1), _Context.HEAD)
 
 
 def _read_number(coder: "_Coder", n_bits: int) -> int:
-    return sum(coder.code(False, _HEAD) << i for i in range(n_bits))
+    return sum(coder.code(False, _Context.HEAD) << i for i in range(n_bits))
 
 
 def _walk(true: NDArray[np.int64], top: int, coder: "_Coder") -> NDArray[np.int64]:
@@ -112,26 +117,27 @@ def _walk(true: NDArray[np.int64], top: int, coder: "_Coder") -> NDArray[np.int6
     def is_found(i: int, context: int) -> bool:
         if not coder.code(bool(size[i] >= level), context):
             return False
-        found[i] = level if coder.code(bool(true[i] >= 0), _SIGN) else -level
+        found[i] = level if coder.code(bool(true[i] >= 0), _Context.SIGN) else -level
         known.append(i)
         return True
 
     for plane in range(top, -1, -1):
         level, n_known = 1 << plane, len(known)
-        loose = [i for i in loose if not is_found(i, _LOOSE)]
+        loose = [i for i in loose if not is_found(i, _Context.LOOSE)]
         queue, sets = deque(sets), []
         while queue:
             i, far = queue.popleft()
-            if not coder.code(bool((beyond if far else below)[i] >= level), _BEYOND if far else _CHILDREN):
+            largest, context = (beyond, _Context.BEYOND) if far else (below, _Context.CHILDREN)
+            if not coder.code(bool(largest[i] >= level), context):
                 sets.append((i, far))
             elif far:
                 queue.extend([(2 * i, False), (2 * i + 1, False)])
             else:
-                loose.extend([child for child in (2 * i, 2 * i + 1) if not is_found(child, _CHILD)])
+                loose.extend([child for child in (2 * i, 2 * i + 1) if not is_found(child, _Context.CHILD)])
                 if 4 * i + 3 < n:
                     queue.append((i, True))
         for i in known[:n_known]:
-            if coder.code(bool(size[i] >> plane & 1), _REFINE):
+            if coder.code(bool(size[i] >> plane & 1), _Context.REFINE):
                 found[i] += level if found[i] > 0 else -level
     return found
 
@@ -159,10 +165,10 @@ class _Coder:
 
     def __init__(self, given: Sequence[int] | None = None) -> None:
         self._low, self._high, self._pending = 0, _RANGE, 0
-        self._zeros, self._total = [8] * 7, [16] * 7
+        self._zeros, self._total = [8] * len(_Context), [16] * len(_Context)
         self._given, self._place, self._value = given, 0, 0
         self._bits: list[int] = []
-        for _ in range(_DIGITS if given is not None else 0):
+        for _ in range(10 if given is not None else 0):
             self._value = 2 * self._value + self._next()
 
     def code(self, bit: bool, context: int) -> bool:
@@ -180,14 +186,14 @@ class _Coder:
             self._zeros[context] += 1
         self._total[context] += 1
         while True:
-            if self._high <= _HALF:
+            if self._high <= _RANGE // 2:
                 shift = 0
                 self._put(0)
-            elif self._low >= _HALF:
-                shift = _HALF
+            elif self._low >= _RANGE // 2:
+                shift = _RANGE // 2
                 self._put(1)
-            elif self._low >= _QUARTER and self._high <= 3 * _QUARTER:
-                shift = _QUARTER
+            elif self._low >= _RANGE // 4 and self._high <= 3 * _RANGE // 4:
+                shift = _RANGE // 4
                 self._pending += 1
             else:
                 return bit

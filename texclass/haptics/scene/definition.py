@@ -26,14 +26,7 @@ from texclass.recording import Samples, Unit
 from texclass.validation import Written, checked, read_toml
 
 EXAMPLES = Path(__file__).with_name("examples")
-LEVEL_DB = 3.0
-"""Largest difference of level where the score is blind to level and the scene says nothing."""
-SLOPE_DB = 1.5
-"""Largest difference of slope, dB a doubling, where the scene says nothing: 3 dB over two octaves."""
 COLUMNS = ("time", "x", "y", "force", "surface")
-SWEEP_S = 2.0
-"""What the default sweep spends on each surface."""
-_QUANTILES = (0.05, 0.95)
 
 
 def _rising(pair: tuple[float, float]) -> tuple[float, float]:
@@ -159,13 +152,13 @@ class Tolerance(Written):
     limit: float
     over: Literal["worst", "mean"] = "worst"
     level_db: float | None = Field(default=None, gt=0)
-    slope_db: float = Field(default=SLOPE_DB, gt=0)
+    slope_db: float = Field(default=1.5, gt=0)  # 3 dB over two octaves
 
     @model_validator(mode="before")
     @classmethod
     def _with_level(cls, given: Any) -> Any:
         blind = isinstance(given, dict) and given.get("score") == "gfc"
-        return {"level_db": LEVEL_DB} | given if blind else given
+        return {"level_db": 3.0} | given if blind else given
 
     @model_validator(mode="after")
     def _can_be_met(self) -> Self:
@@ -350,7 +343,7 @@ class HandPath:
             raise ValueError("the path is faster than numbers; the rule for its ranges is finite speeds")
         if not touching.any():
             raise ValueError("the path never moves under force; the rule for its ranges is that it does")
-        (slow, fast), (light, hard) = (np.quantile(x[touching], _QUANTILES) for x in (speed, self.force_n))
+        (slow, fast), (light, hard) = (np.quantile(x[touching], (0.05, 0.95)) for x in (speed, self.force_n))
         return (float(slow), float(fast)), (float(light), float(hard))
 
     def at_rate(self, fs: float) -> tuple[Samples, Samples, list[str | None]]:
@@ -399,7 +392,7 @@ def sweep(
     speeds_mm_s: tuple[float, float],
     forces_n: tuple[float, float],
     *,
-    seconds: float = SWEEP_S,
+    seconds: float = 2.0,
     fs: float = 1000.0,
 ) -> HandPath:
     """Return the default path: over each surface in turn, from slow to fast, harder and softer meanwhile."""

@@ -20,17 +20,6 @@ from texclass.vibration.major_frequencies import strongest_lines
 
 LARGEST_ORDER = 400
 """What is tried at most, and what a plan is compared with; `oeztuerk2018`, figure 3.2."""
-TIE = 1e-3
-"""Weight that ties powers of nodes to their neighbours: it decides only where no point does."""
-SHARPNESS = 12.0
-"""Weights of spectra fall with exp(-12 octaves^2) of speed and force: to half at 0.24 octaves."""
-SMOOTH_HZ = 40.0
-"""Width of the median that stands for the noise about a line."""
-LEAST_EXCESS = np.log(1.5)
-"""A line stands out of the noise by 1.8 dB at least at half of the speeds and forces: what keeps its
-frequency does so at few."""
-LEAST_SEEN = 1 / 3
-"""Part of the points in whose band it must lie."""
 WIDTH = 0.03
 """A line reaches this part of its frequency to each side, beyond the window's own two bins: people's gratings
 are never quite regular."""
@@ -243,7 +232,8 @@ def node_spectra(points: Points, axes: Axes, judge: Judge) -> Samples:
         return np.zeros((axes[0].size * axes[1].size, points.spectra.shape[1]))
     v, f = (grid.ravel()[:, np.newaxis] for grid in np.meshgrid(*axes, indexing="ij"))
     octaves = np.log2(points.speed[felt] / v) ** 2 + np.log2(points.force[felt] / f) ** 2
-    near = np.exp(-SHARPNESS * (octaves - octaves.min(axis=1, keepdims=True)))
+    # to half at 0.24 octaves of speed and force
+    near = np.exp(-12.0 * (octaves - octaves.min(axis=1, keepdims=True)))
     shape = (near / near.sum(axis=1, keepdims=True)) @ (points.spectra[felt] / power[felt, np.newaxis])
     share = shares(axes, (points.speed[felt], points.force[felt]))
     return np.asarray(node_powers(share, power[felt], axes)[:, np.newaxis] * shape)
@@ -258,7 +248,8 @@ def node_powers(share: Samples, power: Samples, axes: Axes) -> Samples:
     steps = [np.diff(np.eye(nodes.size), axis=0) for nodes in axes]
     along = [one.T @ one for one in steps]
     D2 = np.kron(along[0], np.eye(axes[1].size)) + np.kron(np.eye(axes[0].size), along[1])
-    return np.asarray(np.exp(likeliest_logarithms(share, power, TIE * D2)))
+    # so weak a tie to the neighbours decides only where no point does
+    return np.asarray(np.exp(likeliest_logarithms(share, power, 1e-3 * D2)))
 
 
 def pattern_frequencies(points: Points, judge: Judge, most: int) -> Samples:
@@ -273,15 +264,16 @@ def pattern_frequencies(points: Points, judge: Judge, most: int) -> Samples:
         above = np.log(S + judge.floor) - np.log(smoothed(S, judge) + judge.floor)
         within = (s * v >= low) & (s * v <= high)
         row[within] = np.interp(s[within] * v, judge.frequencies, above)
-    often = np.isfinite(excess).sum(axis=0) >= max(2, LEAST_SEEN * len(points))
+    often = np.isfinite(excess).sum(axis=0) >= max(2, len(points) / 3)  # a third has it within the band
     middling = np.zeros(s.size)
     middling[often] = np.nanmedian(excess[:, often], axis=0)
-    return s[strongest_lines(middling, s * middle, most, least=LEAST_EXCESS, width=WIDTH)]
+    # 1.8 dB out of the noise at half of the speeds and forces: what keeps its frequency is so at few
+    return s[strongest_lines(middling, s * middle, most, least=np.log(1.5), width=WIDTH)]
 
 
 def smoothed(spectrum: Samples, judge: Judge) -> Samples:
-    """Return the noise that lines stand in: the running median."""
-    n = max(3, round(SMOOTH_HZ / judge.frequencies[1]))
+    """Return the noise that lines stand in: the running median over 40 Hz."""
+    n = max(3, round(40.0 / judge.frequencies[1]))
     return np.asarray(ndimage.median_filter(spectrum, n, mode="nearest"), dtype=np.float64)
 
 

@@ -28,9 +28,6 @@ STILL_MM_S, LIGHT_N = 5.0, 0.02
 """Pieces of freehand recordings that are slower or softer are left out."""
 MARGIN = 0.25
 """Pieces this part beyond the expected range are still used."""
-CELL = 6
-"""Pieces of a freehand recording that are judged together: one alone scatters by 4 dB."""
-MOST_CELLS = 4
 LARGEST_FACTOR = 1000
 SECONDS, SETTLE_S = 4.0, 0.5
 """What a texture or a simulation is felt for at each speed and force, and what is cut off before."""
@@ -38,14 +35,8 @@ N_SPEEDS, N_FORCES = 8, 4
 """Speeds and forces at which they are fitted; between them, and at the corners, they are chosen."""
 N_PROOFS = 8
 """Random speeds and forces at which the choice is judged."""
-SIMULATION_HZ = 2000.0
-N_PARTS = 64
-"""Equal parts of the band in which power is compared."""
-THIRD_OCTAVE = 2 ** (1 / 3)
 LEAST_POWER = 1e-12
 """Where the device's noise is 0: powers below this part of the largest one count as that (-120 dB)."""
-SEGMENT, SEGMENT_S = 512, 0.1
-"""Segments of the spectra: a power of two of at least 512 samples and 0.1 s."""
 
 Piece = tuple[Samples, float, float]
 """A stretch of vibration at the device's rate, at one speed (mm/s) and force (N)."""
@@ -68,8 +59,8 @@ class Judge:
 
     @cached_property
     def n_segment(self) -> int:
-        """Samples per segment of a spectrum."""
-        return max(SEGMENT, 1 << int(np.ceil(np.log2(SEGMENT_S * self.device.rate_hz))))
+        """Samples per segment of a spectrum: a power of two, at least 512 and 0.1 s."""
+        return max(512, 1 << int(np.ceil(np.log2(0.1 * self.device.rate_hz))))
 
     @cached_property
     def frequencies(self) -> Samples:
@@ -88,10 +79,10 @@ class Judge:
         low, high = self.device.band_hz
         if self.tolerance.score == "band_db":
             first = max(low, 2 * self.frequencies[1])
-            n = max(1, round(np.log(high / first) / np.log(THIRD_OCTAVE)))
+            n = max(1, round(np.log(high / first) / np.log(2 ** (1 / 3))))
             edges = np.geomspace(first, high, n + 1)
         else:
-            n = min(N_PARTS, max(1, int((high - low) / (2 * self.frequencies[1]))))
+            n = min(64, max(1, int((high - low) / (2 * self.frequencies[1]))))
             edges = np.linspace(low, high, n + 1)
         share = self._share(edges)
         return np.asarray(share / share.sum(axis=1, keepdims=True))
@@ -187,8 +178,11 @@ class Points:
         return cls(np.array([judge.spectrum(x) for x in samples]), np.array(speed), np.array(force))
 
     def in_cells(self) -> "Points":
-        """Return the means of neighbours in speed: at most 4 groups, of 6 or more where possible."""
-        n = int(np.clip(len(self) // CELL, 1, MOST_CELLS))
+        """Return the means of neighbours in speed: at most 4 groups, of 6 or more where possible.
+
+        One piece of a freehand recording alone scatters by 4 dB.
+        """
+        n = int(np.clip(len(self) // 6, 1, 4))
         groups = np.array_split(np.argsort(self.speed, kind="stable"), n)
         return Points(
             *(np.array([a[g].mean(axis=0) for g in groups]) for a in (self.spectra, self.speed, self.force))
@@ -369,7 +363,7 @@ def _catalogued(which: int, scene: SceneDefinition) -> Felt:
     from texclass.simulate import operator_catalogue, record_rising_speed, surface_catalogue
 
     what, operator = surface_catalogue(which + 1, 0)[which], operator_catalogue(1, 0)[0]
-    fs = max(SIMULATION_HZ, scene.device.rate_hz)
+    fs = max(2000.0, scene.device.rate_hz)
 
     def felt(speed: float, force: float, seed: int) -> Samples:
         plate = record_rising_speed(

@@ -36,8 +36,6 @@ LOUDEST = 4.0
 """Full scale, in parts of the RMS of the loudest surface at a middle speed and force."""
 QUICK_M_S = 0.1
 """Impact velocity that belongs to a force of 1 N."""
-GUESSED_DECAY_PER_S = 20.0, 400.0
-SCRIPTS = "kernels", "worklet", "sliders", "page"
 VALUES = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
 """Of each scale, beside its own; of `hard`, which goes by a law, and of `sticky`, not heard, the ends."""
 APART = 0.5
@@ -91,7 +89,7 @@ def feel_page(
             "plan it for a lower rate_hz"
         )
     folder = files(__package__).joinpath("feel")
-    named = [name for name in SCRIPTS if more or name != "sliders"]
+    named = [name for name in ("kernels", "worklet", "sliders", "page") if more or name != "sliders"]
     scripts = {name: folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in named}
     styles = files("texclass.reporting").joinpath("templates", "page.css"), folder.joinpath("page.css")
     bank, index = packed(scene)
@@ -263,7 +261,7 @@ def _guessed_tap(model: GridModel, scene: PlannedScene, middle: list[float], rms
         at, width = hz[np.argmax(power)], np.sum(power > power.max() - 3) * (hz[1] - hz[0])
     else:
         at, width = (model.frequency_hz + middle[0] * model.per_mm)[np.argmax(row)], 0.0
-    decay = float(np.clip(np.pi * width, *GUESSED_DECAY_PER_S))
+    decay = float(np.clip(np.pi * width, 20.0, 400.0))
     return TapModel(LOUDEST * rms / QUICK_M_S, decay, float(max(at, scene.band_hz[0], 1.0)))
 
 

@@ -43,13 +43,8 @@ FEW_GRIDS = ((2, 2), (4, 3), (8, 4))
 """Nodes tried for lines and for high orders."""
 STAGES = (range(1, 33), range(40, 129, 8), range(160, LARGEST_ORDER + 1, 40))
 """Orders tried, one stage after the other, until one is within."""
-COMFORTABLE = 0.75
-"""Part of the tolerance at which no higher order is tried."""
 N_LINES = (1, 2, 3, 4, 6, 8, 10, 13, 16, 20, 25, 30)
 """Lines without a lattice; `oeztuerk2018`, section 3.2: from 2 to 30 were tried."""
-N_TONES = (2, 4, 8)
-MOST_TONES = 12
-"""Lines that follow the speed tried beside a lattice, where a pattern is found."""
 UNITS = {"log_spectral_db": "dB", "band_db": "dB", "gfc": "GFC"}
 Progress = Callable[[int, int, str], None]
 
@@ -321,8 +316,9 @@ def search(observed: Observed, judge: Judge, expected: Expected) -> Search:
     """
     most = [np.unique(np.round(at, 3)).size for at in (observed.fit.speed, observed.fit.force)]
     sizes = [(n_v, n_f) for n_v, n_f in product(N_SPEEDS, N_FORCES) if n_v <= most[0] and n_f <= most[1]]
-    pattern = pattern_frequencies(observed.fit, judge, MOST_TONES)
-    tones = [pattern[:n] for n in (*N_TONES, pattern.size) if 0 < n <= pattern.size]
+    # beside a lattice, lines that follow the speed
+    pattern = pattern_frequencies(observed.fit, judge, 12)
+    tones = [pattern[:n] for n in (2, 4, 8, pattern.size) if 0 < n <= pattern.size]
     few = [size for size in sizes if size in FEW_GRIDS]
     found = Search(observed, judge, expected, [])
     for stage in STAGES:
@@ -334,7 +330,7 @@ def search(observed: Observed, judge: Judge, expected: Expected) -> Search:
             scores, levels = judge.errors(observed.choose.spectra[:, np.newaxis], seen)
             relative[orders] = judge.relative(scores, levels, slopes(levels, observed.choose))
             found.fitted.append((grid, relative))
-        if found.cheapest(COMFORTABLE) is not None:
+        if found.cheapest(0.75) is not None:  # of the tolerance: no higher order is tried
             break
         sizes, tones = few, tones[-1:]
     return found

@@ -18,8 +18,6 @@ from texclass.signals import positive
 
 MOST_CONTACTS = 1000
 
-GLIDE_S = 0.01
-"""Time constant with which a contact follows the speed and force of the hand."""
 FADE_S = 0.02
 """Duration of the crossfade where a contact begins, ends, or meets another model."""
 STILL = 0.25
@@ -128,7 +126,7 @@ def load_scene(path: str | Path) -> PlannedScene:
 def packed(scene: PlannedScene) -> tuple[Samples, NDArray[np.int64]]:
     """Return `bank` and `index` of a scene, as `render_kernels` tells: what a loop over samples plays."""
     facts = np.empty(len(Fact))
-    facts[Fact.GLIDE] = -np.expm1(-1 / (GLIDE_S * scene.fs))
+    facts[Fact.GLIDE] = -np.expm1(-1 / (0.01 * scene.fs))  # speed and force of the hand are followed in 10 ms
     facts[Fact.HOP] = renewal(scene.fs)
     facts[Fact.FADE] = max(2, round(FADE_S * scene.fs))
     facts[Fact.STILL] = STILL

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 N_CURVE = 24
 """Speeds at which the course of the model's level is told."""
-N_SPECTRA = 3
-"""Slow, middling and fast: so many spectra."""
 
 
 def against_speed(model: GridModel, observed: Observed, verdict: Scored, judge: Judge) -> dict[str, Any]:
@@ -60,7 +58,7 @@ def against_speed(model: GridModel, observed: Observed, verdict: Scored, judge: 
     forces = np.quantile(every.force, [0.0, 0.5, 1.0])
     at = [Points(np.zeros((N_CURVE, 0)), v, np.full(N_CURVE, f)) for f in forces]
     part, band_least = judge.parts @ judge.frequencies, least / float(judge.in_band.sum())
-    thirds = np.array_split(np.argsort(every.speed, kind="stable"), N_SPECTRA)
+    thirds = np.array_split(np.argsort(every.speed, kind="stable"), 3)
     groups = [Points(every.spectra[g], every.speed[g], every.force[g]) for g in thirds if g.size]
 
     def density(spectra: Samples) -> list[float]:

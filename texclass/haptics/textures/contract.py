@@ -18,7 +18,6 @@ from texclass.vibration.autoregressive import Autoregression
 
 USUAL_MM_S, USUAL_N = 100.0, 1.0
 """Speed and force of a usual stroke, for textures that depend on neither."""
-_RULES = {"unexpected_keyword_argument": "no such key", "missing_argument": "that each key is given"}
 
 
 @runtime_checkable
@@ -119,7 +118,9 @@ class Stored:
             if first["type"] == "value_error":
                 told = ": ".join(filter(None, [place, str(first["ctx"]["error"])]))
                 raise ValueError(f"{cls.family}: {told}") from None
-            rule = _RULES.get(first["type"], first["msg"].removeprefix("Input should be "))
+            rule = {
+                "unexpected_keyword_argument": "no such key", "missing_argument": "that each key is given"
+            }.get(first["type"], first["msg"].removeprefix("Input should be "))  # fmt: skip
             raise ValueError(f"{cls.family}: {place} is {value!r:.80}; the rule is {rule}") from None
         if _in_words(found.parameters()) != _in_words(parameters):
             rule = "each key once, numbers as numbers: no text or true for one"

@@ -14,16 +14,8 @@ from texclass.recording import Samples
 
 Kind = Literal["silence", "AR", "lines", "AR + lines"]
 Scale = Literal["log", "root"]
-PER_STAGE, PER_LINE, PER_SAMPLE = 6, 18, 70
-"""Multiplications and additions per sample: a lattice stage, an oscillator, and what every sample costs."""
-PER_STAGE_RENEWAL, PER_LINE_RENEWAL = 21, 12
-"""Those of a stage's k and sqrt(1 - k^2) between four nodes, and of a line's amplitude and step."""
 LEAST_POWER = 1e-300
 """A node without power counts as this, so that it has a logarithm."""
-N_STEPS, LARGEST_STEP = 12, 2.0
-"""Of the scoring; it has settled to 1e-3 after about 8."""
-RENEWAL_HZ = 1000.0
-"""How often the parameters between the nodes are renewed; the level is renewed at each sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +179,11 @@ class GridModel:
 
 
 def renewal(fs: float) -> int:
-    """Return the samples from one renewal of the parameters between the nodes to the next, at fs in Hz."""
-    return max(1, round(fs / RENEWAL_HZ))
+    """Return the samples from one renewal of the parameters between the nodes to the next, 1000 a second.
+
+    The level is renewed at each sample.
+    """
+    return max(1, round(fs / 1000))
 
 
 def operations(order: int, n_lines: int, fs: float) -> float:
@@ -199,8 +194,7 @@ def operations(order: int, n_lines: int, fs: float) -> float:
     """
     if order + n_lines == 0:
         return 0.0
-    stage, line = PER_STAGE + PER_STAGE_RENEWAL / renewal(fs), PER_LINE + PER_LINE_RENEWAL / renewal(fs)
-    return PER_SAMPLE + order * stage + n_lines * line
+    return 70 + order * (6 + 21 / renewal(fs)) + n_lines * (18 + 12 / renewal(fs))
 
 
 def warped(values: ArrayLike, scale: Scale = "log") -> Samples:
@@ -264,8 +258,8 @@ def likeliest_logarithms(H: Samples, power: Samples, tie: ArrayLike = 0.0) -> Sa
     T = np.broadcast_to(tie, (H.shape[1], H.shape[1]))
     solve = np.linalg.pinv(H.T @ H + T)
     theta = solve @ (H.T @ np.log(power))
-    for _ in range(N_STEPS):
-        step = np.minimum(power * np.exp(-H @ theta) - 1, LARGEST_STEP)
+    for _ in range(12):  # it has settled to 1e-3 after about 8
+        step = np.minimum(power * np.exp(-H @ theta) - 1, 2.0)
         theta = theta + solve @ (H.T @ step - T @ theta)
     return np.asarray(theta)
 

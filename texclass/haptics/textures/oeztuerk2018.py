@@ -29,14 +29,10 @@ N_FREQUENCIES = 13
 """`oeztuerk2018`, sections 5.3 and 7: 12 to 14 are enough."""
 STILL = 0.25
 """Below this part of the slowest recorded speed a texture fades linearly to silence at rest."""
-GLIDE_S = 0.01
-"""Time constant with which the place among the speeds and the loudness follow speed and contact."""
 PEAK_FACTOR = 3.0
 """No rendered sample exceeds this times the largest recorded one: ours, to bound Gaussian noise."""
 N_SUB = 16
 """LPC models laid out between two recorded speeds; between these k moves linearly."""
-UPDATE_HZ = 1000.0
-"""How often the renderer of LPC models renews k."""
 BIN_MM_S = 40.0
 """`oeztuerk2018`, figure 4.2: bins of 4 cm/s."""
 FRICTION = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
@@ -97,7 +93,7 @@ class SpeedTexture(Texture):
             seed=seed,
             motion=motion,
             start=(np.nan, 0.0),
-            motion_hz=1 / (2 * np.pi * GLIDE_S),
+            motion_hz=1 / (2 * np.pi * 0.01),  # a time constant of 10 ms
             glide=False,
             **options,
         )
@@ -159,8 +155,8 @@ class LpcTexture(SpeedTexture):
 
     @property
     def update_samples(self) -> int:
-        """Samples between two renewals of k."""
-        return max(1, round(self.fs / UPDATE_HZ))
+        """Samples between two renewals of k, 1000 a second."""
+        return max(1, round(self.fs / 1000))
 
     def at(self, speed: ArrayLike) -> Autoregression:
         """Return the models at speeds (mm/s), of their shape."""

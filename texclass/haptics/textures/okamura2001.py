@@ -26,15 +26,10 @@ from texclass.vibration.decaying_sinusoid import (
 
 LOW, HIGH = 0.1, 0.3
 """Parts of the largest magnitude through which the first rise is followed back to zero."""
-CLEAR = 8.0
-"""The rise begins above this times the median magnitude before it: 5.4 deviations of Gaussian noise."""
-N_START = 400
-"""Samples of the strongest tap from which the search starts where a tap shows no peaks."""
 LEAST_DECAY, LARGEST_DECAY = 1e-6, 3.0
 """Bounds of B / fs."""
 RELEASE_S = 0.002
 """Time constant with which a vibration that still rings ends when the wall is left: ours."""
-_RE, _IM, _GATE, _INSIDE = range(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +77,8 @@ def find_onset(tap: ArrayLike) -> float:
         raise ValueError("tap is all zero; the rule is at least one sample that is not")
     magnitude = np.abs(x[: peak + 1])
     noise = np.median(magnitude[: max(peak // 2, 1)])
-    low = max(LOW * magnitude[peak], min(CLEAR * noise, 0.5 * magnitude[peak]))
+    clear = 8.0 * noise  # 5.4 deviations of Gaussian noise
+    low = max(LOW * magnitude[peak], min(clear, 0.5 * magnitude[peak]))
     high = min(low * HIGH / LOW, 0.9 * magnitude[peak])
     first, later = _crossing(magnitude, low), _crossing(magnitude, high)
     return float(first - (later - first) * low / (high - low))
@@ -121,7 +117,7 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
         first = fit_okamura(cut, v, fs)
     except ValueError:  # no peaks are seen: the strongest tap's beginning
         strongest = max(cut, key=lambda tap: float(tap @ tap))
-        first = fit_tap_model([strongest[:N_START]], [1.0], fs)
+        first = fit_tap_model([strongest[:400]], [1.0], fs)
     problem = TapShapes(x)
     beta, omega = first.decay_per_s / fs, 2 * np.pi * first.frequency_hz / fs
     reach = max(2.0, np.pi / (2 * omega))
@@ -470,16 +466,21 @@ class WallRenderer:
 
 @njit(cache=True, error_model="numpy")
 def _press(x, v, push, re, im, release, k, limit, state, out):  # type: ignore[no-untyped-def]
-    """Turn the phasor z by its pole at each sample; Im z is the vibration, and does not jump at an impact."""
+    """Turn the phasor z by its pole at each sample; Im z is the vibration, and does not jump at an impact.
+
+    state: z, the gate that closes outside the wall, and whether the tip is inside.
+    """
+    z_re, z_im, gate, was_inside = state
     for t in range(x.size):
         inside = x[t] > 0.0
-        if inside and state[_INSIDE] == 0.0:
-            state[_RE] = state[_RE] * state[_GATE] + push * max(v[t], 0.0)
-            state[_IM] *= state[_GATE]
-            state[_GATE] = 1.0
+        if inside and was_inside == 0.0:
+            z_re = z_re * gate + push * max(v[t], 0.0)
+            z_im *= gate
+            gate = 1.0
         elif not inside:
-            state[_GATE] *= release
-        state[_INSIDE] = 1.0 if inside else 0.0
-        force = k * max(x[t], 0.0) + state[_GATE] * state[_IM]
+            gate *= release
+        was_inside = 1.0 if inside else 0.0
+        force = k * max(x[t], 0.0) + gate * z_im
         out[t] = min(max(force, -limit), limit)
-        state[_RE], state[_IM] = re * state[_RE] - im * state[_IM], im * state[_RE] + re * state[_IM]
+        z_re, z_im = re * z_re - im * z_im, im * z_re + re * z_im
+    state[0], state[1], state[2], state[3] = z_re, z_im, gate, was_inside

@@ -31,8 +31,6 @@ from texclass.vibration.scores import BAND_EDGES_HZ
 LEAST_BYTES = 8
 """That may be asked for; a file may be shorter by what no coefficient needs."""
 MOST_ORDER, MOST_BITS = 127, 8
-BYTES_A_MODE, MOST_SAMPLES = 16, 1024
-"""One for each 16 bytes that may be used; of a tap so much is looked at."""
 FRAME_S, LOWEST_HZ = 0.125, 20.0
 """Pieces in which speed and force hold; below, it is the hand that is recorded, not the surface."""
 FELT = np.geomspace(40.0, 200.0, 5), np.geomspace(0.4, 2.0, 3)
@@ -84,7 +82,8 @@ def pack(
         raise ValueError(f"bytes are {n_bytes}; the rule is {LEAST_BYTES} to {packed.MOST_BYTES}")
     if unit not in UNITS:
         raise ValueError(f"unit is {unit!r}; the rule is one of {', '.join(UNITS)}")
-    most, name = min(n_bytes // BYTES_A_MODE, packed.MOST_MODES), name or str(getattr(source, "name", ""))
+    # a mode for each 16 bytes that may be used
+    most, name = min(n_bytes // 16, packed.MOST_MODES), name or str(getattr(source, "name", ""))
     tap = source.tap.strongest(most) if isinstance(source, PackedTexture) else NO_MODES
     mu = float(getattr(source, "mu", 0.0))
     if isinstance(source, Recording):
@@ -125,7 +124,7 @@ def _felt_of(recording: Recording, most: int) -> tuple[Scan | Samples, float, st
         taps = Views(recording, phases).tap.taps
         hardness = [damping(TapView((tap,), recording.fs)) for tap in taps]
         middle = taps[int(np.argsort(hardness)[(len(taps) - 1) // 2])].impulse
-        modes = _ringing(middle[:MOST_SAMPLES], recording.fs, most)
+        modes = _ringing(middle[:1024], recording.fs, most)
     return felt, recording.fs, recording.unit, modes, mu
 
 

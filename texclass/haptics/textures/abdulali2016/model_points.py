@@ -36,10 +36,6 @@ SHORTEST_S = 0.075
 """75 samples at 1 kHz."""
 FOOT = 0.05
 """How far, in tau_1, the foot of a point may lie outside its line: eq. (2) allows nothing, sensors jitter."""
-MOTION_FS = 1000.0
-"""The motion has no content beyond 25 Hz: at higher rates it is segmented at about this one."""
-N_STILL = 10
-"""Points of zero speed; the paper leaves their number open."""
 STEEPEST = 2.0
 """Largest exponent of speed or force in the level: above, a few segments have misled the regression."""
 LINE, STEADY = 0, 1
@@ -239,7 +235,7 @@ def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
     """
     if not 0 <= variation < np.inf:
         raise ValueError(f"variation is {variation}; the rule is finite and at least 0")
-    step = max(int(scan.fs // MOTION_FS), 1)
+    step = max(int(scan.fs // 1000.0), 1)  # the motion has no content beyond 25 Hz
     lines = straight_lines(scan.position[::step])
     felt = np.column_stack([scan.speed[::step] / 1000, scan.force[::step]])
     sums = np.zeros((len(felt) + 1, 4))
@@ -401,8 +397,10 @@ def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
     return ModelPoints(u, points.lsf[lowest], np.zeros(len(lowest)), points.weight[lowest])
 
 
-def zero_speed_points(points: ModelPoints, scaling: Samples, n: int = N_STILL) -> ModelPoints:
+def zero_speed_points(points: ModelPoints, scaling: Samples, n: int = 10) -> ModelPoints:
     """Return n silent points at rest, from zero force to the largest, with the LSF of the nearest point.
+
+    The paper leaves their number open.
 
     References
     ----------

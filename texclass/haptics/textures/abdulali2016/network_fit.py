@@ -36,29 +36,12 @@ Choice = Literal["auto", "none"]
 
 ORDER = 20
 """Of the AR models; and of those that `pool_spectra` compares: enough to tell, and cheap."""
-COVERAGE = 0.5
-"""Part of the scan that segments have to cover before tau_2 is left alone."""
-LOOSEST = 0.64
-"""Beyond this tau_2, speed and force of a segment are not steady in any sense."""
-SHARP = 0.25
-"""Part of the segments whose sharpest resonance counts as chance: 75 samples are easily overfitted."""
 HUSH = 0.1
 """Below this part of the slowest and lightest segment the vibration fades out, whatever the map says."""
-SILENCE = 1e-6
-"""Segments below this part of the loudest one count as this."""
-ALIKE = 1.5
-"""Largest squared error of the opposite over that of the left-out velocity itself.
-
-In our simulations 0.85 to 1.6 where the period over directions is pi, 1.8 to 6 where it is 2 pi.
-"""
 REACHES = (0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 4.0, 100.0)
 """Candidates of h, in deviations of the input; the last one is a single spectrum for all."""
-MARGIN = 0.03
-"""By how much sharing has to predict better, in the logarithm of power: it blurs what does change."""
 SMOOTHING = np.concatenate([[0.0], np.geomspace(1e-2, 1e4, 13)])
 """Candidates of the smoothing, in units of phi for a point of mean weight."""
-WORTH = 0.9
-"""Part of the error of a constant that a network has to get below."""
 SPARSITY = 0.03
 """tau over the smallest tau that leaves no centre."""
 
@@ -230,7 +213,8 @@ def model_scan(
         light=HUSH * float(u[:, -1].min()),
         loudest=max(float(np.sqrt(np.mean(x**2))) for x in cut.pieces(scan.acceleration)),
         peak=float(np.abs(scan.acceleration).max()),
-        gap=float(min(np.quantile(narrowest, SHARP), 0.9 * np.pi / (points.lsf.shape[1] + 1))),
+        # the sharpest quarter counts as chance: 75 samples are easily overfitted
+        gap=float(min(np.quantile(narrowest, 0.25), 0.9 * np.pi / (points.lsf.shape[1] + 1))),
     )
     return ModelledScan(scan.name, scan.fs, cut, frame, loudness, growth, points, silent, reach, symmetric)
 
@@ -243,7 +227,7 @@ def segment_enough(scan: Scan) -> InputSegments:
     variation = VARIATION
     while True:
         segments = segment_input(scan, variation=variation)
-        if segments.n_samples.sum() >= COVERAGE * len(scan) or variation >= LOOSEST:
+        if segments.n_samples.sum() >= 0.5 * len(scan) or variation >= 0.64:  # beyond, nothing is steady
             return segments
         variation *= 2
 
@@ -252,7 +236,7 @@ def _by_law(
     points: ModelPoints, segments: InputSegments, scan: Scan
 ) -> tuple[ModelPoints, tuple[float, float]]:
     """Return the points with what the law of growth leaves of their levels, smoothed where that predicts."""
-    least = max(SILENCE * float(points.loudness.max()), np.finfo(np.float64).tiny)
+    least = max(1e-6 * float(points.loudness.max()), np.finfo(np.float64).tiny)
     level = np.maximum(points.loudness, least)
     speed, force = segments.means(scan.speed), segments.means(scan.force)
     growth = growth_of(speed, force, level, points.weight)
@@ -274,7 +258,8 @@ def is_symmetric(points: ModelPoints, scaling: Samples) -> bool:
     back = fit_exact(points.u, points.lsf).at(mirrored(points, scaling).u) - points.lsf
     itself = predict_left_out(points.u, points.lsf) - points.lsf
     weight = points.weight[:, np.newaxis]
-    return bool(np.sum(weight * back**2) <= ALIKE * np.sum(weight * itself**2))
+    # in our simulations 0.85 to 1.6 where the period over directions is pi, 1.8 to 6 where it is 2 pi
+    return bool(np.sum(weight * back**2) <= 1.5 * np.sum(weight * itself**2))
 
 
 def pool_spectra(points: ModelPoints) -> tuple[ModelPoints, float]:
@@ -320,7 +305,7 @@ def pool_spectra(points: ModelPoints) -> tuple[ModelPoints, float]:
 
     errors = [_prediction_error(pooled(h, alone=False), T, points.weight) for h in REACHES]
     apart = line_spectrum.to_reflection(line_spectrum.spread(predict_left_out(points.u, points.lsf)))
-    if _prediction_error(apart, T, points.weight) <= min(errors) + MARGIN:
+    if _prediction_error(apart, T, points.weight) <= min(errors) + 0.03:  # sharing blurs what does change
         return points, 0.0
     reach = REACHES[int(np.argmin(errors))]
     lsf = line_spectrum.from_reflection(pooled(reach, alone=True))
@@ -391,7 +376,7 @@ def fit_smooth(u: Samples, f: Samples, weight: Samples) -> RadialNetwork:
     errors = [np.mean((f - predict_left_out(u, f, s * share)) ** 2) for s in SMOOTHING]
     mean = np.average(f, axis=0, weights=weight)
     left_out = (mean - f) / (1 - weight / weight.sum())[:, np.newaxis] if len(u) > 1 else f
-    if min(errors) > WORTH * np.mean(left_out**2) or len(u) < 2:
+    if min(errors) > 0.9 * np.mean(left_out**2) or len(u) < 2:
         polynomial = np.concatenate([mean[np.newaxis], np.zeros((u.shape[1], f.shape[1]))])
         return RadialNetwork(u, np.zeros(f.shape), polynomial)
     return fit_exact(u, f, SMOOTHING[int(np.argmin(errors))] * share)

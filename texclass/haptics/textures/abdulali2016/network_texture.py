@@ -22,8 +22,6 @@ from texclass.vibration.reflection import log_cosines
 
 LIMIT = 2.0
 """No rendered sample exceeds this many times the recorded peak."""
-BUFFER = 16
-"""Samples between two readings of the map; `abdulali2016`, section 4.2."""
 LATTICE_OPERATIONS = 12
 """Per stage and sample: k between two, sqrt(1 - k^2), and the rotation."""
 ANISOTROPIC, ISOTROPIC = (17, 17, 8), (24, 10)
@@ -171,7 +169,7 @@ class MapTexture(Texture):
     growth : tuple of float
         Exponents of speed and of force in the level; for "level" only.
     buffer : int
-        Samples between two readings of the map.
+        Samples between two readings of the map; `abdulali2016`, section 4.2.
     glide : bool
         Whether parameters move between readings (else they jump, as in the paper).
 
@@ -187,7 +185,7 @@ class MapTexture(Texture):
     _: KW_ONLY
     loudness: Loudness = "level"
     growth: tuple[float, float] = (0.0, 0.0)
-    buffer: int = BUFFER
+    buffer: int = 16
     glide: bool = True
 
     def __post_init__(self) -> None:

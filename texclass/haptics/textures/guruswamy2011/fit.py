@@ -28,7 +28,6 @@ PATH_CUTOFF_HZ = 10.0
 """Low-pass of force and speed (f_lowpass). The paper gives none; a hand is slower than that."""
 RESOLUTION = 0.153
 """One bit of the paper's sensor, m/s^2 (2 g / 128)."""
-DEAD_BAND_BITS = 2.0
 SMOOTHING_HZ = 3.0
 """Standard deviation of the Gaussian that low-passes the spectrum. The paper names none; ours."""
 HIGHEST = 0.9
@@ -239,7 +238,7 @@ def profile_of(
         samples_late = round(float(turned / (2 * np.pi * (around[1] - around[0])) * fs))
         delay = min(max(samples_late, 0), a.size - 1)
         samples = signals.causal(sos, np.pad(a, (0, delay), mode="edge"))[0][delay:]
-    return BandedVibration(samples, band, cutoff, segment_rising_peaks(samples, DEAD_BAND_BITS * resolution))
+    return BandedVibration(samples, band, cutoff, segment_rising_peaks(samples, 2 * resolution))
 
 
 # One filter per segment -------------------------------------------------------------------------------------
@@ -251,8 +250,6 @@ MAX_POLES = 24
 """Largest order of a filter: it bounds what a feature costs to render, and to fit."""
 CANCELLING = 100.0
 """A fit whose modes exceed the segment's peak by that factor, and so nearly cancel, is not taken."""
-LEAST_SAMPLES = 8
-"""Shorter segments are continued by zeros, as the paper pads them."""
 
 Method = Literal["modes", "sinusoid"]
 
@@ -344,7 +341,7 @@ def fit_modes(piece: Samples, fs: float, resolution: float) -> DecayingModes:
     """
     if np.mean(np.abs(piece)) < resolution:
         return NO_MODES
-    x = np.pad(piece, (0, max(0, LEAST_SAMPLES - piece.size)))
+    x = np.pad(piece, (0, max(0, 8 - piece.size)))  # short segments are continued by zeros, as printed
     tried: dict[int, tuple[float, DecayingModes]] = {}
 
     def error(order: int) -> float:
@@ -401,9 +398,6 @@ def _ring_samples(fs: float) -> int:
 
 # The texture ------------------------------------------------------------------------------------------------
 
-EVEN = LevelLaw(k_v=0.0, k_c=0.0, a_0=1.0)
-"""A level that neither speed nor force change: for scans without a law of their own."""
-
 
 @dataclass(frozen=True, eq=False)
 class FittedScan:
@@ -430,7 +424,7 @@ class FittedScan:
 
 def fit_texture(
     scan: Scan,
-    law: LevelLaw = EVEN,
+    law: LevelLaw = LevelLaw(k_v=0.0, k_c=0.0, a_0=1.0),  # noqa: B008  frozen
     *,
     resolution: float = RESOLUTION,
     method: Method = "modes",

@@ -2,10 +2,11 @@
 
 The renderer's inner loop finds which features the tip passes and steps the modes that ring. A mode is a
 rotating and shrinking phasor z, its contribution Re z, and a sample later it is z p: a section of second
-order in coupled form. What rings lies in the first `counts[RINGING]` rows of a pool that is allocated once.
+order in coupled form. What rings lies in the first rows of a pool that is allocated once.
 """
 
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
 from typing import ClassVar, Literal, get_args
 
@@ -19,9 +20,6 @@ from texclass.recording import Samples
 Course = Literal["line", "travelled"]
 _RANGES = (("fs", 1e-3, 1e9), ("length_mm", 1e-6, 1e9), ("origin_mm", -1e9, 1e9), ("peak", 1e-100, 1e100))
 """Beyond, places could no longer be told apart or squares overflow; a file may hold anything."""
-MOST = 1e9
-"""Largest amplitude of a mode, in peaks: modes of one feature may cancel."""
-_MODES = ("frequency_hz", "decay_per_s", "amplitude", "phase")
 
 
 @dataclass(frozen=True)
@@ -186,7 +184,8 @@ class SpatialTexture(Texture):
     origin_mm: float = 0.0
 
     def __post_init__(self) -> None:
-        modes = dict.fromkeys(("feature", *_MODES), ("n_modes",))
+        columns = "feature", "frequency_hz", "decay_per_s", "amplitude", "phase"
+        modes = dict.fromkeys(columns, ("n_modes",))
         freeze(self, position_mm=("n_features",), **modes, direction=(2,))
         x, owner, f, A = self.position_mm, self.feature, self.frequency_hz, self.amplitude
         rising = np.all(owner == np.round(owner)) and np.all(np.diff(owner) >= 0)
@@ -203,7 +202,7 @@ class SpatialTexture(Texture):
             (abs(np.hypot(*self.direction) - 1) < 1e-6, "direction", "a unit vector"),
             (owned, "feature", f"whole numbers, rising, in [0, {x.size})"),
             (audible, "frequency_hz", "0 <= f <= fs/2, and B > 0 with each"),
-            (np.all((A >= 0) & (MOST * self.peak >= A)), "amplitude", f"0 <= A <= {MOST:g} peaks"),
+            (np.all((A >= 0) & (1e9 * self.peak >= A)), "amplitude", "0 <= A <= 1e9 peaks"),
         ]
         for kept, name, rule in rules:
             if not kept:
@@ -262,8 +261,6 @@ LARGEST_OUTPUT = 8.0
 PLAY_MM = 0.1
 """A tip that turns round feels nothing for that long: it may rest on a feature and tremble."""
 
-_NO_PATH = np.empty((0, 2))
-
 
 class SpatialRenderer:
     """Renders a `SpatialTexture` for any path, sample by sample, without allocating but for the result.
@@ -306,7 +303,7 @@ class SpatialRenderer:
     @property
     def n_ringing(self) -> int:
         """How many modes ring now."""
-        return int(self._counts[RINGING])
+        return int(self._counts[Count.RINGING])
 
     def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
         """Return the vibration for the next samples of a path, see `texclass.haptics.textures.Renderer`.
@@ -317,7 +314,7 @@ class SpatialRenderer:
             If the shapes do not fit, or a value is NaN, infinite or beyond 1e9; the state is then unchanged.
         """
         v, f = _block(velocity), _block(force)
-        path = _NO_PATH if position is None else _block(position)
+        path = np.empty((0, 2)) if position is None else _block(position)
         n = f.size
         if f.ndim != 1 or v.shape != (n, 2) or (position is not None and path.shape != (n, 2)):
             raise ValueError(
@@ -345,12 +342,13 @@ def _block(values: ArrayLike) -> Samples:
 
 Counts = NDArray[np.int64]
 
-RINGING, NEXT, STARTED = 0, 1, 2
-"""Places in `counts`: modes in the pool, the next feature along x, whether there was a sample."""
-PLACE, FELT, X, Y = 0, 1, 2, 3
-"""Places in `where`: coordinate of the tip, that with play, last position."""
-MAX_PASSED = 4
-"""Features felt within one sample, at most: those nearest to the tip."""
+
+class Count(IntEnum):
+    """Places in `counts`: modes in the pool, the next feature along x, whether there was a sample."""
+
+    RINGING, NEXT, STARTED = range(3)
+
+
 LARGEST = 1e9
 """Of any input: velocity in mm/s, force in N, position in mm."""
 
@@ -387,9 +385,9 @@ def strike(k: int, A: float, first: Counts, modes: Samples, pool: Samples, count
     """
     for m in range(first[k], first[k + 1]):
         re, im = A * modes[m, 0], A * modes[m, 1]
-        row = counts[RINGING]
+        row = counts[Count.RINGING]
         if row < pool.shape[0]:
-            counts[RINGING] += 1
+            counts[Count.RINGING] += 1
         else:
             row, least = -1, re * re + im * im
             for i in range(pool.shape[0]):
@@ -406,12 +404,12 @@ def ring(pool: Samples, counts: Counts, silent: float) -> float:
     """Return the sum of what rings now, and step every mode; those below `silent` leave the pool."""
     total = 0.0
     i = 0
-    while i < counts[RINGING]:
+    while i < counts[Count.RINGING]:
         re, im = pool[i, 0], pool[i, 1]
         total += re
         if re * re + im * im < silent * silent:
-            counts[RINGING] -= 1
-            pool[i] = pool[counts[RINGING]]
+            counts[Count.RINGING] -= 1
+            pool[i] = pool[counts[Count.RINGING]]
             continue
         pool[i, 0], pool[i, 1] = re * pool[i, 2] - im * pool[i, 3], re * pool[i, 3] + im * pool[i, 2]
         i += 1
@@ -425,17 +423,18 @@ def advance(
 ) -> None:  # fmt: skip
     """Strike the features between the last coordinate of the tip and this one; x <= now are behind it."""
     n = position.size
-    k = counts[NEXT]
+    k = counts[Count.NEXT]
     if place_of(k, position, length) > now and place_of(k - 1, position, length) <= now:
         return
     end = locate(now, position, length)
     while place_of(end, position, length) <= now:
         end += 1
     if A > 0:
-        low, high = (max(k, end - MAX_PASSED), end) if end > k else (end, min(k, end + MAX_PASSED))
+        # at most four, those nearest to the tip
+        low, high = (max(k, end - 4), end) if end > k else (end, min(k, end + 4))
         for j in range(low, high):
             strike(j % n, A, first, modes, pool, counts)
-    counts[NEXT] = end
+    counts[Count.NEXT] = end
 
 
 @njit(cache=True, error_model="numpy")
@@ -446,7 +445,7 @@ def render(
     """Render a block into `out`; False, and nothing done, if an input is NaN, infinite or too large.
 
     setting: fs, length of the surface, direction x and y, origin along it, travelled (0 or 1), play, silent,
-    largest output.
+    largest output. where: coordinate of the tip, that with play, last position.
     `path` is empty where the velocity is to be summed up.
     """
     fs, length, along_x, along_y, origin, travelled, play, silent, largest = setting
@@ -456,26 +455,26 @@ def render(
         if not ok or (given and not (abs(path[t, 0]) <= LARGEST and abs(path[t, 1]) <= LARGEST)):
             return False
     for t in range(force.size):
+        place, felt, last_x, last_y = where
         if given:
             x, y = path[t, 0], path[t, 1]
-        elif counts[STARTED] == 0:
+        elif counts[Count.STARTED] == 0:
             x, y = 0.0, 0.0
         else:
-            x, y = where[X] + velocity[t, 0] / fs, where[Y] + velocity[t, 1] / fs
-        if counts[STARTED] == 0:
+            x, y = last_x + velocity[t, 0] / fs, last_y + velocity[t, 1] / fs
+        if counts[Count.STARTED] == 0:
             s = 0.0 if travelled != 0 else x * along_x + y * along_y - origin
-            where[FELT] = s
-            counts[NEXT] = locate(s, position, length)
+            felt = s
+            counts[Count.NEXT] = locate(s, position, length)
         elif travelled != 0:
-            s = where[PLACE] + np.sqrt((x - where[X]) ** 2 + (y - where[Y]) ** 2)
+            s = place + np.sqrt((x - last_x) ** 2 + (y - last_y) ** 2)
         else:
             s = x * along_x + y * along_y - origin
-        counts[STARTED] = 1
-        where[PLACE], where[X], where[Y] = s, x, y
-        felt = min(max(where[FELT], s), s + play)
+        counts[Count.STARTED] = 1
+        felt = min(max(felt, s), s + play)
         speed = np.sqrt(velocity[t, 0] ** 2 + velocity[t, 1] ** 2)
         A = factor(speed, force[t], law) if force[t] > 0 else 0.0
         advance(felt, A, position, length, first, modes, pool, counts)
-        where[FELT] = felt
+        where[0], where[1], where[2], where[3] = s, felt, x, y
         out[t] = min(max(ring(pool, counts, silent), -largest), largest)
     return True
