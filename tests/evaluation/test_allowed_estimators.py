@@ -18,6 +18,7 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import MinMaxScaler
 
+from texclass.classifiers.fitting import fit
 from texclass.cli.app import main
 from texclass.evaluation import load_pipeline
 from texclass.evaluation.allowed_estimators import (
@@ -26,7 +27,6 @@ from texclass.evaluation.allowed_estimators import (
     REFUSED_PARAMETERS,
     resolve,
 )
-from texclass.evaluation.folds import fit
 from texclass.evaluation.pipeline import Use
 from texclass.evaluation.trusted import UntrustedFileError, load_trusted
 
@@ -158,7 +158,7 @@ from fuzz.contract import WATCH
 from threadpoolctl import threadpool_info
 from fuzz.pipelines import draw
 from texclass.evaluation import load_pipeline
-from texclass.evaluation.folds import fit
+from texclass.classifiers.fitting import fit
 from texclass.evaluation.pipeline import Use
 
 place = Path(sys.argv[1])

@@ -12,8 +12,8 @@ from sklearn.neighbors import NearestCentroid
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MinMaxScaler
 
+from texclass.classifiers.forward_selection import ForwardSelector
 from texclass.evaluation.folds import evaluate, evaluate_each
-from texclass.evaluation.selection import ForwardSelector
 
 Y = np.repeat(["a", "b", "c", "d"], 15)
 SPLITS = tuple(StratifiedKFold(5, shuffle=True, random_state=0).split(Y, Y))

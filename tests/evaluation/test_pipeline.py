@@ -6,10 +6,10 @@ import pytest
 from sklearn.impute import SimpleImputer
 from sklearn.preprocessing import MinMaxScaler
 
+from texclass.classifiers.forward_selection import ForwardSelector
 from texclass.evaluation.allowed_estimators import resolve
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.pipeline import AdditionSettings, MatchedRow, Use, load_pipeline
-from texclass.evaluation.selection import ForwardSelector
 from texclass.shipped import names
 
 START = 'features = "strese2015"\nseed = 1\n'

@@ -10,9 +10,9 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.preprocessing import StandardScaler
 from toy_noises import a_table
 
+from texclass.classifiers.forward_selection import ForwardSelector
 from texclass.evaluation.folds import evaluate
 from texclass.evaluation.protocols import PROTOCOLS, find_protocol, repeated
-from texclass.evaluation.selection import ForwardSelector
 from texclass.evaluation.splits import n_starts
 
 

@@ -11,8 +11,8 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.tree import DecisionTreeClassifier
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
+from texclass.classifiers.forward_selection import SubsetScore, inner_splits
 from texclass.evaluation.cost import CostModel
-from texclass.evaluation.selection import SubsetScore, inner_splits
 from texclass.tradeoff.cost_selection import CostAwareSelector
 
 

@@ -15,8 +15,8 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
+from texclass.classifiers.forward_selection import ForwardSelector
 from texclass.evaluation import trusted
-from texclass.evaluation.selection import ForwardSelector
 from texclass.features import FeatureExtractor, load_feature_set
 from texclass.recording import Phases, Recording
 from texclass.tradeoff.cost_selection import CostAwareSelector

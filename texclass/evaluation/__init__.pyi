@@ -21,7 +21,6 @@ from .protocols import PROTOCOLS as PROTOCOLS
 from .protocols import Protocol as Protocol
 from .protocols import find_protocol as find_protocol
 from .protocols import repeated as repeated
-from .selection import ForwardSelector as ForwardSelector
 from .windows import Window as Window
 from .windows import touches as touches
 from .workers import each as each

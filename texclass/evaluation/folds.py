@@ -13,9 +13,7 @@ function; selections under a budget and recognisers that must know strangers hav
 """
 
 import time
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -23,9 +21,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from sklearn import config_context
-from sklearn.base import clone
-from sklearn.dummy import DummyClassifier
 
+from texclass.classifiers.fitting import fit, fit_varying, quiet_fits
 from texclass.evaluation.accuracy import Accuracy, score
 from texclass.evaluation.splits import Indices, Split
 from texclass.evaluation.workers import one_thread
@@ -33,26 +30,6 @@ from texclass.recording import Samples
 
 Labels = NDArray[Any]
 R = TypeVar("R")
-
-
-def fit(estimator: Any, X: Samples, y: Labels) -> Any:
-    """Return a fitted clone of an estimator.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be fitted to these data, for lack of memory for example; LinAlgError if singular.
-    """
-    try:
-        return clone(estimator).fit(X, y)
-    except np.linalg.LinAlgError:  # a selection scores these columns as useless
-        raise
-    except Exception as error:  # a file may combine any estimator with any parameters
-        steps = [step for _, step in getattr(estimator, "steps", [("", estimator)])]
-        names = ", ".join(step if isinstance(step, str) else type(step).__name__ for step in steps)
-        raise ValueError(
-            f"{names} cannot be fitted to {X.shape[0]} rows of {X.shape[1]} columns: {error}"
-        ) from error
 
 
 class Fold:
@@ -105,14 +82,8 @@ class Fold:
         return np.asarray(mask if len(mask) == n_columns else np.ones(n_columns), dtype=np.float64)
 
     def fitted(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> Any:
-        """Return a classifier fitted on some of the prepared columns.
-
-        Columns that are constant on the training part say nothing, and most classifiers refuse them: where
-        none is left, what comes back always names the commonest material.
-        """
-        learnt = self.learnt[:, columns]
-        silent = not np.ptp(learnt, axis=0).any()
-        return fit(DummyClassifier() if silent else classifier, learnt, self.labels)
+        """Return a classifier fitted on some of the prepared columns; see `fit_varying`."""
+        return fit_varying(classifier, self.learnt[:, columns], self.labels)
 
     def hits(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> NDArray[np.bool_]:
         """Return whether a classifier recognises each row of the test part by some of the columns."""
@@ -158,32 +129,13 @@ def over_folds(
         If prepared columns are not finite.
     """
     with (
-        without_remarks(),
+        quiet_fits(),
         one_thread(),
         config_context(assume_finite=True, skip_parameter_validation=True),
     ):
         if preparation is not None and not nested:
             preparation = fit(preparation, X, y)
         return [work(Fold(X, y, split, preparation, nested=nested)) for split in splits]
-
-
-@contextmanager
-def without_remarks() -> Iterator[None]:
-    """Silence what scikit-learn says of columns that are redundant, or constant within classes.
-
-    A discriminant drops collinear directions, and a class mean needs no deviation; a network may stop before
-    it has converged. What becomes of such data shows in the accuracy.
-    """
-    with warnings.catch_warnings():
-        for message in (
-            "Variables are collinear",
-            ".*at least 1 zero",
-            "Only one sample available",
-            "invalid value encountered in divide",
-            "lbfgs failed to converge",
-        ):
-            warnings.filterwarnings("ignore", message=message)
-        yield
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,12 +23,12 @@ from pydantic import (
 from sklearn.base import is_classifier
 from sklearn.pipeline import Pipeline, make_pipeline
 
+from texclass.classifiers.forward_selection import ForwardSelector
 from texclass.classifiers.segment_voting import knowing
 from texclass.evaluation.allowed_estimators import check_parameters, resolve
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.folds import Evaluation, evaluate, evaluate_each
 from texclass.evaluation.protocols import find_protocol
-from texclass.evaluation.selection import ForwardSelector
 from texclass.features.contract import Feature
 from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet, Member, load_feature_set

@@ -21,7 +21,7 @@ TRUSTED = frozenset(
         "texclass.tradeoff.cost_selection.Subset",
         "texclass.classifiers.kernel.View",
         "texclass.classifiers.kernel_discriminant.KernelDiscriminant",
-        "texclass.evaluation.selection.ForwardSelector",
+        "texclass.classifiers.forward_selection.ForwardSelector",
         "texclass.classifiers.segment_voting.SegmentVoting",
     }
 )

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from texclass.classifiers.fitting import quiet_fits
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, cached_table, metadata
-from texclass.evaluation.folds import without_remarks
 from texclass.evaluation.pipeline import PipelineDefinition, load_pipeline
 from texclass.evaluation.protocols import find_protocol, splits_of
 from texclass.evaluation.windows import asked, overlapping, parents, touches
@@ -250,7 +250,7 @@ def _best(
 def fitted_on(candidate: Candidate, table: pd.DataFrame) -> Facts:
     """Fit a candidate on all rows of a table, and return what a model computes with it: its parts, pruned."""
     X, y = candidate.trained_on(table)
-    with without_remarks(), one_thread():  # the number of threads would change last digits
+    with quiet_fits(), one_thread():  # the number of threads would change last digits
         recogniser = prune(fit_recogniser(candidate.plan, X, y, candidate.steps))
         plan: Plan = recogniser[0].plan_
         X, y = replace(candidate, plan=plan).trained_on(table)

@@ -12,8 +12,8 @@ from sklearn.utils import Tags
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from texclass.classifiers.forward_selection import Scoring, SubsetScore, inner_splits
 from texclass.evaluation.cost import CostModel
-from texclass.evaluation.selection import Scoring, SubsetScore, inner_splits
 from texclass.recording import Samples
 
 FREE = 0.01

@@ -13,12 +13,12 @@ from sklearn.impute import SimpleImputer
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
+from texclass.classifiers.forward_selection import SubsetScore, inner_splits
 from texclass.evaluation.accuracy import cluster_interval
 from texclass.evaluation.cost import CostModel
 from texclass.evaluation.folds import Fold, over_folds
 from texclass.evaluation.protocols import Protocol
 from texclass.evaluation.result import measured_on
-from texclass.evaluation.selection import SubsetScore, inner_splits
 from texclass.evaluation.splits import Split
 from texclass.evaluation.workers import Progress, each
 from texclass.features.sets import FeatureSet

@@ -11,8 +11,9 @@ from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 from sklearn.tree import DecisionTreeClassifier
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from texclass.evaluation import selection
-from texclass.evaluation.selection import ForwardSelector, SubsetScore, closed_form, inner_splits
+from texclass.classifiers import closed_form_scores
+from texclass.classifiers.closed_form_scores import closed_form
+from texclass.classifiers.forward_selection import ForwardSelector, SubsetScore, inner_splits
 
 CLASSIFIERS = [
     GaussianNB(),
@@ -107,7 +108,7 @@ def test_probabilities_of_discriminants_are_those_of_scikit_learn(solver):
 @pytest.mark.parametrize("classifier", [c for c in CLASSIFIERS if getattr(c, "tol", 0) != 0.3], ids=str)
 def test_a_candidate_is_fitted_only_where_rounding_could_decide(classifier, monkeypatch):
     X, y = classes(6, (5, 9, 14, 22))
-    selection.svd_degrees_of_freedom_per_class()
+    closed_form_scores.svd_degrees_of_freedom_per_class()
     fits = count_fits(monkeypatch, type(classifier))
     ForwardSelector(classifier, n_features_to_select=5).fit(X, y)
     assert len(fits) == 0
@@ -121,7 +122,7 @@ def test_the_divisor_of_the_covariance_is_measured_on_the_installed_scikit_learn
     """Fit with both divisors that released versions use, n - n_classes and n: the closed form follows."""
     X, y = classes(7, (4, 6, 8))
     for lost in (0.0, 1.0):
-        monkeypatch.setattr(selection, "svd_degrees_of_freedom_per_class", lambda lost=lost: lost)
+        monkeypatch.setattr(closed_form_scores, "svd_degrees_of_freedom_per_class", lambda lost=lost: lost)
         score, _ = closed_form(LinearDiscriminantAnalysis(), X, y, X)([0], np.array([1]))
         means = np.array([X[y == k][:, :2].mean(axis=0) for k in range(3)])
         scatter = (X[:, :2] - means[y]).T @ (X[:, :2] - means[y])
@@ -130,7 +131,7 @@ def test_the_divisor_of_the_covariance_is_measured_on_the_installed_scikit_learn
         expected += np.log([4 / 18, 6 / 18, 8 / 18])
         np.testing.assert_allclose(np.diff(score[0]), np.diff(expected))
     monkeypatch.undo()
-    assert selection.svd_degrees_of_freedom_per_class() in (0, 1)
+    assert closed_form_scores.svd_degrees_of_freedom_per_class() in (0, 1)
 
 
 def test_a_singular_covariance_scores_nothing_and_a_class_without_training_rows_too():

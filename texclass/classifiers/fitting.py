@@ -1,0 +1,61 @@
+"""Fitting of any classifier to any columns: constant columns, readable errors and no needless warnings."""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
+from sklearn.dummy import DummyClassifier
+
+from texclass.recording import Samples
+
+
+def fit(estimator: Any, X: Samples, y: NDArray[Any]) -> Any:
+    """Return a fitted clone of an estimator.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be fitted to these data, for lack of memory for example; LinAlgError if singular.
+    """
+    try:
+        return clone(estimator).fit(X, y)
+    except np.linalg.LinAlgError:  # a selection scores these columns as useless
+        raise
+    except Exception as error:  # a file may combine any estimator with any parameters
+        steps = [step for _, step in getattr(estimator, "steps", [("", estimator)])]
+        names = ", ".join(step if isinstance(step, str) else type(step).__name__ for step in steps)
+        raise ValueError(
+            f"{names} cannot be fitted to {X.shape[0]} rows of {X.shape[1]} columns: {error}"
+        ) from error
+
+
+def fit_varying(classifier: Any, X: Samples, y: NDArray[Any]) -> Any:
+    """Return a fitted clone of a classifier; of the commonest class alone if all columns are constant.
+
+    Most classifiers refuse constant columns.
+    """
+    is_constant = not np.ptp(X, axis=0).any()
+    return fit(DummyClassifier() if is_constant else classifier, X, y)
+
+
+@contextmanager
+def quiet_fits() -> Iterator[None]:
+    """Silence warnings of scikit-learn about columns that are redundant, or constant within classes.
+
+    A discriminant drops collinear directions, and a class mean needs no deviation; a network may stop before
+    it has converged. What becomes of such data shows in the accuracy.
+    """
+    with warnings.catch_warnings():
+        for message in (
+            "Variables are collinear",
+            ".*at least 1 zero",
+            "Only one sample available",
+            "invalid value encountered in divide",
+            "lbfgs failed to converge",
+        ):
+            warnings.filterwarnings("ignore", message=message)
+        yield
