@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import pandas as pd
@@ -22,9 +21,9 @@ from texclass.recognition import Model, train
 from texclass.recognition.adaptation import adapted_to
 from texclass.recording import Recording, Samples
 from texclass.reporting import Heading
-from texclass.simulate import freehand
+from texclass.simulate import record_freehand
 from texclass.simulate.recipe import Recipe
-from texclass.simulate.tool import Sensor
+from texclass.simulate.tool import Sensor, Tool
 
 SEED = 7
 N_STRANGERS = 2
@@ -68,7 +67,7 @@ TOOLS: dict[str, tuple[str, dict[str, Any]]] = {
     "none": ("the same tool", {}),
     "mount": (
         "a heavier tip (45 g), a softer shaft (80 g at 250 Hz)",
-        {"parts": {"_TIP_MASS_KG": 0.045, "_MODE_MASS_KG": 0.08, "_MODE_HZ": 250.0}},
+        {"tool": Tool(tip_mass_kg=0.045, mode_mass_kg=0.08, mode_hz=250.0)},
     ),
     "sensor": (
         "a slower and noisier accelerometer (400 Hz, 150 micro-g per root hertz)",
@@ -102,22 +101,21 @@ def changed(dataset: Dataset, name: str) -> Dataset:
 def simulated(name: str) -> Dataset:
     """Return simulated recordings made with a tool; phases have to be found."""
     tool, surfaces = TOOLS[name][1], {s.name: i for i, s in enumerate(RECIPE.surfaces)}
-    parts = tool.get("parts", {"_MODE_HZ": freehand._MODE_HZ})
 
     def load(entry: Entry) -> Recording:
         i, k = surfaces[entry.material], int(entry.repetition or 0)
         who = (k - 1) % RECIPE.n_operators
-        with mock.patch.multiple(freehand, **parts):
-            made = freehand.record_freehand(
-                RECIPE.surfaces[i],
-                RECIPE.operators[who],
-                duration_s=RECIPE.duration_s,
-                fs=tool.get("fs", RECIPE.fs),
-                seed=(RECIPE.seed, i, who, k),
-                sensor=tool.get("sensor"),
-                recording_id=entry.recording_id,
-                repetition=k,
-            )
+        made = record_freehand(
+            RECIPE.surfaces[i],
+            RECIPE.operators[who],
+            duration_s=RECIPE.duration_s,
+            fs=tool.get("fs", RECIPE.fs),
+            seed=(RECIPE.seed, i, who, k),
+            tool=tool.get("tool"),
+            sensor=tool.get("sensor"),
+            recording_id=entry.recording_id,
+            repetition=k,
+        )
         up, down = (5, 2) if "fs" in tool else (1, 1)
         n = round(RECIPE.duration_s * RECIPE.fs)
         felt, friction = (

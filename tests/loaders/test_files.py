@@ -1,22 +1,22 @@
 """One recording from a file of any format: what was written comes back, what is missing or bad is named."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 import soundfile
 
-from texclass.loaders import load_recording, open_dataset
+from texclass.loaders import load_recording, open_dataset, readers
 from texclass.loaders.plausibility import check_acceleration, clipped_share
-from texclass.loaders.readers import FORMATS
 from texclass.recording import RecordingError
 
 FS = 10_000.0
 NOISE = np.random.default_rng(0).normal(size=20_000)
 
 
-@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("suffix", readers.FORMATS)
 def test_every_format_gives_back_what_was_written_and_asks_for_what_it_lacks(tmp_path, axes, write, suffix):
     path = write(tmp_path / f"r{suffix}", axes)
     recording = load_recording(path, fs=FS, unit="counts")
@@ -25,7 +25,7 @@ def test_every_format_gives_back_what_was_written_and_asks_for_what_it_lacks(tmp
     name = {".tdms": "wf_increment", **dict.fromkeys((".mat", ".npz", ".h5", ".hdf5"), "fs")}.get(suffix)
     said = (f"time: fs is 10000 Hz, as {name!r} in the file states",) if name else ()
     assert recording.flags == said
-    if FORMATS[suffix].rate:
+    if readers.FORMATS[suffix].rate:
         assert load_recording(path, unit="counts").fs == FS
         with pytest.raises(RecordingError, match="fs is 10000 Hz, but 8000 Hz was given"):
             load_recording(path, fs=8000, unit="counts")
@@ -37,6 +37,22 @@ def test_every_format_gives_back_what_was_written_and_asks_for_what_it_lacks(tmp
     path.write_bytes(b"")
     with pytest.raises(RecordingError, match=r"is empty \(0 bytes\)"):
         load_recording(path, fs=FS, unit="g")
+
+
+def test_the_guide_lists_every_format_as_it_is_registered():
+    rows: dict[readers.Format, list[str]] = {}
+    for suffix, kind in readers.formats().items():
+        rows.setdefault(kind, []).append(f"`{suffix}`")
+    page = (Path(__file__).parents[2] / "docs" / "experiments.md").read_text(encoding="utf-8")
+    for kind, suffixes in rows.items():
+        options = [
+            "`bag:FILE?topic=/NAME`" if name == "topic" else f"`--{name.replace('_', '-')}`"
+            for name in kind.settings
+        ]
+        extra = kind.extra and f"`{kind.extra}`"
+        cells = (kind.name, ", ".join(suffixes), kind.rate, ", ".join(options), extra)
+        row = "|".join(f" {cell} " if cell else " " for cell in cells)
+        assert f"\n|{row}|\n" in page, row
 
 
 @pytest.mark.parametrize(

@@ -61,5 +61,5 @@ def test_recordings_outside_the_recipe_are_refused():
 
 def test_fingerprint_changes_with_the_code_of_the_simulation(monkeypatch):
     before = SMALL.fingerprint()
-    monkeypatch.setattr("texclass.simulate.recipe.code_hash", lambda *places: "edited")
+    monkeypatch.setattr("texclass.simulate.recipe.code_hash", lambda *places, words: "edited")
     assert SMALL.fingerprint() != before

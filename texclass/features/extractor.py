@@ -201,9 +201,9 @@ class FeatureExtractor(_Values):
         """Return X as a sequence of recordings."""
         if hasattr(X, "entries"):
             return X
-        from texclass.loaders.neighbours import is_of_neighbours, recordings_of
+        from texclass.loaders.interoperability import is_mne_or_xarray, recordings_of
 
-        if is_of_neighbours(X):
+        if is_mne_or_xarray(X):
             return recordings_of(X, fs=self.fs, unit=self.unit)
         if getattr(getattr(X, "index", None), "nlevels", 1) == 2:
             from pandas import Series

@@ -5,8 +5,8 @@ from .cards import read_card as read_card
 from .dataset import Dataset as Dataset
 from .dataset import Entry as Entry
 from .files import load_recording as load_recording
-from .neighbours import collection_of as collection_of
-from .neighbours import recordings_of as recordings_of
+from .interoperability import collection_of as collection_of
+from .interoperability import recordings_of as recordings_of
 from .open import find_recording as find_recording
 from .open import open_dataset as open_dataset
 from .places import DataNotFoundError as DataNotFoundError

@@ -4,14 +4,14 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment, StrictUndefined
 
-from texclass.loaders.cards import LabelTable
 from texclass.loaders.columns import UNNAMED, choose_acceleration, columns_of_kind, is_time, plain
 from texclass.loaders.data_files import data_files
 from texclass.loaders.exports import Export, export_companions, export_pattern, find_exports
@@ -103,21 +103,41 @@ def draft_card(
         layout = _labelled(names, Labels.read(table, columns), root, exports)
     else:
         layout = _of_exports(names, exports) if exports else _layout(names)
-    found = _signals(root, layout, settings)
-    lines = [
-        *_layout_lines(root, Path(beside), names, layout),
-        *_rate_lines(found.rates, fs, resample),
-        *_unit_lines(found),
-        *(f"{key} = {_toml(value)}" for key, value in settings.of_a_card.items()),
-        "",
-        "# A recording is segmented into taps and movement. Without taps, or with taps only, set this:",
-        '# phases = "movement"',
-        '# title, source, licence = "..." describe the data in reports.',
-        *_channel_lines(found),
-        *_label_lines(columns),
-        *_companion_lines(exports),
-    ]
-    return "\n".join(lines) + "\n"
+    signals = _signals(root, layout, settings)
+    rates = sorted({rate for rate in signals.rates.values() if rate is not None})
+    surfaces = [f"{surface} ({n})" for surface, n in sorted(layout.surfaces.items())]
+    left_out = sorted(set(names) - set(layout.named))
+    environment = Environment(
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined
+    )
+    environment.filters |= {"toml": _toml, "printable": _printable}
+    template = environment.from_string(Path(__file__).with_suffix(".toml.j2").read_text("utf-8"))
+    return template.render(
+        folder=_folder_in_card(root.resolve(), Path(beside).resolve()),
+        n_surfaces=counted(len(surfaces), "surface"),
+        surfaces=f"{', '.join(surfaces[:20])}{' ...' if len(surfaces) > 20 else ''}",
+        groups={
+            group: len({groups[group] for groups in layout.named.values() if group in groups})
+            for group in ("session", "repetition")
+        },
+        layout=layout,
+        n_left_out=counted(len(left_out), "file") if left_out else "",
+        left_out=left_out[0] if left_out else "",
+        settings=settings,
+        rates=rates,
+        several_rates=", ".join(f"{rate:g}" for rate in rates),
+        signals=signals,
+        labels=columns,
+        companions=export_companions(exports),
+        export_facts=exports[0].facts if exports else "",
+    )
+
+
+def _folder_in_card(root: Path, beside: Path) -> str:
+    """Return the folder as a card beside it states it; "" for the folder of the card."""
+    if root == beside:
+        return ""
+    return (root.relative_to(beside) if root.is_relative_to(beside) else root).as_posix()
 
 
 def _labelled(names: Sequence[str], labels: Labels, root: Path, exports: Sequence[Export]) -> _Layout:
@@ -280,91 +300,7 @@ def _channels(
     return {UNNAMED: acceleration, **channels}, questions
 
 
-def _layout_lines(root: Path, beside: Path, names: Sequence[str], layout: _Layout) -> Iterator[str]:
-    counts = [f"{surface} ({n})" for surface, n in sorted(layout.surfaces.items())]
-    yield "# Dataset card, drafted by `texclass card`. Answer the questions, if there are any."
-    yield ""
-    if root.resolve() != beside.resolve():
-        inside = root.resolve().is_relative_to(beside.resolve())
-        folder = os.path.relpath(root.resolve(), beside.resolve()) if inside else root.resolve()
-        yield f"folder = {_toml(Path(folder).as_posix())}"
-    shown = f"{', '.join(counts[:20])}{' ...' if len(counts) > 20 else ''}"
-    yield f"# {counted(len(layout.surfaces), 'surface')}, with number of files: {_comment(shown)}"
-    for group in ("session", "repetition"):
-        found = {groups[group] for groups in layout.named.values() if group in groups}
-        yield f"# {group}: {f'{len(found)} different' if found else 'not in the names'}"
-    yield "# Groups of `files`: material (the surface), operator, session, repetition, recording, axis."
-    yield from _questions(layout.questions)
-    yield f"files = {_toml(layout.pattern)}"
-    if left_out := sorted(set(names) - set(layout.named)):
-        yield (
-            f"{QUESTION}{counted(len(left_out), 'file')} left out, {_comment(left_out[0])} first. "
-            "Are they recordings, or a table of labels?"
-        )
-    yield ""
-
-
-def _rate_lines(rates: Mapping[str, float | None], fs: float | None, resample: float | None) -> Iterator[str]:
-    stated = {rate for rate in rates.values() if rate is not None}
-    if fs is None and not stated:
-        yield f"{QUESTION}what is the sampling rate in Hz? The files do not state it."
-        yield "# fs_hz = 1000"
-        return
-    yield "# Sampling rate in Hz, " + ("given." if fs is not None else "as the files state it.")
-    yield f"fs_hz = {fs if fs is not None else min(stated)!r}"
-    if resample is not None:
-        yield f"resample_hz = {resample!r}"
-    elif len(stated) > 1:
-        shown = ", ".join(f"{rate:g}" for rate in sorted(stated))
-        yield f"{QUESTION}the files have several rates ({shown} Hz). Is the lowest one right for all?"
-        yield f"resample_hz = {min(stated)!r}"
-
-
-def _unit_lines(found: _Signals) -> Iterator[str]:
-    yield from _questions(found.questions)
-    if found.unit_from:
-        yield f"# Unit: {found.unit_from}."
-    yield f"unit = {_toml(found.unit)}"
-    if found.has_gravity:
-        yield "# Gravity shows how the sensor is mounted. To remove the resting level of each axis:"
-        yield "# remove_resting_level = true"
-
-
-def _channel_lines(found: _Signals) -> Iterator[str]:
-    if not found.channels:
-        return
-    yield ""
-    yield "# Columns of each signal: acceleration, friction (V), normal_force (N), speed (mm/s), sound,"
-    yield "# turn_rate (rad/s; other units: turn_rate_scale)."
-    yield "[channels]"
-    for field, columns in found.channels.items():
-        yield f"{field} = [{', '.join(map(_toml, columns))}]"
-
-
-def _label_lines(columns: LabelTable | None) -> Iterator[str]:
-    if columns is None:
-        return
-    yield ""
-    yield "# Columns of the table that states surface and groups of each file."
-    yield "[labels]"
-    for key, column in columns:
-        if column is not None:
-            yield f"{key} = {_toml(column)}"
-
-
-def _companion_lines(exports: Sequence[Export]) -> Iterator[str]:
-    for field, names in export_companions(exports).items():
-        yield ""
-        yield f"# Files of other signals beside the acceleration: {exports[0].facts}."
-        yield "[companions]"
-        yield f"{field} = [{', '.join(map(_toml, names))}]"
-
-
-def _questions(questions: Sequence[str]) -> Iterator[str]:
-    return (f"{QUESTION}{_comment(question)}" for question in questions)
-
-
-def _comment(text: str) -> str:
+def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 

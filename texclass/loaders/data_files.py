@@ -3,9 +3,6 @@
 import unicodedata
 from pathlib import Path
 
-SYSTEM_NAMES = ("__macosx", "thumbs.db", "desktop.ini")
-"""Names of files and folders of macOS and Windows, in lower case, that do not begin with a dot."""
-
 
 def data_files(folder: Path) -> list[Path]:
     """Return the files in a folder and below it, sorted, without hidden and system files."""
@@ -18,7 +15,8 @@ def data_files(folder: Path) -> list[Path]:
 
 def is_hidden(name: str) -> bool:
     """Whether the name of a file or folder begins with a dot or is one of the operating system."""
-    return name.startswith(".") or name.lower() in SYSTEM_NAMES
+    of_systems = ("__macosx", "thumbs.db", "desktop.ini")
+    return name.startswith(".") or name.lower() in of_systems
 
 
 def composed(name: str) -> str:

@@ -26,11 +26,6 @@ OTHERS = (
     *("heart rate", "battery", "annotation", "metadata", "wrist motion", "device motion", "temperature"),
 )
 """Names of files of other sensors, and of what is known of a recording."""
-NUMBERED_OTHERS = (TURN_RATE, "magnetometer", "barometer")
-"""Sensors that a file is of if a number follows the name: others are names of surfaces, too ("light_1")."""
-META = "meta"
-"""Folder of phyphox beside the files of sensors; `device.csv` in it marks an export."""
-SUFFIXES = (".csv", ".tsv", ".txt")
 
 
 @dataclass(frozen=True)
@@ -62,7 +57,7 @@ class Export:
 def sensor_of(name: str) -> str:
     """Return the sensor in the name of a file: "total acceleration" of "TotalAcceleration.csv"; else ""."""
     path = PurePosixPath(name)
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in {".csv", ".tsv", ".txt"}:
         return ""
     words = re.sub(r"(?<=[a-z])(?=[A-Z])|_+", " ", path.stem).lower()
     stem = re.sub(r" ?\(.*\)$| ?uncalibrated$", "", words).strip()
@@ -74,7 +69,8 @@ def other_sensor(path: Path) -> str:
     if (sensor := sensor_of(path.name)) in OTHERS:
         return sensor
     unnumbered = sensor_of(re.sub(r"[ _-]?\d+$", "", path.stem) + path.suffix)
-    return unnumbered if unnumbered in NUMBERED_OTHERS else ""
+    # other numbered names are surfaces, too: "light_1"
+    return unnumbered if unnumbered in {TURN_RATE, "magnetometer", "barometer"} else ""
 
 
 def export_in(folder: Path) -> Export | None:
@@ -98,8 +94,8 @@ def find_exports(files: Iterable[str]) -> list[Export]:
     for folder, names in folders.items():
         sensors = {sensor_of(name): name for name in sorted(names, reverse=True)}
         usable = [sensors[one] for one in ACCELERATIONS if one in sensors]
-        described = folders.get(folder / META, ())
-        is_phyphox = str(folder / META / "device.csv") in described
+        described = folders.get(folder / "meta", ())
+        is_phyphox = str(folder / "meta" / "device.csv") in described
         if not usable or (len(sensors.keys() - {""}) < 2 and not is_phyphox):
             continue
         turn_rate = sensors.get(TURN_RATE)

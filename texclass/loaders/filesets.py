@@ -19,14 +19,14 @@ from texclass.loaders.labels import Labels
 from texclass.loaders.places import digest_files, digest_of, file_digests, leaves
 from texclass.loaders.plausibility import build_recording, doubtful_labels
 from texclass.loaders.readers import BAG_FOLDER, STORAGE, ReadSignals, is_bag, refused, storage_suffix
-from texclass.loaders.stamps import NEAR_RATE
+from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 from texclass.reporting.wording import counted
 
 LONGEST_MATCH_S = 0.2
 """Seconds of the processor that a pattern may take on one name; usual ones take microseconds."""
 Groups = dict[str, str]
-"""What names, topics and tables tell of a recording: group -> text."""
+"""Facts of a recording that names, topics and tables state: group -> text."""
 
 
 def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
@@ -65,7 +65,7 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
         if name not in named:
             columns = signal_columns(column_names(path, settings), path)
             one = read_signals({"": path}, {UNNAMED: columns}, replace(settings, time_column=None))
-            if one.fs and signals.fs and abs(one.fs / signals.fs - 1) > NEAR_RATE:
+            if one.fs and signals.fs and abs(one.fs / signals.fs - 1) > TIMESTAMPS.near_rate:
                 raise refused(
                     path, f"its rate is {one.fs:g} Hz, that of the acceleration {signals.fs:g}", "one"
                 )

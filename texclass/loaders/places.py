@@ -16,9 +16,6 @@ from texclass import shipped
 from texclass.atomic_write import cache_root, write_atomic, write_if_possible
 from texclass.loaders.cards import CardError, Convert, StoredCard, read_card
 
-PATIENCE_S = 60
-"""Seconds in which a server has to answer."""
-
 
 class DataNotFoundError(FileNotFoundError):
     """The recordings of a card are not on this machine; the message says where to get and to put them."""
@@ -155,7 +152,7 @@ def _fetched(url: str, source: str, sha256: str, folder: Path) -> Path:
     (folder / source).parent.mkdir(parents=True, exist_ok=True)  # pooch fails if another process makes it
     files = pooch.create(folder, url, registry={source: f"sha256:{sha256}"}, retry_if_failed=2)
     try:
-        return Path(files.fetch(source, downloader=pooch.HTTPDownloader(timeout=PATIENCE_S)))
+        return Path(files.fetch(source, downloader=pooch.HTTPDownloader(timeout=60)))
     except OSError as error:
         told = f"{url}{source}: cannot be fetched ({error})"
         raise OSError(f"{told}; what was fetched is kept, the same command goes on") from error

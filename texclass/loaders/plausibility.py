@@ -9,28 +9,11 @@ import numpy as np
 
 from texclass.loaders.columns import UNNAMED
 from texclass.loaders.readers import RATES_HZ, ReadSignals, contradicting_rates, refused
-from texclass.loaders.stamps import resample as band_limited
+from texclass.loaders.timestamps import resample as band_limited
 from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, UNITS, Recording, Samples
 
-MOST_VALUE = 1e30
-"""No sensor's value is larger; that of a damaged file often is."""
-RESTING_BLOCK_S = 0.25
-"""Over so long a mean, vibration averages out and gravity does not."""
-OWN_GRAVITY, NO_GRAVITY = (0.8, 1.2), 0.35
-"""Times gravity: levels at rest of a sensor that feels it, and of one from which it has been removed."""
-SAME_LEVEL = 0.1
-"""Relative difference of a level from gravity by which another unit is suspected."""
-CLIPPED_RUN = 3
-"""Samples in a row at the extreme value that count as clipped."""
 CLIPPED_SHARE = 1e-3
 """Share of clipped samples from which a recording is flagged."""
-_MOST_LEVELS = 10_000_000
-"""Samples in which the quantisation step is looked for."""
-_BLOCK = 1 << 20
-"""Samples searched for runs at a time."""
-_SESSION = re.compile(
-    r"(session|run|day|trial|operator|subject|user|participant|person|s|p)[ _-]?\d+", re.IGNORECASE
-)
 
 
 def build_recording(
@@ -133,10 +116,8 @@ def check_acceleration(acceleration: Samples, channels: Sequence[str], where: st
     columns = acceleration.reshape(len(acceleration), -1)
     if len(columns) < 2:
         raise refused(where, f"holds {len(columns)} sample", "at least 2")
-    if not (largest := np.abs(columns).max()) <= MOST_VALUE:
-        raise refused(
-            where, f"holds a value of {largest:.3g}", f"at most {MOST_VALUE:g}; what is larger is damage"
-        )
+    if not (largest := np.abs(columns).max()) <= 1e30:  # no sensor's value is larger
+        raise refused(where, f"holds a value of {largest:.3g}", "at most 1e+30; what is larger is damage")
     constant = np.ptp(columns, axis=0) == 0
     if constant.all():
         raise refused(where, f"acceleration is {columns[0].tolist()} throughout", "a channel that varies")
@@ -149,7 +130,7 @@ def check_acceleration(acceleration: Samples, channels: Sequence[str], where: st
 def clipped_share(signal: Samples) -> float:
     """Return the share of samples that stand in a run at the signal's largest or smallest value.
 
-    A run is at least `CLIPPED_RUN` equal samples that the signal enters or leaves by more than two
+    A run is at least 3 equal samples that the signal enters or leaves by more than two
     quantisation steps: a slow wave that is merely quantised reaches its crest step by step.
 
     Parameters
@@ -164,17 +145,16 @@ def clipped_share(signal: Samples) -> float:
     """
     firsts, lasts = [], []
     for extreme in (signal.min(), signal.max()):
-        starts = range(0, len(signal), _BLOCK)
-        where = np.concatenate([k + np.flatnonzero(signal[k : k + _BLOCK] == extreme) for k in starts])
+        where = np.flatnonzero(signal == extreme)
         ends = np.flatnonzero(np.diff(where, append=np.inf) > 1)
         firsts.append(where[np.concatenate(([0], ends[:-1] + 1))])
         lasts.append(where[ends] + 1)
     first, last = np.concatenate(firsts), np.concatenate(lasts)
-    long = last - first >= CLIPPED_RUN
+    long = last - first >= 3
     first, last = first[long], last[long]
     if not len(first):
         return 0.0
-    levels = np.unique(signal[:_MOST_LEVELS])
+    levels = np.unique(signal[:10_000_000])  # enough to find the quantisation step
     step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
     before = np.abs(signal[np.maximum(first - 1, 0)] - signal[first])
     after = np.abs(signal[np.minimum(last, len(signal) - 1)] - signal[last - 1])
@@ -209,17 +189,18 @@ def doubts(
     is_told = any(one.startswith("unit:") for one in said)
     if unit not in ACCELERATION_UNITS or acceleration.shape[1:] != (3,) or is_told:
         return tuple(found)
-    n = max(1, min(round(RESTING_BLOCK_S * fs), len(acceleration)))
+    # over 0.25 s vibration averages out, gravity does not
+    n = max(1, min(round(0.25 * fs), len(acceleration)))
     blocks = acceleration[: len(acceleration) // n * n].reshape(-1, n, 3).mean(axis=1)
     level = float(np.median(np.linalg.norm(blocks, axis=1))) * abs(scale)
     gravities = {other: level * size / STANDARD_GRAVITY for other, size in ACCELERATION_UNITS.items()}
-    meant = next((other for other, times in gravities.items() if abs(times - 1) <= SAME_LEVEL), None)
-    if not OWN_GRAVITY[0] <= gravities[unit] <= OWN_GRAVITY[1]:
+    meant = next((other for other, times in gravities.items() if abs(times - 1) <= 0.1), None)
+    if not 0.8 <= gravities[unit] <= 1.2:  # of a sensor that measures gravity
         gravity = STANDARD_GRAVITY / ACCELERATION_UNITS[unit]
         rests = f"unit: rests at {level:.3g} {unit}, gravity is {gravity:.3g}"
         if meant:
             found.append(f"{rests}: is it in {meant}? (--unit {meant}, `unit` in a card)")
-        elif gravities[unit] > NO_GRAVITY:
+        elif gravities[unit] > 0.35:  # nor is it removed
             found.append(f"{rests} or none: are unit, scale and columns right?")
     return tuple(found)
 
@@ -242,11 +223,14 @@ def doubtful_levels(files: Iterable[Sequence[str]]) -> list[str]:
     The first level is the label. Where every folder of it holds the same folders, and these are more, or
     where they are called session 1, session 2, the second level will be.
     """
+    session = r"(session|run|day|trial|operator|subject|user|participant|person|s|p)[ _-]?\d+"
     below: dict[str, set[str]] = {}
     for parts in files:
         below.setdefault(parts[0], set()).update(parts[1:2] if len(parts) > 2 else ())
     shared = set.intersection(*below.values()) if below else set()
-    are_sessions = len(shared) > len(below) or all(map(_SESSION.fullmatch, below))
+    are_sessions = len(shared) > len(below) or all(
+        re.fullmatch(session, name, re.IGNORECASE) for name in below
+    )
     if min(len(below), len(shared)) < 2 or not are_sessions:
         return []
     labels, inside = (", ".join(sorted(names)[:4]) for names in (below, shared))

@@ -75,7 +75,7 @@ FORMATS: Mapping[str, Format] = {
     ".npy": Format("NPY", _HDF5.module),
     ".npz": Format("NPZ", _HDF5.module, rate="scalar `fs`"),
     **dict.fromkeys((".h5", ".hdf5"), _HDF5),
-    ".xlsx": Format("Excel", "texclass.loaders.workbooks", _TEXT.settings, extra="formats"),
+    ".xlsx": Format("Excel", "texclass.loaders.workbooks", _TEXT.settings[1:], extra="formats"),
     ".tdms": Format("TDMS", "texclass.loaders.tdms", rate="`wf_increment`", extra="formats"),
 }
 """Suffix of a file that can be a recording (case does not matter) -> its format."""

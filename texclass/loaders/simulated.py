@@ -17,11 +17,6 @@ from texclass.simulate.recipe import Recipe
 
 SIGNALS = ("acceleration", *AUXILIARY_UNITS)
 FACTS = ("fs", "unit", "recording_id", "material", "operator", "repetition", "source", "channels", "flags")
-MIN_FREE_BYTES = 5_000_000_000
-"""Nothing is remembered when the disk has less space than this."""
-_SAMPLE = Recipe(n_surfaces=5, n_recordings=1000, n_operators=3, duration_s=4.0, fs=10_000, seed=2015)
-_SAMPLED = {"slate": 0, "oak": 2, "foam": 3, "mesh": 4}
-"""Surface -> its place in the recipe."""
 
 
 def load_simulated(recipe: Recipe, cache: Path, entry: Entry) -> Recording:
@@ -113,10 +108,11 @@ def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
     IndexError
         If `first` is not 1 to 995.
     """
+    recipe = Recipe(n_surfaces=5, n_recordings=1000, n_operators=3, duration_s=4.0, fs=10_000, seed=2015)
     written = []
-    for name, place in _SAMPLED.items():
+    for name, place in {"slate": 0, "oak": 2, "foam": 3, "mesh": 4}.items():
         for k in range(first, first + 6):
-            along_tool = _SAMPLE.record(place, k).acceleration[:, 2]
+            along_tool = recipe.record(place, k).acceleration[:, 2]
             text = "%.6g\n" * len(along_tool) % tuple(along_tool)
             path = Path(folder) / name / f"{name}_{k:02d}.txt"
             if path.exists() and path.read_bytes() != text.encode():
@@ -127,8 +123,8 @@ def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
 
 
 def remember(path: Path, recording: Recording) -> None:
-    """Write a recording to the cache, unless the disk is nearly full."""
-    if shutil.disk_usage(next(folder for folder in path.parents if folder.exists())).free < MIN_FREE_BYTES:
+    """Write a recording to the cache, unless the disk has less than 5 GB left."""
+    if shutil.disk_usage(next(folder for folder in path.parents if folder.exists())).free < 5_000_000_000:
         return
     arrays = {name: signal for name in SIGNALS if (signal := getattr(recording, name)) is not None}
     facts = {name: getattr(recording, name) for name in FACTS}

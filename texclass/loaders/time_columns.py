@@ -8,32 +8,17 @@ from numpy.typing import NDArray
 
 from texclass.loaders.columns import time_unit
 from texclass.loaders.readers import TIME_UNITS, refused
-from texclass.loaders.stamps import NEAR_RATE, at_uniform_rate, usual_step
+from texclass.loaders.timestamps import TIMESTAMPS, at_uniform_rate, usual_step
 from texclass.recording import RecordingError, Samples
 
-EPOCH_SIZES = {"ns": 1e17, "us": 1e14, "ms": 1e11}
-"""Time stamps since 1970 in this unit are larger."""
-DAY_NUMBERS = ((20_000, 80_000), (690_000, 780_000))
-"""Dates from 1954 to 2119 as Excel counts days, and from 1889 to 2135 as MATLAB does."""
-PLAUSIBLE_HZ = (1.0, 20e3)
-"""Rates of accelerometers, ends excluded: a unit that gives another rate is not inferred."""
-IMPLAUSIBLE_HZ, IMPLAUSIBLE_S = 50e3, 0.1
-"""A named unit that gives a higher rate and a shorter recording contradicts the data."""
-MOST_DECREASING = 0.01
-"""Share of steps back from which a column does not increase like time: clocks are set, rows are swapped."""
-MERGED = 0.1
-"""Share of rows without a new value from which a log is one of several sensors."""
-UNIT_OPTION = "--time-unit (`time_unit` in a card)"
+FAST_HZ = 50e3
+"""A unit of the name that gives a higher rate, and less than 0.1 s, contradicts the data."""
 
 
 def increases(times: NDArray[np.generic]) -> bool:
-    """Whether a column increases as time stamps do."""
+    """Whether a column increases as time stamps do: clocks are set, rows are swapped, but rarely."""
     steps = _numbers(times)
-    return (
-        len(steps) > 1
-        and bool(steps[-1] > steps[0])
-        and float(np.mean(np.diff(steps) < 0)) <= MOST_DECREASING
-    )
+    return len(steps) > 1 and bool(steps[-1] > steps[0]) and float(np.mean(np.diff(steps) < 0)) <= 0.01
 
 
 def by_time_column(
@@ -120,10 +105,8 @@ def _new_rows(samples: Samples) -> NDArray[np.bool_]:
     """
     is_new = np.append(True, np.any(samples[1:] != samples[:-1], axis=1))
     n_new = np.count_nonzero(is_new)
-    # Sorting all rows takes long: only where many of them repeat.
-    is_merged = 2 <= n_new < (1 - MERGED) * len(samples) and (
-        len(np.unique(samples[is_new], axis=0)) >= 0.95 * n_new
-    )
+    # Sorting all rows takes long: only where more than a tenth of them repeat.
+    is_merged = 2 <= n_new < 0.9 * len(samples) and (len(np.unique(samples[is_new], axis=0)) >= 0.95 * n_new)
     return is_new if is_merged else np.ones(len(samples), bool)
 
 
@@ -151,11 +134,12 @@ def _unit(numbers: Samples, name: str, given: float | None, where: str) -> str:
     step = _typical_step(numbers)
     rates = {unit: 1e9 / (step * size) for unit, size in TIME_UNITS.items()}
     usual = ("s", "ms", "us", "ns")
-    plausible = [unit for unit in usual if PLAUSIBLE_HZ[0] < rates[unit] < PLAUSIBLE_HZ[1]]
-    agreeing = [unit for unit in usual if given and abs(rates[unit] - given) <= NEAR_RATE * given]
+    plausible = [unit for unit in usual if 1.0 < rates[unit] < 20e3]  # rates of accelerometers
+    near = TIMESTAMPS.near_rate
+    agreeing = [unit for unit in usual if given and abs(rates[unit] - given) <= near * given]
     if (named := time_unit(name)) is not None:
-        is_short = len(numbers) / rates[named] < IMPLAUSIBLE_S
-        if rates[named] > IMPLAUSIBLE_HZ and is_short and given is None and plausible:
+        is_short = len(numbers) / rates[named] < 0.1
+        if rates[named] > FAST_HZ and is_short and given is None and plausible:
             raise _undecided(where, name, rates, (named, *plausible))
         if given and named not in agreeing and agreeing:
             raise _undecided(where, name, rates, (named, *agreeing), f", {given:g} Hz was given")
@@ -163,10 +147,11 @@ def _unit(numbers: Samples, name: str, given: float | None, where: str) -> str:
     if agreeing:
         return agreeing[0]
     first = abs(float(numbers[0]))
-    since_1970 = next((unit for unit, size in EPOCH_SIZES.items() if first > size), None)
-    if since_1970:
-        return since_1970
-    if any(low < first < high for low, high in DAY_NUMBERS) and rates["s"] > IMPLAUSIBLE_HZ:
+    for unit, least in {"ns": 1e17, "us": 1e14, "ms": 1e11}.items():
+        if first > least:  # since 1970
+            return unit
+    # 1954 to 2119 as Excel counts days, 1889 to 2135 as MATLAB does
+    if rates["s"] > FAST_HZ and (20_000 < first < 80_000 or 690_000 < first < 780_000):
         return "days"
     if len(plausible) > 1:
         raise _undecided(where, name, rates, plausible)
@@ -178,5 +163,6 @@ def _undecided(
 ) -> RecordingError:
     options = " or ".join(f"{rates[unit]:.6g} Hz if in {unit}" for unit in units)
     return RecordingError(
-        f"{where}: fs is {options} by its column {name!r}{given}. Expected one unit: set {UNIT_OPTION}"
+        f"{where}: fs is {options} by its column {name!r}{given}. Expected one unit: set --time-unit "
+        "(`time_unit` in a card)"
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from texclass.loaders.columns import TURN_RATE
 from texclass.loaders.readers import ReaderSettings, ReadSignals, check_size, listed, refused, require
-from texclass.loaders.stamps import Stamps, at_uniform_rate
+from texclass.loaders.timestamps import Timestamps, at_uniform_rate
 from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
 from texclass.robot.bag_files import Connection, bag_messages, bag_topics
 from texclass.robot.ros_messages import (
@@ -150,14 +150,14 @@ def _channel_names(n: int) -> tuple[str, ...]:
 
 def _messages(
     path: Path, chosen: Connection, wanted: tuple[str, ...]
-) -> tuple[Stamps | None, Stamps, Samples]:
+) -> tuple[Timestamps | None, Timestamps, Samples]:
     """Return stamps (None without headers), times of receipt and samples (n, k, columns) as wanted."""
     where = f"{path}?topic={chosen.topic}"
     type_ = type_of(*chosen.of_type)
     if type_ is not None:
         require(wanted, tuple(type_.columns), path)
     received: list[int] = []
-    heads: list[Stamps] = []
+    heads: list[Timestamps] = []
     parts: list[Samples] = []
     messages = bag_messages(path, chosen)
     while batch := list(islice(messages, BATCH)):

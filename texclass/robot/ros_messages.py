@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from texclass.loaders.columns import TURN_RATE
-from texclass.loaders.stamps import Stamps
+from texclass.loaders.timestamps import Timestamps
 from texclass.recording import RecordingError, Samples
 
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
@@ -142,7 +142,7 @@ def _numbers(store: Any, name: str) -> tuple[str, ...]:
 
 def decode_stamped(
     type_: MessageType, raws: Sequence[bytes], columns: Sequence[str], *, ros1: bool
-) -> tuple[Stamps, Samples]:
+) -> tuple[Timestamps, Samples]:
     """Decode columns of messages with a header, in the units a `Recording` keeps them in.
 
     A covariance that begins with -1 says that its columns are not measured [sensor_msgs/Imu]. Some drivers

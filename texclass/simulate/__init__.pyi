@@ -12,3 +12,4 @@ from .surfaces import Grating as Grating
 from .surfaces import Surface as Surface
 from .surfaces import surface_catalogue as surface_catalogue
 from .tool import Sensor as Sensor
+from .tool import Tool as Tool

@@ -24,7 +24,6 @@ from texclass.simulate.hand import Operator
 from texclass.simulate.surfaces import Surface
 from texclass.simulate.tool import Sensor
 
-Range = tuple[float, float]
 GESTURES: Mapping[str, tuple[float, float, float] | None] = MappingProxyType(
     {
         "tap": None,
@@ -34,8 +33,6 @@ GESTURES: Mapping[str, tuple[float, float, float] | None] = MappingProxyType(
     }
 )
 """Gestures by name; of a stroke, factors of the operator's speed and force, and its seconds with a rest."""
-_REST_S = 0.3
-_START_S = 0.05
 
 
 def record_rising_speed(
@@ -45,7 +42,7 @@ def record_rising_speed(
     duration_s: float = 10.0,
     fs: float = 10_000.0,
     seed: Seed,
-    speed_mm_s: Range = (20.0, 200.0),
+    speed_mm_s: tuple[float, float] = (20.0, 200.0),
     force_n: float = 1.0,
     sensor: Sensor | None = None,
 ) -> Recording:
@@ -75,7 +72,7 @@ def record_rising_force(
     duration_s: float = 10.0,
     fs: float = 10_000.0,
     seed: Seed,
-    force_n: Range = (0.4, 2.5),
+    force_n: tuple[float, float] = (0.4, 2.5),
     speed_mm_s: float = 100.0,
     sensor: Sensor | None = None,
 ) -> Recording:
@@ -93,7 +90,7 @@ def record_rising_taps(
     n_taps: int = 8,
     fs: float = 10_000.0,
     seed: Seed,
-    tap_speed_mm_s: Range = (10.0, 45.0),
+    tap_speed_mm_s: tuple[float, float] = (10.0, 45.0),
     sensor: Sensor | None = None,
 ) -> Recording:
     """Simulate taps of rising strength and nothing else; see `record_rising_speed`.
@@ -177,21 +174,22 @@ def _record_plate(
     duration_s: float,
     fs: float,
     seed: Seed,
-    speed: Range,
-    force: Range,
+    speed: tuple[float, float],
+    force: tuple[float, float],
     sensor: Sensor | None,
     recording_id: str,
 ) -> Recording:
     """Return what is felt of a plate that turns after a rest; speed and force then rise linearly."""
     check_duration_and_rate(duration_s, fs, shortest_s=1.0)
     n_knots = int(np.ceil(duration_s * hand.CONTROL_RATE)) + 2
-    begin = int(_REST_S * hand.CONTROL_RATE)
+    rest_s = 0.3
+    begin = int(rest_s * hand.CONTROL_RATE)
     since = np.maximum(np.arange(n_knots) - begin, 0) / hand.CONTROL_RATE
     rising = since / since[-1]
-    velocity = 1e-3 * (speed[0] + (speed[1] - speed[0]) * rising) * np.minimum(since / _START_S, 1.0)
+    velocity = 1e-3 * (speed[0] + (speed[1] - speed[0]) * rising) * np.minimum(since / 0.05, 1.0)
     normal = -pressing_depth(surface, operator, force[0] + (force[1] - force[0]) * rising)
     straight = np.zeros(n_knots)
-    path = hand.Gesture(normal, velocity, straight, straight, strokes_s=_REST_S)
+    path = hand.Gesture(normal, velocity, straight, straight, strokes_s=rest_s)
     return perform(
         path,
         surface,

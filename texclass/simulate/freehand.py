@@ -11,17 +11,11 @@ from texclass.simulate import hand
 from texclass.simulate.hand import Operator
 from texclass.simulate.profile import synthesize_profile
 from texclass.simulate.surfaces import Surface
-from texclass.simulate.tool import BRISTLE_N_M, Mechanics, Motion, Sensor, move_tool, steps_per_sample
+from texclass.simulate.tool import Mechanics, Motion, Sensor, Tool, move_tool, steps_per_sample
 
 Seed = int | Sequence[int]
 Generators = tuple[np.random.Generator, np.random.Generator, np.random.Generator]
 """Of the hand and its pose, of the profile, of the electronics."""
-SHORTEST_S = {True: 3.0, False: 1.0}
-"""Least duration with and without taps."""
-_TIP_MASS_KG = 0.030
-_MODE_MASS_KG = 0.060
-_MODE_HZ = 420.0
-_TRACKER_HZ = 20.0
 
 
 def record_freehand(
@@ -33,6 +27,7 @@ def record_freehand(
     seed: Seed,
     with_taps: bool = True,
     snr_db: float | None = None,
+    tool: Tool | None = None,
     sensor: Sensor | None = None,
     recording_id: str | None = None,
     repetition: int | None = None,
@@ -53,6 +48,8 @@ def record_freehand(
         Whether the recording begins with taps (3 to 6); else the tip rests on the surface from the start.
     snr_db : float, optional
         Adds white noise to every axis so that the strokes' vibration stands so far above it.
+    tool : Tool, optional
+        Masses and mode of the tool.
     sensor : Sensor, optional
         The electronics; the default is an LIS344ALH-like one.
     recording_id, repetition
@@ -68,7 +65,7 @@ def record_freehand(
     ValueError
         If duration or rate break their rule.
     """
-    check_duration_and_rate(duration_s, fs, shortest_s=SHORTEST_S[with_taps])
+    check_duration_and_rate(duration_s, fs, shortest_s=3.0 if with_taps else 1.0)
     rngs = generators(seed)
     rng = rngs[0]
     person = operator.redrawn(rng)
@@ -98,6 +95,7 @@ def record_freehand(
         duration_s=duration_s,
         fs=fs,
         rngs=rngs,
+        tool=tool,
         sensor=sensor,
         snr_db=snr_db,
         recording_id=recording_id or f"{surface.name} by {operator.name}",
@@ -119,6 +117,7 @@ def perform(
     duration_s: float,
     fs: float,
     rngs: Generators,
+    tool: Tool | None = None,
     sensor: Sensor | None = None,
     snr_db: float | None = None,
     recording_id: str,
@@ -130,16 +129,17 @@ def perform(
     profile = synthesize_profile(surface, path.n_lines, profile_rng, direction_deg=person.direction_deg)
     n_samples = round(duration_s * fs)
     sos = sensor.analogue_filter(fs, fs * steps_per_sample(fs))
-    motion = move_tool(path, profile, mechanics(surface, person), n_samples=n_samples, fs=fs, sos=sos)
-    phases = true_phases(path, motion, surface, fs)
+    constants = mechanics(surface, person, tool or Tool())
+    motion = move_tool(path, profile, constants, n_samples=n_samples, fs=fs, sos=sos)
+    phases = true_phases(path, motion, constants, fs)
     noise = 0.0
     if snr_db is not None and phases.movement is not None:
         vibration = motion.acceleration[slice(*phases.movement)]
         noise = float(np.sqrt(vibration.var(axis=0).mean()) * 10.0 ** (-snr_db / 20.0))
     _pose(motion.acceleration, person, fs, pose_rng)
     acceleration = sensor.read(motion.acceleration, fs, sensor_rng, extra_noise=noise)
-    # as a position tracker reports it, without the tip's own vibration
-    speed = lowpass(motion.speed, _TRACKER_HZ, fs, order=2)
+    # as a position tracker of 20 Hz reports it, without the tip's own vibration
+    speed = lowpass(motion.speed, 20.0, fs, order=2)
     _to_mm_s(speed, path.lateral_m_s, hand.CONTROL_RATE / fs)
     return Recording(
         acceleration=read_only(acceleration),
@@ -157,15 +157,15 @@ def perform(
     )
 
 
-def mechanics(surface: Surface, person: Operator) -> Mechanics:
+def mechanics(surface: Surface, person: Operator, tool: Tool) -> Mechanics:
     """Return the constants of this hand, holding the tool on this surface."""
     grip = person.grip_stiffness_n_m
     return Mechanics(
-        mass=_TIP_MASS_KG,
+        mass=tool.tip_mass_kg,
         stiffness=grip,
-        damping=2.0 * person.grip_damping * float(np.sqrt(grip * _TIP_MASS_KG)),
-        mode_mass=_MODE_MASS_KG,
-        mode_hz=_MODE_HZ * (grip / 700.0) ** 0.15,
+        damping=2.0 * person.grip_damping * float(np.sqrt(grip * tool.tip_mass_kg)),
+        mode_mass=tool.mode_mass_kg,
+        mode_hz=tool.mode_hz * (grip / 700.0) ** 0.15,
         mode_damping=0.25 * person.grip_damping,
         hertz=surface.hertz_n_m15,
         dissipation=surface.dissipation_s_m,
@@ -183,7 +183,7 @@ def pressing_depth(surface: Surface, person: Operator, force_n: float | Samples)
     return np.asarray(surface.indentation_m(force_n) + force_n / person.grip_stiffness_n_m)
 
 
-def true_phases(path: hand.Gesture, motion: Motion, surface: Surface, fs: float) -> Phases:
+def true_phases(path: hand.Gesture, motion: Motion, constants: Mechanics, fs: float) -> Phases:
     """Return the phases from the hand's intention and from what the tip felt.
 
     The impact of a tap is the first touch; its decay ends when the vibration of 5 ms stays below 3 % of its
@@ -200,9 +200,9 @@ def true_phases(path: hand.Gesture, motion: Motion, surface: Surface, fs: float)
     if path.strokes_s is None:
         return Phases(taps=tuple(taps))
     start = round(path.strokes_s * fs)
-    limit = surface.static_friction * max(float(motion.contact_force[start]), 0.1)
+    limit = constants.static_friction * max(float(motion.contact_force[start]), 0.1)
     travelled = np.abs(np.cumsum(motion.speed[start:])) / fs
-    onset = start + int(np.argmax(travelled > 1.5 * limit / BRISTLE_N_M))
+    onset = start + int(np.argmax(travelled > 1.5 * limit / constants.bristle))
     return Phases(taps=tuple(taps), movement=(onset, motion.speed.size), onset=onset)
 
 

@@ -9,8 +9,6 @@ from texclass.recording import Samples
 
 CONTROL_RATE = 1000.0
 """Knots per second of the hand's path (Hz); no hand moves faster than that resolves."""
-_TURNING_S = 0.06
-_SHORTEST_STROKE_S = 0.15
 
 
 @dataclass(frozen=True)
@@ -211,7 +209,7 @@ def draw_strokes(
     while start < n_knots:
         length = 1e-3 * operator.stroke_mm * _factor(0.2, rng)
         speed = 1e-3 * operator.speed_mm_s * _factor(operator.speed_spread, rng)
-        n = _knots(max(length / speed, _SHORTEST_STROKE_S))
+        n = _knots(max(length / speed, 0.15))
         tau = np.arange(n) / n
         stop = min(start + n, n_knots)
         peak = sign * speed * 0.5 * np.pi
@@ -219,7 +217,7 @@ def draw_strokes(
         velocity[start:stop] = (peak * np.sin(np.pi * tau))[: stop - start]
         lateral[start:stop] = (operator.roundness * peak * around)[: stop - start]
         seconds_to_turn = (np.arange(n_knots) - (start + n)) / CONTROL_RATE
-        line += np.clip(seconds_to_turn / _TURNING_S + 0.5, 0.0, 1.0)
+        line += np.clip(seconds_to_turn / 0.06 + 0.5, 0.0, 1.0)  # turning takes 0.06 s
         start, stroke, sign = start + n, stroke + 1, -sign
     unsteady = np.exp(0.12 * smooth_noise(n_knots, 2.5, rng))
     return velocity * unsteady, lateral * unsteady, line

@@ -8,10 +8,8 @@ from scipy import fft
 from texclass.recording import Samples
 from texclass.simulate.surfaces import Bumps, Grating, Surface
 
-TIP_RADIUS_MM = 1.5
-N_POINTS = 2**14
-STEP_MM = 0.016
-_BUMP_SHAPE = 3.0
+N_POINTS, STEP_MM = 2**14, 0.016
+"""Points of a line, and their distance before a grating is made to close on itself."""
 
 
 def synthesize_profile(
@@ -78,12 +76,12 @@ def synthesize_profile(
 
 
 def tip_response(surface: Surface, frequency_per_mm: Samples) -> Samples:
-    """Return how much of each spatial frequency a ball of `TIP_RADIUS_MM` still follows.
+    """Return how much of each spatial frequency a ball of 1.5 mm radius still follows.
 
     The ball touches over a patch of half-width sqrt(R (indentation + height)): what is finer averages out.
     """
     indentation_mm = 1e3 * float(surface.indentation_m(1.0))
-    patch_mm = np.sqrt(TIP_RADIUS_MM * (min(indentation_mm, 0.1) + 1e-3 * surface.rms_um))
+    patch_mm = np.sqrt(1.5 * (min(indentation_mm, 0.1) + 1e-3 * surface.rms_um))
     return np.asarray(np.exp(-0.5 * (patch_mm * frequency_per_mm) ** 2))
 
 
@@ -117,10 +115,10 @@ def _bump_spectra(
     area = np.sqrt(2 * np.pi) * deviation_mm / step_mm
     n, leave = rng.poisson(bumps.density_per_mm * length_mm), 1.0 - np.exp(-drift_mm / bumps.width_mm)
     position, height = np.empty(n), np.empty(n)
-    new = np.ones(n, bool)
+    new, shape = np.ones(n, bool), 3.0  # few are much higher than the rest
     smoothing = area * np.exp(-2.0 * (np.pi * frequency * deviation_mm) ** 2)
     while True:
-        height[new] = rng.gamma(_BUMP_SHAPE, bumps.height_um / _BUMP_SHAPE, int(new.sum()))
+        height[new] = rng.gamma(shape, bumps.height_um / shape, int(new.sum()))
         position[new] = rng.uniform(0, length_mm, int(new.sum()))
         spikes = np.zeros(N_POINTS)
         np.add.at(spikes, (position / step_mm).astype(np.intp) % N_POINTS, height)

@@ -11,12 +11,6 @@ from texclass.simulate.hand import Operator, operator_catalogue
 from texclass.simulate.surfaces import Surface, surface_catalogue
 from texclass.validation import Written
 
-LONGEST = 1e9
-"""Samples of one recording."""
-
-SimulatedEntry = tuple[str, str, str, int]
-"""Recording id, name of the surface, name of the operator, repetition (from 1)."""
-
 
 class Recipe(Written):
     """A simulated dataset: surfaces x recordings, the operators taking turns.
@@ -48,9 +42,9 @@ class Recipe(Written):
 
     @model_validator(mode="after")
     def _fits_a_machine(self) -> Self:
-        if self.duration_s * self.fs > LONGEST:
-            told = f"duration_s is {self.duration_s:g} at {self.fs:g} Hz"
-            raise ValueError(f"{told}; the rule is at most {LONGEST:g} samples")
+        if self.duration_s * self.fs > 1e9:
+            found = f"duration_s is {self.duration_s:g} at {self.fs:g} Hz"
+            raise ValueError(f"{found}; the rule is at most 1e+09 samples")
         return self
 
     @property
@@ -63,8 +57,8 @@ class Recipe(Written):
         """The operators, in order."""
         return operator_catalogue(self.n_operators, self.seed)
 
-    def entries(self) -> tuple[SimulatedEntry, ...]:
-        """Return what is known of each recording before it is made: surface by surface, in order of time."""
+    def entries(self) -> tuple[tuple[str, str, str, int], ...]:
+        """Return id, surface, operator and repetition (from 1) of each recording, surface by surface."""
         operators = self.operators
         return tuple(
             (f"{surface.name}-{k:02d}", surface.name, operators[(k - 1) % self.n_operators].name, k)
@@ -107,4 +101,4 @@ class Recipe(Written):
 
     def fingerprint(self) -> str:
         """Return a hex digest that changes with the recipe and with the code of the simulation."""
-        return hashlib.sha256(f"{self!r} {code_hash('simulate')}".encode()).hexdigest()
+        return hashlib.sha256(f"{self!r} {code_hash('simulate', words=False)}".encode()).hexdigest()

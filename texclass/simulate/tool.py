@@ -23,18 +23,35 @@ from texclass.recording import STANDARD_GRAVITY, Samples
 from texclass.signals import butterworth
 from texclass.simulate.hand import CONTROL_RATE, Gesture
 
-BRISTLE_N_M = 2.0e4
-"""Stiffness of the contact along the stroke before it slides (N/m)."""
-BRISTLE_DAMPING = 0.3
-"""Its damping ratio."""
-ASPERITY_SLOPE = 3.0
-"""How much steeper the crests that touch the tip are than the smoothed profile its ball follows (s above)."""
-INTERNAL_RATE = 40_000.0
-"""Least rate of the time steps, Hz; also at least four steps per sample."""
+
+@dataclass(frozen=True)
+class Tool:
+    """The tool: a tip on a shaft with one structural mode.
+
+    Attributes
+    ----------
+    tip_mass_kg
+        Mass that the hand's spring carries.
+    mode_mass_kg, mode_hz
+        Effective mass and natural frequency of the bending shaft, in a grip of 700 N/m.
+    """
+
+    tip_mass_kg: float = 0.030
+    mode_mass_kg: float = 0.060
+    mode_hz: float = 420.0
 
 
 class Mechanics(NamedTuple):
-    """Constants of tool, hand, contact and object in SI units."""
+    """Constants of tool, hand, contact and object in SI units.
+
+    Attributes
+    ----------
+    bristle, bristle_damping
+        Stiffness of the contact along the stroke before it slides, and its damping ratio.
+    asperity_slope
+        How much steeper the crests that touch the tip are than the smoothed profile its ball follows (s
+        above).
+    """
 
     mass: float
     stiffness: float
@@ -50,6 +67,9 @@ class Mechanics(NamedTuple):
     body_hz: float
     body_damping: float
     body_mass: float
+    bristle: float = 2.0e4
+    bristle_damping: float = 0.3
+    asperity_slope: float = 3.0
 
 
 class Motion(NamedTuple):
@@ -175,8 +195,8 @@ class Sensor:
 
 
 def steps_per_sample(fs: float) -> int:
-    """Return how many time steps one sample at `fs` takes."""
-    return max(4, int(np.ceil(INTERNAL_RATE / fs - 1e-9)))
+    """Return how many time steps one sample at `fs` takes: at least four, and 40,000 in a second."""
+    return max(4, int(np.ceil(40_000.0 / fs - 1e-9)))
 
 
 def move_tool(
@@ -248,16 +268,16 @@ def _under_tip(heights, per_m, x, line):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _friction(p, force, along, across, bristle, dt):  # type: ignore[no-untyped-def]
-    """One implicit step of s' = v_x - BRISTLE_N_M |v| s / g(|v|), which no step length makes unstable."""
+    """One implicit step of s' = v_x - bristle |v| s / g(|v|), which no step length makes unstable."""
     if force <= 0.0:
         return 0.0, 0.0
     speed = np.sqrt(along * along + across * across)
     sliding = (speed / p.stribeck) ** 2
     stuck = np.exp(-sliding) if sliding < 40.0 else 0.0  # less than a rounding
     limit = (p.kinetic_friction + (p.static_friction - p.kinetic_friction) * stuck) * force
-    moved = (bristle + along * dt) * limit / (limit + BRISTLE_N_M * speed * dt)
-    damping = 2.0 * BRISTLE_DAMPING * np.sqrt(BRISTLE_N_M * p.mass)
-    return BRISTLE_N_M * moved + damping * (moved - bristle) * (1.0 / dt), moved
+    moved = (bristle + along * dt) * limit / (limit + p.bristle * speed * dt)
+    damping = 2.0 * p.bristle_damping * np.sqrt(p.bristle * p.mass)
+    return p.bristle * moved + damping * (moved - bristle) * (1.0 / dt), moved
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -286,7 +306,7 @@ def _advance(p, state, hand, surface, dt):  # type: ignore[no-untyped-def]
         rate = slope * vx + modes[3] - vz
         force = p.hertz * depth * np.sqrt(depth) * min(max(1.0 + p.dissipation * rate, 0.0), 4.0)
     friction, bristle = _friction(p, force, vx, v_across, bristle, dt)
-    lateral = -friction - force * min(max(ASPERITY_SLOPE * slope, -1.0), 1.0)
+    lateral = -friction - force * min(max(p.asperity_slope * slope, -1.0), 1.0)
     lift = p.stiffness * (z_hand - z) + p.damping * (v_hand_z - vz)
     grip = p.stiffness * (x_hand - x) + p.damping * (v_hand_x - vx)
     per_kg = 1.0 / p.mass

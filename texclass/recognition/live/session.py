@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from texclass.loaders.stamps import MOST_LOST
+from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recognition.live.contact import Event
 from texclass.recognition.live.online_recogniser import (
     LONGEST_WINDOW_S,
@@ -58,7 +58,8 @@ class Notice:
 class Defects:
     """Samples that are no measurements: not finite, or a step from the last good one that no surface makes.
 
-    Up to `MOST_LOST` in a row are replaced by a straight line, as messages that are missing; more are lost.
+    Up to `TIMESTAMPS.most_lost` in a row are replaced by a straight line, as missing messages are; more are
+    lost.
     Rows come out the same however they come in blocks: bad ones wait for the next good one.
 
     Parameters
@@ -78,7 +79,7 @@ class Defects:
         far = FAR_UNKNOWN if loudest is None else FAR * loudest
         far = max(far, STRUCK_M_S2) if model.manifest.unit == "m/s^2" else far
         self.n_axes, self.far = n_axes, far / scale
-        self._level = max(MOST_LOST + 2, round(LEVEL_S * fs))
+        self._level = max(TIMESTAMPS.most_lost + 2, round(LEVEL_S * fs))
         self._last: Samples | None = None
         self._waiting = self._far_for = 0
 
@@ -109,7 +110,7 @@ class Defects:
                 n_far += is_far
                 self._waiting += 1
                 continue
-            if self._last is None or self._waiting > MOST_LOST:
+            if self._last is None or self._waiting > TIMESTAMPS.most_lost:
                 stretches.append((self._waiting, []))
             else:
                 shares = np.arange(1, self._waiting + 1)[:, None] / (self._waiting + 1)

@@ -11,15 +11,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.loaders.stamps import (
-    CLOCK_JUMP_S,
-    MOST_LATE,
-    MOST_LOST,
-    NEAR_RATE,
-    SHARED_STAMPS,
-    nominal_rate,
-    usual_step,
-)
+from texclass.loaders.timestamps import TIMESTAMPS, nominal_rate, usual_step
 from texclass.recording import RecordingError, Samples
 
 Stamps = NDArray[np.int64]
@@ -79,7 +71,8 @@ BlockSource = Generator[Block, None, None]
 class Timing:
     """Turns batches of stamped messages into blocks.
 
-    A gap of up to `MOST_LOST` messages is interpolated; after a longer one, the next block says what is lost.
+    A gap of up to `TIMESTAMPS.most_lost` messages is interpolated; after a longer one, the next block says
+    what is lost.
     Where the stamps advance by another step than before, and regularly, blocks are of that rate from then on.
 
     Parameters
@@ -184,10 +177,10 @@ class Timing:
         flags += jumps + self._contradicted(step / (1 + lost), period, fs)
         first_s = start_s - period + 1 / fs  # the last sample of a message stands at its stamp
         made, previous = [], self._last[2]
-        starts = [0, *np.flatnonzero(lost[1:] > MOST_LOST) + 1]
+        starts = [0, *np.flatnonzero(lost[1:] > TIMESTAMPS.most_lost) + 1]
         for start, stop in zip(starts, [*starts[1:], len(t)], strict=True):
             gaps, missing = lost[start:stop].copy(), 0
-            if gaps[0] > MOST_LOST:
+            if gaps[0] > TIMESTAMPS.most_lost:
                 missing, gaps[0] = int(gaps[0]) * samples.shape[1], 0
             pieces = _bridged(previous, samples[start:stop], gaps)
             previous = samples[stop - 1]
@@ -245,7 +238,7 @@ class Timing:
             twice &= np.diff(sent, prepend=self._last[1] if self._last else -np.inf) < 0.1 * period
         wrong = {
             "duplicates": twice,
-            "out of order": (late > 0) & (late <= MOST_LATE * period),
+            "out of order": (late > 0) & (late <= TIMESTAMPS.most_late * period),
             "not finite": ~np.isfinite(samples).all(axis=(1, 2)),
         }
         said = [f"{what}: {n} messages left out" for what, bad in wrong.items() if (n := bad.sum())]
@@ -258,7 +251,7 @@ class Timing:
             return []
         measured = period / max(float(np.mean(self._periods)), 1e-12)
         self._periods, was_wrong = [], self._is_wrong
-        self._is_wrong = abs(measured - 1) > NEAR_RATE
+        self._is_wrong = abs(measured - 1) > TIMESTAMPS.near_rate
         if not self._is_wrong or was_wrong:
             return []
         return [f"rate: {measured * fs:.4g} Hz by the stamps, {fs:g} Hz is assumed"]
@@ -276,7 +269,7 @@ def _period(stamps: Samples) -> float:
     if len(ticks) < 2:
         raise RecordingError(f"{len(stamps)} messages have one time stamp. Expected an increase, or --fs")
     step = np.diff(ticks)
-    if len(ticks) > 3 and np.mean(n[1:-1] > 1) >= SHARED_STAMPS:  # the first and the last may be cut
+    if len(ticks) > 3 and np.mean(n[1:-1] > 1) >= TIMESTAMPS.shared:  # the first and the last may be cut
         return float(ticks[-1] - ticks[1]) / float(n[1:-1].sum())
     return usual_step(step) if np.median(step) > 0.2 * step.mean() else float(step.mean())
 
@@ -286,7 +279,9 @@ def _steps(
 ) -> tuple[Samples, list[str]]:
     """Return the steps of stamps, those of the times of sending where the clock jumps, and say if it does."""
     step, real = np.diff(t, prepend=last[0]), np.diff(sent, prepend=last[1])
-    jumped = (step < -MOST_LATE * period) | ((step > CLOCK_JUMP_S) & (step - real > CLOCK_JUMP_S))
+    jumped = (step < -TIMESTAMPS.most_late * period) | (
+        (step > TIMESTAMPS.clock_jump_s) & (step - real > TIMESTAMPS.clock_jump_s)
+    )
     if not jumped.any():
         return step, []
     largest = np.max(np.abs(step[jumped]))

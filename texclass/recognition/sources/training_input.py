@@ -21,7 +21,7 @@ from texclass.loaders.filesets import conditioned
 from texclass.loaders.open import flat_files
 from texclass.loaders.plausibility import agreed_unit, build_recording
 from texclass.loaders.readers import BAG_FOLDER, FORMATS, ReaderSettings, columns_of, is_bag
-from texclass.loaders.stamps import NEAR_RATE
+from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.validation import Written
 
@@ -307,7 +307,7 @@ class TrainingFiles(Written):
             roles = self._roles_in(first, settings)
         signals = files.read_signals(axes, roles, settings, companions=beside)
         if of_bag:
-            if fs is None and 0 < abs(float(signals.fs or 0) / self.fs - 1) <= NEAR_RATE:
+            if fs is None and 0 < abs(float(signals.fs or 0) / self.fs - 1) <= TIMESTAMPS.near_rate:
                 signals = files.read_signals(axes, roles, replace(settings, fs=self.fs))
             if len(signals.channels) == len(self.axes):
                 signals = replace(signals, channels=self.axes)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from texclass.loaders.stamps import _bridged, at_uniform_rate, nominal_rate
+from texclass.loaders.timestamps import _bridged, at_uniform_rate, nominal_rate
 from texclass.recording import RecordingError
 
 FS = 100.0

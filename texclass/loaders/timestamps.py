@@ -4,6 +4,7 @@ Time stamps jump when a clock is set, repeat when a message is sent twice or the
 of order, late and in bursts, and are missing where messages were lost.
 """
 
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 
@@ -13,47 +14,72 @@ from numpy.typing import NDArray
 from texclass.loaders.readers import contradicting_rates, refused
 from texclass.recording import RecordingError, Samples
 
-Stamps = NDArray[np.int64]
+Timestamps = NDArray[np.int64]
 
-MOST_LATE = 3
-"""A message that at most so many others overtook is out of order; else the clock jumped."""
-CLOCK_JUMP_S = 0.5
-"""A step of the stamps that is so much longer than the step of the times of receipt is the clock's."""
-RATE_BLOCK, LEAST_BLOCKS = 64, 4
-"""Messages for one measurement of the rate, and measurements that make a stretch of one rate."""
-OTHER_RATE = 0.25
-"""Relative difference of usual steps from which the rate has changed."""
-LEVEL_WINDOW = 32
-"""Messages on either side of a gap that tell whether something is missing or was only late."""
-ALIKE = 0.3
-"""Relative deviation from the median step; where half of the steps deviate by more, they come in bursts."""
-MOST_LOST = 10
-"""Samples missing in a row that are interpolated; a longer gap divides the recording."""
-MOST_LOST_S = 0.01
-"""The same in seconds; what is more counts."""
-SHOWN_JITTER = 0.01
-"""Deviation from evenly spaced stamps, in periods (root mean square), from which it is reported."""
-SAME_RATE = 1e-3
-"""Rates that differ by less are one rate: crystals differ by 1e-4."""
-NEAR_RATE = 0.02
-"""Rates that differ by less are resampled; by more, one of them is wrong."""
-NEAR_JITTERING = 0.1
-"""The same where stamps deviate by more than `MOST_JITTER`: the given rate is then the better one."""
-MOST_JITTER = 0.5
-"""Stamps that deviate by more, in periods (root mean square), say nothing of when a sample was taken."""
-MOST_RESOLUTION = 0.05
-"""Stamps in coarser units, in periods (whole milliseconds at 100 Hz and more), say too little, too."""
-KEPT_JITTER = 0.02
-"""Stamps that deviate by less are taken as evenly spaced."""
-COARSE_CLOCK = 0.25
-"""Ratio of how often values change at equal stamps to how often they change at others; from here on, equal
-stamps come from a coarse clock and not from messages that were sent twice."""
-SHARED_STAMPS = 0.2
-"""Share of ticks with several samples from which a clock is called coarse."""
+
+@dataclass(frozen=True)
+class TimestampSettings:
+    """Thresholds by which time stamps are judged.
+
+    Attributes
+    ----------
+    most_late : int
+        A message that at most so many others overtook is out of order; else the clock jumped.
+    clock_jump_s : float
+        A step of the time stamps that is so much longer than that of the times of receipt is the clock's.
+    rate_block, least_blocks : int
+        Messages for one measurement of the rate, and measurements that make a stretch of one rate.
+    other_rate : float
+        Relative difference of usual steps from which the rate has changed.
+    level_window : int
+        Messages on either side of a gap that show whether something is missing or was only late.
+    alike : float
+        Relative deviation from the median step; where half of the steps deviate more, they come in bursts.
+    most_lost, most_lost_s : int, float
+        Missing samples in a row, or their seconds if that is more, that are interpolated; a longer gap
+        divides the recording.
+    same_rate : float
+        Rates that differ by less are one rate: crystals differ by 1e-4.
+    near_rate, near_jittering : float
+        Rates that differ by less are resampled; by more, one of them is wrong. The second counts beyond
+        `most_jitter`: the stated rate is then the better one.
+    shown_jitter, kept_jitter, most_jitter : float
+        Deviation from evenly spaced time stamps, in periods (root mean square): reported above the first,
+        taken as evenly spaced below the second, unrelated to when a sample was taken above the third.
+    most_resolution : float
+        Time stamps in coarser units, in periods (whole milliseconds at 100 Hz and more), are unrelated, too.
+    coarse_clock : float
+        Ratio of how often values change at equal time stamps to how often they change at others; from here
+        on, equal time stamps come from a coarse clock and not from messages that were sent twice.
+    shared : float
+        Share of ticks with several samples from which a clock is coarse.
+    """
+
+    most_late: int = 3
+    clock_jump_s: float = 0.5
+    rate_block: int = 64
+    least_blocks: int = 4
+    other_rate: float = 0.25
+    level_window: int = 32
+    alike: float = 0.3
+    most_lost: int = 10
+    most_lost_s: float = 0.01
+    same_rate: float = 1e-3
+    near_rate: float = 0.02
+    near_jittering: float = 0.1
+    shown_jitter: float = 0.01
+    kept_jitter: float = 0.02
+    most_jitter: float = 0.5
+    most_resolution: float = 0.05
+    coarse_clock: float = 0.25
+    shared: float = 0.2
+
+
+TIMESTAMPS = TimestampSettings()
 
 
 def _placed(
-    stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_], where: str
+    stamps_ns: Timestamps, received_ns: Timestamps, repeats: NDArray[np.bool_], where: str
 ) -> tuple[NDArray[np.intp], Samples, NDArray[np.int64], list[str]]:
     """Return which messages are used, their instants (s), which sample each one is, and what was wrong.
 
@@ -74,18 +100,23 @@ def _placed(
     typical, period = float(np.median(step)), float(t[-1] - t[0]) / len(step)
     # the mean step is long because of a few long gaps, not because messages come in bursts
     gaps = np.count_nonzero(step > period) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical
-    is_alike = np.mean(np.abs(step - typical) <= ALIKE * typical) >= 0.5
+    is_alike = np.mean(np.abs(step - typical) <= TIMESTAMPS.alike * typical) >= 0.5
     if typical > 0 and (gaps or (is_alike and typical > 0.2 * period)):
         period = usual_step(step)
-    elif len(step) > 2 * LEVEL_WINDOW:  # bursts, with gaps between some of them
-        period = usual_step(t[LEVEL_WINDOW:] - t[:-LEVEL_WINDOW]) / LEVEL_WINDOW or period
+    elif len(step) > 2 * TIMESTAMPS.level_window:  # bursts, with gaps between some of them
+        period = (
+            usual_step(t[TIMESTAMPS.level_window :] - t[: -TIMESTAMPS.level_window]) / TIMESTAMPS.level_window
+            or period
+        )
     lost = _lost_before(t, period)
-    first, last, cut = _longest_stretch(lost, max(MOST_LOST, int(MOST_LOST_S / period)), period)
+    first, last, cut = _longest_stretch(
+        lost, max(TIMESTAMPS.most_lost, int(TIMESTAMPS.most_lost_s / period)), period
+    )
     kept, t, lost = kept[first:last], t[first:last], np.append(0, lost[first + 1 : last])
     index = np.arange(len(t)) + np.cumsum(lost)
     if len(t) < 2 or t[-1] <= t[0]:
         raise refused(where, f"all its stamps are {stamps_ns[0]} ns", "two instants")
-    if index[-1] >= 2 * len(t) + MOST_LOST:
+    if index[-1] >= 2 * len(t) + TIMESTAMPS.most_lost:
         raise RecordingError(
             f"{where}: {lost.sum()} of {index[-1] + 1} samples are missing by its time stamps, expected at "
             "most half. Are rows of several sensors merged? Export those of the accelerometer alone, or "
@@ -103,7 +134,9 @@ def _placed(
     return kept, t, index, [text for text, holds in said.items() if holds]
 
 
-def _sent_twice(stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _sent_twice(
+    stamps_ns: Timestamps, received_ns: Timestamps, repeats: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
     """Return which messages repeat the one before, with the same stamp and the same values.
 
     Where values change about as often at equal stamps as at others, the clock is coarse and equal values are
@@ -111,7 +144,7 @@ def _sent_twice(stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool
     """
     equal = np.diff(stamps_ns, prepend=stamps_ns[:1] - 1) == 0
     again: NDArray[np.bool_] = equal & repeats
-    if not again.any() or np.mean(~repeats[equal]) < COARSE_CLOCK * np.mean(~repeats[~equal]):
+    if not again.any() or np.mean(~repeats[equal]) < TIMESTAMPS.coarse_clock * np.mean(~repeats[~equal]):
         return again
     step = np.diff(received_ns, prepend=received_ns[:1])
     together = step < 0.1 * np.median(step)
@@ -128,7 +161,7 @@ def _spread(t: Samples) -> tuple[Samples, str]:
     tick = float(np.median(step))
     is_even = np.abs(step / tick - np.rint(step / tick)) < 0.01
     is_alike = within <= 2 * np.median(within) + 1
-    if np.mean(n_samples > 1) < SHARED_STAMPS or min(is_even.mean(), is_alike.mean()) < 0.9:
+    if np.mean(n_samples > 1) < TIMESTAMPS.shared or min(is_even.mean(), is_alike.mean()) < 0.9:
         return t, ""
     is_whole = step < 1.5 * tick
     period = float(step[1:][is_whole[1:]].sum() / within[is_whole[1:]].sum())
@@ -139,21 +172,23 @@ def _spread(t: Samples) -> tuple[Samples, str]:
 
 def _one_rate(t: Samples) -> tuple[int, int, str]:
     """Return the longest half-open range of messages at one rate, and report a change of the rate."""
-    n_blocks = len(t) // RATE_BLOCK
-    if n_blocks < 2 * LEAST_BLOCKS:
+    n_blocks = len(t) // TIMESTAMPS.rate_block
+    if n_blocks < 2 * TIMESTAMPS.least_blocks:
         return 0, len(t), ""
-    steps = np.diff(t[: n_blocks * RATE_BLOCK], prepend=t[0]).reshape(n_blocks, RATE_BLOCK)[:, 1:]
+    steps = np.diff(t[: n_blocks * TIMESTAMPS.rate_block], prepend=t[0]).reshape(
+        n_blocks, TIMESTAMPS.rate_block
+    )[:, 1:]
     period = np.array([usual_step(row) for row in steps])
     if not (period > 0).all():
         return 0, len(t), ""
-    is_new = np.abs(np.diff(np.log(period))) > np.log(1 + OTHER_RATE) / 2
+    is_new = np.abs(np.diff(np.log(period))) > np.log(1 + TIMESTAMPS.other_rate) / 2
     edges = np.concatenate(([0], np.flatnonzero(is_new) + 1, [n_blocks]))
-    long = [(a, b) for a, b in pairwise(edges) if b - a >= LEAST_BLOCKS]
+    long = [(a, b) for a, b in pairwise(edges) if b - a >= TIMESTAMPS.least_blocks]
     rates = [float(np.median(period[a:b])) for a, b in long]
-    if len(long) < 2 or max(rates) < (1 + OTHER_RATE) * min(rates):
+    if len(long) < 2 or max(rates) < (1 + TIMESTAMPS.other_rate) * min(rates):
         return 0, len(t), ""
     a, b = max(long, key=lambda run: run[1] - run[0])
-    first, last = int(a) * RATE_BLOCK, len(t) if b == n_blocks else int(b) * RATE_BLOCK
+    first, last = int(a) * TIMESTAMPS.rate_block, len(t) if b == n_blocks else int(b) * TIMESTAMPS.rate_block
     told = (
         f"divided: time stamps advance by {rates[0]:.4g} s, later by {rates[-1]:.4g} s; only the longest "
         f"stretch of one rate is used, {last - first} of {len(t)} messages"
@@ -161,7 +196,7 @@ def _one_rate(t: Samples) -> tuple[int, int, str]:
     return first, last, told
 
 
-def _seconds(stamps_ns: Stamps) -> Samples:
+def _seconds(stamps_ns: Timestamps) -> Samples:
     """Return nanoseconds as seconds after the first; differences of hostile stamps may exceed 64 bits."""
     return (stamps_ns.astype(np.longdouble) - np.longdouble(stamps_ns[0])).astype(np.float64) / 1e9
 
@@ -173,11 +208,11 @@ def _bridged(t: Samples, received: Samples) -> tuple[Samples, str]:
     step, real = np.diff(t), np.diff(received)
     typical = float(np.median(step))
     later = np.full(len(step), -np.inf)  # the largest of the next: does it pass the one before the step?
-    for k in range(1, MOST_LATE + 1):
+    for k in range(1, TIMESTAMPS.most_late + 1):
         later[:-k] = np.maximum(later[:-k], t[1 + k :])
     back = (step < 0) & (later <= t[:-1])
     back[-1] = False  # nothing follows that could tell
-    forward = (step > CLOCK_JUMP_S) & (step - real > CLOCK_JUMP_S)
+    forward = (step > TIMESTAMPS.clock_jump_s) & (step - real > TIMESTAMPS.clock_jump_s)
     jumped = back | forward
     if not jumped.any():
         return t, ""
@@ -207,8 +242,8 @@ def _lost_before(t: Samples, period: float) -> NDArray[np.int64]:
     if not len(at):
         return lost
     late = np.append(t - period * np.arange(len(t)), np.inf)
-    before = np.maximum(np.concatenate(([0], at[:-1])), at - LEVEL_WINDOW)
-    after = np.minimum(np.concatenate((at[1:], [len(t)])), at + LEVEL_WINDOW)
+    before = np.maximum(np.concatenate(([0], at[:-1])), at - TIMESTAMPS.level_window)
+    after = np.minimum(np.concatenate((at[1:], [len(t)])), at + TIMESTAMPS.level_window)
     level_before = np.minimum.reduceat(late, np.column_stack((before, at)).ravel())[::2]
     level_after = np.minimum.reduceat(late, np.column_stack((at, after)).ravel())[::2]
     lost[at] = np.clip(np.rint((level_after - level_before) / period), 0, 2**40).astype(np.int64)
@@ -230,9 +265,9 @@ def _longest_stretch(lost: NDArray[np.int64], most: int, period: float) -> tuple
 
 
 def nominal_rate(rate: float) -> float:
-    """Return the roundest rate within `SAME_RATE` of a measured one: 99.98 Hz is 100 Hz, 104.2 Hz stays."""
+    """Return the roundest rate near a measured one, both in Hz: 100 for 99.98; 104.2 stays."""
     for digits in range(1, 6):
-        if abs((rounded := float(f"{rate:.{digits}g}")) - rate) <= SAME_RATE * rate:
+        if abs((rounded := float(f"{rate:.{digits}g}")) - rate) <= TIMESTAMPS.same_rate * rate:
             return rounded
     return rate
 
@@ -266,8 +301,8 @@ def resample(samples: Samples, fs: float, to: float) -> Samples:
 
 def at_uniform_rate(
     samples: Samples,
-    stamps_ns: Stamps,
-    received_ns: Stamps,
+    stamps_ns: Timestamps,
+    received_ns: Timestamps,
     given: float | None,
     *,
     by_header: bool,
@@ -277,8 +312,8 @@ def at_uniform_rate(
 ) -> tuple[Samples, float, float, tuple[str, ...]]:
     """Return samples of messages at a uniform rate.
 
-    Stamps of a header say when a sample was taken: samples are put there and interpolated (monotone cubic).
-    Times of receipt do not: samples are then taken as evenly spaced, as they are where stamps nearly are.
+    Time stamps of a header are the times of samples, which are put there and interpolated (monotone cubic).
+    Times of receipt are not: samples are then taken as evenly spaced, as where time stamps nearly are.
 
     Parameters
     ----------
@@ -312,6 +347,7 @@ def at_uniform_rate(
     RecordingError
         If fewer than two different instants are left, or the measured rate contradicts the given one.
     """
+    limits = TIMESTAMPS
     repeats = np.append(False, np.all(samples[1:] == samples[:-1], axis=(1, 2)))
     messages, t, index, flags = _placed(stamps_ns, received_ns, repeats, where)
     used, per_message = stamps_ns[messages], samples.shape[1]
@@ -324,20 +360,20 @@ def at_uniform_rate(
     measured = float(1 / period) * per_message
     fs = nominal_rate(measured) if given is None else given
     by = by or ("header stamps" if by_header else "times of receipt")
-    is_rough = jitter > MOST_JITTER
-    if abs(measured - fs) > (NEAR_JITTERING if is_rough else NEAR_RATE) * fs:
+    is_rough = jitter > limits.most_jitter
+    if abs(measured - fs) > (limits.near_jittering if is_rough else limits.near_rate) * fs:
         raise contradicting_rates(where, f"{measured:.6g} Hz by its {by}", fs, rate_of)
-    tells = KEPT_JITTER < jitter <= MOST_JITTER and resolution <= MOST_RESOLUTION
+    tells = limits.kept_jitter < jitter <= limits.most_jitter and resolution <= limits.most_resolution
     at_stamps = tells and by_header and per_message == 1
     uniform = _on_grid(samples[messages], index, offset if at_stamps else None)
     rate = f"rate: {measured:.6g} Hz by the {by}"
-    if abs(measured - fs) > SAME_RATE * fs and not is_rough:
+    if abs(measured - fs) > limits.same_rate * fs and not is_rough:
         uniform = resample(uniform, measured, fs)
         rate += f", resampled (band-limited) to {fs:g} Hz"
     elif f"{measured:.6g}" != f"{fs:.6g}":
         rate += f", taken as {fs:g} Hz"
     flags.append(rate)
-    if jitter > SHOWN_JITTER:
+    if jitter > limits.shown_jitter:
         chosen = "samples interpolated at their stamps" if at_stamps else "samples taken as evenly spaced"
         flags.append(f"jitter: {100 * jitter:.2g} % of a period (rms), {chosen}")
     return uniform, fs, float(used[0]) / 1e9, tuple(flags)

@@ -1,4 +1,4 @@
-"""Recordings from and to what neighbouring libraries hold: MNE, xarray, aeon and sktime; none is imported."""
+"""Convert recordings from MNE and xarray, and to collections of aeon and sktime; none of them is imported."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -13,8 +13,8 @@ from texclass.loaders.time_columns import by_time_column
 from texclass.recording import Phases, Recording, Samples
 
 
-def is_of_neighbours(given: Any) -> bool:
-    """Whether `recordings_of` takes it: by what it offers, so that no library need be there."""
+def is_mne_or_xarray(given: Any) -> bool:
+    """Whether `recordings_of` takes an object: by its attributes, so that no library is needed."""
     return (hasattr(given, "get_data") and hasattr(given, "info")) or hasattr(given, "dims")
 
 
