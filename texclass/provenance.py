@@ -1,4 +1,4 @@
-"""What a result was computed with: versions of libraries, and a hash of the code that values depend on."""
+"""Versions of libraries, and hashes of the code that results depend on."""
 
 import ast
 import hashlib
@@ -26,7 +26,7 @@ def versions(*libraries: str) -> dict[str, str]:
 
 
 def made_by(*places: str) -> dict[str, Any]:
-    """Return what a result states of the code that made it: rooms and modules, and their hash without words.
+    """Return the subpackages and modules that made a result, and the hash of their code without words.
 
     Parameters
     ----------
@@ -37,17 +37,17 @@ def made_by(*places: str) -> dict[str, Any]:
 
 
 def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> str:
-    """Return a digest of code, so that what was computed by other code is never taken for today's.
+    """Return a digest of code, by which results of other code are recognised.
 
     Parameters
     ----------
     *places : str
-        Rooms ("phases": every module and table in it) and modules at the top ("signals") of texclass.
+        Subpackages ("phases": every module and table in it) and top-level modules ("signals") of texclass.
     files : iterable of Path, optional
         More source files; one that is absent counts by its name.
     words : bool
-        False leaves out comments, docstrings and the modules that put results into words: what was computed
-        by code that only reads differently is not stale.
+        False leaves out comments, docstrings and the modules that put results into words, which change no
+        result.
 
     Returns
     -------
@@ -57,15 +57,15 @@ def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> s
     Raises
     ------
     ValueError
-        If a place does not exist: a moved room must not drop out of a digest unnoticed.
+        If a place does not exist, which would otherwise drop out of the digest unnoticed.
     """
     found = set(files)
     for place in places:
-        room = _PACKAGE / place
-        modules = set(room.rglob("*.py")) if room.is_dir() else {room.with_suffix(".py")}
+        package = _PACKAGE / place
+        modules = set(package.rglob("*.py")) if package.is_dir() else {package.with_suffix(".py")}
         if not modules or not all(module.is_file() for module in modules):
-            raise ValueError(f"texclass holds no {place!r}; the rule is a room or a module of it")
-        found |= modules | set(room.rglob("*.csv"))
+            raise ValueError(f"texclass contains no {place!r}. Expected a subpackage or a top-level module")
+        found |= modules | set(package.rglob("*.csv"))
     digest = hashlib.sha256()
     for file in sorted(found, key=lambda f: (f.name, str(f))):
         source = file.read_bytes() if file.is_file() else b""

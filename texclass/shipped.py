@@ -1,4 +1,4 @@
-"""Find what has a name: shipped definitions, a user's own, and what other installed packages add.
+"""Find definitions by name: shipped ones, a user's own, and those that other installed packages register.
 
 The areas `texclass.haptics` and `texclass.robot`, and other packages, register what they add by entry points:
 
@@ -6,7 +6,7 @@ The areas `texclass.haptics` and `texclass.robot`, and other packages, register 
 |---|---|---|
 | `texclass.definitions` | any | package with `feature_defs`, `pipelines` or `datasets` |
 | `texclass.features` | any | module with decorated features |
-| `texclass.readers` | suffix | module with `names(path, options)` and `read(path, wanted, options)` |
+| `texclass.readers` | suffix | module with `names(path, settings)` and `read(path, wanted, settings)` |
 | `texclass.dataset_formats` | `format` of a card | module with `open_models(card, root, **about)` |
 | `texclass.sources` | "ros2" | module with `topic_blocks` and `AnswerPublisher` |
 | `texclass.exporters` | "onnx" | module with `without_graph(feature_set)` |
@@ -48,8 +48,8 @@ def locate(kind: Kind, name_or_path: str | Path) -> Path:
     FileNotFoundError
         If there is neither; the message lists the shipped names.
     """
-    if known := _files(kind).get(str(name_or_path)):
-        return known
+    if registered := _files(kind).get(str(name_or_path)):
+        return registered
     path = Path(name_or_path).expanduser()
     if path.suffix == ".toml" and path.is_file():
         return path
@@ -81,7 +81,7 @@ def added(group: str) -> dict[str, str]:
 
 
 def module_of(group: str, name: str) -> ModuleType:
-    """Import what a package names.
+    """Import the module that a package registers.
 
     Raises
     ------
@@ -125,5 +125,5 @@ def _files(kind: Kind) -> dict[str, Path]:
 
 
 def _entry_point(group: str, name: str) -> str:
-    """Return an entry point as messages tell it."""
+    """Return an entry point as messages show it."""
     return f"entry point texclass.{group}: {name} = {added(group)[name]!r}"

@@ -23,10 +23,6 @@ _DEEP = re.compile(rb"""(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")
 """Keys of so many parts cost the parser the square of their number."""
 _STEERING = re.compile(r"(?<!\\)(?:\\\\)*(\\[bf]|\\u00(?:0[0-8be-f]|1[0-9a-f]|[89][0-9a-f])|\x7f)")
 """What steers a terminal, in JSON: control characters but tabs and ends of lines."""
-_SHOWN = 60
-"""Characters of a wrong value that a message shows."""
-_MOST_KEYS = 20
-"""Missing and unknown keys that a message lists."""
 _WORDS = {
     "bool_type": "true or false",
     "dict_type": "a table",
@@ -130,7 +126,7 @@ def checked(model: type[M], content: Any, where: object, *, context: object = No
     except ValidationError as error:
         faults = error.errors()
         keys, others = ([f for f in faults if _is_of_key(f) == of_key] for of_key in (True, False))
-        shown = [*others[:1], *keys[:_MOST_KEYS]]
+        shown = [*others[:1], *keys[:20]]
         more = f" (and {len(faults) - len(shown)} more)" if len(faults) > len(shown) else ""
         words = dict.fromkeys(_told(fault, model) for fault in shown)
         raise ValueError(f"{where}: {'; '.join(words)}{more}") from None
@@ -238,5 +234,6 @@ def _quoted(listed: str) -> list[str]:
 
 
 def _short(value: Any) -> str:
+    """Return a wrong value as messages show it, in at most 60 characters."""
     shown = json.dumps(value, default=repr) if isinstance(value, dict | list) else repr(value)
-    return shown if len(shown) <= _SHOWN else f"{shown[: _SHOWN - 3]}..."
+    return shown if len(shown) <= 60 else f"{shown[:57]}..."

@@ -364,14 +364,10 @@ def read_card(name_or_path: str | Path) -> AnyCard:
     path = shipped.locate("datasets", name_or_path)
     try:
         content = read_toml(path)
-        by_default = {"title": path.stem, "format": _format_of(content)}
+        implied = "simulated" if "recipe" in content else "rows" if "label_column" in content else "files"
+        by_default = {"title": path.stem, "format": implied}
         card = checked(_Content, by_default | content, path).root
     except ValueError as error:
         raise CardError(str(error)) from error
     card._path = path
     return card
-
-
-def _format_of(content: dict[str, Any]) -> str:
-    """Return the format that the keys of a card imply."""
-    return "simulated" if "recipe" in content else "rows" if "label_column" in content else "files"

@@ -111,20 +111,10 @@ def open_files(
     table = reading.labels
     labels = Labels.read((root / table.file).resolve(), table) if table else None
     own = [table.file] if table else []
+    present = _present(root, own)
+    others = present.difference(ignored)
     left_out: list[str] = []
     entries: list[Entry] = []
-    present = {path.relative_to(root).as_posix() for path in data_files(root)}
-    present -= not_recordings(present).union(own)
-    alike = {composed(name): name for name in sorted(present)}
-    if len(alike) < len(present):
-        other, name = next(
-            (alike[composed(name)], name) for name in sorted(present) if alike[composed(name)] != name
-        )
-        raise RecordingError(
-            f"{root} contains {other!a} and {name!a}, one name in two Unicode normal forms. "
-            "Expected different names: rename or remove one"
-        )
-    others = present.difference(ignored)
     for names, groups in _find(reading, present, ignored):
         others -= set(names)
         try:
@@ -135,27 +125,46 @@ def open_files(
             left_out.append(f"left out: {error}")
     if not entries and not left_out:
         beside = f": {min(others)!r} is not like {reading.files[0]!r}" if others else ""
-        raise refused(
-            root, f"holds no recording{beside}", "at least one file as `files` of the card describes"
-        )
-    contents = {entry: _content(root, entry) for entry in _unique(entries, root)}
-    digested = [name for names in contents.values() for name in names]
-    digests = file_digests(root, digested + own)
+        rule = "at least one file as `files` of the card describes"
+        raise refused(root, f"holds no recording{beside}", rule)
+    _check_names(entries, root)
+    contents = {entry: _content(root, entry) for entry in entries}
+    digests = file_digests(root, [*own, *(name for names in contents.values() for name in names)])
     keys = {
         entry: (*(digests[name] for name in names), entry.topic or "") for entry, names in contents.items()
     }
-    copies = _copies(keys)
-    unmatched = set(labels.rows).difference(labels.used) if labels else set[str]()
-    doubts = _doubts(reading, root, entries, present - others, others, unmatched)
+    copies, copy_notes = _copies(keys)
+    doubts = [
+        *doubtful_labels(entry.material for entry in entries),
+        *_missed(reading, present - others, others),
+    ]
+    if table and isinstance(reading, FileCard) and leaves(root / table.file, (root,)):
+        doubts.append(f"the table of labels {table.file!r} is outside of the folder of the recordings")
+    unmatched = sorted(set(labels.rows).difference(labels.used)) if labels else []
+    doubts += [f"{name} is in the table of labels, but has no file" for name in unmatched]
     return Dataset(
-        entries=tuple(keys),
+        entries=tuple(entries),
         load=partial(load_files, reading, root),
         input_hash=digest_of(digests, reading.facts),
-        notes=(*notes, *doubts, *left_out, *_copies_reported(copies)),
+        notes=(*notes, *doubts, *left_out, *copy_notes),
         skip_bad=skip_bad,
         copies=copies,
         **about,
     )
+
+
+def _present(root: Path, own: Collection[str]) -> set[str]:
+    """Return the relative names of the files that can be recordings, each in one Unicode normal form."""
+    present = {path.relative_to(root).as_posix() for path in data_files(root)}
+    present -= not_recordings(present).union(own)
+    alike: dict[str, str] = {}
+    for name in sorted(present, reverse=True):
+        if (other := alike.setdefault(composed(name), name)) != name:
+            raise RecordingError(
+                f"{root} contains {other!a} and {name!a}, one name in two Unicode normal forms. "
+                "Expected different names: rename or remove one"
+            )
+    return present
 
 
 def _content(root: Path, entry: Entry) -> list[str]:
@@ -170,16 +179,12 @@ def _content(root: Path, entry: Entry) -> list[str]:
     return names
 
 
-def _copies(keys: Mapping[Entry, Hashable]) -> tuple[tuple[Entry, ...], ...]:
-    """Return the recordings that have equal keys, together."""
+def _copies(keys: Mapping[Entry, Hashable]) -> tuple[tuple[tuple[Entry, ...], ...], list[str]]:
+    """Return the recordings that have equal keys, together, and notes on them."""
     same: dict[Hashable, tuple[Entry, ...]] = {}
     for entry, key in keys.items():
         same[key] = (*same.get(key, ()), entry)
-    return tuple(alike for alike in same.values() if len(alike) > 1)
-
-
-def _copies_reported(copies: Sequence[Sequence[Entry]]) -> list[str]:
-    """Return a note on recordings with the same content, those of different surfaces apart."""
+    copies = tuple(alike for alike in same.values() if len(alike) > 1)
     notes = []
     for of_several, end in ((True, " but different labels"), (False, "")):
         found = [alike for alike in copies if (len({entry.material for entry in alike}) > 1) == of_several]
@@ -187,29 +192,18 @@ def _copies_reported(copies: Sequence[Sequence[Entry]]) -> list[str]:
             names = ", ".join(repr(entry.recording_id) for entry in found[0])
             n = sum(map(len, found))
             notes.append(f"{counted(n, 'recording')} have the same content as another{end}, first {names}")
-    return notes
+    return copies, notes
 
 
-def _doubts(
-    reading: FileReading,
-    root: Path,
-    entries: Sequence[Entry],
-    taken: set[str],
-    others: set[str],
-    unmatched: Iterable[str],
-) -> Iterator[str]:
-    """Say what may be amiss: labels that are alike, files that are left out, labels without a file."""
-    yield from doubtful_labels(entry.material for entry in entries)
+def _missed(reading: FileReading, taken: set[str], others: set[str]) -> list[str]:
+    """Return a note on files that are left out although others of their kind are recordings."""
     kinds = {PurePosixPath(name).suffix.lower() for name in taken}
-    if missed := [name for name in others if PurePosixPath(name).suffix.lower() in kinds]:
-        way_out = "put it into the folder of a material"
-        if isinstance(reading, FileCard):
-            way_out = f"widen `files`, {reading.files[0]!r}"
-        yield f"{counted(len(missed), 'file')} left out, {min(missed)!r} first: {way_out}, to take it in"
-    if isinstance(reading, FileCard) and reading.labels and leaves(root / reading.labels.file, (root,)):
-        yield f"the table of labels {reading.labels.file!r} is outside of the folder of the recordings"
-    for absent in sorted(unmatched):
-        yield f"{absent} is in the table of labels, but has no file"
+    missed = [name for name in others if PurePosixPath(name).suffix.lower() in kinds]
+    if not missed:
+        return []
+    is_card = isinstance(reading, FileCard)
+    way_out = f"widen `files`, {reading.files[0]!r}" if is_card else "put it into the folder of a material"
+    return [f"{counted(len(missed), 'file')} left out, {min(missed)!r} first: {way_out}, to take it in"]
 
 
 def load_row(card: RowCard, where: str, samples: Mapping[str, Samples], entry: Entry) -> Recording:
@@ -270,14 +264,14 @@ def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
         seen[label] += 1
         entries.append(Entry(f"{label}_{seen[label]:02d}", label, repetition=seen[label], paths=card.files))
     samples = np.stack([first, *(values for _, values in others)], axis=-1)
+    _check_names(entries, root)
     ids = [entry.recording_id for entry in entries]
-    keys = {entry: rows.tobytes() for entry, rows in zip(_unique(entries, root), samples, strict=True)}
-    copies = _copies(keys)
+    copies, copy_notes = _copies(dict(zip(entries, map(np.ndarray.tobytes, samples), strict=True)))
     return Dataset(
-        entries=tuple(keys),
+        entries=tuple(entries),
         load=partial(load_row, card, str(root / card.files[0]), dict(zip(ids, samples, strict=True))),
         input_hash=digest_files(root, card.files, card.facts),
-        **about | {"notes": (*about.get("notes", ()), *_copies_reported(copies)), "copies": copies},
+        **about | {"notes": (*about.get("notes", ()), *copy_notes), "copies": copies},
     )
 
 
@@ -377,37 +371,35 @@ def contact(acceleration: Samples) -> int:
     return 1 + int(np.argmax(is_large))
 
 
-def _recording(signals: ReadSignals, told: Reading, entry: Entry, source: str) -> Recording:
+def _recording(signals: ReadSignals, reading: Reading, entry: Entry, source: str) -> Recording:
     facts = {name: getattr(entry, name) for name in ("recording_id", *GROUPS)}
-    if isinstance(told, FileReading):
-        facts |= {"resample": told.resample_hz, "rate_of": told._rate_of}
+    if isinstance(reading, FileReading):
+        facts |= {"resample": reading.resample_hz, "rate_of": reading._rate_of}
     recording = build_recording(
-        signals, fs=told.fs_hz, unit=told.unit, source=source, scale=told.scale, **facts
+        signals, fs=reading.fs_hz, unit=reading.unit, source=source, scale=reading.scale, **facts
     )
     return conditioned(
         recording,
-        told.scale,
-        told.phases,
-        remove_resting_level=told.remove_resting_level,
-        turn_rate_scale=told.turn_rate_scale,
+        reading.scale,
+        reading.phases,
+        remove_resting_level=reading.remove_resting_level,
+        turn_rate_scale=reading.turn_rate_scale,
     )
 
 
-def _unique(entries: Sequence[Entry], root: Path) -> tuple[Entry, ...]:
-    """Check that there are recordings, and that no two bear the same id."""
+def _check_names(entries: Sequence[Entry], root: Path) -> None:
+    """Check that there are recordings with printable names, and that no two have the same id."""
     if not entries:
         raise refused(root, "holds no recording", "at least one file as the card describes")
     seen: dict[str, Entry] = {}
     for entry in entries:
         names = (entry.recording_id, entry.material, entry.operator, entry.session)
         if steering := next((name for name in names if name and not name.isprintable()), None):
-            raise refused(
-                root, f"the name {steering!r} holds a control character", "printable names: rename it"
-            )
+            found = f"the name {steering!r} holds a control character"
+            raise refused(root, found, "printable names: rename it")
         if (first := seen.setdefault(entry.recording_id, entry)) is not entry:
             files = ", ".join((*first.paths, *entry.paths))
             raise refused(root, f"recording id {entry.recording_id!r} occurs twice ({files})", "once")
-    return tuple(entries)
 
 
 def _find(
@@ -457,30 +449,29 @@ def _entries(
     A pattern has named groups; else `topic` is a name.
     """
     path, pattern = root / names[0], reading.topic
-    told: dict[str | None, Groups] = {None: groups}
+    renamed = {composed(name): surface for name, surface in reading.materials.items()}
+    by_topic: dict[str | None, Groups] = {None: groups}
     if pattern and re.compile(pattern).groupindex and is_bag(path):
         present = topics(path)
         matched = {name: found for name in sorted(present) if (found := _match(pattern, name))}
         if not matched:
             raise RecordingError(f"{path}: no topic matches {pattern!r}; its topics are {', '.join(present)}")
-        told = {
+        by_topic = {
             name: groups
             | {"recording": f"{groups['recording']}/{name.strip('/')}"}
             | {group: text for group, text in found.groupdict().items() if text is not None}
             for name, found in matched.items()
         }
-    for topic, known in told.items():
-        recording_id = known["recording"]
-        facts = known | (dict(labels.of(recording_id, names, root.name)) if labels else {})
+    for topic, stated in by_topic.items():
+        recording_id = stated["recording"]
+        facts = stated | (dict(labels.of(recording_id, names, root.name)) if labels else {})
         repetition = facts.get("repetition")
         if repetition is not None and not repetition.isdecimal():
             raise CardError(f"{path}: repetition is {repetition!r}; the rule is a whole number")
         material = composed(facts["material"])
         yield Entry(
             recording_id=recording_id,
-            material={composed(name): surface for name, surface in reading.materials.items()}.get(
-                material, material
-            ),
+            material=renamed.get(material, material),
             operator=facts.get("operator"),
             session=facts.get("session"),
             repetition=int(repetition) if repetition is not None else None,

@@ -34,10 +34,6 @@ _MATRIX, _COMPRESSED = 14, 15
 Bytes = NDArray[np.uint8]
 
 
-def _no_values() -> Any:
-    raise ValueError("an object has no numbers")
-
-
 class StoredArray(NamedTuple):
     """An array in a file, or something else there."""
 
@@ -45,7 +41,7 @@ class StoredArray(NamedTuple):
     kind: str
     """Class of what is no array of real numbers; else ""."""
     size: int = 0
-    values: Callable[[], Any] = _no_values
+    values: Callable[[], Any] = lambda: None
     """Read the values; only of arrays of real numbers."""
     is_attribute: bool = False
 

@@ -83,12 +83,13 @@ FORMATS: Mapping[str, Format] = {
 
 def formats() -> dict[str, Format]:
     """Return suffix -> format of the files that can be read, those of other packages last."""
-    added = {f".{name}": module for name, module in shipped.added("readers").items()}
-    bag = {"settings": ("topic",), "rate": "time stamps", "extra": "robot"}
-    return {**FORMATS} | {
-        suffix: Format("bag", module, **bag) if suffix in BAGS else Format(suffix[1:], module)  # type: ignore[arg-type]
-        for suffix, module in added.items()
+    added = {f".{name}": Format(name, module) for name, module in shipped.added("readers").items()}
+    bags = {
+        suffix: Format("bag", kind.module, ("topic",), "time stamps", "robot")
+        for suffix, kind in added.items()
+        if suffix in BAGS
     }
+    return {**FORMATS, **added, **bags}
 
 
 @dataclass(frozen=True)

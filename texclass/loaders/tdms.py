@@ -5,9 +5,8 @@ import math
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from nptdms import TdmsFile
@@ -28,25 +27,6 @@ from texclass.loaders.readers import (
 log_manager.set_level(logging.CRITICAL)  # what it warns of, incomplete segments, is reported here
 
 
-@dataclass
-class Channels:
-    """Channels with samples.
-
-    Attributes
-    ----------
-    numeric
-        Name -> channel of numbers or time stamps.
-    others
-        Name -> kind of the values of any other channel.
-    is_incomplete
-        Whether the file ends within a segment.
-    """
-
-    numeric: dict[str, Any] = field(default_factory=dict)
-    others: dict[str, str] = field(default_factory=dict)
-    is_incomplete: bool = False
-
-
 def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     """Return the names of the channels, with their unit: "acc [g]", with several groups "group/acc [g]".
 
@@ -55,8 +35,8 @@ def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     RecordingError
         If it is no TDMS file, or has no channel of numbers.
     """
-    with _channels(path) as channels:
-        return tuple(channels.numeric)
+    with _channels(path) as (numeric, _):
+        return tuple(numeric)
 
 
 def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
@@ -69,9 +49,9 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
     RecordingError
         If a channel is not there, or channels have different rates.
     """
-    with _channels(path) as channels:
-        require(wanted, tuple(channels.numeric), path)
-        chosen = {name: channels.numeric[name] for name in wanted}
+    with _channels(path) as (numeric, others):
+        require(wanted, tuple(numeric), path)
+        chosen = {name: numeric[name] for name in wanted}
         check_held(sum(map(len, chosen.values())), path)
         fs = _rate(chosen, path)
         units = {name: str(channel.properties.get("unit_string", "")) for name, channel in chosen.items()}
@@ -83,12 +63,12 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
     flags = [f"time: fs is {fs:g} Hz, as 'wf_increment' in the file states"] if fs else []
     if unknown := [unit for unit in dict.fromkeys(units.values()) if unit and not plain_unit(unit)]:
         flags.append(f"unit: {listed(unknown)[:60]} in the file is not known")
-    if channels.is_incomplete:
+    if not _is_whole(path):
         n = min(map(len, named.values()))
         named = {name: samples[:n] for name, samples in named.items()}
         flags.append("incomplete: the file ends within a segment")
-    if channels.others:
-        flags.append(f"ignored: {listed([f'{name} ({kind})' for name, kind in channels.others.items()])}")
+    if others:
+        flags.append(f"ignored: {listed([f'{name} ({kind})' for name, kind in others.items()])}")
     return ReadSignals(named, fs, flags=tuple(flags))
 
 
@@ -108,33 +88,34 @@ def _rate(channels: dict[str, Any], path: Path) -> float | None:
     return next((1 / step for step in steps), None)
 
 
-def _is_whole(file: IO[bytes], size: int) -> bool:
+def _is_whole(path: Path) -> bool:
     """Whether a file ends with a segment: npTDMS does not report a segment that ends before its samples."""
     at, lead_in = 0, 28  # bytes at the beginning of a segment, with the number of those that follow
-    while at < size:
-        file.seek(at)
-        (length,) = struct.unpack("<12xQ8x", file.read(lead_in).ljust(lead_in, b"\xff"))
-        at += lead_in + length
+    with path.open("rb") as file:
+        while at < (size := path.stat().st_size):
+            file.seek(at)
+            (length,) = struct.unpack("<12xQ8x", file.read(lead_in).ljust(lead_in, b"\xff"))
+            at += lead_in + length
     return at == size
 
 
 @contextmanager
-def _channels(path: Path) -> Iterator[Channels]:
-    """Give the channels with samples by their names."""
+def _channels(path: Path) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
+    """Give channel of numbers or time stamps by name, and name -> kind of any other; none without samples."""
+    numeric, others = dict[str, Any](), dict[str, str]()
     with path.open("rb") as stored, readable(path, "TDMS"), TdmsFile.open(stored) as file:
-        found = Channels(is_incomplete=not _is_whole(stored, path.stat().st_size))
         groups = {group.name: [one for one in group.channels() if len(one)] for group in file.groups()}
         has_one = sum(map(bool, groups.values())) == 1
         for group, channels in groups.items():
             for channel in channels:
                 name = channel.name if has_one else f"{group}/{channel.name}"
                 name = with_unit(name, plain_unit(str(channel.properties.get("unit_string", ""))))
-                if name in found.numeric or name in found.others:
+                if name in numeric or name in others:
                     raise refused(path, f"two channels are named {name!r:.80}", "different names")
                 if channel.dtype.kind in "iufM":
-                    found.numeric[name] = channel
+                    numeric[name] = channel
                 else:
-                    found.others[name] = "text" if channel.dtype.kind == "O" else channel.dtype.name
-        if not found.numeric:
-            raise refused(path, f"its channels are {listed(list(found.others))}", "a channel of real numbers")
-        yield found
+                    others[name] = "text" if channel.dtype.kind == "O" else channel.dtype.name
+        if not numeric:
+            raise refused(path, f"its channels are {listed(list(others))}", "a channel of real numbers")
+        yield numeric, others
