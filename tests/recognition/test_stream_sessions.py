@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from toy_surfaces import FS, SURFACES, signal
 
+from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recognition import Block, Event, Notice, OnlineSettings, Session, WindowAnswer, listen
-from texclass.recognition.live.session import FAR, MOST_LOST, Defects
+from texclass.recognition.live.session import FAR, Defects
 from texclass.recognition.sources.blocks import resampled
 from texclass.recording import Recording, RecordingError
 
@@ -111,7 +112,14 @@ def test_a_new_level_is_no_glitch_for_long(linear_model, oak):
 def test_mended_samples_do_not_depend_on_blocks(linear_model, size):
     rng = np.random.default_rng(2)
     rows = rng.standard_normal((400, 2))
-    for start, n in ((0, 2), (50, 1), (60, MOST_LOST), (100, MOST_LOST + 1), (200, 90), (300, 3)):
+    for start, n in (
+        (0, 2),
+        (50, 1),
+        (60, TIMESTAMPS.most_lost),
+        (100, TIMESTAMPS.most_lost + 1),
+        (200, 90),
+        (300, 3),
+    ):
         rows[start : start + n] = rng.choice([np.nan, 1e9 if start else np.inf], (n, 2))
     rows[150] = [3.0, 1e9]  # of which only the first is acceleration
 
@@ -124,7 +132,7 @@ def test_mended_samples_do_not_depend_on_blocks(linear_model, size):
         return lost, np.concatenate(parts)
 
     lost, whole = mended(size)
-    assert lost == [2, MOST_LOST + 1, 90]
+    assert lost == [2, TIMESTAMPS.most_lost + 1, 90]
     np.testing.assert_array_equal(whole, mended(400)[1])
     np.testing.assert_allclose(whole[48], (rows[49] + rows[51]) / 2)
     assert len(whole) + sum(lost) == 400

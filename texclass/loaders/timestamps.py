@@ -94,20 +94,9 @@ def _placed(
     kept, (t, coarse) = kept[order], _spread(t[order])
     first, last, changed = _one_rate(t)
     kept, t = kept[first:last], t[first:last]
-    step = np.diff(t)
-    if not len(step) or not t[-1] > t[0] or not np.isfinite(t[-1]):
+    if len(t) < 2 or not t[-1] > t[0] or not np.isfinite(t[-1]):
         raise refused(where, f"{len(t)} messages at one instant", "at least two instants")
-    typical, period = float(np.median(step)), float(t[-1] - t[0]) / len(step)
-    # the mean step is long because of a few long gaps, not because messages come in bursts
-    gaps = np.count_nonzero(step > period) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical
-    is_alike = np.mean(np.abs(step - typical) <= TIMESTAMPS.alike * typical) >= 0.5
-    if typical > 0 and (gaps or (is_alike and typical > 0.2 * period)):
-        period = usual_step(step)
-    elif len(step) > 2 * TIMESTAMPS.level_window:  # bursts, with gaps between some of them
-        period = (
-            usual_step(t[TIMESTAMPS.level_window :] - t[: -TIMESTAMPS.level_window]) / TIMESTAMPS.level_window
-            or period
-        )
+    period = _period(t)
     lost = _lost_before(t, period)
     first, last, cut = _longest_stretch(
         lost, max(TIMESTAMPS.most_lost, int(TIMESTAMPS.most_lost_s / period)), period
@@ -132,6 +121,20 @@ def _placed(
         cut: cut,
     }
     return kept, t, index, [text for text, holds in said.items() if holds]
+
+
+def _period(t: Samples) -> float:
+    """Return the time from one sample to the next, in seconds, without gaps and bursts."""
+    step, window = np.diff(t), TIMESTAMPS.level_window
+    typical, mean = float(np.median(step)), float(t[-1] - t[0]) / len(step)
+    # the mean step is long because of a few long gaps, not because messages come in bursts
+    has_gaps = np.count_nonzero(step > mean) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical
+    is_alike = np.mean(np.abs(step - typical) <= TIMESTAMPS.alike * typical) >= 0.5
+    if typical > 0 and (has_gaps or (is_alike and typical > 0.2 * mean)):
+        return usual_step(step)
+    if len(step) > 2 * window:  # bursts, with gaps between some of them
+        return usual_step(t[window:] - t[:-window]) / window or mean
+    return mean
 
 
 def _sent_twice(
