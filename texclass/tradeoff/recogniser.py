@@ -14,13 +14,13 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
 from texclass import __version__
+from texclass.atomic_write import write_atomic
 from texclass.evaluation.trusted import archive_of, load_trusted, read_bounded
 from texclass.features.extractor import FeatureExtractor
 from texclass.features.phase_view import Channels
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet
 from texclass.recording import Samples
-from texclass.atomic_write import write_atomic
 
 COLUMN_WISE: Mapping[type, tuple[str, ...]] = {
     SimpleImputer: ("statistics_",),
