@@ -1,4 +1,4 @@
-"""A page for each feature, of what its decorator declares, what it answers, and what moves its value."""
+"""Generate a page per feature: its declaration, its results for bad input, and what changes its value."""
 
 import json
 import tempfile
@@ -42,12 +42,12 @@ SWEEPS = {
     ),
     "force of the hand in N": (np.geomspace(0.4, 2.4, 5), lambda v: (SURFACE, replace(PERSON, force_n=v))),
 }
-"""What is changed alone -> its values, and what is then recorded by whom."""
+"""Property that is varied -> its values, and a function from value to surface and operator."""
 SEEDS = range(4)
 
 
 def write_feature_pages(folder):
-    """Write the index and a page with its picture for each registered feature."""
+    """Write the index, and a page with a figure for each registered feature."""
     folder.mkdir()
     features = tx.features.registered()
     values = swept(features)
@@ -59,32 +59,32 @@ def write_feature_pages(folder):
     }
     for name, feature in features.items():
         draw(feature, values, folder / f"{name}.png")
-        within = [f"``{told}``" for told, members in sets.items() if name in members]
+        within = [f"``{name_of_set}``" for name_of_set, members in sets.items() if name in members]
         (folder / f"{name}.rst").write_text(page(feature, costs.get(name), within), encoding="utf-8")
     (folder / "index.rst").write_text(index(features.values()), encoding="utf-8")
 
 
 def swept(features):
-    """Return, for each property, its values and the features of the recordings made with them."""
+    """Return the values of each property and the features of recordings simulated with them."""
     printed = {member.feature.name for member in tx.load_feature_set("strese2015").members}
     with tempfile.TemporaryDirectory() as place:
         sets = []
-        for of_paper in (True, False):  # only corrected features leave out the path of the hand
+        for of_paper in (True, False):  # only corrected features remove hand motion
             listed = [f"[features.{name}]" for name in features if (name in printed) == of_paper]
             file = Path(place) / f"printed_{of_paper}.toml"
             file.write_text(
                 "\n".join([f"without_hand = {str(not of_paper).lower()}", *listed]), encoding="utf-8"
             )
             sets.append(tx.load_feature_set(file))
-    found = {}
+    tables = {}
     for title, (xs, made) in SWEEPS.items():
         recordings = [record_freehand(*made(x), duration_s=4.0, seed=seed) for x in xs for seed in SEEDS]
-        found[title] = xs, pd.concat([tx.extract(recordings, one) for one in sets], axis=1)
-    return found
+        tables[title] = xs, pd.concat([tx.extract(recordings, one) for one in sets], axis=1)
+    return tables
 
 
 def draw(feature, values, path):
-    """Draw a feature against each property: a dot a recording, or a line a column, less its median of all."""
+    """Plot a feature against each property: a dot per recording, or a line per column minus its median."""
     columns = list(feature.columns(feature.name, {}))
     alone = len(columns) == 1
     colours = [OURS] if alone else mpl.colormaps["viridis"](np.linspace(0, 0.85, len(columns)))
@@ -118,33 +118,35 @@ def page(feature, alone_ms, sets):
         "Reads": {
             "tap": "the taps",
             "movement": "the movement",
-            "travel": "the movement over the way of the tool, by its recorded speed",
+            "travel": "the movement over the path of the tool (needs its speed)",
             "friction": "the friction signal",
             "pair": "the movements of two channels",
         }[feature.phase],
         "Source": feature.reference,
-        "Unit": feature.unit if feature.unit != "1" else "1, a pure number",
+        "Unit": feature.unit if feature.unit != "1" else "1 (dimensionless)",
         "Columns": outputs,
-        "Signal times g": f"y becomes {feature.gain}" if str(feature.gain) != "y" else "y stays",
-        "Depends on": ", ".join(sorted(feature.depends_on)) or "neither length, rate nor sign of the signal",
-        "In the sets": ", ".join(sets) or "none that is shipped",
-        "Cost": f"{alone_ms:.2g} ms a recording where it is computed alone (:doc:`/reports/tables/simulated`)"
+        "Signal multiplied by g": f"y becomes {feature.gain}"
+        if str(feature.gain) != "y"
+        else "y is unchanged",
+        "Depends on": ", ".join(sorted(feature.depends_on)) or "not on length, rate or sign of the signal",
+        "In the sets": ", ".join(sets) or "no shipped set",
+        "Cost": f"{alone_ms:.2g} ms per recording if computed alone (:doc:`/reports/tables/simulated`)"
         if alone_ms
         else "``texclass tradeoff`` measures it on your recordings",
     }
     answers = [
         (a["input"], "value" if a["answer"] == "value" else "NaN", a["detail"]) for a in behaviour(feature)
     ]
-    drawn = "Dots are recordings, lines medians"
+    drawn = "Dots: recordings; lines: medians"
     if len(columns) > 1:
-        drawn = "A line is a column, the first dark, the last bright: its median, less that of all recordings"
+        drawn = "Lines: columns, from dark (first) to bright (last); median minus the median of all"
     return "\n".join(
         [
             *titled(feature.name, "="),
             *listed(facts.items(), widths="20 80", stub=True),
-            *titled("What moves it", "-"),
-            "Simulated recordings of one surface by one person, in which one property alone is changed.",
-            f"{drawn}. All panels share the vertical axis.",
+            *titled("Dependence on surface and operator", "-"),
+            "Simulated recordings in which one property of surface or operator is varied.",
+            f"{drawn}. All panels have the same vertical axis.",
             "",
             f".. image:: {feature.name}.png",
             f"   :alt: {feature.name} against six properties of surface and hand",
@@ -152,8 +154,8 @@ def page(feature, alone_ms, sets):
             *titled("Definition", "-"),
             f".. autofunction:: {feature.function.__module__}.{feature.name}",
             "",
-            *titled("What it answers to what recordings contain sooner or later", "-"),
-            *listed([("input", "answer", "value or reason"), *answers], widths="25 15 60", header=True),
+            *titled("Results for bad input", "-"),
+            *listed([("Input", "Result", "Value or reason"), *answers], widths="25 15 60", header=True),
         ]
     )
 
@@ -162,21 +164,21 @@ def index(features):
     """Return the table of all features, by the phase they read."""
     lines = [
         *titled("Features", "="),
-        "What is computed of a recording. Each page is made from what the feature declares (where it comes",
-        "from, which phase it reads, how it scales), from what moves it, and from what it answers to bad",
-        "input. See :doc:`/evaluate-feature` for your own.",
+        "Each page shows the declaration of a feature (reference, phase, unit, gain law), its dependence on",
+        "surface and operator, and its results for bad input. See :doc:`/evaluate-feature` for your own.",
         "",
     ]
     by_phase = {
-        "movement": "Of the movement",
-        "travel": "Of the movement over the way of the tool, where its speed was recorded",
-        "tap": "Of the taps",
-        "friction": "Of the friction",
+        "movement": "Movement",
+        "travel": "Movement over the path of the tool (needs its speed)",
+        "tap": "Taps",
+        "friction": "Friction signal",
+        "pair": "Pairs of channels",
     }
     for phase, title in by_phase.items():
         rows = [(f":doc:`{f.name}`", f.summary, f.reference) for f in features if f.phase == phase]
         lines += titled(title, "-") + listed(
-            [("feature", "what it is", "source"), *rows], "25 50 25", header=True
+            [("Feature", "Summary", "Source"), *rows], "25 50 25", header=True
         )
     return "\n".join([*lines, ".. toctree::", "   :hidden:", "", *(f"   {f.name}" for f in features)])
 

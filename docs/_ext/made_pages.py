@@ -1,4 +1,4 @@
-"""Pages that are made at build time, of what stands elsewhere: reports, public names, features, examples."""
+"""Generate pages at build time: reports, API reference, features, examples."""
 
 import re
 import shutil
@@ -16,7 +16,7 @@ from texclass.reporting.figure_style import DPI, LOOKS, STYLE
 
 ROOT = Path(__file__).parents[2]
 MADE = ("reports", "features", "api")
-"""Folders below the source that are written anew by each build."""
+"""Folders below the source that each build generates."""
 LINKS = {
     r"\]\(\.\./reports/README\.md\)": "](figures.md)",
     r"\]\(\.\./reports/": "](reports/",
@@ -24,11 +24,11 @@ LINKS = {
 }
 """Links between files of the repository -> links between pages."""
 MARKUP = re.compile(r"``.*?``|\||\*\*?(?=\w)|(?<=\w)_(?![\w`])")
-"""Quoted code, which stays; and what is |k|, g**2, *args or classes_ to a reader, and markup to docutils."""
+"""Quoted code (kept), and text such as |k|, g**2, *args or classes_ that docutils takes for markup."""
 
 
 def setup(app):
-    """Write what is made before Sphinx looks for pages; mend links and docstrings as they are read."""
+    """Generate pages before Sphinx looks for them; correct links and docstrings as they are read."""
     app.connect("config-inited", make_pages, priority=100)
     app.connect("source-read", link_pages)
     app.connect("autodoc-process-docstring", quote_markup, priority=100)
@@ -37,61 +37,65 @@ def setup(app):
 
 
 def make_pages(app, _config):
-    """Write reports, feature pages and indexes of public names into the source folder."""
+    """Write reports, feature pages and API pages into the source folder."""
     source = Path(app.srcdir)
     for folder in MADE:
         shutil.rmtree(source / folder, ignore_errors=True)
     shutil.copytree(
         ROOT / "reports", source / "reports", ignore=shutil.ignore_patterns("README.md", "*.json")
     )
-    for page in (source / "reports").glob("[ts]*/*.md"):  # of several results: one title above theirs
-        told = page.read_text(encoding="utf-8")
-        if len(re.findall(r"^# ", told, flags=re.M)) > 1 or page.parent.name == "tables":
-            told = re.sub(r"^#", "##", told, flags=re.M)
-            page.write_text(f"# {page.stem.capitalize()}\n\n{told}", encoding="utf-8")
+    for page in (source / "reports").glob("[ts]*/*.md"):  # several results: one title above theirs
+        text = page.read_text(encoding="utf-8")
+        if len(re.findall(r"^# ", text, flags=re.M)) > 1 or page.parent.name == "tables":
+            text = re.sub(r"^#", "##", text, flags=re.M)
+            page.write_text(f"# {page.stem.capitalize()}\n\n{text}", encoding="utf-8")
     write_feature_pages(source / "features")
-    write_room(source / "api", "texclass", tx)
+    write_subpackage(source / "api", "texclass", tx)
 
 
-def write_room(folder, name, room):
-    """Write the page of a room's public names, and those of the rooms in it."""
+def write_subpackage(folder, name, package):
+    """Write the page of the public names of a package, and the pages of its subpackages."""
     folder.mkdir(exist_ok=True)
-    found = public_names(room)
-    rooms = {n: v for n, v in found.items() if isinstance(v, ModuleType)}
+    members = public_names(package)
+    subpackages = {n: v for n, v in members.items() if isinstance(v, ModuleType)}
     if name == "texclass.features":
-        rooms = {}  # each feature has a page
-    at_home = {n: home_of(found[n], n, rooms) for n in found if not isinstance(found[n], ModuleType)}
-    names = [n for n, home in at_home.items() if not home]
+        subpackages = {}  # each feature has a page
+    prefixes = {n: prefix_of(members[n], n, subpackages) for n in members if n not in subpackages}
+    names = [n for n, prefix in prefixes.items() if not prefix]
     lines = [name, "=" * len(name), "", f".. automodule:: {name}", "", f".. currentmodule:: {name}", ""]
-    if rooms:
-        lines += [".. toctree::", "   :maxdepth: 1", "", *(f"   {name}.{n}" for n in rooms), ""]
+    if subpackages:
+        lines += [".. toctree::", "   :maxdepth: 1", "", *(f"   {name}.{n}" for n in subpackages), ""]
     lines += [
         ".. autosummary::",
         "",
-        *(f"   ~{home}{n}" for n, home in at_home.items() if callable(found[n])),
+        *(f"   ~{prefix}{n}" for n, prefix in prefixes.items() if callable(members[n])),
         "",
     ]
     for n in names:
-        kind = "class" if isinstance(found[n], type) else "function" if callable(found[n]) else "data"
-        members = ["   :members:"] if kind == "class" else ["   :no-value:"] if kind == "data" else []
-        lines += [f".. auto{kind}:: {n}", *members, ""]
+        kind = "class" if isinstance(members[n], type) else "function" if callable(members[n]) else "data"
+        options = ["   :members:"] if kind == "class" else ["   :no-value:"] if kind == "data" else []
+        lines += [f".. auto{kind}:: {n}", *options, ""]
     (folder / f"{name}.rst").write_text("\n".join(lines), encoding="utf-8")
-    for n, inner in rooms.items():
-        write_room(folder, f"{name}.{n}", inner)
+    for n, subpackage in subpackages.items():
+        write_subpackage(folder, f"{name}.{n}", subpackage)
 
 
-def public_names(room):
-    """Return the names of a room's index, or what a module without one defines itself."""
-    if named := getattr(room, "__all__", None):
-        return {n: getattr(room, n) for n in named}
+def public_names(package):
+    """Return the names in `__all__`, or those that a module without it defines."""
+    if names := getattr(package, "__all__", None):
+        return {n: getattr(package, n) for n in names}
     return {
-        n: v for n, v in vars(room).items() if n[0] != "_" and getattr(v, "__module__", "") == room.__name__
+        n: v
+        for n, v in vars(package).items()
+        if n[0] != "_" and getattr(v, "__module__", "") == package.__name__
     }
 
 
-def home_of(value, n, rooms):
-    """Return the inner room that a name is told in, with a dot; nothing, if it is told here."""
-    return next((f"{room}." for room, inner in rooms.items() if public_names(inner).get(n) is value), "")
+def prefix_of(value, n, subpackages):
+    """Return the subpackage (with a dot) whose page documents a name, or an empty string."""
+    return next(
+        (f"{name}." for name, inner in subpackages.items() if public_names(inner).get(n) is value), ""
+    )
 
 
 def link_pages(app, docname, source):
@@ -101,7 +105,7 @@ def link_pages(app, docname, source):
 
 
 def quote_markup(app, what, name, obj, options, lines):
-    """Let docutils print what is no markup in our docstrings."""
+    """Escape text in docstrings that docutils would take for markup."""
     lines[:] = [
         line if ">>>" in line else MARKUP.sub(lambda m: m[0] if m[0][0] == "`" else f"\\{m[0]}", line)
         for line in lines
@@ -118,12 +122,12 @@ def reset_style(gallery_conf, name):
 
 
 def scrape_figures(block, block_vars, gallery_conf, **kwargs):
-    """Save the figures of a block: those of pyplot, and those that our functions return."""
+    """Save the figures of a block: those of pyplot and those that texclass returned."""
     paths = []
     for figure in block_vars["example_globals"].values():
         if isinstance(figure, Figure) and not hasattr(figure, "scraped"):
             figure.scraped = True
-            if figure.canvas.manager is None:  # not one of pyplot's
+            if figure.canvas.manager is None:  # not created by pyplot
                 paths.append(next(block_vars["image_path_iterator"]))
                 figure.savefig(paths[-1], dpi=DPI)
     of_pyplot = matplotlib_scraper(block, block_vars, gallery_conf, **kwargs)
