@@ -1,4 +1,4 @@
-"""How the documentation is built: `python -m sphinx -W docs site`, without network."""
+"""Configuration of the documentation: `python -m sphinx -W docs site`, without network."""
 
 import sys
 from pathlib import Path
@@ -16,6 +16,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "numpydoc",
     "myst_parser",
+    "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
     "made_pages",
 ]
