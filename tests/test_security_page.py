@@ -16,11 +16,11 @@ def test_the_stated_limits_are_those_of_the_code():
         f"a first line of {text_layout.LONGEST_LINE:,} characters and {text_layout.MOST_COLUMNS:,} columns",
         f"expand at most {readers.MOST_EXPANSION} times",
         f"may take {filesets.LONGEST_MATCH_S:g} s of CPU time",
-        f"whole numbers up to {allowed_estimators.MOST_INTEGER}",
-        f"{allowed_estimators.MOST_MODELS} models in nested ensembles",
-        f"{allowed_estimators.MOST_WEIGHTS:,} weights between hidden layers",
-        f"{allowed_estimators.MOST_NESTED} nested estimators",
-        f"lists of {allowed_estimators.MOST_LISTED} members",
+        f"whole numbers up to {allowed_estimators.LIMITS.integer}",
+        f"{allowed_estimators.LIMITS.models} models in nested ensembles",
+        f"{allowed_estimators.LIMITS.weights:,} weights between hidden layers",
+        f"{allowed_estimators.LIMITS.nesting} nested estimators",
+        f"lists of {allowed_estimators.LIMITS.members} members",
         f"{trusted.MOST_BYTES >> 30} GiB; a schema of {trusted.MOST_SCHEMA_BYTES >> 20} MiB",
     ):
         assert stated in TEXT, stated

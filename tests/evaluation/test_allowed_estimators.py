@@ -23,7 +23,7 @@ from texclass.cli.app import main
 from texclass.evaluation import load_pipeline
 from texclass.evaluation.allowed_estimators import (
     ESTIMATORS,
-    MOST_INTEGER,
+    LIMITS,
     REFUSED_PARAMETERS,
     resolve,
 )
@@ -206,7 +206,7 @@ def test_no_generated_pipeline_writes_a_file_opens_a_socket_starts_a_process_or_
 
 def test_whole_numbers_up_to_the_limit_are_allowed(tmp_path):
     load_pipeline(
-        pipeline(tmp_path / "p.toml", FOREST, f"n_estimators = {MOST_INTEGER}\nrandom_state = 12345678")
+        pipeline(tmp_path / "p.toml", FOREST, f"n_estimators = {LIMITS.integer}\nrandom_state = 12345678")
     )
 
 

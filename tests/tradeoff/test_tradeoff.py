@@ -204,7 +204,7 @@ def test_a_curve_of_models_takes_as_many_recordings_of_each_material_as_there_is
     toy_dataset, monkeypatch
 ):
     for most, per_material in ((1000, 6), (15, 5), (3, 4)):  # at least four
-        monkeypatch.setattr(curves, "MOST", most)
+        monkeypatch.setattr(curves, "CURVES", curves.CurveSettings(n_recordings=most))
         fewer, note = curves._fewer(toy_dataset(3, 6))
         assert len(fewer) == 3 * per_material
         assert note == ("" if per_material == 6 else f"from {3 * per_material} of the recordings")

@@ -4,6 +4,7 @@ import importlib
 import inspect
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
@@ -75,18 +76,37 @@ REFUSED_PARAMETERS = frozenset(
     {"callback", "importance_getter", "memory", "n_jobs", "pre_dispatch", "verbose"}
 )
 """Parameters that set a cache, a number of processes or output, are called, or name an attribute to read."""
-MOST_INTEGER = 10_000
-"""Estimators, iterations, components, neighbours, neurons of a layer, ...: more is a mistake or an attack."""
 UNBOUNDED = frozenset({"random_state", "subsample", "subsample_for_bin"})
 """Whole numbers that cost neither time nor memory."""
-MOST_MODELS = 10_000
-"""Models in all, of ensembles inside of ensembles."""
-MOST_WEIGHTS = 10_000_000
-"""Weights between the hidden layers of a network: 80 MB."""
-MOST_NESTED = 4
-"""Estimators inside of each other."""
-MOST_LISTED, MOST_LETTERS = 1000, 200
-"""Members of a list, and letters of a text."""
+
+
+@dataclass(frozen=True)
+class SizeLimits:
+    """How large parameters may be: more is a mistake or an attack.
+
+    Attributes
+    ----------
+    integer
+        Estimators, iterations, components, neighbours, neurons of a layer, ....
+    models
+        Models in all, of ensembles inside of ensembles.
+    weights
+        Weights between the hidden layers of a network: 80 MB.
+    nesting
+        Estimators inside of each other.
+    members, letters
+        Of a list, and of a text.
+    """
+
+    integer: int = 10_000
+    models: int = 10_000
+    weights: int = 10_000_000
+    nesting: int = 4
+    members: int = 1000
+    letters: int = 200
+
+
+LIMITS = SizeLimits()
 
 
 def resolve(path: str) -> "type[BaseEstimator]":
@@ -102,7 +122,9 @@ def resolve(path: str) -> "type[BaseEstimator]":
         by_name = {one.rpartition(".")[2]: one for one in sorted(ESTIMATORS)}
         near = [by_name[one] for one in get_close_matches(name, by_name, n=1)]
         hint = f" Did you mean {near[0]!r}?" if near else ""
-        raise ValueError(f"use = {path[:MOST_LETTERS]!r} is refused: it is not an allowed estimator.{hint}")
+        raise ValueError(
+            f"use = {path[: LIMITS.letters]!r} is refused: it is not an allowed estimator.{hint}"
+        )
     module, _, name = path.rpartition(".")
     try:
         return cast("type[BaseEstimator]", getattr(importlib.import_module(module), name))
@@ -118,14 +140,14 @@ def check_parameters(path: str, parameters: Mapping[str, Any]) -> None:
     ValueError
         At the first that is refused; the message names it and what is allowed.
     """
-    if (n_models := _n_models(path, parameters, 1)) > MOST_MODELS:
-        raise ValueError(f"{path} builds {n_models} models. Expected at most {MOST_MODELS}")
+    if (n_models := _n_models(path, parameters, 1)) > LIMITS.models:
+        raise ValueError(f"{path} builds {n_models} models. Expected at most {LIMITS.models}")
 
 
 def _n_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
     """Check an estimator, and return how many models it builds."""
-    if depth > MOST_NESTED:
-        raise ValueError(f"{path} is nested {depth} deep. Expected at most {MOST_NESTED}")
+    if depth > LIMITS.nesting:
+        raise ValueError(f"{path} is nested {depth} deep. Expected at most {LIMITS.nesting}")
     known = [name for name in inspect.signature(resolve(path)).parameters if name not in REFUSED_PARAMETERS]
     n_models = 1
     for key, value in parameters.items():
@@ -146,8 +168,8 @@ def _n_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
             n_models *= max(1, value) if isinstance(value, int) else 1
         if key == "hidden_layer_sizes" and isinstance(value, list | tuple):
             n_weights = sum(math.prod(pair) for pair in pairwise(value))
-            if n_weights > MOST_WEIGHTS:
-                raise ValueError(f"{key} has {n_weights:,} weights. Expected at most {MOST_WEIGHTS:,}")
+            if n_weights > LIMITS.weights:
+                raise ValueError(f"{key} has {n_weights:,} weights. Expected at most {LIMITS.weights:,}")
     return n_models
 
 
@@ -156,14 +178,14 @@ def _check_value(key: str, value: Any) -> None:
     if isinstance(value, bool):
         return
     if isinstance(value, str):
-        if len(value) > MOST_LETTERS:
-            raise ValueError(f"{key} has {len(value)} letters. Expected at most {MOST_LETTERS}")
+        if len(value) > LIMITS.letters:
+            raise ValueError(f"{key} has {len(value)} letters. Expected at most {LIMITS.letters}")
     elif isinstance(value, int):
-        if abs(value) > MOST_INTEGER and key not in UNBOUNDED:
-            raise ValueError(f"{key} is {value}. Expected at most {MOST_INTEGER}")
+        if abs(value) > LIMITS.integer and key not in UNBOUNDED:
+            raise ValueError(f"{key} is {value}. Expected at most {LIMITS.integer}")
     elif isinstance(value, list | tuple):
-        if len(value) > MOST_LISTED:
-            raise ValueError(f"{key} has {len(value)} members. Expected at most {MOST_LISTED}")
+        if len(value) > LIMITS.members:
+            raise ValueError(f"{key} has {len(value)} members. Expected at most {LIMITS.members}")
         for one in value:
             if isinstance(one, list | tuple | dict):
                 raise ValueError(f"{key} holds {str(one)[:40]!r}. Expected numbers, texts or booleans")

@@ -44,12 +44,8 @@ if TYPE_CHECKING:
 
     from texclass.reporting import Document
 
-ACCURACY_KEYS = ("mean", "low", "high", "interval", "clusters", "n_clusters", "balanced", "worst")
-LIBRARIES = ("numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa", "joblib")
 LEAST_TRAINED = 2
 """Recordings of each material that must be left to train on: spread cannot be learnt from one."""
-LOADING_S = 2.0
-"""CPU seconds that other processes would take to load scikit-learn, at most."""
 
 
 class BenchmarkResult(Result, kind="benchmark"):
@@ -90,12 +86,13 @@ class BenchmarkResult(Result, kind="benchmark"):
     @property
     def table(self) -> pd.DataFrame:
         """One line a row and classifier: accuracy with its interval, published accuracy, milliseconds."""
+        keys = ("mean", "low", "high", "interval", "clusters", "n_clusters", "balanced", "worst")
         lines = [
             {
                 "row": pair.row["name"],
                 "classifier": pair.classifier,
                 "n_features": pair.row["n_features"],
-                **{key: pair.accuracy[key] for key in ACCURACY_KEYS},
+                **{key: pair.accuracy[key] for key in keys},
                 "paper": pair.published,
                 "ms_per_recording": pair.row["ms_per_recording"],
             }
@@ -260,7 +257,9 @@ def run_benchmark(
             "left_out": [list(item) for item in table.left_out],
             "flags": [list(item) for item in table.flags],
             "undefined": undefined.reset_index().to_dict("records"),
-            "versions": versions(*LIBRARIES),
+            "versions": versions(
+                "numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa", "joblib"
+            ),
             "seed": pipeline.seed,
             "input_hash": dataset.input_hash,
             **made_by(*COMPUTED_BY),
@@ -293,7 +292,8 @@ def _evaluate(
             calls.append(partial(_unless_too_few, trial) if single else trial)
             tasks.append((row.definition.name, names))
     evaluations: dict[str, dict[str, Evaluation]] = {}
-    found = each(calls, what="rows", total=len(calls), here_s=LOADING_S, **work)
+    # Other processes would take up to 2 s of CPU time to load scikit-learn.
+    found = each(calls, what="rows", total=len(calls), here_s=2.0, **work)
     for (row_name, names), answers in zip(tasks, found, strict=True):
         if answers:
             evaluations.setdefault(row_name, {}).update(zip(names, answers, strict=True))

@@ -46,7 +46,6 @@ MOST_LISTED = 6
 """Recordings, flags or features that a note lists one by one; the JSON holds all of them."""
 NEAR = 0.05
 """Accuracy that a faster row may lack to be named beside the best one."""
-SHADES = {"d1 d2 d3 d4 d5": "right", "e1 e2 e3 e4 e5": "wrong; each step a fifth of the material's"}
 Data = Mapping[str, Any]
 
 
@@ -354,7 +353,10 @@ def _confusion(found: Data, tested: str) -> Heat:
         f"{says}.",
         dict.fromkeys(names, ""),
         rows,
-        {looks: f"{what}{f' {tested}' * what.startswith('wrong')}" for looks, what in SHADES.items()},
+        {
+            "d1 d2 d3 d4 d5": "right",
+            "e1 e2 e3 e4 e5": f"wrong; each step a fifth of the material's {tested}",
+        },
         "never",
         "Felt (rows), and taken for (columns)",
         " taken for ",

@@ -31,8 +31,7 @@ from texclass.provenance import versions
 from texclass.recording import Recording, Samples
 
 R = TypeVar("R")
-PRECISE = time.get_clock_info("thread_time").resolution < 1e-5
-clock = time.thread_time if PRECISE else time.perf_counter
+clock = time.thread_time if time.get_clock_info("thread_time").resolution < 1e-5 else time.perf_counter
 """Seconds of this thread alone, where the system counts them finely: what else runs then matters little."""
 QUARTILE = 0.25
 """Of several runs: what else runs can only make one slower."""

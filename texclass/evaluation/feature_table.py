@@ -37,12 +37,6 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples, axes_differ, describe_axes
 from texclass.reporting.wording import counted
 
-DOUBTS = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")
-"""Flags that a user has to see before any table: what they begin with."""
-SAME_AXES = (
-    "Expected the same axes in each recording: select them with --column, or leave it out with --skip-bad"
-)
-"""What a message about axes ends with."""
 METADATA = ("recording_id", "material", "operator", "session", "repetition")
 """Columns of every table, before the features; tables of windows add `parent`, the recording; and
 `between`, where windows overlap to train."""
@@ -137,9 +131,10 @@ class FeatureTable:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What loaders doubt of the recordings, each once, with how many it is true of."""
+        kinds = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")
         found: dict[str, list[tuple[str, str]]] = {}
         for name, flag in self.flags:
-            if flag.startswith(DOUBTS):
+            if flag.startswith(kinds):
                 found.setdefault(re.sub(r"[\d.]+", "", flag), []).append((name, flag))
         n = self.frame["parent" if "parent" in self.frame else "recording_id"].nunique()
         return tuple(
@@ -474,10 +469,13 @@ def _join(
     axes = Counter(tuple(row.axes) for _, row in found)
     usual, n_usual = axes.most_common(1)[0]
     if any(axes_differ(names, usual) for names in axes):
-        of_others = f"but {n_usual} of {len(found)} have {describe_axes(usual)}"
+        of_others = (
+            f"but {n_usual} of {len(found)} have {describe_axes(usual)}. Expected the same axes in each "
+            "recording: select them with --column, or leave it out with --skip-bad"
+        )
         for entry, row in found:
             if axes_differ(row.axes, usual):
-                problem = f"{parent_id(entry)}: {describe_axes(row.axes)}, {of_others}. {SAME_AXES}"
+                problem = f"{parent_id(entry)}: {describe_axes(row.axes)}, {of_others}"
                 left_out += (LeftOut(parent_id(entry), problem),)
         left_out = tuple(dict.fromkeys(left_out))
         found = [(entry, row) for entry, row in found if not axes_differ(row.axes, usual)]

@@ -32,8 +32,6 @@ from texclass.reporting.blocks import Block
 from texclass.reporting.wording import digits, estimate, p_value, percent, points, points_interval
 
 Data = Mapping[str, Any]
-N_NEAREST = 3
-"""Existing columns that are named for each new one."""
 
 
 class FeatureStudy(BenchmarkResult, kind="feature"):
@@ -146,7 +144,7 @@ def redundancy(table: FeatureTable, new: Sequence[str]) -> list[dict[str, Any]]:
         column = values[name].dropna()
         others = existing.loc[column.index]
         rho = others.corrwith(column, method="spearman").dropna()
-        nearest = rho.reindex(rho.abs().sort_values(ascending=False, kind="stable").index)[:N_NEAREST]
+        nearest = rho.reindex(rho.abs().sort_values(ascending=False, kind="stable").index)[:3]
         found.append(
             {
                 "column": name,

@@ -37,8 +37,6 @@ from texclass.validation import Written, checked, read_toml
 
 ALL = "all"
 """Stands for every feature of the set in a row."""
-OF_ROWS = frozenset({"select", "published", "classifiers"})
-"""Keys of rows that additions have not."""
 
 
 class Use(Written):
@@ -268,7 +266,8 @@ class PipelineDefinition(Written):
             names = tuple(known.columns) if row.features == (ALL,) else row.features
             if row.name in found:
                 raise ValueError(f"two are named {row.name!r}; the rule is one a name")
-            if info.field_name == "additions" and (extra := row.model_fields_set & OF_ROWS):
+            extra = row.model_fields_set & {"select", "published", "classifiers"}
+            if info.field_name == "additions" and extra:
                 raise ValueError(f"{row.name}: {min(extra)} is of rows; the rule is features alone")
             try:
                 known.columns_of(names)

@@ -29,8 +29,6 @@ CHOICE = "row chosen inside the training parts"
 """What the choice of a benchmark is called beside its rows."""
 FEW = 10
 """Clusters below which an accuracy above 90 % (or below 10 %) is told with a caution."""
-N_BLOCKS = 300
-"""Parts in which the outline of a recording is kept."""
 
 
 class Pair(NamedTuple):
@@ -69,9 +67,8 @@ def size(facts: Mapping[str, Any]) -> str:
 
 
 def chance_of(data: Mapping[str, Any]) -> float:
-    """Return the accuracy of answering always with the commonest material; an older result does not say."""
-    facts = data["dataset"]
-    return float(facts.get("chance") or 1 / facts["n_materials"])
+    """Return the chance level: the accuracy of always predicting the commonest material."""
+    return float(data["dataset"]["chance"])
 
 
 def over(found: Mapping[str, Any]) -> str:
@@ -167,7 +164,7 @@ def example_of(recording: Recording) -> dict[str, Any]:
     """
     phases, fs = recording.phases, recording.fs
     assert phases is not None
-    low, high = outline(main_direction(recording), N_BLOCKS)
+    low, high = outline(main_direction(recording), 300)
     return {
         "recording": recording.recording_id,
         "material": recording.material,

@@ -28,8 +28,6 @@ TRUSTED = frozenset(
 """Classes that a file may name beside estimators of scikit-learn, arrays and plain values."""
 LOADABLE = frozenset({path.rpartition(".")[2] for path in ESTIMATORS} | {"LabelBinarizer", "Pipeline"})
 """Names of the classes of scikit-learn that a file may name: those of pipelines, and what they contain."""
-UNSET = ("null", "false", "0")
-"""What a file may state for parameters that set a cache, processes or output."""
 MOST_BYTES = 1 << 30
 """Largest file that is read."""
 MOST_SCHEMA_BYTES = 1 << 24
@@ -115,7 +113,7 @@ def foreign_in(data: bytes) -> list[str]:
             foreign.add(f"{module}.{name}")
         for key in REFUSED_PARAMETERS & node.keys():
             value = node[key] if isinstance(node[key], dict) else {}
-            if value.get("__loader__") != "JsonNode" or value.get("content") not in UNSET:
+            if value.get("__loader__") != "JsonNode" or value.get("content") not in ("null", "false", "0"):
                 foreign.add(f"the parameter {key!r}")
         return node
 

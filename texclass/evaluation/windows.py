@@ -56,7 +56,6 @@ SHORT = 1024
 """Samples of a touch below which windows overlap to train; of longer ones they say the same again."""
 MOST_WINDOWS = 12_000
 """Windows of a dataset, those that overlap included: to train on more would take minutes a fold."""
-MOVEMENTS = TypeAdapter(tuple[Movement, ...])
 
 
 def touches(
@@ -244,7 +243,7 @@ def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
         If it cannot be read.
     """
     try:
-        found = MOVEMENTS.validate_json(path.read_bytes())
+        found = TypeAdapter(tuple[Movement, ...]).validate_json(path.read_bytes())
         if len(found) != n or any(start > stop for start, stop, *_ in found):
             raise ValueError(f"{len(found)} movements")
     except ValueError as error:

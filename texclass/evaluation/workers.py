@@ -15,9 +15,6 @@ from typing import Any, Literal, TypeVar
 from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
-M_TOP_PAD = -2
-"""Of `mallopt` (malloc.h): how much memory beyond what is asked for is taken, and kept when it is free."""
-KEPT_BYTES = 1 << 26
 R = TypeVar("R")
 Backend = Literal["local", "dask"]
 Progress = Callable[[int, int, str], None]
@@ -34,7 +31,8 @@ def begin_worker() -> None:
     gc.set_threshold(100_000)
     atexit.register(gc.freeze)
     with suppress(AttributeError, OSError, TypeError):  # a C library without it
-        ctypes.CDLL(None).mallopt(M_TOP_PAD, KEPT_BYTES)
+        m_top_pad = -2  # malloc.h: memory beyond what is asked for that is taken, and kept when it is free
+        ctypes.CDLL(None).mallopt(m_top_pad, 1 << 26)
 
 
 PROCESSES: dict[str, Any] = {"backend": "loky", "inner_max_num_threads": 1, "initializer": begin_worker}

@@ -15,9 +15,6 @@ from rich.text import Text
 from texclass.reporting.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
 from texclass.reporting.wording import split_interval, texts_of, titles_of
 
-LEAST_NAME, LEAST_WORDS = 16, 10
-"""Characters that names, and other columns of words, keep at least, or their longest text if that is less."""
-
 
 def print_document(document: Document) -> None:
     """Print a document on standard output."""
@@ -115,8 +112,8 @@ def _drawn(
         broken = title.replace(" [", "\n[") if below else title
         broken = re.sub(r"(?<!\d) (?!%)", "\n", broken) if break_titles else broken
         if i < table.n_words:
-            longest = _width((title, *column))
-            drawn.add_column(title, min_width=min(LEAST_WORDS if i else LEAST_NAME, longest))
+            # Names keep 16 characters at least, other columns of words 10.
+            drawn.add_column(title, min_width=min(10 if i else 16, _width((title, *column))))
             cells.append([Text(text) for text in column])
         else:
             numbers = _numbers(column, below)

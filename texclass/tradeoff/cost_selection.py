@@ -16,8 +16,6 @@ from texclass.classifiers.forward_selection import Scoring, SubsetScore, inner_s
 from texclass.evaluation.cost import CostModel
 from texclass.recording import Samples
 
-FREE = 0.01
-"""Least cost that a move is taken to have, in units of the total: what is free is not infinitely good."""
 Unit = Literal["column", "feature"]
 
 
@@ -186,7 +184,8 @@ class _Search:
         names = np.array(model.features)
         # The columns of each feature, by number; what a move costs at least.
         self.features = [np.flatnonzero(names == f).tolist() for f in dict.fromkeys(model.features)]
-        self.least = max(FREE * model.total, np.finfo(np.float64).tiny)
+        # A hundredth of the total: what is free is not infinitely good.
+        self.least = max(0.01 * model.total, np.finfo(np.float64).tiny)
 
     def forward(self, thrift: float) -> Iterator[Subset]:
         """Yield each better choice: add the move that is worth most, then drop what earns nothing."""

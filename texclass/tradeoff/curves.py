@@ -30,14 +30,36 @@ from texclass.recording import AUXILIARY_UNITS, Phases, Recording, RecordingErro
 from texclass.tradeoff.front import Facts, Labelled, Labels, accuracy_of, discriminant, labelled, preparation
 from texclass.validation import check_above_0
 
-SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
-TRAINING = (1, 2, 3, 5, 8)
-RATES_HZ = (500.0, 1000.0, 2000.0, 5000.0)
-BITS = (4, 6, 8, 12)
-ORDERS = (2, 4, 8, 16, 32, 64)
-MOST = 150
-"""Recordings from which the curves of rate, bits and order are computed, at most; each is extracted anew."""
 LINEAR = "linear discriminants"
+
+
+@dataclass(frozen=True)
+class CurveSettings:
+    """Where the curves of a trade-off are measured.
+
+    Attributes
+    ----------
+    seconds
+        Of touch.
+    n_trained
+        Training recordings of each material.
+    rates_hz, bits
+        Of cheaper sensors.
+    orders
+        Of the movement model.
+    n_recordings
+        Recordings, at most, for rate, bits and order: each is extracted anew.
+    """
+
+    seconds: tuple[float, ...] = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
+    n_trained: tuple[int, ...] = (1, 2, 3, 5, 8)
+    rates_hz: tuple[float, ...] = (500.0, 1000.0, 2000.0, 5000.0)
+    bits: tuple[int, ...] = (4, 6, 8, 12)
+    orders: tuple[int, ...] = (2, 4, 8, 16, 32, 64)
+    n_recordings: int = 150
+
+
+CURVES = CurveSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +123,7 @@ def training_curves(conditions: Conditions, table: FeatureTable) -> list[Facts]:
     """Accuracy against the number of training recordings of each material, by two classifiers."""
     data, splits = conditions.data(table), conditions.splits(table.frame)
     most = min(int(np.unique(data.y[train], return_counts=True)[1].min()) for train, _ in splits)
-    numbers = sorted({n for n in TRAINING if n < most} | {most})
+    numbers = sorted({n for n in CURVES.n_trained if n < most} | {most})
     curves = []
     for series, classifier, used in (
         # Discriminants need a spread within classes, which one recording of each does not have.
@@ -129,7 +151,7 @@ def _thinned(y: Labels, n: int, seed: int, split: Split) -> Split:
 def touch_curve(conditions: Conditions, whole: FeatureTable) -> Facts | None:
     """Accuracy against seconds of touch: the first window of every recording's movement, then all of it."""
     points: list[tuple[float, Facts]] = []
-    for seconds in SECONDS:
+    for seconds in CURVES.seconds:
         try:
             felt = touches(conditions.dataset, seconds, per_recording=1, n_jobs=conditions.n_jobs)
             found = conditions.table(felt)
@@ -153,9 +175,9 @@ def sensor_curves(conditions: Conditions) -> list[Facts]:
     few = replace(conditions, dataset=dataset)
     own = few.dataset[0].fs
     scale = full_scale_of(few.dataset)
-    rates = [fs for fs in RATES_HZ if fs <= own / 1.5]
+    rates = [fs for fs in CURVES.rates_hz if fs <= own / 1.5]
     at_rate = {fs: degraded(few.dataset, fs=fs) for fs in rates} | {own: few.dataset}
-    at_bits = {float(bits): degraded(few.dataset, bits=bits, full_scale=scale) for bits in BITS}
+    at_bits = {float(bits): degraded(few.dataset, bits=bits, full_scale=scale) for bits in CURVES.bits}
     curves = []
     for name, unit, variants in (("sampling rate", "Hz", at_rate), ("bit depth", "bits", at_bits)):
         points = [(x, few.accuracy(few.table(varied))) for x, varied in variants.items()]
@@ -177,7 +199,7 @@ def order_curve(conditions: Conditions) -> Facts | None:
     frame = pd.DataFrame([vars(dataset.entries[i]) for i in kept])
     splits, data = conditions.splits(frame), labelled(models, frame, conditions.protocol)
     points = []
-    for p in ORDERS:
+    for p in CURVES.orders:
         up_to = data._replace(X=models[:, : p + 1])
         points.append((float(p), cross_validated(up_to, splits, discriminant())))
     return _curve("order of the movement model", "", points, "AR coefficients alone", note)
@@ -189,14 +211,14 @@ def _model(load: Callable[[Entry], Any], entry: Entry) -> Samples | None:
         movement = views_of(load(entry))[""].without_hand
     except (RecordingError, UndefinedFeatureError):
         return None
-    model = vibration.fit(movement.samples, ORDERS[-1])
+    model = vibration.fit(movement.samples, CURVES.orders[-1])
     log_gain = np.log(np.maximum(model.gain, np.finfo(np.float64).tiny))
     return np.concatenate([[log_gain], np.arctanh(model.reflection)])
 
 
 def _fewer(dataset: Dataset) -> tuple[Dataset, str]:
-    """Return at most `MOST` recordings, as many of each material as there is room for, at least four."""
-    per_material = max(4, MOST // max(len(dataset.materials), 1))
+    """Return few recordings, as many of each material as there is room for, at least four."""
+    per_material = max(4, CURVES.n_recordings // max(len(dataset.materials), 1))
     materials = pd.Series([e.material for e in dataset.entries])
     rank = materials.groupby(materials).cumcount()
     kept = tuple(e for e, r in zip(dataset.entries, rank, strict=True) if r < per_material)

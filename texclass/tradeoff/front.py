@@ -30,8 +30,6 @@ from texclass.validation import check_above_0
 Labels = NDArray[Any]
 Facts = Mapping[str, Any]
 """Plain JSON values: an accuracy as `mean`, `low`, `high`; a point of the front, see `nested_front`."""
-FRACTIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
-"""Budgets of a front, in costs of the features of the full set."""
 INNER_FOLDS = 5
 Found = TypeVar("Found")
 KNEE_LOSS = 0.01
@@ -167,7 +165,7 @@ def accuracy_of(hits: ArrayLike, splits: Sequence[Split], data: Labelled) -> dic
 
 
 def budgets_of(costs: CostModel, max_ms: float | None = None) -> tuple[float, ...]:
-    """Return the budgets of a front in ms, rising: `FRACTIONS` of the features that buy, and `max_ms`.
+    """Return the budgets of a front in ms, rising: fractions of the cost of all features, and `max_ms`.
 
     Each pays for finding the phases before it buys.
 
@@ -182,7 +180,8 @@ def budgets_of(costs: CostModel, max_ms: float | None = None) -> tuple[float, ..
             f"{costs.segmentation_ms:.3g} for finding the phases"
         )
     given = set() if max_ms is None else {min(max_ms, costs.total)}
-    every = {costs.segmentation_ms + f * costs.features_ms for f in FRACTIONS}
+    fractions = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
+    every = {costs.segmentation_ms + f * costs.features_ms for f in fractions}
     return tuple(sorted({ms for ms in every if ms >= costs.cheapest} | given))
 
 

@@ -43,7 +43,6 @@ from texclass.tradeoff.front import (
 )
 from texclass.tradeoff.recogniser import fit_recogniser, save_recogniser
 
-LIBRARIES = ("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa")
 CLASSIFIERS = {
     "naive_bayes": GaussianNB(),
     "lda": discriminant(),
@@ -52,8 +51,6 @@ CLASSIFIERS = {
 }
 MOST_COLUMNS = 12
 """Columns up to which the fewest for a scene are looked for."""
-N_CHECKED = 10
-"""Random subsets on which the cost model is checked."""
 
 
 class Tradeoff(Result, kind="tradeoff"):
@@ -183,7 +180,10 @@ def trade_off(
             "fewest": fewest,
             "curves": _curves(conditions, offer.table, limits) if with_curves else [],
             "chosen": _chosen(limits, front, fewest, offer, model_file),
-            "versions": {**versions(*LIBRARIES), "machine": platform.machine()},
+            "versions": {
+                **versions("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa"),
+                "machine": platform.machine(),
+            },
             **made_by(*COMPUTED_BY, "tradeoff"),
             "notes": [*left_out, *dataset.notes],
         }
@@ -237,7 +237,7 @@ class Offer:
         return fit_recogniser(plan, X, self.data.y, steps)
 
 
-def check_model(offer: Offer, seed: int, n: int = N_CHECKED) -> list[tuple[float, float]]:
+def check_model(offer: Offer, seed: int, n: int = 10) -> list[tuple[float, float]]:
     """Return (predicted, measured) ms of random subsets of the features."""
     rng, costs = np.random.default_rng(seed), offer.whole
     names, pairs = np.array(list(dict.fromkeys(costs.features))), []
