@@ -4,11 +4,12 @@ That is recordings, runs, or the operators who made them.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, ndtri, stdtr, stdtrit
@@ -180,12 +181,9 @@ def jackknife_error(without: Samples) -> float:
     return float(np.sqrt((k - 1) / k * ((without - without.mean()) ** 2).sum()))
 
 
-def majority(predicted: Labels, clusters: Labels) -> dict[Any, Any]:
-    """Return for each cluster what most of its tests were taken for; of equals, what came first."""
-    votes: dict[Any, Counter[Any]] = {}
-    for cluster, label in zip(clusters.tolist(), predicted.tolist(), strict=True):
-        votes.setdefault(cluster, Counter())[label] += 1
-    return {cluster: counter.most_common(1)[0][0] for cluster, counter in votes.items()}
+def most_frequent(labels: Iterable[Any]) -> Any:
+    """Return what occurs most often; of equals, what comes first."""
+    return Counter(labels).most_common(1)[0][0]
 
 
 def score(
@@ -224,15 +222,16 @@ def score(
         accuracy = replace(accuracy, bounds=bounds, n_clusters=n, spread=spread)
     if clusters is None or all(np.unique(c).size == c.size for c in clusters):
         return accuracy
-    felt, taken, of_votes = [], [], []
-    for materials_of, labels, of, who in zip(truth, predicted, clusters, groups or clusters, strict=True):
+    votes = [
+        pd.DataFrame({"truth": t, "predicted": p, "cluster": c, "independent": i})
         # A cluster of two materials counts as two.
-        named = np.array([f"{t}\0{c}" for t, c in zip(materials_of, of, strict=True)])
-        votes = majority(labels, named)
-        felt.append(np.array([name.split("\0")[0] for name in votes]))
-        taken.append(np.array(list(votes.values())))
-        made_by = dict(zip(named.tolist(), who.tolist(), strict=True))
-        of_votes.append(np.array([made_by[name] for name in votes]))
+        .groupby(["truth", "cluster"], sort=False)
+        .agg({"predicted": most_frequent, "independent": "last"})
+        .reset_index()
+        for t, p, c, i in zip(truth, predicted, clusters, groups or clusters, strict=True)
+    ]
+    columns = ([of[name].to_numpy() for of in votes] for name in ("truth", "predicted", "independent"))
+    felt, taken, of_votes = columns
     return replace(accuracy, voted=score(felt, taken, independent=of_votes))
 
 

@@ -4,7 +4,6 @@ The best of a table is chosen with the tests in view; what it is really worth, `
 """
 
 import re
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,7 @@ import pandas as pd
 from scipy.stats import spearmanr
 from sklearn.metrics import confusion_matrix
 
-from texclass.evaluation.accuracy import score
+from texclass.evaluation.accuracy import most_frequent, score
 from texclass.evaluation.additions import choose_base, measure_additions
 from texclass.evaluation.confusion import write_confusion
 from texclass.evaluation.cost import CostMeter
@@ -225,11 +224,6 @@ def run_benchmark(
     agreement = {name: rank_agreement(lines, name) for name in pipeline.classifiers}
     frame = table.frame
     tested = "windows" if "parent" in frame else "recordings"
-    # By feature: the commonest reason, and the number of recordings.
-    reasons = pd.DataFrame(table.reasons, columns=Reason._fields)
-    reasons = reasons[reasons["recording_id"].isin(frame["recording_id"][asked(frame)])]
-    by_feature = reasons.groupby("feature", sort=False)["reason"]
-    undefined = by_feature.agg(reason=lambda of: Counter(of).most_common(1)[0][0], n_recordings="size")
     return BenchmarkResult(
         {
             "dataset": measured_on(dataset, frame, meter.recordings[0]),
@@ -256,7 +250,7 @@ def run_benchmark(
             "choice": choice,
             "left_out": [list(item) for item in table.left_out],
             "flags": [list(item) for item in table.flags],
-            "undefined": undefined.reset_index().to_dict("records"),
+            "undefined": _undefined(table),
             "versions": versions(
                 "numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa", "joblib"
             ),
@@ -298,6 +292,15 @@ def _evaluate(
         if answers:
             evaluations.setdefault(row_name, {}).update(zip(names, answers, strict=True))
     return evaluations
+
+
+def _undefined(table: FeatureTable) -> list[Any]:
+    """Return for each undefined feature the commonest reason, and the number of recordings."""
+    tested = table.frame["recording_id"][asked(table.frame)]
+    reasons = pd.DataFrame(table.reasons, columns=Reason._fields)
+    by_feature = reasons[reasons["recording_id"].isin(tested)].groupby("feature", sort=False)["reason"]
+    undefined = by_feature.agg(reason=most_frequent, n_recordings="size")
+    return undefined.reset_index().to_dict("records")
 
 
 def _unless_too_few(trial: Callable[[], list[Evaluation]]) -> list[Evaluation]:

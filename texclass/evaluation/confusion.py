@@ -1,9 +1,9 @@
 """Confusion matrices as CSV."""
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
+
+import pandas as pd
 
 from texclass.atomic_write import write_atomic
 
@@ -22,9 +22,6 @@ def write_confusion(
     counts : sequence of sequence of int
         Number of predictions, shape (n_true, n_predicted).
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["true label", *predicted])
-    writer.writerows([label, *row] for label, row in zip(true, counts, strict=True))
-    write_atomic(Path(path), text.getvalue())
+    matrix = pd.DataFrame(counts, index=pd.Index(true, name="true label"), columns=pd.Index(predicted))
+    write_atomic(Path(path), matrix.to_csv(lineterminator="\n"))
     return Path(path)
