@@ -10,7 +10,7 @@ from toy_surfaces import SURFACES, recording
 
 from texclass.recognition import adapt, load_model
 from texclass.recognition.adaptation import (
-    LEAST_UNLABELLED,
+    LIMITS,
     _check_told_apart,
     adapted_to,
     fit_map,
@@ -184,7 +184,7 @@ def halving_map(X, *_, scaled=True):
     ("references", "rule"),
     [
         (THREE[:2], "2 of 2 references are of a known surface; the rule is at least 3"),
-        (UNLABELLED[: LEAST_UNLABELLED - 1], "0 of 9 references"),
+        (UNLABELLED[: LIMITS.min_unlabelled - 1], "0 of 9 references"),
         (
             [*THREE, felt("stranger", 1)],
             "is of 'stranger', which the model does not know; the rule is one of",
@@ -202,6 +202,5 @@ def test_a_model_is_adapted_once_and_as_it_was_trained(kernel_model):
     with pytest.raises(ValueError, match="adapted already; the rule is the model as it was trained"):
         adapt(adapt(kernel_model, THREE), THREE)
     single = replace(kernel_model, surfaces=kernel_model.surfaces._replace(within=np.zeros(12)))
-    for lacking, rule in ((single, "the rule is two or more"), (replace(single, surfaces=None), "train it")):
-        with pytest.raises(ValueError, match=rule):
-            adapt(lacking, THREE)
+    with pytest.raises(ValueError, match="the rule is two or more"):
+        adapt(single, THREE)

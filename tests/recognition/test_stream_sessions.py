@@ -8,7 +8,7 @@ from toy_surfaces import FS, SURFACES, signal
 
 from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recognition import Block, Event, Notice, OnlineSettings, Session, WindowAnswer, listen
-from texclass.recognition.live.session import FAR, Defects
+from texclass.recognition.live.session import Defects
 from texclass.recognition.sources.blocks import resampled
 from texclass.recording import Recording, RecordingError
 
@@ -136,7 +136,7 @@ def test_mended_samples_do_not_depend_on_blocks(linear_model, size):
     np.testing.assert_array_equal(whole, mended(400)[1])
     np.testing.assert_allclose(whole[48], (rows[49] + rows[51]) / 2)
     assert len(whole) + sum(lost) == 400
-    assert Defects(linear_model, 1, FS, 0.5).far == 2 * max(FAR * linear_model.manifest.loudest, 1000)
+    assert Defects(linear_model, 1, FS, 0.5).far == 2 * max(100 * linear_model.manifest.loudest, 1000)
 
 
 def test_a_loss_that_is_reported_without_samples_interrupts_the_stream(linear_model, oak):

@@ -16,12 +16,6 @@ from texclass.classifiers.kernel import View, kernel_scores, mean_kernel
 from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
-MIN_RELEVANCE = 0.1
-"""Correlation ratio below which no column falls: classes may differ in spread alone."""
-CHANGES_WEIGHT = 3.0
-"""Of the covariance of known changes, beside the within-class covariance of the training samples."""
-MAX_CHANGE = 3.0
-"""Standard deviations of a column that a known change may be, for what hardly varied in training."""
 
 
 class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
@@ -236,7 +230,7 @@ def fit_view(
 ) -> View:
     """Fit the view that whitens S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I; shrinkage 1: no whitening.
 
-    S_w is the within-class covariance of the standardised samples; `CHANGES_WEIGHT` C' C / n is added where n
+    S_w is the within-class covariance of the standardised samples; 3 C' C / n is added where n
     changes C are known. The whitened columns are the directions S^(-1/2), so each still belongs to one
     feature, and is weighted by its correlation ratio.
     """
@@ -244,14 +238,16 @@ def fit_view(
     scale = np.where(deviation > 1e-12 * np.abs(mean), deviation, np.inf)
     Z = (X - mean) / scale
     C = np.zeros((1, Z.shape[1])) if changes is None else changes / scale
-    C = np.clip(C, -MAX_CHANGE, MAX_CHANGE) * np.sqrt(CHANGES_WEIGHT / len(C))
+    # Of what hardly varied in training, a change is at most 3 standard deviations.
+    C = np.clip(C, -3, 3) * np.sqrt(3 / len(C))
     root = np.ones(Z.shape[1])
     if shrinkage < 1:
         residual = Z - class_means(Z, labels)[labels]
         root = shrunk_whitening(residual.T @ residual / len(Z) + C.T @ C, shrinkage)
     view = View(mean, scale, root)
     eta = correlation_ratio(view.project(Z), labels, np.square(view.project(C)).sum(axis=0))
-    weights = root * np.maximum(eta, MIN_RELEVANCE) ** relevance
+    # No column falls below a correlation ratio of 0.1: classes may differ in spread alone.
+    weights = root * np.maximum(eta, 0.1) ** relevance
     rms = np.sqrt(np.mean(np.square(View(mean, scale, weights).project(Z)).sum(axis=1)))
     return View(mean, scale, weights / (rms or 1.0))
 

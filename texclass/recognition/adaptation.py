@@ -8,7 +8,7 @@ older lets right answers be thought less of; what it feels now and then tells ho
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,24 +22,45 @@ from texclass.recognition.model import Model
 from texclass.recognition.unknown import Novelty, Ranges, Surfaces, least_held_out, strangeness
 from texclass.recording import Recording, Samples
 
-LEAST_LABELLED, LEAST_UNLABELLED = 3, 10
-"""References that it takes: of known surfaces, or of which nothing is known."""
-CERTAIN = 2.0
-"""Times what chance explains that a change must exceed to be believed at all."""
-MOST_SCALED = 10.0
-"""Factor by which a column is scaled at most, and at least its inverse."""
-N_FOLDS, N_ROUNDS = 10, 20
-PRIOR, MOST_PRIOR = 0.025, 0.5
-"""Added references of each surface, and of all at most, as a part of those whose surface is estimated."""
-LEAST_APART = 2.5
-"""Surfaces, 1 / sum shares^2, that references without labels must seem to be of."""
-KINDS = ("affine", "shift", "none")
-"""Maps, each simpler than the one before."""
-SETTLED = 1e-3
-"""Change of shares after which they are found."""
-CHANCE = 0.05
-"""How often chance may take for a worse map what is none."""
 
+@dataclass(frozen=True)
+class AdaptationLimits:
+    """What an adaptation needs, and how far it may go.
+
+    Attributes
+    ----------
+    min_labelled, min_unlabelled
+        References that it takes: of known surfaces, or of which nothing is known.
+    min_surfaces
+        Surfaces, 1 / sum shares^2, that references without labels must seem to be of.
+    max_scale
+        Factor by which a column is scaled at most, and at least its inverse.
+    noise_factor
+        Times what chance explains that a change must exceed to be believed at all.
+    significance
+        How often chance may take for a worse map what is none.
+    n_folds
+        Folds of references, each judged under the map of the others.
+    n_rounds, tolerance
+        Rounds in which shares of surfaces are estimated, and the change after which they are found.
+    prior, max_prior
+        Added references of each surface, and of all at most, as a part of those whose surface is estimated.
+    """
+
+    min_labelled: int = 3
+    min_unlabelled: int = 10
+    min_surfaces: float = 2.5
+    max_scale: float = 10.0
+    noise_factor: float = 2.0
+    significance: float = 0.05
+    n_folds: int = 10
+    n_rounds: int = 20
+    tolerance: float = 1e-3
+    prior: float = 0.025
+    max_prior: float = 0.5
+
+
+LIMITS = AdaptationLimits()
 Map = tuple[Samples, Samples]
 """Scale and shift, both of shape (n_columns,): values of the new sensor -> as the old one would have them."""
 
@@ -127,13 +148,14 @@ def adapted_to(
     """
     surfaces = _surfaces_of(model)
     n_recordings, n_labelled = len(np.unique(of)), len(np.unique(of[known.any(axis=1)]))
-    if n_labelled < LEAST_LABELLED and n_recordings < LEAST_UNLABELLED:
+    if n_labelled < LIMITS.min_labelled and n_recordings < LIMITS.min_unlabelled:
         raise ValueError(
             f"{n_labelled} of {n_recordings} references are of a known surface; the rule is at least "
-            f"{LEAST_LABELLED} that are, or {LEAST_UNLABELLED} recordings of any surfaces of the model"
+            f"{LIMITS.min_labelled} that are, or {LIMITS.min_unlabelled} recordings of any surfaces of the "
+            "model"
         )
     hits_before = _hits(model.decide(X)[1], known)
-    for kind in KINDS:
+    for kind in ("affine", "shift", "none"):  # each simpler than the one before
         found = fit_map(model, X, known, surfaces, n_recordings, kind)
         decisions, strange = _held_out(model, X, known, of, surfaces, found, kind)
         if not _is_worse(hits_before, _hits(decisions, known), of):
@@ -161,19 +183,19 @@ def _is_worse(before: Samples, after: Samples, of: NDArray[np.intp]) -> bool:
 
     change = np.bincount(of, weights=after - before)
     lost, won = np.count_nonzero(change < 0), np.count_nonzero(change > 0)
-    return bool(binom.sf(lost - 1, lost + won, 0.5) <= CHANCE)
+    return bool(binom.sf(lost - 1, lost + won, 0.5) <= LIMITS.significance)
 
 
 def _check_told_apart(model: Model, mapped: Samples, known: Samples, n_labelled: int) -> None:
     """Refuse a map under which references seem to be of one surface, or labelled ones are not told apart."""
     p = model.judge(mapped)[0]
-    if n_labelled < LEAST_LABELLED:
+    if n_labelled < LIMITS.min_labelled:
         shares = np.where(known.any(axis=1, keepdims=True), known, p).mean(axis=0)
-        if (n_apart := 1 / (shares**2).sum()) < LEAST_APART:
+        if (n_apart := 1 / (shares**2).sum()) < LIMITS.min_surfaces:
             raise ValueError(
                 f"references seem to be of {n_apart:.2g} surfaces, most of "
                 f"{model.materials[shares.argmax()]!r}: nothing tells the sensor from the surface; the rule "
-                f"is {LEAST_APART:g} or more: references of more surfaces, or labelled (SURFACE=FILE)"
+                f"is {LIMITS.min_surfaces:g} or more: references of more surfaces, or labelled (SURFACE=FILE)"
             )
         return
     counts, hits = known.sum(axis=0), int(_hits(p, known).sum())
@@ -211,7 +233,7 @@ def fit_map(
     open_rows = ~known.any(axis=1)
     n_open = int(open_rows.sum())
     shares = np.full(n_materials, 1 / n_materials)
-    for _ in range(N_ROUNDS if n_open else 1):
+    for _ in range(LIMITS.n_rounds if n_open else 1):
         mixture = (known.sum(axis=0) + n_open * shares) / n
         found = moments_map(X, mixture, surfaces, n_recordings, scaled=kind == "affine")
         if not n_open:
@@ -219,9 +241,9 @@ def fit_map(
         scale, shift = found
         likely = model.judge(X[open_rows] * scale + shift)[0].sum(axis=0)
         # Shares that follow probabilities alone may end at one surface, of which then all seem to be.
-        prior = min(PRIOR, MOST_PRIOR / n_materials)
+        prior = min(LIMITS.prior, LIMITS.max_prior / n_materials)
         before, shares = shares, (likely / n_open + prior) / (1 + n_materials * prior)
-        if np.abs(shares - before).max() < SETTLED:
+        if np.abs(shares - before).max() < LIMITS.tolerance:
             break
     return found
 
@@ -262,13 +284,13 @@ def moments_map(
     aimed = (weights * (known - aim) ** 2).sum(axis=0) + within**2
     usable = there.any(axis=0) & np.isfinite(aim) & (within > 0)
     half = (min(n, 1 / (shares**2).sum()) - 1) / 2
-    varies = usable & (variance > 0) & (half > SETTLED) & scaled
+    varies = usable & (variance > 0) & (half > LIMITS.tolerance) & scaled
     log_scale = np.zeros(len(aim))
     if varies.any():
         unbiased = digamma(half) - np.log(half)
         log_scale[varies] = 0.5 * (np.log(aimed[varies] / variance[varies]) + unbiased)
         log_scale *= _believed(log_scale[varies], polygamma(1, half) / 4)
-    scale = np.exp(np.clip(log_scale, -np.log(MOST_SCALED), np.log(MOST_SCALED)))
+    scale = np.clip(np.exp(log_scale), 1 / LIMITS.max_scale, LIMITS.max_scale)
     moved = np.where(usable, aim - mean, 0.0)
     if usable.any():
         moved *= _believed(moved[usable] / within[usable], 1 / n)
@@ -277,19 +299,14 @@ def moments_map(
 
 def _believed(changes: Samples, noise: float) -> float:
     """Return t / (t + noise): which part of changes is believed, of noise of such a variance."""
-    t = max(0.0, float(np.mean(np.minimum(changes**2, 1e6))) - CERTAIN * noise)
+    t = max(0.0, float(np.mean(np.minimum(changes**2, 1e6))) - LIMITS.noise_factor * noise)
     return t / (t + noise)
 
 
 def _surfaces_of(model: Model) -> Surfaces:
     if model.manifest.adapted:
         raise ValueError(f"{model!r} is adapted already; the rule is the model as it was trained")
-    if model.surfaces is None:
-        raise ValueError(
-            f"{model!r} does not say where its surfaces lie; the rule is a model of format 2.3: train it"
-            " again"
-        )
-    if not (model.surfaces.within > 0).any():
+    if model.surfaces is None or not (model.surfaces.within > 0).any():
         raise ValueError(
             f"{model!r} was trained on one recording of each surface, which do not say how far others of the "
             "same surface lie; the rule is two or more"
@@ -363,9 +380,9 @@ def _held_out(
     novelty, strange, decisions = model.novelty, np.empty(len(X)), np.empty(known.shape)
     likeliest = model.judge(X * found[0] + found[1])[0].argmax(axis=1)
     groups = np.where(known.any(axis=1), known.argmax(axis=1), likeliest)
-    if not LEAST_LABELLED <= len(np.unique(groups)) < len(model.materials) / 2:
+    if not LIMITS.min_labelled <= len(np.unique(groups)) < len(model.materials) / 2:
         groups = of
-    folds = np.unique(groups, return_inverse=True)[1] % N_FOLDS
+    folds = np.unique(groups, return_inverse=True)[1] % LIMITS.n_folds
     for fold in range(folds.max() + 1):
         rest, asked = folds != fold, folds == fold
         n_rest = len(set(of[rest].tolist()))
@@ -382,7 +399,7 @@ def _reset(novelty: Novelty, strange: Samples, n_recordings: int) -> tuple[Novel
     training; else these are moved by as much as the median of references is stranger, decisions by a
     difference, distances by a factor.
     """
-    if n_recordings >= max(LEAST_UNLABELLED, least_held_out(novelty.false_alarms)):
+    if n_recordings >= max(LIMITS.min_unlabelled, least_held_out(novelty.false_alarms)):
         return replace(novelty, held_out=np.sort(strange)), "references"
     typical, before = float(np.median(strange)), float(np.median(novelty.held_out))
     if novelty.kind == "decision":

@@ -19,8 +19,6 @@ Part = Mapping[str, Any]
 Columns = NDArray[np.intp]
 TrainingSet = tuple[Samples, NDArray[Any]]
 """Prepared rows (n, n_columns) and their labels (n,)."""
-MAX_DIFFERENCES = 1 << 20
-"""Differences of rows and points that are held at a time."""
 
 
 def apply(part: Part, X: Samples) -> Samples:
@@ -225,7 +223,7 @@ def _kernel(
 
 def squared_distances(X: Samples, points: Samples, weight: Samples | float = 1.0) -> Samples:
     """Return the sums of (x - point)^2 weight for rows (n, p) and points (m, p), shape (n, m)."""
-    size = max(1, MAX_DIFFERENCES // max(1, points.size))
+    size = max(1, 2**20 // max(1, points.size))  # of differences held at a time
     blocks = (X[k : k + size, None] - points for k in range(0, max(1, len(X)), size))
     return np.concatenate([(d * d * weight).sum(axis=2) for d in blocks])
 

@@ -28,8 +28,6 @@ from texclass.tradeoff.front import cost_aware, discriminant, preparation
 Labels = NDArray[Any]
 BUDGET = "budget"
 """Name of the row whose columns are selected under a budget."""
-N_DRAWS = 1000
-"""Bootstrap samples of the choice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +328,7 @@ def accuracy_of_choice(
     n_tests = np.bincount(cluster)
     by_cluster = np.array([np.bincount(cluster, weights=h) for h in hits])  # (n_candidates, n_clusters)
     rng, n = np.random.default_rng(seed), len(n_tests)
-    times = rng.multinomial(n, np.full(n, 1 / n), size=N_DRAWS)
+    times = rng.multinomial(n, np.full(n, 1 / n), size=1000)  # bootstrap samples
     times = times[(times == 0).any(axis=1)]  # of few recordings some draws hold all
     winners = _best(times @ by_cluster.T / (times @ n_tests)[:, None], n_columns)
     left = times == 0

@@ -14,10 +14,6 @@ LEVELS = (0.9, 0.95)
 """How often the right material is to be in the sets that are told beside an answer."""
 ROUNDING = 1e-9
 """Of log odds, which two orders of the same sum may differ by."""
-LEAST = -1e9
-"""Scores below it are this."""
-MOST_TOLD = 3
-"""Materials of a set that are named in a line; of more, the first ones."""
 HALF_LIFE = 5.0
 """Recordings of a surface after which an earlier one counts half, where it is known which came later."""
 
@@ -27,7 +23,7 @@ def log_odds(scores: Samples) -> Samples:
 
     They are the log odds of the softmax of scores, and tell answers apart whose probabilities round to 1.
     """
-    s = np.maximum(scores, LEAST)  # of a material that was in no training part, -inf
+    s = np.maximum(scores, -1e9)  # of a material that was in no training part, -inf
     rows, best = np.arange(len(s)), s.argmax(axis=1)
     largest = s[rows, best]
     others = s.copy()
@@ -223,8 +219,8 @@ def told(sets: Mapping[float, Sequence[str]], n_materials: int) -> dict[str, str
     def words(members: Sequence[str]) -> str:
         if len(members) in (0, n_materials):
             return "any" if members else "none"
-        more = len(members) - MOST_TOLD
-        return " or ".join(members[:MOST_TOLD]) + (f" or {more} more" if more > 0 else "")
+        more = len(members) - 3
+        return " or ".join(members[:3]) + (f" or {more} more" if more > 0 else "")
 
     return {f"{100 * level:g} %": words(members) for level, members in sets.items()}
 

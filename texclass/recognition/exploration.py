@@ -26,18 +26,8 @@ from texclass.recognition.sources.blocks import Block
 from texclass.recording import Samples
 from texclass.simulate import Recipe
 
-TAP_S, REACH_S = 0.3, 0.5
-"""What a tap takes, and what lifting the tool and reaching the surface takes of any gesture."""
-LEAST_BITS = 1e-3
-"""Expected information below which no gesture is worth making."""
-MOST_GESTURES = 64
-"""After so many that leave a surface unsure, it is begun anew: memory does not grow with the stream."""
 REHEARSED = Recipe(n_surfaces=6, n_recordings=8, n_operators=4, duration_s=5.0, fs=10_000, seed=6)
 """The surfaces and the people of the dataset `simulated6`."""
-ROWS = {"tap": "Taps"}
-"""Row of the pipeline `texclass` that a gesture is trained with."""
-STROKES = "Several time scales"
-MOST_STEPS = 12
 
 
 class KnownGesture(NamedTuple):
@@ -66,7 +56,7 @@ class KnownGesture(NamedTuple):
         model : Model
             Trained on recordings of this gesture.
         seconds : float, optional
-            What it costs; by default what an answer feels (a tap: `TAP_S`), and `REACH_S`.
+            What it costs; by default what an answer feels (a tap: 0.3), and 0.5 to lift the tool and reach.
 
         Raises
         ------
@@ -77,7 +67,7 @@ class KnownGesture(NamedTuple):
         if "confusion" not in known:
             raise ValueError(f"{model!r} does not say what it confuses; the rule is to train it again")
         confusion = np.asarray(known["confusion"], dtype=np.float64)
-        costs = REACH_S + (felt or TAP_S) if seconds is None else seconds
+        costs = 0.5 + (felt or 0.3) if seconds is None else seconds
         if not costs > 0:
             raise ValueError(f"a gesture costs {seconds!r} s; the rule is above 0")
         return cls(costs, confusion / confusion.sum(axis=1, keepdims=True), known["repetition"])
@@ -243,7 +233,7 @@ class Exploration:
         """Return what to do next; None when the material is sure, or nothing more is to be learnt."""
         best = self.best(self.gestures)
         bits = self.expected_bits()[best]
-        if self.sure or bits < LEAST_BITS:
+        if self.sure or bits < 1e-3:  # not worth a gesture
             return None
         likeliest = np.argsort(-self.probabilities, kind="stable")[: 2 if self._felt else 0]
         return Advice(best, bits, self._made(best), tuple(self.materials[i] for i in likeliest))
@@ -381,7 +371,8 @@ class AskingSession(Session):
     def _taken_for(self, name: str, onset: int) -> str | None:
         """Return which gesture a contact is, that the model of `name` has an answer to; None: none."""
         if onset not in self._taken:
-            if self.exploration.sure or self.exploration.n_gestures >= MOST_GESTURES:
+            # Memory must not grow with the stream: after 64 gestures an unsure surface is begun anew.
+            if self.exploration.sure or self.exploration.n_gestures >= 64:
                 self._forget()
             asked = self.exploration.best(self.exploration.gestures)
             if name in self._strokes:
@@ -437,7 +428,7 @@ def train_gestures(
     return {
         gesture: train(
             open_gestures(recipe, gesture),
-            row=ROWS.get(gesture, STROKES),
+            row="Taps" if gesture == "tap" else "Several time scales",
             classifier="lda",
             protocol="operator",
             n_jobs=n_jobs,
@@ -488,7 +479,7 @@ def rehearse(
         able = ", ".join(surfaces) or "those that the models know"
         raise ValueError(f"surface is {surface!r}, to be simulated; the rule is one of {able}")
     stranger = operator_catalogue(recipe.n_operators + 1, recipe.seed)[-1]
-    while (asked := known.advice()) is not None and known.n_gestures < MOST_STEPS:
+    while (asked := known.advice()) is not None and known.n_gestures < 12:  # enough, or never sure
         n = known.n_gestures
         felt = record_gesture(
             asked.gesture, surfaces[surface], stranger, seed=(recipe.seed, seed, n), fs=recipe.fs

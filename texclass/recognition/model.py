@@ -31,19 +31,6 @@ from texclass.recording import Recording, Samples, axes_differ, describe_axes
 if TYPE_CHECKING:
     from texclass.evaluation.feature_table import LeftOut
 
-SAME_ANSWER = 1e-6
-"""Difference of a probability that rounding on another machine explains."""
-RATE_TOLERANCE = 0.01
-"""Relative difference of sampling rates that clocks of sensors may have."""
-LEAST_BAND = 0.5
-"""Share of the native rate of training below which a resampled recording holds too narrow a band."""
-SHORTER = 0.5
-"""A movement below this share of the shortest one trained on is too short."""
-MARGIN = 0.5
-"""A value this many widths of the training range outside of it is far out."""
-MOST_NAMES = 3
-"""Features that are named; the others are counted."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model:
@@ -216,7 +203,7 @@ class Model:
         told = [*unlike, *nothing]
         start, stop = phases.movement or (0, 0)
         felt_s, least = (stop - start) / recording.fs, self.manifest.shortest_s
-        if "movement" in self.manifest.phases and least is not None and felt_s < SHORTER * least:
+        if "movement" in self.manifest.phases and least is not None and felt_s < least / 2:
             told.append(f"too short: {felt_s:.3g} s of movement, trained on {least:.3g} s and more")
         undefined: dict[str, list[str]] = {}
         for feature, reason in row.reasons:
@@ -261,7 +248,8 @@ class Model:
         said += ["whether it is of another surface is not judged"] * (not len(self.novelty.held_out))
         said += reasons
         far = self.ranges.far(row)
-        order = np.argsort(-far, kind="stable")[: np.count_nonzero(far > MARGIN)].tolist()
+        # Half a width of the training range outside of it is far out.
+        order = np.argsort(-far, kind="stable")[: np.count_nonzero(far > 0.5)].tolist()
         if judged and order:
             worst, names = order[0], _named([self.columns[i] for i in order])
             seen = f"{self.ranges.low[worst]:.3g} to {self.ranges.high[worst]:.3g}"
@@ -381,7 +369,7 @@ class Model:
         """Return why recordings of such a sampling rate (Hz) and unit cannot be judged, and the way out."""
         trained = self.manifest
         found = []
-        if abs(fs / trained.fs - 1) > RATE_TOLERANCE:
+        if abs(fs / trained.fs - 1) > 0.01:  # the tolerance of sensors' clocks
             found.append(f"wrong rate: {fs:g} Hz, trained at {trained.fs:g} Hz; {way_out} converts")
         if unit != trained.unit:
             found.append(f"wrong unit: {unit}, trained with {trained.unit}; nothing converts these")
@@ -400,7 +388,7 @@ class Model:
         A model that was adapted to a sensor takes it as it is.
         """
         trained = self.manifest.native_fs or self.manifest.fs
-        if self.manifest.adapted or native_fs >= LEAST_BAND * trained:
+        if self.manifest.adapted or native_fs >= 0.5 * trained:
             return []
         return [
             f"narrow band: sampled at {native_fs:g} Hz, nothing above {native_fs / 2:g} Hz; trained up to "
@@ -471,7 +459,8 @@ def load_model(path: str | Path) -> Model:
             model, is_same_code = _of_document(document, manifest)
             if sorted(model.materials) != sorted(manifest.materials):
                 raise ValueError("it knows other materials than its manifest says; the rule is the same")
-            if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=SAME_ANSWER):
+            # A difference of 1e-6 is what rounding on another machine explains.
+            if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=1e-6):
                 by = f"scikit-learn {manifest.versions.get('scikit-learn', 'unknown')}"
                 raise ValueError(f"it gives other answers than when it was trained with {by}; train it again")
             changed = None
@@ -513,6 +502,6 @@ def _of_document(document: Mapping[str, Any], manifest: Manifest) -> tuple[Model
     return model, is_same_code
 
 
-def _named(names: Sequence[str]) -> str:
-    more = len(names) - MOST_NAMES
-    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+def _named(names: Sequence[str], max_names: int = 3) -> str:
+    more = len(names) - max_names
+    return ", ".join(names[:max_names]) + (f" and {more} more" if more > 0 else "")

@@ -39,11 +39,7 @@ MANIFEST, ARRAYS = "manifest.json", "arrays.json"
 MEMBERS = frozenset({MANIFEST, ARRAYS, SCHEMA})
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 """A rate in Hz, or a duration in seconds."""
-PROBE_S, MOST_PROBED = 1.5, 1_000_000
-"""Length of the probe in seconds, and in samples at most."""
 GOLDEN = 0.6180339887498949
-SAME_VALUE = 1e-4
-"""Relative difference of values that changes no answer: machines round otherwise, and spectra are single."""
 
 
 class ModelFileError(ValueError):
@@ -285,7 +281,7 @@ def probe_values(plan: Plan, fs: float, unit: str) -> Samples:
     and a movement, is the same on every machine. Its noise is a Weyl sequence, frac(k^2 golden): no generator
     of random numbers has to stay the same.
     """
-    n = max(64, min(round(PROBE_S * fs), MOST_PROBED))
+    n = max(64, min(round(1.5 * fs), 1_000_000))  # 1.5 s
     turn = tuple(name for name in plan.channels if name in TURN)
     channels = plan.channels[: len(plan.channels) - len(turn)] or ("x", "y", "z")
     axes = np.column_stack([_noise(n, i) for i in range(len(channels))])
@@ -312,7 +308,8 @@ def changed_value(before: Samples, now: Samples, columns: tuple[str, ...]) -> st
     gap[np.isnan(before) != np.isnan(now)] = np.inf
     gap = np.nan_to_num(gap, nan=0.0, posinf=np.inf)
     worst = int(gap.argmax())
-    if gap[worst] <= SAME_VALUE:
+    # A relative difference of 1e-4 changes no answer: machines round otherwise, and spectra are single.
+    if gap[worst] <= 1e-4:
         return None
     return f"{columns[worst]} was {before[worst]:.6g}, is {now[worst]:.6g}"
 

@@ -60,11 +60,8 @@ from texclass.recording import RecordingError, Samples
 from texclass.tradeoff.recogniser import fit_recogniser, prune
 from texclass.validation import check_above_0
 
-NAMED_OF = "texclass"
-"""The pipeline of rows, classifiers and budgets that are named without one: its columns can be selected."""
 Facts = dict[str, Any]
 """What a manifest states."""
-LIBRARIES = ("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa")
 
 
 def train(
@@ -153,7 +150,9 @@ def train(
     """
     check_above_0(max_ms=max_ms, max_features=max_features, max_kb=max_kb)
     felt = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, fs=fs, unit=unit)
-    named = pipeline or (NAMED_OF if row or classifier or max_ms or max_features else pipeline_for(felt))
+    # What is named without a pipeline is of `texclass`: its columns can be selected.
+    is_named = row or classifier or max_ms or max_features
+    named = pipeline or ("texclass" if is_named else pipeline_for(felt))
     defined = named if isinstance(named, PipelineDefinition) else load_pipeline(named)
     work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
     if touch_s is not None:
@@ -184,7 +183,7 @@ def train(
         unknown=_unknown(novelty, false_alarms, stretch),
         cost=_cost(fitted, meter, X[:1]),
         touch_s=touch_s,
-        versions=versions(*LIBRARIES),
+        versions=versions("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa"),
     )
     return Model(
         **fitted,

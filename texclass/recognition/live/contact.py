@@ -32,16 +32,6 @@ from texclass.phases import (
 from texclass.recording import Samples, Tap
 from texclass.signals import butterworth, causal
 
-HAND_HZ = 60.0
-"""Motion below belongs to hand, tremor and gravity, as in `texclass.phases`; 0.2 fs for slow sensors."""
-BIN_S, FINE_S = 0.005, 0.001
-"""Of the bins that are followed, and of those in which an activity is looked at."""
-MOST_TAPS = 16
-"""Taps that are remembered."""
-QUIET_S = 0.1
-"""Rest that is kept before the first of them: it gives the noise."""
-MARGIN_S = 0.003
-"""Before an impulse begins: its impact is looked for from there."""
 Tapped = tuple[Samples, tuple[Tap, ...]]
 """What was felt before a movement: a stretch of samples with its taps, counted from its start."""
 Kind = Literal["contact", "stroke", "tap", "lift-off", "break"]
@@ -49,13 +39,30 @@ _DEAD = 1e-14
 """Power below this share of the strongest is rounding."""
 _LEAST = 1e-300
 """Stands for a power of 0."""
-STEADY_BLOCKS, STEADY_RATIO = 16, 1.3
-"""Blocks in which a level is steady, and up to which ratio of their powers. Strokes of a robot have at least
-1.32 in 4 s (800 stretches), a hum has 1.1, white noise 1.1 at 10 kHz and 1.2 to 1.4 at 1 kHz."""
-LEAST_BLOCK = 250
-"""Samples of a block: the power of fewer fluctuates too much to call a level steady."""
-_WHITE = 0.25
-"""Correlation of neighbouring samples up to which a steady signal without scale counts as noise."""
+
+
+@dataclass(frozen=True)
+class SteadyNoise:
+    """When a steady level is noise, not a stroke.
+
+    Attributes
+    ----------
+    blocks, ratio
+        Blocks in which a level is steady, and up to which ratio of their powers. Strokes of a robot have at
+        least 1.32 in 4 s (800 stretches), a hum has 1.1, white noise 1.1 at 10 kHz and 1.2 to 1.4 at 1 kHz.
+    min_samples
+        Samples of a block: the power of fewer fluctuates too much to call a level steady.
+    white
+        Correlation of neighbouring samples up to which a steady signal without scale counts as noise.
+    """
+
+    blocks: int = 16
+    ratio: float = 1.3
+    min_samples: int = 250
+    white: float = 0.25
+
+
+STEADY = SteadyNoise()
 
 
 class Ring:
@@ -141,9 +148,11 @@ class Level:
 
     def __init__(self, fs: float, n_axes: int, keep_s: float) -> None:
         self.fs = fs
-        self.bin_size = max(LEAST_SAMPLES, round(BIN_S * fs))
+        # The bins that are followed have about 5 ms.
+        self.bin_size = max(LEAST_SAMPLES, round(0.005 * fs))
         self.vibration = Ring(round(keep_s * fs) + 4 * self.bin_size, n_axes)
-        self.high_pass = butterworth("highpass", min(HAND_HZ, 0.2 * fs), fs)
+        # Below 60 Hz is the motion of hand, tremor and gravity, as in `texclass.phases`.
+        self.high_pass = butterworth("highpass", min(60.0, 0.2 * fs), fs)
         self._state: Samples | None = None
 
     def push(self, rows: Samples) -> Iterable[tuple[int, float]]:
@@ -173,7 +182,7 @@ class Level:
 
         Before them stand the first sample, and how many there are in a bin.
         """
-        start, size = max(start, self.vibration.start), max(1, round(FINE_S * self.fs))
+        start, size = max(start, self.vibration.start), max(1, round(0.001 * self.fs))
         return start, size, block_mean(self.power(start, stop), size)
 
     def correlation(self, start: int, stop: int) -> float:
@@ -239,7 +248,7 @@ class ContactRules(Rules):
     drop_ratio
         Where the stream began in contact: a level this far below that of the contact is a lift-off.
     block_s
-        Length of a block; a level that is steady for `STEADY_BLOCKS` of them is noise, not a stroke.
+        Length of a block; a level that is steady for `STEADY.blocks` of them is noise, not a stroke.
     """
 
     quiet_s: float = 0.1
@@ -284,7 +293,7 @@ class Contact:
             name: max(1, round(getattr(rules, name) / bin_s))
             for name in ("quiet_s", "smooth_s", "window_s", "gap_s", "turn_s", "pause_s")
         }
-        self._n["block_s"] = max(round(rules.block_s / bin_s), -(-LEAST_BLOCK // level.bin_size))
+        self._n["block_s"] = max(round(rules.block_s / bin_s), -(-STEADY.min_samples // level.bin_size))
         self._forget = 1 - math.exp(-bin_s / rules.floor_s)
         self._asked = in_contact
         self.moving, self.onset, self.active_until = bool(in_contact), 0, 0
@@ -298,7 +307,7 @@ class Contact:
         self._recent: deque[float] = deque(maxlen=self._n["smooth_s"])
         self._active: deque[bool] = deque(maxlen=self._n["window_s"])
         self._block: list[float] = []
-        self._blocks: deque[float] = deque(maxlen=STEADY_BLOCKS)
+        self._blocks: deque[float] = deque(maxlen=STEADY.blocks)
         """Powers of the last blocks of a contact."""
         self._on, self._quiet_for, self._tapped_until = False, 0, 0
         self.struck: list[Impulse] = []
@@ -318,10 +327,10 @@ class Contact:
             "dead": _DEAD,
             "least": _LEAST,
             "rest_power": AT_REST_M_S2**2 if self.unit == "m/s^2" else 0.0,
-            "white": _WHITE,
+            "white": STEADY.white,
             "in_contact": self._asked,
-            "steady_blocks": STEADY_BLOCKS,
-            "steady_ratio": STEADY_RATIO,
+            "steady_blocks": STEADY.blocks,
+            "steady_ratio": STEADY.ratio,
         }
 
     @property
@@ -379,7 +388,7 @@ class Contact:
         if in_contact is None:
             steady = max(self._opening) <= 10 * mean
             small = self.unit == "m/s^2" and mean < AT_REST_M_S2**2
-            white = abs(self._heard.correlation(self.onset, stop)) <= _WHITE
+            white = abs(self._heard.correlation(self.onset, stop)) <= STEADY.white
             in_contact = mean > 0 and not (steady and (small or white))
         if in_contact:
             if not self.moving:
@@ -438,11 +447,11 @@ class Contact:
             return []
         self._blocks.append(math.fsum(self._block) / len(self._block))
         self._block.clear()
-        if len(self._blocks) < STEADY_BLOCKS or max(self._blocks) > STEADY_RATIO * min(self._blocks):
+        if len(self._blocks) < STEADY.blocks or max(self._blocks) > STEADY.ratio * min(self._blocks):
             return []
         self.floor, self._felt = math.fsum(self._blocks) / len(self._blocks), 0.0
         self._blocks.clear()
-        seconds = STEADY_BLOCKS * self._n["block_s"] * self._heard.bin_size / self._heard.fs
+        seconds = STEADY.blocks * self._n["block_s"] * self._heard.bin_size / self._heard.fs
         return self._lift(stop, f"the level is steady for {seconds:.3g} s: taken as the new noise floor")
 
     def _told(self, known: int, *, is_over: bool) -> list[Event]:
@@ -508,7 +517,8 @@ class TapMemory:
     def add(self, event: Event, floor: float) -> Event | None:
         """Remember a tap and return its event, the impact to the sample; None if it was a wild sample."""
         fs, last = self._level.fs, self._taps[-1].end if self._taps else 0
-        start = max(self._level.vibration.start, event.sample - round(MARGIN_S * fs))
+        # Its impact is at most 3 ms before the impulse begins.
+        start = max(self._level.vibration.start, event.sample - round(0.003 * fs))
         stop = max(start + 1, event.sample + event.width)
         at = leaves_noise(self._level.power(start, stop), floor)
         impact = event.sample if at is None else start + at
@@ -520,7 +530,7 @@ class TapMemory:
         before = mended(axes, glitches)[: max(0, impact - earliest)]
         began = min(impact, earliest + hand_start(before, fs))
         tap = Tap(began, impact, max(event.end, impact + 1), event.width, event.quality)
-        self._taps = [*self._taps, tap][-MOST_TAPS:]
+        self._taps = [*self._taps, tap][-16:]  # so many are remembered
         return replace(event, sample=impact, end=tap.end)
 
     def before(self, onset: int) -> Tapped | None:
@@ -540,4 +550,5 @@ class TapMemory:
         )
 
     def _start(self, tap: Tap) -> int:
-        return max(self._ring.start, tap.start - round(QUIET_S * self._level.fs))
+        # 0.1 s of rest before a tap give the noise.
+        return max(self._ring.start, tap.start - round(0.1 * self._level.fs))

@@ -25,21 +25,9 @@ from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples
 from texclass.signals import causal
 from texclass.validation import check_above_0
 
-DEFAULT_WINDOW_S, LONGEST_WINDOW_S = 1.0, 30.0
+LONGEST_WINDOW_S = 30.0
 RUN_WINDOW_S = 5.0
 """Of a model whose recordings are runs, longer than the longest window: who waits so long for an answer?"""
-ENDLESS = 1e300
-"""How far a level falls only where it is exactly 0."""
-FADING_WINDOWS = 4
-"""Windows after which evidence fades where contact never ends."""
-HOPS = 2
-"""Windows that overlap, by default: a new answer after each half of a window."""
-TAPS_S = 6.0
-"""Taps of so many seconds before a movement are remembered."""
-SPREAD_S = 0.025
-"""Windows that were waiting are answered one after the other, this far apart: no block has to do them all."""
-PIECE_S = 0.1
-"""Longer blocks are taken in in pieces, so that the memory does not depend on their length."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +52,7 @@ class OnlineSettings:
         Whether the stream begins in a movement; None: it does if the model was trained on movement only, else
         the first tenth of a second decides.
     always_in_contact
-        Wheels and legs: there is no lift-off but digital silence, and evidence fades after `FADING_WINDOWS`
+        Wheels and legs: there is no lift-off but digital silence, and evidence fades after four
         windows, or `forget_s`.
     rules
         Which levels and durations make a contact, a tap, a lift-off.
@@ -236,11 +224,11 @@ class OnlineRecogniser:
         manifest, settings = model.manifest, settings or OnlineSettings()
         self.model, self.settings, self._raw = model, settings, raw
         self.fs, self.unit = float(fs or manifest.fs), unit or manifest.unit
-        trained_s = manifest.touch_s or manifest.shortest_s or DEFAULT_WINDOW_S
+        trained_s = manifest.touch_s or manifest.shortest_s or 1.0
         if trained_s > LONGEST_WINDOW_S and settings.window_s is None:
             trained_s = RUN_WINDOW_S
         self.window = max(1, round(self.fs * (settings.window_s or trained_s)))
-        self.hop = max(1, round(self.fs * (settings.hop_s or self.window / self.fs / HOPS)))
+        self.hop = max(1, round(self.fs * (settings.hop_s or self.window / self.fs / 2)))
         self._needs_taps = "tap" in manifest.phases
         self._taps_only = self._needs_taps and "movement" not in manifest.phases
         self._ready = False
@@ -364,18 +352,21 @@ class OnlineRecogniser:
         if asked is None and self.model.manifest.input.phases == "movement":
             asked = True  # all that the model knows is movement
         if self.settings.always_in_contact:
-            asked, rules = True, replace(rules, drop_ratio=ENDLESS)
+            asked, rules = True, replace(rules, drop_ratio=1e300)  # that far a level falls only to exactly 0
         if self.model.manifest.input.phases == "taps":
             rules = replace(rules, share=math.inf)  # nothing is a movement, however long it rings
         self._stretches = Stretches(self.model, n_columns, self.fs, self.unit, self._raw)
         self.unit, self.n_columns = self._stretches.unit, n_columns
-        self._piece = max(1, round(PIECE_S * self.fs))
-        behind_s = rules.pause_s + rules.window_s + (TAPS_S if self._needs_taps else 1.0)
+        # Longer blocks are taken in in pieces, so that the memory does not depend on their length.
+        self._piece = max(1, round(0.1 * self.fs))
+        # Taps of the last 6 s before a movement are remembered.
+        behind_s = rules.pause_s + rules.window_s + (6.0 if self._needs_taps else 1.0)
         self._ring = Ring(self.window + round(behind_s * self.fs) + 2 * self._piece, n_columns)
         self._level = Level(self.fs, self._stretches.n_axes, behind_s)
         self._contact = Contact(self._level, rules, asked, self.unit)
         self._taps = TapMemory(self._ring, self._stretches.n_axes, self._level)
-        spread = max(round(SPREAD_S * self.fs), self._level.bin_size)
+        # Windows that were waiting are answered 25 ms apart: no block has to do them all.
+        spread = max(round(0.025 * self.fs), self._level.bin_size)
         self._spread = spread if 2 * spread <= self.hop else 0  # else more would come than go
         self._ready = True
 
@@ -442,7 +433,7 @@ def _evidence(model: Model, settings: OnlineSettings, window_s: float, hop_s: fl
     found = known.get("correlation")
     forget_s = settings.forget_s
     if settings.always_in_contact and forget_s == math.inf:
-        forget_s = FADING_WINDOWS * window_s
+        forget_s = 4 * window_s  # for contact never ends
     # Windows of another length, or put together otherwise, conform otherwise.
     is_long_as_trained = settings.window_s in (None, model.manifest.touch_s)
     like_training = is_long_as_trained and settings.evidence == "sequential" and forget_s == math.inf

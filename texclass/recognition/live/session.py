@@ -25,19 +25,6 @@ from texclass.recognition.sources.blocks import Block
 from texclass.recognition.sources.source_by_name import is_live, open_source
 from texclass.recording import ACCELERATION_UNITS, Recording, RecordingError, Samples
 
-NOTICE_S = 5.0
-"""Notices of one kind are said once in so many seconds of the stream; others are counted."""
-FAR = 100.0
-"""A step of so many times the largest acceleration of training is a loose wire, not a surface."""
-STRUCK_M_S2 = 1000.0
-"""A step that a tap on a hard surface may make, whatever was trained."""
-FAR_UNKNOWN = 1e6
-"""The step where a model does not say what it was trained on (files before format 2.1)."""
-LARGEST = 1e15
-"""No sensor measures more, in any unit."""
-LEVEL_S = 0.1
-"""Far samples that go on for longer are a new level: the stream goes on there, after a break."""
-
 
 @dataclass(frozen=True)
 class Notice:
@@ -76,10 +63,13 @@ class Defects:
 
     def __init__(self, model: Model, n_axes: int, fs: float, scale: float) -> None:
         loudest = model.manifest.loudest
-        far = FAR_UNKNOWN if loudest is None else FAR * loudest
-        far = max(far, STRUCK_M_S2) if model.manifest.unit == "m/s^2" else far
+        # A step of a hundred times the largest acceleration of training is a loose wire, not a surface; a tap
+        # on a hard surface may make one of 1000 m/s^2, whatever was trained.
+        far = 1e6 if loudest is None else 100 * loudest
+        far = max(far, 1000.0) if model.manifest.unit == "m/s^2" else far
         self.n_axes, self.far = n_axes, far / scale
-        self._level = max(TIMESTAMPS.most_lost + 2, round(LEVEL_S * fs))
+        # Far samples that go on for 0.1 s are a new level: the stream goes on there, after a break.
+        self._level = max(TIMESTAMPS.most_lost + 2, round(0.1 * fs))
         self._last: Samples | None = None
         self._waiting = self._far_for = 0
 
@@ -93,7 +83,8 @@ class Defects:
         n_broken, n_far : int
             How many of the rows are not finite (or no number a sensor sends), and how many are far.
         """
-        broken = np.asarray(~(np.abs(rows) <= LARGEST).all(axis=1))  # nor is NaN
+        # No sensor measures more than 1e15, in any unit, nor NaN.
+        broken = np.asarray(~(np.abs(rows) <= 1e15).all(axis=1))
         before = rows[:1] if self._last is None else self._last[None]
         with np.errstate(invalid="ignore"):
             steps = np.abs(np.diff(rows[:, : self.n_axes], axis=0, prepend=before[:, : self.n_axes]))
@@ -126,7 +117,7 @@ class Session:
 
     Samples that are no measurements are bridged, or interrupt the stream as lost ones do; see `Defects`. A
     rate or unit other than the model's is said; answers then count as unknown. A rate that changes begins the
-    stream anew. Of notices of one kind, one in `NOTICE_S` is said, with how many there were.
+    stream anew. Of notices of one kind, one in 5 s is said, with how many there were.
 
     Parameters
     ----------
@@ -221,7 +212,7 @@ class Session:
         """Return a notice, or none if one like it was said a moment ago."""
         kind = what.partition(":")[0]
         said_s, n, _ = self._said.get(kind, (-math.inf, 0, ""))
-        if abs(t_s - said_s) < NOTICE_S:
+        if abs(t_s - said_s) < 5.0:
             self._said[kind] = (said_s, n + 1, what)
             return []
         self._said[kind] = (t_s, 0, "")

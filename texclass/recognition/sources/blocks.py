@@ -16,18 +16,40 @@ from texclass.recording import RecordingError, Samples
 
 Stamps = NDArray[np.int64]
 
-LEARNED_S, LEARNED_MESSAGES = 1.0, 20
-"""A rate that nobody states is measured over so many seconds, and at least so many messages."""
-SHARED = 3
-"""Messages that differ at an equal stamp from which a clock is coarse, not a message sent twice."""
-MOST_WAITING = 100_000
-"""Messages that may wait for the rate to be known."""
-CHECKED_S = 2.0
-"""The rate is checked against the stated one over so many seconds."""
-CHANGED_S, OTHER_RATE, SAME_STEP = 0.25, 0.25, 0.2
-"""The rate has changed when stamps of so many seconds say so: nine steps in ten alike within `SAME_STEP`."""
 HALF_WIDTH = 10
 """Samples of the slower rate on either side that count for one sample; as in `scipy.signal.resample_poly`."""
+
+
+@dataclass(frozen=True)
+class RateRules:
+    """How the sampling rate of a live source is measured and checked.
+
+    Attributes
+    ----------
+    learned_s, learned_messages
+        A rate that nobody states is measured over so many seconds, and at least so many messages.
+    shared
+        Messages that differ at an equal stamp from which a clock is coarse, not a message sent twice.
+    max_waiting
+        Messages that may wait for the rate to be known.
+    checked_s
+        The rate is checked against the stated one over so many seconds.
+    changed_s, other_rate, same_step
+        The rate has changed by more than the share `other_rate` when stamps of so many seconds say so: nine
+        steps in ten alike within the share `same_step`.
+    """
+
+    learned_s: float = 1.0
+    learned_messages: int = 20
+    shared: int = 3
+    max_waiting: int = 100_000
+    checked_s: float = 2.0
+    changed_s: float = 0.25
+    other_rate: float = 0.25
+    same_step: float = 0.2
+
+
+RATES = RateRules()
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,12 +162,12 @@ class Timing:
             self._distinct.update(stamps_ns.tolist())
             self._n_waiting += len(stamps_ns)
             first_stamps, first_sent, _ = self._waiting[0]
-            is_stuck = len(self._distinct) == 1 and sent_ns[-1] - first_sent[0] >= LEARNED_S * 1e9
+            is_stuck = len(self._distinct) == 1 and sent_ns[-1] - first_sent[0] >= RATES.learned_s * 1e9
             is_enough = (
-                len(self._distinct) > LEARNED_MESSAGES
-                and stamps_ns.max() - first_stamps.min() >= LEARNED_S * 1e9
+                len(self._distinct) > RATES.learned_messages
+                and stamps_ns.max() - first_stamps.min() >= RATES.learned_s * 1e9
             )
-            if not (is_enough or is_stuck) and self._n_waiting < MOST_WAITING:
+            if not (is_enough or is_stuck) and self._n_waiting < RATES.max_waiting:
                 return []
             stamps_ns, sent_ns, samples = (np.concatenate(all_) for all_ in zip(*self._waiting, strict=True))
             self._waiting, self._distinct = [], set()
@@ -170,7 +192,7 @@ class Timing:
             self._last = (t[0] - period, sent[0] - period, samples[0])
         step, jumps = _steps(t, sent, self._last, period)
         least = 1.5
-        if is_coarse := self._n_shared >= SHARED:
+        if is_coarse := self._n_shared >= RATES.shared:
             step, least = self._evenly_in_ticks(step, period), 2.5
         changed = None if is_coarse else self._changed(step, period)
         lost = np.where(step > least * period, np.rint(step / period) - 1, 0).astype(np.int64)
@@ -200,15 +222,17 @@ class Timing:
     def _changed(self, step: Samples, period: float) -> float | None:
         """Return the period of the last messages, if it is another; messages lost here and there are not."""
         self._steps = np.append(self._steps, step)
-        n = max(LEARNED_MESSAGES, int(np.searchsorted(np.cumsum(self._steps[::-1]), CHANGED_S)) + 1)
+        n = max(
+            RATES.learned_messages, int(np.searchsorted(np.cumsum(self._steps[::-1]), RATES.changed_s)) + 1
+        )
         self._steps = self._steps[-n:]
         typical = float(np.median(self._steps))
-        is_old = abs(typical - period) <= OTHER_RATE * period
+        is_old = abs(typical - period) <= RATES.other_rate * period
         if len(self._steps) < n or is_old or not 1e-2 < typical / period < 1e2:
             return None
-        alike = self._steps[np.abs(self._steps - typical) <= SAME_STEP * typical]
+        alike = self._steps[np.abs(self._steps - typical) <= RATES.same_step * typical]
         # Stamps of receipt come in bursts: alike within one, and their mean is the old period.
-        is_even = abs(self._steps.mean() - typical) <= OTHER_RATE * typical
+        is_even = abs(self._steps.mean() - typical) <= RATES.other_rate * typical
         return float(alike.mean()) if is_even and len(alike) >= 0.9 * n else None
 
     def _evenly_in_ticks(self, step: Samples, period: float) -> Samples:
@@ -234,7 +258,7 @@ class Timing:
         is_equal = np.diff(before) == 0
         self._n_shared += int(np.count_nonzero(is_equal & ~same))
         twice = is_equal & same
-        if self._n_shared >= SHARED:
+        if self._n_shared >= RATES.shared:
             twice &= np.diff(sent, prepend=self._last[1] if self._last else -np.inf) < 0.1 * period
         wrong = {
             "duplicates": twice,
@@ -247,7 +271,7 @@ class Timing:
     def _contradicted(self, periods: Samples, period: float, fs: float) -> list[str]:
         """Say when the stamps contradict the rate, once until they agree again."""
         self._periods += periods.tolist()
-        if len(self._periods) < max(LEARNED_MESSAGES, CHECKED_S / period):
+        if len(self._periods) < max(RATES.learned_messages, RATES.checked_s / period):
             return []
         measured = period / max(float(np.mean(self._periods)), 1e-12)
         self._periods, was_wrong = [], self._is_wrong

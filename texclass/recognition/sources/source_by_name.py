@@ -25,11 +25,8 @@ from texclass.recording import Recording, RecordingError, Samples
 ROS2 = "ros2:"
 BLOCK_S = 0.025
 """Seconds of a block, by default."""
-LONGEST_LINE = 1 << 16
 MOST_CHANNELS = 1024
 OF_FILES = ("column", "delimiter", "time_column", "time_unit", "skip_rows", "comment", "drop_incomplete")
-FIRST_LINES, MOST_GARBLED = 3, 100
-"""So many first lines of numbers tell how many a line holds; after so many lines without, there are none."""
 STDIN = "standard input"
 
 
@@ -189,7 +186,7 @@ def _text(file: BinaryIO, fs: float, unit: str, n: int, delimiter: str | None) -
     A line holds as many numbers as most of the first ones do: these may be cut, or name columns.
     """
     lines, first = _lines(file, delimiter), list[tuple[int, list[float], str]]()
-    while sum(bool(row) for _, row, _ in first) < FIRST_LINES and len(first) < MOST_GARBLED:
+    while sum(bool(row) for _, row, _ in first) < 3 and len(first) < 100:
         if (line := next(lines, None)) is None:
             break
         first.append(line)
@@ -222,7 +219,7 @@ def _lines(file: BinaryIO, delimiter: str | None) -> Iterator[tuple[int, list[fl
     Between other marks than commas, a comma is a decimal point.
     """
     number, given = 0, (delimiter or "").encode()
-    while line := file.readline(LONGEST_LINE):
+    while line := file.readline(1 << 16):
         number += 1
         if line.strip():
             mark = given or (b";" if b";" in line else b",")

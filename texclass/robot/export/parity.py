@@ -20,27 +20,9 @@ from texclass.robot.export.answers_graph import FEATURES, OUTPUTS, UNDEFINED
 from texclass.robot.export.graph import OnnxExportError
 
 SEED = 2015
-BATCH = 64
-"""Rows or windows that the graph is asked at a time: distances and spectra take memory."""
 TOLERANCE = 1e-9
 """Largest difference of a probability, and relative difference of other numbers, that counts as none."""
-ROUNDING = 1e-13
-"""Of a squared distance, in squares of the length of the row: it may come from |a|^2 - 2 a b + |b|^2."""
-NUDGE, N_NUDGES = 1e-13, 3
-"""Features are changed by so much of themselves, so many times, to see what of a probability is rounding."""
-LEAST_STRANGENESS = 1e-3
-"""Below it, differences of the strangeness count as if it were as large: decisions of a kernel reach 1."""
-N_DRAWN, N_CORNERS, N_PAIRS, N_HALVINGS = 100, 64, 64, 30
-N_KNOWN = 150
-"""At most; as many again on the way from them to others."""
-MARGINS = (0.0, 1e-9, 1e-6, 1e-3)
-"""How far from a boundary rows lie, in parts of the way between two rows with different answers."""
-SHARE_UNDEFINED = 0.2
-FITTED = ("means_", "theta_", "centroids_")
-"""Attributes in which classifiers of scikit-learn keep means of classes, as prepared rows."""
 
-N_REMEMBERED = 3
-"""Rows like those of training, from all over them, with which a program can check itself."""
 
 Said = dict[str, NDArray[Any]]
 """What is said of rows, by output."""
@@ -67,7 +49,7 @@ class Parity:
     difference : float
         Largest difference of a probability.
     tolerance : float
-        What it may be, beside what a probability changes when its features do by `NUDGE` of themselves.
+        What it may be, beside what a probability changes when its features do by 1e-13 of themselves.
     """
 
     rows: dict[str, int]
@@ -104,7 +86,7 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     ParityError
         If a label, a verdict or a probability differs by more than rounding explains: of two labels whose
         probabilities are equal within the tolerance, of neighbours equally far, of a strangeness equal to
-        one that was held out, and where features changed by `NUDGE` of themselves give other probabilities.
+        one that was held out, and where features changed by 1e-13 of themselves give other probabilities.
     OnnxExportError
         If onnxruntime cannot run it.
     """
@@ -112,7 +94,8 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     expected, found = reference(model, X), run(graph, X)
     allowed = TOLERANCE + _rounding(model, X, expected["probabilities"], np.random.default_rng(seed))
     allowed[expected["tied"]] = np.inf
-    rounding = TOLERANCE * np.maximum(np.abs(expected["strange"]), LEAST_STRANGENESS)
+    # Decisions of a kernel reach 1: below 1e-3, differences of the strangeness count as there.
+    rounding = TOLERANCE * np.maximum(np.abs(expected["strange"]), 1e-3)
     names = [f"row {i} ({kind})" for i, kind in enumerate(kinds)]
     gap = check_same(
         model, X, found, expected, allowed=allowed, rounding=rounding,
@@ -239,7 +222,8 @@ def _tied(classifier: Part, rows: Samples) -> NDArray[np.bool_]:
         return tied
     if n == squares.shape[1]:
         return tied
-    rounding = TOLERANCE * squares[:, n] + ROUNDING * np.square(rows).sum(axis=1)
+    # A squared distance may come from |a|^2 - 2 a b + |b|^2.
+    rounding = TOLERANCE * squares[:, n] + 1e-13 * np.square(rows).sum(axis=1)
     return np.asarray(squares[:, n] - squares[:, n - 1] <= rounding)
 
 
@@ -254,10 +238,10 @@ def check_of(said: Said, i: int) -> dict[str, Any]:
 
 
 def _rounding(model: Model, X: Samples, p: Samples, rng: np.random.Generator) -> Samples:
-    """Return by how much probabilities change when features are nudged, shape (n,)."""
+    """Return by how much probabilities change with features changed by 1e-13 of themselves, shape (n,)."""
     changes = np.zeros(len(X))
-    for _ in range(N_NUDGES):
-        nudged = reference(model, X * (1 + NUDGE * rng.choice([-1.0, 1.0], X.shape)))["probabilities"]
+    for _ in range(3):
+        nudged = reference(model, X * (1 + 1e-13 * rng.choice([-1.0, 1.0], X.shape)))["probabilities"]
         changes = np.maximum(changes, np.nan_to_num(np.abs(nudged - p)).max(axis=1))
     return changes
 
@@ -288,7 +272,8 @@ def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, outputs: Sequence[
     options.log_severity_level = 4
     try:
         session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
-        batches = (np.ascontiguousarray(X[k : k + BATCH]) for k in range(0, len(X), BATCH))
+        # Distances and spectra take memory: 64 rows or windows at a time.
+        batches = (np.ascontiguousarray(X[k : k + 64]) for k in range(0, len(X), 64))
         found = [session.run(list(outputs), {entry: batch}) for batch in batches]
     except Exception as error:  # its exceptions have no class in common
         said = f"onnxruntime {onnxruntime.__version__} cannot run the graph ({error})"
@@ -323,20 +308,20 @@ def check_rows(model: Model, seed: int = SEED) -> tuple[Samples, NDArray[np.str_
         return np.asarray(2 * np.searchsorted(order, said["label"]) + said["unknown"])
 
     # Between the ends of the ranges; how far a row strays from the median is drawn as well.
-    u = rng.uniform(-1, 1, (N_DRAWN, n_columns)) * rng.uniform(0, 1, (N_DRAWN, 1))
+    u = rng.uniform(-1, 1, (100, n_columns)) * rng.uniform(0, 1, (100, 1))
     ordinary = median + u * np.where(u < 0, median - low, high - median)
     # What the model remembers, and rows on the way from there to each other and to others.
     known = remembered(model)
     if len(known):
-        every = np.concatenate([known, ordinary])
-        A, B = (rows[rng.integers(len(rows), size=N_KNOWN)] for rows in (known, every))
-        some = known[rng.permutation(len(known))[:N_KNOWN]]
-        ordinary = np.concatenate([ordinary, some, _mixed(A, B, rng.uniform(0, 1, N_KNOWN) ** 2)])
+        every, n = np.concatenate([known, ordinary]), 150
+        A, B = (rows[rng.integers(len(rows), size=n)] for rows in (known, every))
+        some = known[rng.permutation(len(known))[:n]]
+        ordinary = np.concatenate([ordinary, some, _mixed(A, B, rng.uniform(0, 1, n) ** 2)])
     # The ends, corners of the ranges, and as far outside again.
-    corners = np.where(rng.random((N_CORNERS, n_columns)) < 0.5, low, high)
+    corners = np.where(rng.random((64, n_columns)) < 0.5, low, high)
     extreme = np.concatenate([[low, median, high], corners, corners + (corners - median)])
     # Without a fifth of their values, or without one; and a row without any.
-    gaps = rng.random(ordinary.shape) < SHARE_UNDEFINED
+    gaps = rng.random(ordinary.shape) < 0.2
     gaps[::2] = np.arange(n_columns) == rng.integers(n_columns, size=(len(gaps[::2]), 1))
     undefined = np.concatenate([np.where(gaps, np.nan, ordinary), np.full((1, n_columns), np.nan)])
     boundary = _near_boundaries(ordinary, numbered, rng)
@@ -379,7 +364,7 @@ def self_checks(model: Model) -> list[dict[str, Any]]:
     median = model.ranges.median
     gaps = np.where(np.arange(len(median)) % 2, median, np.nan)
     known = remembered(model)
-    some = np.linspace(0, len(known) - 1, min(N_REMEMBERED, len(known)), dtype=int)
+    some = np.linspace(0, len(known) - 1, min(3, len(known)), dtype=int)
     X = np.concatenate([[median, gaps], known[some]])
     said = reference(model, X)
     answered = np.flatnonzero(said["label"] != UNDEFINED).tolist()
@@ -407,7 +392,8 @@ def _in_classifier(part: Part) -> list[Samples]:  # noqa: PLR0911  (one for each
         case {"does": "gauss", "mean": rows} | {"does": "centroids" | "neighbours", "points": rows}:
             return [rows]
         case {"does": "ask", "estimator": classifier}:
-            return [np.asarray(getattr(classifier, name)) for name in FITTED if hasattr(classifier, name)]
+            names = ("means_", "theta_", "centroids_")  # in which scikit-learn keeps means of classes
+            return [np.asarray(getattr(classifier, name)) for name in names if hasattr(classifier, name)]
     return []
 
 
@@ -420,16 +406,18 @@ def _near_boundaries(
     rows: Samples, name: Callable[[Samples], NDArray[np.intp]], rng: np.random.Generator
 ) -> Samples:
     """Return mixtures of two rows with different answers, close to where the answer changes, if it does."""
-    names = name(rows)
-    i, j = rng.integers(len(rows), size=(2, 50 * N_PAIRS))
-    pairs = np.flatnonzero(names[i] != names[j])[:N_PAIRS]
+    names, n_pairs = name(rows), 64
+    i, j = rng.integers(len(rows), size=(2, 50 * n_pairs))
+    pairs = np.flatnonzero(names[i] != names[j])[:n_pairs]
     A, B, named = rows[i[pairs]], rows[j[pairs]], names[i[pairs]]
     low, high = np.zeros(len(pairs)), np.ones(len(pairs))
-    for _ in range(N_HALVINGS if len(pairs) else 0):
+    for _ in range(30 if len(pairs) else 0):
         middle = (low + high) / 2
         same = name(_mixed(A, B, middle)) == named
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return np.concatenate([_mixed(A, B, t) for m in MARGINS for t in (low - m, high + m)])
+    # So far from the boundary, in parts of the way between the two rows.
+    margins = (0.0, 1e-9, 1e-6, 1e-3)
+    return np.concatenate([_mixed(A, B, t) for m in margins for t in (low - m, high + m)])
 
 
 def _mixed(A: Samples, B: Samples, t: Samples) -> Samples:
