@@ -13,7 +13,7 @@ import pandas as pd
 from sklearn.model_selection import StratifiedKFold
 from study import command_line, interval, table, write
 
-from texclass.classifiers.segment_voting import knowing
+from texclass.classifiers.segment_voting import with_segment_columns
 from texclass.evaluation import cached_table, cluster_interval, load_pipeline, touches
 from texclass.evaluation.pipeline import PipelineDefinition
 from texclass.evaluation.windows import parents
@@ -70,7 +70,7 @@ def measure(case: dict[str, Any]) -> dict[str, Any]:
         trained, frame = (features_of(felt, pipeline, case["touch_s"]) for felt in (known, asked))
         X_train, X = (one[list(model.columns)].to_numpy(dtype=np.float64) for one in (trained, frame))
         p, p_known = model.judge(X)
-        classifier = knowing(pipeline.classifiers[case["classifier"]].make(), model.columns)
+        classifier = with_segment_columns(pipeline.classifiers[case["classifier"]].make(), model.columns)
         classifier.fit(model.prepare(X_train), trained["material"].to_numpy(dtype=str))
         raw = classifier.predict_proba(model.prepare(X)).max(axis=1)
         hits = np.array(model.materials)[p.argmax(axis=1)] == frame["material"].to_numpy(dtype=str)

@@ -10,7 +10,7 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.utils.estimator_checks import check_estimator
 
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
-from texclass.classifiers.segment_voting import SegmentVoting, changes_of, knowing
+from texclass.classifiers.segment_voting import SegmentVoting, changes_of, with_segment_columns
 from texclass.evaluation import load_pipeline
 from texclass.features.plan import Plan
 from texclass.features.sets import load_feature_set
@@ -31,7 +31,7 @@ def test_it_keeps_the_rules_of_scikit_learn() -> None:
 
 def test_one_piece_is_the_classifier_itself_and_so_is_a_recording_without_columns_of_pieces() -> None:
     X, y = recordings(10, 1)
-    without = knowing(SegmentVoting(n_pieces=4), [f"tap.{i}" for i in range(20)])
+    without = with_segment_columns(SegmentVoting(n_pieces=4), [f"tap.{i}" for i in range(20)])
     alone = KernelDiscriminant().fit(X, y).decision_function(X)
     for model in (SegmentVoting(), without):
         np.testing.assert_allclose(model.fit(X, y).decision_function(X), alone, atol=1e-12)
@@ -105,11 +105,13 @@ def test_columns_of_the_whole_stand_in_each_piece() -> None:
 
 def test_a_classifier_knows_the_columns_of_the_whole_by_their_names() -> None:
     names = ["x/level.piece1", "x/level.piece2", "damping", "y/level.piece1", "y/level.piece2"]
-    assert knowing(SegmentVoting(n_pieces=2), names).undivided == (2,)
-    assert knowing(SegmentVoting(), names).undivided == ()
-    told = knowing(load_pipeline("surfaces").classifiers["vote"].make(), names[:2])  # knows what changes
+    assert with_segment_columns(SegmentVoting(n_pieces=2), names).undivided == (2,)
+    assert with_segment_columns(SegmentVoting(), names).undivided == ()
+    told = with_segment_columns(
+        load_pipeline("surfaces").classifiers["vote"].make(), names[:2]
+    )  # knows what changes
     assert (told.columns, told.undivided) == (tuple(names[:2]), ())
-    assert knowing(SegmentVoting(n_pieces=2), names).columns == ()
+    assert with_segment_columns(SegmentVoting(n_pieces=2), names).columns == ()
     X, y = recordings(3, 11)
     with pytest.raises(ValueError, match=r"undivided must be columns 0 to 19, got \(20,\)"):
         SegmentVoting(n_pieces=4, undivided=(20,)).fit(X, y)
@@ -153,8 +155,8 @@ def test_pieces_get_the_changes_of_their_columns(monkeypatch: pytest.MonkeyPatch
     columns = ["tap_strength", *(f"band_level.b{b}.piece{p}" for b in (1, 2) for p in (1, 2, 3, 4))]
     X, y = np.random.default_rng(0).standard_normal((8, 9)), np.repeat([0, 1], 4)
     vote = SegmentVoting(Judge(), n_pieces=4, known_changes=True)
-    knowing(vote, columns).fit(X, y)
+    with_segment_columns(vote, columns).fit(X, y)
     (changes,) = seen
     np.testing.assert_array_equal(changes, changes_of(["band_level.b1", "band_level.b2", "tap_strength"]))
-    knowing(vote, columns[1:]).fit(X[:, 1:], y)
+    with_segment_columns(vote, columns[1:]).fit(X[:, 1:], y)
     np.testing.assert_array_equal(seen[-1], changes_of(columns[1:]))

@@ -25,7 +25,7 @@ from toy_models import fitted, model_of, plan_of, prepared_by, rows_of
 from toy_surfaces import FS, STRANGER, SURFACES, pipeline, recording, signal, surfaces
 
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
-from texclass.classifiers.segment_voting import SegmentVoting, knowing
+from texclass.classifiers.segment_voting import SegmentVoting, with_segment_columns
 from texclass.evaluation.pipeline import load_pipeline
 from texclass.phases import segment
 from texclass.recognition import adapt, load_model, train
@@ -149,7 +149,7 @@ def test_votes_of_any_voter_count_as_they_do_in_scikit_learn(estimator, n_classe
 
 def test_segment_voting_beside_tap_features_gives_the_answers_of_scikit_learn():
     plan = plan_of(("band_level", "hardness", "damping"), "surfaces")
-    vote = knowing(SegmentVoting(n_pieces=4), plan.columns)
+    vote = with_segment_columns(SegmentVoting(n_pieces=4), plan.columns)
     model = model_of([filled()], vote, plan=plan)
     n_features, n_pieces = model.classifier["columns"].shape
     assert n_pieces * (n_features - 2) + 2 == len(model.columns)

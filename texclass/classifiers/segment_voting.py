@@ -48,12 +48,12 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         Weight of the voter that sees the whole, against 1 of all pieces together, where recordings are many;
         n/(n + 1) of it where a class has n.
     undivided : tuple of int
-        Columns that are not of pieces but of the whole recording; see `knowing`.
+        Columns that are not of pieces but of the whole recording; see `with_segment_columns`.
     known_changes : bool
         Let the estimator know what another stroke does to the columns, which few recordings do not show; for
         columns of the set `surfaces`, and an estimator whose `fit` takes `changes`.
     columns : tuple of str
-        Their names, where `known_changes`; see `knowing`.
+        Their names, where `known_changes`; see `with_segment_columns`.
 
     Attributes
     ----------
@@ -213,7 +213,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         return KernelDiscriminant() if self.estimator is None else clone(self.estimator)
 
 
-def knowing(classifier: Any, columns: Sequence[str]) -> Any:
+def with_segment_columns(classifier: Any, columns: Sequence[str]) -> Any:
     """Return an unfitted classifier that knows, if it lets pieces vote, what is asked of its columns.
 
     Which are not of pieces; and their names, where it wants known changes.

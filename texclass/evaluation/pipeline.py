@@ -24,7 +24,7 @@ from sklearn.base import is_classifier
 from sklearn.pipeline import Pipeline, make_pipeline
 
 from texclass.classifiers.forward_selection import ForwardSelector
-from texclass.classifiers.segment_voting import knowing
+from texclass.classifiers.segment_voting import with_segment_columns
 from texclass.evaluation.allowed_estimators import check_parameters, resolve
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.folds import Evaluation, evaluate, evaluate_each
@@ -328,7 +328,7 @@ class PipelineDefinition(Written):
             table.of(row.columns),
             table.materials,
             preparation=self.preparation(row.definition, classifier),
-            classifier=knowing(self.classifiers[classifier].make(), row.columns),
+            classifier=with_segment_columns(self.classifiers[classifier].make(), row.columns),
         )
 
     def trials(
@@ -340,7 +340,9 @@ class PipelineDefinition(Written):
             table.of(row.columns),
             table.materials,
             preparation=self.preparation(row.definition, classifiers[0]),
-            classifiers=[knowing(self.classifiers[name].make(), row.columns) for name in classifiers],
+            classifiers=[
+                with_segment_columns(self.classifiers[name].make(), row.columns) for name in classifiers
+            ],
         )
 
     def with_feature(self, feature: Feature) -> Self:

@@ -12,7 +12,7 @@ from sklearn.pipeline import Pipeline
 
 from texclass import shipped
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
-from texclass.classifiers.segment_voting import knowing
+from texclass.classifiers.segment_voting import with_segment_columns
 from texclass.evaluation.accuracy import Accuracy, cluster_interval, score
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable
@@ -150,7 +150,7 @@ def candidates_of(
                 name,
                 plan,
                 pipeline.preparation(definition, name),
-                knowing(use.make(), plan.columns),
+                with_segment_columns(use.make(), plan.columns),
                 matched.n_features,
             )
             for name, use in pipeline.classifiers.items()
@@ -216,7 +216,7 @@ def exportable(
         if columns and not (selects and candidate.n_columns >= len(columns)):
             n = min(candidate.n_columns, len(columns))
             kept = plan.restricted_to(columns)
-            classifier = knowing(candidate.classifier, kept.columns)
+            classifier = with_segment_columns(candidate.classifier, kept.columns)
             found.append(replace(candidate, plan=kept, classifier=classifier, n_columns=n))
     if not found:
         raise ValueError(
