@@ -21,39 +21,41 @@ Labels = NDArray[np.intp]
 class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     """Kernel ridge regression on class membership, on two views of the features.
 
-    Materials differ in many features a little, some of them nonlinearly, and most features vary together from
-    one stroke to the next. One view takes the features as they are; the other first removes that common
-    variation, as a linear discriminant does (within-class whitening, shrunk). The kernel is the mean of both.
+    Surfaces differ a little in many features, in some of them nonlinearly, and most features vary together
+    from one stroke to the next. One view takes the features as they are; the other first removes that common
+    variation, as a linear discriminant does (shrunk within-class whitening). The kernel is the mean over
+    both.
 
     Parameters
     ----------
     length : float
         Length scale of the kernel, in root mean square distances of a sample from the mean.
     ridge : float
-        Added to the diagonal of the kernel, whose elements reach 1; what part of a label may be noise.
+        Added to the diagonal of the kernel, whose elements reach 1: the share of a label that may be noise.
     shrinkage : float
-        Of the within-class covariance towards a multiple of the identity, above 0; 1 switches whitening off.
+        Shrinkage of the within-class covariance towards a multiple of the identity, above 0; 1: no whitening.
     relevance : float
-        Columns are weighted by their correlation ratio (at least 0.1) to this power; 0: all alike.
+        Columns are weighted by their correlation ratio (at least 0.1) to this power; 0: equal weights.
     limit : float, optional
-        Standard deviations from a column's mean at which its values end; by default they are as they are.
-        Features of single taps have long tails: a few values would fill the scale of a column, and one that
-        is far out would take a sample away from all others.
+        Standard deviations from a column's mean at which values are clipped; not clipped by default. Features
+        of single taps have long tails: a few values would dominate the scale of a column, and one outlier
+        would move a sample away from all others.
     max_samples : int
-        Of more training samples so many are drawn, at least one of each class: time grows with their cube.
+        Largest number of training samples; of more, so many are drawn, at least one of each class. Time grows
+        with the cube of the number.
     max_kb : float, optional
-        Kilobytes of the exported discriminant: its numbers are then of few bits, and as many training samples
-        are kept as fit, at least one of each class, with the coefficients that serve all of them best. By
-        default all are kept, in double precision.
+        Kilobytes of the exported discriminant: numbers are rounded to few bits, and as many training samples
+        are kept as fit into it, at least one of each class, with the coefficients that fit all of them best.
+        By default all are kept, in double precision.
     random_state : int
-        Of the drawing.
+        Seed of the subsample.
 
     Attributes
     ----------
     classes_ : ndarray of shape (n_classes,)
         Labels.
     low_, high_ : ndarray of shape (n_features,)
-        Where values end; with a `limit` only.
+        Values are clipped to this range; with a `limit` only.
     views_ : tuple of View
         The linear maps from features to the two views.
     prototypes_ : tuple of ndarray of shape (n_kept, n_features)
@@ -104,7 +106,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.random_state = random_state
 
     def fit(self, X: ArrayLike, y: ArrayLike, changes: Samples | None = None) -> Self:
-        """Learn views, prototypes and coefficients.
+        """Fit views, prototypes and coefficients.
 
         Parameters
         ----------
@@ -113,14 +115,14 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         y : array_like of shape (n_samples,)
             Labels of at least two classes.
         changes : ndarray of shape (n_changes, n_features), optional
-            What is known to change samples of one class, in the units of X: what few samples do not show. It
-            is whitened as what they show is, and makes the columns that it changes count less.
+            Known changes between samples of one class, in the units of X, which few samples do not show. They
+            add to the within-class covariance, and lower the weights of the columns that they change.
 
         Raises
         ------
         TypeError, ValueError
-            If a parameter is of another kind or out of its range, there is one class only, changes have not
-            the columns of X, or not a sample of each class is within `max_kb`.
+            If a parameter has the wrong type or is out of range, there is one class only, `changes` has other
+            columns than X, or `max_kb` is too small for one sample of each class.
         """
         rows, labels = self._check(X, y, changes)
         kept = stratified_subsample(labels, self.max_samples, self.random_state)

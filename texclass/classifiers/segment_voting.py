@@ -1,8 +1,7 @@
-"""A classifier of recordings described in pieces: it learns from all of them and lets them vote.
+"""Classify recordings by segment voting: classify every piece of a movement, then average the decisions.
 
-It may know besides what another stroke does to features, a quicker one, a stronger one, a brighter one: one
-recording of a surface says little about the next one of it, but how features change when the same surface is
-felt in another way is known from simulation, and much the same for all surfaces.
+One recording of a surface says little about the next one. How features change with a quicker, a stronger or a
+brighter stroke is much the same for all surfaces: it is estimated from simulation and can be added.
 """
 
 import csv
@@ -24,18 +23,18 @@ from texclass.classifiers.kernel_discriminant import KernelDiscriminant
 from texclass.recording import Samples
 
 OF_A_PIECE = ".piece"
-"""What the name of a column of a piece holds; see `texclass.features.contract.feature`."""
+"""Part of the name of every column of a piece; see `texclass.features.contract.feature`."""
 KNOWN_CHANGES = Path(__file__).with_name("known_changes.csv")
 """Columns of the set `surfaces`, and their changes; made by benchmarks/known_changes.py."""
 
 
 class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type: ignore[misc]
-    """Classify each piece of a recording, then average the decisions.
+    """Average the decisions of one classifier over the pieces of a recording.
 
-    With few recordings, pieces are many more samples to learn from, and how they differ shows what to expect
-    of the next recording; a piece at which a finger lifts off or slips is outvoted. Columns that are not of
-    pieces (taps, friction) stand in each of them. Where there are none, one more voter sees the whole, the
-    pieces side by side: what a stroke is like at its beginning, later, and at its end.
+    With few recordings, pieces are many more samples to train on, and their differences show what to expect
+    of the next recording; a piece in which a finger lifts off or slips is outvoted. Columns of the whole
+    recording (taps, friction) are repeated in every piece. Without such columns, a second classifier sees all
+    pieces side by side and votes, too: how a stroke begins, goes on and ends.
 
     Parameters
     ----------
@@ -45,15 +44,15 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
     n_pieces : int
         Pieces of a recording.
     whole_weight : float
-        Weight of the voter that sees the whole, against 1 of all pieces together, where recordings are many;
-        n/(n + 1) of it where a class has n.
+        Largest weight of the classifier of the whole, against 1 of all pieces together; with n recordings of
+        the smallest class, n/(n + 1) of it.
     undivided : tuple of int
-        Columns that are not of pieces but of the whole recording; see `with_segment_columns`.
+        Columns of the whole recording; see `with_segment_columns`.
     known_changes : bool
-        Let the estimator know what another stroke does to the columns, which few recordings do not show; for
-        columns of the set `surfaces`, and an estimator whose `fit` takes `changes`.
+        Whether `estimator` is fitted with the simulated changes of the columns between strokes; for columns
+        of the set `surfaces`, and an estimator whose `fit` takes `changes`.
     columns : tuple of str
-        Their names, where `known_changes`; see `with_segment_columns`.
+        Names of the columns, with `known_changes`; see `with_segment_columns`.
 
     Attributes
     ----------
@@ -64,17 +63,17 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
     whole_ : classifier or None
         Fitted on the whole; None without weight, or where no recording has more than one piece.
     weight_ : float
-        Of `whole_`; what the smallest class allows.
+        Weight of `whole_`.
 
     Notes
     -----
-    The n_pieces values of one feature stand side by side, as features with a parameter `n_pieces` give them:
-    of the columns that are divided, X[:, j n_pieces + i] is feature j of piece i. Features are compared
-    between pieces, so what scales columns one by one should stand inside `estimator`. Where all pieces of a
-    recording are the same (it was too short to be divided), they count as one.
+    The n_pieces values of one feature are adjacent columns, as features with a parameter `n_pieces` give
+    them: of the columns that are divided, X[:, j n_pieces + i] is feature j of piece i. Features are compared
+    between pieces, so a step that scales columns one by one belongs inside `estimator`. In training, a
+    recording whose pieces are all the same (it was too short to be divided) counts as one piece.
 
-    The voter of the whole learns from n samples of a class, pieces from n_pieces n: of single recordings it
-    cannot know what varies, so its weight grows with n.
+    The classifier of the whole is trained on n samples of a class, that of pieces on n_pieces n: single
+    recordings do not show what varies, so its weight grows with n.
 
     Examples
     --------
@@ -104,7 +103,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         self.columns = columns
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Learn from all pieces of all recordings.
+        """Fit the classifier of pieces, and that of the whole recording.
 
         Parameters
         ----------
@@ -214,16 +213,13 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
 
 
 def with_segment_columns(classifier: Any, columns: Sequence[str]) -> Any:
-    """Return an unfitted classifier that knows, if it lets pieces vote, what is asked of its columns.
-
-    Which are not of pieces; and their names, where it wants known changes.
-    """
+    """Return a clone of a segment-voting classifier with its columns set; return others unchanged."""
     if not isinstance(classifier, SegmentVoting):
         return classifier
-    facts: dict[str, Any] = {"columns": tuple(columns)} if classifier.known_changes else {}
+    parameters: dict[str, Any] = {"columns": tuple(columns)} if classifier.known_changes else {}
     if classifier.n_pieces > 1:
-        facts["undivided"] = tuple(i for i, column in enumerate(columns) if OF_A_PIECE not in column)
-    return clone(classifier).set_params(**facts)
+        parameters["undivided"] = tuple(i for i, column in enumerate(columns) if OF_A_PIECE not in column)
+    return clone(classifier).set_params(**parameters)
 
 
 def decisions_of(classifier: Any, rows: Samples) -> Samples:
