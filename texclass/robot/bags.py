@@ -24,11 +24,6 @@ from texclass.robot.ros_messages import (
     type_of,
 )
 
-BATCH = 4096
-"""Messages decoded at a time."""
-MOST_LARGE = 1e100
-"""A larger value is no signal but damage; sums of squares must stay finite."""
-
 
 def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     """Return the names of the columns: those of the chosen topic, then "/topic/column" of the others.
@@ -78,11 +73,12 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
     where = f"{path}?topic={chosen.topic}"
     own = tuple(name for name in wanted if not name.startswith("/"))
     stamps, received, samples = _messages(path, chosen, own)
-    is_good = (np.abs(samples) < MOST_LARGE).all(axis=(1, 2))  # and none is NaN
+    # A larger value is no signal but damage; sums of squares must stay finite. Nor is NaN a signal.
+    is_good = (np.abs(samples) < 1e100).all(axis=(1, 2))
     if n_bad := int(np.count_nonzero(~is_good)):
         if n_bad > len(samples) / 2:
             raise refused(
-                where, f"{n_bad} of {len(samples)} messages hold NaN or values beyond {MOST_LARGE:g}", "half"
+                where, f"{n_bad} of {len(samples)} messages hold NaN or values beyond 1e+100", "half"
             )
         samples, received = samples[is_good], received[is_good]
         stamps = None if stamps is None else stamps[is_good]
@@ -160,7 +156,7 @@ def _messages(
     heads: list[Timestamps] = []
     parts: list[Samples] = []
     messages = bag_messages(path, chosen)
-    while batch := list(islice(messages, BATCH)):
+    while batch := list(islice(messages, 4096)):
         received += [at for at, _ in batch]
         raws = [raw for _, raw in batch]
         try:

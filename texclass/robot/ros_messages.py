@@ -16,8 +16,6 @@ from texclass.loaders.timestamps import Timestamps
 from texclass.recording import RecordingError, Samples
 
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
-MOST_DEFINITION = 1 << 16
-"""Characters of the definition of a type."""
 MOST_CHANNELS = 1024
 """Channels of a `Float64MultiArray`; more is taken for a damaged message."""
 
@@ -111,7 +109,7 @@ def type_of(name: str, definition: str, ros1: bool) -> MessageType | None:
     type_ : MessageType or None
         None without a definition that can be read, with a header and numbers.
     """
-    if name in TYPES or not 0 < len(definition) <= MOST_DEFINITION:
+    if name in TYPES or not 0 < len(definition) <= 1 << 16:
         return TYPES.get(name)
     try:
         store = _store(ros1, name, definition)

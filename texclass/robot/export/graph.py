@@ -9,10 +9,6 @@ from numpy.typing import NDArray
 
 OPSETS: Mapping[str, int] = {"": 18, "ai.onnx.ml": 3}
 """Versions of the operators, old enough for onnxruntime 1.15 (2023): robots rarely have the latest."""
-IR_VERSION = 8
-"""Of the file format; belongs to opset 18."""
-LARGE = 64
-"""Elements from which on equal constants are kept once."""
 
 Made = TypeVar("Made")
 
@@ -178,7 +174,7 @@ class Graph:
     def constant(self, value: float | NDArray[Any]) -> Tensor:
         """Add a constant; a number in double precision."""
         values = value if isinstance(value, np.ndarray) else np.array(value, dtype=np.float64)
-        if values.size < LARGE:
+        if values.size < 64:  # equal constants are kept once from here on
             return self._kept(values)
         return self.once((values.dtype, values.shape, values.tobytes()), lambda: self._kept(values))
 
@@ -249,7 +245,8 @@ class Graph:
         used = {node.domain for node in self.nodes} | {""}
         graph = helper.make_graph(self.nodes, name, inputs, outputs, self.constants, doc)
         opsets = [helper.make_opsetid(domain, OPSETS[domain]) for domain in OPSETS if domain in used]
-        model = helper.make_model(graph, opset_imports=opsets, ir_version=IR_VERSION, doc_string=doc)
+        # Version 8 of the file format belongs to opset 18.
+        model = helper.make_model(graph, opset_imports=opsets, ir_version=8, doc_string=doc)
         try:
             checker.check_model(model, full_check=True)
         except Exception as error:  # its exceptions have no class in common

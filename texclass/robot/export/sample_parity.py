@@ -25,14 +25,10 @@ MARGIN = 1e-4
 
 Closer answers may be the other one.
 """
-N_SELF_CHECKS = 8
 FORMULA = (
     "s = seed; for each channel c: y = 0; for each sample: s = (1664525 s + 1013904223) mod 2^32, "
     "y = smooth y + s / 2^32 - 1/2, sample = float32(offset[c] + gain y); in double precision"
 )
-SMOOTH = (-0.7, 0.0, 0.6, 0.9, 0.98, 0.998)
-GAINS = (1.0, 0.3, 0.03)
-SEEDS = (1, 2, 3)
 
 
 @dataclass(frozen=True)
@@ -135,12 +131,13 @@ def recipes(model: Model) -> list[dict[str, Any]]:
     channels = channels_of(model)
     loudest = model.manifest.loudest or 1.0
     tilt = STANDARD_GRAVITY if model.manifest.unit == "m/s^2" else 0.0
-    rest = [0.0] * len(channels)
+    rest, seeds = [0.0] * len(channels), (1, 2, 3)
+    colours = (-0.7, 0.0, 0.6, 0.9, 0.98, 0.998)
     found = [
         {"seed": seed, "smooth": smooth, "gain": loudest * gain, "offset": rest}
-        for smooth, gain, seed in product(SMOOTH, GAINS, SEEDS)
+        for smooth, gain, seed in product(colours, (1.0, 0.3, 0.03), seeds)
     ]
-    tilted = [one | {"offset": [*rest[1:], tilt]} for one in found[:: len(SEEDS)]] if tilt else []
+    tilted = [one | {"offset": [*rest[1:], tilt]} for one in found[:: len(seeds)]] if tilt else []
     return [*found, *tilted, found[0] | {"gain": 0.0}]
 
 
@@ -175,7 +172,4 @@ def self_checks(model: Model, some: Sequence[Mapping[str, Any]], X: Samples) -> 
     sure = [i for i in np.argsort(far, kind="stable").tolist() if p[i, -1] - p[i, -2] > MARGIN * 10 * far[i]]
     first = {kinds[i]: i for i in reversed(sure)}
     order = dict.fromkeys([*first.values(), *sure])
-    return [
-        {**some[i], **check_of(said, i), "tolerance": TOLERANCE * float(far[i])}
-        for i in list(order)[:N_SELF_CHECKS]
-    ]
+    return [{**some[i], **check_of(said, i), "tolerance": TOLERANCE * float(far[i])} for i in list(order)[:8]]
