@@ -254,7 +254,7 @@ SEEDS: dict[str, tuple[Callable[[], list[bytes]], Mutator]] = {
     ".xlsx": (_workbooks, either(archives(_xml, deflate=True), of_bytes)),
     ".tdms": (_tdms, of_bytes),
 }
-"""Suffix -> valid files, and how they are changed; a test fails for a suffix of `READERS` without any."""
+"""Suffix -> valid files, and how they are changed; a test fails for a suffix of `FORMATS` without any."""
 OF_BAGS = {".bag": "rosbag1", ".mcap": "rosbag2 mcap", ".db3": "rosbag2 sqlite3"}
 """Suffixes of bags -> the readers in `fuzz.bags`."""
 

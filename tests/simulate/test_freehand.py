@@ -7,8 +7,8 @@ import pytest
 from scipy import signal
 
 from texclass.signals import bandpass
-from texclass.simulate import Grating, Sensor, operator_catalogue, record_freehand, surface_catalogue
-from texclass.simulate.freehand import generators, perform
+from texclass.simulate import Grating, Sensor, Tool, operator_catalogue, record_freehand, surface_catalogue
+from texclass.simulate.freehand import generators, mechanics, perform
 from texclass.simulate.hand import Gesture
 
 SURFACES = surface_catalogue(12, 1)
@@ -42,6 +42,18 @@ def test_same_arguments_give_the_same_samples_whatever_was_made_before():
     np.testing.assert_array_equal(first.acceleration, again.acceleration)
     np.testing.assert_array_equal(first.friction, again.friction)
     assert first.phases == again.phases
+
+
+def test_masses_and_mode_of_the_tool_enter_the_equations_of_motion():
+    tool, person = Tool(tip_mass_kg=0.045, mode_mass_kg=0.08, mode_hz=250.0), OPERATORS[0]
+    person = replace(person, grip_stiffness_n_m=700.0)
+    constants = mechanics(PLAIN, person, tool)
+    assert (constants.mass, constants.mode_mass, constants.mode_hz) == (0.045, 0.08, 250.0)
+    ratio = constants.damping / (2 * np.sqrt(constants.stiffness * constants.mass))
+    assert ratio == pytest.approx(person.grip_damping)
+    own, default = record(tool=tool), record()
+    np.testing.assert_array_equal(record(tool=Tool()).acceleration, default.acceleration)
+    assert abs(np.corrcoef(own.acceleration[-20000:, 2], default.acceleration[-20000:, 2])[0, 1]) < 0.99
 
 
 def test_another_seed_is_another_recording():
