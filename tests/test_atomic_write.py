@@ -91,7 +91,7 @@ def test_control_characters_of_names_reach_no_terminal_and_no_page(tmp_path, cap
     rows = np.random.default_rng(0).normal(size=(100, 2))
     np.savetxt(tmp_path / "felt" / STEERING / "r.txt", rows[:, 0])
     with pytest.raises(
-        RecordingError, match=r"'wood\\x1b\[2J.* holds a control character; the rule is printable"
+        RecordingError, match=r"'wood\\x1b\[2J.* holds a control character. Expected printable"
     ):
         open_dataset(tmp_path / "felt", fs=1000, unit="g")
     table = tmp_path / "r.csv"

@@ -96,8 +96,11 @@ def test_all_missing_and_unknown_keys_are_listed_at_once(tmp_path):
         ({"turn_rate_scale": 0}, "turn_rate_scale is 0; the rule is a finite factor other than 0"),
         ({"files": []}, "files is []; the rule is text or a list of text"),
         ({"files": "(?P<material>"}, "files holds '(?P<material>', not a regular expression"),
-        ({"files": "(?P<colour>.*)"}, "files names groups ['colour']; the rule is recording, material, "),
-        ({"files": r".*\.txt"}, "files and labels do not tell the material; the rule is (?P<material>...)"),
+        (
+            {"files": "(?P<colour>.*)"},
+            "files defines groups ['colour']. Expected some of recording, material, ",
+        ),
+        ({"files": r".*\.txt"}, "files and labels do not define the group (?P<material>...)"),
         ({"delimiter": "ab"}, "delimiter is 'ab'; the rule is one character, no quote"),
         ({"channels": {"smell": "s"}}, "unknown key channels.smell (expected one of acceleration, fric"),
         ({"labels": {"file": "l.csv"}}, "missing key labels.recording"),
@@ -117,7 +120,7 @@ def test_a_broken_rule_is_named_with_file_key_and_value(tmp_path, wrong, said):
         ({"n_operators": 0}, "recipe.n_operators is 0; the rule is a number of at least 1"),
         (
             {"duration_s": 1e300},
-            "recipe: duration_s is 1e+300 at 10000 Hz; the rule is at most 1e+09 samples",
+            "recipe: a recording must have at most 1e+09 samples, got 1e+300 s at 10000 Hz",
         ),
     ],
 )

@@ -408,7 +408,7 @@ def test_files_that_are_left_out_though_others_like_them_are_taken_are_counted(m
         ({"fs": 0}, "fs is 0 Hz"),
         ({"resample": -1}, "resample is -1 Hz"),
         ({"resample": np.inf}, "resample is inf Hz"),
-        ({"delimiter": ";;"}, "delimiter is ';;'; the rule is one character"),
+        ({"delimiter": ";;"}, "delimiter is ';;'. Expected one character"),
         ({"unit": "furlong"}, "unit is 'furlong'"),
     ],
 )

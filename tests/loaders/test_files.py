@@ -99,7 +99,7 @@ def test_columns_are_chosen_by_name_and_auxiliary_signals_too(tmp_path, axes, wr
 
 def test_what_is_no_file_or_of_an_unknown_kind_is_refused(tmp_path):
     (tmp_path / "r.docx").write_text("hello")
-    known = r"suffix is '.docx'; the rule is one of .txt, .csv"
+    known = r"suffix is '.docx'. Expected one of .txt, .csv"
     for name, said in (("absent.wav", "cannot be opened"), (".", "is not a file"), ("r.docx", known)):
         with pytest.raises(RecordingError, match=said):
             load_recording(tmp_path / name, fs=FS, unit="g")
@@ -178,7 +178,7 @@ def test_a_recording_that_does_not_vary_or_is_one_sample_is_refused():
     for axes in (np.full(100, 3.0), np.ones((100, 3))):
         with pytest.raises(RecordingError, match=r"r\.wav: acceleration is .* throughout"):
             check_acceleration(axes, ("x",), "r.wav")
-    with pytest.raises(RecordingError, match="holds 1 sample; the rule is at least 2"):
+    with pytest.raises(RecordingError, match=r"holds 1 sample\. Expected at least 2"):
         check_acceleration(np.ones(1), ("x",), "r")
 
 
@@ -245,8 +245,8 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path):
 def test_a_parquet_column_of_text_of_lists_or_with_a_gap_is_refused(tmp_path):
     gap = pd.array([1, None, 3], dtype="Int64")
     for column, said in (
-        (["1", "2"], "a holds object; the rule is real numbers"),
-        ([[1.0], [2.0, 3.0]], "a holds object; the rule is real numbers"),
+        (["1", "2"], "a holds object. Expected real numbers"),
+        ([[1.0], [2.0, 3.0]], "a holds object. Expected real numbers"),
         (gap, "a lacks 1 values"),
     ):
         pd.DataFrame({"a": column}).to_parquet(tmp_path / "r.parquet")
@@ -318,7 +318,7 @@ def test_a_unit_in_the_names_of_columns_is_used_and_may_not_be_contradicted(tmp_
     np.testing.assert_array_equal(dataset[0].acceleration, given.acceleration)
     assert any(note.startswith(f"in {unit}: ") for note in dataset.notes)
     table(path, [axes], "acc_x [mg],acc_y [g],acc_z [g]")
-    with pytest.raises(RecordingError, match=r"its columns are in g and mg; the rule is one unit"):
+    with pytest.raises(RecordingError, match=r"its columns are in g and mg. Expected one unit"):
         load_recording(path, fs=FS)
 
 
@@ -336,7 +336,7 @@ def test_dates_in_a_time_column_give_the_rate(tmp_path, axes, name, between, zon
         assert recording.fs == 250
         with pytest.raises(RecordingError, match=r"fs is 250 Hz by its column.*, but 250000 Hz was given"):
             load_recording(tmp_path / f"r.{suffix}", unit="counts", fs=250_000)
-        with pytest.raises(RecordingError, match=f"{name} holds datetime64.*the rule is real numbers"):
+        with pytest.raises(RecordingError, match=f"{name} holds datetime64.*Expected real numbers"):
             load_recording(tmp_path / f"r.{suffix}", fs=250, unit="counts", column=name)
 
 

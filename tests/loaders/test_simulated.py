@@ -94,6 +94,6 @@ def test_a_sample_is_a_folder_that_goes_on_with_others_and_writes_over_nothing_e
         "taps and movement"
     }
     last.write_text("mine\n")
-    with pytest.raises(ValueError, match=r"mesh_06.txt: holds something else; the rule is a folder"):
+    with pytest.raises(ValueError, match=r"mesh_06.txt: contains something else. Expected a new folder"):
         write_sample(tmp_path)
     assert last.read_text() == "mine\n"

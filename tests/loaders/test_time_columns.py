@@ -91,7 +91,7 @@ def test_several_plausible_units_are_refused_and_the_message_names_the_option(tm
     assert loaded(path, time_unit="ms").fs == 10_000
     assert loaded(path, time_unit="s").fs == 10
     assert loaded(path, fs=10_000).fs == 10_000
-    with pytest.raises(RecordingError, match="time unit is 'weeks'; the rule is one of s, ms, us"):
+    with pytest.raises(RecordingError, match=r"time unit is 'weeks'\. Expected one of s, ms, us"):
         loaded(path, time_unit="weeks")
 
 

@@ -113,7 +113,7 @@ def test_the_nominal_rate_is_the_roundest_within_a_thousandth(measured, nominal)
 
 @pytest.mark.parametrize("stamps", [[0, 0, 0], [5], [3, 3]])
 def test_messages_at_one_instant_are_refused(stamps):
-    with pytest.raises(RecordingError, match="the rule is"):
+    with pytest.raises(RecordingError, match="Expected"):
         _uniform(np.array(stamps), RNG.normal(size=len(stamps)))
 
 

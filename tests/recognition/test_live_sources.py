@@ -47,7 +47,7 @@ def test_columns_of_standard_input_are_chosen_by_number(raw):
     np.testing.assert_allclose(_signal(opened("3", "1")), SIGNAL[:, [2, 0]], rtol=1e-6)
     for wrong in ("4", "ax"):
         with pytest.raises(
-            RecordingError, match=f"column '{wrong}' is not there; the rule is a number from 1 to 3"
+            RecordingError, match=f"column '{wrong}' is not there. Expected a number from 1 to 3"
         ):
             list(opened("1", wrong))
 
@@ -57,7 +57,7 @@ def test_columns_of_standard_input_are_chosen_by_number(raw):
 )
 def test_what_a_live_stream_cannot_use_is_refused(how):
     with pytest.raises(
-        ValueError, match=r"standard input.*; the rule is (a rate \(--fs\) in place|one character)"
+        ValueError, match=r"standard input.*(; the rule is a rate \(--fs\) in place|Expected one character)"
     ):
         open_source("-", fs=FS, unit="g", file=_text(SIGNAL), **how)
 

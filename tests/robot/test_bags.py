@@ -111,7 +111,7 @@ def test_the_topic_is_chosen_by_name_and_asked_for_where_several_fit(tmp_path, v
     with pytest.raises(RecordingError, match="topic '/x' is not there; its topics are '/left/imu'"):
         load_recording(path, topic="/x")
     for no_topic in (f"bag:{path}?top=/left/imu", f"bag:{path}?/left/imu"):
-        with pytest.raises(RecordingError, match=r"the rule is bag:FILE\?topic="):
+        with pytest.raises(RecordingError, match=r"Expected bag:FILE\?topic="):
             find_recording(no_topic)
 
 

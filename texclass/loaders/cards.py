@@ -15,8 +15,8 @@ from texclass.recording import AUXILIARY_UNITS, Unit
 from texclass.simulate.recipe import Recipe
 from texclass.validation import Written, checked, read_toml
 
-TOLD = ("recording", *GROUPS, "axis")
-"""What a pattern of file names, and (but for the axis) a table of labels, can tell."""
+PATTERN_GROUPS = ("recording", *GROUPS, "axis")
+"""Groups of a pattern of file names, and (but for the axis) of a table of labels."""
 MOST_LARGE = 1e100
 """Rates and factors beyond it are no measurement's."""
 Convert = Literal["", "frames", "rounded", "counts", "sheets"]
@@ -155,7 +155,7 @@ class LabelTable(Written):
 
     @property
     def columns(self) -> dict[str, str]:
-        """Of `TOLD`, which one is in which column."""
+        """Of `PATTERN_GROUPS`, which one is in which column."""
         return {group: column for group, column in self if group != "file" and column is not None}
 
 
@@ -165,7 +165,7 @@ class FileReading(Reading):
     Attributes
     ----------
     files
-        Patterns of relative file names, with the named groups of `TOLD`.
+        Patterns of relative file names, with the named groups of `PATTERN_GROUPS`.
     materials
         What the names tell of the material -> what it is called; those that are not in it keep theirs.
     labels
@@ -190,7 +190,7 @@ class FileReading(Reading):
         Rate to which recordings are brought, band-limited; then each file may state its own, and `fs_hz` is
         that of files which state none.
     topic
-        Of bags: a topic's name, or a pattern of names with the named groups of `TOLD`; every topic that
+        Of bags: name of a topic, or a pattern of names with groups of `PATTERN_GROUPS`; each topic that
         matches is then a recording.
     trim
         Cut signals of different lengths to the shortest.
@@ -222,26 +222,28 @@ class FileReading(Reading):
         return ReaderSettings(fs=fs, rate_of=self._rate_of, **{name: getattr(self, name) for name in shared})
 
     @model_validator(mode="after")
-    def _material_is_told(self) -> "FileReading":
-        told = _groups("files", self.files) | set(self.labels.columns if self.labels else ())
+    def _has_material(self) -> "FileReading":
+        groups = _groups("files", self.files) | set(self.labels.columns if self.labels else ())
         if self.topic is not None:
-            told |= _groups("topic", (self.topic,))
-        if "material" not in told:
-            raise ValueError("files and labels do not tell the material; the rule is (?P<material>...)")
+            groups |= _groups("topic", (self.topic,))
+        if "material" not in groups:
+            raise ValueError("files and labels do not define the group (?P<material>...)")
         return self
 
 
 def _groups(key: str, patterns: tuple[str, ...]) -> set[str]:
-    """Return what the groups of patterns tell; raise ValueError for one that is no pattern or has others."""
-    told: set[str] = set()
+    """Return the groups of patterns; raise ValueError for an invalid pattern or an unknown group."""
+    groups: set[str] = set()
     for pattern in patterns:
         try:
-            told |= set(re.compile(pattern).groupindex)
+            groups |= set(re.compile(pattern).groupindex)
         except (re.error, OverflowError, RecursionError) as error:
             raise ValueError(f"{key} holds {pattern!r:.200}, not a regular expression ({error})") from error
-    if unknown := told - set(TOLD):
-        raise ValueError(f"{key} names groups {sorted(unknown)}; the rule is {', '.join(TOLD)}")
-    return told
+    if unknown := groups - set(PATTERN_GROUPS):
+        raise ValueError(
+            f"{key} defines groups {sorted(unknown)}. Expected some of {', '.join(PATTERN_GROUPS)}"
+        )
+    return groups
 
 
 class Published(Written):
@@ -326,9 +328,10 @@ class ModelsCard(StoredCard):
     phases: DeclaredPhases = "movement"
 
     @model_validator(mode="after")
-    def _material_is_told(self) -> "ModelsCard":
-        if _groups("files", self.files) != {"material"}:
-            raise ValueError("files tell something else; the rule is (?P<material>...) alone")
+    def _has_material(self) -> "ModelsCard":
+        if (groups := _groups("files", self.files)) != {"material"}:
+            found = ", ".join(sorted(groups)) or "no group"
+            raise ValueError(f"files must define the group (?P<material>...) and no other, got {found}")
         return self
 
     @property

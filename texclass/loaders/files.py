@@ -286,7 +286,7 @@ def read_signals(
     """
     if unknown := set(roles) - {UNNAMED, *AUXILIARY_UNITS}:
         raise RecordingError(
-            f"signals {sorted(unknown)} are unknown; the rule is one of {', '.join(AUXILIARY_UNITS)}"
+            f"signals {sorted(unknown)} are unknown. Expected some of {', '.join(AUXILIARY_UNITS)}"
         )
     parts = {axis: _read_file(path, roles, settings, companions or {}) for axis, path in axes.items()}
     axis, first = next(iter(parts.items()))

@@ -255,8 +255,8 @@ def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
     for name, (its_labels, values) in zip(card.files[1:], others, strict=True):
         if its_labels != labels or values.shape != first.shape:
             raise RecordingError(
-                f"{root / name}: has {values.shape} values, {card.files[0]} {first.shape}, or other labels; "
-                "the rule is the same rows and labels in every channel's file"
+                f"{root / name}: has {values.shape} values, {card.files[0]} {first.shape}, or other labels. "
+                "Expected the same rows and labels in every channel's file"
             )
     seen: Counter[str] = Counter()
     entries = []
@@ -300,7 +300,7 @@ def _match(pattern: str, name: str) -> Any:
     except (TimeoutError, regex.error) as error:
         raise CardError(
             f"files or topic holds {pattern!r:.200}, which is no pattern or takes over {LONGEST_MATCH_S:g} s "
-            f"on {name!r:.200} ({error}); the rule is no repetition inside a repetition, as in (a+)+"
+            f"on {name!r:.200} ({error}). Expected no repetition inside a repetition, as in (a+)+"
         ) from error
 
 
@@ -467,7 +467,7 @@ def _entries(
         facts = stated | (dict(labels.of(recording_id, names, root.name)) if labels else {})
         repetition = facts.get("repetition")
         if repetition is not None and not repetition.isdecimal():
-            raise CardError(f"{path}: repetition is {repetition!r}; the rule is a whole number")
+            raise CardError(f"{path}: repetition is {repetition!r}. Expected a whole number")
         material = composed(facts["material"])
         yield Entry(
             recording_id=recording_id,

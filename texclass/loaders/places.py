@@ -114,7 +114,7 @@ def fetch_recordings(
         raise
     if found != published.sha256:
         raise ValueError(
-            f"{begun}: the SHA-256 over {len(files)} files is {found}; the rule is {published.sha256}, as "
+            f"{begun}: the SHA-256 over {len(files)} files is {found}. Expected {published.sha256}, as "
             "the card says: remove the folder and get it again"
         )
     if begun != root:
@@ -139,7 +139,7 @@ def _listed(path: Path, root: Path) -> dict[str, list[tuple[str, str]]]:
         sha256, *names = line.split("\t")
         is_inside = not any(leaves(root / name, (root,)) for name in names)
         if not (re.fullmatch("[0-9a-f]{64}", sha256) and len(names) in {1, 2} and is_inside):
-            raise CardError(f"{path}: line {number} is {line!r:.99}; the rule is SHA-256, file, file here")
+            raise CardError(f"{path}: line {number} is {line!r:.99}. Expected SHA-256, file, file here")
         files.setdefault(names[-1], []).append((names[0], sha256))
     return files
 

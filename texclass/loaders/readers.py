@@ -211,8 +211,8 @@ def require(wanted: Sequence[str], names: Sequence[str], where: object, *, hint:
     for name in wanted:
         if (count := list(names).count(name)) != 1:
             raise RecordingError(
-                f"{where}: column {name!r} occurs {count} times; its columns are {listed(names)}; "
-                f"the rule is once, by name or by number from 1 to {len(names)}{hint}"
+                f"{where}: column {name!r} occurs {count} times; its columns are {listed(names)}. "
+                f"Expected once, by name or by number from 1 to {len(names)}{hint}"
             )
 
 
@@ -268,7 +268,7 @@ def storage_suffix(name: str) -> str:
 
 def refused(where: object, found: str, rule: str) -> RecordingError:
     """Return the error of a file: what was found there, and the rule that it breaks."""
-    return RecordingError(f"{where}: {found}; the rule is {rule}")
+    return RecordingError(f"{where}: {found}. Expected {rule}")
 
 
 def contradicting_rates(where: object, stated: str, given: float, rate_of: str) -> RecordingError:

@@ -116,7 +116,7 @@ def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
             text = "%.6g\n" * len(along_tool) % tuple(along_tool)
             path = Path(folder) / name / f"{name}_{k:02d}.txt"
             if path.exists() and path.read_bytes() != text.encode():
-                raise ValueError(f"{path}: holds something else; the rule is a folder that is new")
+                raise ValueError(f"{path}: contains something else. Expected a new folder")
             write_atomic(path, text)
             written.append(path)
     return tuple(written)

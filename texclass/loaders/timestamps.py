@@ -295,7 +295,7 @@ def resample(samples: Samples, fs: float, to: float) -> Samples:
         If a rate is not above 0, or they differ by more than a factor of 1000.
     """
     if not (fs > 0 and to > 0 and 1e-3 <= to / fs <= 1e3):
-        raise ValueError(f"from {fs} Hz to {to} Hz; the rule is rates above 0, at most a factor 1000 apart")
+        raise ValueError(f"rates must be positive and at most a factor 1000 apart, got {fs} and {to} Hz")
     ratio = Fraction(to / fs).limit_denominator(1000)
     from scipy.signal import resample_poly  # a second, which a refusal before would wait for
 

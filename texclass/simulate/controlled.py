@@ -106,7 +106,7 @@ def record_rising_taps(
     """
     if n_taps < 1 or min(tap_speed_mm_s) <= 0:
         raise ValueError(
-            f"n_taps is {n_taps}, tap_speed_mm_s {tap_speed_mm_s}; the rule is at least one, above 0"
+            f"n_taps and tap_speed_mm_s must be positive, got {n_taps} and {tap_speed_mm_s} mm/s"
         )
     check_duration_and_rate(float(n_taps), fs, shortest_s=0.0)
     rngs = generators(seed)
@@ -156,7 +156,7 @@ def record_gesture(
     6:4, 2012: gestures that are made on demand, of which the next is chosen by what is known.
     """
     if gesture not in GESTURES:
-        raise ValueError(f"gesture is {gesture!r}; the rule is one of {', '.join(GESTURES)}")
+        raise ValueError(f"gesture must be one of {', '.join(GESTURES)}, got {gesture!r}")
     if (stroke := GESTURES[gesture]) is None:
         person = operator.redrawn(generators(seed)[0])
         met = (person.tap_speed_mm_s, person.tap_speed_mm_s)

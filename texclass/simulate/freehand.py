@@ -246,6 +246,6 @@ def _turn(acceleration, knots, knots_per_sample):  # type: ignore[no-untyped-def
 def check_duration_and_rate(duration_s: float, fs: float, *, shortest_s: float) -> None:
     """Raise ValueError if either breaks its rule."""
     if not (np.isfinite(duration_s) and duration_s >= shortest_s):
-        raise ValueError(f"duration_s is {duration_s}; the rule is at least {shortest_s} s")
+        raise ValueError(f"duration_s must be at least {shortest_s} s, got {duration_s}")
     if not 1_000 <= fs <= 50_000:
-        raise ValueError(f"fs is {fs}; the rule is 1,000 to 50,000 Hz")
+        raise ValueError(f"fs must be 1,000 to 50,000 Hz, got {fs}")

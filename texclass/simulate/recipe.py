@@ -43,8 +43,8 @@ class Recipe(Written):
     @model_validator(mode="after")
     def _fits_a_machine(self) -> Self:
         if self.duration_s * self.fs > 1e9:
-            found = f"duration_s is {self.duration_s:g} at {self.fs:g} Hz"
-            raise ValueError(f"{found}; the rule is at most 1e+09 samples")
+            found = f"{self.duration_s:g} s at {self.fs:g} Hz"
+            raise ValueError(f"a recording must have at most 1e+09 samples, got {found}")
         return self
 
     @property
@@ -83,7 +83,7 @@ class Recipe(Written):
         """
         if not (0 <= surface_index < self.n_surfaces and 1 <= repetition <= self.n_recordings):
             raise IndexError(
-                f"no recording (surface {surface_index}, repetition {repetition}); the rule is surface "
+                f"no recording (surface {surface_index}, repetition {repetition}). Expected surface "
                 f"0..{self.n_surfaces - 1}, repetition 1..{self.n_recordings}"
             )
         from texclass.simulate.freehand import record_freehand  # numba: not to say what a dataset holds

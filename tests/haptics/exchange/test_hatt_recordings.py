@@ -120,5 +120,5 @@ def test_rubbish_is_named(two, tmp_path):
         open_dataset(two)[0]
     with pytest.raises(RecordingError, match="resampling to 500 Hz was asked for"):
         open_dataset(two, resample=500)
-    with pytest.raises(CardError, match=r"the rule is \(\?P<material>\.\.\.\) alone"):
+    with pytest.raises(CardError, match=r"must define the group \(\?P<material>\.\.\.\) and no other"):
         open_dataset(card(tmp_path, r"files = '(?P<material>.)(?P<operator>.*)'"))
