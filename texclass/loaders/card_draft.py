@@ -249,26 +249,28 @@ def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
     if read is None:
         return _Signals(channels, unit or "arbitrary", "", rates, False, tuple(questions))
     acceleration = read.named[UNNAMED]
-    resting = _magnitude(acceleration)
-    gravities = {"m/s^2": 9.81, "g": 1.0, "mg": 1000.0}
-    by_level = next((u for u, level in gravities.items() if abs(resting / level - 1) < 0.06), None)
-    stated = unit or read.unit
-    if stated:
+    gravity = _gravity_at_rest(acceleration)
+    if unit or read.unit:
         source = "given" if unit else "from the names of the columns or the messages"
-    elif by_level:
-        stated, source = by_level, f"the level at rest, {resting:.4g}, is gravity in {by_level}"
+        unit = unit or read.unit
+    elif gravity:
+        unit, level = gravity
+        source = f"the level at rest, {level:.4g}, is gravity in {unit}"
     elif np.abs(acceleration).max() > 100 and np.all(acceleration == np.rint(acceleration)):
-        stated, source = "counts", "all values are whole numbers"
+        unit, source = "counts", "all values are whole numbers"
     else:
-        stated, source = "arbitrary", ""
+        source = ""
         questions.append("what is the unit of the acceleration: m/s^2, g, mg, counts, V or arbitrary?")
-    return _Signals(channels, stated, source, rates, by_level is not None, tuple(questions))
+    return _Signals(channels, unit or "arbitrary", source, rates, gravity is not None, tuple(questions))
 
 
-def _magnitude(acceleration: Samples) -> float:
-    """Return the magnitude of the median of three axes; 0 for another number of them."""
-    is_spatial = acceleration.ndim == 2 and acceleration.shape[1] == 3
-    return float(np.linalg.norm(np.median(acceleration, axis=0))) if is_spatial else 0.0
+def _gravity_at_rest(acceleration: Samples) -> tuple[str, float] | None:
+    """Return the unit in which the median of three axes has the magnitude of gravity, and that magnitude."""
+    if acceleration.shape[1:] != (3,):
+        return None
+    level = float(np.linalg.norm(np.median(acceleration, axis=0)))
+    gravities = {"m/s^2": 9.81, "g": 1.0, "mg": 1000.0}
+    return next(((u, level) for u, size in gravities.items() if abs(level / size - 1) < 0.06), None)
 
 
 def _channels(

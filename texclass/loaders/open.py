@@ -159,13 +159,7 @@ def _open_folder(
     root, shown = root.absolute(), root
     every, files = data_files(root), recording_files(root)
     exports = find_exports(path.relative_to(root).as_posix() for path in every)
-    columns: LabelTable | None = None
-    if labels is None:
-        files = [path for path in files if path.parent != root]
-    else:
-        table = Path(labels).expanduser().absolute()
-        files = [path for path in files if path != table]
-        columns = find_label_columns(table, Path(os.path.relpath(table, root)).as_posix())
+    files, columns = _labelled_files(files, root, labels)
     if not files:
         layout = "one subfolder per surface with files" if labels is None else "files"
         remedy = "" if labels else ", or --labels LABELS.csv with columns `file` and `surface`"
@@ -213,6 +207,17 @@ def _open_folder(
         licence="not stated",
         source=str(shown),
     )
+
+
+def _labelled_files(
+    files: Sequence[Path], root: Path, labels: str | Path | None
+) -> tuple[list[Path], LabelTable | None]:
+    """Return the files whose surface a table or a subfolder states, and the columns of the table."""
+    if labels is None:
+        return [path for path in files if path.parent != root], None
+    table = Path(labels).expanduser().absolute()
+    columns = find_label_columns(table, Path(os.path.relpath(table, root)).as_posix())
+    return [path for path in files if path != table], columns
 
 
 def _first_facts(
