@@ -152,10 +152,10 @@ def protocols() -> Any:
     return {
         "operator": benchmark(small, "texclass", "--protocol", "operator"),
         "paper": benchmark(small, "strese2015", "--protocol", "paper", "--folds", 4),
-        "blocks": benchmark(small, "multiscale", "--protocol", "blocks"),
+        "chronological": benchmark(small, "multiscale", "--protocol", "chronological"),
         "few-shot": benchmark(small, "coarse", "--protocol", "few-shot"),
-        "choose": benchmark(small, "coarse", "--protocol", "recording", "--folds", 4, "--choose"),
-        "windows": benchmark(small, "multiscale", "--touch", 0.8, "--touches", 2, "--folds", 3),
+        "choose": benchmark(small, "coarse", "--protocol", "recording", "--folds", 4, "--nested-cv"),
+        "windows": benchmark(small, "multiscale", "--window", 0.8, "--max-windows", 2, "--folds", 3),
         "new feature": benchmark(small, "coarse", "--folds", 4, "--feature", feature),
     }
 
@@ -298,7 +298,7 @@ def answers() -> Any:
     """Return answers of models trained on a small dataset to its recordings, to others, and to streams."""
     dataset, whole, window = open_dataset(small()), SCRATCH / "whole.skops", SCRATCH / "window.skops"
     of_whole = ("--row", "Taps, movement, friction", "--classifier", "lda")
-    of_window = ("--row", "Movement", "--classifier", "kernel", "--touch", 1.0)
+    of_window = ("--row", "Movement", "--classifier", "kernel", "--window", 1.0)
     for model, options in ((whole, of_whole), (window, of_window)):
         command("train", small(), "-o", model, "--jobs", 1, *options)
     asked = [f"{small()}:{entry.recording_id}" for entry in dataset.entries]
@@ -381,9 +381,14 @@ for _name, _dataset, _pipeline, _options in (
     ("taps5", "taps5", "strese2015", ("--folds", 4)),
     ("taps5", "taps5", "strese2015+models", ("--folds", 4)),
     ("taps5", "taps5", "texclass", ("--folds", 4)),
-    ("biotac20", biotac6, "texclass", ("--protocol", "blocks")),
+    ("biotac20", biotac6, "texclass", ("--protocol", "chronological")),
     ("biotac20", biotac6, "multiscale", ("--protocol", "few-shot")),
-    ("borealtc", "borealtc", "coarse", ("--touch", 5, "--touches", 6, "--protocol", "run", "--folds", 5)),
+    (
+        "borealtc",
+        "borealtc",
+        "coarse",
+        ("--window", 5, "--max-windows", 6, "--protocol", "grouped", "--folds", 5),
+    ),
 ):
     _results = partial(benchmark, _dataset, _pipeline, *_options)
     PARTS[f"benchmark-{_pipeline}-{_name}"] = Part(_results, needs=(_name,))

@@ -123,6 +123,14 @@ def test_every_texture_is_exported_at_the_middle_of_what_it_knows(kind, tmp_path
     assert ("outside the" in outside) == (texture.speeds.size > 1)
 
 
+def test_a_packed_texture_knows_the_speeds_and_forces_of_its_law_else_a_usual_stroke():
+    law, vibration = (WITH_AR_MODELS[kind]() for kind in ("packed law", "packed vibration"))
+    for found, expected in zip((law.speeds, law.forces), law.model.axes, strict=True):
+        assert_array_equal(found, expected)
+        assert found.size == 2
+    assert (vibration.speeds.tolist(), vibration.forces.tolist()) == ([100.0], [1.0])
+
+
 @pytest.mark.parametrize("kind", WITH_AR_MODELS)
 def test_every_texture_of_models_is_written_as_hatt(kind, tmp_path):
     texture = WITH_AR_MODELS[kind]()

@@ -1,5 +1,7 @@
 """A scene's TOML and a search small enough for tests."""
 
+from dataclasses import replace
+
 import pytest
 
 from texclass.haptics.scene import observations, plan, proof, read_scene
@@ -48,12 +50,9 @@ def scene(toml):
 @pytest.fixture(scope="module")
 def few():
     """Look at fewer speeds, forces, nodes and orders than a user would."""
-    small = {"N_SPEEDS": (1, 2, 4), "N_FORCES": (1, 2), "STAGES": (range(1, 9),), "FEW_GRIDS": ((2, 2),)}
+    grids = {"n_speeds": (1, 2, 4), "n_forces": (1, 2), "few_grids": ((2, 2),)}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(observations, "N_SPEEDS", 4)
-        patch.setattr(observations, "N_FORCES", 2)
-        for name, value in small.items():
-            patch.setattr(plan, name, value)
-        patch.setattr(proof, "N_SAMPLES", 600)
-        patch.setattr(proof, "N_EACH", 100)
+        patch.setattr(observations, "SAMPLING", replace(observations.SAMPLING, n_speeds=4, n_forces=2))
+        patch.setattr(plan, "SEARCH", replace(plan.SEARCH, stages=(range(1, 9),), **grids))
+        patch.setattr(proof, "PROOF", replace(proof.PROOF, n_samples=600, n_each=100))
         yield

@@ -149,9 +149,9 @@ def test_each_sample_counts_with_the_least_time_of_several_runs(scene, tmp_path,
     model = GridModel(([50.0], [1.0]), [[[0.5]]], [[1.0]], 1.0)
     planned = PlannedScene("s", 1000.0, "m/s^2", (20.0, 450.0), 5.0, 2, {"a": 0}, (model,))
     found = proof.measure(planned, scene(surfaces=texture(tmp_path, "loud")))
-    assert found["microseconds_each"] == {"a": pytest.approx((1 + proof.N_EACH) / 2)}
-    assert found["microseconds"]["worst"] == proof.N_SAMPLES
-    assert found["microseconds"]["p50"] == pytest.approx((1 + proof.N_SAMPLES) / 2)
+    assert found["microseconds_each"] == {"a": pytest.approx((1 + proof.PROOF.n_each) / 2)}
+    assert found["microseconds"]["worst"] == proof.PROOF.n_samples
+    assert found["microseconds"]["p50"] == pytest.approx((1 + proof.PROOF.n_samples) / 2)
 
 
 def test_nodes_lie_between_what_is_expected_as_far_as_it_was_observed():

@@ -15,6 +15,7 @@ import base64
 import binascii
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Literal, Self
@@ -29,14 +30,6 @@ from texclass.haptics.exchange.rendition import TRANSIENT_S
 from texclass.recording import Samples
 
 LARGEST_FILE = 16 << 20
-LONGEST_S = 600.0
-"""Of what is played of a file."""
-MOST_CHANNEL_S, MOST_EFFECT_S = 12_000.0, 100_000.0
-"""Of all channels, and of all effects, together: a small file can ask for any memory, and for hours."""
-MOST_CODED = 4_000_000
-"""Samples of all wavelet blocks together: what decodes in a minute or two."""
-MOST_EFFECTS, DEEPEST = 100_000, 8
-"""Effects played, and compositions or references within each other."""
 TICKS = 1000
 FS = 8000.0
 """Hz, the reference software's."""
@@ -47,6 +40,35 @@ MOST_CHANNELS = {1: 127, 2: 65535}
 _INT = 2**31 - 1
 
 Count = Field(ge=0, le=_INT)
+
+
+@dataclass(frozen=True)
+class PlayLimits:
+    """What is played of a file at most: a small one can ask for any memory, and for hours.
+
+    Attributes
+    ----------
+    longest_s : float
+        Duration, s.
+    channels_s, effects_s : float
+        Durations of all channels, and of all effects, together, s.
+    coded : int
+        Samples of all wavelet blocks together: what decodes in a minute or two.
+    effects : int
+        Effects of a channel.
+    depth : int
+        Compositions or references within each other.
+    """
+
+    longest_s: float = 600.0
+    channels_s: float = 12_000.0
+    effects_s: float = 100_000.0
+    coded: int = 4_000_000
+    effects: int = 100_000
+    depth: int = 8
+
+
+LIMITS = PlayLimits()
 
 
 class Stated(Part):
@@ -309,8 +331,7 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
     Raises
     ------
     ValueError
-        If it is longer than `LONGEST_S`, or has more than `MOST_EFFECTS` effects in a channel, or more than
-        `MOST_CHANNEL_S`, `MOST_EFFECT_S` and `MOST_CODED` allow.
+        If it is longer, or has more effects, channels or samples than `LIMITS` allows.
     """
     felt, seconds, lasting, coded = [], 0.0, 0.0, 0
     for perception in haptics.perceptions:
@@ -321,15 +342,15 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
             lasting += sum(ends) - sum(at for at, *_ in effects) / haptics.timescale
             coded += sum(band.block_samples for *_, band in effects)
             felt.append((10.0**perception.perception_unit_exponent * channel.gain, effects))
-    if seconds > LONGEST_S:
-        raise ValueError(f"it plays for {seconds:g} s; the rule is at most {LONGEST_S:g}")
-    if len(felt) * seconds > MOST_CHANNEL_S or lasting > MOST_EFFECT_S:
+    if seconds > LIMITS.longest_s:
+        raise ValueError(f"it plays for {seconds:g} s; the rule is at most {LIMITS.longest_s:g}")
+    if len(felt) * seconds > LIMITS.channels_s or lasting > LIMITS.effects_s:
         raise ValueError(
             f"it plays {len(felt)} channels of {seconds:g} s, effects of {lasting:g} s in all; the rule is "
-            f"at most {MOST_CHANNEL_S:g} s of channels and {MOST_EFFECT_S:g} s of effects"
+            f"at most {LIMITS.channels_s:g} s of channels and {LIMITS.effects_s:g} s of effects"
         )
-    if coded > MOST_CODED:
-        raise ValueError(f"its wavelet blocks hold {coded} samples; the rule is at most {MOST_CODED}")
+    if coded > LIMITS.coded:
+        raise ValueError(f"its wavelet blocks hold {coded} samples; the rule is at most {LIMITS.coded}")
     played = np.zeros((max(round(seconds * fs), 1), len(felt)))
     for column, (gain, effects) in zip(played.T, felt, strict=True):
         for at, effect, band in effects:
@@ -344,15 +365,15 @@ def basis_effects(channel: Channel, perception: Perception) -> list[tuple[int, E
     Raises
     ------
     ValueError
-        If there are more than `MOST_EFFECTS`, or compositions and references without end.
+        If there are more than `LIMITS` allows, or compositions and references without end.
     """
     library = perception.library
     every = ((at, effect, band) for band in channel.bands for at, effect in _within(band.effects, library))
     # a few effects may refer to each other so often that they are never all seen
-    first = [*islice(every, 2 * MOST_EFFECTS + 1)]
+    first = [*islice(every, 2 * LIMITS.effects + 1)]
     found = [one for one in first if one[1].effect_type == "Basis"]
-    if len(found) > MOST_EFFECTS or len(first) > 2 * MOST_EFFECTS:
-        raise ValueError(f"a channel has over {MOST_EFFECTS} effects; the rule is at most so many")
+    if len(found) > LIMITS.effects or len(first) > 2 * LIMITS.effects:
+        raise ValueError(f"a channel has over {LIMITS.effects} effects; the rule is at most so many")
     return found
 
 
@@ -360,8 +381,8 @@ def _within(
     effects: Iterable[Effect], library: Mapping[int | None, Effect], at: int = 0, depth: int = 0
 ) -> Iterator[tuple[int, Effect]]:
     """Yield ticks and effect of each effect, then of those that it is composed of, or refers to."""
-    if depth > DEEPEST:
-        raise ValueError(f"effects stand in each other over {DEEPEST} deep; the rule is at most so")
+    if depth > LIMITS.depth:
+        raise ValueError(f"effects stand in each other over {LIMITS.depth} deep; the rule is at most so")
     for effect in effects:
         begin = at + effect.position
         yield begin, effect
@@ -467,8 +488,8 @@ def _referred(effect: Effect, library: Mapping[int | None, Effect]) -> Effect:
 
 
 def _check_references(effect: Effect, library: Mapping[int | None, Effect], depth: int = 0) -> None:
-    if depth > DEEPEST:
-        raise ValueError(f"effects stand in each other over {DEEPEST} deep; the rule is at most so")
+    if depth > LIMITS.depth:
+        raise ValueError(f"effects stand in each other over {LIMITS.depth} deep; the rule is at most so")
     if effect.effect_type == "Reference":
         _referred(effect, library)
     for inner in effect.composition:

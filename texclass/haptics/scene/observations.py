@@ -24,17 +24,7 @@ from texclass.haptics.scene.definition import (
 from texclass.haptics.textures.contract import constant_stroke
 from texclass.recording import ACCELERATION_UNITS, Recording, Samples
 
-STILL_MM_S, LIGHT_N = 5.0, 0.02
-"""Pieces of freehand recordings that are slower or softer are left out."""
-MARGIN = 0.25
-"""Pieces this part beyond the expected range are still used."""
 LARGEST_FACTOR = 1000
-SECONDS, SETTLE_S = 4.0, 0.5
-"""What a texture or a simulation is felt for at each speed and force, and what is cut off before."""
-N_SPEEDS, N_FORCES = 8, 4
-"""Speeds and forces at which they are fitted; between them, and at the corners, they are chosen."""
-N_PROOFS = 8
-"""Random speeds and forces at which the choice is judged."""
 LEAST_POWER = 1e-12
 """Where the device's noise is 0: powers below this part of the largest one count as that (-120 dB)."""
 
@@ -48,6 +38,37 @@ Scored = dict[str, Any]
 """Of a model at held-out points: "scores", in the unit of the tolerance's score, and "levels_db" above those
 of the surface, one a point; "slopes_db", how much more its level rises from one speed, and force, to twice as
 much; "relative": the deciding one in parts of the tolerance; "within": at most 1."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Where surfaces are felt, and which pieces of recordings count.
+
+    Attributes
+    ----------
+    still_mm_s, light_n : float
+        Speed (mm/s) and force (N) below which pieces of freehand recordings are left out.
+    margin : float
+        Pieces this part beyond the expected range are still used.
+    seconds, settle_s : float
+        Duration at each speed and force, and what is cut off before, s.
+    n_speeds, n_forces : int
+        Nodes to which models are fitted; between them, and at the corners, they are chosen.
+    n_proofs : int
+        Random speeds and forces at which the choice is judged.
+    """
+
+    still_mm_s: float = 5.0
+    light_n: float = 0.02
+    margin: float = 0.25
+    seconds: float = 4.0
+    settle_s: float = 0.5
+    n_speeds: int = 8
+    n_forces: int = 4
+    n_proofs: int = 8
+
+
+SAMPLING = Sampling()
 
 
 @dataclass(frozen=True)
@@ -266,18 +287,18 @@ def _felt(name: str, scene: SceneDefinition, judge: Judge, felt: Felt) -> Observ
     ranges = scene.expected.speeds_mm_s, scene.expected.forces_n
     grid = [
         np.geomspace(low, high, n if low < high else 1)
-        for (low, high), n in zip(ranges, (N_SPEEDS, N_FORCES), strict=True)
+        for (low, high), n in zip(ranges, (SAMPLING.n_speeds, SAMPLING.n_forces), strict=True)
     ]
     between = [np.sqrt(axis[:-1] * axis[1:]) if axis.size > 1 else axis for axis in grid]
     corners = [np.unique(axis[[0, -1]]) for axis in grid]
     low, high = np.log(ranges).T
-    drawn = np.exp(np.random.default_rng((scene.seed, 1)).uniform(low, high, (N_PROOFS, 2)))
+    drawn = np.exp(np.random.default_rng((scene.seed, 1)).uniform(low, high, (SAMPLING.n_proofs, 2)))
     seeds = count(1)
     pieces = [
         [(felt(float(v), float(f), next(seeds)), float(v), float(f)) for v, f in places]
         for places in (product(*grid), [*product(*between), *product(*corners)], drawn)
     ]
-    return _observed(name, pieces, judge, f"{N_PROOFS} random speeds and forces")
+    return _observed(name, pieces, judge, f"{SAMPLING.n_proofs} random speeds and forces")
 
 
 def _observed(name: str, parts: Sequence[Sequence[Piece]], judge: Judge, how: str) -> Observed:
@@ -329,7 +350,8 @@ def _texture(path: Path, scene: SceneDefinition) -> Felt:
     factor = _factor(describe(path)["unit"], scene.device.unit, path)
 
     def felt(speed: float, force: float, seed: int) -> Samples:
-        n, settled = round((SECONDS + SETTLE_S) * texture.fs), round(SETTLE_S * texture.fs)
+        settled = round(SAMPLING.settle_s * texture.fs)
+        n = round((SAMPLING.seconds + SAMPLING.settle_s) * texture.fs)
         x = constant_stroke(texture, speed, force, n - settled, settled=settled, seed=seed)
         return at_rate(factor * x, texture.fs, scene.device.rate_hz)
 
@@ -350,7 +372,7 @@ def _simulated(name: str, scene: SceneDefinition) -> Felt:
     what, fs = surface(which), scene.device.rate_hz
 
     def felt(speed: float, force: float, seed: int) -> Samples:
-        n = round(SECONDS * fs)
+        n = round(SAMPLING.seconds * fs)
         rng = np.random.default_rng((scene.seed, seed))
         x = what.vibration(np.tile([speed, 0.0], (n, 1)), np.full(n, force), fs, rng)
         return at_rate(x, fs, fs)
@@ -369,13 +391,13 @@ def _catalogued(which: int, scene: SceneDefinition) -> Felt:
         plate = record_rising_speed(
             what,
             operator,
-            duration_s=SECONDS + SETTLE_S,
+            duration_s=SAMPLING.seconds + SAMPLING.settle_s,
             fs=fs,
             seed=(scene.seed, which, seed),
             speed_mm_s=(speed, speed),
             force_n=force,
         )
-        moving = combine(plate.acceleration[round(SETTLE_S * fs) :])
+        moving = combine(plate.acceleration[round(SAMPLING.settle_s * fs) :])
         return at_rate(remove_hand_motion(moving, fs), fs, scene.device.rate_hz)
 
     return felt
@@ -410,8 +432,8 @@ def _cut(
     return [
         piece
         for piece in pieces
-        if max(STILL_MM_S, slow * (1 - MARGIN)) <= piece[1] <= fast * (1 + MARGIN)
-        and max(LIGHT_N, light * (1 - MARGIN)) <= piece[2] <= hard * (1 + MARGIN)
+        if max(SAMPLING.still_mm_s, slow * (1 - SAMPLING.margin)) <= piece[1] <= fast * (1 + SAMPLING.margin)
+        and max(SAMPLING.light_n, light * (1 - SAMPLING.margin)) <= piece[2] <= hard * (1 + SAMPLING.margin)
     ]
 
 

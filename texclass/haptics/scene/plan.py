@@ -34,19 +34,38 @@ from texclass.recording import Samples
 from texclass.reporting import Document, Table
 from texclass.reporting.wording import counted
 
-MARGINS = (0.95, 0.85, 0.75, 0.65, 0.55, 0.45, 0.35)
-"""Parts of the tolerance that a choice is given, one after the other, until the proof holds."""
-N_SPEEDS, N_FORCES = (1, 2, 3, 4, 6, 8), (1, 2, 3, 4)
-"""Nodes tried."""
-MOST_SPEEDS = N_SPEEDS[-1]
-FEW_GRIDS = ((2, 2), (4, 3), (8, 4))
-"""Nodes tried for lines and for high orders."""
-STAGES = (range(1, 33), range(40, 129, 8), range(160, LARGEST_ORDER + 1, 40))
-"""Orders tried, one stage after the other, until one is within."""
-N_LINES = (1, 2, 3, 4, 6, 8, 10, 13, 16, 20, 25, 30)
-"""Lines without a lattice; `oeztuerk2018`, section 3.2: from 2 to 30 were tried."""
 UNITS = {"log_spectral_db": "dB", "band_db": "dB", "gfc": "GFC"}
 Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """What is tried for a surface, from cheap to dear.
+
+    Attributes
+    ----------
+    margins : tuple[float, ...]
+        Parts of the tolerance that a choice is given, one after the other, until the proof holds.
+    n_speeds, n_forces : tuple[int, ...]
+        Nodes of the grids.
+    few_grids : tuple[tuple[int, int], ...]
+        Nodes of the grids for lines and for high orders.
+    stages : tuple[range, ...]
+        Orders, one stage after the other, until one is within the tolerance.
+    n_lines : tuple[int, ...]
+        Lines without a lattice; `oeztuerk2018`, section 3.2: from 2 to 30 were tried.
+    """
+
+    margins: tuple[float, ...] = (0.95, 0.85, 0.75, 0.65, 0.55, 0.45, 0.35)
+    n_speeds: tuple[int, ...] = (1, 2, 3, 4, 6, 8)
+    n_forces: tuple[int, ...] = (1, 2, 3, 4)
+    few_grids: tuple[tuple[int, int], ...] = ((2, 2), (4, 3), (8, 4))
+    stages: tuple[range, ...] = (range(1, 33), range(40, 129, 8), range(160, LARGEST_ORDER + 1, 40))
+    n_lines: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 10, 13, 16, 20, 25, 30)
+
+
+SEARCH = SearchSettings()
+MOST_SPEEDS = SEARCH.n_speeds[-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +297,7 @@ class Search:
             return GridModel.silence()
         lattice, fs = self._lattice(margin, most_speeds), self.judge.device.rate_hz
         limit = np.inf if lattice is None else lattice.operations(fs)
-        for n, course, (n_v, n_f) in product(N_LINES, get_args(Course), FEW_GRIDS):
+        for n, course, (n_v, n_f) in product(SEARCH.n_lines, get_args(Course), SEARCH.few_grids):
             if operations(0, n, fs) >= limit:
                 break
             axes = nodes_between(self.observed, self.expected, (min(n_v, most_speeds), n_f))
@@ -315,13 +334,14 @@ def search(observed: Observed, judge: Judge, expected: Expected) -> Search:
     Beyond the first stage of orders only a few grids are tried.
     """
     most = [np.unique(np.round(at, 3)).size for at in (observed.fit.speed, observed.fit.force)]
-    sizes = [(n_v, n_f) for n_v, n_f in product(N_SPEEDS, N_FORCES) if n_v <= most[0] and n_f <= most[1]]
+    every = product(SEARCH.n_speeds, SEARCH.n_forces)
+    sizes = [(n_v, n_f) for n_v, n_f in every if n_v <= most[0] and n_f <= most[1]]
     # beside a lattice, lines that follow the speed
     pattern = pattern_frequencies(observed.fit, judge, 12)
     tones = [pattern[:n] for n in (2, 4, 8, pattern.size) if 0 < n <= pattern.size]
-    few = [size for size in sizes if size in FEW_GRIDS]
+    few = [size for size in sizes if size in SEARCH.few_grids]
     found = Search(observed, judge, expected, [])
-    for stage in STAGES:
+    for stage in SEARCH.stages:
         orders = np.array([order for order in stage if order < judge.n_segment])
         for n, lines in (*product(sizes, [pattern[:0]]), *product(few, tones)):
             grid = fit_lattices(observed, judge, nodes_between(observed, expected, n), int(orders[-1]), lines)
@@ -372,7 +392,7 @@ def choose(
         limits = [(min(n, MOST_SPEEDS), bound), (MOST_SPEEDS, f"{bound}, too few")]
     for most, bound in limits:
         tried = set()
-        for margin in MARGINS:  # narrowed until the model holds in the proof
+        for margin in SEARCH.margins:  # narrowed until the model holds in the proof
             model = found.cheapest(margin, most)
             if model is None:
                 break
@@ -406,7 +426,7 @@ def _why(found: Search, model: GridModel, margin: float, bound: str) -> str:
             fewer.append(float(row[model.order]))
     words = [f"with fewer operations {min(cheaper):.2f} of the tolerance"]
     words += [f"with fewer nodes {min(fewer):.2f}"] if fewer else []
-    words += [f"{margin:g} asked for, as the proof failed at more"] if margin < MARGINS[0] else []
+    words += [f"{margin:g} asked for, as the proof failed at more"] if margin < SEARCH.margins[0] else []
     return "; ".join([*words, *([bound] if bound else [])])
 
 

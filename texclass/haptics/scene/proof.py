@@ -15,12 +15,29 @@ from texclass.haptics.scene.renderer import PlannedScene, SceneRenderer
 from texclass.haptics.textures.grid import GridModel
 from texclass.recording import Samples
 
-PROOF_S, SETTLE_S = 6.0, 0.3
-"""What is rendered at each point of a proof, and what is cut off before."""
-N_SAMPLES, N_EACH = 6_000, 1_000
-"""Samples of the whole scene, and of each surface alone, that are timed."""
-N_RUNS = 5
-"""Each sample counts with the least of so many runs: what else the machine did is left out."""
+
+@dataclass(frozen=True)
+class ProofSettings:
+    """What is rendered and timed.
+
+    Attributes
+    ----------
+    seconds, settle_s : float
+        Rendered at each point of a proof, and cut off before, s.
+    n_samples, n_each : int
+        Timed samples of the whole scene, and of each surface alone.
+    n_runs : int
+        Each sample counts with the least of so many runs: what else the machine did is left out.
+    """
+
+    seconds: float = 6.0
+    settle_s: float = 0.3
+    n_samples: int = 6_000
+    n_each: int = 1_000
+    n_runs: int = 5
+
+
+PROOF = ProofSettings()
 
 
 def prove(model: GridModel, points: Points, judge: Judge) -> Scored:
@@ -31,7 +48,7 @@ def prove(model: GridModel, points: Points, judge: Judge) -> Scored:
 
 def render_at(model: GridModel, points: Points, device: Device) -> Samples:
     """Return what a model sounds like at the speed and force of each point, shape (n_points, n)."""
-    n, n_points = round((PROOF_S + SETTLE_S) * device.rate_hz), len(points)
+    n, n_points = round((PROOF.seconds + PROOF.settle_s) * device.rate_hz), len(points)
     output, band = device.largest_output, device.band_hz
     alone = PlannedScene("proof", device.rate_hz, device.unit, band, output, n_points, {"it": 0}, (model,))
     renderer = SceneRenderer(alone)
@@ -40,7 +57,7 @@ def render_at(model: GridModel, points: Points, device: Device) -> Samples:
     velocity = np.zeros((n_points, n, 2))
     velocity[..., 0] = points.speed[:, np.newaxis]
     force = np.repeat(points.force[:, np.newaxis], n, axis=1)
-    return renderer.process(velocity, force)[:, round(SETTLE_S * device.rate_hz) :]
+    return renderer.process(velocity, force)[:, round(PROOF.settle_s * device.rate_hz) :]
 
 
 def measure(scene: PlannedScene, definition: SceneDefinition) -> dict[str, Any]:
@@ -53,7 +70,7 @@ def measure(scene: PlannedScene, definition: SceneDefinition) -> dict[str, Any]:
     -------
     dict
         As JSON knows it: "budget"; "microseconds", `quantiles` of samples that count with the least of
-        `N_RUNS` runs each; "microseconds_as_it_was", of the last run by itself, with whatever else the
+        `PROOF.n_runs` runs each; "microseconds_as_it_was", of the last run by itself, with whatever else the
         machine did; "bytes" of models and state in the renderer; "microseconds_each", surface -> median of
         one contact; "met", whether 99.9 % of the samples and all bytes are within the budget.
     """
@@ -61,9 +78,9 @@ def measure(scene: PlannedScene, definition: SceneDefinition) -> dict[str, Any]:
     motion = expected.speeds_mm_s, expected.forces_n
     renderer, alone = SceneRenderer(scene, n_contacts=budget.contacts), SceneRenderer(scene, n_contacts=1)
     with without_garbage_collection():
-        runs = np.stack([run_steps(renderer, names, *motion, N_SAMPLES) for _ in range(N_RUNS)])
+        runs = np.stack([run_steps(renderer, names, *motion, PROOF.n_samples) for _ in range(PROOF.n_runs)])
         alone_runs = {
-            name: np.min([run_steps(alone, [name], *motion, N_EACH) for _ in range(3)], axis=0)
+            name: np.min([run_steps(alone, [name], *motion, PROOF.n_each) for _ in range(3)], axis=0)
             for name in names
         }
     quiet, n_bytes = quantiles(runs.min(axis=0)), renderer.n_bytes

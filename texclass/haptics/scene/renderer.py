@@ -12,7 +12,7 @@ from texclass.haptics.exchange.texture_file import read_stored, write_stored
 from texclass.haptics.scene import render_kernels as kernels
 from texclass.haptics.scene.render_kernels import NONE, Column, Fact, Phase, State
 from texclass.haptics.textures.contract import Stored
-from texclass.haptics.textures.grid import LEAST_POWER, GridModel, renewal
+from texclass.haptics.textures.grid import GridModel, renewal
 from texclass.recording import Samples
 from texclass.signals import positive
 
@@ -135,10 +135,9 @@ def packed(scene: PlannedScene) -> tuple[Samples, NDArray[np.int64]]:
     index, parts = np.zeros((len(scene.models), len(Column)), dtype=np.int64), [facts]
     for row, model in zip(index, scene.models, strict=True):
         row[: Column.AT_SPEEDS] = model.n_lines, model.order, *model.n_nodes
-        ln_power = np.log(np.maximum(model.power, LEAST_POWER))
         bounds = np.array([model.speeds[0], model.forces[0], PEAK_FACTOR * model.peak])
         course = np.concatenate([model.frequency_hz, model.per_mm])
-        arrays = np.log(model.speeds), np.log(model.forces), model.rows, ln_power, course, bounds
+        arrays = *model.nodes.axes, model.rows, model.nodes.values[:, -1], course, bounds
         begins = np.cumsum([0, *(array.size for array in arrays)]) + sum(part.size for part in parts)
         row[Column.AT_SPEEDS :] = begins[:-1]
         parts += [array.ravel() for array in arrays]

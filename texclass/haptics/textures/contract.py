@@ -169,7 +169,10 @@ class Texture(Stored, ABC):
         ValueError
             If the texture holds no AR models.
         """
-        raise ValueError(f"texture {self.name!r} must hold AR models, got the family {self.family!r}")
+        raise ValueError(
+            f"texture {self.name!r} must hold AR models, got the family {self.family!r}; "
+            ".hjif, .ahap and .wav take every texture"
+        )
 
 
 def constant_stroke(

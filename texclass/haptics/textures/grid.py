@@ -1,5 +1,6 @@
 """A vibration on a grid of speeds and forces: a model at each node, and what holds between the nodes."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -220,20 +221,13 @@ def shares(axes: Sequence[ArrayLike], points: Sequence[ArrayLike], scale: Scale 
     ndarray of shape (n, product of n_nodes)
         Rows sum to 1; the nodes of the last axis stand together.
     """
-    found = np.ones((np.size(points[0]), 1))
-    for axis, point in zip(axes, points, strict=True):
-        nodes, x = warped(axis, scale), np.atleast_1d(warped(point, scale))
-        hats = np.column_stack([np.interp(x, nodes, one) for one in np.eye(nodes.size)])
-        found = (found[:, :, np.newaxis] * hats[:, np.newaxis]).reshape(x.size, -1)
-    return found
+    nodes = Grid(tuple(warped(axis, scale) for axis in axes), np.eye(math.prod(map(np.size, axes))))
+    return nodes.at_warped(np.column_stack([warped(point, scale) for point in points]))
 
 
-def mixed_power(share: Samples, power: ArrayLike, scale: Scale = "log") -> Samples:
-    """Return the powers at points, shares (n, n_nodes) of those of the nodes (n_nodes, ...): w(P) mixes."""
-    if scale == "root":
-        return np.asarray(np.tensordot(share, np.sqrt(power), axes=1) ** 2)
-    ln_power = np.log(np.maximum(np.asarray(power, dtype=np.float64), LEAST_POWER))
-    return np.asarray(np.exp(np.tensordot(share, ln_power, axes=1)))
+def mixed_power(share: Samples, power: ArrayLike) -> Samples:
+    """Return the powers at points, shares (n, n_nodes) of those of the nodes (n_nodes, ...): ln P mixes."""
+    return np.asarray(np.exp(np.tensordot(share, np.log(np.maximum(power, LEAST_POWER)), axes=1)))
 
 
 def likeliest_logarithms(H: Samples, power: Samples, tie: ArrayLike = 0.0) -> Samples:

@@ -24,15 +24,11 @@ from texclass.recording import Samples
 from texclass.signals import positive
 from texclass.vibration import line_spectrum
 
-HOP_S = 0.01
-"""The parameters aim anew at the model of the present speed and force so often, as in the toolkit."""
 LIMIT = 8.0
 """Rendered samples are held within this times the RMS of the loudest node."""
 LARGEST_ORDER = 1000
 MOST_WORK = 500_000_000
 """Largest n_nodes (p^2 + q^2): a hostile file ends within seconds."""
-N_BORDER = 6
-"""Nodes that `triangulate` puts on each side of the rectangle from rest to the largest speed and force."""
 MOST_TRIANGLES = 20_000
 """All are looked at for each point."""
 
@@ -115,7 +111,7 @@ class Mesh:
 def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.int64]]:
     """Return the Delaunay triangulation of models and of the border around them, and whose model a node has.
 
-    The border is the rectangle from rest to the largest speed and force, `N_BORDER` nodes a side; each takes
+    The border is the rectangle from rest to the largest speed and force, six nodes a side; each takes
     the model of the nearest given point. The published files have it too: their renderer walks through the
     triangles of that rectangle and leaves it nowhere.
 
@@ -141,7 +137,7 @@ def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.in
     if not (np.all(np.isfinite(given) & (given >= 0)) and np.all(top > 0)):
         raise ValueError(f"speeds and forces reach {top.tolist()}; the rule is finite, >= 0, largest above 0")
     scaled = given / top
-    side = np.linspace(0.0, 1.0, N_BORDER)
+    side = np.linspace(0.0, 1.0, 6)
     border = np.array([(x, y) for x in side for y in side if x in (0.0, 1.0) or y in (0.0, 1.0)])
     away = np.linalg.norm(border[:, np.newaxis] - scaled, axis=2)
     new = away.min(axis=1) > 1e-6
@@ -221,8 +217,8 @@ class HattTexture(Texture):
     Notes
     -----
     Our readings: outside the triangles the nearest point of an edge holds; at rest and without contact it is
-    silent, whatever the nodes say; parameters glide from one aim to the next (`HOP_S`); the lattice replaces
-    the direct form, whose changing coefficients are bounded by nothing.
+    silent, whatever the nodes say; parameters glide from one aim to the next, 10 ms later; the lattice
+    replaces the direct form, whose changing coefficients are bounded by nothing.
     """
 
     family: ClassVar[str] = "hatt"
@@ -330,8 +326,8 @@ class HattTexture(Texture):
 
     @property
     def hop(self) -> int:
-        """Samples between two aims of the parameters."""
-        return max(1, round(HOP_S * self.fs))
+        """Samples between two aims of the parameters: 10 ms, as in the toolkit."""
+        return max(1, round(0.01 * self.fs))
 
     @property
     def operations(self) -> float:

@@ -28,8 +28,6 @@ LOW, HIGH = 0.1, 0.3
 """Parts of the largest magnitude through which the first rise is followed back to zero."""
 LEAST_DECAY, LARGEST_DECAY = 1e-6, 3.0
 """Bounds of B / fs."""
-RELEASE_S = 0.002
-"""Time constant with which a vibration that still rings ends when the wall is left: ours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,7 +377,7 @@ class VirtualWall:
 
     Notes
     -----
-    Outside the wall the force is 0 but for what fades in `RELEASE_S`; inside it is
+    Outside the wall the force is 0 but for what fades in 2 ms (ours); inside it is
     k x - m A v exp(-B t) sin(w t), positive out of the wall: x is the depth, v the velocity at the last
     impact and t the time since; a negative A first pushes outwards, as an impact does. The sum is cut at the
     device's limit. An impact before the last vibration has died away adds to it.
@@ -423,7 +421,7 @@ class WallRenderer:
         self.fs = wall.device.rate_hz
         decay, turn = wall.tap.decay_per_s / self.fs, 2 * np.pi * wall.tap.frequency_hz / self.fs
         self._pole = np.exp(-decay + 1j * turn)
-        self._release = float(np.exp(-1 / (RELEASE_S * self.fs)))
+        self._release = float(np.exp(-1 / (0.002 * self.fs)))
         self._push = -wall.device.mass_kg * wall.tap.amplitude_slope * 1e-3  # N per mm/s
         self._k, self._limit = wall.stiffness_n_mm, wall.device.limit_n
         self._state = np.zeros(4)

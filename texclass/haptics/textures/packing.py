@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import product
 from typing import Any
@@ -265,14 +265,45 @@ def _cost(k: Samples, seen: dict[str, Any], fs: float) -> float:
 
 OF_SPECTRUM = ("rough", "bumpy", "fine", "regular")
 """Scales that hang on the spectrum; `hard` hangs on a tap, `sticky` on friction, where a texture has them."""
-NODES_HZ = np.array([25.0, 60.0, 120.0, 300.0])
-"""Where the spectrum is raised; linear in between over the logarithm, constant beyond."""
-SHARPNESS = 0.35, 6.0, 2.0
-"""Nepers of frequency over which dB are smoothed, dB above that which count 1, and the most that counts."""
-MOST_RATE_HZ = 2000.0
-"""A finger feels up to 1 kHz, and few bytes hold the more below it."""
-PROBE_S, SPEED_MM_S, FORCE_N, TAP_FS = 20.0, 110.0, 1.0, 10_000.0
-MOST_DB, NEAR, EAGER = 30.0, 0.5, 0.6
+
+
+@dataclass(frozen=True)
+class RetouchSettings:
+    """How textures are felt and changed.
+
+    Attributes
+    ----------
+    nodes_hz : tuple[float, ...]
+        Where the spectrum is raised; linear in between over the logarithm, constant beyond.
+    sharpness : tuple[float, float, float]
+        Nepers of frequency over which dB are smoothed, dB above that which count 1, and the most that counts.
+    most_rate_hz : float
+        Rate of the result at most: a finger feels up to 1 kHz, and few bytes hold the more below it.
+    probe_s, speed_mm_s, force_n : float
+        Duration (s), mean speed (mm/s) and force (N) of the stroke to and fro that is measured.
+    tap_fs : float
+        Rate of the tap that is measured, Hz.
+    most_db : float
+        Largest gain at a node, dB.
+    near : float
+        Largest error of a scale.
+    eager : float
+        Part of an error by which the next aim is moved.
+    """
+
+    nodes_hz: tuple[float, ...] = (25.0, 60.0, 120.0, 300.0)
+    sharpness: tuple[float, float, float] = (0.35, 6.0, 2.0)
+    most_rate_hz: float = 2000.0
+    probe_s: float = 20.0
+    speed_mm_s: float = 110.0
+    force_n: float = 1.0
+    tap_fs: float = 10_000.0
+    most_db: float = 30.0
+    near: float = 0.5
+    eager: float = 0.6
+
+
+RETOUCH = RetouchSettings()
 
 
 def felt_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
@@ -351,7 +382,7 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **aske
             )
     if "hard" in asked:  # a stiffer spring: a ~ v w sin(w t)
         c = SCALES["hard"].measured(asked["hard"]) / SCALES["hard"].measured(_touched(tap, mu)["hard"])
-        higher = np.minimum(c * tap.frequency_hz, 0.49 * TAP_FS)
+        higher = np.minimum(c * tap.frequency_hz, 0.49 * RETOUCH.tap_fs)
         tap = DecayingModes(higher, c * tap.decay_per_s, c * tap.amplitude, tap.phase)
     mu = SCALES["sticky"].measured(asked["sticky"]) if "sticky" in asked else mu
     if isinstance(texture, PackedTexture) and not set(asked) & set(OF_SPECTRUM):
@@ -359,7 +390,7 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **aske
     else:
         found = _reshaped(texture, asked, n_bytes, unit).holding(tap=tap, mu=mu)
     hard = _touched(found.tap, mu).get("hard", 0.0)
-    if abs(hard - asked.get("hard", hard)) > NEAR:
+    if abs(hard - asked.get("hard", hard)) > RETOUCH.near:
         raise ValueError(f"asked for {asked}; the rule is what a tap of 8 to 5000 Hz holds: hard {hard:.1f}")
     return found
 
@@ -370,28 +401,28 @@ def _reshaped(texture: Texture, asked: dict[str, float], n_bytes: int, unit: str
     before = _felt(x, texture.fs)
     wanted = np.array([asked.get(name, value) for name, value in zip(OF_SPECTRUM, before, strict=True)])
     f = np.fft.rfftfreq(x.size, 1 / texture.fs)
-    f = f[f <= MOST_RATE_HZ / 2]
+    f = f[f <= RETOUCH.most_rate_hz / 2]
     spectrum = np.fft.rfft(x)[: f.size] * (2 * (f.size - 1) / x.size)
     columns = _columns(f, np.abs(spectrum) ** 2)
 
     def felt(gains: Samples) -> Samples:
         return _felt(np.fft.irfft(spectrum * 10 ** (columns(f) @ gains / 20)), 2 * f[-1])
 
-    gains, aim, least = np.zeros(NODES_HZ.size + 1), wanted, np.inf
+    gains, aim, least = np.zeros(len(RETOUCH.nodes_hz) + 1), wanted, np.inf
     for _ in range(6):  # what packing changes is asked for beforehand
         gains = _gains(felt, gains, aim)
         shape = partial(lambda gains, f: columns(f) @ gains, gains)
-        one = pack(texture, n_bytes, unit=unit, gain_db=shape, most_hz=MOST_RATE_HZ)
+        one = pack(texture, n_bytes, unit=unit, gain_db=shape, most_hz=RETOUCH.most_rate_hz)
         found = _felt(_probe(one.renderer(), one.fs), one.fs)
         if (missed := np.abs(found - wanted).max()) < least:
             nearest, least, at = one, missed, found
-        if least < NEAR / 2:
+        if least < RETOUCH.near / 2:
             break
-        aim = aim + EAGER * (wanted - found)
-    if least > NEAR:
+        aim = aim + RETOUCH.eager * (wanted - found)
+    if least > RETOUCH.near:
         near = ", ".join(f"{name} {value:.1f}" for name, value in zip(OF_SPECTRUM, at, strict=True))
         raise ValueError(
-            f"asked for {asked}; the rule is what {MOST_DB:g} dB and {n_bytes} bytes hold: {near}"
+            f"asked for {asked}; the rule is what {RETOUCH.most_db:g} dB and {n_bytes} bytes hold: {near}"
         )
     return nearest
 
@@ -404,7 +435,7 @@ def _gains(felt: Callable[[Samples], Samples], gains: Samples, aim: Samples) -> 
             break
         slopes = np.column_stack([felt(gains + step) - at for step in np.eye(gains.size)])
         step = np.clip(np.linalg.pinv(slopes, rcond=1e-2) @ (at - aim), -4.0, 4.0)
-        tried = [np.clip(gains - share * step, -MOST_DB, MOST_DB) for share in (1.0, 0.4)]
+        tried = [np.clip(gains - share * step, -RETOUCH.most_db, RETOUCH.most_db) for share in (1.0, 0.4)]
         found = [felt(one) for one in tried]
         best = int(np.argmin([np.abs(one - aim).max() for one in found]))
         gains, at = tried[best], found[best]
@@ -416,12 +447,13 @@ def _columns(f: Any, power: Any) -> Callable[[Any], Samples]:
     grid = np.geomspace(10.0, f[-1], 300)
     within = np.abs(np.log(f[1:] / grid[:, np.newaxis])) < np.maximum(0.03, 2.0 / grid)[:, np.newaxis]
     db = 10 * np.log10(within @ power[1:] / within.sum(axis=1) + 1e-300)
-    near = np.exp(-0.5 * (np.log(grid / grid[:, np.newaxis]) / SHARPNESS[0]) ** 2)
-    above = np.clip((db - near @ db / near.sum(axis=1)) / SHARPNESS[1], -SHARPNESS[2], SHARPNESS[2])
+    width, scale, most = RETOUCH.sharpness
+    near = np.exp(-0.5 * (np.log(grid / grid[:, np.newaxis]) / width) ** 2)
+    above = np.clip((db - near @ db / near.sum(axis=1)) / scale, -most, most)
 
     def columns(f: Any) -> Samples:
         ln_f = np.log(np.maximum(f, 1.0))
-        raised = [np.interp(ln_f, np.log(NODES_HZ), one) for one in np.eye(NODES_HZ.size)]
+        raised = [np.interp(ln_f, np.log(RETOUCH.nodes_hz), one) for one in np.eye(len(RETOUCH.nodes_hz))]
         return np.column_stack([*raised, np.interp(ln_f, np.log(grid), above)])
 
     return columns
@@ -429,10 +461,10 @@ def _columns(f: Any, power: Any) -> Callable[[Any], Samples]:
 
 def _probe(renderer: Renderer, fs: float) -> Samples:
     """Return the vibration of 20 strokes of a second to and fro, without the first tenth."""
-    t = np.arange(round((PROBE_S + 0.1) * fs)) / fs
-    speed = SPEED_MM_S * (0.55 + 0.45 * np.pi / 2 * np.abs(np.sin(np.pi * t)))
+    t = np.arange(round((RETOUCH.probe_s + 0.1) * fs)) / fs
+    speed = RETOUCH.speed_mm_s * (0.55 + 0.45 * np.pi / 2 * np.abs(np.sin(np.pi * t)))
     velocity = np.column_stack([speed * np.sign(np.sin(np.pi * t) + 1e-12), np.zeros(t.size)])
-    felt = renderer.process(velocity, np.full(t.size, FORCE_N))
+    felt = renderer.process(velocity, np.full(t.size, RETOUCH.force_n))
     return np.asarray(felt[round(0.1 * fs) :])
 
 
@@ -451,9 +483,9 @@ def _touched(tap: DecayingModes, mu: float) -> dict[str, float]:
     """Return what the scales of a tap and of friction say, where there is one."""
     found: dict[str, float] = {}
     if tap.n_modes:
-        x = np.concatenate([np.zeros(500), tap.synthesize(4000, TAP_FS)])
+        x = np.concatenate([np.zeros(500), tap.synthesize(4000, RETOUCH.tap_fs)])
         struck = Phases(taps=(Tap(0, 500, x.size),))
-        found |= _told(Recording(x, TAP_FS, "m/s^2", "tap", phases=struck), ("hard",), "tap")
+        found |= _told(Recording(x, RETOUCH.tap_fs, "m/s^2", "tap", phases=struck), ("hard",), "tap")
     if mu:
         found["sticky"] = SCALES["sticky"].told(mu)
     return found

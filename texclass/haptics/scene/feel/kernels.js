@@ -1,5 +1,6 @@
 "use strict";
-// The loop over samples: texclass/haptics/scene/render_kernels.py, function by function, with its names and arrays.
+// The loop over samples: texclass/haptics/scene/render_kernels.py, function by function, with its names and arrays
+// (lattice, oscillators: textures/motion_renderer.py).
 // `draw(contact)` is the noise, white and of unit variance; it comes from outside. A fused multiply-add is two
 // roundings here: samples differ by parts in 1e12 from those of Python.
 
@@ -27,6 +28,26 @@ function cell(bank, at, n, x, found) {
   found[1] = i + 1;
   found[2] = (x - bank[at + i]) / (bank[at + i + 1] - bank[at + i]);
   return found;
+}
+
+/** Pass a sample of the noise through the lattice whose k, c and states begin at these places; return its state b_0. */
+function lattice(state, x, p, k, c, b) {
+  for (let m = p - 1; m >= 0; m--) {  // f_{m-1} = c f_m - k b_{m-1},  b_m = k f_m + c b_{m-1}
+    const up = state[k + m] * x + state[c + m] * state[b + m];
+    x = state[c + m] * x - state[k + m] * state[b + m];
+    state[b + m + 1] = up;
+  }
+  return state[b] = x;
+}
+
+/** Return x and the oscillators whose amplitudes, steps and phases begin at these places; move the phases. */
+function oscillators(state, x, n, amplitude, step, phase) {
+  for (let j = 0; j < n; j++) {
+    if (state[step + j] < Math.PI) x += state[amplitude + j] * Math.cos(state[phase + j]);
+    const angle = state[phase + j] + state[step + j];
+    state[phase + j] = angle > Math.PI ? angle - 2 * Math.PI : angle;
+  }
+  return x;
 }
 
 /** Return { touch(contact, model), step(contact, vx, vy, force) } for a scene's `bank` and `index`. */
@@ -76,22 +97,8 @@ function createRenderer(bank, index, nContacts, draw = anyNoise) {
       state[k + row] = Math.sqrt(Math.max(share, 0));
     }
     let x = 0;
-    if (p > 0) {
-      x = draw(contact);
-      for (let m = p - 1; m >= 0; m--) {  // f_{m-1} = c f_m - k b_{m-1},  b_m = k f_m + c b_{m-1}
-        const up = state[k + m] * x + state[c + m] * state[b + m];
-        x = state[c + m] * x - state[k + m] * state[b + m];
-        state[b + m + 1] = up;
-      }
-      state[b] = x;
-      x *= state[k + p + n];
-    }
-    for (let m = p; m < p + n; m++) {
-      let angle = state[b + 1 + m];
-      if (state[c + m] < Math.PI) x += state[k + m] * Math.cos(angle);
-      angle += state[c + m];
-      state[b + 1 + m] = angle > Math.PI ? angle - 2 * Math.PI : angle;
-    }
+    if (p > 0) x = lattice(state, draw(contact), p, k, c, b) * state[k + p + n];
+    x = oscillators(state, x, n, k + p, c + p, b + p + 1);
     const at = of(model, AT_POWER), bounds = of(model, AT_BOUNDS);
     const lnPower = w00 * bank[at + n00] + w01 * bank[at + n01] + w10 * bank[at + n10] + w11 * bank[at + n11];
     const loud = Math.min(v / (bank[STILL] * bank[bounds]), 1) * Math.min(f / bank[bounds + 1], 1);

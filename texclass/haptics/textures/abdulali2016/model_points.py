@@ -25,7 +25,6 @@ MOTION_HZ = 25.0
 """Cut-off of position, velocity and force; `abdulali2016`, section 2.2."""
 VIBRATION_HZ = (10.0, 1000.0)
 """Band of the acceleration; `abdulali2016`, section 2.2."""
-BESSEL_ORDER = 2
 LINE_MM = 2.0
 """tau_1 of `abdulali2016`, mm."""
 VARIATION = 0.08
@@ -38,8 +37,6 @@ FOOT = 0.05
 """How far, in tau_1, the foot of a point may lie outside its line: eq. (2) allows nothing, sensors jitter."""
 STEEPEST = 2.0
 """Largest exponent of speed or force in the level: above, a few segments have misled the regression."""
-LINE, STEADY = 0, 1
-"""What a union of neighbours costs: `_line_cost` or `_steady_cost`."""
 
 
 def smooth_motion(x: ArrayLike, fs: float) -> Samples:
@@ -61,11 +58,11 @@ def smooth_motion(x: ArrayLike, fs: float) -> Samples:
 
     References
     ----------
-    `abdulali2016`, section 2.2, which gives neither the order (`BESSEL_ORDER` a pass here) nor the direction.
+    `abdulali2016`, section 2.2, which gives neither the order (2 a pass here) nor the direction.
     """
     if not fs > 2 * MOTION_HZ:
         raise ValueError(f"fs is {fs}; the rule is above {2 * MOTION_HZ:g} Hz, twice the band of the motion")
-    sos = signal.bessel(BESSEL_ORDER, MOTION_HZ, fs=fs, norm="mag", output="sos")
+    sos = signal.bessel(2, MOTION_HZ, fs=fs, norm="mag", output="sos")
     return zero_phase(np.asarray(sos), x)
 
 
@@ -240,7 +237,7 @@ def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
     felt = np.column_stack([scan.speed[::step] / 1000, scan.force[::step]])
     sums = np.zeros((len(felt) + 1, 4))
     np.cumsum(np.concatenate([felt, felt**2], axis=1), axis=0, out=sums[1:])
-    bounds = [_bottom_up(STEADY, sums, a, b, variation, NOTHING) for a, b in pairwise(lines)]
+    bounds = [_bottom_up(False, sums, a, b, variation, NOTHING) for a, b in pairwise(lines)]
     ends = np.concatenate([np.column_stack([b[:-1], b[1:]]) for b in bounds])
     start, stop = np.minimum(ends * step, len(scan)).T
     every = InputSegments(np.minimum(lines * step, len(scan)), start, stop)
@@ -251,7 +248,7 @@ def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
 def straight_lines(position: Samples) -> Indices:
     """Return the bounds of the straight lines of a path (n, 2) in mm, shape (n_lines + 1,); phase 1."""
     xy = np.ascontiguousarray(position, dtype=np.float64)
-    return np.asarray(_bottom_up(LINE, xy, 0, len(xy), LINE_MM, FOOT * LINE_MM))
+    return np.asarray(_bottom_up(True, xy, 0, len(xy), LINE_MM, FOOT * LINE_MM))
 
 
 class ModelPoints(NamedTuple):
@@ -421,7 +418,7 @@ def mirrored(points: ModelPoints, scaling: Samples) -> ModelPoints:
 
 
 @njit(cache=True, error_model="numpy")
-def _bottom_up(kind, table, start, stop, threshold, limit):  # type: ignore[no-untyped-def]
+def _bottom_up(is_line, table, start, stop, threshold, limit):  # type: ignore[no-untyped-def]
     """Return the first samples of the segments of [start, stop), and `stop`.
 
     `threshold` is the largest cost of a union; `limit` what the cost takes besides. Costs lie in a heap;
@@ -434,7 +431,7 @@ def _bottom_up(kind, table, start, stop, threshold, limit):  # type: ignore[no-u
     right, left = np.arange(1, n + 1), np.arange(-1, n - 1)
     heap = [(0.0, 0, 0, 0) for _ in range(0)]
     for i in range(n - 1):
-        _offer(heap, kind, table, first, right, i, threshold, limit)
+        _offer(heap, is_line, table, first, right, i, threshold, limit)
     alive = np.ones(n, np.bool_)
     while len(heap) > 0:
         _, length, i, j = heapq.heappop(heap)
@@ -444,18 +441,18 @@ def _bottom_up(kind, table, start, stop, threshold, limit):  # type: ignore[no-u
         right[i] = right[j]
         if right[i] < n:
             left[right[i]] = i
-            _offer(heap, kind, table, first, right, i, threshold, limit)
+            _offer(heap, is_line, table, first, right, i, threshold, limit)
         if left[i] >= 0:
-            _offer(heap, kind, table, first, right, left[i], threshold, limit)
+            _offer(heap, is_line, table, first, right, left[i], threshold, limit)
     return np.append(first[:n][alive], stop)
 
 
 @njit(cache=True, error_model="numpy")
-def _offer(heap, kind, table, first, right, i, threshold, limit):  # type: ignore[no-untyped-def]
+def _offer(heap, is_line, table, first, right, i, threshold, limit):  # type: ignore[no-untyped-def]
     """Put the union of segment i and its right neighbour on the heap, if it may ever be made."""
     start, stop = first[i], first[right[right[i]]]
     extra = table, start, stop, limit
-    cost = _line_cost(*extra) if kind == LINE else _steady_cost(*extra)
+    cost = _line_cost(*extra) if is_line else _steady_cost(*extra)
     if cost <= threshold:
         heapq.heappush(heap, (cost, stop - start, i, right[i]))
 

@@ -152,8 +152,24 @@ class RadialNetwork:
         return out
 
 
+class FramedTexture(Texture):
+    """A texture whose range is that of its frame."""
+
+    frame: Frame
+
+    @property
+    def speeds(self) -> Samples:
+        """Ends of the range, mm/s."""
+        return self.frame.speeds
+
+    @property
+    def forces(self) -> Samples:
+        """Ends of the range, N."""
+        return self.frame.forces
+
+
 @dataclass(frozen=True, eq=False)
-class MapTexture(Texture):
+class MapTexture(FramedTexture):
     """A map from velocity and force to line spectrum and loudness -> AR process.
 
     Parameters
@@ -199,16 +215,6 @@ class MapTexture(Texture):
         largest = np.pi / (self.order + 1)
         if self.frame.gap > largest:
             raise ValueError(f"gap is {self.frame.gap}; the rule is at most pi / (p + 1) = {largest:g}")
-
-    @cached_property
-    def speeds(self) -> Samples:
-        """Ends of the range, mm/s."""
-        return self.frame.speeds
-
-    @cached_property
-    def forces(self) -> Samples:
-        """Ends of the range, N."""
-        return self.frame.forces
 
     @property
     @abstractmethod
@@ -357,7 +363,7 @@ class DelaunayTexture(MapTexture):
 
 
 @dataclass(frozen=True, eq=False)
-class BakedTexture(Texture):
+class BakedTexture(FramedTexture):
     """A texture read at the nodes of a grid, see `bake`: what a loop of one sample per call can afford.
 
     The motion is followed with 25 Hz, and the grid is read at every sample.
@@ -394,16 +400,6 @@ class BakedTexture(Texture):
                 f"grid has {found[0]} axes of {found[1]} nodes or more, scale {grid.scale!r}, {grid.kind}; "
                 f"the rule is {n} axes of 2 nodes or more, scale 'root', AR"
             )
-
-    @cached_property
-    def speeds(self) -> Samples:
-        """Ends of the range, mm/s."""
-        return self.frame.speeds
-
-    @cached_property
-    def forces(self) -> Samples:
-        """Ends of the range, N."""
-        return self.frame.forces
 
     @property
     def order(self) -> int:
