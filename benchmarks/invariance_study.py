@@ -18,7 +18,7 @@ from study import command_line, table, write
 
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, Tap
 from texclass.reporting import Table
 from texclass.reporting.figure_style import LOOKS, MUTED, OTHER, OURS, THIRD
@@ -57,7 +57,7 @@ def pieces(surface: Surface, seed: int) -> Iterator[tuple[str, int, Recording]]:
             start = int((REST_S + step) * run.fs)
             yield condition, step, run.with_(phases=Phases(movement=(start, start + int(run.fs))))
     run = record_rising_taps(surface, operator, n_taps=3 * N_STEPS, seed=seed)
-    taps = segment(run).taps
+    taps = find_phases(run).taps
     names = [name for name in AUXILIARY_UNITS if getattr(run, name) is not None]
     rest = taps[0].start
     for step in range(len(taps) // 3):

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from made_recordings import FAMILIES, MATCH_S, make, matched, overlap
 
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.provenance import code_hash
 from texclass.recording import Recording
 from texclass.reporting import Heading, Table
@@ -35,7 +35,7 @@ def rows(n: int, families: list[str]) -> Iterator[dict[str, object]]:
     for family in families:
         for seed in range(SEED, SEED + n):
             true = make(family, seed)
-            found, taken = timed(partial(segment, true.with_(phases=None)), time.process_time)
+            found, taken = timed(partial(find_phases, true.with_(phases=None)), time.process_time)
             yield {
                 "family": family,
                 "fs": true.fs,
@@ -69,7 +69,7 @@ def knocks() -> dict[str, int]:
     found = []
     for file in files:
         fs, x = wavfile.read(file)
-        found.append(segment(Recording(np.asarray(x, dtype=float), fs, "arbitrary")))
+        found.append(find_phases(Recording(np.asarray(x, dtype=float), fs, "arbitrary")))
     return {
         "recordings": len(found),
         "with taps": sum(bool(phases.taps) for phases in found),

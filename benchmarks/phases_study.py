@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from made_recordings import MATCH_S, matched, overlap
 
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.reporting import Heading, Table
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 
@@ -51,7 +51,7 @@ def rows(n_surfaces: int, duration_s: float) -> Iterator[dict[str, object]]:
             with_taps=with_taps,
         )
         true = recording.phases
-        found, taken = timed(partial(segment, recording.with_(phases=None)), time.process_time)
+        found, taken = timed(partial(find_phases, recording.with_(phases=None)), time.process_time)
         yield {
             "fs": fs,
             "snr": "sensor" if snr is None else f"{snr:g} dB",

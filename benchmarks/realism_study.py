@@ -14,7 +14,7 @@ from scipy import signal, stats
 from study import command_line, write
 
 from texclass.loaders import open_dataset
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.recording import Recording
 from texclass.reporting import Table
 from texclass.signals import combine
@@ -32,7 +32,7 @@ STATISTICS = {
 
 def describe(recording: Recording) -> dict[str, float]:
     """Level, slope, kurtosis and envelope modulation of the movement in the common band."""
-    start, stop = segment(recording).movement or (0, recording.n_samples)
+    start, stop = find_phases(recording).movement or (0, recording.n_samples)
     x = combine(recording.acceleration[start:stop])
     sos = signal.butter(4, BAND_HZ, "bandpass", fs=recording.fs, output="sos")
     band = signal.sosfiltfilt(sos, x)

@@ -37,7 +37,7 @@ from texclass.haptics import exchange
 from texclass.haptics.scene import load_scene, play_path, sweep_of
 from texclass.haptics.textures import abdulali2016, guruswamy2011, oeztuerk2018, okamura2001
 from texclass.loaders import load_recording, open_dataset
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.simulate import (
     operator_catalogue,
     record_rising_force,
@@ -174,8 +174,8 @@ def phases(groups: Callable[[], Mapping[str, Sequence[Any]]]) -> Any:
     """Return phases as declared by the dataset card, and as segmented without a declaration."""
     return {
         f"{group}, {recording.recording_id}": {
-            "segmented": segment(recording.with_(phases=None)),
-            "declared": segment(recording),
+            "segmented": find_phases(recording.with_(phases=None)),
+            "declared": find_phases(recording),
             "rms": np.sqrt(np.mean(recording.acceleration**2, axis=0)),
             "fs": recording.fs,
         }

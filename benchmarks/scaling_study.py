@@ -35,7 +35,7 @@ from texclass.evaluation import extract_table
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.provenance import versions
 from texclass.reporting import Heading
 from texclass.reporting.figure_style import INK, OTHER, OURS
@@ -229,7 +229,7 @@ def measure_length(card: Path) -> dict[str, float]:
         return result
 
     recording = staged("load", lambda: dataset[0])
-    phases = staged("segment", lambda: segment(recording))
+    phases = staged("segment", lambda: find_phases(recording))
     row = staged("features", lambda: plan.compute(recording.with_(phases=phases)))
     found["samples_mb"], found["n_undefined"] = recording.acceleration.nbytes / 2**20, len(row.reasons)
     return found

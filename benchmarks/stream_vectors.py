@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from texclass.phases import block_mean
+from texclass.phases import bin_means
 from texclass.recognition import Answer, Evidence
 from texclass.recognition.live.contact import Contact, ContactRules
 
@@ -76,7 +76,7 @@ class Heard:
 
     def fine(self, start: int, stop: int) -> tuple[int, int, np.ndarray]:
         start = max(start, self.first)
-        return start, FINE, block_mean(np.array(self.samples[start - self.first : stop - self.first]), FINE)
+        return start, FINE, bin_means(np.array(self.samples[start - self.first : stop - self.first]), FINE)
 
     def correlation(self, start: int, stop: int) -> float:
         return 0.0 if self.white else 0.9

@@ -27,7 +27,7 @@ from study import command_line, in_turns, table, timed, write
 from texclass.features import FeatureSet, load_feature_set
 from texclass.features.phase_view import UndefinedFeatureError, Views
 from texclass.loaders import load_recording, open_dataset
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.recognition import Model, train
 from texclass.recording import Phases, Recording
 from texclass.reporting import Heading, Table
@@ -95,7 +95,7 @@ CASES = (
 
 def stages(recording: Recording, feature_set: FeatureSet) -> dict[str, float]:
     """Return the seconds of each stage of one pass over a recording."""
-    phases, segmented = timed(partial(segment, recording))
+    phases, segmented = timed(partial(find_phases, recording))
     seconds = dict.fromkeys(STAGES, 0.0) | {"segment": segmented}
     views, inside = Views(recording, phases), [0.0]
 
@@ -141,7 +141,7 @@ def measure(case: Case, sets: Mapping[str, FeatureSet], n_rounds: int, python: P
     ms = 1e3 * pd.DataFrame(rounds[N_WARM:]).median()
     return {
         "recording": str(case),
-        "phases": segment(recording).kind,
+        "phases": find_phases(recording).kind,
         "ms": ms.to_dict(),
         "ratio": (ms / ms.rfft).to_dict(),
         "input_hash": hashlib.sha256(recording.acceleration.tobytes()).hexdigest(),

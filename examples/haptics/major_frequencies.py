@@ -11,7 +11,7 @@ import numpy as np
 import texclass as tx
 
 recording = tx.open_dataset("simulated6")[48]
-movement = recording.acceleration[slice(*tx.segment(recording).movement), 2]
+movement = recording.acceleration[slice(*tx.find_phases(recording).movement), 2]
 x = movement - movement.mean()
 lines = tx.vibration.fit_major_frequencies(x, recording.fs, n_frequencies=13)
 

@@ -16,7 +16,7 @@ from texclass.haptics import exchange
 from texclass.haptics.textures import oeztuerk2018
 
 recording = tx.open_dataset("simulated6")[48]
-movement = recording.acceleration[slice(*tx.segment(recording).movement), 2]
+movement = recording.acceleration[slice(*tx.find_phases(recording).movement), 2]
 x = movement - movement.mean()
 texture = oeztuerk2018.fit_lpc([x, 2 * x], [40.0, 160.0], recording.fs, order=20, name="simulated")
 rendition = exchange.play_texture(texture, speed=80.0, seconds=1.0)

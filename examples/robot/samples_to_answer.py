@@ -35,7 +35,7 @@ print(tx.robot.check_onnx(file))
 # Classify a stroke window by window.
 
 recording = dataset.load(dataset.entries[30])
-start, stop = tx.segment(recording).movement
+start, stop = tx.find_phases(recording).movement
 step = window["n_samples"] // 4
 starts = np.arange(start, stop - window["n_samples"], step)
 samples = np.stack([recording.acceleration[k : k + window["n_samples"]].T for k in starts]).astype(np.float32)

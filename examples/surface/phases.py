@@ -14,7 +14,7 @@ surface = tx.simulate.surface_catalogue(6, seed=6)[2]
 operator = tx.simulate.operator_catalogue(4, seed=6)[1]
 recording = tx.simulate.record_freehand(surface, operator, duration_s=4.0, seed=30)
 truth = recording.phases
-detected = tx.segment(recording.with_(phases=None))
+detected = tx.find_phases(recording.with_(phases=None))
 detected.kind
 
 # %%

@@ -6,7 +6,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from texclass.evaluation.inspection import draw_inspection
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.recording import Phases, Recording, Tap
 
 
@@ -48,7 +48,7 @@ def test_every_kind_of_phases_is_drawn(phases, said):
 def test_short_and_constant_recordings_are_drawn():
     for n in (1, 40):
         recording = Recording(np.full(n, 9.81), 1000.0, "counts", "short")
-        assert "no feature values" in _drawn(recording, segment(recording), None)
+        assert "no feature values" in _drawn(recording, find_phases(recording), None)
 
 
 def test_legends_stand_clear_of_the_data():

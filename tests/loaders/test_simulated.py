@@ -5,7 +5,7 @@ import pytest
 
 from texclass.loaders import open_dataset, write_sample
 from texclass.loaders.simulated import FACTS, SIGNALS, load_simulated, recall
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.recording import Recording
 from texclass.simulate.recipe import Recipe
 
@@ -90,7 +90,7 @@ def test_a_sample_is_a_folder_that_goes_on_with_others_and_writes_over_nothing_e
     dataset = open_dataset(tmp_path, fs=10_000, unit="m/s^2")
     assert dataset.labels.value_counts().to_dict() == dict.fromkeys(("foam", "mesh", "oak", "slate"), 12)
     assert len({recording.acceleration.tobytes() for recording in dataset}) == 48
-    assert {segment(recording).kind for recording in map(dataset.__getitem__, range(0, 48, 7))} == {
+    assert {find_phases(recording).kind for recording in map(dataset.__getitem__, range(0, 48, 7))} == {
         "taps and movement"
     }
     last.write_text("mine\n")

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from texclass.phases import find_glitches, segment
+from texclass.phases import find_glitches, find_phases
 from texclass.phases.defects import BLOCK, NEAR, WILD, glitches_of
 from texclass.recording import Recording
 
@@ -58,7 +58,7 @@ def test_what_is_mended_does_not_depend_on_whether_phases_were_searched(stop):
     recording = Recording(rest_with_wild_samples(), FS, "m/s^2")
     before = glitches_of(recording, stop)
     np.testing.assert_array_equal(before, PLACES[stop > PLACES])
-    segment(recording)
+    find_phases(recording)
     np.testing.assert_array_equal(glitches_of(recording, stop), before)
 
 

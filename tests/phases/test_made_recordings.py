@@ -8,7 +8,8 @@ from scipy import signal
 from texclass.features.hardness import hardness
 from texclass.features.phase_view import Views
 from texclass.loaders import open_dataset
-from texclass.phases import Segmenter, segment
+from texclass.phase_settings import PhaseSettings
+from texclass.phases import find_phases
 from texclass.recording import Recording, Tap
 
 WITH_BOTH = [family for family, plan in FAMILIES.items() if plan.strokes_s and plan.n_taps[1]]
@@ -21,7 +22,7 @@ def judged(family, n, first=500):
     overlaps = []
     for seed in range(first, first + n):
         recording = make(family, seed, fs=RATES_HZ[seed % 3])
-        phases = segment(recording.with_(phases=None))
+        phases = find_phases(recording.with_(phases=None))
         right += matched(recording.phases, phases, recording.fs)
         true += len(recording.phases.taps)
         found += len(phases.taps)
@@ -60,7 +61,7 @@ def tapped(fs=10_000.0, at=(0.5, 0.9, 1.3, 1.7), duration=2.3, decay_s=0.006, se
 
 
 def of(x, fs=10_000.0):
-    return segment(Recording(x, fs, "m/s^2"))
+    return find_phases(Recording(x, fs, "m/s^2"))
 
 
 def impacts(phases, fs=10_000.0, moved_s=0.0):
@@ -96,7 +97,7 @@ def test_one_wild_sample_is_no_tap_and_changes_no_hardness(at):
     wild = x.copy()
     wild[at] += 60.0
     recording, spoiled = (Recording(y, 1e4, "m/s^2") for y in (x, wild))
-    phases, found = segment(recording), segment(spoiled)
+    phases, found = find_phases(recording), find_phases(spoiled)
     assert impacts(found) == impacts(phases)
     clean, dirty = (hardness(Views(r, p).tap) for r, p in ((recording, phases), (spoiled, found)))
     assert dirty == pytest.approx(clean, rel=0.02)
@@ -169,10 +170,9 @@ def test_taps_alone_are_looked_for_where_that_is_known():
     rng = np.random.default_rng(1)
     x = tapped() + rng.standard_normal(23_000) * (np.abs(np.arange(23_000) - 11_000) < 4500)  # a machine runs
     assert of(x).movement is not None
-    phases = segment(Recording(x, 1e4, "m/s^2"), "taps")
+    phases = find_phases(Recording(x, 1e4, "m/s^2"), PhaseSettings(contents="taps"))
     assert [tap.impact / 1e4 for tap in phases.taps] == pytest.approx([0.5, 0.9, 1.3, 1.7], abs=0.01)
     assert phases.movement is None
-    assert Segmenter(holds="taps")(Recording(x, 1e4, "m/s^2")) == phases
 
 
 def test_every_tap_of_a_quarter_of_the_embedded_dataset_is_found():
@@ -182,7 +182,7 @@ def test_every_tap_of_a_quarter_of_the_embedded_dataset_is_found():
     true = found = right = 0
     for entry in dataset.entries[::4]:
         recording = recipe.record(surfaces.index(entry.material), entry.repetition)
-        phases = segment(recording.with_(phases=None))
+        phases = find_phases(recording.with_(phases=None))
         right += matched(recording.phases, phases, recording.fs)
         true, found = true + len(recording.phases.taps), found + len(phases.taps)
         assert overlap(recording.phases, phases) > 0.95

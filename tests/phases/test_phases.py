@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from texclass.phases import Levels, Rules, find_impulses, hand_start
-from texclass.phases.segmenter import Segmenter, segment
+from texclass.phase_settings import PhaseSettings
+from texclass.phases import Levels, find_impulses, find_phases, hand_start
 from texclass.recording import Phases, Recording, Tap
 
 FS = 10_000.0
@@ -60,7 +60,7 @@ def _check_impacts(phases, taps, fs=FS, within_s=0.003):
 @pytest.mark.parametrize("n_axes", [1, 3])
 @pytest.mark.parametrize("fs", [1000.0, 2200.0, 5000.0, 10_000.0, 20_000.0, 50_000.0])
 def test_taps_and_movement_are_found_at_any_rate(fs, n_axes):
-    phases = segment(_freehand(fs=fs, n_axes=n_axes))
+    phases = find_phases(_freehand(fs=fs, n_axes=n_axes))
     assert phases.kind == "taps and movement"
     _check_impacts(phases, (0.6, 1.1, 1.7), fs)
     assert abs(phases.onset / fs - 2.5) < 0.1
@@ -68,7 +68,7 @@ def test_taps_and_movement_are_found_at_any_rate(fs, n_axes):
 
 
 def test_tap_starts_with_the_hand_and_ends_before_the_next():
-    phases = segment(_freehand())
+    phases = find_phases(_freehand())
     for tap, at in zip(phases.taps, (0.6, 1.1, 1.7), strict=True):
         assert 0.03 < at - tap.start / FS < 0.12
         assert 0.01 < tap.end / FS - at < 0.08
@@ -77,13 +77,13 @@ def test_tap_starts_with_the_hand_and_ends_before_the_next():
 
 def test_taps_in_quick_succession_stay_apart():
     at = (0.6, 0.75, 0.9, 1.05)
-    phases = segment(_freehand(taps=at, strengths=(30.0,) * 4, move=None, duration=2.0))
+    phases = find_phases(_freehand(taps=at, strengths=(30.0,) * 4, move=None, duration=2.0))
     _check_impacts(phases, at)
     assert all(a.end <= b.impact for a, b in zip(phases.taps, phases.taps[1:], strict=False))
 
 
 def test_movement_only_after_a_quiet_start():
-    phases = segment(_freehand(taps=()))
+    phases = find_phases(_freehand(taps=()))
     assert phases.kind == "movement only"
     assert abs(phases.onset / FS - 2.5) < 0.05
 
@@ -91,7 +91,7 @@ def test_movement_only_after_a_quiet_start():
 def test_movement_without_any_quiet_is_all_movement_and_says_so():
     rng = np.random.default_rng(1)
     level = 1.0 + 0.6 * np.sin(2 * np.pi * 1.7 * np.arange(20_000) / FS)
-    phases = segment(_recording(level * signal.lfilter([1.0], [1, -0.9], rng.standard_normal(20_000))))
+    phases = find_phases(_recording(level * signal.lfilter([1.0], [1, -0.9], rng.standard_normal(20_000))))
     assert phases.movement == (0, 20_000)
     assert phases.onset is None
     assert phases.notes
@@ -100,34 +100,34 @@ def test_movement_without_any_quiet_is_all_movement_and_says_so():
 @pytest.mark.parametrize("unit", ["m/s^2", "counts"])
 def test_sensor_noise_alone_is_neither(unit):
     noise = 0.02 * np.random.default_rng(2).standard_normal((30_000, 3))
-    phases = segment(_recording(noise + 9.81, unit=unit))
+    phases = find_phases(_recording(noise + 9.81, unit=unit))
     assert phases.kind == "nothing"
     assert "neither" in phases.notes[0]
 
 
 @pytest.mark.parametrize("n", [1, 2, 100, 5000, 30_000])
 def test_constant_is_nothing(n):
-    assert segment(_recording(np.full(n, 9.81))).kind == "nothing"
-    assert segment(_recording(np.tile([0.0, 0.0, 9.81], (n, 1)))).kind == "nothing"
+    assert find_phases(_recording(np.full(n, 9.81))).kind == "nothing"
+    assert find_phases(_recording(np.tile([0.0, 0.0, 9.81], (n, 1)))).kind == "nothing"
 
 
 def test_declared_phases_are_returned_untouched():
     declared = Phases(taps=(Tap(1, 2, 3),))
     recording = Recording(np.zeros(10), FS, "m/s^2", "declared", phases=declared)
-    assert segment(recording) is declared
+    assert find_phases(recording) is declared
 
 
 def test_gain_and_unit_of_a_signal_do_not_move_its_phases():
     recording = _freehand()
     scaled = _recording(1e4 * recording.acceleration, unit="counts")
-    assert segment(scaled).movement == segment(recording).movement
-    assert [t.impact for t in segment(scaled).taps] == [t.impact for t in segment(recording).taps]
+    assert find_phases(scaled).movement == find_phases(recording).movement
+    assert [t.impact for t in find_phases(scaled).taps] == [t.impact for t in find_phases(recording).taps]
 
 
 def test_coarse_rounding_does_not_pass_for_movement():
     recording = _freehand(noise=1e-4)
     rounded = _recording(0.05 * np.round(recording.acceleration / 0.05))
-    phases = segment(rounded)
+    phases = find_phases(rounded)
     _check_impacts(phases, (0.6, 1.1, 1.7))
     assert abs(phases.onset / FS - 2.5) < 0.05
 
@@ -135,18 +135,18 @@ def test_coarse_rounding_does_not_pass_for_movement():
 def test_short_recording_that_starts_at_rest_is_one_tap():
     t = np.arange(202) / 2000.0
     x = 290 + np.round(200 * np.where(t > 0.006, np.exp(-(t - 0.006) / 0.02) * np.sin(900 * (t - 0.006)), 0))
-    phases = segment(_recording(x, 2000.0, "counts"))
+    phases = find_phases(_recording(x, 2000.0, "counts"))
     assert phases.kind == "taps only"
     assert abs(phases.taps[0].impact - 12) <= 2
 
 
 def test_parameters_take_effect():
-    assert not Segmenter(tap_ratio=1e9)(_freehand()).taps
+    assert not find_phases(_freehand(), PhaseSettings(tap_ratio=1e9)).taps
 
 
 @pytest.mark.parametrize("n", [3, 10, 299, 3001])
 def test_white_vibration_of_any_length_gives_valid_phases(n):
-    phases = segment(_recording(np.random.default_rng(n).standard_normal(n)))
+    phases = find_phases(_recording(np.random.default_rng(n).standard_normal(n)))
     assert phases.movement is None or 0 <= phases.movement[0] < phases.movement[1] <= n
     assert all(tap.end <= n for tap in phases.taps)
 
@@ -161,7 +161,7 @@ def test_an_impulse_is_sharp_if_its_peak_follows_the_rise_within_45_ms(later):
     level_db = np.zeros(700)
     level_db[300 : 301 + later] = np.linspace(25.0, 32.0, later + 1)
     level_db[300 + later : 341 + later] = np.linspace(32.0, 0.0, 41)
-    found = find_impulses(_levels(level_db), Rules())
+    found = find_impulses(_levels(level_db), PhaseSettings())
     assert len(found) == (later < 45)
     for impulse in found:
         assert impulse.peak == pytest.approx(300 + later, abs=1)
@@ -174,7 +174,7 @@ def test_vibration_with_which_the_data_begin_hides_no_impulse_within_50_ms(at, i
     level_db = np.zeros(700)
     level_db[:at] = 17.0
     level_db[at : at + 41] = np.linspace(25.0, 0.0, 41)
-    assert bool(find_impulses(_levels(level_db), Rules())) == is_found
+    assert bool(find_impulses(_levels(level_db), PhaseSettings())) == is_found
 
 
 # Real recordings --------------------------------------------------------------------------------------------
@@ -190,14 +190,14 @@ def data():
 def test_real_strokes_are_movement_only(data):
     for path in sorted((data / "stylus6").glob("*.csv")):
         x = np.loadtxt(path, delimiter=",", skiprows=1)[:, 0]
-        phases = segment(_recording(x, 1000.0))
+        phases = find_phases(_recording(x, 1000.0))
         assert phases.kind == "movement only", path.name
         assert phases.movement[1] - phases.movement[0] > 0.95 * x.size, path.name
 
 
 def test_real_excerpt_of_a_movement_is_movement_only(data):
     x = np.loadtxt(data / "lmt_excerpts" / "G1EpoxyRasterPlate_Movement_X_test1.txt")
-    phases = segment(_recording(x, unit="arbitrary"))
+    phases = find_phases(_recording(x, unit="arbitrary"))
     assert phases.kind == "movement only"
     assert phases.movement[1] - phases.movement[0] > 0.9 * x.size
 
@@ -209,7 +209,7 @@ def test_real_taps_are_taps(data, fs):
         for c in (1, 2, 3, 4)
     ]
     taps = np.nan_to_num(np.stack(rows, axis=-1)[:, :202])
-    kinds = [segment(_recording(tap, fs, "counts")).kind for tap in taps]
+    kinds = [find_phases(_recording(tap, fs, "counts")).kind for tap in taps]
     assert np.mean([kind == "taps only" for kind in kinds]) >= 0.9  # the others start within the contact
 
 

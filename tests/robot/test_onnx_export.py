@@ -27,7 +27,7 @@ from toy_surfaces import FS, STRANGER, SURFACES, pipeline, recording, signal, su
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
 from texclass.classifiers.segment_voting import SegmentVoting, with_segment_columns
 from texclass.evaluation.pipeline import load_pipeline
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.recognition import adapt, load_model, train
 from texclass.recognition.array_form import classifier_of
 from texclass.recognition.probabilities import class_scores
@@ -381,7 +381,7 @@ def test_the_exported_file_answers_files_as_predict_does(command, folder):
     session = onnxruntime.InferenceSession("surfaces.onnx", providers=["CPUExecutionProvider"])
     model = load_model("surfaces.skops")
     felt = [model.manifest.input.find(name, fs=FS) for name in files]
-    rows = [model.plan.compute(one.with_(phases=segment(one))).values for one in felt]
+    rows = [model.plan.compute(one.with_(phases=find_phases(one))).values for one in felt]
     labels, p, p_known, unknown = session.run(None, {"features": np.stack(rows)})
     assert labels.tolist() == [answer["surface"] for answer in answers]
     assert unknown.tolist() == [answer["unknown"] for answer in answers]

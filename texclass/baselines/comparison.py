@@ -26,7 +26,7 @@ from texclass.evaluation.workers import Progress
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Views, channels_apart, views_of
 from texclass.loaders.dataset import Dataset
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.provenance import made_by
 from texclass.recording import Phases, Recording, Samples
 from texclass.reporting import Document
@@ -377,7 +377,7 @@ def same_signals(recording: Recording, apart: tuple[str, ...], *, without_hand: 
 
 def every_channel(recording: Recording) -> Samples:
     """Return each axis without its mean during the movement, one row an axis."""
-    start, stop = segment(recording).movement or (0, recording.n_samples)
+    start, stop = find_phases(recording).movement or (0, recording.n_samples)
     parts = (recording.acceleration, recording.turn_rate)
     axes = np.column_stack([part[start:stop] for part in parts if part is not None])
     return np.ascontiguousarray((axes - axes.mean(axis=0)).T)

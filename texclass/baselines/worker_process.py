@@ -23,7 +23,7 @@ from texclass.features.phase_view import channels_apart
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.phases import segment
+from texclass.phases import find_phases
 
 HERE = Path(__file__).parent
 START = "import sys; sys.path.append(sys.argv.pop(1)); from baseline_worker.run import main; sys.exit(main())"
@@ -170,7 +170,7 @@ def _measure(
     megabytes, seconds, segmentation = watch_memory(), [], []
     for recording in map(dataset.load, entries):
         # Apart, for baselines are given movements that have been found already.
-        phases, took = timed(partial(segment, recording))
+        phases, took = timed(partial(find_phases, recording))
         segmentation.append(took)
         seconds.append(timed(partial(plan.compute, recording.with_(phases=phases)))[1])
     found = trial(splits, nested=nested)

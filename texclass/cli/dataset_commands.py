@@ -1,6 +1,7 @@
 """Commands on recordings and datasets: sample, card, inspect, datasets."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -91,6 +92,7 @@ def inspect(
     comment: p.Comment = None,
     drop_incomplete: p.DropIncomplete = False,
     resample: p.Resample = None,
+    tap_spacing: p.TapSpacing = None,
     output: Annotated[
         Path | None,
         p.output_file(
@@ -108,6 +110,8 @@ def inspect(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
     )
     found = find_recording(recording, **reader, resample=resample)
+    if tap_spacing is not None:
+        found = found.with_(phase_settings=replace(found.phase_settings, tap_spacing_s=tap_spacing))
     from texclass.atomic_write import write_atomic
     from texclass.evaluation.inspection import inspected
     from texclass.reporting.wording import counted

@@ -52,6 +52,7 @@ def extract(
     drop_incomplete: p.DropIncomplete = False,
     resample: p.Resample = None,
     labels: p.Labels = None,
+    tap_spacing: p.TapSpacing = None,
     skip_bad: p.SkipBad = False,
     jobs: p.Jobs = -1,
     backend: p.Backend = "local",
@@ -85,7 +86,9 @@ def extract(
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
     )
-    recordings = open_dataset(dataset, **reader, resample=resample, labels=labels, skip_bad=skip_bad)
+    recordings = open_dataset(
+        dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad
+    )
     from texclass.evaluation import extract_partitions, extract_table, running_on
     from texclass.features import load_feature_set
     from texclass.reporting.wording import counted
@@ -151,6 +154,7 @@ def benchmark(
     drop_incomplete: p.DropIncomplete = False,
     resample: p.Resample = None,
     labels: p.Labels = None,
+    tap_spacing: p.TapSpacing = None,
     skip_bad: p.SkipBad = False,
     protocol: p.Protocol = None,
     shots: p.Shots = None,
@@ -233,7 +237,9 @@ def benchmark(
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
     )
-    recordings = open_dataset(dataset, **reader, resample=resample, labels=labels, skip_bad=skip_bad)
+    recordings = open_dataset(
+        dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad
+    )
     from texclass.evaluation.workers import begin_loading
 
     if backend == "local":
@@ -249,6 +255,7 @@ def benchmark(
     from texclass.features import load_feature
 
     definition = load_pipeline(pipeline)
+    recordings = recordings.with_phase_settings(definition.phase_settings.changes, override=False)
     new_feature = load_feature(feature) if feature else None
     if baselines:
         from texclass.baselines import compare_with_baselines, whole_materials
@@ -323,6 +330,7 @@ def tradeoff(
     drop_incomplete: p.DropIncomplete = False,
     resample: p.Resample = None,
     labels: p.Labels = None,
+    tap_spacing: p.TapSpacing = None,
     protocol: p.Protocol = None,
     shots: p.Shots = None,
     train: p.TrainingSet = None,
@@ -356,7 +364,9 @@ def tradeoff(
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
     )
-    recordings = open_dataset(dataset, **reader, resample=resample, labels=labels, skip_bad=True)
+    recordings = open_dataset(
+        dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=True
+    )
     scene = tuple(name.strip() for name in (surfaces or "").split(",") if name.strip())
     stem = tradeoff_stem({"name": recordings.name, "materials": scene, "max_seconds": max_seconds})
     with running_on(backend, scheduler), progress_bar() as progress:

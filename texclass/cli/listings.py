@@ -9,7 +9,7 @@ from texclass.loaders import read_card
 from texclass.loaders.cards import SimulatedCard
 from texclass.loaders.places import DataNotFoundError, find_folder
 from texclass.reporting import Document, Table
-from texclass.signals import HAND_SPAN_S
+from texclass.signals import HAND_WINDOW_S
 
 
 def datasets_document() -> Document:
@@ -39,7 +39,7 @@ def features_document(feature_set: str | None = None) -> Document:
         title = f"Features of {members.name}"
         conditioning = "Movements: mean removed"
         if members.without_hand:
-            conditioning += f"; with gravity in m/s^2, a moving average over {HAND_SPAN_S:g} s removed"
+            conditioning += f"; with gravity in m/s^2, a moving average over {HAND_WINDOW_S:g} s removed"
         about = [f"{members.description}. {conditioning}."]
         columns = {member.name: (member.feature, member.columns) for member in members.members}
     rows = []

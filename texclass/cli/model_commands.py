@@ -64,6 +64,7 @@ def train(
     drop_incomplete: p.DropIncomplete = False,
     resample: p.Resample = None,
     labels: p.Labels = None,
+    tap_spacing: p.TapSpacing = None,
     skip_bad: p.SkipBad = False,
     protocol: Annotated[
         p.ProtocolName | None,
@@ -90,7 +91,9 @@ def train(
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
     )
-    recordings = open_dataset(dataset, **reader, resample=resample, labels=labels, skip_bad=skip_bad)
+    recordings = open_dataset(
+        dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad
+    )
     from texclass import recognition
     from texclass.recognition.model_document import model_document
     from texclass.reporting import print_document

@@ -109,6 +109,14 @@ Labels = Annotated[
         help="Table with the columns `file` and `surface`, for a folder without subfolders per surface.",
     ),
 ]
+TapSpacing = Annotated[
+    float | None,
+    data_option(
+        metavar="S",
+        help="Time below which impulses are one tap and its rebounds (default: that of the card or the "
+        "pipeline, else 0.08).",
+    ),
+]
 SkipBad = Annotated[
     bool, data_option("--skip-bad", help="Skip and list unreadable recordings instead of stopping.")
 ]

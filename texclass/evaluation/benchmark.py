@@ -201,6 +201,7 @@ def run_benchmark(
     """
     dataset = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
     pipeline = pipeline if isinstance(pipeline, PipelineDefinition) else load_pipeline(pipeline)
+    dataset = dataset.with_phase_settings(pipeline.phase_settings.changes, override=False)
     dataset = overlapping(dataset, pipeline.overlap)
     chosen = find_protocol(protocol or pipeline.protocol.name)
     folds = pipeline.protocol.folds if n_folds is None else n_folds

@@ -25,7 +25,7 @@ from texclass.features.phase_view import Channels, Views, channels_apart, views_
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, Member, code_hash
 from texclass.loaders.dataset import Dataset
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.provenance import code_hash as hash_of_code
 from texclass.provenance import versions
 from texclass.recording import Recording, Samples
@@ -167,9 +167,9 @@ class CostMeter:
         n = min(N_RECORDINGS, len(usable))
         wanted = {usable[i] for i in np.linspace(0, len(usable) - 1, n).astype(int)}
         loaded = [dataset.load(entry) for entry in dataset.entries if entry.recording_id in wanted]
-        recordings = tuple(recording.with_(phases=segment(recording)) for recording in loaded)
+        recordings = tuple(recording.with_(phases=find_phases(recording)) for recording in loaded)
         with one_thread():
-            runs = [[_timed(partial(segment, r))[1] for _ in range(3)] for r in loaded]
+            runs = [[_timed(partial(find_phases, r))[1] for _ in range(3)] for r in loaded]
         ms = float(np.quantile(runs, QUARTILE, axis=1).mean())
         return cls(recordings, channels_apart(recordings[0], channels), ms, dataset.input_hash)
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import signal
 
 from texclass.evaluation.result import main_direction, outline
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.recording import Phases, Recording, Samples
 from texclass.reporting.figure_style import shorten_middle
 from texclass.reporting.wording import counted
@@ -46,7 +46,7 @@ def inspected(recording: Recording, features: str | Path) -> tuple["Figure", Pha
     """
     from texclass.features import FeatureExtractor, load_feature_set
 
-    phases, shown = segment(recording), load_feature_set(features)
+    phases, shown = find_phases(recording), load_feature_set(features)
     declared = [recording.with_(phases=phases)]
     found = FeatureExtractor(shown).fit(declared).extract(declared)
     values = dict(zip(found.columns, found.values[0], strict=True))

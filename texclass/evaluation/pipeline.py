@@ -32,6 +32,7 @@ from texclass.evaluation.protocols import find_protocol
 from texclass.features.contract import Feature
 from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet, Member, load_feature_set
+from texclass.phase_settings import PhaseSettings
 from texclass.shipped import locate
 from texclass.validation import Written, checked, read_toml
 
@@ -233,6 +234,8 @@ class PipelineDefinition(Written):
     published_on
         Under which conditions the published figures of the rows were measured; without it they are not
         compared with ours.
+    phase_settings
+        Settings by which phases are found, unless the dataset states them; see `PhaseSettings`.
     """
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
@@ -246,6 +249,7 @@ class PipelineDefinition(Written):
     overlap: Annotated[int, Field(ge=1)] = 1
     protocol: FoldSettings = FoldSettings()
     gain: AdditionSettings = AdditionSettings()
+    phase_settings: PhaseSettings = PhaseSettings()
     published_on: PublishedOn | None = None
     name: str = ""
     description: str = ""

@@ -16,7 +16,7 @@ from pydantic import Field, TypeAdapter
 from texclass.atomic_write import cache_root, write_if_possible
 from texclass.evaluation.workers import Progress, each
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.provenance import code_hash
 from texclass.recording import Recording, RecordingError
 from texclass.validation import check_above_0
@@ -254,7 +254,7 @@ def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
 def _movement(load: Callable[[Entry], Recording], entry: Entry) -> Movement:
     try:
         recording = load(entry)
-        movement = segment(recording).movement
+        movement = find_phases(recording).movement
     except RecordingError as error:
         return 0, 0, 1.0, str(error)
     if movement is None:

@@ -78,7 +78,7 @@ def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
     np.subtract(x[..., 1:], x[..., :-1], out=d[..., :n])
     d[..., :n_taper] *= fade
     d[..., n - n_taper : n] *= fade[::-1]
-    in_four = d.ndim == 1 and n_fft > LONG and n_fft % fourier.INTERLEAVED == 0
+    in_four = d.ndim == 1 and n_fft > LONG and n_fft % fourier.LANES == 0
     spectrum = fourier.rfft(d) if in_four else fft.rfft(d)
     power = np.asarray(spectrum.real**2 + spectrum.imag**2, dtype=np.float32)
     power *= np.float32(2 / (fs * (n - 2 * n_taper + 2 * float(fade @ fade))))

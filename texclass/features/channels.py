@@ -13,9 +13,6 @@ from texclass.features.contract import feature
 from texclass.features.phase_view import PairView, PhaseView, transform
 from texclass.recording import Samples
 
-ROUNDING = 1e-9
-"""Of a signal's range: within it, two samples are the same number."""
-
 
 @functools.cache
 def both_ways(lags: tuple[int, ...]) -> tuple[int, ...]:
@@ -103,6 +100,6 @@ def at_rails(view: PhaseView) -> Samples:
     level(view)  # refuses silence
     x = view.samples
     low, high = x.min(), x.max()
-    rounding = ROUNDING * high - ROUNDING * low  # the difference itself may overflow
+    rounding = 1e-9 * high - 1e-9 * low  # of the range, whose difference itself may overflow
     n_held = np.count_nonzero(x >= high - rounding) + np.count_nonzero(x <= low + rounding)
     return np.array([(n_held - 2) / x.size])

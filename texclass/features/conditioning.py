@@ -24,8 +24,6 @@ from texclass.recording import Samples
 
 FINEST = 20
 """Largest factor by which a low-passed movement is decimated."""
-WIDE_HZ = 6000.0
-"""Sampling rate from which on a fourth of it holds all that corrected features read from the spectrum."""
 
 
 def magnitude_of(samples: Samples) -> float:
@@ -127,7 +125,8 @@ def _padded(view: PhaseView) -> NDArray[np.float32]:
 
 def first_bins(view: PhaseView, n_bins: int) -> NDArray[np.complex64]:
     """Return the bins 0 ... n_bins-1 of the spectrum, of `low_spectrum` if that suffices for all features."""
-    enough = view.fs >= WIDE_HZ and n_bins <= padded_length(view) // fourier.INTERLEAVED + 1
+    # From 6 kHz on, a fourth of the rate holds all that corrected features read from the spectrum.
+    enough = view.fs >= 6000 and n_bins <= padded_length(view) // fourier.LANES + 1
     return (low_spectrum(view) if enough else spectrum(view))[:n_bins]
 
 

@@ -22,17 +22,12 @@ LOWER_HZ = 15.0
 SMOOTHING_HZ = 30.0
 """Of the spectrum. Of 3, 10 and 30 Hz, the one whose cut-off varies least within a material beside between
 materials, on repetitions 1-20 of `biotac20` and on `simulated69`."""
-FINENESS = 10.0
-"""Least samples per period of the cut-off when peaks are looked for."""
 DEAD_BAND = 0.3
 """In deviations of the movement, chosen in the same way of 0.1, 0.3 and 0.5; the paper's two bits are an
 absolute 0.3066 m/s^2."""
 RESOLUTION = 0.5
 """Mean absolute error of a Prony fit, in deviations of the movement; the paper's one bit is 0.153 m/s^2, half
 its dead band."""
-MAX_ORDER = 40
-N_FITTED = 8
-"""Segments that `segment_order` fits, evenly spread: the fits cost more than all other features together."""
 
 
 @transform
@@ -50,12 +45,12 @@ def kept(view: PhaseView, lower_hz: float, smoothing_hz: float) -> tuple[Samples
     """Return the movement between `lower_hz` and its automatic cut-off, of deviation 1, and its rate in Hz.
 
     The spectrum is multiplied by the responses of second-order Butterworth filters run forwards and backwards
-    and transformed back at a rate of `FINENESS` cut-offs (its own, if that is lower): peaks are found where
+    and transformed back at a rate of 10 cut-offs (its own, if that is lower): peaks are found where
     they are.
     """
     x, upper_hz = spectrum(view), band(view, lower_hz, smoothing_hz).upper_hz
     n_fft = 2 * (x.size - 1)
-    n = min(n_fft, 2 * fft.next_fast_len(int(n_fft * FINENESS * upper_hz / view.fs / 2) + 1, real=True))
+    n = min(n_fft, 2 * fft.next_fast_len(int(n_fft * 10 * upper_hz / view.fs / 2) + 1, real=True))
     f = np.arange(n // 2 + 1) * (view.fs / n_fft)
     f *= f
     high, low = (f / lower_hz**2) ** 2, (f / upper_hz**2) ** 2
@@ -186,7 +181,7 @@ def segment_order(
     dead_band: float = DEAD_BAND,
     threshold: float = THRESHOLD,
     resolution: float = RESOLUTION,
-    n_fitted: int = N_FITTED,
+    n_fitted: int = 8,
 ) -> float:
     """Mean order of the Prony filters of segments, grown from their extrema until the resolution is met.
 
@@ -214,7 +209,5 @@ def segment_order(
     pieces = [piece for piece in pieces if piece.size >= 2]
     undefined_if(not pieces, "0 segments of two samples; the rule is at least one")
     chosen = np.unique(np.linspace(0, len(pieces) - 1, n_fitted).round().astype(np.intp))
-    orders = [
-        fit_prony(pieces[i], resolution, max_order=min(MAX_ORDER, pieces[i].size - 1)).order for i in chosen
-    ]
+    orders = [fit_prony(pieces[i], resolution, max_order=min(40, pieces[i].size - 1)).order for i in chosen]
     return float(np.mean(orders))

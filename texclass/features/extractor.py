@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 LEAST_SAMPLES = 64
 """Fewer are no signal: so many rows of at most `MOST_AXES` columns are one recording, not many."""
 MOST_AXES = 8
-MOST_REASONS = 3
-"""Reasons of undefined values that a summary names."""
 
 
 class Reason(NamedTuple):
@@ -233,7 +231,7 @@ def gaps(values: "pd.DataFrame", reasons: Iterable[Reason]) -> str:
     never, some = int(absent.all().sum()), int(absent.any().sum())
     told = f"{never} of {counted(len(values.columns), 'column')} without any value"
     told += f", {some - never} with some missing" if some > never else ""
-    common = Counter(reason.reason for reason in reasons).most_common(MOST_REASONS)
+    common = Counter(reason.reason for reason in reasons).most_common(3)
     return told + (f": {' / '.join(reason for reason, _ in common)}" if some else "")
 
 

@@ -1,5 +1,6 @@
 """Fineness: where the energy lies in frequency [strese2015, sections IV-B, IV-D], and how close ribs are."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,17 +13,37 @@ from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import long_frames, power_frames, spectral_moments
 from texclass.recording import Samples
 
-FRAME_M, LEAST_FRAMES = 0.1024, 3
-"""Length of a frame in m; with fewer of them, half overlapping, noise has peaks as high as ribs have."""
-LEAST_PER_MM, MOST_PER_MM, END_PER_MM = 0.05, 3.0, 10.0
-"""Ribs that are looked for, per mm: 20 to 0.33 mm apart; and where the highest of their harmonics may lie."""
-STEP, SMOOTHED, AROUND = 0.01, 0.03, 0.3
-"""Nepers of spatial frequency: from one that is tried to the next, within which power is averaged, and
-the deviation of the window in which a line stands out of what is around."""
-WEIGHTS = 0.6 ** np.arange(5)
-"""Of the harmonics, the first one's first."""
-FLOOR = 1e-9
-"""Power below this part of the mean is rounding."""
+
+@dataclass(frozen=True, kw_only=True)
+class RidgeSearch:
+    """How ridges are found in the spectrum of a movement over its way.
+
+    Attributes
+    ----------
+    frame_m, least_frames
+        Length of a frame in m, and how many, half overlapping, a movement must hold: with fewer of them,
+        noise has peaks as high as ridges have.
+    lowest_per_mm, highest_per_mm, end_per_mm
+        Spatial frequencies that are tried, in 1/mm (20 to 0.33 mm apart), and the highest of their harmonics.
+    step, smoothing, around
+        Natural logarithm of a ratio of spatial frequencies: from one that is tried to the next; within which
+        power is averaged; and the deviation of the window above which a line stands out.
+    weights
+        Of the harmonics, the first one first.
+    floor
+        Power below this share of the mean is rounding.
+    """
+
+    frame_m: float = 0.1024
+    least_frames: int = 3
+    lowest_per_mm: float = 0.05
+    highest_per_mm: float = 3.0
+    end_per_mm: float = 10.0
+    step: float = 0.01
+    smoothing: float = 0.03
+    around: float = 0.3
+    weights: tuple[float, ...] = (1.0, 0.6, 0.6**2, 0.6**3, 0.6**4)
+    floor: float = 1e-9
 
 
 @feature("movement", "DCT bin", "strese2015, eq. 2 and section IV-D.3", depends_on=("rate",))
@@ -191,30 +212,31 @@ def rib_prominence(view: PhaseView) -> float:
 
 
 @transform
-def comb(view: PhaseView) -> tuple[Samples, Samples]:
+def comb(view: PhaseView, search: RidgeSearch = RidgeSearch()) -> tuple[Samples, Samples]:
     """Return spatial frequencies k (1/mm) and H(k) of `rib_density` (dB), both of shape (n,)."""
-    least = round((LEAST_FRAMES + 1) / 2 * FRAME_M * view.fs)
-    require(view, least, f"three frames of {FRAME_M:g} m")
-    end = min(END_PER_MM, view.fs / 2000)
+    least = round((search.least_frames + 1) / 2 * search.frame_m * view.fs)
+    require(view, least, f"three frames of {search.frame_m:g} m")
+    end = min(search.end_per_mm, view.fs / 2000)
     undefined_if(end < 1, f"samples every {1e3 / view.fs:.3g} mm of the way; the rule is at most 0.5 mm")
-    k = np.exp(np.arange(np.log(LEAST_PER_MM), np.log(end), STEP))
-    level = 10 * np.log10(_spectrum(view, k))
-    above = level - ndimage.gaussian_filter1d(level, AROUND / STEP, mode="nearest")
-    height = np.zeros(int(np.searchsorted(k, MOST_PER_MM)))
-    for h, weight in enumerate(WEIGHTS / WEIGHTS.sum(), 1):
-        line = above[round(np.log(h) / STEP) :][: height.size]
+    k = np.exp(np.arange(np.log(search.lowest_per_mm), np.log(end), search.step))
+    level = 10 * np.log10(_spectrum(view, k, search))
+    above = level - ndimage.gaussian_filter1d(level, search.around / search.step, mode="nearest")
+    height = np.zeros(int(np.searchsorted(k, search.highest_per_mm)))
+    for h, weight in enumerate(np.divide(search.weights, sum(search.weights)), 1):
+        line = above[round(np.log(h) / search.step) :][: height.size]
         height[: line.size] += weight * line
     return k[: height.size], height
 
 
-def _spectrum(view: PhaseView, k: Samples) -> Samples:
+def _spectrum(view: PhaseView, k: Samples, search: RidgeSearch) -> Samples:
     """Return P of `rib_density` at k (1/mm), shape (n,)."""
-    frames, per_m = power_frames(view, FRAME_M, FRAME_M / 2, "hann", 1e3 * END_PER_MM)
+    frame_m = search.frame_m
+    frames, per_m = power_frames(view, frame_m, frame_m / 2, "hann", 1e3 * search.end_per_mm)
     of_frame = frames.sum(axis=1, dtype=np.float64, keepdims=True)
     power = (frames / np.where(of_frame > 0, of_frame, 1)).mean(axis=0, dtype=np.float64)
-    power += FLOOR * power.mean()
+    power += search.floor * power.mean()
     integral = np.concatenate([[0], np.cumsum(power)])  # up to the lower edge of each bin
     edge = (np.arange(integral.size) - 0.5) * per_m[1]
-    f, half = 1e3 * k, per_m[1] / 2
-    low, high = np.minimum(f * np.exp(-SMOOTHED), f - half), np.maximum(f * np.exp(SMOOTHED), f + half)
+    f, half, ratio = 1e3 * k, per_m[1] / 2, np.exp(search.smoothing)
+    low, high = np.minimum(f / ratio, f - half), np.maximum(f * ratio, f + half)
     return np.asarray((np.interp(high, edge, integral) - np.interp(low, edge, integral)) / (high - low))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 from scipy import fft
 
@@ -15,7 +16,6 @@ from texclass.features.contract import Gain, UndefinedFeatureError, feature
 from texclass.features.fineness import printed_centroids
 from texclass.features.phase_view import TapSignal, TapView, transform, undefined_if
 from texclass.recording import Samples
-from texclass.signals import find_peaks
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -90,7 +90,7 @@ def impulse_peaks(magnitudes: Sequence[Samples], spacing: int, prominence: float
     all_taps = np.concatenate([silence, *(part for i in magnitudes for part in (i, silence))])
     first = 1 + np.cumsum([0, *(i.size + 1 for i in magnitudes)])
     least = prominence * np.maximum.reduceat(all_taps, first[:-1])
-    peaks = find_peaks(all_taps, height=0.0)
+    peaks, _ = scipy.signal.find_peaks(all_taps, height=0.0)
     of = np.searchsorted(first, peaks, side="right") - 1
     high = all_taps[peaks] >= least[of]  # what is lower neither stands out so far nor hides what is higher
     of, left = of[high], peaks[high].tolist()

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import fft
 
-from texclass.fourier import INTERLEAVED
-from texclass.phases import find_data, find_glitches, glitches_of, mended, segment
+from texclass.fourier import LANES
+from texclass.phases import find_data, find_glitches, find_phases, glitches_of, mended
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, RecordingError, Samples
 from texclass.signals import combine, remove_hand_motion
 
@@ -28,8 +28,6 @@ LONG = 5000
 """Movements of more samples are cut to a length that transforms take quickly; see `kept_length`."""
 LEAST_PIECE = 2048
 """Samples that a piece must hold: with fewer, what is gained by voting is lost in each piece."""
-TRAVEL_STEP_M = 5e-5
-"""From one sample of a movement over its way to the next: half of the shortest wave that it holds."""
 
 
 class UndefinedFeatureError(ValueError):
@@ -208,7 +206,7 @@ def kept_length(n: int) -> int:
     A multiple of four without prime factors above 5: with one, every Fourier transform takes several times
     as long.
     """
-    return int(INTERLEAVED * fft.prev_fast_len(n // INTERLEAVED, real=True)) if n > LONG else n
+    return int(LANES * fft.prev_fast_len(n // LANES, real=True)) if n > LONG else n
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +293,7 @@ class Views:
         s, integral = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, x * steps))
         undefined_if(s[-1] == 0, "the speed is 0 throughout; the rule is a tool that moves")
         undefined_if(np.ptp(x) == 0, f"silence: all {x.size} samples are {x[0]:g}")
-        step = max(TRAVEL_STEP_M, s[-1] / x.size)
+        step = max(5e-5, s[-1] / x.size)  # m; half of the shortest wave
         edges = step * np.arange(int(s[-1] / step) + 1)
         return PhaseView(np.diff(np.interp(edges, s, integral)) / step, 1 / step)
 
@@ -358,7 +356,7 @@ def view_of(phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbi
     Parameters
     ----------
     phase : {"movement", "travel", "tap", "friction", "pair"}
-        Of a signal of taps, those that `texclass.phases.segment` finds.
+        Of a signal of taps, those that `texclass.phases.find_phases` finds.
     signal : array_like of shape (n_samples,) or (n_samples, n_axes)
         Axes are combined by DFT321; a pair has two.
     fs : float
@@ -378,7 +376,7 @@ def view_of(phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbi
     if phase == "travel":
         return Views(recording, whole).movement
     if phase != "pair":
-        return Views(recording, segment(recording) if phase == "tap" else whole).of(phase)
+        return Views(recording, find_phases(recording) if phase == "tap" else whole).of(phase)
     if (n := len(recording.channels)) != 2:
         raise RecordingError(f"a pair of {n} channels; the rule is an array of shape (n_samples, 2)")
     sides = Views(recording, whole, 0), Views(recording, whole, 1)
@@ -401,7 +399,7 @@ def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Vi
     ValueError
         If the recording's channels are not the ones named.
     """
-    phases = segment(recording)
+    phases = find_phases(recording)
     if channels and tuple(channels) not in (recording.channels, _with_turn_rate(recording)):
         present = ", ".join(_with_turn_rate(recording))
         raise RecordingError(

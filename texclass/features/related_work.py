@@ -3,6 +3,7 @@
 import functools
 
 import numpy as np
+import scipy
 from scipy.linalg import LinAlgError, solve_toeplitz
 
 from texclass.features.conditioning import details, level, require, unit
@@ -10,7 +11,7 @@ from texclass.features.contract import Gain, UndefinedFeatureError, feature
 from texclass.features.phase_view import PhaseView, undefined_if
 from texclass.features.spectra import mean_spectrum, power_frames
 from texclass.recording import Samples
-from texclass.signals import find_peaks, moving_average
+from texclass.signals import moving_average
 
 CHATHURANGA = "strese2015, Table I [17] (Chathuranga et al., 2013)"
 SENSOR_BAND_HZ = 1400.0
@@ -281,7 +282,7 @@ def spectral_peaks(
     inside = f <= high_hz
     width = max(1, round(smooth_hz / (f[1] - f[0])))
     envelope = moving_average(moving_average(power[inside], width), width)
-    peaks = find_peaks(envelope, height=1e-10 * float(envelope.max()), distance=width)
+    peaks, _ = scipy.signal.find_peaks(envelope, height=1e-10 * float(envelope.max()), distance=width)
     undefined_if(peaks.size < n_peaks, f"{peaks.size} peaks in the spectral envelope; the rule is {n_peaks}")
     highest = peaks[np.argsort(-envelope[peaks], kind="stable")[:n_peaks]]
     return np.asarray(f[inside][highest])

@@ -18,10 +18,6 @@ of `simulated69`, and on `taps5` (3 recordings of each plate train). More poles 
 """
 TAP_RATE = 2800.0
 """Least rate in Hz that a tap is decimated to: twice the band of the sensor of strese2015."""
-N_SAMPLES = 64
-"""Longest piece of a tap that is fitted, after decimation: 23 ms at most at known rates."""
-LEAST_SPREAD = 0.1
-"""Least range of the hand's velocities, in parts of their mean."""
 
 
 @functools.lru_cache(maxsize=32)
@@ -53,7 +49,7 @@ def modes_of(tap: TapSignal, fs: float, n_modes: int, order: int) -> DecayingMod
         If the tap is silent, or shorter than the fit needs.
     """
     x, rate = decimated(tap.impulse, fs)
-    x = x[:N_SAMPLES]
+    x = x[:64]  # 23 ms at most, after decimation at known rates
     undefined_if(
         x.size < max(2 * order, 8),
         f"{x.size} samples of a tap; the rule is at least {max(2 * order, 8)} at {rate:g} Hz",
@@ -154,7 +150,7 @@ def tap_amplitude_slope(view: TapView) -> float:
     v, a = np.array(per_tap(unit_taps(view), velocity_and_amplitude)).T
     undefined_if(v.size < 3, f"{v.size} taps with a velocity; the rule is at least 3 for a slope")
     undefined_if(
-        np.ptp(v) < LEAST_SPREAD * v.mean(),
-        f"the velocities differ by {np.ptp(v) / v.mean():.2g} of their mean; the rule is {LEAST_SPREAD:g}",
+        np.ptp(v) < 0.1 * v.mean(),
+        f"the velocities differ by {np.ptp(v) / v.mean():.2g} of their mean; the rule is 0.1",
     )
     return float(np.log10(v @ a / (v @ v)))

@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, RootModel, model_valid
 from texclass import shipped
 from texclass.loaders.dataset import GROUPS
 from texclass.loaders.readers import COMMENT, TIME_UNITS, ReaderSettings
+from texclass.phase_settings import PhaseSettings
 from texclass.recording import AUXILIARY_UNITS, Unit
 from texclass.simulate.recipe import Recipe
 from texclass.validation import Written, checked, read_toml
@@ -72,6 +73,8 @@ class Card(Written):
         Title (default: the name of the card), where to get it, terms of use, publication to cite.
     notes
         What a report must say: quirks, assumptions.
+    phase_settings
+        Settings by which phases are found; see `PhaseSettings`.
     """
 
     title: str = ""
@@ -79,6 +82,7 @@ class Card(Written):
     licence: str = "not stated"
     citation: str = ""
     notes: tuple[str, ...] = ()
+    phase_settings: PhaseSettings = PhaseSettings()
     _path: Path = PrivateAttr(default=Path())
 
     @property

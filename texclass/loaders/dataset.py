@@ -1,9 +1,10 @@
 """A dataset: the facts of every recording at hand, the recordings themselves loaded one at a time."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from texclass.loaders.data_files import composed
 from texclass.recording import Recording, RecordingError
@@ -45,6 +46,23 @@ class Entry:
         for name in ("recording_id", "material", "operator", "session"):
             if (text := getattr(self, name)) is not None:
                 object.__setattr__(self, name, composed(text))
+
+
+@dataclass(frozen=True)
+class LoadWithSettings:
+    """Load a recording and change its settings of segmentation."""
+
+    load: Callable[[Entry], Recording]
+    changes: Mapping[str, Any]
+    override: bool
+
+    def __call__(self, entry: Entry) -> Recording:
+        """Return the recording of an entry."""
+        recording = self.load(entry)
+        settings = replace(recording.phase_settings, **self.changes)
+        if not self.override:
+            settings = replace(settings, **recording.phase_settings.changes)
+        return recording.with_(phase_settings=settings)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,6 +118,17 @@ class Dataset(Sequence[Recording]):
             if not self.skip_bad:
                 raise
             return error
+
+    def with_phase_settings(self, changes: Mapping[str, Any], *, override: bool = True) -> "Dataset":
+        """Return the dataset with other settings of segmentation, by their names in `PhaseSettings`.
+
+        Settings that its recordings change themselves are kept unless `override` is true.
+        """
+        if not changes:
+            return self
+        digest = hashlib.sha256(f"{self.input_hash} {sorted(changes.items())} {override}".encode())
+        load = LoadWithSettings(self.load, changes, override)
+        return replace(self, load=load, input_hash=digest.hexdigest())
 
     @property
     def table(self) -> "pd.DataFrame":

@@ -20,6 +20,7 @@ from texclass.loaders.places import digest_files, digest_of, file_digests, leave
 from texclass.loaders.plausibility import build_recording, doubtful_labels
 from texclass.loaders.readers import BAG_FOLDER, STORAGE, ReadSignals, is_bag, refused, storage_suffix
 from texclass.loaders.timestamps import TIMESTAMPS
+from texclass.phase_settings import PhaseSettings
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 from texclass.reporting.wording import counted
 
@@ -347,12 +348,10 @@ def conditioned(
     turn = recording.turn_rate
     if turn is not None and turn_rate_scale != 1.0:
         turn = turn * turn_rate_scale
-    recording = recording.with_(acceleration=acceleration, turn_rate=turn, phases=declared)
-    if phases != "taps":
-        return recording
-    from texclass.phases import segment
-
-    return recording.with_(phases=segment(recording, "taps"))
+    settings = replace(recording.phase_settings, contents="taps") if phases == "taps" else PhaseSettings()
+    return recording.with_(
+        acceleration=acceleration, turn_rate=turn, phases=declared, phase_settings=settings
+    )
 
 
 def contact(acceleration: Samples) -> int:

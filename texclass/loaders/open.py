@@ -29,6 +29,7 @@ from texclass.loaders.labels import find_label_columns
 from texclass.loaders.places import data_roots, find_folder, leaves
 from texclass.loaders.plausibility import agreed_rate, agreed_unit, doubtful_levels
 from texclass.loaders.readers import BAG_FOLDER, ReaderSettings, columns_of, formats, is_bag, refused
+from texclass.phase_settings import PhaseSettings
 from texclass.recording import Recording, RecordingError
 from texclass.reporting.wording import counted
 
@@ -40,6 +41,7 @@ def open_dataset(
     unit: str | None = None,
     resample: float | None = None,
     labels: str | Path | None = None,
+    tap_spacing: float | None = None,
     skip_bad: bool = False,
     **reading: Any,
 ) -> Dataset:
@@ -61,6 +63,8 @@ def open_dataset(
     labels : str or Path, optional
         Table (CSV) with a column `file` and a column `surface` for a folder of any layout, optionally with
         `operator`, `session` and `repetition`. A card has [labels] instead.
+    tap_spacing : float, optional
+        Distance in s below which impulses are one tap and its rebounds (default: that of the card, or 0.08).
     skip_bad : bool
         Let `Dataset.attempt` return the error of a bad recording instead of raising it.
     **reading : optional
@@ -82,12 +86,16 @@ def open_dataset(
         If a fact is missing or contradicted, or the folder holds no recording.
     """
     path = Path(name_or_path).expanduser()
+    changes: dict[str, Any] = {} if tap_spacing is None else {"tap_spacing_s": tap_spacing}
+    PhaseSettings(**changes)  # checks the value before any file is read
     settings = ReaderSettings(fs=fs, unit=unit, resample=resample, **reading)
     settings.check(path)
     if str(name_or_path) in shipped.names("datasets") or not path.is_dir():
-        return _open_card(read_card(name_or_path), settings, labels, skip_bad=skip_bad)
+        card = read_card(name_or_path)
+        dataset = _open_card(card, settings, labels, skip_bad=skip_bad)
+        return dataset.with_phase_settings(card.phase_settings.changes | changes)
     try:
-        return _open_folder(path, settings, labels, skip_bad=skip_bad)
+        return _open_folder(path, settings, labels, skip_bad=skip_bad).with_phase_settings(changes)
     except RecordingError as error:
         remedy = f"`texclass card {path} -o card.toml` drafts a dataset card of the folder"
         raise RecordingError(f"{error}. {remedy}") from error

@@ -5,14 +5,11 @@ from .defects import mended as mended
 from .hand import hand_start as hand_start
 from .impulses import Impulse as Impulse
 from .impulses import Levels as Levels
-from .impulses import Rules as Rules
+from .impulses import bin_means as bin_means
 from .impulses import divide as divide
 from .impulses import find_impulses as find_impulses
 from .impulses import only_taps as only_taps
 from .segmenter import AT_REST_M_S2 as AT_REST_M_S2
-from .segmenter import Holds as Holds
-from .segmenter import Segmenter as Segmenter
+from .segmenter import find_phases as find_phases
 from .segmenter import leaves_noise as leaves_noise
-from .segmenter import segment as segment
 from .vibration_track import LEAST_SAMPLES as LEAST_SAMPLES
-from .vibration_track import block_mean as block_mean

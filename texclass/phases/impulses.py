@@ -1,104 +1,38 @@
-"""What a level over time holds: impulses that rise and die away, and vibration that keeps on.
+"""Find impulses that rise and decay, and movement that keeps vibrating, in a level over time.
 
-The one core of segmentation. A recording asks it once, of all its bins; a stream asks of the bins of the
-contact at hand. It looks back a few hundredths of a second, and ahead until an impulse has died away.
+This is the core of segmentation. A recording passes the levels of all its bins at once, a live stream those
+of the current contact. It looks back a few hundredths of a second, and ahead until an impulse has decayed.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from texclass.phase_settings import PhaseSettings
 from texclass.recording import Samples
-
-SHARP_S, CALM_S = 0.003, 0.02
-"""Levels are averaged over this to place a peak, and over this to follow what it leaves."""
-RISE_S = 0.015
-"""Longest rise of an impulse: half the duration of a soft contact and the delay of a filter."""
-STALL_S, STALL_DB = 0.075, 2.0
-"""What loses less than so many dB in this time no longer dies away (27 dB/s: a time constant of 0.33 s)."""
-TAIL_S, TAIL_DB = 0.7, 6.0
-"""What an impulse leaves rises nowhere by so much, and is gone (or struck again) in this time."""
-LASTING_DB, RING_DB = 25.0, 18.0
-"""An impulse below this level is over before it could pass for movement; one that falls by less before other
-vibration sets in may be the first of the texture."""
-DECAY_DB, WIDTH_DB, ONSET_DB = 30.0, 10.0, 20.0
-"""A tap is measured to so far below its peak; it is so wide; it begins so far below."""
-STRONG_DB = 6.0
-"""An impulse so far above the strokes' own peaks (95 of 100 bins) is none of them."""
-FIRST_GAP_S = 0.1
-"""Impulses weaker than the strokes, so soon before them, are the first that a slow stroke felt."""
-FAINT_DB = 25.0
-"""What follows taps and lies so far below them, for less than 0.7 s, is their echo, no movement."""
-SHORT_S = 0.7
-WEAK_DB, PULL_S, PULL_DB = 16.0, 0.15, 6.0
-"""Felt in the soft band alone, so soon before an impulse that is so much stronger, it is the hand's pull."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rules:
-    """What tells a tap from a stroke. Durations in seconds, ratios of power to that of the noise.
-
-    Attributes
-    ----------
-    active_ratio, stroke_ratio
-        Vibration stands this far above the noise; vibration that lasts, so far.
-    tap_ratio
-        A tap's peak stands this far above it.
-    stand_out_db
-        And this far above what was just before and what is left when it has died away.
-    spacing_s
-        Impulses closer than this are one tap and its rebounds.
-    before_s
-        What was before: this long, up to the rise.
-    window_s, share
-        The tool strokes where at least this share of a window vibrates; a tap leaves most of it quiet.
-    gap_s
-        A rest below this is none.
-    pause_s
-        Within this time after a stroke there are strokes, however faint, but no taps.
-    range_db
-        The weakest tap against the strongest one: a tool that is lifted, set down or turned in the hand
-        moves, too, but less.
-    clear_db, clear_s
-        A weaker one (by at most `clear_range_db`) must be so strong, and so short.
-    """
-
-    active_ratio: float = 2.0
-    stroke_ratio: float = 1.5
-    tap_ratio: float = 40.0
-    stand_out_db: float = 10.0
-    spacing_s: float = 0.08
-    before_s: float = 0.03
-    window_s: float = 0.3
-    share: float = 0.65
-    gap_s: float = 0.03
-    pause_s: float = 1.0
-    range_db: float = 20.0
-    clear_range_db: float = 32.0
-    clear_db: float = 30.0
-    clear_s: float = 0.02
 
 
 @dataclass(frozen=True)
 class Levels:
-    """Power over that of the noise, bin by bin; 0 where there are no data.
+    """Power relative to the noise, bin by bin; 0 where there are no data.
 
     Attributes
     ----------
     loud : ndarray of shape (n_bins,)
-        Of everything above the hand's own motion.
+        Power above hand motion in all bands.
     felt : ndarray of shape (n_bins,)
-        The greater of that and what is felt in the band in which soft contacts ring.
+        The larger of `loud` and the power in the band in which soft contacts ring.
     strokes : ndarray of shape (n_bins,)
-        The same where everything stands out a little, so that it is not the hand's unrest; less by a quarter
-        where the noise comes and goes.
+        The same where all bands exceed the noise, so that hand motion does not count; lowered by a quarter
+        where the noise is intermittent.
     bin_s : float
-        Seconds a bin.
+        Duration of a bin in s.
     least : int
-        Bins without which a level is too uncertain to call vibration.
+        Bins below which a level is too uncertain to count as vibration.
     """
 
     loud: Samples
@@ -114,21 +48,21 @@ class Levels:
 
 @dataclass(frozen=True)
 class Impulse:
-    """Something that struck.
+    """An impulse, in bins.
 
     Attributes
     ----------
     start, peak, end, gone : int
-        Bins: it leaves what was before, is strongest, is down by 30 dB (or in the noise, or overtaken), and
-        has left nothing.
+        Bins in which it rises, is strongest, is 30 dB below its peak (or in the noise, or overtaken by the
+        next), and has decayed.
     width : int
         Bins from the start until it is 10 dB below its peak.
     felt_db, loud_db : float
-        Its peak above the noise, soft band included or not.
+        Peak above the noise, with and without the soft band.
     stands_out_db : float
-        Its peak above the greater of what was before and what is left.
+        Peak above the larger of what was before and what is left.
     fall_db : float
-        Its peak above what is left.
+        Peak above what is left.
     """
 
     start: int
@@ -143,7 +77,7 @@ class Impulse:
 
     @property
     def quality(self) -> float:
-        """How surely it is one: 1 less the amplitude of what is around over that of its peak."""
+        """Confidence: 1 minus the ratio of the amplitude around it to that of its peak."""
         return 1.0 - float(10.0 ** (-self.stands_out_db / 20.0))
 
 
@@ -152,174 +86,234 @@ def decibels(ratio: Samples) -> Samples:
     return np.asarray(10.0 * np.log10(np.maximum(ratio, 1.0)))
 
 
-def find_impulses(levels: Levels, rules: Rules) -> list[Impulse]:
-    """Return what rises sharply out of what was before, noise or vibration, and dies away."""
-    n = levels.n_bins
-    sharp, loud = (decibels(mean_over(x, n(SHARP_S))) for x in (levels.felt, levels.loud))
-    calm = decibels(mean_over(levels.felt, n(CALM_S)))
-    quiet_db, least_db = 10.0 * np.log10(rules.active_ratio), rules.stand_out_db
-    peaks, rises = _peaks(sharp, loud, n, rules)
-    back, after, stall, tail, rise = (n(s) for s in (rules.before_s, CALM_S / 2, STALL_S, TAIL_S, RISE_S))
-    found: list[Impulse] = []
-    limit = len(sharp)
-    for peak in reversed(peaks):
-        if peak >= limit:
-            continue
-        top, look = float(sharp[peak]), max(0, peak - back)
-        (below,) = np.nonzero(sharp[look:peak] < max(quiet_db, top - ONSET_DB))
-        start = look + (int(below[-1]) + 1 if len(below) else 0)
-        left = calm[min(peak + after, len(calm) - 1) :][: limit - peak]
-        over = min(_first(sharp[peak:limit] < quiet_db, limit - peak), limit - peak - 1)
-        gone = peak + min(_stall(left[: over + 3 * stall], stall), over)
-        gone = min(gone + _tail(calm[gone : gone + tail][: limit - gone], quiet_db, limit - gone), limit)
-        end = min(gone, peak + _first(sharp[peak:limit] < top - DECAY_DB, limit - peak))
-        fall = top - float(left[: gone - peak + 1].min(initial=top))
-        if fall < least_db:
-            continue
-        loudest = start + int(loud[start : peak + rise].argmax())
-        strongest = float(loud[loudest])
-        width = loudest + _first(loud[loudest:] < strongest - WIDTH_DB, limit - loudest) - start
-        ends = max(end, start + 1), max(gone, start + 1)
-        stands_out = min(float(rises[peak]), fall)
-        found.append(Impulse(start, peak, *ends, width, top, strongest, stands_out, fall))
-        limit = max(start, 1)
-    return found[::-1]
+def find_impulses(levels: Levels, settings: PhaseSettings) -> list[Impulse]:
+    """Return the impulses of a recording: levels that rise sharply and decay.
 
-
-def _peaks(
-    sharp: Samples, loud: Samples, n_bins: Callable[[float], int], rules: Rules
-) -> tuple[list[int], Samples]:
-    """Return the peaks of both levels (dB) that rise sharply, and by how much each bin stands above before.
-
-    The hand's pull, felt in the soft band, hides no tap that is loud besides and comes out of rest.
+    1. Smooth the levels and convert them to dB.
+    2. Find candidate peaks: local maxima that stand out from what came before.
+    3. Measure each candidate from the last to the first, as an impulse ends where the next one begins.
+    4. Keep those that decay by at least `stand_out_db`.
     """
-    tap_db, least_db, back = 10.0 * np.log10(rules.tap_ratio), rules.stand_out_db, n_bins(rules.before_s)
-    rises, near = np.zeros(len(sharp)), 2 * n_bins(rules.spacing_s) - 1
-    reach = n_bins(RISE_S) + back // 2
-    for level, most_db in ((sharp, np.inf), (loud, least_db)):
-        before = _highest(level, back, reach + back // 2)[: len(level)]
-        before[:reach] = 0.0  # so near to the start it is not known
-        above = np.where(before < most_db, level - before, 0.0)
-        np.maximum(rises, _highest(above, back, back - 1), out=rises)
-    (risen,) = np.nonzero(rises >= least_db)
-    highest = [x[risen] == _highest(x, near, near // 2, near // 2)[risen] for x in (sharp, loud)]
-    is_peak = (highest[0] & (sharp[risen] >= tap_db)) | (highest[1] & (loud[risen] >= tap_db))
-    return risen[is_peak].tolist(), rises
+    smooth = SmoothLevels.of(levels, settings)
+    rise_db = prominence_over_past(smooth, settings)
+    impulses: list[Impulse] = []
+    stop = len(rise_db)
+    for peak in candidate_peaks(smooth, rise_db, settings)[::-1]:
+        if peak < stop:
+            impulse = measure(smooth, peak, stop, float(rise_db[peak]), settings)
+            if impulse.fall_db >= settings.stand_out_db:
+                impulses.append(impulse)
+                stop = max(impulse.start, 1)
+    return impulses[::-1]
 
 
-def _highest(level: Samples, n: int, before: int = 0, after: int = 0) -> Samples:
-    """Return the maximum of each `n` bins in a row, with so many zeros before and after: len - n + 1 of them.
+@dataclass(frozen=True, eq=False)
+class SmoothLevels:
+    """Levels in dB above the noise, shape (n_bins,), smoothed for three purposes.
 
-    Maxima of twice as many are those of two neighbours, so it takes a few passes.
+    Attributes
+    ----------
+    sharp, loud : ndarray
+        Short average that locates peaks, with and without the soft band.
+    calm : ndarray
+        Longer average that follows the decay.
+    n_bins : callable
+        Convert seconds to bins.
     """
-    high, done = np.concatenate([np.zeros(before), level, np.zeros(after)]), 1
-    while 2 * done <= n:
-        high = np.maximum(high[:-done], high[done:])
-        done *= 2
-    return np.asarray(np.maximum(high[: len(high) - n + done], high[n - done :]))
+
+    sharp: Samples
+    loud: Samples
+    calm: Samples
+    n_bins: Callable[[float], int]
+
+    @classmethod
+    def of(cls, levels: Levels, settings: PhaseSettings) -> Self:
+        """Smooth the levels of a recording."""
+        n = levels.n_bins
+        sharp, loud, calm = (
+            decibels(moving_mean(level, n(seconds)))
+            for level, seconds in (
+                (levels.felt, settings.sharp_s),
+                (levels.loud, settings.sharp_s),
+                (levels.felt, settings.calm_s),
+            )
+        )
+        return cls(sharp, loud, calm, n)
 
 
-def find_movement(levels: Levels, impulses: Sequence[Impulse], rules: Rules) -> tuple[int, int] | None:
+def prominence_over_past(smooth: SmoothLevels, settings: PhaseSettings) -> Samples:
+    """Return by how much (dB) each bin, or one shortly before it, exceeds the maximum of the past.
+
+    The past is a window of `before_s` that ends `rise_s` earlier. The level of all bands counts only where
+    that past is at rest: the pull of the hand in the soft band must not mask a loud tap.
+    """
+    n_past, n_rise = smooth.n_bins(settings.before_s), smooth.n_bins(settings.rise_s)
+    rise = np.zeros(len(smooth.sharp))
+    for level, highest_past_db in ((smooth.sharp, np.inf), (smooth.loud, settings.stand_out_db)):
+        past = _delayed(_trailing_max(level, n_past), n_rise + 1 - n_past % 2)
+        past[: n_rise + n_past // 2] = 0.0  # less than half of the window exists
+        above = np.where(past < highest_past_db, level - past, 0.0)
+        rise = np.maximum(rise, _trailing_max(above, n_past))
+    return rise
+
+
+def candidate_peaks(smooth: SmoothLevels, rise_db: Samples, settings: PhaseSettings) -> list[int]:
+    """Return the bins that are maxima within `tap_spacing_s`, loud as a tap, and stand out from the past."""
+    size = 2 * smooth.n_bins(settings.tap_spacing_s) - 1
+    is_peak = np.zeros(len(rise_db), dtype=bool)
+    for level in (smooth.sharp, smooth.loud):
+        is_maximum = level == ndimage.maximum_filter1d(level, size, mode="constant")
+        is_peak |= is_maximum & (level >= 10 * np.log10(settings.tap_ratio))
+    return np.flatnonzero(is_peak & (rise_db >= settings.stand_out_db)).tolist()
+
+
+def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings: PhaseSettings) -> Impulse:
+    """Measure the impulse with its peak in bin `peak`; the next impulse starts in bin `stop`."""
+    sharp, loud, n_bins = smooth.sharp, smooth.loud, smooth.n_bins
+    quiet_db = 10 * np.log10(settings.active_ratio)
+    top = float(sharp[peak])
+
+    onset = max(0, peak - n_bins(settings.before_s))
+    below = np.flatnonzero(sharp[onset:peak] < max(quiet_db, top - settings.onset_db))
+    start = onset + (int(below[-1]) + 1 if below.size else 0)
+
+    gone, lowest = decay_end(smooth, peak, stop, settings)
+    end = min(gone, peak + _first(sharp[peak:stop] < top - settings.decay_db, stop - peak))
+    fall_db = max(0.0, top - lowest)
+
+    loudest = start + int(loud[start : peak + n_bins(settings.rise_s)].argmax())
+    loud_db = float(loud[loudest])
+    width = loudest + _first(loud[loudest:] < loud_db - settings.width_db, stop - loudest) - start
+    return Impulse(
+        start, peak, max(end, start + 1), max(gone, start + 1), width,
+        felt_db=top, loud_db=loud_db, stands_out_db=min(rise_db, fall_db), fall_db=fall_db,
+    )  # fmt: skip
+
+
+def decay_end(smooth: SmoothLevels, peak: int, stop: int, settings: PhaseSettings) -> tuple[int, float]:
+    """Return the bin in which an impulse has decayed, and its lowest level (dB) until it stops falling.
+
+    It has decayed when the level reaches rest or stops falling, and after a tail that falls without a rise.
+    """
+    n_bins, quiet_db = smooth.n_bins, 10 * np.log10(settings.active_ratio)
+    after = min(peak + n_bins(settings.calm_s / 2), len(smooth.calm) - 1)
+    decay = smooth.calm[after : after + stop - peak]
+    n_stall = n_bins(settings.stall_s)
+    quiet = min(_first(smooth.sharp[peak:stop] < quiet_db, stop - peak), stop - peak - 1)
+    n_falling = min(_end_of_fall(decay[: quiet + 3 * n_stall], n_stall, settings.stall_db), quiet)
+    gone = peak + n_falling
+    tail = smooth.calm[gone : min(gone + n_bins(settings.tail_s), stop)]
+    n_tail = _tail_length(tail, quiet_db, settings.tail_db, is_last=stop - gone <= len(tail))
+    lowest = float(decay[: n_falling + n_tail + 1].min(initial=np.inf))
+    return min(gone + n_tail, stop), lowest
+
+
+def find_movement(
+    levels: Levels, impulses: Sequence[Impulse], settings: PhaseSettings
+) -> tuple[int, int] | None:
     """Return the bins [first, last) between which the tool keeps vibrating, pauses included; None if never.
 
-    It does where at least `share` of a window is active, what impulses leave not counted: these leave most of
-    a window quiet, however strong they are and however long they ring. The ends are then moved to the
-    outermost vibration that hangs together with them, up to an impulse far stronger than the strokes.
+    1. Remove impulses, which leave most of a window quiet, however strong they are and long they ring.
+    2. Find the windows of which at least `share` is active.
+    3. Move both ends to the outermost vibration connected with them, up to an impulse far stronger than the
+       strokes.
     """
     size = max(levels.least, levels.n_bins(0.005))
-    window = max(1, round(levels.n_bins(rules.window_s) / size))
-    rings = [i for i in impulses if i.fall_db >= RING_DB]
-    level = _blocks(without(levels.strokes, rings, LASTING_DB), size)
-    share = ndimage.uniform_filter1d((level > rules.stroke_ratio).astype(float), window, mode="constant")
-    (lasting,) = np.nonzero(share > rules.share - 1e-9)
+    window = max(1, round(levels.n_bins(settings.window_s) / size))
+    rings = [i for i in impulses if i.fall_db >= settings.ring_db]
+    level = bin_means(without(levels.strokes, rings, settings.lasting_db), size)
+    share = ndimage.uniform_filter1d((level > settings.stroke_ratio).astype(float), window, mode="constant")
+    (lasting,) = np.nonzero(share > settings.share - 1e-9)
     if not len(lasting):
         return None
     begun, ended = int(lasting[0]), int(lasting[-1])
-    strong = quantiles(levels.strokes[begun * size : (ended + 1) * size], 0.95, of=decibels)[0] + STRONG_DB
-    level = _blocks(without(levels.strokes, impulses, strong), size)
-    active = ndimage.uniform_filter1d(level, 3, mode="nearest") > rules.stroke_ratio
-    gap = max(1, round(levels.n_bins(rules.gap_s) / size))
+    peak_db = np.quantile(decibels(levels.strokes[begun * size : (ended + 1) * size]), 0.95)
+    strong = float(peak_db) + settings.strong_db
+    level = bin_means(without(levels.strokes, impulses, strong), size)
+    active = ndimage.uniform_filter1d(level, 3, mode="nearest") > settings.stroke_ratio
+    gap = max(1, round(levels.n_bins(settings.gap_s) / size))
     first = len(active) - 1 - _outermost(active[::-1], len(active) - 1 - begun, gap)
     last = _outermost(active, ended, gap)
     return first * size, min((last + 1) * size, len(levels.strokes))
 
 
 def divide(
-    levels: Levels, impulses: Sequence[Impulse], rules: Rules, begins: int | None = None
+    levels: Levels, impulses: Sequence[Impulse], settings: PhaseSettings, begins: int | None = None
 ) -> tuple[list[Impulse], tuple[int, int] | None]:
-    """Return what of impulses and of vibration that keeps on are the taps, and the bins of the movement.
+    """Return the taps among the impulses, and the bins of the movement (None if there is none).
 
-    Impulses inside the movement belong to the texture, and so do those that hang together with its start,
-    or follow within a pause, unless they are far stronger than the strokes. Where vibration `begins` with the
+    Impulses inside the movement belong to the texture, and so do those connected with its start, or within a
+    pause after it, unless they are far stronger than the strokes. Where vibration `begins` with the
     data, in that bin, and fills a third of the time up to lasting strokes, so does the movement.
     """
-    span = find_movement(levels, impulses, rules)
-    if span is None or _is_echo(levels, impulses, span):
-        return only_taps(impulses, levels, rules), None
+    span = find_movement(levels, impulses, settings)
+    if span is None or _is_echo(levels, impulses, span, settings):
+        return only_taps(impulses, levels, settings), None
     first, last = span
-    if begins is not None:
-        active = _blocks(levels.strokes[begins:first], max(levels.least, levels.n_bins(CALM_S)))
-        first = begins if len(active) and np.mean(active > rules.active_ratio) > rules.share / 2 else first
-    usual, strong = quantiles(levels.felt[first:last], 0.5, 0.95, of=decibels)
+    if begins is not None and begins < first:
+        active = bin_means(levels.strokes[begins:first], max(levels.least, levels.n_bins(settings.calm_s)))
+        if np.mean(active > settings.active_ratio) > settings.share / 2:
+            first = begins
+    usual, strong = np.quantile(decibels(levels.felt[first:last]), [0.5, 0.95])
     before = [i for i in impulses if i.start < first]
     after = [i for i in impulses if i.start >= first and i.gone > last]
-    while before and before[-1].felt_db < strong + STRONG_DB:
-        gap_s = FIRST_GAP_S if before[-1].felt_db < usual else rules.gap_s
+    while before and before[-1].felt_db < strong + settings.strong_db:
+        gap_s = settings.first_gap_s if before[-1].felt_db < usual else settings.gap_s
         if first - before[-1].end >= levels.n_bins(gap_s):
             break
         first = min(first, before.pop().start)
-    while after and after[0].start < last + levels.n_bins(rules.pause_s):
+    while after and after[0].start < last + levels.n_bins(settings.pause_s):
         last = max(last, after.pop(0).gone)
-    return only_taps(before + after, levels, rules), (first, last)
+    return only_taps(before + after, levels, settings), (first, last)
 
 
-def _is_echo(levels: Levels, impulses: Sequence[Impulse], span: tuple[int, int]) -> bool:
-    if span[1] - span[0] >= levels.n_bins(SHORT_S):
+def _is_echo(
+    levels: Levels, impulses: Sequence[Impulse], span: tuple[int, int], settings: PhaseSettings
+) -> bool:
+    if span[1] - span[0] >= levels.n_bins(settings.echo_s):
         return False
     strongest = max((i.loud_db for i in impulses if i.start < span[0]), default=0.0)
-    left = without(levels.loud, impulses, LASTING_DB)[slice(*span)]
-    return quantiles(left, 0.75, of=decibels)[0] < strongest - FAINT_DB
+    left = without(levels.loud, impulses, settings.lasting_db)[slice(*span)]
+    return bool(np.quantile(decibels(left), 0.75) < strongest - settings.echo_db)
 
 
-def only_taps(impulses: Sequence[Impulse], levels: Levels, rules: Rules) -> list[Impulse]:
-    """Leave out the impulses of a tool that is lifted, set down or pulled, by what the strongest are like."""
+def only_taps(impulses: Sequence[Impulse], levels: Levels, settings: PhaseSettings) -> list[Impulse]:
+    """Return the impulses without weak ones, of a tool that is lifted, set down or pulled."""
     felt = max((i.felt_db for i in impulses), default=0.0)
     loud = max((i.loud_db for i in impulses), default=0.0)
 
+    def is_pull(impulse: Impulse) -> bool:
+        soon = impulse.start + levels.n_bins(settings.pull_s)
+        stronger_db = impulse.felt_db + settings.pull_db
+        return any(impulse.start < i.start < soon and i.felt_db > stronger_db for i in impulses)
+
     def is_tap(impulse: Impulse) -> bool:
-        if impulse.loud_db < WEAK_DB:  # in the soft band alone
-            soon = impulse.start + levels.n_bins(PULL_S)
-            pulled = any(
-                impulse.start < i.start < soon and i.felt_db > impulse.felt_db + PULL_DB for i in impulses
-            )
-            return not pulled and felt - impulse.felt_db <= WEAK_DB
-        below = loud - impulse.loud_db
-        is_clear = impulse.loud_db >= rules.clear_db and impulse.width <= levels.n_bins(rules.clear_s)
-        return below <= (rules.clear_range_db if is_clear else rules.range_db)
+        if impulse.loud_db < settings.soft_db:
+            return felt - impulse.felt_db <= settings.soft_db and not is_pull(impulse)
+        is_short = impulse.width <= levels.n_bins(settings.clear_s)
+        is_clear = impulse.loud_db >= settings.clear_db and is_short
+        return loud - impulse.loud_db <= (settings.clear_range_db if is_clear else settings.range_db)
 
     return [impulse for impulse in impulses if is_tap(impulse)]
 
 
-def quantiles(level: Samples, *q: float, of: Callable[[Samples], Samples] = np.asarray) -> list[float]:
-    """Return quantiles of a rising function of a level as `numpy.quantile` does, which takes far longer."""
-    place = [each * (len(level) - 1) for each in q]
-    near = sorted({k for at in place for k in (int(at), min(int(at) + 1, len(level) - 1))})
-    values = of(np.partition(level, near)[near])
-    return [float(np.interp(at, near, values)) for at in place]
+def bin_means(x: Samples, size: int) -> Samples:
+    """Return the means of consecutive bins of `size` samples along the last axis; the last may be shorter."""
+    if size == 1:
+        return x
+    whole = x.shape[-1] // size * size
+    means = x[..., :whole].reshape(*x.shape[:-1], -1, size) @ np.full(size, 1 / size)  # faster than mean
+    rest = x[..., whole:]
+    return np.concatenate([means, rest.mean(axis=-1, keepdims=True)], axis=-1) if rest.size else means
 
 
-def mean_over(level: Samples, n: int, block: int = 1 << 19) -> Samples:
-    """Centred mean over `n` bins, the ends repeated, not below 0; in blocks, for scipy buffers its input."""
-    mean = np.empty_like(level)
-    for k in range(0, len(level), block):
-        first = max(0, k - n)
-        near = ndimage.uniform_filter1d(level[first : k + block + n], n, mode="nearest")
-        np.maximum(near[k - first : k - first + block], 0.0, out=mean[k : k + block])
-    return mean
+def moving_mean(level: Samples, n: int) -> Samples:
+    """Return the centred mean over `n` bins (at least 1) of a level of at least 0; the ends are repeated."""
+    return np.asarray(np.maximum(ndimage.uniform_filter1d(level, max(1, n), mode="nearest"), 0.0))
 
 
 def without(strokes: Samples, impulses: Sequence[Impulse], least_db: float) -> Samples:
-    """Return a level without what impulses of at least `least_db` leave."""
+    """Return a level that is 0 during impulses of at least `least_db` and their decay."""
     left = strokes.copy()
     for impulse in impulses:
         if impulse.loud_db >= least_db:
@@ -327,40 +321,43 @@ def without(strokes: Samples, impulses: Sequence[Impulse], least_db: float) -> S
     return left
 
 
-def _stall(level: Samples, n: int) -> int:
-    """Return where a falling level (dB) stops falling: the valley before what comes; its length if nowhere.
+def _end_of_fall(level: Samples, n: int, stall_db: float) -> int:
+    """Return where a falling level (dB) stops: in the valley before the next rise; its length if nowhere.
 
-    The strongest within the next `2 n` bins is followed, so that a beat of two modes is no stop.
+    The maximum of the next `2 n` bins is followed, so that a beat of two modes does not count as a stop.
     """
-    high = ndimage.maximum_filter1d(level, 2 * n, origin=-n, mode="nearest")  # faster, so short a level
-    at = _first(high[:-n] - high[n:] < STALL_DB, len(level))
-    ahead = level[at : at + 3 * n]
-    return at + int(np.argmax(ahead <= ahead.min() + STALL_DB)) if len(ahead) else at
+    upper = ndimage.maximum_filter1d(level, 2 * n, origin=-n, mode="nearest")
+    stall = _first(upper[:-n] - upper[n:] < stall_db, len(level))
+    ahead = level[stall : stall + 3 * n]
+    return stall + int(np.argmax(ahead <= ahead.min() + stall_db)) if ahead.size else stall
 
 
-def _tail(level: Samples, quiet_db: float, n_left: int) -> int:
-    """Return how long what is left goes on, if it comes to rest, or to the next impulse, without a rise."""
-    if not len(level):
+def _tail_length(level: Samples, quiet_db: float, rise_db: float, *, is_last: bool) -> int:
+    """Return how long a tail decays: to rest, to the valley before a rise, or to the next impulse."""
+    if not level.size:
         return 0
-    rest = _first(level < quiet_db, len(level))
-    before = level[:rest]
-    rise = _first(before > np.minimum.accumulate(before) + TAIL_DB, len(level))
-    if rest < len(level) and rest <= rise:
+    n = len(level)
+    rest = _first(level < quiet_db, n)
+    rise = _first(level[:rest] > np.minimum.accumulate(level[:rest]) + rise_db, n)
+    if rest <= rise and rest < n:
         return rest
-    if rise < len(level):
+    if rise < n:
         return int(np.argmin(level[: rise + 1]))
-    return len(level) if n_left <= len(level) else 0
+    return n if is_last else 0
+
+
+def _trailing_max(x: Samples, n: int) -> Samples:
+    """Return the maximum of each bin and the n - 1 before it; values before the start count as 0."""
+    return ndimage.maximum_filter1d(x, n, origin=(n - 1) // 2, mode="constant")
+
+
+def _delayed(x: Samples, n: int) -> Samples:
+    return np.concatenate([np.zeros(n), x])[: len(x)]
 
 
 def _first(where: NDArray[np.bool_], otherwise: int) -> int:
     at = int(where.argmax()) if len(where) else 0
     return at if len(where) and where[at] else otherwise
-
-
-def _blocks(level: Samples, size: int) -> Samples:
-    whole = len(level) // size * size
-    means = level[:whole].reshape(-1, size) @ np.full(size, 1 / size)
-    return np.append(means, level[whole:].mean()) if len(level) > whole else means
 
 
 def _outermost(active: NDArray[np.bool_], start: int, gap: int) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from texclass.features.cepstrum import Banks, with_banks
 from texclass.features.phase_view import TURN
 from texclass.features.plan import Computed, Plan
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.recognition.answers import Answer, Prediction, joined, ranked
 from texclass.recognition.array_form import Part, apply_all, decide, estimators_in
 from texclass.recognition.conformal import LEVELS, Conformity
@@ -197,7 +197,7 @@ class Model:
         unlike = self.unlike(recording.fs, recording.unit, f"--resample {self.manifest.fs:g}")
         unlike += self.other_axes(recording.channels)
         unlike += self.narrow_band(recording.native_fs or recording.fs)
-        phases = segment(recording)
+        phases = find_phases(recording, self.manifest.phase_settings)
         row = self.compute(recording.with_(phases=phases))
         nothing = ["no feature has a value"] if np.isnan(row.values).all() else []
         told = [*unlike, *nothing]
@@ -296,7 +296,9 @@ class Model:
     def compute(self, recording: Recording) -> Computed:
         """Compute the features of a recording; its phases are found unless it declares them."""
         with with_banks(dict(self.banks)):  # those of other rates are not the model's
-            return self.plan.compute(recording.with_(phases=segment(recording)))
+            return self.plan.compute(
+                recording.with_(phases=find_phases(recording, self.manifest.phase_settings))
+            )
 
     def prepare(self, X: Samples) -> Samples:
         """Return rows of features (n, n_columns) as its classifier sees them, shape (n, n_prepared)."""
@@ -332,8 +334,8 @@ class Model:
     def cut(self, recording: Recording) -> tuple[Recording, ...]:
         """Return the touches of a recording, one after another; none without movement enough for one."""
         if self.manifest.touch_s is None:
-            return (recording,)
-        start, stop = segment(recording).movement or (0, 0)
+            return (recording.with_(phase_settings=self.manifest.phase_settings),)
+        start, stop = find_phases(recording, self.manifest.phase_settings).movement or (0, 0)
         n = max(1, round(self.manifest.touch_s * recording.fs))
         starts = range(start, stop - n + 1, n)
         return tuple(

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from zipfile import ZipFile, ZipInfo
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_serializer
 
 from texclass.atomic_write import path_ending, write_atomic
 from texclass.evaluation.trusted import (
@@ -28,6 +28,7 @@ from texclass.evaluation.trusted import (
 )
 from texclass.features.phase_view import TURN
 from texclass.features.plan import Plan
+from texclass.phase_settings import PhaseSettings
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
@@ -96,6 +97,8 @@ class Manifest(Written):
         (10, 50, 90 % of columns). The accuracy, calibration and n_tested above remain those of the training.
     native_fs
         Lowest rate in Hz of the sensors, below `fs` where recordings were resampled; None: as `fs`.
+    phase_settings
+        Settings by which phases are found; the file lists those that differ from the defaults.
     format_version
         Version of the format of the file.
     """
@@ -118,7 +121,12 @@ class Manifest(Written):
     loudest: Annotated[float, Field(gt=0)] | None = None
     adapted: Mapping[str, Any] = {}
     native_fs: Positive | None = None
+    phase_settings: PhaseSettings = PhaseSettings()
     format_version: int = FORMAT
+
+    @field_serializer("phase_settings")
+    def _only_changes(self, settings: PhaseSettings) -> dict[str, Any]:
+        return settings.changes
 
     def to_json(self) -> str:
         """Return it as JSON."""

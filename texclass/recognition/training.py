@@ -154,6 +154,7 @@ def train(
     is_named = row or classifier or max_ms or max_features
     named = pipeline or ("texclass" if is_named else pipeline_for(felt))
     defined = named if isinstance(named, PipelineDefinition) else load_pipeline(named)
+    felt = felt.with_phase_settings(defined.phase_settings.changes, override=False)
     work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
     if touch_s is not None:
         felt = touches(felt, touch_s, **work)
@@ -400,6 +401,7 @@ def _recordings(felt: Dataset, meter: CostMeter, table: FeatureTable, plan: Plan
         "fs": like.fs,
         "native_fs": min(r.native_fs for r in meter.recordings if r.native_fs is not None),
         "unit": like.unit,
+        "phase_settings": like.phase_settings,
         "input": TrainingFiles.of(felt, like),
         "loudest": float(max(sizes)) or None,
         "shortest_s": min(((stop - start) / like.fs for start, stop in spans), default=None),

@@ -198,7 +198,7 @@ def _remove_hand_motion(x: Any, case: Case) -> Attempt:
     out = signals.remove_hand_motion(x, case.fs)
     yield rules.finite("output", out)
     signal = samples_of(x)
-    right = signal - exact.moving_average(signal, max(2 * round(signals.HAND_SPAN_S * case.fs / 2) + 1, 3))
+    right = signal - exact.moving_average(signal, max(2 * round(signals.HAND_WINDOW_S * case.fs / 2) + 1, 3))
     yield rules.close("output, against exact sums", out, right, 4e-15, scale=largest(signal))
 
 

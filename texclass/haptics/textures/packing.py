@@ -20,7 +20,7 @@ from texclass.haptics.textures.contract import Renderer, Texture, constant_strok
 from texclass.haptics.textures.grid import likeliest_logarithms, shares
 from texclass.haptics.textures.packed import PackedTexture, grid_renderer
 from texclass.haptics.textures.scan import Scan
-from texclass.phases import segment
+from texclass.phases import find_phases
 from texclass.recording import UNITS, Phases, Recording, Samples, Tap
 from texclass.signals import combine
 from texclass.vibration import recursions
@@ -111,7 +111,7 @@ def pack(
 
 def _felt_of(recording: Recording, most: int) -> tuple[Scan | Samples, float, str, DecayingModes, float]:
     """Return the movement of a recording, rate, unit, at most so many modes of its middle tap, friction."""
-    phases = recording.phases or segment(recording)
+    phases = recording.phases or find_phases(recording)
     begin, end = phases.movement or (0, recording.n_samples)
     combined = combine(recording.acceleration[begin:end])
     felt: Scan | Samples = combined

@@ -13,14 +13,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from texclass.phase_settings import PhaseSettings
 from texclass.phases import (
     AT_REST_M_S2,
     LEAST_SAMPLES,
     Impulse,
     Levels,
-    Rules,
-    Segmenter,
-    block_mean,
+    bin_means,
     divide,
     find_glitches,
     find_impulses,
@@ -183,7 +182,7 @@ class Level:
         Before them stand the first sample, and how many there are in a bin.
         """
         start, size = max(start, self.vibration.start), max(1, round(0.001 * self.fs))
-        return start, size, block_mean(self.power(start, stop), size)
+        return start, size, bin_means(self.power(start, stop), size)
 
     def correlation(self, start: int, stop: int) -> float:
         """Return how far samples [start, stop) resemble those before them: about 0 for white noise."""
@@ -228,8 +227,8 @@ class Event:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactRules(Rules):
-    """`texclass.phases.Rules`, and what a stream needs besides. Durations in seconds, ratios of power.
+class ContactRules(PhaseSettings):
+    """Settings of segmentation, and those of a stream. Durations in seconds, ratios of power.
 
     Attributes
     ----------
@@ -309,7 +308,7 @@ class Contact:
         self._block: list[float] = []
         self._blocks: deque[float] = deque(maxlen=STEADY.blocks)
         """Powers of the last blocks of a contact."""
-        self._on, self._quiet_for, self._tapped_until = False, 0, 0
+        self._on, self._quiet_for, self._tapped_until, self._tap_peak = False, 0, 0, -math.inf
         self.struck: list[Impulse] = []
         """What taps there were since the last lift-off."""
         self._run: list[int] = []
@@ -466,11 +465,13 @@ class Contact:
         if not is_over and span is None:
             return []
         told = []
+        spacing = rules.tap_spacing_s * self._heard.fs
         for tap in taps:
-            if start + tap.start * size >= self._tapped_until and tap in only_taps(
-                [*self.struck, tap], levels, rules
-            ):
+            peak = start + tap.peak * size
+            is_apart = start + tap.start * size >= self._tapped_until and peak - self._tap_peak >= spacing
+            if is_apart and tap in only_taps([*self.struck, tap], levels, rules):
                 self.struck.append(tap)
+                self._tap_peak = peak
                 at, self._tapped_until = start + tap.start * size, start + tap.end * size
                 told.append(Event("tap", at, known, self._tapped_until, "", tap.width * size, tap.quality))
         if span is not None:
@@ -504,10 +505,12 @@ class TapMemory:
         How many these are.
     level : Level
         Of the vibration.
+    hand_s : float
+        Longest acceleration of the hand before an impact, in s.
     """
 
-    def __init__(self, ring: Ring, n_axes: int, level: Level) -> None:
-        self._ring, self._n_axes, self._level = ring, n_axes, level
+    def __init__(self, ring: Ring, n_axes: int, level: Level, hand_s: float) -> None:
+        self._ring, self._n_axes, self._level, self._hand_s = ring, n_axes, level, hand_s
         self.clear()
 
     def clear(self) -> None:
@@ -522,7 +525,7 @@ class TapMemory:
         stop = max(start + 1, event.sample + event.width)
         at = leaves_noise(self._level.power(start, stop), floor)
         impact = event.sample if at is None else start + at
-        earliest = max(self._ring.start, last, impact - round(Segmenter().hand_s * fs))
+        earliest = max(self._ring.start, last, impact - round(self._hand_s * fs))
         axes = self._ring.view(earliest, event.end)[:, : self._n_axes]
         glitches = find_glitches(axes)
         if ((glitches >= start - earliest) & (glitches < stop - earliest)).any():

@@ -349,6 +349,7 @@ class OnlineRecogniser:
     def _prepare(self, n_columns: int) -> None:
         """Make what depends on the number of columns."""
         rules, asked = self.settings.rules, self.settings.assume_contact
+        rules = replace(rules, **(self.model.manifest.phase_settings.changes | rules.changes))
         if asked is None and self.model.manifest.input.phases == "movement":
             asked = True  # all that the model knows is movement
         if self.settings.always_in_contact:
@@ -364,7 +365,7 @@ class OnlineRecogniser:
         self._ring = Ring(self.window + round(behind_s * self.fs) + 2 * self._piece, n_columns)
         self._level = Level(self.fs, self._stretches.n_axes, behind_s)
         self._contact = Contact(self._level, rules, asked, self.unit)
-        self._taps = TapMemory(self._ring, self._stretches.n_axes, self._level)
+        self._taps = TapMemory(self._ring, self._stretches.n_axes, self._level, rules.hand_s)
         # Windows that were waiting are answered 25 ms apart: no block has to do them all.
         spread = max(round(0.025 * self.fs), self._level.bin_size)
         self._spread = spread if 2 * spread <= self.hop else 0  # else more would come than go

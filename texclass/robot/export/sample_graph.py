@@ -14,7 +14,7 @@ from texclass.robot.export.answers_graph import add_answers
 from texclass.robot.export.fourier_graphs import irfft, rfft
 from texclass.robot.export.graph import Graph, OnnxExportError, Tensor, tensor_of
 from texclass.robot.export.graph_view import GraphView, member_graph, without_graph
-from texclass.signals import AXIS_PREFERENCE_SINGLE, HAND_SPAN_S
+from texclass.signals import HAND_WINDOW_S, TIE_BREAK_SINGLE
 
 SAMPLES = "samples"
 DOC = """\
@@ -244,7 +244,7 @@ def _movements(windows: Windows, x: Tensor, n_axes: int, is_axis: Any = True) ->
         mean = mean - level
     weight = mean.reduced("ReduceSumSquare", 1, 2, keepdims=False).sqrt()
     is_gravity = (weight > STANDARD_GRAVITY / 2).unsqueeze()
-    span = max(2 * round(HAND_SPAN_S * fs / 2) + 1, 3)
+    span = max(2 * round(HAND_WINDOW_S * fs / 2) + 1, 3)
     away = samples - movement.moving_average(samples, n, span)
     return {False: movement, True: GraphView(away.where(is_gravity, samples), fs, n)}
 
@@ -257,7 +257,7 @@ def _dft321(axes: Tensor, n_axes: int, n: int) -> Tensor:
     imaginary = imaginary * np.where((bins == 0) | (2 * bins == n), 0.0, 1.0)
     energy = (real * real + imaginary * imaginary).reduced("ReduceSum", 1, keepdims=False)
     size = (energy * np.where(bins == 0, 0.0, 1.0)).sqrt()
-    weights = 1 + (n_axes - 1 - np.arange(n_axes)[:, None]) * AXIS_PREFERENCE_SINGLE
+    weights = 1 + (n_axes - 1 - np.arange(n_axes)[:, None]) * TIE_BREAK_SINGLE
     real, imaginary = ((z * weights).reduced("ReduceSum", 1, keepdims=False) for z in (real, imaginary))
     magnitude = (real * real + imaginary * imaginary).sqrt()
     vanishing = add("Equal", magnitude, 0.0)

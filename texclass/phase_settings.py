@@ -1,0 +1,187 @@
+"""Settings of segmentation: every threshold and duration, with its unit and origin."""
+
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Literal
+
+Contents = Literal["taps and strokes", "taps"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseSettings:
+    """Settings of `find_phases`; the defaults suit a hand-held tool.
+
+    Durations are in seconds, ratios are ratios of power to that of the noise.
+
+    Attributes
+    ----------
+    contents
+        What recordings contain: "taps and strokes", or any number of "taps" alone.
+    tap_spacing_s
+        Impulses closer than this are one tap and its rebounds.
+
+    hand_hz
+        Motion below this frequency (Hz) belongs to hand, tremor and gravity, not to the contact.
+    hand_s
+        Longest acceleration of the hand before an impact.
+    bin_s
+        Resolution of the levels.
+    quiet_s
+        The quietest stretch of this length gives the noise floor.
+    rest_s
+        A shorter rest at the end is a turning point of the movement.
+    opening_s
+        An impulse that begins this early has no hand acceleration before it; vibration that lasts twice as
+        long at the start is a stroke.
+    kink_s
+        Time around the start or end of a fade of gravity in which the filter still rings.
+
+    active_ratio, stroke_ratio
+        Vibration exceeds the noise by this ratio; lasting vibration by this one.
+    tap_ratio
+        The peak of a tap exceeds the noise by this ratio.
+    stand_out_db
+        A tap exceeds what was just before, and what is left after its decay, by this.
+    before_s
+        Window before the rise of an impulse to which its peak is compared.
+    window_s, share
+        The tool strokes where at least this share of a window vibrates; a tap leaves most of it quiet.
+    gap_s
+        A shorter rest is none.
+    pause_s
+        Within this time after a stroke there are strokes, however faint, but no taps.
+    range_db
+        The weakest tap relative to the strongest: a tool that is lifted, set down or turned in the hand
+        vibrates less.
+    clear_db, clear_s, clear_range_db
+        A weaker impulse (by at most `clear_range_db`) is a tap if it is this strong and this short.
+    lasting_db, ring_db
+        An impulse below `lasting_db` ends before it could pass for movement; one that falls by less than
+        `ring_db` before other vibration sets in may be the first of the texture.
+    strong_db
+        An impulse that exceeds the peaks of the strokes (95 % of bins) by this is none of them.
+    first_gap_s
+        Impulses weaker than the strokes, so soon before them, are the first of a slow stroke.
+    echo_db, echo_s
+        Vibration after taps that is shorter, and weaker than they are by this, is their echo, no movement.
+    soft_db
+        An impulse whose level in all bands is lower was felt in the soft band alone.
+    pull_s, pull_db
+        Such an impulse is the pull of the hand if a stronger one (by this) follows within this time.
+    few, sure_db
+        Fewer impulses than this, none this strong, may be those of faint strokes.
+    faint_ratio
+        Ratio that faint strokes nowhere reach as a mean over `quiet_s`.
+
+    sharp_s, calm_s
+        Averaging windows of the levels that locate a peak and that follow its decay.
+    rise_s
+        Longest rise: half the duration of a soft contact plus the delay of the filter.
+    stall_s, stall_db
+        A level that falls by less than `stall_db` within `stall_s` has stopped decaying (27 dB/s, a time
+        constant of 0.33 s).
+    tail_s, tail_db
+        Longest tail of an impulse, and the rise that ends it.
+    onset_db, width_db, decay_db
+        Levels below the peak at which an impulse starts, its width is measured, and it ends.
+    margin_s
+        Margin around an impulse in which the sample of its impact is located.
+
+    rate_hz
+        Faster recordings are averaged down to about this rate.
+    soft_band_hz, soft_s
+        Band in which soft contacts push and ring, analysed separately so that noise above it does not mask
+        them, and the window over which its level is averaged.
+    soft_margin
+        Level of the soft band over its median at rest that hand motion does not reach.
+    soft_tail
+        Noise exceeds its median once in 100,000 bins by this many times the distance (in dB) between median
+        and 90 % quantile (2.5 to 2.9 for chi-squared powers with 5 to 20 degrees of freedom).
+    soft_impulse
+        Ratio assigned to a bin of the soft band beyond that tail: just above the threshold of a tap.
+    unrest_ratio
+        Ratio of all bands below which only the hand moves.
+    steady_ratio, steady_samples
+        The quietest stretch is steady if its fifths differ by at most this ratio; more for few samples.
+    quiet_spread, noisy_spread, noisy_contrast
+        Ratio of the level of all rest to its quietest stretch: by chance, and where vibration exceeds
+        `noisy_contrast`, so that intermittent noise of a room or machine is not taken for strokes.
+    noisy_weight
+        Factor applied to the level of strokes where the noise is intermittent.
+    """
+
+    __pydantic_config__: ClassVar = {"extra": "forbid"}
+
+    contents: Contents = "taps and strokes"
+    tap_spacing_s: float = 0.08
+
+    hand_hz: float = 60.0
+    hand_s: float = 0.25
+    bin_s: float = 0.001
+    quiet_s: float = 0.1
+    rest_s: float = 0.3
+    opening_s: float = 0.03
+    kink_s: float = 0.01
+
+    active_ratio: float = 2.0
+    stroke_ratio: float = 1.5
+    tap_ratio: float = 40.0
+    stand_out_db: float = 10.0
+    before_s: float = 0.03
+    window_s: float = 0.3
+    share: float = 0.65
+    gap_s: float = 0.03
+    pause_s: float = 1.0
+    range_db: float = 20.0
+    clear_db: float = 30.0
+    clear_s: float = 0.02
+    clear_range_db: float = 32.0
+    lasting_db: float = 25.0
+    ring_db: float = 18.0
+    strong_db: float = 6.0
+    first_gap_s: float = 0.1
+    echo_db: float = 25.0
+    echo_s: float = 0.7
+    soft_db: float = 16.0
+    pull_s: float = 0.15
+    pull_db: float = 6.0
+    few: int = 3
+    sure_db: float = 20.0
+    faint_ratio: float = 30.0
+
+    sharp_s: float = 0.003
+    calm_s: float = 0.02
+    rise_s: float = 0.015
+    stall_s: float = 0.075
+    stall_db: float = 2.0
+    tail_s: float = 0.7
+    tail_db: float = 6.0
+    onset_db: float = 20.0
+    width_db: float = 10.0
+    decay_db: float = 30.0
+    margin_s: float = 0.003
+
+    rate_hz: float = 10_000.0
+    soft_band_hz: tuple[float, float] = (30.0, 150.0)
+    soft_s: float = 0.008
+    soft_margin: float = 3.0
+    soft_tail: float = 2.8
+    soft_impulse: float = 50.0
+    unrest_ratio: float = 1.4
+    steady_ratio: float = 2.5
+    steady_samples: float = 60.0
+    quiet_spread: float = 1.6
+    noisy_spread: float = 6.0
+    noisy_contrast: float = 1000.0
+    noisy_weight: float = 0.75
+
+    def __post_init__(self) -> None:
+        if not 0 < self.tap_spacing_s < float("inf"):
+            raise ValueError(f"tap_spacing_s must be positive, got {self.tap_spacing_s} s")
+        if self.contents not in ("taps and strokes", "taps"):
+            raise ValueError(f"contents must be 'taps and strokes' or 'taps', got {self.contents!r}")
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Settings that differ from the defaults of `PhaseSettings`."""
+        values = {field.name: getattr(self, field.name) for field in fields(PhaseSettings)}
+        return {name: value for name, value in values.items() if value != getattr(PhaseSettings, name)}
