@@ -85,8 +85,8 @@ def test_help_imports_nothing_scientific():
 
 WRONG_OPTIONS = {
     "benchmark --train repetition=1": "--train and --test must be given together",
-    "benchmark --leave-out operator --protocol blocks": "only one of --protocol",
-    "train d -o m.skops --shots 1 --protocol blocks": "--shots requires --protocol few-shot",
+    "benchmark --leave-out operator --protocol chronological": "only one of --protocol",
+    "train d -o m.skops --shots 1 --protocol chronological": "--shots requires --protocol few-shot",
     "tradeoff --shots 1": "--shots requires --protocol few-shot",
     "benchmark --max-windows 2": "--max-windows requires --window",
     "benchmark --baseline mfcc": "--baseline requires --baselines",
@@ -195,7 +195,8 @@ def test_each_command_has_a_panel_an_example_and_options_with_help_and_kind(name
 @pytest.mark.parametrize("folder", ["docs", "datasets", "texclass"])
 def test_every_option_that_a_page_or_a_message_names_exists(folder):
     options = {flag for command in COMMANDS.values() for flag in flags(command)} | {"--help", "--version"}
-    options |= {"--out", "--verbose"}  # of the chapters, and of `ros2 topic info`
+    # Of chapters, `ros2 topic info` and the program itself.
+    options |= {"--out", "--verbose", "--install-completion"}
     files = [path for path in (ROOT / folder).rglob("*.*") if path.suffix in {".md", ".py", ".toml"}]
     named = {
         option

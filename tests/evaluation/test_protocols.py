@@ -43,7 +43,7 @@ def test_a_protocol_needs_its_labels_and_no_other():
 
 
 def test_the_guide_lists_every_protocol():
-    guide = (Path(__file__).parents[2] / "docs" / "experiments.md").read_text(encoding="utf-8")
+    guide = (Path(__file__).parents[2] / "docs" / "classify.md").read_text(encoding="utf-8")
     table = guide.partition("| `--protocol` |")[2].partition("\n\n")[0]
     assert re.findall(r"^\| `([^`]+)` \|", table, flags=re.M) == list(PROTOCOLS)
 

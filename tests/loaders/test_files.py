@@ -43,7 +43,7 @@ def test_the_guide_lists_every_format_as_it_is_registered():
     rows: dict[readers.Format, list[str]] = {}
     for suffix, kind in readers.formats().items():
         rows.setdefault(kind, []).append(f"`{suffix}`")
-    page = (Path(__file__).parents[2] / "docs" / "experiments.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
     for kind, suffixes in rows.items():
         options = [
             "`bag:FILE?topic=/NAME`" if name == "topic" else f"`--{name.replace('_', '-')}`"

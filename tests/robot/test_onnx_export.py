@@ -195,8 +195,8 @@ def test_a_kernel_is_as_small_as_it_was_asked_to_be_and_keeps_its_samples_once(m
 
 def test_half_a_megabyte_costs_a_kernel_less_than_three_points_as_the_page_says():
     root = Path(__file__).parents[2]
-    page = " ".join((root / "docs" / "robot.md").read_text(encoding="utf-8").split())
-    assert "with half a megabyte, less than three points are lost" in page
+    page = " ".join((root / "docs" / "onnx.md").read_text(encoding="utf-8").split())
+    assert "With half a megabyte, less than three points of accuracy are lost" in page
     told = json.loads((root / "reports" / "studies" / "kernel_size.json").read_text(encoding="utf-8"))
     right = {row["max_kb"]: row["mean"] for row in told["rows"]}
     assert right[None] - right[500] < 0.03

@@ -296,9 +296,8 @@ class Model:
     def compute(self, recording: Recording) -> Computed:
         """Compute the features of a recording; its phases are found unless it declares them."""
         with with_banks(dict(self.banks)):  # those of other rates are not the model's
-            return self.plan.compute(
-                recording.with_(phases=find_phases(recording, self.manifest.phase_settings))
-            )
+            phases = find_phases(recording, self.manifest.phase_settings)
+            return self.plan.compute(recording.with_(phases=phases))
 
     def prepare(self, X: Samples) -> Samples:
         """Return rows of features (n, n_columns) as its classifier sees them, shape (n, n_prepared)."""
