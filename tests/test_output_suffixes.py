@@ -128,7 +128,7 @@ def test_json_and_confusion_may_have_no_suffix(command, tmp_path, monkeypatch):
     [
         lambda path: extract_table(open_dataset("simulated"), load_feature_set("coarse"), path),
         lambda path: write_page([], path),
-        lambda path: write_model_file(path, {}, None),
+        lambda path: write_model_file(path, {}, None, is_arrays=True),
         lambda path: export_onnx(None, path),
         lambda path: write_wav(path, np.ones(10), 1000, unit="g"),
     ],
