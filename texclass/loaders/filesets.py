@@ -484,9 +484,11 @@ def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]
     import pandas as pd
 
     try:
-        # Labels as written: "001" is not 1, and "NA" is a text.
-        table = pd.read_csv(path, converters={label_column: str.strip})
-        labels = tuple(table.pop(label_column))
+        table = pd.read_csv(path)
+        table.pop(label_column)
+        # As written: "001" is not 1, and "NA" is a text.
+        written = pd.read_csv(path, usecols=[label_column], dtype=str, keep_default_na=False)
+        labels = tuple(written[label_column].str.strip())
         return labels, table.to_numpy(dtype=np.float64)
     except FileNotFoundError as error:
         raise refused(path, "is missing", "one file per channel, as the card says") from error
