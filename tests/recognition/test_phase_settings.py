@@ -83,7 +83,7 @@ def test_the_option_reaches_extraction_benchmark_model_file_prediction_and_strea
     features = FeatureExtractor(pipeline().features).fit([dataset[0]])
     stated = unlabelled.with_(phase_settings=dataset[0].phase_settings)
     np.testing.assert_allclose(
-        model.deployed.compute(model.cut(unlabelled)[0]).values, features.transform([stated])[0]
+        model.compute(model.cut(unlabelled)[0]).values, features.transform([stated])[0]
     )
     assert taps_heard(model) == expected
 

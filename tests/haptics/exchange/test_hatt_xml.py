@@ -127,7 +127,7 @@ def test_round_trip_is_exact_and_in_the_published_elements(slate, tmp_path):
         ("<numTri>2<", "<numTri>3<", "numTri 3"),
         ("<numARCoeff>3<", "<numARCoeff>4<", "ARlsf"),
         ("<numMACoeff>2<", "<numMACoeff>1<", "MAlsf"),
-        ("<SampleRate>1000<", "<SampleRate>0<", "fs is 0.0; the rule is finite and above 0"),
+        ("<SampleRate>1000<", "<SampleRate>0<", "fs must be positive and finite, got 0.0"),
         ("<AccelUnits>m/s^2<", "<AccelUnits>g<", "AccelUnits"),
         ("<mu>0.310000<", "<mu>-1<", "mu is"),
         ("<var>0.010000<", "<var>nan<", "finite number"),

@@ -128,7 +128,7 @@ def test_random_paths_stay_finite_and_within_the_bound():
 
 def test_broken_textures_are_refused_with_the_rule(monkeypatch):
     for change, rule in (
-        ({"fs": 0.0}, "fs is 0.0; the rule is finite and above 0"),
+        ({"fs": 0.0}, "fs must be positive and finite, got 0.0"),
         ({"mu": -1.0}, "mu is"),
         ({"variance": np.ones(3)}, r"variance has shape \(3,\)"),
         ({"gain": np.full(TEXTURE.gain.size, -1.0)}, "gain is -1"),
