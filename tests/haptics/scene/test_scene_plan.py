@@ -129,7 +129,7 @@ def test_a_scene_that_breaks_a_rule_is_not_restored_nor_a_texture_nor_a_path_els
         {"largest_output": 0},
         {"band_hz": [20, 900]},
     ):
-        with pytest.raises(ValueError, match="rule|must"):
+        with pytest.raises(ValueError, match=r"rule|must"):
             PlannedScene.restore(parameters | change, arrays)
     texture(tmp_path, "loud")
     with pytest.raises(ValueError, match="holds 'hatt'; the rule is one of scene"):
