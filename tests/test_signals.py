@@ -196,3 +196,16 @@ def test_design_and_causal_filter_are_those_of_scipy(kind, edges, order, n):
     expected, after = signal.sosfilt(sos, x, axis=0, zi=at_rest)
     assert_allclose(filtered, expected, atol=2e-11)
     assert_allclose(state, after, atol=2e-11)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"order": 0}, "order must be at least 1, got 0"),
+        ({"cutoff_hz": np.nan}, "cutoff_hz contains"),
+        ({"fs": 0.0}, "fs must be positive and finite, got 0.0"),
+    ],
+)
+def test_impossible_filters_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        butterworth(**{"kind": "highpass", "cutoff_hz": 100.0, "fs": FS} | change)

@@ -180,6 +180,8 @@ def butterworth(
     order: int = 4,
 ) -> Samples:
     """Return a Butterworth filter as second-order sections (n_sections, 6); see `scipy.signal.butter`."""
+    if order < 1:  # scipy returns a gain of 1 for order 0
+        raise ValueError(f"order must be at least 1, got {order}")
     edges = all_finite(cutoff_hz, "cutoff_hz")  # scipy checks 0 < cutoff < fs/2, but lets NaN pass
     return np.asarray(scipy.signal.butter(order, edges, kind, fs=positive(fs, "fs"), output="sos"))
 
