@@ -189,6 +189,19 @@ def test_every_tap_of_a_quarter_of_the_embedded_dataset_is_found():
     assert true == right == found == 285
 
 
+def test_a_converter_of_eight_bits_hides_hardly_any_tap():
+    dataset = open_dataset("simulated6")
+    missed = []
+    for entry in dataset.entries[::6]:
+        recording = dataset.load(entry).with_(phases=None)
+        step = np.abs(recording.acceleration).max() / 127
+        coarse = recording.with_(acceleration=step * np.round(recording.acceleration / step))
+        expected, detected = find_phases(recording), find_phases(coarse)
+        missed.append(abs(len(detected.taps) - len(expected.taps)))
+        assert abs(detected.movement[0] - expected.movement[0]) < 0.1 * recording.fs
+    assert sum(missed) <= 1
+
+
 def test_a_tap_measures_what_it_says():
     with pytest.raises(ValueError, match="quality from 0 to 1"):
         Tap(1, 2, 3, quality=2.0)

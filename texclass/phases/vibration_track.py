@@ -70,15 +70,15 @@ def track(recording: Recording, settings: PhaseSettings) -> Track:
     3. Exclude fades, and estimate the noise floor in the quietest stretches.
     4. Divide by the noise, and combine both bands.
     """
-    axes = recording.acceleration.reshape(recording.n_samples, -1)
+    recorded = recording.acceleration.reshape(recording.n_samples, -1)
     step = max(1, int(recording.fs // settings.rate_hz))
     rate = recording.fs / step
     bin_size = max(1, round(settings.bin_s * rate))
     bin_s, bin_samples = bin_size / rate, bin_size * step
 
-    sensed, glitches = find_data(axes, recording.fs), find_glitches(axes)
+    sensed, glitches = find_data(recorded, recording.fs), find_glitches(recorded)
     GLITCHES[recording] = glitches
-    axes = mended(axes, glitches)
+    axes = mended(recorded, glitches)
     high_pass = _hand_filter(settings.hand_hz, rate)
     soft_band = _soft_filter(settings.soft_band_hz, 1 / bin_s)
     power, means, correlation = high_pass_power(axes, sensed.rest, sensed.first, high_pass, step, bin_size)
@@ -87,17 +87,18 @@ def track(recording: Recording, settings: PhaseSettings) -> Track:
 
     n_bins = loud.size
     first = -(-sensed.first // bin_samples)
-    stop = max(first, sensed.stop // bin_samples) if sensed.stop < len(axes) else n_bins
+    stop = max(first, sensed.stop // bin_samples) if sensed.stop < len(recorded) else n_bins
     for level in (loud, soft):
         level[:first] = level[stop:] = 0.0
-    full = _without_fades(axes[sensed.first : sensed.stop], loud, (first, stop), bin_samples, bin_s)
+    full = _without_fades(recorded[sensed.first : sensed.stop], loud, (first, stop), bin_samples, bin_s)
 
     n_quiet = max(1, min(round(settings.quiet_s / bin_s), n_bins // 16))
     usable = slice(*full) if full[1] - full[0] >= n_quiet else slice(first, max(stop, first + 1))
     noise, is_steady, is_intermittent = noise_floor(loud[usable], n_quiet, bin_size * axes.shape[1], settings)
     noise = max(noise, NO_POWER * float(loud.max()))
-    if not np.ptp(axes[:200], axis=0).all() or _quantisation_noise(axes[:200]) > noise:
-        noise = max(noise, _quantisation_noise(axes[:50_000]))  # never more than that of fewer samples
+    # Of recorded samples: a mended glitch lies between two steps of the converter.
+    if not np.ptp(recorded[:200], axis=0).all() or _quantisation_noise(recorded[:200]) > noise:
+        noise = max(noise, _quantisation_noise(recorded[:50_000]))  # never more than that of fewer samples
     levels = replace(
         _levels(loud, soft, noise, usable, bin_s, settings), least=-(-LEAST_SAMPLES // bin_samples)
     )
