@@ -53,6 +53,8 @@ def main() -> None:
         n = -(-parts[name] * asked.inputs // sum(parts.values()))
         found[name] = run_target(name, n, asked.state / name.replace(" ", "_"), engine)
         report(asked.out, found, {"engine": engine, "seed": SEED, "inputs_asked_for": asked.inputs})
+    if any(one["broken"] for one in found.values()):
+        raise SystemExit("some inputs broke a promise of their reader; see the report")
 
 
 def report(folder: Path, found: dict[str, Any], facts: dict[str, Any]) -> None:
