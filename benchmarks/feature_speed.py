@@ -88,9 +88,7 @@ def baselines(
         worker.stdin.flush()
         answer = worker.stdout.readline()
         if not answer:
-            raise RuntimeError(
-                f"the worker of {name} ended; the rule is an interpreter that has the baseline"
-            )
+            raise RuntimeError(f"the worker of {name} ended. Expected an interpreter that has the baseline")
         return float(json.loads(answer)["seconds"])
 
     with tempfile.TemporaryDirectory() as folder:

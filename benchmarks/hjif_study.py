@@ -98,7 +98,7 @@ def drawn(kind: str, rng: np.random.Generator) -> Rendition:
                 TapModel(loud * rng.normal(), rng.uniform(20, 900), rng.uniform(20, 2000)) for _ in range(n)
             ]
             return play_taps(TapLibrary(tuple(f"m{i}" for i in range(n)), tuple(found)))
-    raise ValueError(f"kind is {kind!r}; the rule is one of {', '.join(KINDS)}")
+    raise ValueError(f"kind is {kind!r}. Expected one of {', '.join(KINDS)}")
 
 
 def drawn_scene(number: int, rng: np.random.Generator) -> Iterator[tuple[str, Rendition]]:
@@ -243,7 +243,7 @@ def main() -> None:
     options = command_line(__doc__, reference="")
     reference, rng = Path(options.reference), np.random.default_rng(SEED)
     if not reference.is_file():
-        raise SystemExit(f"--reference is {options.reference!r}; the rule is the path of the Synthesizer")
+        raise SystemExit(f"--reference is {options.reference!r}. Expected the path of the Synthesizer")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         hatt = (("simulated HaTT texture", play_texture(one, seconds=SECONDS)) for one in stand_ins())

@@ -274,9 +274,7 @@ def main() -> None:
     asked = command_line(__doc__, reference="")
     programs = Path(asked.reference)
     if asked.reference and not all((programs / name).is_file() for name in ("Encoder", "Synthesizer")):
-        raise SystemExit(
-            f"--reference is {asked.reference!r}; the rule is a folder of Encoder and Synthesizer"
-        )
+        raise SystemExit(f"--reference is {asked.reference!r}. Expected a folder of Encoder and Synthesizer")
     rows = [
         row
         for kind in (

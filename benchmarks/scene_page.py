@@ -101,7 +101,7 @@ def block_times(page: Path, scene: PlannedScene, n: int, n_live: int) -> dict[st
         whole = (e for e in events if e.get("name") == TRACED and "tdur" in e)
         spans = sorted((e["ts"], e["dur"], e["tdur"]) for e in whole)
         if len(spans) < n_live / 2:
-            raise SystemExit(f"{len(spans)} blocks of {n_live} were traced; the rule is half of them")
+            raise SystemExit(f"{len(spans)} blocks of {n_live} were traced. Expected half of them")
         found["Chromium"] = np.array(spans)[WARM:, 1:] / 1000
         browser.close()
     return found

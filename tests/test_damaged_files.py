@@ -221,7 +221,7 @@ def test_columns_that_pandas_is_told_to_rename_are_refused(tmp_path):
     facts["columns"][3]["pandas_type"] = "unicode"
     renamed = json.dumps(facts).replace('"name": "session"', '"name": "mfcc.c1"')
     pq.write_table(arrow.replace_schema_metadata({**arrow.schema.metadata, b"pandas": renamed}), path)
-    with pytest.raises(ValueError, match=r"t\.parquet: .*the rule is those of the schema"):
+    with pytest.raises(ValueError, match=r"t\.parquet: .*Expected those of the schema"):
         read_table(path)
 
 

@@ -13,9 +13,9 @@ def recording(**changes):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        *(({"fs": fs}, "fs is .*the rule is a sampling rate in Hz above 0") for fs in (0, -1, None, "fast")),
-        *(({"fs": fs}, "fs is .*the rule is a sampling rate in Hz above 0") for fs in (np.nan, np.inf)),
-        ({"unit": "m/s"}, r"unit is 'm/s'; the rule is one of m/s\^2"),
+        *(({"fs": fs}, "fs is .*Expected a sampling rate in Hz above 0") for fs in (0, -1, None, "fast")),
+        *(({"fs": fs}, "fs is .*Expected a sampling rate in Hz above 0") for fs in (np.nan, np.inf)),
+        ({"unit": "m/s"}, r"unit is 'm/s'. Expected one of m/s\^2"),
         *(
             ({"acceleration": np.where(np.arange(100) == 7, bad, SIGNAL)}, r"holds 1 values .*first at \[7\]")
             for bad in (np.nan, np.inf, -np.inf)

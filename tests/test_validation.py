@@ -31,7 +31,7 @@ class Box(Written):
     @classmethod
     def _is_short(cls, name: str) -> str:
         if len(name) > 4:
-            raise ValueError(f"{name!r} is long; the rule is at most 4 letters")
+            raise ValueError(f"{name!r} is long. Expected at most 4 letters")
         return name
 
 
@@ -49,24 +49,24 @@ def test_lists_stand_for_tuples_and_whole_numbers_for_others():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"name": 5}, "name is 5; the rule is text"),
-        ({"name": "boxes"}, "name: 'boxes' is long; the rule is at most 4 letters"),
-        ({"sizes": [1, "x"]}, "sizes.2 is 'x'; the rule is a number"),
-        ({"sizes": [float("nan")]}, "sizes.1 is nan; the rule is a finite number"),
-        ({"sizes": 3}, "sizes is 3; the rule is a list"),
+        ({"name": 5}, "name is 5. Expected text"),
+        ({"name": "boxes"}, "name: 'boxes' is long. Expected at most 4 letters"),
+        ({"sizes": [1, "x"]}, "sizes.2 is 'x'. Expected a number"),
+        ({"sizes": [float("nan")]}, "sizes.1 is nan. Expected a finite number"),
+        ({"sizes": 3}, "sizes is 3. Expected a list"),
         ({"size": 3}, "unknown key size (did you mean sizes?"),
         ({"colour": 3}, "unknown key colour (expected one of name, sizes, parts, spare, marks, "),
         ({"parts": [{}]}, "missing key parts.1.kind"),
-        ({"parts": [{"kind": "nut"}]}, "parts.1.kind is 'nut'; the rule is one of nail, screw"),
+        ({"parts": [{"kind": "nut"}]}, "parts.1.kind is 'nut'. Expected one of nail, screw"),
         ({"parts": [{"kind": "nail", "length": 1, "length_mm": 1}]}, "unknown key parts.1.length (did you"),
-        ({"parts": [{"kind": "nail", "length_mm": -1}]}, "parts.1.length_mm is -1; the rule is a length"),
+        ({"parts": [{"kind": "nail", "length_mm": -1}]}, "parts.1.length_mm is -1. Expected a length"),
         ({"parts": [{"kind": "screw"}]}, "missing key parts.1.turns"),
-        ({"spare": {"a": {"kind": "screw", "turns": 0}}}, "spare.a.turns is 0; the rule is a number of"),
-        ({"spare": {"a": 1}}, "spare.a is 1; the rule is a table of kind, turns"),
+        ({"spare": {"a": {"kind": "screw", "turns": 0}}}, "spare.a.turns is 0. Expected a number of"),
+        ({"spare": {"a": 1}}, "spare.a is 1. Expected a table of kind, turns"),
         ({"marks": {"lefft": True}}, "unknown key marks.lefft (did you mean marks.left?"),
-        ({"marks": {"left": 1}}, "marks.left is 1; the rule is true or false"),
-        ({"names": {"a b": True}}, "names.a b is 'a b'; the rule is text like ^[a-z]{2}$"),
-        ({"layers": 3}, "layers is 3; the rule is one of 1 or 2"),
+        ({"marks": {"left": 1}}, "marks.left is 1. Expected true or false"),
+        ({"names": {"a b": True}}, "names.a b is 'a b'. Expected text like ^[a-z]{2}$"),
+        ({"layers": 3}, "layers is 3. Expected one of 1 or 2"),
     ],
 )
 def test_a_fault_is_told_with_file_key_value_and_rule(wrong, said):
@@ -77,7 +77,7 @@ def test_a_fault_is_told_with_file_key_value_and_rule(wrong, said):
 
 
 def test_what_is_no_table_is_refused_and_further_faults_are_counted():
-    with pytest.raises(ValueError, match=r"^f: \[1\]; the rule is a table of kind, length_mm, turns$"):
+    with pytest.raises(ValueError, match=r"^f: \[1\]. Expected a table of kind, length_mm, turns$"):
         checked(AnyPart, [1], "f")
     with pytest.raises(ValueError, match=r"\(and 1 more\)$"):
         checked(Box, {"name": 5, "sizes": 3}, "f")
@@ -87,7 +87,7 @@ def test_all_missing_and_unknown_keys_are_listed_each_with_the_closest_valid_key
     wrong = {"size": 3, "part": 1, "parts": [{"kind": "screw", "turn": 1}], "layers": 7, "marks": 2}
     with pytest.raises(ValueError) as caught:  # noqa: PT011
         checked(Box, wrong, "box.toml")
-    first = "box.toml: marks is 2; the rule is a table; "
+    first = "box.toml: marks is 2. Expected a table; "
     assert str(caught.value).startswith(first)
     keys = str(caught.value).removeprefix(first).removesuffix(" (and 1 more)")
     assert sorted(keys.split("; ")) == [

@@ -48,7 +48,7 @@ class ToyLoader:
         if entry.recording_id == self.killed_at:
             raise KeyboardInterrupt
         if entry.recording_id in self.bad:
-            raise RecordingError(f"{entry.recording_id}.txt: value 'x' in line 3; the rule is numbers")
+            raise RecordingError(f"{entry.recording_id}.txt: value 'x' in line 3. Expected numbers")
         self.loaded.append(entry.recording_id)
         rng = np.random.default_rng([int(entry.material[1:]), entry.repetition])
         signal = (1 + int(entry.material[1:])) * rng.normal(size=300)

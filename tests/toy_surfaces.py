@@ -37,9 +37,7 @@ class Loader:
 
     def __call__(self, entry):
         if entry.recording_id in self.bad:
-            raise RecordingError(
-                f"{entry.recording_id}: is empty (0 bytes); the rule is at least two samples"
-            )
+            raise RecordingError(f"{entry.recording_id}: is empty (0 bytes). Expected at least two samples")
         return recording(entry.material, entry.repetition)
 
 

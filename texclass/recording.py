@@ -179,13 +179,13 @@ class Recording:
         acceleration = _frozen(self.acceleration, "acceleration", where)
         if acceleration.ndim not in (1, 2):
             raise RecordingError(
-                f"{where}: acceleration has shape {acceleration.shape}; the rule is (n,) or (n, channels)"
+                f"{where}: acceleration has shape {acceleration.shape}. Expected (n,) or (n, channels)"
             )
         if self.unit in ACCELERATION_UNITS and (factor := ACCELERATION_UNITS[self.unit]) != 1.0:
             acceleration = _frozen(read_only(acceleration * factor), "acceleration", where)
         elif self.unit not in UNITS:
             known = ", ".join(UNITS)
-            raise RecordingError(f"{where}: unit is {self.unit!r}; the rule is one of {known}")
+            raise RecordingError(f"{where}: unit is {self.unit!r}. Expected one of {known}")
         object.__setattr__(self, "fs", fs)
         native_fs = fs if self.native_fs is None else _sampling_rate(self.native_fs, where)
         object.__setattr__(self, "native_fs", min(native_fs, fs))
@@ -197,8 +197,8 @@ class Recording:
                 array = _frozen(signal, name, where)
                 if len(array) != self.n_samples:
                     raise RecordingError(
-                        f"{where}: {name} has {len(array)} samples, acceleration {self.n_samples}; "
-                        "the rule is one rate and one length for all signals of a recording"
+                        f"{where}: {name} has {len(array)} samples, acceleration {self.n_samples}. "
+                        "Expected one rate and one length for all signals of a recording"
                     )
                 object.__setattr__(self, name, array)
 
@@ -280,7 +280,7 @@ class Recording:
         names = tuple(self.channels) or default
         if len(names) != n_channels or len(set(names)) != n_channels:
             raise RecordingError(
-                f"{where}: channels are {names}; the rule is {n_channels} different names, one a column"
+                f"{where}: channels are {names}. Expected {n_channels} different names, one a column"
             )
         return names
 
@@ -302,7 +302,7 @@ def _sampling_rate(fs: Any, where: str) -> float:
     except (TypeError, ValueError):
         value = float("nan")
     if not (np.isfinite(value) and value > 0):
-        raise RecordingError(f"{where}: fs is {fs!r}; the rule is a sampling rate in Hz above 0")
+        raise RecordingError(f"{where}: fs is {fs!r}. Expected a sampling rate in Hz above 0")
     return value
 
 
@@ -321,13 +321,13 @@ def _frozen(signal: ArrayLike, name: str, where: str) -> Samples:
     except (TypeError, ValueError) as error:
         raise RecordingError(f"{where}: {name} holds something that is not a number ({error})") from error
     if array.size == 0:
-        raise RecordingError(f"{where}: {name} is empty; the rule is at least one sample")
+        raise RecordingError(f"{where}: {name} is empty. Expected at least one sample")
     rows = np.atleast_1d(array)
     if not all(np.isfinite(rows[k : k + _BLOCK]).all() for k in range(0, len(rows), _BLOCK)):
         n_bad, first = int((~np.isfinite(array)).sum()), np.argwhere(~np.isfinite(array))[0].tolist()
         raise RecordingError(
-            f"{where}: {name} holds {n_bad} values that are NaN or infinite (first at {first}); "
-            "the rule is finite samples"
+            f"{where}: {name} holds {n_bad} values that are NaN or infinite (first at {first}). "
+            "Expected finite samples"
         )
     whole: object = array
     while isinstance(whole, np.ndarray) and not whole.flags.writeable:

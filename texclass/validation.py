@@ -71,7 +71,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         data = file.read(LARGEST_TOML + 1)
     if len(data) > LARGEST_TOML or _DEEP.search(data):
         raise ValueError(
-            f"{path}: not valid TOML (the rule is {LARGEST_TOML} bytes, keys of 32 parts at most)"
+            f"{path}: not valid TOML (at most {LARGEST_TOML} bytes, and keys of 32 parts, are read)"
         )
     try:
         return tomllib.loads(data.decode("utf-8-sig"))
@@ -89,7 +89,7 @@ def check_above_0(**named: float | None) -> None:
     """
     for name, value in named.items():
         if value is not None and not 0 < value < math.inf:
-            raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
+            raise ValueError(f"{name} is {value!r}. Expected a positive, finite number")
 
 
 def checked(model: type[M], content: Any, where: object, *, context: object = None) -> M:
@@ -113,15 +113,13 @@ def checked(model: type[M], content: Any, where: object, *, context: object = No
     """
     if not isinstance(content, Mapping):
         raise ValueError(
-            f"{where}: {_short(content)}; the rule is a table of {', '.join(_keys([*_models_in(model)]))}"
+            f"{where}: {_short(content)}. Expected a table of {', '.join(_keys([*_models_in(model)]))}"
         )
     try:
         # Under the rules for JSON a list is good for a tuple, and all else stays strict.
         text = json.dumps(content, default=str)
         if steering := _STEERING.search(text):
-            raise ValueError(
-                f"{where}: holds the control character {steering[1]}; the rule is printable text"
-            )
+            raise ValueError(f"{where}: holds the control character {steering[1]}. Expected printable text")
         return model.model_validate_json(text, context=context)
     except ValidationError as error:
         faults = error.errors()
@@ -154,14 +152,12 @@ def _told(error: ErrorDetails, model: type[BaseModel]) -> str:
         return f"unknown key {key} ({f'did you mean {beside}{near[0]}?' if near else rule})"
     if kind == "union_tag_invalid":
         key = ".".join(filter(None, [key, *_quoted(context["discriminator"])]))
-        return (
-            f"{key} is {context['tag']!r}; the rule is one of {', '.join(_quoted(context['expected_tags']))}"
-        )
+        return f"{key} is {context['tag']!r}. Expected one of {', '.join(_quoted(context['expected_tags']))}"
     if kind in ("value_error", "json_invalid"):
         said = str(context["error"])
         return f"{key}: {said}" if key else said
     rule = (field.description if field else None) or _rule(error, tables)
-    return f"{key} is {_short(error['input'])}; the rule is {rule}" if key else f"the rule is {rule}"
+    return f"{key} is {_short(error['input'])}. Expected {rule}" if key else f"expected {rule}"
 
 
 def _rule(error: ErrorDetails, tables: list[type[BaseModel]]) -> str:

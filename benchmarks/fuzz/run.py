@@ -44,9 +44,9 @@ def main() -> None:
     there = importlib.util.find_spec("atheris") is not None
     engine = asked.engine or ("atheris" if there else "own")
     if engine not in ("atheris", "own"):
-        raise SystemExit(f"--engine is {engine!r}; the rule is atheris or own")
+        raise SystemExit(f"--engine is {engine!r}. Expected atheris or own")
     if engine == "atheris" and not there:
-        raise SystemExit("atheris is not installed; the rule is --engine own, or pip install atheris")
+        raise SystemExit("atheris is not installed. Expected --engine own, or pip install atheris")
     parts = parts_of()
     found: dict[str, Any] = {}
     for name in asked.targets.split(",") if asked.targets else parts:

@@ -42,10 +42,10 @@ def normalized_ratings(ratings: ArrayLike) -> Samples:
     """
     r = np.asarray(ratings, dtype=np.float64)
     if r.ndim != 2 or not r.size or not np.all(np.isfinite(r)):
-        raise ValueError(f"ratings have shape {r.shape}; the rule is (n_users, n_runs), finite")
+        raise ValueError(f"ratings have shape {r.shape}. Expected (n_users, n_runs), finite")
     alike = np.flatnonzero(np.ptp(r, axis=1) == 0)
     if alike.size:
-        raise ValueError(f"user {alike[0]} rates all runs alike; the rule is ratings that differ")
+        raise ValueError(f"user {alike[0]} rates all runs alike. Expected ratings that differ")
     return np.asarray((r - r.mean(axis=1, keepdims=True)) / r.std(axis=1, keepdims=True))
 
 
@@ -74,9 +74,7 @@ def analyse(ratings: ArrayLike) -> pd.DataFrame:
     y = normalized_ratings(ratings)
     n = y.shape[0]
     if y.shape[1] != len(DESIGN) or n < 2:
-        raise ValueError(
-            f"ratings have shape {y.shape}; the rule is (n_users, {len(DESIGN)}), 2 users at least"
-        )
+        raise ValueError(f"ratings have shape {y.shape}. Expected (n_users, {len(DESIGN)}), 2 users at least")
     contrasts = np.stack([DESIGN[:, group].prod(axis=1) for group in GROUPS])
     effect = 2 * (contrasts @ y.mean(axis=0)) / len(DESIGN)
     squares = 2 * n * effect**2
@@ -182,7 +180,7 @@ def noise_for(library: TapLibrary, correct: float, *, seed: int = 0, n_experimen
     """
     guess = 1 / len(list(permutations(range(len(library)))))
     if not guess < correct < 1:
-        raise ValueError(f"correct is {correct}; the rule is above {guess:.3f}, guessing, and below 1")
+        raise ValueError(f"correct is {correct}. Expected above {guess:.3f}, guessing, and below 1")
     low, high = 1e-3, 1e3
     for _ in range(20):
         middle = float(np.sqrt(low * high))

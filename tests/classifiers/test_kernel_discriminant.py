@@ -168,7 +168,7 @@ def test_a_parameter_out_of_range_is_refused_by_name() -> None:
             KernelDiscriminant(**{name: wrong}).fit(*drifting(3, 12))
     with pytest.raises(TypeError, match="ridge must be an instance of"):
         KernelDiscriminant(ridge="much").fit(*drifting(3, 12))
-    with pytest.raises(ValueError, match=r"max_kb is 3; the rule is at least 3\.\d+, for 30 features"):
+    with pytest.raises(ValueError, match=r"max_kb is 3. Expected at least 3\.\d+, for 30 features"):
         KernelDiscriminant(max_kb=3).fit(*drifting(3, 12))
 
 

@@ -179,7 +179,7 @@ def test_overlap_widens_the_interval_by_the_printed_factor():
 def test_folds_that_all_agree_but_for_rounding_cannot_be_judged_and_one_fold_is_no_resampling():
     for differences in ([0.0] * 4, [0.02] * 10, [0.1 + 0.2, 0.3, 0.3]):
         assert corrected_resampled_t(differences, 1 / 9) == ((-1.0, 1.0), 1.0)
-    with pytest.raises(ValueError, match="1 differences; the rule is at least 2 folds"):
+    with pytest.raises(ValueError, match=r"1 differences. Expected at least 2 folds"):
         corrected_resampled_t([0.1], 0.5)
 
 

@@ -299,7 +299,7 @@ def test_training_parts_are_split_as_the_whole_where_possible():
 
 
 def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_dataset, two):
-    with pytest.raises(ValueError, match="'paper'; the rule is one whose test recordings stay unseen"):
+    with pytest.raises(ValueError, match=r"'paper'. Expected one whose test recordings stay unseen"):
         run_benchmark(toy_dataset(), two, protocol="paper", choose=True)
     with pytest.raises(ValueError, match="cannot be split again"):
         inner_splits(find_protocol("recording"), a_table(3, 2), [(np.arange(6), None)], 0)

@@ -161,7 +161,7 @@ def test_whatever_values_depend_on_makes_a_new_table(toy_dataset, feature_set, e
 
 def test_a_bad_recording_stops_with_file_value_and_rule_or_is_left_out(toy_dataset, extract):
     dataset = toy_dataset(bad=("m1_1", "m2_2"))
-    with pytest.raises(RecordingError, match=r"m1_1\.txt: value 'x' in line 3; the rule is numbers"):
+    with pytest.raises(RecordingError, match=r"m1_1\.txt: value 'x' in line 3. Expected numbers"):
         extract(dataset)
     table = extract(dataset, skip_bad=True)
     assert len(dataset.load.loaded) == table.n_recordings == 10  # what was done before is kept
@@ -250,7 +250,7 @@ def test_partitions_hold_together_what_one_table_holds_and_go_on_where_a_run_end
         tables.extract_partitions(bad, feature_set, folder, 5)
     left_out = tables.extract_partitions(bad, feature_set, folder, 5, skip_bad=True)["left_out"]
     assert [item.recording_id for items in left_out for item in items] == ["m2_4"]
-    with pytest.raises(ValueError, match="partitions of 0 recordings; the rule is at least 1"):
+    with pytest.raises(ValueError, match=r"size must be at least 1 recording, got 0"):
         tables.extract_partitions(bad, feature_set, folder, 0)
 
 

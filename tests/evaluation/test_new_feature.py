@@ -59,7 +59,7 @@ def test_a_study_is_written_beside_its_benchmark_without_pictures_of_its_own(stu
 
 def test_a_name_that_the_set_has_is_refused_and_a_new_one_changes_the_hash(few):
     assert few.with_feature(LOUD).hash != few.hash
-    with pytest.raises(ValueError, match="'level' is in the feature set 'toy'; the rule is a new name"):
+    with pytest.raises(ValueError, match=r"'level' is in the feature set 'toy'. Expected a new name"):
         few.with_feature(Feature("level", loud, "movement", "g", "test"))
 
 

@@ -143,7 +143,7 @@ def test_splits_follow_the_seed_and_repeats_are_those_of_the_next_seeds():
             assert tests == [test.tolist() for _, test in split(name, a_table(), 5, 7 + r)]
         assert repeats[0][0][1].tolist() != repeats[1][0][1].tolist()
     for name, n in (("recording", 0), ("chronological", 2), ("few-shot", 3), ("operator", 2)):
-        with pytest.raises(ValueError, match=f"{n} repeats of the protocol `{name}`; the rule is 1"):
+        with pytest.raises(ValueError, match=f"{n} repeats of the protocol `{name}`. Expected 1"):
             repeated(find_protocol(name), a_table(), 5, n, 0)
 
 
@@ -175,8 +175,8 @@ def test_an_impossible_split_names_value_and_rule():
         ("random", a_table(), f"{', '.join(PROTOCOLS)}, few-shot NUMBER, leave-out LABEL, LABEL=VALUES"),
         ("repetition=0-4 -> repetition=4-9", a_table(), "recording m0_4 would train and test"),
         ("repetition=0-4 -> repetition=40-49", a_table(), "has repetition '40-49'; there are 1, 2, 3"),
-        ("repetition=0-4 -> smell=a", a_table(), "label .* 'smell'; the rule is one of material, operator"),
-        ("repetition=0-4 -> session", a_table(), "chosen by 'session'; the rule is LABEL=VALUE,VALUE"),
+        ("repetition=0-4 -> smell=a", a_table(), "label .* 'smell'. Expected one of material, operator"),
+        ("repetition=0-4 -> session", a_table(), "chosen by 'session'. Expected LABEL=VALUE,VALUE"),
         ("leave-out session", a_table(), "0 sessions, 30 recordings without one; .* needs at least 2"),
         ("leave-one", a_table(), "no protocol is named 'leave-one'.*leave-out LABEL"),
         ("leave-out material", a_table(), "has no recording without material"),

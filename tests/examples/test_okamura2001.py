@@ -117,7 +117,7 @@ def test_ratings_without_preference_reject_as_often_as_the_level_says():
 
 def test_ratings_that_say_nothing_are_refused():
     for ratings in (np.ones((3, 8)), np.zeros((0, 8)), np.arange(8.0), np.arange(8.0)[None], np.eye(7)):
-        with pytest.raises(ValueError, match="rule is"):
+        with pytest.raises(ValueError, match="Expected"):
             analyse(ratings)
 
 

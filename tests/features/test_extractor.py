@@ -132,13 +132,13 @@ def test_arrays_give_what_recordings_of_movement_give():
 
 def test_what_is_neither_recordings_nor_arrays_of_a_known_rate_is_refused():
     for X in (noise(1200).reshape(3, 400), [noise(300), noise(400)]):
-        with pytest.raises(ValueError, match="fs is None; the rule is a sampling rate"):
+        with pytest.raises(ValueError, match=r"fs is None. Expected a sampling rate"):
             FeatureExtractor(TOY).fit(X)
     for nothing in ([], "strese2015", None, noise(20)):
         with pytest.raises(ValueError):  # noqa: PT011  (scikit-learn words it)
             FeatureExtractor(TOY, fs=FS).fit(nothing)
     for wide in ((9, 400), (3, 40)):
-        with pytest.raises(ValueError, match=re.escape(f"has shape {wide}; the rule is (n_samples, n_axes)")):
+        with pytest.raises(ValueError, match=re.escape(f"has shape {wide}. Expected (n_samples, n_axes)")):
             FeatureExtractor(TOY, fs=FS).fit([np.zeros(wide)])
     with pytest.raises(RecordingError, match="row 1: acceleration holds 1 values that are NaN"):
         FeatureExtractor(TOY, fs=FS).fit([noise(300), np.append(noise(300), np.nan)])

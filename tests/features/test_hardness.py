@@ -159,14 +159,14 @@ def test_friction_is_the_mean_magnitude_whatever_the_direction():
 @pytest.mark.parametrize(
     ("refused", "view", "reason"),
     [
-        (h.damping, one(np.zeros(3), np.ones(7)), "7 samples after the contact; the rule is at least 8"),
+        (h.damping, one(np.zeros(3), np.ones(7)), "7 samples after the contact. Expected at least 8"),
         (
             tap_mode_frequency,
             one(np.ones(2), [1.0, -1.0, 0.5], 1.0),
-            "3 samples of a tap; the rule is at least 8",
+            "3 samples of a tap. Expected at least 8",
         ),
         (tap_amplitude_slope, taps(FS, velocities=(0.1, 0.2)), "at least 3"),
-        (tap_amplitude_slope, taps(FS, velocities=(0.1, 0.1, 0.1)), "of their mean; the rule"),
+        (tap_amplitude_slope, taps(FS, velocities=(0.1, 0.1, 0.1)), "of their mean. Expected"),
         (friction, PhaseView(np.zeros(10), 1e4), "silence: all 10 samples are 0"),
     ],
 )

@@ -86,9 +86,9 @@ def test_a_reason_of_its_own_stays_a_reason(file):
 @pytest.mark.parametrize(
     ("named", "message"),
     [
-        ("mine.py", "the rule is module:function or path/to/file.py:function"),
-        ("mine.py:", "the rule is module:function"),
-        ("mine.py:plain", "plain is not decorated; the rule is a function under @feature"),
+        ("mine.py", "Expected module:function or path/to/file.py:function"),
+        ("mine.py:", "Expected module:function"),
+        ("mine.py:plain", "plain is not decorated. Expected a function under @feature"),
         ("mine.py:np", "np is not a function of it"),
         ("mine.py:absent", "absent is not a function of it"),
         ("mine.py:bare", "parameter 'share' has no default"),

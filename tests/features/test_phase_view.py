@@ -124,7 +124,7 @@ def test_a_piece_without_value_and_a_wrong_number_of_pieces_are_named():
     with pytest.raises(UndefinedFeatureError, match="piece 2: silence"):
         band_level(PhaseView(quiet, FS), n_pieces=4)
     for n_pieces in (0, -1, 1.5):
-        with pytest.raises(ValueError, match="the rule is a whole number of at least 1"):
+        with pytest.raises(ValueError, match="Expected a whole number of at least 1"):
             band_level(PhaseView(X, FS), n_pieces=n_pieces)
 
 
@@ -218,7 +218,7 @@ def test_auto_combines_the_axes_of_one_accelerometer_only():
         ((), ()), (("acc_x", "acc_y", "acc_z"), ()), (("c1", "c2", "c3"), ("c1", "c2", "c3"))
     ):  # fmt: skip
         assert channels_apart(exploration(channels=channels), "auto") == apart
-    with pytest.raises(ValueError, match="channels is 'both'; the rule is 'combine'"):
+    with pytest.raises(ValueError, match=r"channels is 'both'. Expected 'combine'"):
         channels_apart(exploration(), "both")
 
 

@@ -88,7 +88,7 @@ def test_what_hinders_is_said():
     for changed, why in (
         ({"speed": None}, "no speed signal"),
         ({"speed": 0 * strokes.speed}, "the speed is 0 throughout"),
-        ({"speed": 0.1 * strokes.speed}, r"1440 samples; the rule is at least 4096 \(three frames"),
+        ({"speed": 0.1 * strokes.speed}, r"1440 samples. Expected at least 4096 \(three frames"),
         ({"acceleration": 0 * strokes.acceleration}, "silence"),
     ):
         with pytest.raises(UndefinedFeatureError, match=why):

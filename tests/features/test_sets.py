@@ -112,7 +112,7 @@ def test_an_override_changes_the_value_and_the_hash(load, views):
             "two columns are named 'b.b1'",
         ),
         ("features = {}", "at least 1"),
-        ("features.friction = 3", r"features\.friction is 3; the rule"),
+        ("features.friction = 3", r"features\.friction is 3. Expected"),
     ],
 )
 def test_a_wrong_set_is_refused_with_file_key_and_rule(load, text, rule):

@@ -88,20 +88,20 @@ def test_all_missing_and_unknown_keys_are_listed_at_once(tmp_path):
     [
         ({"fs": 3}, "unknown key fs (expected one of fs_hz, unit, files, "),
         ({"label_column": "plate"}, "unknown key label_column ("),
-        ({"format": "magic"}, "format is 'magic'; the rule is one of files, rows, hatt-models, simulated"),
-        ({"unit": "m"}, "unit is 'm'; the rule is one of m/s^2, g, mg, counts, V, arbitrary"),
-        ({"phases": "all"}, "phases is 'all'; the rule is one of detect, movement, tap"),
-        ({"fs_hz": 0}, "fs_hz is 0; the rule is a rate in Hz above 0"),
-        ({"scale": 0}, "scale is 0; the rule is a finite factor other than 0"),
-        ({"turn_rate_scale": 0}, "turn_rate_scale is 0; the rule is a finite factor other than 0"),
-        ({"files": []}, "files is []; the rule is text or a list of text"),
+        ({"format": "magic"}, "format is 'magic'. Expected one of files, rows, hatt-models, simulated"),
+        ({"unit": "m"}, "unit is 'm'. Expected one of m/s^2, g, mg, counts, V, arbitrary"),
+        ({"phases": "all"}, "phases is 'all'. Expected one of detect, movement, tap"),
+        ({"fs_hz": 0}, "fs_hz is 0. Expected a rate in Hz above 0"),
+        ({"scale": 0}, "scale is 0. Expected a finite factor other than 0"),
+        ({"turn_rate_scale": 0}, "turn_rate_scale is 0. Expected a finite factor other than 0"),
+        ({"files": []}, "files is []. Expected text or a list of text"),
         ({"files": "(?P<material>"}, "files holds '(?P<material>', not a regular expression"),
         (
             {"files": "(?P<colour>.*)"},
             "files defines groups ['colour']. Expected some of recording, material, ",
         ),
         ({"files": r".*\.txt"}, "files and labels do not define the group (?P<material>...)"),
-        ({"delimiter": "ab"}, "delimiter is 'ab'; the rule is one character, no quote"),
+        ({"delimiter": "ab"}, "delimiter is 'ab'. Expected one character, no quote"),
         ({"channels": {"smell": "s"}}, "unknown key channels.smell (expected one of acceleration, fric"),
         ({"labels": {"file": "l.csv"}}, "missing key labels.recording"),
         (
@@ -117,7 +117,7 @@ def test_a_broken_rule_is_named_with_file_key_and_value(tmp_path, wrong, said):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"n_operators": 0}, "recipe.n_operators is 0; the rule is a number of at least 1"),
+        ({"n_operators": 0}, "recipe.n_operators is 0. Expected a number of at least 1"),
         (
             {"duration_s": 1e300},
             "recipe: a recording must have at most 1e+09 samples, got 1e+300 s at 10000 Hz",

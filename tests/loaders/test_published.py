@@ -139,7 +139,7 @@ def test_a_card_published_nowhere_says_where_to_ask_and_an_address_that_is_none_
     code, _, said = command("datasets", "get", "lmt69")
     assert (code, "no [published]; they are at https://zeus.lmt" in said) == (1, True)
     shelf.write_text(shelf.read_text().replace("http://", "ftp://"))
-    with pytest.raises(CardError, match=r"published.url is 'ftp:.*; the rule is an address that ends in /"):
+    with pytest.raises(CardError, match=r"published.url is 'ftp:.*. Expected an address that ends in /"):
         read_card(shelf)
 
 

@@ -19,11 +19,9 @@ from texclass.recording import RecordingError
 def test_text_of_other_columns_is_refused_by_name(turning, n_columns):
     text = io.BytesIO("\n".join([" ".join(["1"] * n_columns)] * 50).encode())
     session = Session(turning)
-    with pytest.raises(
-        ValueError, match=f"has {n_columns} columns; the rule is 6, ax, ay, az, turn_x, turn_y"
-    ):
+    with pytest.raises(ValueError, match=f"has {n_columns} columns. Expected 6, ax, ay, az, turn_x, turn_y"):
         list(session.run(open_source("-", fs=FS, unit="m/s^2", file=text, model=turning)))
-    with pytest.raises(ValueError, match=f"has {n_columns} columns; the rule is 6"):
+    with pytest.raises(ValueError, match=f"has {n_columns} columns. Expected 6"):
         open_source("-", fs=FS, unit="m/s^2", file=io.BytesIO(b""), raw_channels=n_columns, model=turning)
 
 
@@ -72,11 +70,11 @@ def test_friction_is_the_last_column_of_a_stream(rubbing_model):
 
 
 def test_a_stream_without_friction_is_refused_before_it_begins(rubbing_model, tmp_path):
-    told = "no friction, needed by friction; the rule is ax, ay, az, friction, .* --row of acceleration only"
+    told = "no friction, needed by friction. Expected ax, ay, az, friction, .* --row of acceleration only"
     np.savetxt(tmp_path / "r.csv", values("sand", 1)[:, :3], delimiter=",", header="ax,ay,az", comments="")
     with pytest.raises(RecordingError, match=told):
         open_source(str(tmp_path / "r.csv"), fs=FS, model=rubbing_model)
-    with pytest.raises(ValueError, match="has 3 columns; the rule is 4, ax, ay, az, friction"):
+    with pytest.raises(ValueError, match=r"has 3 columns. Expected 4, ax, ay, az, friction"):
         Stretches(rubbing_model, 3, FS, "m/s^2")
 
 

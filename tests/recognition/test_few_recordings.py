@@ -73,7 +73,7 @@ def test_a_model_of_one_recording_each_calls_nothing_unknown_and_says_so(one):
 
 
 def test_what_needs_several_recordings_is_not_trained_on_one():
-    with pytest.raises(ValueError, match=r"trains lda; the rule is 2 or more, or the pipeline surfaces"):
+    with pytest.raises(ValueError, match=r"trains lda. Expected 2 or more, or the pipeline surfaces"):
         train(surfaces(1), pipeline(), classifier="lda")
     with pytest.raises(ValueError, match="2 folds need at least 2 of each"):
         train(surfaces(1), pipeline(), protocol="recording")
@@ -83,7 +83,7 @@ def test_two_recordings_of_four_surfaces_promise_and_do_not_judge_strangers():
     two = train(surfaces(2), pipeline())
     assert two.manifest.accuracy["n_tested"] == 8
     assert two.manifest.unknown["threshold"] is None
-    with pytest.raises(ValueError, match="8 recordings are held out; the rule is at least 99"):
+    with pytest.raises(ValueError, match=r"8 recordings are held out. Expected at least 99"):
         train(surfaces(2), pipeline(), false_alarms=0.01)
 
 

@@ -57,7 +57,7 @@ def test_columns_of_standard_input_are_chosen_by_number(raw):
 )
 def test_what_a_live_stream_cannot_use_is_refused(how):
     with pytest.raises(
-        ValueError, match=r"standard input.*(; the rule is a rate \(--fs\) in place|Expected one character)"
+        ValueError, match=r"standard input.*(. Expected a rate \(--fs\) in place|Expected one character)"
     ):
         open_source("-", fs=FS, unit="g", file=_text(SIGNAL), **how)
 
@@ -81,9 +81,9 @@ def test_float32_is_passed_on_however_it_arrives(size):
         (
             "1,2,3\n1,2\n4,5,6\n7,8,9\n",
             [[1, 2, 3], None, [4, 5, 6], [7, 8, 9]],
-            "line 2 is '1,2'; the rule is 3",
+            "line 2 is '1,2'. Expected 3",
         ),
-        ("x,y\n1,2\n3,4\n", [[1, 2], [3, 4]], "line 1 is 'x,y'; the rule is 2 numbers"),
+        ("x,y\n1,2\n3,4\n", [[1, 2], [3, 4]], "line 1 is 'x,y'. Expected 2 numbers"),
         ("5\n1,2\n3,4\n", [[1, 2], [3, 4]], "line 1 is '5'"),
         ("1\n2\nsensor error\n3\n", [[1], [2], None, [3]], "line 3 is 'sensor error'"),
         ("1\nnan\n2\ninf\n", [[1], [np.nan], [2], [np.inf]], None),
@@ -148,7 +148,7 @@ def test_what_is_missing_is_asked_for():
         open_source("-", unit="g")
     with pytest.raises(RecordingError, match="standard input: unit is missing"):
         open_source("-", fs=FS)
-    with pytest.raises(ValueError, match=r"3 channels given with r\.wav; the rule is standard input"):
+    with pytest.raises(ValueError, match=r"3 channels given with r\.wav. Expected standard input"):
         open_source("r.wav", raw_channels=3)
-    with pytest.raises(ValueError, match="block_s is 0; the rule is above 0"):
+    with pytest.raises(ValueError, match=r"block_s is 0. Expected a positive number"):
         open_source("-", fs=FS, unit="g", block_s=0)

@@ -191,7 +191,7 @@ def test_a_contact_shorter_than_a_window_is_answered_when_it_is_over(linear_mode
     [
         (np.zeros((3, 2, 2)), "shape"),
         (np.array([1.0, np.nan]), "finite"),
-        (np.zeros((5, 2)), "columns; the rule is 1"),
+        (np.zeros((5, 2)), "columns. Expected 1"),
     ],
 )
 def test_bad_samples_are_refused(linear_model, samples, message):
@@ -224,7 +224,7 @@ def test_the_ring_gives_any_stretch_of_the_last_rows():
         assert_array_equal(ring.view(start, ring.stop), rows[start : ring.stop])
     ring.skip(10)
     assert ring.start == ring.stop == done + 10
-    with pytest.raises(ValueError, match="the rule is from"):
+    with pytest.raises(ValueError, match="Expected from"):
         ring.view(done, done + 5)
 
 

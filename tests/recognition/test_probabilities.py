@@ -58,7 +58,7 @@ def test_the_error_follows_its_definition():
     assert expected_calibration_error([1.0], [True]) == 0
     equal = expected_calibration_error([0.9, 0.8, 0.7, 0.6], [1, 1, 0, 0], 2, equal_counts=True)
     assert equal == pytest.approx((2 * 0.15 + 2 * 0.65) / 4)
-    with pytest.raises(ValueError, match="the rule is one of each"):
+    with pytest.raises(ValueError, match="Expected one of each"):
         expected_calibration_error([], [])
 
 

@@ -206,7 +206,7 @@ def test_a_model_is_adapted_to_files_and_folders_of_another_sensor(run, trained,
     assert "16 references, 16 of 4 known surfaces" in run(*folder)[1]
     assert "16 references, unlabelled" in run(*folder, "--unlabelled")[1]
     for wrong, rule in (
-        (["tin=new/oak/oak_20.wav", *three], "is of 'tin', which the model does not know; the rule is one"),
+        (["tin=new/oak/oak_20.wav", *three], "surface 'tin' is not in the model. Expected one"),
         (["oak=nothing.wav"], "nothing.wav"),
         (["new/nothing.wav"], "nothing.wav"),
     ):

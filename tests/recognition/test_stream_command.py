@@ -171,7 +171,7 @@ def test_control_c_ends_with_the_answer_so_far(run, monkeypatch, tmp_path, sampl
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_with_the_answer_so_far_and_is_given_back(run, monkeypatch, samples, number):
     whole = sources._text
-    before = signal.getsignal(number)
+    inherited = signal.signal(number, signal.SIG_DFL)  # `nohup` ignores SIGHUP
 
     def ended(*given):
         for k, block in enumerate(whole(*given)):
@@ -181,11 +181,14 @@ def test_a_signal_ends_with_the_answer_so_far_and_is_given_back(run, monkeypatch
             yield block
 
     monkeypatch.setattr(sources, "_text", ended)
-    code, out, _ = run(*LIVE, "--window", 0.5, "--jsonl")
+    try:
+        code, out, _ = run(*LIVE, "--window", 0.5, "--jsonl")
+        assert signal.getsignal(number) == signal.SIG_DFL
+    finally:
+        signal.signal(number, inherited)
     lines = [json.loads(line) for line in out.splitlines()]
     assert (code, lines[-1]["type"], lines[-1]["surface"]) == (0, "final", "oak")
     assert lines[-1]["stop_s"] < 2.3
-    assert signal.getsignal(number) == before
 
 
 def test_an_ignored_sighup_stays_ignored(run, monkeypatch):

@@ -21,7 +21,7 @@ def test_the_threshold_is_where_answers_change(n):
 
 
 def test_too_few_held_out_recordings_are_refused():
-    with pytest.raises(ValueError, match="18 recordings are held out; the rule is at least 19"):
+    with pytest.raises(ValueError, match=r"18 recordings are held out. Expected at least 19"):
         Novelty("decision", np.zeros(18), 0.05)
 
 

@@ -141,7 +141,7 @@ def test_a_bag_stands_for_files_whose_columns_have_other_names(bags, imu_bag, tm
     [
         ("disclaimed", r"say that wx, wy, wz are not measured \(a covariance that begins with -1\)"),
         ("zero", "the turn rate is 0 in each of its messages"),
-        ("type", "no turn rate; the rule is ax, ay, az, turn_x, turn_y, turn_z"),
+        ("type", "no turn rate. Expected ax, ay, az, turn_x, turn_y, turn_z"),
     ],
 )
 def test_a_bag_without_turn_rates_is_refused_before_the_stream_begins(

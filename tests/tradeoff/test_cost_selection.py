@@ -39,7 +39,7 @@ def test_keeps_to_budget_and_number_of_columns():
     assert selector.cost_ <= 2.5
     assert all(choice.cost <= 2.5 for choice in selector.path_)
     assert CostAwareSelector(max_features=1).fit(X, y).get_support().sum() == 1
-    with pytest.raises(ValueError, match=r"max_cost is 0\.5; the rule is at least 1"):
+    with pytest.raises(ValueError, match=r"max_cost is 0\.5. Expected at least 1"):
         CostAwareSelector(costs=[3.0, 2.0, 2.0, 9.0, 1.0, 1.0], max_cost=0.5).fit(X, y)
 
 
@@ -113,7 +113,7 @@ def test_a_lonely_class_or_group_is_refused_and_costs_that_do_not_fit_the_column
     with pytest.raises(ValueError, match="class 0 has 1 group to train on"):
         CostAwareSelector().fit(X, y, y)
     for costs in ([1.0], [1.0, 1, 1, 1, 1, -1]):
-        with pytest.raises(ValueError, match="the rule is a finite cost of at least 0 for each"):
+        with pytest.raises(ValueError, match="Expected a finite cost of at least 0 for each"):
             CostAwareSelector(costs=costs).fit(X, y)
 
 

@@ -151,7 +151,7 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"text\.skops: not a recogniser of texclass"):
         load_recogniser(tmp_path / "text.skops")
     skops.io.dump({"f": np.testing.assert_array_equal}, tmp_path / "foreign.skops")
-    with pytest.raises(ValueError, match=r"the rule is classes of scikit-learn and texclass.*safe\)$"):
+    with pytest.raises(ValueError, match=r"Expected classes of scikit-learn and texclass.*safe\)$"):
         load_recogniser(tmp_path / "foreign.skops")
     monkeypatch.setattr(trusted, "foreign_in", lambda data: ["texclass.evaluation.choice.Choice"])
     with pytest.raises(ValueError, match=r"names texclass\.evaluation\.choice\.Choice.* make it again with"):

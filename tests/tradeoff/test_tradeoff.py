@@ -76,7 +76,7 @@ def test_no_budget_is_more_than_everything_or_less_than_the_cheapest():
     assert budgets_of(costs) == pytest.approx([1, 2, 3, 4, 5, 6.5, 8, 10])
     assert budgets_of(costs, 1e9) == budgets_of(costs)
     assert set(budgets_of(costs, 3.3)) - set(budgets_of(costs)) == {3.3}
-    with pytest.raises(ValueError, match=r"max_ms is 0\.5; the rule is at least 1"):
+    with pytest.raises(ValueError, match=r"max_ms is 0\.5. Expected at least 1"):
         budgets_of(costs, 0.5)
     whole = replace(costs, segmentation_ms=5.0)
     assert budgets_of(whole) == pytest.approx([5 + ms for ms in budgets_of(costs)])

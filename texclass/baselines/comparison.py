@@ -73,9 +73,11 @@ class BaselineSettings:
         if unknown := [name for name in self.names if name not in BASELINES]:
             raise ValueError(f"no baseline is named {unknown[0]!r}; the baselines are {', '.join(BASELINES)}")
         if self.signals not in DESCRIPTIONS:
-            raise ValueError(f"signals of baselines are {self.signals!r}; the rule is 'same' or 'each'")
+            raise ValueError(f"signals of baselines are {self.signals!r}. Expected 'same' or 'each'")
         if not self.time_limit_s > 0:
-            raise ValueError(f"the time limit of baselines is {self.time_limit_s} s; the rule is above 0")
+            raise ValueError(
+                f"the time limit of baselines is {self.time_limit_s} s. Expected a positive number"
+            )
 
 
 class BaselineComparison(Result, kind="baselines"):
@@ -220,7 +222,7 @@ def whole_materials(dataset: Dataset, limit: int) -> Dataset:
         note = f"{n} of the {len(names)} materials, spread evenly: fewer materials are easier to tell apart"
         name = f"{dataset.name}-{n}of{len(names)}"
         return replace(dataset, name=name, entries=entries, notes=(*dataset.notes, note))
-    raise ValueError(f"a limit of {limit} recordings leaves no two materials whole; the rule is at least two")
+    raise ValueError(f"a limit of {limit} recordings leaves no two materials whole. Expected at least two")
 
 
 def _ours(
@@ -237,7 +239,7 @@ def _ours(
     one, with its most accurate classifier.
     """
     if result.best is None:
-        raise ValueError(f"no row of pipeline {pipeline.name} can be computed; the rule is at least one")
+        raise ValueError(f"no row of pipeline {pipeline.name} can be evaluated")
     accuracies = {row["name"]: row["accuracy"] for row in result.data["rows"] if row["accuracy"]}
     definitions = {row.name: row for row in pipeline.rows}
     widest = max(accuracies, key=lambda name: len(definitions[name].features))

@@ -82,7 +82,7 @@ def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s:
         except subprocess.TimeoutExpired:
             expired = True
         except OSError as error:
-            raise ValueError(f"{python} cannot be run ({error}); the rule is a Python interpreter") from None
+            raise ValueError(f"{python} cannot be run ({error}). Expected a Python interpreter") from None
     return read_outcome(out, expired=expired, time_limit_s=time_limit_s)
 
 

@@ -194,7 +194,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         if n_kept < n_classes:
             least = (of_views + n_classes * of_sample) / 1000
             raise ValueError(
-                f"max_kb is {self.max_kb:g}; the rule is at least {least:g}, "
+                f"max_kb is {self.max_kb:g}. Expected at least {least:g}, "
                 f"for {n_features} features and a sample of each of {n_classes} classes"
             )
         return n_kept

@@ -158,7 +158,7 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
     """
     output = Path(output)
     if output.resolve() in [Path(path).resolve() for path in paths]:
-        raise ValueError(f"{output} is one of the results; the rule is a file of its own")
+        raise ValueError(f"{output} is one of the results. Expected another file name")
     path_ending(output, ".html", ".htm", ".md")
     read = [(Path(path).name, read_document(path)) for path in paths]
     counts = Counter(document.title for _, document in read)

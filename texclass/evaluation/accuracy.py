@@ -273,7 +273,7 @@ def corrected_resampled_t(
     """
     d = np.asarray(differences, dtype=np.float64)
     if d.size < 2:
-        raise ValueError(f"{d.size} differences; the rule is at least 2 folds")
+        raise ValueError(f"{d.size} differences. Expected at least 2 folds")
     if agree(d):
         return (-1.0, 1.0), 1.0
     # t = mean d / sqrt((1/J + n_test/n_train) s^2)

@@ -158,7 +158,7 @@ def _n_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
             )
         if key not in known:
             near = get_close_matches(key, known, n=1) or known or ["none"]
-            raise ValueError(f"unknown key {key!r}; the rule is a parameter of {path}: {', '.join(near)}")
+            raise ValueError(f"unknown key {key!r}. Expected a parameter of {path}: {', '.join(near)}")
         if isinstance(value, dict) and isinstance(value.get("use"), str):
             nested = {name: one for name, one in value.items() if name != "use"}
             n_models *= _n_models(value["use"], nested, depth + 1)

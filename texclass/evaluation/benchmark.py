@@ -143,7 +143,7 @@ class BenchmarkResult(Result, kind="benchmark"):
         from texclass.evaluation.benchmark_document import draw_rows
 
         if self.best is None:
-            raise ValueError("no row was computed; the rule is at least one accuracy to draw")
+            raise ValueError("cannot plot: no row could be evaluated")
         return draw_rows(self.data, [classifier] if classifier else None, width)
 
     @property
@@ -480,7 +480,7 @@ def _split_again(protocol: Protocol, part: pd.DataFrame, seed: int) -> tuple[str
             least = min(fewest(way, part.iloc[train]) for train, _ in found)
             if least >= LEAST_TRAINED:
                 return tried, found
-            problem = f"{least} {way.unit} of a material would train; the rule is at least {LEAST_TRAINED}"
+            problem = f"{least} {way.unit} of a material would train. Expected at least {LEAST_TRAINED}"
         except ValueError as error:
             problem = str(error)
     raise ValueError(f"a training part cannot be split again to choose within it: {problem}")

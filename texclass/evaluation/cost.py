@@ -86,7 +86,7 @@ class CostModel:
             If a column is not in the model.
         """
         if unknown := [c for c in columns if c not in self._index]:
-            raise ValueError(f"column {unknown[0]!r} has no cost; the rule is a column of the cost model")
+            raise ValueError(f"column {unknown[0]!r} has no cost. Expected a column of the cost model")
         return self.of([self._index[c] for c in columns])
 
     def of(self, indices: Sequence[int] | NDArray[np.intp]) -> float:

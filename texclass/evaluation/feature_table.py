@@ -332,7 +332,7 @@ def extract_partitions(
         At the first file with a bad recording; what was done is kept.
     """
     if size < 1:
-        raise ValueError(f"partitions of {size} recordings; the rule is at least 1")
+        raise ValueError(f"size must be at least 1 recording, got {size}")
     groups = list(by_recording(dataset.entries))
     calls = []
     for first in range(0, len(groups), size):
@@ -376,10 +376,10 @@ def read_table(path: str | Path) -> FeatureTable:
         columns, ms = tuple(facts["columns"]), np.array(facts["ms"], dtype=np.float64)
         lacking = [name for name in (*METADATA, *columns) if arrow.schema.names.count(name) != 1]
         if lacking or ms.shape != (arrow.num_rows,) or not isinstance(facts["key"], str):
-            raise ValueError(f"{lacking or ms.shape}; the rule is each column once, as many times as rows")
+            raise ValueError(f"{lacking or ms.shape}. Expected each column once, as many times as rows")
         frame = arrow.to_pandas()
         if list(frame.columns) != arrow.schema.names:
-            raise ValueError(f"columns {list(frame.columns)!r:.80}; the rule is those of the schema")
+            raise ValueError(f"columns {list(frame.columns)!r:.80}. Expected those of the schema")
         reasons = tuple(Reason(*reason) for reason in facts["reasons"])
         flags = tuple((name, flag) for name, flag in facts["flags"])
         left_out = tuple(LeftOut(*bad) for bad in facts["left_out"])
@@ -413,7 +413,7 @@ def write_table(table: FeatureTable, path: Path) -> None:
 
 def _plan(dataset: Dataset, feature_set: FeatureSet, channels: Channels, skip_bad: bool) -> Plan:
     """Decide what is computed on which channel; only channels kept apart need a recording to look at."""
-    problem = "there is none; the rule is at least one"
+    problem = "there is none. Expected at least one"
     for entry in dataset.entries:
         try:
             apart = () if channels == "combine" else channels_apart(dataset.load(entry), channels)

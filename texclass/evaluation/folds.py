@@ -95,7 +95,7 @@ class Fold:
         # scikit-learn's own check is switched off in `over_folds`, for speed.
         if not np.isfinite(prepared).all():
             raise ValueError(
-                "features are undefined (NaN) at the classifier; the rule is a step that fills them, "
+                "features are undefined (NaN) at the classifier. Expected a step that fills them, "
                 "such as sklearn.impute.SimpleImputer"
             )
         return np.asarray(prepared)

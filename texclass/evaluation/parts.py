@@ -62,7 +62,7 @@ def read_part(path: Path, n_columns: int) -> list[Part]:
     try:
         rows = PARTS.validate_json(path.read_bytes())
         if any(len(row.features) != n_columns for row in rows):
-            raise ValueError(f"the rule is {n_columns} values a row")
+            raise ValueError(f"Expected {n_columns} values per row")
     except ValueError as error:
         raise ValueError(f"{path}: is damaged; delete it, and it is computed again") from error
     return rows

@@ -201,7 +201,7 @@ def _set_of(given: Any) -> FeatureSet:
     if isinstance(given, FeatureSet):
         return given
     if not isinstance(given, str):
-        raise ValueError(f"{given!r:.60}; the rule is a shipped name or a path")
+        raise ValueError(f"{given!r:.60}. Expected a shipped name or a path")
     try:
         return load_feature_set(given)
     except OSError as error:
@@ -269,10 +269,10 @@ class PipelineDefinition(Written):
         for row in rows:
             names = tuple(known.columns) if row.features == (ALL,) else row.features
             if row.name in found:
-                raise ValueError(f"two are named {row.name!r}; the rule is one a name")
+                raise ValueError(f"two are named {row.name!r}. Expected unique names")
             extra = row.model_fields_set & {"select", "published", "classifiers"}
             if info.field_name == "additions" and extra:
-                raise ValueError(f"{row.name}: {min(extra)} is of rows; the rule is features alone")
+                raise ValueError(f"{row.name}: {min(extra)} is of rows. Expected features alone")
             try:
                 known.columns_of(names)
             except ValueError as error:
@@ -287,16 +287,16 @@ class PipelineDefinition(Written):
             for key in ("published", "classifiers"):
                 for name in getattr(row, key):
                     if name not in self.classifiers:
-                        raise ValueError(f"rows: {row.name}: {key} names {name!r}; the rule is of {judges}")
+                        raise ValueError(f"rows: {row.name}: {key} names {name!r}. Expected of {judges}")
         bases = [row.name for row in self.bases]
         if self.additions and not bases:
-            raise ValueError("every row has features of an addition; the rule is one row without any")
+            raise ValueError("every row has features of an addition. Expected one row without any")
         for key, rule, known in (
             ("base", f"a row without features of an addition: {', '.join(bases)}", bases),
             ("classifier", f"a classifier: {judges}", self.classifiers),
         ):
             if (named := getattr(self.gain, key)) not in (None, *known):
-                raise ValueError(f"gain.{key} is {named!r}; the rule is {rule}")
+                raise ValueError(f"gain.{key} is {named!r}. Expected {rule}")
         return self
 
     @property
@@ -359,7 +359,7 @@ class PipelineDefinition(Written):
         """
         known, name = self.features, feature.name
         if name in known.columns or name in known.column_names:
-            raise ValueError(f"feature {name!r} is in the feature set {known.name!r}; the rule is a new name")
+            raise ValueError(f"feature {name!r} is in the feature set {known.name!r}. Expected a new name")
         members = (*known.members, Member(name, feature, without_hand=known.without_hand))
         added = RowDefinition(name=name, features=(name,), reference=feature.reference)
         changed = {

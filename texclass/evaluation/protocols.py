@@ -26,7 +26,7 @@ Terms = list[tuple[str, list[str]]]
 
 def _checked_label(label: str) -> str:
     if label not in LABELS:
-        raise ValueError(f"no label of recordings is {label!r}; the rule is one of {', '.join(LABELS)}")
+        raise ValueError(f"no label of recordings is {label!r}. Expected one of {', '.join(LABELS)}")
     return label
 
 
@@ -36,7 +36,7 @@ def _terms(text: str) -> Terms:
     for label, equals, values in terms:
         if not (equals and values.strip()):
             raise ValueError(
-                f"recordings are chosen by {label.strip()!r}; the rule is LABEL=VALUE,VALUE or LABEL=1-20"
+                f"recordings are chosen by {label.strip()!r}. Expected LABEL=VALUE,VALUE or LABEL=1-20"
             )
     return [
         (_checked_label(label.strip()), [v.strip() for v in values.split(",")]) for label, _, values in terms
@@ -300,8 +300,8 @@ def repeated(
     if n_repeats < 1 or (n_repeats > 1 and not protocol.is_random):
         random = ", ".join(p.name for p in PROTOCOLS.values() if p.is_random)
         raise ValueError(
-            f"{n_repeats} repeats of the protocol `{protocol.name}`; "
-            f"the rule is 1, or more of a protocol that draws its folds ({random})"
+            f"{n_repeats} repeats of the protocol `{protocol.name}`. "
+            f"Expected 1, or more of a protocol that draws its folds ({random})"
         )
     return tuple(protocol.split(table, n_folds, seed + r) for r in range(n_repeats))
 
@@ -321,7 +321,7 @@ def splits_of(protocol: Protocol, table: "pd.DataFrame", seed: int) -> "Splits":
 def require_unseen(protocol: Protocol) -> None:
     """Refuse a protocol that fits scaling and selection on its test recordings, too."""
     if not protocol.is_nested:
-        raise ValueError(f"protocol is {protocol.name!r}; the rule is one whose test recordings stay unseen")
+        raise ValueError(f"protocol is {protocol.name!r}. Expected one whose test recordings stay unseen")
 
 
 def fewest(protocol: Protocol, table: "pd.DataFrame") -> int:

@@ -85,7 +85,7 @@ def load_trusted(data: bytes, *, members: frozenset[str] = frozenset({SCHEMA})) 
 
     check_archive(data, members)
     if SCHEMA not in members_of(data):
-        raise UntrustedFileError(f"it holds no {SCHEMA}; the rule is a skops archive")
+        raise UntrustedFileError(f"it holds no {SCHEMA}. Expected a skops archive")
     try:
         foreign = foreign_in(data)
         made = None if foreign else skops.io.loads(data, trusted=sorted(TRUSTED))
@@ -95,7 +95,7 @@ def load_trusted(data: bytes, *, members: frozenset[str] = frozenset({SCHEMA})) 
         ours = any(name.startswith("texclass.") for name in foreign)
         moved = "; if an earlier texclass made it, make it again with `texclass train` or `texclass tradeoff`"
         raise UntrustedFileError(
-            f"it names {', '.join(foreign[:3])}; the rule is classes of scikit-learn and texclass that are "
+            f"it names {', '.join(foreign[:3])}. Expected classes of scikit-learn and texclass that are "
             f"known to be safe{moved if ours else ''}"
         )
     return made
@@ -135,7 +135,7 @@ def read_bounded(path: str | Path) -> bytes:
     with Path(path).open("rb") as file:
         data = file.read(MOST_BYTES + 1)
     if len(data) > MOST_BYTES:
-        raise UntrustedFileError(f"it is larger than {MOST_BYTES >> 20} MiB; the rule is at most that")
+        raise UntrustedFileError(f"it is larger than {MOST_BYTES >> 20} MiB, the limit")
     return data
 
 
@@ -152,7 +152,7 @@ def check_archive(data: bytes, members: frozenset[str] = frozenset({SCHEMA})) ->
             for problem in _problems(archive.infolist(), len(data), members):
                 raise UntrustedFileError(problem)
             if (broken := archive.testzip()) is not None:
-                raise UntrustedFileError(f"{broken} is damaged; the rule is an untouched file")
+                raise UntrustedFileError(f"{broken} is damaged. Expected an untouched file")
             for name in filter(ARRAY.fullmatch, archive.namelist()):
                 content = archive.read(name)
                 buffer = io.BytesIO(content)
@@ -163,8 +163,8 @@ def check_archive(data: bytes, members: frozenset[str] = frozenset({SCHEMA})) ->
                 size, follows = math.prod((dtype.itemsize, *shape)), len(content) - buffer.tell()
                 if dtype.hasobject or size != follows:
                     raise UntrustedFileError(
-                        f"{name} announces {shape} of {dtype}, {follows} bytes follow; "
-                        "the rule is numbers, all of them"
+                        f"{name} announces {shape} of {dtype}, {follows} bytes follow. "
+                        "Expected numbers, all of them"
                     )
     except UntrustedFileError:
         raise
@@ -183,13 +183,13 @@ def members_of(data: bytes) -> Mapping[str, bytes]:
 def _problems(members: list[ZipInfo], n_bytes: int, allowed: frozenset[str]) -> Iterator[str]:
     names = [member.filename for member in members]
     if len(set(names)) < len(names):
-        yield "two members bear one name; the rule is one each"
+        yield "two members have the same name. Expected unique names"
     for member in members:
         if member.filename not in allowed and not ARRAY.fullmatch(member.filename):
-            yield f"it holds {member.filename[:60]!r}; the rule is descriptions and arrays"
+            yield f"it holds {member.filename[:60]!r}. Expected descriptions and arrays"
         if member.compress_type != ZIP_STORED or member.compress_size != member.file_size:
-            yield f"{member.filename} is compressed; the rule is stored members, which unpack to no more"
+            yield f"{member.filename} is compressed. Expected stored members, which unpack to no more"
         if not ARRAY.fullmatch(member.filename) and member.file_size > MOST_SCHEMA_BYTES:
-            yield f"{member.filename} has {member.file_size} bytes; the rule is at most {MOST_SCHEMA_BYTES}"
+            yield f"{member.filename} has {member.file_size} bytes. Expected at most {MOST_SCHEMA_BYTES}"
     if sum(member.file_size for member in members) > n_bytes:
-        yield "its members overlap; the rule is members side by side"
+        yield "its members overlap. Expected separate members"

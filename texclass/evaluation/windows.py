@@ -100,7 +100,7 @@ def touches(
     """
     check_above_0(seconds=seconds, step=step, per_recording=per_recording)
     if any(isinstance(entry, Window) for entry in dataset.entries):
-        raise ValueError(f"{dataset.name} holds windows already; the rule is to cut whole recordings")
+        raise ValueError(f"{dataset.name} contains windows already. Expected whole recordings")
     stride = seconds if step is None else step
     found = zip(dataset.entries, _movements(dataset, n_jobs, progress), strict=True)
     first = "" if per_recording is None else f"-first{per_recording}"
@@ -209,7 +209,7 @@ def _cut(
     starts = range(start, stop - n + 1, hop)[:per_recording]
     if not starts:
         short = (
-            f"{entry.recording_id}: {(stop - start) / fs:.3g} s of movement; the rule is at least {seconds:g}"
+            f"{entry.recording_id}: {(stop - start) / fs:.3g} s of movement. Expected at least {seconds:g}"
         )
         yield Window(**vars(entry), parent=entry, start=0, stop=0, problem=problem or short)
     for number, first in enumerate(starts, start=1):
@@ -247,7 +247,7 @@ def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
         if len(found) != n or any(start > stop for start, stop, *_ in found):
             raise ValueError(f"{len(found)} movements")
     except ValueError as error:
-        raise ValueError(f"{path}: {error}; the rule is {n} of [start, stop, fs, problem]") from error
+        raise ValueError(f"{path}: {error}. Expected {n} of [start, stop, fs, problem]") from error
     return found
 
 
@@ -258,5 +258,5 @@ def _movement(load: Callable[[Entry], Recording], entry: Entry) -> Movement:
     except RecordingError as error:
         return 0, 0, 1.0, str(error)
     if movement is None:
-        return 0, 0, recording.fs, f"{entry.recording_id}: no movement found; the rule is some"
+        return 0, 0, recording.fs, f"{entry.recording_id}: no movement found"
     return *movement, recording.fs, ""

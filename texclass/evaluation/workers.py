@@ -63,7 +63,7 @@ def running_on(backend: Backend, scheduler: str | None = None) -> Iterator[None]
     """
     if backend not in ("local", "dask") or (backend == "local" and scheduler):
         raise ValueError(
-            f"backend is {backend!r} and scheduler {scheduler!r}; the rule is 'local' without, or 'dask'"
+            f"backend is {backend!r} and scheduler {scheduler!r}. Expected 'local' without, or 'dask'"
         )
     if backend == "local":
         yield

@@ -40,7 +40,7 @@ def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> t
     x, fs = banded(view, band_hz)
     n = x.size
     if n < 2 * order:
-        raise UndefinedFeatureError(f"{n} samples below {band_hz:g} Hz; the rule is 2 x the order of {order}")
+        raise UndefinedFeatureError(f"{n} samples below {band_hz:g} Hz. Expected 2 x the order of {order}")
     length = min(n, max(round(frame_s * fs), 4 * order))
     frames = x[: n // length * length].reshape(-1, length)
     power = np.einsum("kt,kt->k", frames, frames)
@@ -171,7 +171,7 @@ def prediction_gain(
         As `line_spectral_frequencies`, and for orders beyond the model's.
     """
     if wrong := [p for p in orders if not 1 <= p <= order]:
-        raise UndefinedFeatureError(f"prediction gain of order {wrong[0]}; the rule is 1 ... {order}")
+        raise UndefinedFeatureError(f"prediction gain of order {wrong[0]}. Expected 1 ... {order}")
     k, _ = mean_model(view, order, frame_s, band_hz)
     gain = -10 * np.cumsum(np.log10((1 - k) * (1 + k)))  # of orders 1, 2, ...
     return np.asarray(gain[np.array(orders) - 1])
@@ -215,7 +215,7 @@ def resonances(
     """
     undefined_if(
         not 1 <= n_resonances <= order // 2,
-        f"{n_resonances} resonances; the rule is 1 ... {order // 2} (half the order)",
+        f"{n_resonances} resonances. Expected 1 ... {order // 2} (half the order)",
     )
     k, fs = mean_model(view, order, frame_s, band_hz)
     z = upper_poles(Autoregression(k[: 2 * n_resonances], np.ones(())).poles(), n_resonances)

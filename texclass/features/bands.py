@@ -276,7 +276,7 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
     """
     low = 3 * 2 ** octaves[1]
     if n_parts not in (2, 3, 6):
-        raise ValueError(f"n_parts is {n_parts!r}; the rule is 2, 3 or 6")
+        raise ValueError(f"n_parts is {n_parts!r}. Expected 2, 3 or 6")
     require(view, N_PARTS * max(16, low), f"1.5 periods of octave {octaves[1] - 1} in each sixth")
     edges = view.fs / 2 * np.exp2(-np.arange(octaves[1], octaves[0] - 1, -1.0))
     power = density(sixths(view), edges)[..., ::-1]
@@ -334,6 +334,6 @@ def level_persistence(view: PhaseView) -> Samples:
     variance = np.mean(L * L, axis=-1)
     undefined_if(
         not variance.min() > 1e-12,
-        f"the level of octave {variance.argmin()} is constant; the rule is one that changes",
+        f"the level of octave {variance.argmin()} is constant. Expected one that changes",
     )
     return np.asarray(np.mean(L[..., 1:] * L[..., :-1], axis=-1) / variance)

@@ -92,7 +92,7 @@ def _mel_filters(
         i = int(empty[0])
         raise UndefinedFeatureError(
             f"mel filter {i + 1} ({edges[i]:.0f} ... {edges[i + 2]:.0f} Hz) holds no bin of the spectrum "
-            f"(every {f[1]:.0f} Hz); the rule is at least one"
+            f"(every {f[1]:.0f} Hz). Expected at least one"
         )
     weights = weights * np.exp(-f / decay_hz)[:, np.newaxis]
     return read_only(np.array(weights, dtype=np.float32, order="C"))
@@ -214,7 +214,7 @@ def mfcc_deviation(
         As `mfcc`, and for fewer than two frames that are not silent.
     """
     energies = log_energies(view, n_filters, low_hz, high_hz, decay_hz, frame_s, hop_s)
-    undefined_if(len(energies) < 2, "1 frame that is not silent; the rule is at least 2 for a deviation")
+    undefined_if(len(energies) < 2, "1 frame that is not silent. Expected at least 2 for a deviation")
     frames = energies @ _cosines(n_filters)
     return np.asarray(frames[:, _checked(coefficients, n_filters)].std(axis=0))
 
@@ -227,7 +227,5 @@ def _cosines(n_filters: int) -> Samples:
 
 def _checked(coefficients: tuple[int, ...], n_filters: int) -> list[int]:
     if wrong := [n for n in coefficients if not 1 <= n < n_filters]:
-        raise UndefinedFeatureError(
-            f"coefficient {wrong[0]}; the rule is 1 ... {n_filters - 1} (filters - 1)"
-        )
+        raise UndefinedFeatureError(f"coefficient {wrong[0]}. Expected 1 ... {n_filters - 1} (filters - 1)")
     return list(coefficients)

@@ -34,12 +34,12 @@ def magnitude_of(samples: Samples) -> float:
     UndefinedFeatureError
         If there is no sample, one is NaN or infinite, or all are 0.
     """
-    undefined_if(samples.size == 0, "0 samples; the rule is at least one")
+    undefined_if(samples.size == 0, "0 samples. Expected at least one")
     largest = float(max(samples.max(), -samples.min()))  # NaN and infinity pass through
     if not math.isfinite(largest):
         n_bad, first = int((~np.isfinite(samples)).sum()), int(np.argmin(np.isfinite(samples)))
         raise UndefinedFeatureError(
-            f"{n_bad} samples are NaN or infinite (first at {first}); the rule is finite"
+            f"{n_bad} samples are NaN or infinite (first at {first}). Expected finite"
         )
     if largest == 0:
         raise UndefinedFeatureError(f"silence: all {samples.size} samples are 0")
@@ -71,13 +71,13 @@ def unit(view: PhaseView) -> Samples:
 def require(view: PhaseView, n_samples: int, why: str) -> None:
     """Refuse a phase that is shorter than `n_samples`."""
     if view.n_samples < n_samples:  # a message that nobody reads takes as long as a short feature
-        raise UndefinedFeatureError(f"{view.n_samples} samples; the rule is at least {n_samples} ({why})")
+        raise UndefinedFeatureError(f"{view.n_samples} samples. Expected at least {n_samples} ({why})")
 
 
 def below_nyquist(view: PhaseView, frequency_hz: float) -> float:
     """Return `frequency_hz`; refuse one that the sampling rate cannot hold."""
     if not frequency_hz < view.fs / 2:
-        raise UndefinedFeatureError(f"fs is {view.fs:g} Hz; the rule is fs/2 above {frequency_hz:g} Hz")
+        raise UndefinedFeatureError(f"fs is {view.fs:g} Hz. Expected fs/2 above {frequency_hz:g} Hz")
     return frequency_hz
 
 
@@ -89,7 +89,7 @@ def n_of(view: PhaseView, seconds: float) -> int:
 def log10_of(value: float, what: str) -> float:
     """Return log10(value); refuse 0."""
     if not value > 0:
-        raise UndefinedFeatureError(f"{what} is {value:g}; the rule is a logarithm of more than 0")
+        raise UndefinedFeatureError(f"{what} is {value:g}. Expected a logarithm of more than 0")
     return math.log10(value)
 
 

@@ -300,7 +300,9 @@ def load_feature(named: str) -> Feature:
     """
     place, _, name = named.rpartition(":")
     if not place or not name.isidentifier():
-        raise ValueError(f"feature {named!r}: the rule is module:function or path/to/file.py:function")
+        raise ValueError(
+            f"feature {named!r} not understood. Expected module:function or path/to/file.py:function"
+        )
     try:
         module = _module_of(Path(place)) if place.endswith(".py") else importlib.import_module(place)
     except OSError:
@@ -312,9 +314,11 @@ def load_feature(named: str) -> Feature:
     found = next((f for f in _REGISTRY.values() if f.function is function), None)
     if found is None:
         what = "is not decorated" if callable(function) else "is not a function of it"
-        raise ValueError(f"feature {named!r}: {name} {what}; the rule is a function under @feature(...)")
+        raise ValueError(f"feature {named!r}: {name} {what}. Expected a function under @feature(...)")
     if bare := [key for key, value in found.defaults.items() if value is inspect.Parameter.empty]:
-        raise ValueError(f"feature {named!r}: parameter {bare[0]!r} has no default; the rule is one each")
+        raise ValueError(
+            f"feature {named!r}: parameter {bare[0]!r} has no default. Expected a default for each parameter"
+        )
     return found
 
 
@@ -347,7 +351,7 @@ def _of_pieces(
 ) -> Samples:
     """Return what a function gives for equal pieces of a movement; see `feature`."""
     if not isinstance(n_pieces, int) or n_pieces < 1:
-        raise ValueError(f"n_pieces is {n_pieces!r}; the rule is a whole number of at least 1")
+        raise ValueError(f"n_pieces is {n_pieces!r}. Expected a whole number of at least 1")
     cut = pieces(view, n_pieces)
     if cut is view:
         return np.repeat(function(view, **parameters), n_pieces)

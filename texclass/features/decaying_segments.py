@@ -35,7 +35,7 @@ def band(view: PhaseView, lower_hz: float, smoothing_hz: float) -> VibrationBand
     """Return major frequency and automatic upper cut-off of the movement above `lower_hz`."""
     frequency, power = mean_spectrum(view)
     above = frequency >= lower_hz
-    undefined_if(above.sum() < 8, f"fs is {view.fs:g} Hz; the rule is 8 bins above {lower_hz:g} Hz")
+    undefined_if(above.sum() < 8, f"fs is {view.fs:g} Hz. Expected 8 bins above {lower_hz:g} Hz")
     undefined_if(not power[above].any(), f"silence: no energy above {lower_hz:g} Hz")
     return vibration_band(frequency[above], power[above], smoothing_hz=smoothing_hz)
 
@@ -207,7 +207,7 @@ def segment_order(
     samples, _ = kept(view, lower_hz, smoothing_hz)
     pieces = segmentation(view, lower_hz, smoothing_hz, dead_band, threshold).pieces(samples)
     pieces = [piece for piece in pieces if piece.size >= 2]
-    undefined_if(not pieces, "0 segments of two samples; the rule is at least one")
+    undefined_if(not pieces, "0 segments of two samples. Expected at least one")
     chosen = np.unique(np.linspace(0, len(pieces) - 1, n_fitted).round().astype(np.intp))
     orders = [fit_prony(pieces[i], resolution, max_order=min(40, pieces[i].size - 1)).order for i in chosen]
     return float(np.mean(orders))

@@ -217,7 +217,7 @@ class FeatureExtractor(_Values):
             in_time = not hasattr(X, "iloc") and len(table) >= LEAST_SAMPLES and table.shape[1] <= MOST_AXES
             signals = [table] if in_time else table
         if self.fs is None:
-            raise ValueError("X holds arrays and fs is None; the rule is a sampling rate in Hz: give fs=...")
+            raise ValueError("X holds arrays and fs is None. Expected a sampling rate in Hz: give fs=...")
         names = X.index if hasattr(X, "iloc") else [f"row {i}" for i in range(len(signals))]
         return [
             Recording(x, self.fs, self.unit or "arbitrary", name, phases=Phases(movement=(0, len(x))))
@@ -252,7 +252,7 @@ def _in_time(x: NDArray[Any]) -> NDArray[Any]:
     if x.shape[0] <= MOST_AXES and x.shape[1] >= LEAST_SAMPLES:
         return x.T
     raise ValueError(
-        f"an array of X has shape {x.shape}; the rule is (n_samples, n_axes), or (n_axes, n_samples) of at "
+        f"an array of X has shape {x.shape}. Expected (n_samples, n_axes), or (n_axes, n_samples) of at "
         f"most {MOST_AXES} axes and at least {LEAST_SAMPLES} samples"
     )
 

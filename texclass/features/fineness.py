@@ -148,7 +148,7 @@ def grain_frequency(view: PhaseView, *, low_hz: float = 15.0, high_hz: float = 1
         If fs/2 is not above the band, a frame does not hold three periods of its lower end, or all are
         silent.
     """
-    undefined_if(view.fs / 2 <= high_hz, f"fs is {view.fs:g} Hz; the rule is above {2 * high_hz:g} Hz")
+    undefined_if(view.fs / 2 <= high_hz, f"fs is {view.fs:g} Hz. Expected above {2 * high_hz:g} Hz")
     require(view, max(64, round(3 * view.fs / low_hz)), f"three periods of {low_hz:g} Hz")
     power, f = long_frames(view)
     band = (f >= low_hz) & (f < high_hz)
@@ -191,7 +191,7 @@ def rib_density(view: PhaseView, *, least_db: float = 3.3) -> float:
     best = int(np.argmax(ndimage.gaussian_filter1d(height, 1)))  # the middle of a flat top
     undefined_if(
         height[best] < least_db,
-        f"no ribs: what repeats stands out by {height[best]:.1f} dB; the rule is at least {least_db:g} dB",
+        f"no ribs: what repeats stands out by {height[best]:.1f} dB. Expected at least {least_db:g} dB",
     )
     return float(k[best])
 
@@ -217,7 +217,7 @@ def comb(view: PhaseView, search: RidgeSearch = RidgeSearch()) -> tuple[Samples,
     least = round((search.least_frames + 1) / 2 * search.frame_m * view.fs)
     require(view, least, f"three frames of {search.frame_m:g} m")
     end = min(search.end_per_mm, view.fs / 2000)
-    undefined_if(end < 1, f"samples every {1e3 / view.fs:.3g} mm of the way; the rule is at most 0.5 mm")
+    undefined_if(end < 1, f"samples every {1e3 / view.fs:.3g} mm of the way. Expected at most 0.5 mm")
     k = np.exp(np.arange(np.log(search.lowest_per_mm), np.log(end), search.step))
     level = 10 * np.log10(_spectrum(view, k, search))
     above = level - ndimage.gaussian_filter1d(level, search.around / search.step, mode="nearest")

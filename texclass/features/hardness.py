@@ -221,9 +221,7 @@ def weighted_median(values: Samples, weights: Samples) -> float:
 
 
 def _moved(velocity: float) -> float:
-    undefined_if(
-        velocity == 0, "the hand's acceleration before the contact is 0; the rule is above the noise"
-    )
+    undefined_if(velocity == 0, "the hand's acceleration before the contact is 0. Expected above the noise")
     return velocity
 
 
@@ -286,9 +284,7 @@ def tap_energies(view: TapView) -> tuple[tuple[float, Samples], ...]:
 
 def _energetic(tap: TapSignal) -> Samples:
     """Impact and decay; refused if silent or too short."""
-    undefined_if(
-        tap.impulse.size < 8, f"{tap.impulse.size} samples after the contact; the rule is at least 8"
-    )
+    undefined_if(tap.impulse.size < 8, f"{tap.impulse.size} samples after the contact. Expected at least 8")
     undefined_if(not np.any(tap.impulse), "silence: the tap has no impulse")
     return tap.impulse
 
@@ -366,7 +362,7 @@ def tap_decay_rate(view: TapView) -> float:
     def rate_of(tap: tuple[float, Samples]) -> float:
         left = 1 - tap[1] / tap[1][-1]
         left = left[(left <= 0.9) & (left >= 0.05)]
-        undefined_if(left.size < 3, f"the tap decays within {left.size} samples; the rule is at least 3")
+        undefined_if(left.size < 3, f"the tap decays within {left.size} samples. Expected at least 3")
         t = np.arange(left.size) - (left.size - 1) / 2
         return -float(t @ np.log(left)) / (2 * float(t @ t)) * view.fs
 

@@ -246,9 +246,9 @@ class Views:
 
     def _pair(self, phase: Phase, *, without_hand: bool) -> PairView:
         if self.sides is None:
-            raise UndefinedFeatureError("one channel, or several combined; the rule is two kept apart")
+            raise UndefinedFeatureError("one channel, or several combined. Expected two kept apart")
         if phase != "pair":
-            raise UndefinedFeatureError(f"two channels; the rule is one for a {phase}")
+            raise UndefinedFeatureError(f"two channels. Expected one for a {phase}")
         one, other = (side.without_hand if without_hand else side.movement for side in self.sides)
         return PairView((one, other))
 
@@ -291,7 +291,7 @@ class Views:
         first = self.phases.movement[0] if self.phases.movement else 0
         steps = 1e-3 * np.abs(speed[first : first + x.size]) / self.recording.fs
         s, integral = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, x * steps))
-        undefined_if(s[-1] == 0, "the speed is 0 throughout; the rule is a tool that moves")
+        undefined_if(s[-1] == 0, "the speed is 0 throughout. Expected a tool that moves")
         undefined_if(np.ptp(x) == 0, f"silence: all {x.size} samples are {x[0]:g}")
         step = max(5e-5, s[-1] / x.size)  # m; half of the shortest wave
         edges = step * np.arange(int(s[-1] / step) + 1)
@@ -378,7 +378,7 @@ def view_of(phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbi
     if phase != "pair":
         return Views(recording, find_phases(recording) if phase == "tap" else whole).of(phase)
     if (n := len(recording.channels)) != 2:
-        raise RecordingError(f"a pair of {n} channels; the rule is an array of shape (n_samples, 2)")
+        raise RecordingError(f"a pair of {n} channels. Expected an array of shape (n_samples, 2)")
     sides = Views(recording, whole, 0), Views(recording, whole, 1)
     return Views(recording, whole, sides=sides).of(phase)
 
@@ -432,7 +432,7 @@ def channels_apart(recording: Recording, channels: Channels) -> tuple[str, ...]:
         If `channels` is none of the four.
     """
     if channels not in ("combine", "each", "auto", "all"):
-        raise ValueError(f"channels is {channels!r}; the rule is 'combine', 'each', 'auto' or 'all'")
+        raise ValueError(f"channels is {channels!r}. Expected 'combine', 'each', 'auto' or 'all'")
     if channels == "all":
         return _with_turn_rate(recording)
     names = recording.channels

@@ -184,7 +184,7 @@ def gaussian_band_energies(
     weight = _gaussians(n_bands, low_hz, last_hz, f.size, float(f[0]), float(f[1] - f[0]))
     undefined_if(
         (weight.sum(axis=1) < 0.5).any(),
-        f"the spectrum has a bin every {f[1] - f[0]:.1f} Hz; the rule is a bin in each of the bands "
+        f"the spectrum has a bin every {f[1] - f[0]:.1f} Hz. Expected a bin in each of the bands "
         f"from {low_hz:g} Hz on",
     )
     return np.asarray(weight @ power * ((f[1] - f[0]) * level(view) ** 2))
@@ -239,7 +239,7 @@ def discretized_spectrogram(
     n_frames, n_bins = power.shape
     undefined_if(
         n_frames < n_times or n_bins < n_bands,
-        f"{n_frames} frames and {n_bins} bins; the rule is at least {n_times} and {n_bands}",
+        f"{n_frames} frames and {n_bins} bins. Expected at least {n_times} and {n_bands}",
     )
     rows = np.arange(n_times) * n_frames // n_times
     columns = np.arange(n_bands) * n_bins // n_bands
@@ -283,6 +283,6 @@ def spectral_peaks(
     width = max(1, round(smooth_hz / (f[1] - f[0])))
     envelope = moving_average(moving_average(power[inside], width), width)
     peaks, _ = scipy.signal.find_peaks(envelope, height=1e-10 * float(envelope.max()), distance=width)
-    undefined_if(peaks.size < n_peaks, f"{peaks.size} peaks in the spectral envelope; the rule is {n_peaks}")
+    undefined_if(peaks.size < n_peaks, f"{peaks.size} peaks in the spectral envelope. Expected {n_peaks}")
     highest = peaks[np.argsort(-envelope[peaks], kind="stable")[:n_peaks]]
     return np.asarray(f[inside][highest])

@@ -211,7 +211,7 @@ def regularity(
     """
     x, fs = banded(view, band_hz)
     length = min(max(1, round(frame_s * fs)), x.size)
-    undefined_if(length < 32, f"{length} samples in a frame; the rule is at least 32")
+    undefined_if(length < 32, f"{length} samples in a frame. Expected at least 32")
     frames = frames_of(x.astype(np.float32), length)[spread(x.size - length, length // 2, n_frames)]
     frames -= frames.mean(axis=1, keepdims=True)
     frames = frames[np.ptp(frames, axis=1) > 0]
@@ -231,7 +231,7 @@ def regularity(
     row, height = row[rise], height[rise]
     total, square = (np.bincount(row, h, len(r)) for h in (height, height * height))
     heights = square[total > 0] / (2 * total[total > 0])
-    undefined_if(not heights.any(), "the autocorrelation has no rise; the rule is at least one")
+    undefined_if(not heights.any(), "the autocorrelation has no rise. Expected at least one")
     return float(np.mean(heights[heights > 0]))
 
 
@@ -405,7 +405,7 @@ def spectral_roughness(
     x, fs = banded(view, band_hz)
     length, shift = (max(1, round(seconds * fs)) for seconds in (frame_s, shift_s))
     last = x.size - length - shift
-    undefined_if(last < 0, f"{x.size / fs:.3g} s; the rule is frames of {frame_s:g} s, {shift_s:g} s apart")
+    undefined_if(last < 0, f"{x.size / fs:.3g} s. Expected frames of {frame_s:g} s, {shift_s:g} s apart")
     frames, first, changes = frames_of(x.astype(np.float32), length), spread(last, shift, n_pairs), []
     for k in range(0, first.size, BLOCK_PAIRS):
         at = first[k : k + BLOCK_PAIRS]

@@ -271,7 +271,7 @@ def load_feature_set(name_or_path: str | Path) -> FeatureSet:
     )
     times = Counter(column for member in members for column in member.columns)
     if twice := [column for column, n in times.items() if n > 1]:
-        raise ValueError(f"{path.name}: two columns are named {twice[0]!r:.80}; the rule is one a name")
+        raise ValueError(f"{path.name}: two columns are named {twice[0]!r:.80}. Expected unique names")
     return FeatureSet(written.name or path.stem, members, written.reference, written.description)
 
 
@@ -297,7 +297,7 @@ def _member(name: str, table: dict[str, Any], file: str) -> Member:
     overrides = given.model_dump(exclude_unset=True)
     if math.prod(_largest(value) for key, value in overrides.items() if key not in SAMPLES) > MOST_COUNTED:
         raise ValueError(
-            f"{where} is {overrides!r:.80}; the rule is whole numbers whose product is at most {MOST_COUNTED}"
+            f"{where} is {overrides!r:.80}. Expected whole numbers whose product is at most {MOST_COUNTED}"
         )
     try:
         return Member(name, feature, overrides)

@@ -143,7 +143,7 @@ def slope_levels(view: PhaseView, lags: tuple[int, ...]) -> Samples:
         # numpy adds in pairs: single precision is enough
         means.append(np.abs(change, out=change).sum(axis=-1) / np.float64(change.shape[-1]))
     mean = np.array(means).T
-    undefined_if(not mean.all(), "the mean change is 0; the rule is a logarithm of more than 0")
+    undefined_if(not mean.all(), "the mean change is 0. Expected a logarithm of more than 0")
     return np.asarray(np.log10(mean) + np.log10(level(view)))
 
 
@@ -177,7 +177,7 @@ def _shapes(c: NDArray[np.float32], what: str) -> tuple[Samples, Samples]:
     first, signed, second, fourth = np.array(sums, dtype=np.float64) / n  # means of |c|, c |c|, c^2, c^4
     if not (least := second.min()) > LEAST**2:
         raise UndefinedFeatureError(
-            f"{what} is {np.sqrt(least):.2g} of the largest sample; the rule is more than {LEAST:g}"
+            f"{what} is {np.sqrt(least):.2g} of the largest sample. Expected more than {LEAST:g}"
         )
     peakedness, evenness = np.log10(fourth / second**2), np.log10(first / np.sqrt(second))
     return second, np.array([signed / second, peakedness, evenness]).T

@@ -35,7 +35,7 @@ def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
     n_bins = (
         int(BAND_HZ / width) if not whole else x.size if width == step else int(np.ceil(view.fs / 2 - 1e-6))
     )
-    undefined_if(n_bins < 8, f"fs is {view.fs:g} Hz; the rule is a spectrum of 8 bins of {width:g} Hz")
+    undefined_if(n_bins < 8, f"fs is {view.fs:g} Hz. Expected a spectrum of 8 bins of {width:g} Hz")
     first = np.ceil(np.arange(n_bins + 1) * (width / step) - 1e-6).astype(np.intp)
     first[-1] = x.size if whole else first[-1]
     power, n_in = x[: first[-1]].real ** 2 + x[: first[-1]].imag ** 2, np.diff(first).astype(np.float64)
@@ -102,16 +102,14 @@ def power_frames(
         at 0 Hz lies below `high_hz`.
     """
     length = n_of(view, frame_s)
-    undefined_if(
-        length < 8, f"fs is {view.fs:g} Hz; the rule is at least 8 samples in a frame of {frame_s:g} s"
-    )
+    undefined_if(length < 8, f"fs is {view.fs:g} Hz. Expected at least 8 samples in a frame of {frame_s:g} s")
     require(view, length, f"one frame of {frame_s:g} s")
     w = window_of(window, length)
     n_fft = 1 << (length - 1).bit_length()
     frames = frames_of(unit32(view), length, n_of(view, hop_s))
     frequency = np.linspace(0, view.fs / 2, n_fft // 2 + 1)
     n_bins = int(np.searchsorted(frequency, high_hz, side="right"))
-    undefined_if(n_bins < 2, f"bins lie every {frequency[1]:g} Hz; the rule is one up to {high_hz:g} Hz")
+    undefined_if(n_bins < 2, f"bins lie every {frequency[1]:g} Hz. Expected one up to {high_hz:g} Hz")
     power = np.empty((len(frames), n_bins), dtype=np.float32)
     block = np.zeros((min(BLOCK, max(1, BLOCK_SAMPLES // n_fft)), n_fft), dtype=np.float32)
     for k in range(0, len(frames), len(block)):

@@ -52,7 +52,7 @@ def modes_of(tap: TapSignal, fs: float, n_modes: int, order: int) -> DecayingMod
     x = x[:64]  # 23 ms at most, after decimation at known rates
     undefined_if(
         x.size < max(2 * order, 8),
-        f"{x.size} samples of a tap; the rule is at least {max(2 * order, 8)} at {rate:g} Hz",
+        f"{x.size} samples of a tap. Expected at least {max(2 * order, 8)} at {rate:g} Hz",
     )
     found = fit_matrix_pencil(x, rate, order=order)
     undefined_if(found.n_modes == 0, "silence: the tap has no impulse")
@@ -65,7 +65,7 @@ def modes_of(tap: TapSignal, fs: float, n_modes: int, order: int) -> DecayingMod
 def tap_modes(view: TapView, n_modes: int, order: int) -> tuple[Samples, Samples]:
     """Return frequencies (Hz) and decay rates (1/s) of the strongest modes of each tap, (n_taps, n_modes)."""
     undefined_if(
-        not 1 <= n_modes <= order // 2, f"{n_modes} modes of order {order}; the rule is 1 ... half the order"
+        not 1 <= n_modes <= order // 2, f"{n_modes} modes of order {order}. Expected 1 ... half the order"
     )
     fits = per_tap(unit_taps(view), lambda tap: modes_of(tap, view.fs, n_modes, order))
     return np.array([m.frequency_hz for m in fits]), np.array([m.decay_per_s for m in fits])
@@ -143,14 +143,15 @@ def tap_amplitude_slope(view: TapView) -> float:
     def velocity_and_amplitude(tap: TapSignal) -> tuple[float, float]:
         v = abs(float(tap.hand.sum())) / view.fs
         undefined_if(
-            v == 0 or not tap.impulse.any(), "the hand's velocity or the impulse is 0; the rule is above 0"
+            v == 0 or not tap.impulse.any(),
+            "the hand's velocity or the impulse is 0. Expected a positive number",
         )
         return v, float(np.abs(tap.impulse).max())
 
     v, a = np.array(per_tap(unit_taps(view), velocity_and_amplitude)).T
-    undefined_if(v.size < 3, f"{v.size} taps with a velocity; the rule is at least 3 for a slope")
+    undefined_if(v.size < 3, f"{v.size} taps with a velocity. Expected at least 3 for a slope")
     undefined_if(
         np.ptp(v) < 0.1 * v.mean(),
-        f"the velocities differ by {np.ptp(v) / v.mean():.2g} of their mean; the rule is 0.1",
+        f"the velocities differ by {np.ptp(v) / v.mean():.2g} of their mean. Expected 0.1",
     )
     return float(np.log10(v @ a / (v @ v)))

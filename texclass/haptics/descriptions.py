@@ -103,9 +103,9 @@ def _place(m: float, among: "pd.Series[float]") -> dict[str, Any]:
 def _not_absolute(scale: Scale, recording: Recording) -> str:
     """Return why a value of a recording cannot be put between 0 and 10, if it cannot."""
     if scale.unit == "Hz" and recording.fs == NOMINAL_FS:
-        return "fs is 1 Hz; the rule is the rate of the recording"
+        return "fs is 1 Hz. Expected the sampling rate of the recording"
     if scale.unit.startswith("log10") and recording.unit != "m/s^2":
-        return f"the unit is {recording.unit}; the rule is m/s^2: places alone, among references of this unit"
+        return f"the unit is {recording.unit}. Expected m/s^2: places alone, among references of this unit"
     return ""
 
 

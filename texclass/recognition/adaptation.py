@@ -150,7 +150,7 @@ def adapted_to(
     n_recordings, n_labelled = len(np.unique(of)), len(np.unique(of[known.any(axis=1)]))
     if n_labelled < LIMITS.min_labelled and n_recordings < LIMITS.min_unlabelled:
         raise ValueError(
-            f"{n_labelled} of {n_recordings} references are of a known surface; the rule is at least "
+            f"{n_labelled} of {n_recordings} references are of a known surface. Expected at least "
             f"{LIMITS.min_labelled} that are, or {LIMITS.min_unlabelled} recordings of any surfaces of the "
             "model"
         )
@@ -194,15 +194,15 @@ def _check_told_apart(model: Model, mapped: Samples, known: Samples, n_labelled:
         if (n_apart := 1 / (shares**2).sum()) < LIMITS.min_surfaces:
             raise ValueError(
                 f"references seem to be of {n_apart:.2g} surfaces, most of "
-                f"{model.materials[shares.argmax()]!r}: nothing tells the sensor from the surface; the rule "
-                f"is {LIMITS.min_surfaces:g} or more: references of more surfaces, or labelled (SURFACE=FILE)"
+                f"{model.materials[shares.argmax()]!r}, so sensor and surface cannot be separated. Expected "
+                f"at least {LIMITS.min_surfaces:g} surfaces, or labelled references (SURFACE=FILE)"
             )
         return
     counts, hits = known.sum(axis=0), int(_hits(p, known).sum())
     if np.count_nonzero(counts) > 1 and hits <= counts.max():
         raise ValueError(
-            f"{hits} of {counts.sum():.0f} labelled references are answered right by the adapted model; "
-            f"the rule is more than one answer for all would get ({counts.max():.0f}): check their labels, "
+            f"{hits} of {counts.sum():.0f} labelled references are answered right by the adapted model. "
+            f"Expected more than one answer for all would get ({counts.max():.0f}): check their labels, "
             "or give more"
         )
 
@@ -305,11 +305,11 @@ def _believed(changes: Samples, noise: float) -> float:
 
 def _surfaces_of(model: Model) -> Surfaces:
     if model.manifest.adapted:
-        raise ValueError(f"{model!r} is adapted already; the rule is the model as it was trained")
+        raise ValueError(f"{model!r} is adapted already. Expected the model as it was trained")
     if model.surfaces is None or not (model.surfaces.within > 0).any():
         raise ValueError(
             f"{model!r} was trained on one recording of each surface, which do not say how far others of the "
-            "same surface lie; the rule is two or more"
+            "same surface lie. Expected two or more"
         )
     return model.surfaces
 
@@ -351,7 +351,7 @@ def rows_of(
         label = recording.material if labelled else None
         if label is not None and label not in model.materials:
             raise ValueError(
-                f"{recording.recording_id}: is of {label!r}, which the model does not know; the rule is "
+                f"{recording.recording_id}: surface {label!r} is not in the model. Expected "
                 f"one of {', '.join(model.materials)}, or references without labels (--unlabelled)"
             )
         for touch in model.cut(recording):
@@ -454,7 +454,7 @@ def with_references(model: Model, references: Dataset) -> Model:
     materials = table["material"].to_numpy(dtype=str)
     if unknown := sorted({*materials.tolist()} - {*model.materials}):
         raise ValueError(
-            f"{references.name}: {unknown[0]!r} is no surface of the model; the rule is one of "
+            f"{references.name}: {unknown[0]!r} is no surface of the model. Expected one of "
             f"{', '.join(model.materials)}"
         )
     rows, contacts = list[Samples](), list[int]()

@@ -208,12 +208,12 @@ class Evidence:
         levels: tuple[float, ...] = LEVELS,
     ) -> None:
         if kind not in ("majority", "sequential"):
-            raise ValueError(f"evidence is {kind!r}; the rule is 'majority' or 'sequential'")
+            raise ValueError(f"evidence is {kind!r}. Expected 'majority' or 'sequential'")
         if not 0 < confidence < 1:
-            raise ValueError(f"confidence is {confidence!r}; the rule is above 0 and below 1")
+            raise ValueError(f"confidence is {confidence!r}. Expected a number between 0 and 1")
         if not (0 <= correlation <= 1 and 0 <= lapse < 1 and forget_s > 0):
             raise ValueError(
-                f"correlation is {correlation!r}, lapse {lapse!r}, forget_s {forget_s!r}; the rule is 0 to "
+                f"correlation is {correlation!r}, lapse {lapse!r}, forget_s {forget_s!r}. Expected 0 to "
                 "1, and a time above 0"
             )
         self.materials, self.kind, self.confidence = materials, kind, confidence

@@ -50,7 +50,7 @@ def decide(steps: Sequence[Part], classifier: Part, X: Samples) -> tuple[Samples
     """
     prepared = apply_all(steps, X)
     if not np.isfinite(prepared).all():
-        raise ValueError("features are undefined; the rule is a pipeline with a step that fills them")
+        raise ValueError("features are undefined. Expected a pipeline with a step that fills them")
     return prepared, apply(classifier, prepared)
 
 

@@ -162,7 +162,7 @@ def candidates_of(
         found.append(_selected(plan, pipeline, meter, max_ms, max_features))
     if not found:
         raise ValueError(
-            f"pipeline {pipeline.name}: {lacking[0] if lacking else 'no row is affordable'}; the rule is at "
+            f"pipeline {pipeline.name}: {lacking[0] if lacking else 'no row is affordable'}. Expected at "
             f"least one row that the dataset has the features for{' within the budget' if limited else ''}"
         )
     return found if max_kb is None else _of_size(found, max_kb)
@@ -170,7 +170,7 @@ def candidates_of(
 
 def _check_named(given: str | None, known: Sequence[str], what: str, where: str) -> None:
     if given is not None and given not in known:
-        raise ValueError(f"pipeline {where} has no {what} {given!r}; the rule is one of {', '.join(known)}")
+        raise ValueError(f"pipeline {where} has no {what} {given!r}. Expected one of {', '.join(known)}")
 
 
 def _selected(
@@ -181,7 +181,7 @@ def _selected(
     cheapest = min(costs.of([i]) for i in range(len(plan.columns)))
     if max_ms is not None and max_ms < cheapest:
         raise ValueError(
-            f"max_ms is {max_ms:g}; the rule is at least {cheapest:.3g}: the cheapest feature, and "
+            f"max_ms is {max_ms:g}. Expected at least {cheapest:.3g}: the cheapest feature, and "
             f"{costs.segmentation_ms:.3g} for finding the phases"
         )
     selector = cost_aware(costs, max_cost=max_ms, max_features=max_features)
@@ -220,7 +220,7 @@ def exportable(
             found.append(replace(candidate, plan=kept, classifier=classifier, n_columns=n))
     if not found:
         raise ValueError(
-            f"no row has a feature with a graph ({', '.join(lacking)} have none); the rule is at least one, "
+            f"no row has a feature with a graph ({', '.join(lacking)} have none). Expected at least one, "
             "or no --exportable"
         )
     return found, list(candidates) if lacking else [], tuple(lacking)
@@ -231,7 +231,7 @@ def _of_size(candidates: Sequence[Candidate], max_kb: float) -> list[Candidate]:
     kernels = [isinstance(candidate.classifier, KernelDiscriminant) for candidate in candidates]
     if not any(kernels):
         raise ValueError(
-            f"max_kb is {max_kb:g}, but no candidate is a KernelDiscriminant; the rule is at least one"
+            f"max_kb is {max_kb:g}, but no candidate is a KernelDiscriminant. Expected at least one"
         )
     return [
         replace(c, classifier=clone(c.classifier).set_params(max_kb=max_kb)) if is_kernel else c
@@ -260,7 +260,7 @@ def untested(candidates: Sequence[Candidate]) -> list[Candidate]:
     (candidate, *others) = candidates
     if others or kind_for(candidate.classifier) != "decision":
         raise ValueError(
-            f"1 recording (or run) of a surface trains {candidate.classifier_name}; the rule is 2 or more, "
+            f"1 recording (or run) of a surface trains {candidate.classifier_name}. Expected 2 or more, "
             "or the pipeline surfaces"
         )
     return [candidate]

@@ -65,11 +65,11 @@ class Conformity:
         rising = np.all(self.odds[1:] >= self.odds[:-1])
         if self.odds.shape != self.weights.shape or self.odds.ndim != 1 or not rising:
             raise ValueError(
-                f"odds have shape {self.odds.shape}, weights {self.weights.shape}; the rule is one weight "
+                f"odds have shape {self.odds.shape}, weights {self.weights.shape}. Expected one weight "
                 "each, odds ascending"
             )
         if not np.all((self.weights >= 0) & (self.weights <= 1)):
-            raise ValueError("a weight is below 0 or above 1; the rule is 0 to 1")
+            raise ValueError("a weight is below 0 or above 1. Expected 0 to 1")
 
     @classmethod
     def of(cls, odds: ArrayLike, contacts: ArrayLike, counts: ArrayLike = 1.0) -> Self:
@@ -102,7 +102,8 @@ class Conformity:
             return ""
         shown, rule = " and ".join(f"{100 * level:g}" for level in lacking), lacking[0] / (1 - lacking[0])
         return (
-            f"sets of {shown} % hold all surfaces: {self.n:.3g} contacts tell, the rule is {rule:.3g} or more"
+            f"sets of {shown} % contain all surfaces: {self.n:.3g} contacts were held out, "
+            f"at least {rule:.3g} are needed"
         )
 
     def least(self, level: float) -> float:

@@ -65,11 +65,11 @@ class KnownGesture(NamedTuple):
         """
         known, felt = model.manifest.calibration, model.manifest.touch_s or model.manifest.shortest_s
         if "confusion" not in known:
-            raise ValueError(f"{model!r} does not say what it confuses; the rule is to train it again")
+            raise ValueError(f"{model!r} has no confusion matrix. Train it again")
         confusion = np.asarray(known["confusion"], dtype=np.float64)
         costs = 0.5 + (felt or 0.3) if seconds is None else seconds
         if not costs > 0:
-            raise ValueError(f"a gesture costs {seconds!r} s; the rule is above 0")
+            raise ValueError(f"the time of a gesture must be positive, got {seconds!r} s")
         return cls(costs, confusion / confusion.sum(axis=1, keepdims=True), known["repetition"])
 
 
@@ -127,7 +127,7 @@ class Exploration:
     ) -> None:
         if not gestures or not 0 < confidence < 1:
             raise ValueError(
-                f"{len(gestures)} gestures, confidence {confidence!r}; the rule is one gesture or more, "
+                f"{len(gestures)} gestures, confidence {confidence!r}. Expected one gesture or more, "
                 "and a confidence above 0 and below 1"
             )
         self.materials, self.gestures, self.confidence = materials, dict(gestures), confidence
@@ -159,12 +159,12 @@ class Exploration:
         """
         costs, materials = dict(seconds or {}), {name: model.materials for name, model in models.items()}
         if unknown := [name for name in costs if name not in models]:
-            raise ValueError(f"seconds of {unknown[0]!r}; the rule is one of {', '.join(models)}")
+            raise ValueError(f"seconds of {unknown[0]!r}. Expected one of {', '.join(models)}")
         first = next(iter(materials.values()), ())
         if others := [name for name, known in materials.items() if known != first]:
             raise ValueError(
                 f"{others[0]} knows {', '.join(materials[others[0]])}, {next(iter(models))} "
-                f"{', '.join(first)}; the rule is one set of materials for all gestures"
+                f"{', '.join(first)}. Expected one set of materials for all gestures"
             )
         known = {name: KnownGesture.of(model, costs.get(name)) for name, model in models.items()}
         return cls(first, known, confidence)
@@ -191,7 +191,7 @@ class Exploration:
             If there is no such gesture.
         """
         if gesture not in self.gestures:
-            raise ValueError(f"gesture is {gesture!r}; the rule is one of {', '.join(self.gestures)}")
+            raise ValueError(f"gesture is {gesture!r}. Expected one of {', '.join(self.gestures)}")
         p = np.array([probabilities[m] for m in self.materials])
         key = len(self._felt) if contact is None else ("contact", contact)
         self._felt[key] = gesture, log_of(p)
@@ -271,7 +271,7 @@ def load_gestures(folder: str | Path) -> dict[str, Model]:
     """
     files = sorted(file for file in Path(folder).glob("*.skops") if not is_hidden(file.name))
     if not files:
-        raise ValueError(f"{folder}: holds no model; the rule is a file GESTURE.skops for each gesture")
+        raise ValueError(f"{folder}: holds no model. Expected a file GESTURE.skops for each gesture")
     return {file.stem.replace("_", " "): load_model(file) for file in files}
 
 
@@ -477,7 +477,7 @@ def rehearse(
     surfaces = {one.name: one for one in recipe.surfaces if one.name in known.materials}
     if surface not in surfaces:
         able = ", ".join(surfaces) or "those that the models know"
-        raise ValueError(f"surface is {surface!r}, to be simulated; the rule is one of {able}")
+        raise ValueError(f"surface is {surface!r}, to be simulated. Expected one of {able}")
     stranger = operator_catalogue(recipe.n_operators + 1, recipe.seed)[-1]
     while (asked := known.advice()) is not None and known.n_gestures < 12:  # enough, or never sure
         n = known.n_gestures

@@ -178,7 +178,7 @@ class Model:
             If the level is none, or as `predict`.
         """
         if not 0 < level < 1:
-            raise ValueError(f"level is {level!r}; the rule is above 0 and below 1")
+            raise ValueError(f"level is {level!r}. Expected a number between 0 and 1")
         return replace(self, levels=(level,)).predict(felt, **reading).sets.get(level, ())
 
     def answer(self, recording: Recording) -> Answer:
@@ -240,7 +240,7 @@ class Model:
         row = np.asarray(values, dtype=np.float64)
         if row.shape != (len(self.columns),):
             raise ValueError(
-                f"values have shape {row.shape}; the rule is one of each of {len(self.columns)} columns"
+                f"values have shape {row.shape}. Expected one of each of {len(self.columns)} columns"
             )
         decisions, p_known = (one[0] for one in self._decided(row[None]))
         strange = bool(p_known <= self.novelty.false_alarms)
@@ -459,7 +459,7 @@ def load_model(path: str | Path) -> Model:
         with np.errstate(all="ignore"):  # of damaged numbers, whose answers are then others
             model, is_same_code = _of_document(document, manifest)
             if sorted(model.materials) != sorted(manifest.materials):
-                raise ValueError("it knows other materials than its manifest says; the rule is the same")
+                raise ValueError("its surfaces differ from those in its manifest")
             # A difference of 1e-6 is what rounding on another machine explains.
             if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=1e-6):
                 by = f"scikit-learn {manifest.versions.get('scikit-learn', 'unknown')}"

@@ -179,7 +179,7 @@ def write_model_file(
     """
     path_ending(path, ".skops")
     if not is_arrays and (foreign := unsafe_classes(document)):
-        raise ValueError(f"{path}: {foreign[0]} cannot be saved; the rule is classes that load safely")
+        raise ValueError(f"{path}: {foreign[0]} cannot be saved. Expected classes that load safely")
     members = _array_members(document) if is_arrays else dict(members_of(archive_of(dict(document))))
     stated = json.loads(manifest.to_json())
     stated["digest"] = digest_of(stated, members)
@@ -246,7 +246,7 @@ def read_model_file(path: str | Path) -> tuple[Mapping[str, Any], Manifest]:
         else:
             document = json.loads(members[ARRAYS], object_hook=array_or_mapping)
         if not isinstance(document, dict):
-            raise ValueError(f"it holds a {type(document).__name__}; the rule is a model of texclass")
+            raise ValueError(f"it holds a {type(document).__name__}. Expected a model of texclass")
     except UntrustedFileError as error:
         raise ModelFileError(f"{path}: {error}") from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
@@ -261,7 +261,7 @@ def _checked_file(path: str | Path) -> tuple[Manifest, Mapping[str, bytes], byte
         check_archive(data, MEMBERS)
         members = dict(members_of(data))
         if MANIFEST not in members:
-            raise ValueError("it has no manifest; the rule is a file that `texclass train` wrote")
+            raise ValueError("it has no manifest. Expected a file that `texclass train` wrote")
         text = members.pop(MANIFEST)
         manifest = read_manifest(text)
         stated = json.loads(text)

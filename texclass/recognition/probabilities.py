@@ -151,7 +151,7 @@ def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
 
     mean, n, of = so_far(p, contacts)
     if n.max(initial=0) < 2:
-        raise ValueError("no contact has two windows; the rule is several windows of some")
+        raise ValueError("no contact has two windows. Expected several windows of some")
     right, felt = np.arange(len(n)), np.bincount(of)
     lapse, n_classes = 1 / (len(felt) + 2), p.shape[1]
 
@@ -213,9 +213,7 @@ def expected_calibration_error(
     """
     p, right = np.asarray(confidence, dtype=np.float64), np.asarray(hits, dtype=np.float64)
     if p.size == 0 or p.shape != right.shape:
-        raise ValueError(
-            f"confidence has shape {p.shape}, hits {right.shape}; the rule is one of each, n > 0"
-        )
+        raise ValueError(f"confidence has shape {p.shape}, hits {right.shape}. Expected one of each, n > 0")
     gaps = np.bincount(_bins(p, n_bins, equal_counts), weights=right - p)
     return float(np.abs(gaps).sum() / p.size)
 

@@ -242,9 +242,7 @@ def _best(
         if not (unsafe := unsafe_classes({"estimators": estimators}) if estimators else []):
             return candidate, held_out, fitted, expected | {"n_candidates": len(left)}
         left = [pair for pair in left if pair[0].classifier_name != candidate.classifier_name]
-    raise ValueError(
-        f"{candidate} holds {unsafe[0]}; the rule is a classifier whose file can be loaded safely"
-    )
+    raise ValueError(f"{candidate} holds {unsafe[0]}. Expected a classifier whose file can be loaded safely")
 
 
 def fitted_on(candidate: Candidate, table: pd.DataFrame) -> Facts:
@@ -391,7 +389,7 @@ def _recordings(felt: Dataset, meter: CostMeter, table: FeatureTable, plan: Plan
     """Return what the manifest states of the recordings: those trained on, and which ones a model is for."""
     like = meter.recordings[0]
     if others := {recording.fs for recording in meter.recordings} - {like.fs}:
-        raise RecordingError(f"{felt.name}: rates are {like.fs:g} and {others.pop():g} Hz; the rule is one")
+        raise RecordingError(f"{felt.name}: rates are {like.fs:g} and {others.pop():g} Hz. Expected one")
     spans = [r.phases.movement for r in meter.recordings if r.phases and r.phases.movement]
     members = [member for _, part in plan.parts for member in part.members]
     sizes = [np.abs(r.acceleration - np.median(r.acceleration, axis=0)).max() for r in meter.recordings]

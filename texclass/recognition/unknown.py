@@ -97,7 +97,7 @@ def least_held_out(false_alarms: float) -> int:
         If it is no rate.
     """
     if not 0 < false_alarms < 1:
-        raise ValueError(f"false_alarms is {false_alarms!r}; the rule is above 0 and below 1")
+        raise ValueError(f"false_alarms is {false_alarms!r}. Expected a number between 0 and 1")
     return int(np.ceil(1 / false_alarms - 1e-9)) - 1
 
 
@@ -111,8 +111,8 @@ def check_false_alarms(false_alarms: float, n_held_out: int) -> None:
     """
     if n_held_out < (least := least_held_out(false_alarms)):
         raise ValueError(
-            f"false_alarms is {false_alarms:g}, {n_held_out} recordings are held out; "
-            f"the rule is at least {least} of them"
+            f"false_alarms is {false_alarms:g}, {n_held_out} recordings are held out. "
+            f"Expected at least {least} of them"
         )
 
 
@@ -212,7 +212,7 @@ class Novelty:
             If it is not such a description.
         """
         if stated["kind"] not in ("decision", "distance"):
-            raise ValueError(f"kind is {stated['kind']!r}; the rule is 'decision' or 'distance'")
+            raise ValueError(f"kind is {stated['kind']!r}. Expected 'decision' or 'distance'")
         near = {name: np.asarray(array, dtype=np.float64) for name, array in stated["nearness"].items()}
         held_out = np.sort(np.asarray(stated["held_out"], dtype=np.float64))
         return cls(

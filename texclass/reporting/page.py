@@ -51,7 +51,7 @@ def render_page(documents: Sequence[Document], title: str = "", *, written_by: s
         If there are no documents.
     """
     if not documents:
-        raise ValueError("0 results; the rule is at least 1")
+        raise ValueError("no result given. Expected at least one")
     templates = files(__package__).joinpath("templates")
     script, style = (
         templates.joinpath(name).read_text(encoding="utf-8").strip() for name in ("page.js", "page.css")

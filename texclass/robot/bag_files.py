@@ -79,7 +79,7 @@ class Expansion:
         if how in ("", "none"):
             return data
         if how not in _EXPANDERS:
-            raise ValueError(f"compression is {how!r}; the rule is one of none, bz2, lz4, zstd")
+            raise ValueError(f"compression is {how!r}. Expected one of none, bz2, lz4, zstd")
         most = min(most, MOST_BYTES, self.left)
         expanded = _EXPANDERS[how](data, most + 1)
         self.left -= len(expanded)

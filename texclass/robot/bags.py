@@ -129,13 +129,13 @@ def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Pat
             return fitting[0]
         if fitting:
             raise RecordingError(
-                f"{path}: topics {listed([c.topic for c in fitting])} can be the acceleration; the rule is "
+                f"{path}: topics {listed([c.topic for c in fitting])} can be the acceleration. Expected "
                 f"to say which (bag:{path.name}?topic=NAME, `topic` in a card)"
             )
     there = listed([f"{c.topic} ({c.type_name})" for c in topics.values()])
     known = ", ".join(name for name in READABLE if name == MULTI_ARRAY or TYPES[name].unit)
     raise RecordingError(
-        f"{path}: its topics are {there}; the rule is one with an acceleration ({known}), or to name another "
+        f"{path}: its topics are {there}. Expected one with an acceleration ({known}), or to name another "
         f"and its fields (bag:{path.name}?topic=NAME, --column FIELD.x,FIELD.y,FIELD.z, --unit)"
     )
 

@@ -103,7 +103,7 @@ def participant(domain: int | None = None) -> DomainParticipant:
     if not (given.isascii() and given.isdigit() and int(given) <= LAST_DOMAIN):
         where = "ROS_DOMAIN_ID" if domain is None else "domain"
         raise ValueError(
-            f"{where} is {given!r}; the rule is 0 to {LAST_DOMAIN} (--domain goes before ROS_DOMAIN_ID)"
+            f"{where} is {given!r}. Expected 0 to {LAST_DOMAIN} (--domain goes before ROS_DOMAIN_ID)"
         )
     return DomainParticipant(int(given))
 

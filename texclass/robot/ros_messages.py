@@ -190,7 +190,7 @@ def decode_stamped(
     if absent:
         raise RecordingError(
             f"its messages say that {', '.join(sorted(absent))} are not measured (a covariance that begins "
-            "with -1); the rule is a sensor that measures them"
+            "with -1). Expected a sensor that measures them"
         )
     return stamps, samples
 
@@ -215,7 +215,7 @@ def decode_multi_array(raw: bytes, *, ros1: bool) -> Samples:
     shape = tuple(sizes) if len(sizes) == 2 else (1, len(data))
     if not data.size or shape[0] * shape[1] != data.size or len(sizes) > 2 or shape[1] > MOST_CHANNELS:
         raise MessageError(
-            f"{MULTI_ARRAY}: {data.size} numbers with dimensions {sizes}; the rule is (samples, channels), "
+            f"{MULTI_ARRAY}: {data.size} numbers with dimensions {sizes}. Expected (samples, channels), "
             f"or a single sample, of at most {MOST_CHANNELS} channels"
         )
     return np.asarray(data, np.float64).reshape(shape)
@@ -228,7 +228,7 @@ def _decoded(raw: bytes, type_name: str, ros1: bool, definition: str = "") -> An
         return decode(raw, type_name)
     except Exception as error:  # damaged bytes make the library raise almost anything
         raise MessageError(
-            f"{type_name}: a message of {len(raw)} bytes is damaged ({error}); the rule is a whole message "
+            f"{type_name}: a message of {len(raw)} bytes is damaged ({error}). Expected a whole message "
             "in plain CDR, or as ROS 1 packs it"
         ) from error
 

@@ -116,7 +116,7 @@ def topic_blocks(
     """
     if reliability not in (None, "reliable", "best effort") or depth < 1:
         raise ValueError(
-            f"ros2:{topic}: reliability is {reliability!r}, depth {depth}; the rule is 'reliable' or 'best "
+            f"ros2:{topic}: reliability is {reliability!r}, depth {depth}. Expected 'reliable' or 'best "
             "effort', and 1 or more"
         )
     if type_name is None or reliability is None:
@@ -127,7 +127,7 @@ def topic_blocks(
         are_reliable = all(offer == "reliable" for _, offer in offered)
         reliability = reliability or ("reliable" if are_reliable else "best effort")
     if type_name not in SIGNALS:
-        raise RecordingError(f"ros2:{topic}: carries {type_name!r}; the rule is one of {', '.join(SIGNALS)}")
+        raise RecordingError(f"ros2:{topic}: carries {type_name!r}. Expected one of {', '.join(SIGNALS)}")
     columns, stated = (), "arbitrary"  # of an array of numbers
     if type_name in TYPES:
         type_ = TYPES[type_name]
@@ -138,7 +138,7 @@ def topic_blocks(
         columns, stated = (*type_.acceleration, *turn), type_.unit or stated
     if stated != "arbitrary" and unit not in (None, stated):
         raise RecordingError(
-            f"ros2:{topic}: unit is {stated!r} by its type, {unit!r} was given; the rule is one"
+            f"ros2:{topic}: unit is {stated!r} by its type, {unit!r} was given. Expected one"
         )
     subscriber = Subscriber(
         topic, type_name, reliability=reliability, depth=depth, domain=domain, columns=columns
@@ -219,10 +219,10 @@ class Subscriber:
         columns: tuple[str, ...] = (),
     ) -> None:
         if type_name not in SIGNALS:
-            raise ValueError(f"{topic}: type is {type_name!r}; the rule is one of {', '.join(SIGNALS)}")
+            raise ValueError(f"{topic}: type is {type_name!r}. Expected one of {', '.join(SIGNALS)}")
         known = TYPES[type_name].columns if type_name in TYPES else {}
         if unknown := set(columns) - set(known):
-            raise ValueError(f"{topic}: columns {sorted(unknown)}; the rule is one of {', '.join(known)}")
+            raise ValueError(f"{topic}: columns {sorted(unknown)}. Expected one of {', '.join(known)}")
         self.topic, self.type_name = topic, type_name
         self.columns = columns or (TYPES[type_name].acceleration if type_name in TYPES else ())
         self._participant = participant(domain)
@@ -365,7 +365,7 @@ def _samples(
     if type_name == MULTI_ARRAY:
         blocks = [decode_multi_array(raw, ros1=False) for raw in raws]
         if len({block.shape for block in blocks}) > 1:
-            raise MessageError(f"{type_name}: blocks differ in size; the rule is one")
+            raise MessageError(f"{type_name}: blocks differ in size. Expected equal sizes")
         return None, np.stack(blocks)
     stamps, samples = decode_stamped(TYPES[type_name], raws, columns, ros1=False)
     return stamps, samples[:, None, :]
@@ -394,7 +394,7 @@ def _blocks(subscriber: Subscriber, timing: Timing, end_s: float | None) -> Bloc
                 looked, before, several = heard, several, subscriber.publishers()
                 if len(several) > 1 and several != before:
                     said.append(
-                        f"publishers: {len(several)} mix their samples: {', '.join(several)}; the rule is one"
+                        f"publishers: {len(several)} mix their samples: {', '.join(several)}. Expected one"
                     )
             if subscriber.n_lost > n_lost:
                 said.append(f"lost: {subscriber.n_lost - n_lost} messages on the network")

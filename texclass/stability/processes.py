@@ -83,7 +83,7 @@ def supervise(
         try:
             cells = worker.start(limits.start_s)
         except (TimeoutError, EOFError) as error:
-            raise ValueError(f"{place}: {worker.end(error)}; the rule is that it can be imported") from error
+            raise ValueError(f"{place}: {worker.end(error)}. Expected that it can be imported") from error
         warm = ""
         for number, names in enumerate(cells):
             subject = names["subject"]

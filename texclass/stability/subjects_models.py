@@ -143,7 +143,7 @@ def _from_lags(x: Any, case: Case) -> Attempt:
     """Check that the Yule-Walker equations hold for the lags given, as far as they were solved."""
     samples = exact.unit(samples_of(x))
     if samples.size == 0:
-        raise ValueError("from_autocorrelation got no sample in this battery; the rule is one")
+        raise ValueError("from_autocorrelation got no sample in this battery. Expected one")
     r = autocorrelation(samples[np.newaxis], case.order)[0] if np.all(np.isfinite(samples)) else samples
     model = from_autocorrelation(r)
     yield rules.finite("gain", model.gain)

@@ -114,13 +114,13 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         labels = np.unique(y, return_inverse=True)[1]
         judge = GaussianNB() if self.estimator is None else self.estimator
         if not is_classifier(judge):
-            raise ValueError(f"estimator is {judge!r}; the rule is a classifier")
+            raise ValueError(f"estimator is {judge!r}. Expected a classifier")
         model = self._cost_model(X.shape[1])
         splits = inner_splits(y, groups, self.cv)
         self.path_ = self.explore(model, SubsetScore(judge, X, labels, splits, self.scoring))
         chosen = self.within(np.inf)
         if chosen is None:
-            raise ValueError(f"max_cost is {self.max_cost}; the rule is at least {model.cheapest:.3g}")
+            raise ValueError(f"max_cost is {self.max_cost}. Expected at least {model.cheapest:.3g}")
         self.support_ = np.isin(np.arange(X.shape[1]), chosen.columns)
         self.cost_, self.score_ = chosen.cost, chosen.score
         return self
@@ -149,8 +149,8 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
             model = CostModel(names, names, names, each, np.eye(each.size, dtype=bool))
         if len(model.columns) != n_columns or not (np.isfinite(model.ms) & (model.ms >= 0)).all():
             raise ValueError(
-                f"costs are of {len(model.columns)} columns, X has {n_columns}; "
-                "the rule is a finite cost of at least 0 for each"
+                f"costs are of {len(model.columns)} columns, X has {n_columns}. "
+                "Expected a finite cost of at least 0 for each"
             )
         return model
 

@@ -176,7 +176,7 @@ def budgets_of(costs: CostModel, max_ms: float | None = None) -> tuple[float, ..
     """
     if max_ms is not None and max_ms < costs.cheapest:
         raise ValueError(
-            f"max_ms is {max_ms:g}; the rule is at least {costs.cheapest:.3g}: the cheapest feature, and "
+            f"max_ms is {max_ms:g}. Expected at least {costs.cheapest:.3g}: the cheapest feature, and "
             f"{costs.segmentation_ms:.3g} for finding the phases"
         )
     given = set() if max_ms is None else {min(max_ms, costs.total)}

@@ -257,7 +257,7 @@ def _of_materials(dataset: Dataset, materials: Sequence[str]) -> Dataset:
             f"{dataset.name} has no material {unknown[0]!r}; its materials are {', '.join(dataset.materials)}"
         )
     if len(set(materials)) < 2:
-        raise ValueError(f"materials are {', '.join(materials)}; the rule is at least two to tell apart")
+        raise ValueError(f"materials are {', '.join(materials)}. Expected at least two to tell apart")
     return replace(dataset, entries=tuple(e for e in dataset.entries if e.material in materials))
 
 

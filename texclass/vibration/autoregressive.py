@@ -66,13 +66,13 @@ class Autoregression:
         k, gain = np.asarray(self.reflection, dtype=np.float64), np.asarray(self.gain, dtype=np.float64)
         if k.ndim < 1 or k.shape[:-1] != gain.shape:
             raise ValueError(
-                f"reflection {k.shape} and gain {gain.shape}; the rule is shapes (..., p) and (...)"
+                f"reflection {k.shape} and gain {gain.shape}. Expected shapes (..., p) and (...)"
             )
         if not np.all(np.abs(k) < 1):
-            raise ValueError(f"a reflection coefficient is {k[~(np.abs(k) < 1)][0]}; the rule is |k| < 1")
+            raise ValueError(f"a reflection coefficient is {k[~(np.abs(k) < 1)][0]}. Expected |k| < 1")
         if not np.all((gain >= 0) & np.isfinite(gain)):
             wrong = gain[~((gain >= 0) & np.isfinite(gain))][0]
-            raise ValueError(f"a gain is {wrong}; the rule is finite, >= 0")
+            raise ValueError(f"a gain is {wrong}. Expected a finite number of at least 0")
         lead, p = k.shape[:-1], k.shape[-1]
         self._store("reflection", k, k.shape, np.float64)
         self._store("gain", gain, lead, np.float64)
@@ -124,7 +124,7 @@ class Autoregression:
         For the autocorrelation method and Burg's this is the fit at that order.
         """
         if not 0 <= order <= self.order:
-            raise ValueError(f"order is {order}; the rule is 0 ... {self.order}, the order of the model")
+            raise ValueError(f"order is {order}. Expected 0 ... {self.order}, the order of the model")
         kept = self.residual[..., : order + 1]
         fitted = np.minimum(self.fitted_order, order)
         return Autoregression(self.reflection[..., :order], kept[..., -1], kept, fitted, self.fallback)
@@ -155,7 +155,7 @@ class Autoregression:
             worst = int(np.argmax(np.where(np.isnan(excess), np.inf, excess)))
             raise ValueError(
                 f"direct form of order {self.order} changes a reflection coefficient of frame {worst} by "
-                f"{excess[worst]:.2g} times what is allowed; the rule is at most {DIRECT_FORM_ERROR:g} and "
+                f"{excess[worst]:.2g} times what is allowed. Expected at most {DIRECT_FORM_ERROR:g} and "
                 "half of what |k| has left to 1: use the lattice"
             )
         return np.asarray(a.reshape(*self.gain.shape, self.order + 1))
@@ -198,7 +198,7 @@ class Autoregression:
         ndarray of shape (..., n)
         """
         if n < 1:
-            raise ValueError(f"n is {n}; the rule is at least 1 coefficient")
+            raise ValueError(f"n is {n}. Expected at least 1 coefficient")
         poles, i = self.poles(), np.arange(1, n)
         powers = np.ones_like(poles)
         c = np.empty((*self.gain.shape, n))
@@ -288,9 +288,9 @@ def fit(
     """
     if method not in get_args(Method) or variance not in get_args(Variance):
         allowed = (*get_args(Method), *get_args(Variance))
-        raise ValueError(f"method is {method!r} and variance {variance!r}; the rule is one of {allowed}")
+        raise ValueError(f"method is {method!r} and variance {variance!r}. Expected one of {allowed}")
     if order < 1:
-        raise ValueError(f"order is {order}; the rule is at least 1")
+        raise ValueError(f"order is {order}. Expected at least 1")
     frames, exponent, lead = _scaled(x)
     if method == "autocorrelation":
         k, deviation, fitted = _autocorrelation(frames, order)
@@ -344,10 +344,10 @@ def from_autocorrelation(r: ArrayLike) -> Autoregression:
 
     lags = np.asarray(r, dtype=np.float64)
     if lags.ndim < 1 or lags.shape[-1] < 1 or not np.all(np.isfinite(lags)):
-        raise ValueError(f"autocorrelation has shape {lags.shape}; the rule is (..., p + 1), all finite")
+        raise ValueError(f"autocorrelation has shape {lags.shape}. Expected (..., p + 1), all finite")
     r0 = lags[..., :1]
     if np.any(r0 < 0) or np.any((r0 == 0) & (lags != 0)):
-        raise ValueError(f"r_0 is {r0.min()}; the rule is r_0 > 0, or silence: all lags 0")
+        raise ValueError(f"r_0 is {r0.min()}. Expected r_0 > 0, or silence: all lags 0")
     unit = np.where(r0 == 0, np.eye(1, lags.shape[-1]), lags / np.where(r0 == 0, 1.0, r0))
     lead = lags.shape[:-1]
     k, energy, _, fitted = recursions.levinson(unit.reshape(-1, lags.shape[-1]))
@@ -378,7 +378,7 @@ def from_direct_form(a: ArrayLike, gain: ArrayLike) -> Autoregression:
 
     direct = np.asarray(a, dtype=np.float64)
     if direct.ndim < 1 or direct.size == 0 or not np.all(direct[..., 0] == 1):
-        raise ValueError(f"coefficients have shape {direct.shape}; the rule is (..., p + 1), the first one 1")
+        raise ValueError(f"coefficients have shape {direct.shape}. Expected (..., p + 1), the first one 1")
     k = recursions.step_down(direct.reshape(-1, direct.shape[-1]))
     return Autoregression(k.reshape(*direct.shape[:-1], -1), np.asarray(gain, dtype=np.float64))
 
@@ -430,13 +430,13 @@ def _scaled(x: ArrayLike) -> tuple[Samples, NDArray[np.int64], tuple[int, ...]]:
     """Return the frames divided by 2^exponent, that exponent (n_frames, 1), and the leading shape."""
     samples = np.asarray(x)
     if samples.ndim not in (1, 2) or samples.shape[-1] == 0:
-        raise ValueError(f"signal has shape {samples.shape}; the rule is (n,) or (n_frames, n), n at least 1")
+        raise ValueError(f"signal has shape {samples.shape}. Expected (n,) or (n_frames, n), n at least 1")
     if np.iscomplexobj(samples):
-        raise ValueError(f"signal is {samples.dtype}; the rule is real samples")
+        raise ValueError(f"signal is {samples.dtype}. Expected real samples")
     frames = np.ascontiguousarray(np.atleast_2d(samples), dtype=np.float64)
     if not np.all(np.isfinite(frames)):
         at = np.argwhere(~np.isfinite(frames))[0]
-        raise ValueError(f"sample {at[-1]} is {frames[tuple(at)]}; the rule is finite samples")
+        raise ValueError(f"sample {at[-1]} is {frames[tuple(at)]}. Expected finite samples")
     _, exponent = np.frexp(np.abs(frames).max(axis=1, keepdims=True))
     return np.ldexp(frames, -exponent), exponent, samples.shape[:-1]
 

@@ -51,9 +51,9 @@ class Sinusoids:
             values = read_only(np.array(getattr(self, name), dtype=np.float64, ndmin=1))
             object.__setattr__(self, name, values)
             if values.shape != self.frequency_hz.shape or not np.all(np.isfinite(values)):
-                raise ValueError(f"{name} is {values}; the rule is one finite value for each frequency")
+                raise ValueError(f"{name} is {values}. Expected one finite value for each frequency")
             if name != "phase" and np.any(values <= 0 if name == "decay_per_s" else values < 0):
-                raise ValueError(f"{name} is {values}; the rule is f >= 0, B > 0, A >= 0")
+                raise ValueError(f"{name} is {values}. Expected f >= 0, B > 0, A >= 0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +235,7 @@ def fit_matrix_pencil(
     positive(fs, "fs")
     n = samples.size
     if order is not None and not 1 <= order <= n // 2:
-        raise ValueError(f"order is {order}; the rule is 1 to n_samples // 2 = {n // 2}")
+        raise ValueError(f"order is {order}. Expected 1 to n_samples // 2 = {n // 2}")
     singular, V = _right_subspace(samples, settings.max_width)
     above_rounding = int(np.sum(singular > settings.resolved * singular[0]))
     rank = min(numerical_rank(singular, settings.noise_edge) if order is None else order, above_rounding)
@@ -408,9 +408,9 @@ def fit_prony(x: ArrayLike, resolution: float, *, max_order: int | None = None) 
     last = samples.size - 1 if max_order is None else max_order
     first = min(max(n_extrema(samples), 1), last)
     if not resolution > 0:
-        raise ValueError(f"resolution is {resolution}; the rule is above 0, in the unit of the segment")
+        raise ValueError(f"resolution is {resolution}. Expected above 0, in the unit of the segment")
     if first < 1:
-        raise ValueError(f"orders run from {first} to {last}; the rule is 1 <= first <= last")
+        raise ValueError(f"orders run from {first} to {last}. Expected 1 <= first <= last")
     best = prony(samples, first, resolution)
     for order in range(first + 1, last + 1):
         if best.resolved:
@@ -461,7 +461,7 @@ def prony(x: ArrayLike, order: int, resolution: float = 0.0) -> PronyFilter:
 
     samples = one_channel(x, "segment")
     if order < 1:
-        raise ValueError(f"order is {order}; the rule is at least 1")
+        raise ValueError(f"order is {order}. Expected at least 1")
     h, exponent = to_unit_scale(samples)
     padded = np.pad(h, (0, max(0, 2 * order + 2 - h.size)))
     past = linalg.toeplitz(padded[order:-1], padded[order::-1][:order])

@@ -69,7 +69,7 @@ class TapModel:
     def __post_init__(self) -> None:
         numbers = (self.amplitude_slope, self.decay_per_s, self.frequency_hz)
         if not (np.isfinite(numbers).all() and min(numbers[1:]) > 0):
-            raise ValueError(f"{self}; the rule is finite numbers, decay rate and frequency above 0")
+            raise ValueError(f"{self}. Expected finite numbers, decay rate and frequency above 0")
 
     def modes(self, velocity: float) -> DecayingModes:
         """Return the tap at one impact velocity as a decaying mode, to be filtered or mixed with others."""
@@ -137,7 +137,7 @@ def fit_okamura(
         frequency_hz[i] = _spectral_peak_hz(x, fs)
         place, height = _falling_peaks(x, fs / (2 * frequency_hz[i]), settings)
         if place.size < 2:
-            raise ValueError(f"tap {i} has {place.size} peaks that decay; the rule is at least 2")
+            raise ValueError(f"tap {i} has {place.size} peaks that decay. Expected at least 2")
         slope, level = np.polyfit(place / fs, np.log(np.abs(height)), 1, w=np.abs(height))
         if not (slope < 0 and level < np.log(np.abs(height).max()) + settings.most_before):
             raise ValueError(f"tap {i} does not decay as a sinusoid does: its peaks are within the noise")
@@ -212,7 +212,7 @@ def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> 
     """
     scaled, v, exponent = checked_taps(taps, velocity, at_least=4)
     if not any(np.any(tap) for tap in scaled):
-        raise ValueError("taps are all zero; the rule is at least one sample that is not")
+        raise ValueError("taps are all zero. Expected at least one sample that is not")
     problem = TapShapes(scaled, v / np.max(np.abs(v)))
     longest = max(tap.size for tap in scaled)
     lower, upper = np.array([1e-6, 0.02 * np.pi]) / longest, np.array([1e3 / longest, np.pi])
@@ -240,7 +240,7 @@ def checked_taps(
     """Return the taps in one common scale, the velocities and the exponent of the scale."""
     v = one_channel(velocity, "velocity")
     if v.size != len(taps) or not np.any(v):
-        raise ValueError(f"velocity is {v} for {len(taps)} taps; the rule is one for each, not all zero")
+        raise ValueError(f"velocity is {v} for {len(taps)} taps. Expected one for each, not all zero")
     arrays = [one_channel(tap, f"tap {i}", at_least=at_least) for i, tap in enumerate(taps)]
     unit, exponent = to_unit_scale(np.concatenate(arrays))
     return np.split(unit, np.cumsum([tap.size for tap in arrays])[:-1]), v, exponent
@@ -270,7 +270,7 @@ def _ringing(x: Samples, name: str, settings: OkamuraSettings) -> int:
         of_noise = np.median(magnitude) * np.sqrt(np.log2(max(magnitude.size, 2)))
         clear.append(magnitude[1:].max(initial=0.0) / max(of_noise, 1e-300))
     if x.size >= settings.least_ringing and max(clear) < settings.clear:
-        raise ValueError(f"{name} is within the noise; the rule is a spectral peak that stands out")
+        raise ValueError(f"{name} is within the noise. Expected a spectral peak that stands out")
     return next(size for size, ratio in zip(sizes, clear, strict=True) if ratio >= 0.7 * max(clear))
 
 

@@ -65,18 +65,16 @@ class ModelBlend:
 
     def __init__(self, models: Models, *, loudness: Loudness = "gain") -> None:
         if loudness not in get_args(Loudness):
-            raise ValueError(f"loudness is {loudness!r}; the rule is one of {get_args(Loudness)}")
+            raise ValueError(f"loudness is {loudness!r}. Expected one of {get_args(Loudness)}")
         rows = [models] if isinstance(models, Autoregression) else list(models)
         shapes = [m.reflection.shape for m in rows]
         n_axes = 2 if isinstance(models, Autoregression) else 1
         if len(set(shapes)) != 1 or len(shapes[0]) != n_axes or 0 in shapes[0]:
-            raise ValueError(
-                f"models have reflection {shapes}; the rule is single models of one order, p >= 1"
-            )
+            raise ValueError(f"models have reflection {shapes}. Expected single models of one order, p >= 1")
         k = np.concatenate([np.atleast_2d(m.reflection) for m in rows])
         self.amplitude = np.concatenate([np.atleast_1d(getattr(m, loudness)) for m in rows])
         if not np.all(np.isfinite(self.amplitude)):
-            raise ValueError(f"{loudness} of a model is {self.amplitude.max()}; the rule is a finite one")
+            raise ValueError(f"{loudness} of a model is {self.amplitude.max()}. Expected a finite one")
         self.loudness = loudness
         self.frequencies = line_spectrum.spread(line_spectrum.from_reflection(k))
 
@@ -100,11 +98,11 @@ class ModelBlend:
         """
         w, n = np.asarray(weights, dtype=np.float64), len(self.amplitude)
         if w.ndim < 1 or w.shape[-1] != n:
-            raise ValueError(f"weights have shape {w.shape}; the rule is (..., {n}), one for each model")
+            raise ValueError(f"weights have shape {w.shape}. Expected (..., {n}), one for each model")
         total = w.sum(axis=-1, keepdims=True)
         rounding = 1e-9  # as of barycentric coordinates
         if not (np.all(w >= -rounding) and np.all(np.abs(total - 1) <= rounding)):
-            raise ValueError(f"weights are {w}; the rule is at least 0 each, and 1 in sum: no extrapolation")
+            raise ValueError(f"weights are {w}. Expected at least 0 each, and 1 in sum: no extrapolation")
         w = np.maximum(w, 0.0)
         w = w / w.sum(axis=-1, keepdims=True)
         sounding = self.amplitude > 0
@@ -151,5 +149,5 @@ def interpolate(
     """
     w = np.asarray(weight, dtype=np.float64)
     if not np.all((w >= 0) & (w <= 1)):
-        raise ValueError(f"weight is {w[~((w >= 0) & (w <= 1))][0]}; the rule is 0 to 1")
+        raise ValueError(f"weight is {w[~((w >= 0) & (w <= 1))][0]}. Expected 0 to 1")
     return ModelBlend([a, b], loudness=loudness).at(np.stack([1 - w, w], axis=-1))

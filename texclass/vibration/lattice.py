@@ -54,11 +54,11 @@ class Lattice:
     ) -> None:
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         if self.dtype not in (np.dtype(np.float64), np.dtype(np.float32)):
-            raise ValueError(f"dtype is {self.dtype}; the rule is float64 or float32")
+            raise ValueError(f"dtype is {self.dtype}. Expected float64 or float32")
         if model.order < 1:
-            raise ValueError("order is 0; the rule is at least 1")
+            raise ValueError("order is 0. Expected at least 1")
         if model.reflection.ndim != 1:
-            raise ValueError(f"reflection has shape {model.reflection.shape}; the rule is one model, (p,)")
+            raise ValueError(f"reflection has shape {model.reflection.shape}. Expected one model, (p,)")
         self._shrink = 1 - 2 * float(np.finfo(self.dtype).eps)
         self.order, self._level = model.order, float(model.level if level is None else level)
         self._check_level(np.array([self._level]))
@@ -111,8 +111,8 @@ class Lattice:
         k, levels = np.asarray(reflection, dtype=np.float64), np.asarray(level, dtype=np.float64)
         if k.shape != (out.size, self.order) or levels.shape != out.shape or not np.all(np.abs(k) < 1):
             raise ValueError(
-                f"reflection {k.shape} and level {levels.shape} for {out.size} samples; "
-                f"the rule is (n, {self.order}) and (n,), each |k| < 1"
+                f"reflection {k.shape} and level {levels.shape} for {out.size} samples. "
+                f"Expected (n, {self.order}) and (n,), each |k| < 1"
             )
         self._check_level(levels)
         self._pass(out, *self._turns(k), levels.astype(self.dtype))
@@ -133,14 +133,14 @@ class Lattice:
         bad = ~((level == 0) | ((level >= float(info.tiny)) & (level <= float(info.max))))
         if bad.any():
             raise ValueError(
-                f"level is {level[bad][0]:g}; the rule is 0, or {info.tiny:.2g} ... {info.max:.2g} "
+                f"level is {level[bad][0]:g}. Expected 0, or {info.tiny:.2g} ... {info.max:.2g} "
                 f"for {self.dtype}: give a level, or scale the signal"
             )
 
     def _checked(self, x: ArrayLike) -> Real:
         out = np.array(x, dtype=self.dtype)
         if out.ndim != 1 or not np.all(np.isfinite(out)):
-            raise ValueError(f"got shape {out.shape}; the rule is (n,) finite samples")
+            raise ValueError(f"got shape {out.shape}. Expected (n,) finite samples")
         return out
 
 
@@ -178,7 +178,7 @@ class LatticeInverse(Lattice):
     def _check_level(self, level: Samples) -> None:
         super()._check_level(level)
         if np.any(level == 0):
-            raise ValueError("level is 0; the rule for inverse filtering is a level above 0")
+            raise ValueError("level is 0. Expected a positive level for inverse filtering")
 
     def _pass(self, x: Real, k: Real, c: Real, level: Any) -> None:
         x /= level

@@ -215,7 +215,7 @@ def spread(lsf: ArrayLike, min_gap: float = MIN_GAP) -> Samples:
     frames = _checked(lsf, "lsf", -np.inf, np.inf).copy()
     p = frames.shape[1]
     if not 0 <= min_gap <= np.pi / (p + 1):
-        raise ValueError(f"min_gap is {min_gap}; the rule is 0 to pi / (p + 1) = {np.pi / (p + 1):g} rad")
+        raise ValueError(f"min_gap is {min_gap}. Expected 0 to pi / (p + 1) = {np.pi / (p + 1):g} rad")
     steps = min_gap * np.arange(1, p + 1)
     gaps = np.diff(frames, axis=1, prepend=0.0, append=np.pi)
     for row in (frames[i] for i in np.flatnonzero(np.any(gaps < min_gap, axis=1))):
@@ -228,10 +228,10 @@ def spread(lsf: ArrayLike, min_gap: float = MIN_GAP) -> Samples:
 def _checked(values: ArrayLike, name: str, low: float, high: float) -> Samples:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] == 0:
-        raise ValueError(f"{name} has shape {array.shape}; the rule is (..., p) with p at least 1")
+        raise ValueError(f"{name} has shape {array.shape}. Expected (..., p) with p at least 1")
     wrong = ~((array > low) & (array < high))
     if np.any(wrong):
-        raise ValueError(f"{name} holds {array[wrong][0]}; the rule is {low:g} < {name} < {high:g}")
+        raise ValueError(f"{name} holds {array[wrong][0]}. Expected {low:g} < {name} < {high:g}")
     return array.reshape(-1, array.shape[-1])
 
 
@@ -241,7 +241,7 @@ def _checked_lsf(lsf: ArrayLike) -> Samples:
     if not np.all(steps > 0):
         row, i = np.argwhere(~(steps > 0))[0]
         pair = f"{frames[row, i]!r}, {frames[row, i + 1]!r}"
-        raise ValueError(f"lsf holds {pair} in this order; the rule is strictly increasing")
+        raise ValueError(f"lsf holds {pair} in this order. Expected strictly increasing")
     return frames
 
 

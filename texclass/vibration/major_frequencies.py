@@ -123,7 +123,7 @@ def fit_major_frequencies(
     samples, exponent = to_unit_scale(one_channel(x, "signal", at_least=3))
     if n_frequencies < 1 or not (fs > 0 and upper_hz > 0):
         raise ValueError(
-            f"n_frequencies, fs, upper_hz are {n_frequencies}, {fs}, {upper_hz}; the rule is all above 0"
+            f"n_frequencies, fs, upper_hz are {n_frequencies}, {fs}, {upper_hz}. Expected all above 0"
         )
     n = samples.size
     f = np.asarray(np.arange(1, (n + 1) // 2) * (fs / n), dtype=np.float64)
@@ -167,7 +167,7 @@ def interpolate(slow: MajorFrequencies, fast: MajorFrequencies, weight: float) -
     `oeztuerk2018`, section 3.2 and Fig. 3.9.
     """
     if not 0 <= weight <= 1:
-        raise ValueError(f"weight is {weight}; the rule is 0 <= weight <= 1")
+        raise ValueError(f"weight is {weight}. Expected 0 <= weight <= 1")
     i, j = pairs_closer_than_beats(slow.frequency_hz, fast.frequency_hz)
     turn = np.angle(np.exp(1j * (fast.phase[j] - slow.phase[i])))
     rows = [

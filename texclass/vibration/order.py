@@ -75,11 +75,11 @@ def select_order(
     """
     if criterion not in get_args(Criterion) or method not in ("burg", "autocorrelation"):
         raise ValueError(
-            f"criterion is {criterion!r}, method {method!r}; "
-            f"the rule is one of {get_args(Criterion)} and of ('burg', 'autocorrelation')"
+            f"criterion is {criterion!r}, method {method!r}. "
+            f"Expected one of {get_args(Criterion)} and of ('burg', 'autocorrelation')"
         )
     if at_most is not None and not (criterion == "spectral_error" and at_most >= 0):
-        raise ValueError(f"at_most is {at_most} for {criterion}; the rule is a spectral error, at least 0")
+        raise ValueError(f"at_most is {at_most} for {criterion}. Expected a spectral error, at least 0")
     model = fit(x, largest, method=method)
     curve = aicc(model, np.shape(x)[-1]) if criterion == "aicc" else spectral_error(x, model)
     values = curve if curve.ndim == 1 else curve.mean(axis=0)
@@ -131,10 +131,10 @@ def spectral_error(x: ArrayLike, model: Autoregression) -> Samples:
     samples = np.asarray(x, dtype=np.float64)
     if samples.ndim not in (1, 2) or samples.shape[:-1] != model.gain.shape or samples.shape[-1] == 0:
         raise ValueError(
-            f"signal {samples.shape} for models {model.gain.shape}; the rule is equal leading shapes"
+            f"signal {samples.shape} for models {model.gain.shape}. Expected equal leading shapes"
         )
     if not np.all(np.isfinite(samples)):
-        raise ValueError("the signal holds NaN or infinity; the rule is finite samples")
+        raise ValueError("the signal holds NaN or infinity. Expected finite samples")
     omega, length = 2 * np.pi * fft.rfftfreq(N_DFT), min(N_DFT, samples.shape[-1])
     rows = np.atleast_2d(samples), np.atleast_2d(model.reflection), np.atleast_2d(model.residual)
     curves = np.zeros(rows[2].shape)

@@ -115,7 +115,7 @@ def segment_rising_peaks(
     samples = one_channel(x, "signal", at_least=1)
     if not (dead_band >= 0 and threshold >= 0 and decay >= 0):
         raise ValueError(
-            f"dead band, threshold, decay are {dead_band}, {threshold}, {decay}; the rule is all at least 0"
+            f"dead band, threshold, decay are {dead_band}, {threshold}, {decay}. Expected all at least 0"
         )
     magnitude = np.abs(samples)
     peaks = signal.find_peaks(np.pad(magnitude, 1), plateau_size=1)[1]["right_edges"] - 1
@@ -187,9 +187,9 @@ def vibration_band(
     f = one_channel(frequency_hz, "frequency", at_least=2)
     P, _ = to_unit_scale(one_channel(power, "power", at_least=2))
     if f.shape != P.shape or np.any(P < 0) or not np.any(P):
-        raise ValueError(f"power is {P} at {f} Hz; the rule is one for each frequency, >= 0 and not all 0")
+        raise ValueError(f"power is {P} at {f} Hz. Expected one for each frequency, >= 0 and not all 0")
     if not smoothing_hz >= 0:
-        raise ValueError(f"smoothing is {smoothing_hz} Hz; the rule is at least 0")
+        raise ValueError(f"smoothing is {smoothing_hz} Hz. Expected at least 0")
     Y = ndimage.gaussian_filter1d(P, smoothing_hz / (f[1] - f[0])) if smoothing_hz > 0 else P
     running = np.cumsum(Y)
     enough = int(np.argmax(running > share * running[-1]))

@@ -91,7 +91,7 @@ def goodness_of_fit(
     a_m, _ = to_unit_scale(one_channel(synthesized, "synthesized", at_least=window))
     _same_length(a_d, a_m)
     if not 2 <= n_hamming <= window:
-        raise ValueError(f"window, n_hamming are {window}, {n_hamming}; the rule is 2 <= n_hamming <= window")
+        raise ValueError(f"window, n_hamming are {window}, {n_hamming}. Expected 2 <= n_hamming <= window")
     fits = []
     for i in range(0, a_d.size - window + 1, max(window // 2, 1)):
         units = (to_unit_scale(a[i : i + window])[0] for a in (a_d, a_m))
@@ -158,12 +158,12 @@ def log_spectral_distance(
     n = min(256, a.size, a_g.size) if n_segment is None else n_segment
     if not 4 <= n <= min(a.size, a_g.size):
         raise ValueError(
-            f"n_segment is {n} for {a.size} and {a_g.size} samples; the rule is 4 to the shorter of them"
+            f"n_segment is {n} for {a.size} and {a_g.size} samples. Expected 4 to the shorter of them"
         )
     P, P_g = (signal.welch(s, window="hann", nperseg=n, detrend=False)[1] for s in (a, a_g))
     if not P.any():
         raise ValueError(
-            "the recording has no power in any windowed segment; the rule is a signal that is not zero "
+            "the recording has no power in any windowed segment. Expected a signal that is not zero "
             "inside one (Hann's window is 0 at its ends)"
         )
     return float(root_mean_square(_decibel_difference(P, P_g, float(P.max()))))
@@ -198,7 +198,7 @@ def band_energy_distance(recorded: ArrayLike, synthesized: ArrayLike, fs: float)
     a, a_g = _in_one_scale(recorded, synthesized, at_least=4)
     edges = BAND_EDGES_HZ[fs / 2 >= BAND_EDGES_HZ]
     if edges.size < 2:
-        raise ValueError(f"fs is {fs} Hz; the rule is fs/2 >= {BAND_EDGES_HZ[1]:.1f} Hz, one band at least")
+        raise ValueError(f"fs is {fs} Hz. Expected fs/2 >= {BAND_EDGES_HZ[1]:.1f} Hz, one band at least")
     E, total = _band_powers(a, fs, edges)
     _not_silent(total if total > FLOOR**2 else 0.0, "apart from its mean")
     E_g, _ = _band_powers(a_g, fs, edges)
@@ -216,12 +216,12 @@ def _in_one_scale(recorded: ArrayLike, synthesized: ArrayLike, at_least: int = 1
 
 def _same_length(a: Samples, b: Samples) -> None:
     if a.size != b.size:
-        raise ValueError(f"signals have {a.size} and {b.size} samples; the rule is one length for both")
+        raise ValueError(f"signals have {a.size} and {b.size} samples. Expected one length for both")
 
 
 def _not_silent(level: float, where: str) -> None:
     if level == 0:
-        raise ValueError(f"the recorded signal is 0 {where}; the rule is a level to compare with")
+        raise ValueError(f"the recorded signal is 0 {where}. Expected a level to compare with")
 
 
 def _decibel_difference(P: Samples, P_g: Samples, reference: float) -> Samples:

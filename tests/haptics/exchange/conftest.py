@@ -28,7 +28,7 @@ class Hum(Stored):
 
     def __post_init__(self):
         if self.tones.ndim != 2:
-            raise ValueError(f"tones have shape {self.tones.shape}; the rule is (n, 2)")
+            raise ValueError(f"tones have shape {self.tones.shape}. Expected (n, 2)")
 
     def renderer(self, *, seed=0):
         raise NotImplementedError

@@ -73,7 +73,7 @@ def test_silence_stays_silence_and_a_foreign_wav_is_arbitrary_at_full_scale_1(tm
         ({"encoding": "mp3"}, "mp3"),
         ({"shift_hz": 100.0}, "for 'audible'"),
         ({"encoding": "audible", "shift_hz": -1.0}, "shift_hz"),
-        ({"encoding": "audible", "fs": 5.0}, "'float32' holds any"),
+        ({"encoding": "audible", "fs": 5.0}, "or encoding 'float32'"),
         ({"path": "a.flac"}, ".wav"),
     ],
 )

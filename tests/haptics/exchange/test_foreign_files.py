@@ -39,7 +39,7 @@ def written(slate, tmp_path_factory):
     return {kind: (folder / f"a.{kind}").read_bytes() for kind in READ}
 
 
-def refused(path, data, words="the rule is"):
+def refused(path, data, words="Expected"):
     path.write_bytes(data)
     with pytest.raises(ValueError, match=words) as error:
         READ[path.suffix[1:]](path)
@@ -58,7 +58,7 @@ def test_what_is_no_whole_file_of_its_kind_is_refused(written, tmp_path, kind):
     for part in (1, 11, 40, n // 2, n - 2):
         refused(tmp_path / f"b.{kind}", written[kind][:part])
     (tmp_path / f"c.{kind}").mkdir()
-    with pytest.raises(ValueError, match="the rule is a regular file"):
+    with pytest.raises(ValueError, match="Expected a regular file"):
         READ[kind](tmp_path / f"c.{kind}")
     with pytest.raises(FileNotFoundError):
         READ[kind](tmp_path / f"absent.{kind}")
@@ -72,13 +72,13 @@ UNBENT = [band("Curve", 9, effect("Basis", keyframes=frames)) for frames in ([],
 SPOILED = [
     ("hjif", ("version",), "1999", "version"),
     ("hjif", ("profile",), "Deluxe", "profile"),
-    ("hjif", ("profile",), "Simple Parametric", "Simple Parametric is none"),
+    ("hjif", ("profile",), "Simple Parametric", "none for Simple Parametric"),
     ("hjif", ("level",), 3, "level"),
     ("hjif", ("timescale",), 0, "timescale"),
     ("hjif", ("syncs",), GONE, "missing key syncs"),
     ("hjif", ("perceptions",), [], "perceptions"),
-    ("hjif", ("avatars",), 2 * [{"id": 1, "lod": 0, "type": "Vibration"}], "avatar id is given twice"),
-    ("hjif", (*P, "avatar_id"), 7, "avatar 7 of a perception is unknown"),
+    ("hjif", ("avatars",), 2 * [{"id": 1, "lod": 0, "type": "Vibration"}], "two avatars have the same id"),
+    ("hjif", (*P, "avatar_id"), 7, "avatar 7 of a perception is not defined"),
     ("hjif", (*P, "perception_modality"), "Taste", "perception_modality"),
     ("hjif", (*P, "channels"), [], "channels"),
     ("hjif", (*C, "body_part_mask"), GONE, "missing key .*body_part_mask"),
@@ -106,7 +106,7 @@ SPOILED = [
     ("ahap", (*EVENT, "EventType"), "Boom", "EventType is 'Boom'"),
     ("ahap", (*EVENT, "EventDuration"), GONE, "no EventDuration"),
     ("ahap", (*CURVE, "ParameterCurveControlPoints"), [], "at least 1"),
-    ("ahap", (*CURVE, "ParameterCurveControlPoints", 0, "Time"), 9.0, "rising"),
+    ("ahap", (*CURVE, "ParameterCurveControlPoints", 0, "Time"), 9.0, "must rise"),
 ]
 
 

@@ -104,9 +104,9 @@ def test_the_published_layout_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("fs_hz = 2000\n", r"Models_oak\.xml: SampleRate is 1000 Hz, the card says 2000; the rule is one"),
-        ("files = '(?P<material>z.*)'\n", "models: holds no model; the rule is files named as"),
-        ("files = '(?P<material>Models)_.*'\n", "are both of 'Models'; the rule is one file each"),
+        ("fs_hz = 2000\n", r"Models_oak\.xml: SampleRate is 1000 Hz, the card says 2000. Expected one"),
+        ("files = '(?P<material>z.*)'\n", "models: holds no model. Expected files named as"),
+        ("files = '(?P<material>Models)_.*'\n", "are both of 'Models'. Expected one file each"),
     ],
 )
 def test_what_does_not_fit_the_card_is_named(two, tmp_path, text, message):

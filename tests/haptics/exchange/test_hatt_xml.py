@@ -253,8 +253,8 @@ def test_what_hatt_cannot_hold_is_refused():
         ({"unit": "V"}, "unit is"),
         ({"fs": 2000.0}, "at most that of the texture"),
         ({"fs": -1.0}, "fs is"),
-        ({"speeds": [0.0, 50.0]}, "above 0"),
-        ({"forces": [np.nan]}, "above 0"),
+        ({"speeds": [0.0, 50.0]}, "Expected a positive number"),
+        ({"forces": [np.nan]}, "Expected a positive number"),
     ):
         with pytest.raises(ValueError, match=match):
             to_hatt(lpc(1000.0), **options)

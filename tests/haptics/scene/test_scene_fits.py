@@ -187,7 +187,7 @@ def test_units_and_rates_are_changed_and_others_refused():
     assert _factor("g", "m/s^2", "it") == pytest.approx(9.80665)
     assert _factor("m", "m", "it") == 1
     for unit, wanted in (("m", "m/s^2"), ("g", "m")):
-        with pytest.raises(ValueError, match=f"it: unit is {unit}, the device's {re.escape(wanted)}; the"):
+        with pytest.raises(ValueError, match=rf"it: unit is {unit}, the device's {re.escape(wanted)}\. "):
             _factor(unit, wanted, "it")
     x = at_rate(np.sin(2 * np.pi * 50 * np.arange(0, 2, 1 / 2200)), 2200.0, 1000.0)
     expected = np.sin(2 * np.pi * 50 * np.arange(x.size) / 1000)

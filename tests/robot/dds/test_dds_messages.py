@@ -114,6 +114,6 @@ def test_blocks_of_another_size_than_the_first_are_left_out():
 
 def test_a_topic_without_friction_is_refused_before_the_stream_begins():
     needs = Needs(("ax", "ay", "az"), ("friction",), ("friction",))
-    told = "no friction, needed by friction; the rule is ax, ay, az, friction, .* --row of acceleration only"
+    told = "no friction, needed by friction. Expected ax, ay, az, friction, .* --row of acceleration only"
     with pytest.raises(RecordingError, match=f"ros2:/imu: sensor_msgs/msg/Imu has {told}"):
         topic_blocks("/imu", type_name="sensor_msgs/msg/Imu", reliability="reliable", needs=needs)

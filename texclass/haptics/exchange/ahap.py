@@ -55,7 +55,7 @@ class HapticEvent(Part):
     @model_validator(mode="after")
     def _lasts(self) -> "HapticEvent":
         if self.EventType == "HapticContinuous" and not self.EventDuration:
-            raise ValueError("a continuous event has no EventDuration; the rule is above 0 s")
+            raise ValueError("a continuous event has no EventDuration. Expected above 0 s")
         return self
 
     @property
@@ -89,7 +89,7 @@ class Curve(Part):
     def _rises(self) -> "Curve":
         times = [point.Time for point in self.ParameterCurveControlPoints]
         if any(b < a for a, b in itertools.pairwise(times)):
-            raise ValueError(f"the times of its points are {times[:4]}...; the rule is rising")
+            raise ValueError(f"the times of its points must rise, got {times[:4]}...")
         return self
 
 
@@ -237,9 +237,9 @@ def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
     events = [event for event in found if event.EventType.startswith("Haptic")]
     seconds = max((event.Time + event.seconds for event in events), default=0.0)
     if seconds > 20 * LONGEST_S:
-        raise ValueError(f"it lasts {seconds:g} s; the rule is at most {20 * LONGEST_S:g}")
+        raise ValueError(f"it lasts {seconds:g} s. Expected at most {20 * LONGEST_S:g}")
     if (lasting := sum(event.seconds for event in events)) > MOST_S:
-        raise ValueError(f"its events last {lasting:g} s in all; the rule is at most {MOST_S:g}")
+        raise ValueError(f"its events last {lasting:g} s in all. Expected at most {MOST_S:g}")
     out = np.zeros(max(round(seconds * fs), 1))
     t = np.arange(out.size) / fs
     curves = [item.ParameterCurve for item in pattern.Pattern if item.ParameterCurve]

@@ -23,18 +23,18 @@ def read_limited(path: Path, limit: int) -> bytes:
         If it cannot be read.
     """
     if path.exists() and not path.is_file():
-        raise ValueError(f"{path}: is not a file; the rule is a regular file")
+        raise ValueError(f"{path}: is not a file. Expected a regular file")
     with path.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
         if size > limit:
-            raise ValueError(f"{path}: holds {size} bytes; the rule is at most {limit}")
+            raise ValueError(f"{path}: holds {size} bytes. Expected at most {limit}")
         return file.read(size)
 
 
 def printable(name: str) -> str:
     """Return the name of a surface, or raise the ValueError that says why a terminal cannot show it."""
     if len(name) > 200 or not name.isprintable():
-        raise ValueError(f"holds {name!r:.80}; the rule is printable text, at most 200 characters")
+        raise ValueError(f"holds {name!r:.80}. Expected printable text, at most 200 characters")
     return name
 
 
@@ -68,5 +68,5 @@ def read_foreign(model: type[M], path: str | Path, largest: int) -> M:
     try:
         content = from_json(data, allow_inf_nan=False)
     except ValueError as error:
-        raise ValueError(f"{path}: is no JSON ({error}); the rule is a {path.suffix} file") from error
+        raise ValueError(f"{path}: is no JSON ({error}). Expected a {path.suffix} file") from error
     return checked(model, content, path)

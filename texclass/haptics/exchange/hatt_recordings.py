@@ -44,11 +44,11 @@ def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
             material = matched[0]["material"]
             if other := found.get(material):
                 raise RecordingError(
-                    f"{root}: {other} and {name} are both of {material!r}; the rule is one file each"
+                    f"{root}: {other} and {name} are both of {material!r}. Expected one file each"
                 )
             found[material] = name
     if not found:
-        raise RecordingError(f"{root}: holds no model; the rule is files named as {card.files[0]!r}")
+        raise RecordingError(f"{root}: holds no model. Expected files named as {card.files[0]!r}")
     return Dataset(
         entries=tuple(
             Entry(f"{material}_{k:02d}", material, repetition=k, paths=(name,))
@@ -85,7 +85,7 @@ def load_made(card: ModelsCard, root: Path, entry: Entry) -> Recording:
         raise RecordingError(f"{error}" if str(path) in str(error) else f"{path}: {error}") from error
     if texture.fs != card.fs_hz:
         raise RecordingError(
-            f"{path}: SampleRate is {texture.fs:g} Hz, the card says {card.fs_hz:g}; the rule is one"
+            f"{path}: SampleRate is {texture.fs:g} Hz, the card says {card.fs_hz:g}. Expected one"
         )
     rng = np.random.default_rng([card.seed, *entry.recording_id.encode()])
     n = max(2, round(card.duration_s * texture.fs))

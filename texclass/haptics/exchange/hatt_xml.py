@@ -75,7 +75,7 @@ def read_hatt(path: str | Path) -> HattTexture:
         parser.feed(data)
         return _texture(parser.close())
     except ElementTree.ParseError as error:
-        raise ValueError(f"{path}: is not well formed ({error}); the rule is XML in UTF-8") from error
+        raise ValueError(f"{path}: is not well formed ({error}). Expected XML in UTF-8") from error
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -90,7 +90,7 @@ class _BoundedTree(ElementTree.TreeBuilder):
     def start(self, tag: str, attributes: dict[str, str]) -> Element:
         self._count, self._depth = self._count + 1, self._depth + 1
         if self._count > MOST_ELEMENTS or self._depth > DEEPEST:
-            raise ValueError(f"has over {MOST_ELEMENTS} elements or {DEEPEST} levels; the rule is at most so")
+            raise ValueError(f"has more than {MOST_ELEMENTS} elements or {DEEPEST} levels, the limits")
         return super().start(tag, {})
 
     def end(self, tag: str) -> Element:
@@ -98,26 +98,26 @@ class _BoundedTree(ElementTree.TreeBuilder):
         return super().end(tag)
 
     def doctype(self, name: str, *_: str | None) -> None:
-        raise ValueError(f"declares {name!r:.40}; the rule is no document type and no entities")
+        raise ValueError(f"declares {name!r:.40}. Expected no document type and no entities")
 
 
 def _texture(root: Element) -> HattTexture:
     if root.tag != "modelSet":
-        raise ValueError(f"is a <{root.tag:.40}>; the rule is <modelSet>")
+        raise ValueError(f"is a <{root.tag:.40}>. Expected <modelSet>")
     optional = _UNITS | {"material": "", "mu": "0", "numMACoeff": "0"}
     for tag, usual in optional.items():
         if root.find(tag) is None:
             ElementTree.SubElement(root, tag).text = usual
     for tag, unit in _UNITS.items():
         if (found := _text(root, tag)) != unit:
-            raise ValueError(f"<{tag}> is {found!r:.40}; the rule is {unit!r}")
+            raise ValueError(f"<{tag}> is {found!r:.40}. Expected {unit!r}")
     models, triangles = root.findall("model"), root.findall("tri")
     n, n_triangles = _count(root, "numMod"), _count(root, "numTri")
     speed, force = (_numbers(_child(root, tag), n) for tag in ("speedList", "forceList"))
     if not 0 < n <= MOST_MODELS or len(models) != n or len(triangles) != n_triangles:
         raise ValueError(
-            f"holds {len(models)} models, {len(triangles)} triangles, numMod is {n}, numTri {n_triangles}; "
-            f"the rule is the same, 1 to {MOST_MODELS} models"
+            f"holds {len(models)} models, {len(triangles)} triangles, numMod is {n}, numTri {n_triangles}. "
+            f"Expected the same, 1 to {MOST_MODELS} models"
         )
     corners = np.array([_numbers(triangle, 3) for triangle in triangles]).reshape(-1, 3)
     # in the published files the models stand in the order of the lists
@@ -125,8 +125,8 @@ def _texture(root: Element) -> HattTexture:
     points = list(zip(speed.tolist(), force.tolist(), strict=True))
     if len(places) != n or set(points) != set(places):
         raise ValueError(
-            "the speeds and forces of the models are not those of speedList and forceList; "
-            "the rule is the same, none twice"
+            "the speeds and forces of the models are not those of speedList and forceList. "
+            "Expected the same values, without duplicates"
         )
     p, q = _count(root, "numARCoeff"), _count(root, "numMACoeff")
     models = [places[point] for point in points]
@@ -153,19 +153,19 @@ def _frequencies(model: Element, part: str, order: int) -> Samples:
             for element, n in zip(given.values(), (order, order + 1), strict=True)
         )
         if lsf is None and coefficients is None:
-            raise ValueError(f"holds neither {part}coeff nor {part}lsf; the rule is one of them")
+            raise ValueError(f"holds neither {part}coeff nor {part}lsf. Expected one of them")
         if coefficients is not None:
             exact = line_spectrum.from_reflection(from_direct_form(coefficients, 1.0).reflection)
             worst = 0.0 if lsf is None else float(np.abs(lsf - exact).max())
             if not worst <= _TOLERANCE:
                 raise ValueError(
-                    f"{part}coeff and {part}lsf are {worst:.3g} rad apart; the rule is {_TOLERANCE}"
+                    f"{part}coeff and {part}lsf are {worst:.3g} rad apart. Expected {_TOLERANCE}"
                 )
             if lsf is None or np.array_equal(np.round(lsf, 6), lsf):
                 return line_spectrum.spread(exact)
         if lsf is None or np.any(np.diff(lsf) < 0) or lsf[0] < 0 or lsf[-1] > math.pi:
             raise ValueError(
-                f"{part}lsf is not rising in 0 ... pi; the rule is rising line spectra: a stable model"
+                f"{part}lsf is not rising in 0 ... pi. Expected rising line spectra: a stable model"
             )
         return line_spectrum.spread(lsf)
     except ValueError as error:
@@ -175,20 +175,20 @@ def _frequencies(model: Element, part: str, order: int) -> Samples:
 def _found(element: Element, tag: str) -> Element | None:
     found = element.findall(tag)
     if len(found) > 1:
-        raise ValueError(f"<{element.tag}> holds {len(found)} <{tag}>; the rule is one")
+        raise ValueError(f"<{element.tag}> holds {len(found)} <{tag}>. Expected one")
     return found[0] if found else None
 
 
 def _child(element: Element, tag: str) -> Element:
     if (found := _found(element, tag)) is None:
-        raise ValueError(f"<{element.tag}> holds no <{tag}>; the rule is one")
+        raise ValueError(f"<{element.tag}> holds no <{tag}>. Expected one")
     return found
 
 
 def _numbers(element: Element, n: int) -> Samples:
     values = [_parsed(value) for value in element.findall("value")]
     if len(values) != n or len(element) != n:
-        raise ValueError(f"<{element.tag}> holds {len(element)} values; the rule is {n}")
+        raise ValueError(f"<{element.tag}> holds {len(element)} values. Expected {n}")
     return np.array(values)
 
 
@@ -199,7 +199,7 @@ def _number(element: Element, tag: str) -> float:
 def _count(element: Element, tag: str) -> int:
     value = _number(element, tag)
     if not (value == int(value) and 0 <= value <= 1e6):
-        raise ValueError(f"<{tag}> is {value:g}; the rule is a count")
+        raise ValueError(f"<{tag}> is {value:g}. Expected a count")
     return int(value)
 
 
@@ -214,7 +214,7 @@ def _parsed(element: Element) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"<{element.tag}> holds {text!r:.40}; the rule is a finite number")
+        raise ValueError(f"<{element.tag}> holds {text!r:.40}. Expected a finite number")
     return value
 
 
@@ -319,7 +319,7 @@ def to_hatt(
         force is not above 0.
     """
     if unit not in ACCELERATION_UNITS:
-        raise ValueError(f"unit is {unit!r}; the rule for HaTT is one of {list(ACCELERATION_UNITS)}")
+        raise ValueError(f"unit is {unit!r}. Expected for HaTT one of {list(ACCELERATION_UNITS)}")
     factor = ACCELERATION_UNITS[unit]
     if isinstance(texture, HattTexture):
         return replace(texture, variance=texture.variance * factor**2)
@@ -331,9 +331,11 @@ def to_hatt(
         own = texture.model.axes  # slower and softer than these it fades out, above them nothing changes
     grid = [np.array(axis, dtype=np.float64) for axis in (speeds or own[0], forces or own[1])]
     if not all(np.all(np.isfinite(axis) & (axis > 0)) for axis in grid):
-        raise ValueError(f"speeds are {grid[0].tolist()}, forces {grid[1].tolist()}; the rule is above 0")
+        raise ValueError(
+            f"speeds are {grid[0].tolist()}, forces {grid[1].tolist()}. Expected a positive number"
+        )
     if not 0 < fs <= texture.fs:
-        raise ValueError(f"fs is {fs:g}; the rule is at most that of the texture, {texture.fs:g} Hz")
+        raise ValueError(f"fs is {fs:g}. Expected at most that of the texture, {texture.fs:g} Hz")
     speed, force = (axis.ravel() for axis in np.meshgrid(*grid, indexing="ij"))
     model = texture.autoregressions(speed, force)
     if fs != texture.fs or model.order > order:

@@ -78,7 +78,7 @@ class Stated(Part):
     def _without_null(self) -> Self:
         for name in self.model_fields_set:
             if getattr(self, name) is None:
-                raise ValueError(f"{name} is null; the rule is a value, or to leave it out")
+                raise ValueError(f"{name} is null. Expected a value, or no key")
         return self
 
 
@@ -110,7 +110,7 @@ class Effect(Stated):
     @model_validator(mode="after")
     def _whole(self) -> "Effect":
         if self.effect_type == "Reference" and self.id is None:
-            raise ValueError("a reference has no id; the rule is that of an effect of the library")
+            raise ValueError("a reference has no id. Expected that of an effect of the library")
         if self.wavelet_stream is not None:
             _stream_of(self)
         return self
@@ -139,29 +139,27 @@ class Band(Stated):
             return 0
         n = int(self.ring_s * self.upper_frequency_limit)
         if n < 16 or n & (n - 1) or n > 1 << 16:
-            raise ValueError(f"a wavelet block has {n} samples; the rule is a power of two, 16 to {1 << 16}")
+            raise ValueError(f"a wavelet block has {n} samples. Expected a power of two, 16 to {1 << 16}")
         return n
 
     @model_validator(mode="after")
     def _fits(self) -> "Band":
         if self.upper_frequency_limit < self.lower_frequency_limit:
-            raise ValueError("its upper frequency limit is below its lower one; the rule is above")
+            raise ValueError("its upper frequency limit is below its lower one")
         if self.curve_type is not None and self.band_type != "Curve":
-            raise ValueError(
-                f"a {self.band_type} band has a curve type; the rule is that of Curve bands only"
-            )
+            raise ValueError(f"a {self.band_type} band has a curve type. Expected that of Curve bands only")
         points = [one.keyframes for one in self.effects if one.effect_type == "Basis"]
         bare = any(not of or any(one.amplitude_modulation is None for one in of) for of in points)
         if self.band_type == "Curve" and bare:
-            raise ValueError("a curve has no keyframe, or one without amplitude; the rule is one for each")
+            raise ValueError("a curve has no keyframe, or one without amplitude. Expected one for each")
         if self.band_type == "WaveletWave":
             length = self.block_length
             if length is None or length & (length - 1):
-                raise ValueError(f"block_length is {length}; the rule is a power of two")
+                raise ValueError(f"block_length is {length}. Expected a power of two")
             if any(one.keyframes for one in self.effects):
-                raise ValueError("an effect of a wavelet band has keyframes; the rule is a stream")
+                raise ValueError("an effect of a wavelet band has keyframes. Expected a stream")
             if any(one.effect_type == "Basis" and one.wavelet_stream is None for one in self.effects):
-                raise ValueError("an effect of a wavelet band lacks its wavelet_stream; the rule is one")
+                raise ValueError("an effect of a wavelet band lacks its wavelet_stream. Expected one")
         return self
 
 
@@ -196,7 +194,7 @@ class Channel(Stated):
     def _unit(self) -> "Channel":
         at = self.direction
         if at is not None and not 0.98 <= math.hypot(at.X, at.Y, at.Z) / 127 <= 1.02:
-            raise ValueError("its direction is no unit vector; the rule is a length of 127")
+            raise ValueError("its direction is no unit vector. Expected a length of 127")
         return self
 
 
@@ -279,20 +277,20 @@ class Haptics(Stated):
         _different("perception", [one.id for one in self.perceptions])
         simple = self.profile == "Simple Parametric"
         if simple and self.timescale != TICKS:
-            raise ValueError(f"timescale is {self.timescale}; the rule of Simple Parametric is {TICKS}")
+            raise ValueError(f"timescale is {self.timescale}. Expected {TICKS} for Simple Parametric")
         known = {0, *(avatar.id for avatar in self.avatars)}
         for perception in self.perceptions:
             if perception.avatar_id not in known:
-                raise ValueError(f"avatar {perception.avatar_id} of a perception is unknown; the rule is one")
+                raise ValueError(f"avatar {perception.avatar_id} of a perception is not defined")
             n_bands = max(len(channel.bands) for channel in perception.channels)
             if len(perception.channels) > MOST_CHANNELS[self.level] or n_bands > MOST_BANDS[self.level]:
                 raise ValueError(
-                    f"a perception has {len(perception.channels)} channels of {n_bands} bands; the rule is "
+                    f"a perception has {len(perception.channels)} channels of {n_bands} bands. Expected "
                     f"{MOST_CHANNELS[self.level]} of {MOST_BANDS[self.level]} at most for level {self.level}"
                 )
             kinds = {band.band_type for channel in perception.channels for band in channel.bands}
             if simple and "WaveletWave" in kinds:
-                raise ValueError("it has wavelet bands; the rule of Simple Parametric is none")
+                raise ValueError("it has wavelet bands. Expected none for Simple Parametric")
         return self
 
 
@@ -343,14 +341,14 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
             coded += sum(band.block_samples for *_, band in effects)
             felt.append((10.0**perception.perception_unit_exponent * channel.gain, effects))
     if seconds > LIMITS.longest_s:
-        raise ValueError(f"it plays for {seconds:g} s; the rule is at most {LIMITS.longest_s:g}")
+        raise ValueError(f"it plays for {seconds:g} s. Expected at most {LIMITS.longest_s:g}")
     if len(felt) * seconds > LIMITS.channels_s or lasting > LIMITS.effects_s:
         raise ValueError(
-            f"it plays {len(felt)} channels of {seconds:g} s, effects of {lasting:g} s in all; the rule is "
+            f"it plays {len(felt)} channels of {seconds:g} s, effects of {lasting:g} s in all. Expected "
             f"at most {LIMITS.channels_s:g} s of channels and {LIMITS.effects_s:g} s of effects"
         )
     if coded > LIMITS.coded:
-        raise ValueError(f"its wavelet blocks hold {coded} samples; the rule is at most {LIMITS.coded}")
+        raise ValueError(f"its wavelet blocks hold {coded} samples. Expected at most {LIMITS.coded}")
     played = np.zeros((max(round(seconds * fs), 1), len(felt)))
     for column, (gain, effects) in zip(played.T, felt, strict=True):
         for at, effect, band in effects:
@@ -373,7 +371,7 @@ def basis_effects(channel: Channel, perception: Perception) -> list[tuple[int, E
     first = [*islice(every, 2 * LIMITS.effects + 1)]
     found = [one for one in first if one[1].effect_type == "Basis"]
     if len(found) > LIMITS.effects or len(first) > 2 * LIMITS.effects:
-        raise ValueError(f"a channel has over {LIMITS.effects} effects; the rule is at most so many")
+        raise ValueError(f"a channel has more than {LIMITS.effects} effects, the limit")
     return found
 
 
@@ -382,7 +380,7 @@ def _within(
 ) -> Iterator[tuple[int, Effect]]:
     """Yield ticks and effect of each effect, then of those that it is composed of, or refers to."""
     if depth > LIMITS.depth:
-        raise ValueError(f"effects stand in each other over {LIMITS.depth} deep; the rule is at most so")
+        raise ValueError(f"effects are nested more than {LIMITS.depth} deep, the limit")
     for effect in effects:
         begin = at + effect.position
         yield begin, effect
@@ -471,25 +469,25 @@ def _stream_of(effect: Effect) -> bytes:
     try:
         return base64.b64decode(text + "=" * (-len(text) % 4), validate=True)
     except (binascii.Error, ValueError) as error:
-        raise ValueError(f"wavelet_stream is no base64 ({error}); the rule is base64") from None
+        raise ValueError(f"wavelet_stream is no base64 ({error}). Expected base64") from None
 
 
 def _different(what: str, ids: Sequence[int | None]) -> None:
     if len(set(ids)) != len(ids):
-        raise ValueError(f"a {what} id is given twice; the rule is once")
+        raise ValueError(f"two {what}s have the same id. Expected unique ids")
 
 
 def _referred(effect: Effect, library: Mapping[int | None, Effect]) -> Effect:
     if effect.id not in library:
         raise ValueError(
-            f"effect {effect.id} is referred to; the rule is one of the library, {sorted(map(str, library))}"
+            f"effect {effect.id} is referred to. Expected one of the library, {sorted(map(str, library))}"
         )
     return library[effect.id]
 
 
 def _check_references(effect: Effect, library: Mapping[int | None, Effect], depth: int = 0) -> None:
     if depth > LIMITS.depth:
-        raise ValueError(f"effects stand in each other over {LIMITS.depth} deep; the rule is at most so")
+        raise ValueError(f"effects are nested more than {LIMITS.depth} deep, the limit")
     if effect.effect_type == "Reference":
         _referred(effect, library)
     for inner in effect.composition:

@@ -76,7 +76,7 @@ def write_hjif(
     """
     path = path_ending(path, ".hjif")
     if not 1 <= planes <= wavelet_stream.MOST_PLANES:
-        raise ValueError(f"planes are {planes}; the rule is 1 to {wavelet_stream.MOST_PLANES}")
+        raise ValueError(f"planes are {planes}. Expected 1 to {wavelet_stream.MOST_PLANES}")
     haptics, lost = made_hjif(rendition, planes)
     write_atomic(path, haptics.model_dump_json(exclude_none=True))
     return lost
@@ -221,7 +221,7 @@ def rendition_of(haptics: Haptics) -> Rendition:
     felt = [one for one in haptics.perceptions if one.perception_modality.startswith("Vibrotactile")]
     rough = [one for one in haptics.perceptions if one.perception_modality == "Friction"][:1]
     if not felt:
-        raise ValueError("it holds no vibration; the rule is a Vibrotactile perception")
+        raise ValueError("it holds no vibration. Expected a Vibrotactile perception")
     channel = felt[0].channels[0]
     told = _TOLD.fullmatch(felt[0].description)
     name, speed, force, unit = haptics.description, USUAL_MM_S, USUAL_N, "arbitrary"

@@ -150,7 +150,7 @@ def play_texture(
     if length_mm:
         seconds = length_mm / v
     if seconds > LONGEST_S:
-        raise ValueError(f"{seconds:g} s would be played; the rule is at most {LONGEST_S:g}")
+        raise ValueError(f"{seconds:g} s would be played. Expected at most {LONGEST_S:g}")
     x = factor * _played(texture, v, f, seconds, seed)
     by_speed = _change(texture, x / factor, [(end, f) for end in slow_fast], seed)
     by_force = _change(texture, x / factor, [(v, end) for end in light_hard], seed)
@@ -187,7 +187,7 @@ def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
     check_above_0(velocity=velocity)
     n = round(TAP_EVERY_S * TAP_FS)
     if len(taps) * TAP_EVERY_S > LONGEST_S:
-        raise ValueError(f"there are {len(taps)} materials; the rule is at most {LONGEST_S / TAP_EVERY_S:g}")
+        raise ValueError(f"there are {len(taps)} materials. Expected at most {LONGEST_S / TAP_EVERY_S:g}")
     factor = ACCELERATION_UNITS.get(taps.unit, 1.0)
     models = taps.models
     x = factor * np.concatenate([model.synthesize(velocity, n, TAP_FS) for model in models])
@@ -234,7 +234,7 @@ def texture_of(rendition: Rendition) -> tuple[Stored, dict[str, str]]:
     order = min(ORDER, x.size // 10)
     if order < 1 or not 0 < np.abs(x).max() < LARGEST or np.all(x == x[0]):
         raise ValueError(
-            f"{x.size} samples are played; the rule is ten at least, not silent, below {LARGEST:g} in size"
+            f"{x.size} samples are played. Expected ten at least, not silent, below {LARGEST:g} in size"
         )
     model = autoregressive.fit(x - x.mean(), order)
     lsf = line_spectrum.spread(line_spectrum.from_reflection(model.reflection))

@@ -79,7 +79,7 @@ def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) 
         return path
     if texture.family not in TEXTURES | TAPS:
         known = ", ".join(sorted(TEXTURES | TAPS))
-        raise ValueError(f"{path}: family is {texture.family!r:.80}; the rule is one of {known}")
+        raise ValueError(f"{path}: family is {texture.family!r:.80}. Expected one of {known}")
     return write_stored(texture, path, unit=unit or str(getattr(texture, "unit", "m/s^2")))
 
 
@@ -206,9 +206,7 @@ def header_of(stored: Stored, unit: str, where: object) -> Header:
     try:
         parameters = json.loads(json.dumps(stored.parameters(), allow_nan=False, sort_keys=True))
     except (TypeError, ValueError, RecursionError) as error:
-        raise ValueError(
-            f"{where}: no JSON for the parameters ({error}); the rule is numbers, text"
-        ) from error
+        raise ValueError(f"{where}: no JSON for the parameters ({error}). Expected numbers, text") from error
     facts = {key: getattr(stored, key, None) for key in ("fs", "order", "operations")}
     content = {"family": stored.family, "name": getattr(stored, "name", ""), "unit": unit, **facts}
     return checked(Header, content | {"parameters": parameters}, where)
@@ -249,11 +247,11 @@ def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
     begin = read_limited(path, LARGEST_FILE)[:8]
     if begin[:2] == b"PK":
         raise ValueError(
-            f"{path}: was written by texclass 0.1; the rule is version {VERSION}: fit or convert the texture "
+            f"{path}: was written by texclass 0.1. Expected version {VERSION}: fit or convert the texture "
             "again and save it, or plan the scene again (texclass scene plan)"
         )
     if int.from_bytes(begin, "little") > LARGEST_HEADER:
-        raise ValueError(f"{path}: no texture, or a header above {LARGEST_HEADER} bytes; the rule is less")
+        raise ValueError(f"{path}: no texture, or a header above {LARGEST_HEADER} bytes. Expected less")
     try:
         with safe_open(path, "np") as file:
             text = (file.metadata() or {}).get(_KEY, "")
@@ -266,14 +264,14 @@ def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
             arrays = {name: file.get_tensor(name) for name in described}
         content = from_json(text, allow_inf_nan=False)
     except (SafetensorError, ValueError) as error:
-        raise ValueError(f"{path}: is damaged ({error}); the rule is a whole {SUFFIX} file") from error
+        raise ValueError(f"{path}: is damaged ({error}). Expected a whole {SUFFIX} file") from error
     header = checked(Header, content, path)
     if text != header.model_dump_json():
         raise ValueError(
-            f"{path}: has a header of another form; the rule is each key once, as texclass writes it"
+            f"{path}: has a header of another form. Expected each key once, as texclass writes it"
         )
     if header.sha256 != _digest(header, arrays):
-        raise ValueError(f"{path}: does not fit its SHA-256; the rule is unchanged data")
+        raise ValueError(f"{path}: does not fit its SHA-256. Expected unchanged data")
     _check_arrays(arrays, path)
     return header, arrays
 
@@ -297,7 +295,7 @@ def read_stored(path: str | Path, families: Mapping[str, str | type[Stored]]) ->
     header, arrays = read_container(path)
     if header.family not in families:
         known = ", ".join(sorted(families))
-        raise ValueError(f"{path}: holds {header.family!r:.80}; the rule is one of {known}")
+        raise ValueError(f"{path}: holds {header.family!r:.80}. Expected one of {known}")
     kind = families[header.family]
     if isinstance(kind, str):
         kind = pkgutil.resolve_name(kind)
@@ -317,14 +315,14 @@ def read_stored(path: str | Path, families: Mapping[str, str | type[Stored]]) ->
         raise ValueError(f"{path}: makes no {header.family!r}: {reason:.500}") from error
     told, held = (header.name, header.fs), (getattr(found, "name", ""), getattr(found, "fs", None))
     if told != held:
-        raise ValueError(f"{path}: describes {told}, holds {held}; the rule is the same")
+        raise ValueError(f"{path}: describes {told}, holds {held}. Expected the same")
     return found
 
 
 def _check_arrays(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
     for name, array in arrays.items():
         if array.dtype not in (np.float64, np.int64) or not np.isfinite(array).all():
-            raise ValueError(f"{path}: array {name} is {array.dtype}; the rule is finite float64 or int64")
+            raise ValueError(f"{path}: array {name} is {array.dtype}. Expected finite float64 or int64")
 
 
 def _digest(header: Header, arrays: Mapping[str, NDArray[Any]]) -> str:

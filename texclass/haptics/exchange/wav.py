@@ -94,18 +94,18 @@ def write_wav(
     """
     path, x = path_ending(path, ".wav"), np.asarray(samples, dtype=np.float64)
     if encoding not in get_args(Encoding) or unit not in UNITS:
-        raise ValueError(f"{encoding!r}, {unit!r}; the rule is one of {get_args(Encoding)} and of {UNITS}")
+        raise ValueError(f"{encoding!r}, {unit!r}. Expected one of {get_args(Encoding)} and of {UNITS}")
     if x.ndim not in (1, 2) or not x.size or not np.all(np.isfinite(x)):
-        raise ValueError(f"samples have shape {x.shape}; the rule is (n,) or (n, channels), finite, n >= 1")
+        raise ValueError(f"samples have shape {x.shape}. Expected (n,) or (n, channels), finite, n >= 1")
     if not 1 <= fs <= HIGHEST_FS:
-        raise ValueError(f"fs is {fs}; the rule is 1 ... {HIGHEST_FS:g} Hz")
+        raise ValueError(f"fs is {fs}. Expected 1 ... {HIGHEST_FS:g} Hz")
     if encoding == "audible":
         x, fs = audible(x, fs, shift_hz=shift_hz), AUDIBLE_FS
     elif shift_hz:
-        raise ValueError(f"shift_hz is {shift_hz} for {encoding!r}; the rule is 0, but for 'audible'")
+        raise ValueError(f"shift_hz is {shift_hz} for {encoding!r}. Expected 0, but for 'audible'")
     peak = float(np.abs(x).max())
     if peak > float(np.finfo(np.float32).max):
-        raise ValueError(f"peak is {peak:g}; the rule is what a 32-bit float holds")
+        raise ValueError(f"peak is {peak:g}. Expected what a 32-bit float holds")
     if encoding == "float32":
         codes: NDArray[Any] = x.astype(np.float32)
     else:
@@ -143,9 +143,9 @@ def audible(samples: ArrayLike, fs: float, *, shift_hz: float = 0.0) -> Samples:
         If the rate is not 20 Hz ... 1 MHz, or the shift not 0 ... 10000 Hz.
     """
     if not HEARD_FROM[0] <= fs <= HEARD_FROM[1]:
-        raise ValueError(f"fs is {fs}; the rule for what is heard is 20 ... 1e6 Hz; 'float32' holds any")
+        raise ValueError(f"fs is {fs} Hz. Expected 20 to 1e6 Hz for audible files, or encoding 'float32'")
     if not 0 <= shift_hz <= HIGHEST_SHIFT:
-        raise ValueError(f"shift_hz is {shift_hz}; the rule is 0 ... {HIGHEST_SHIFT:g} Hz")
+        raise ValueError(f"shift_hz is {shift_hz}. Expected 0 ... {HIGHEST_SHIFT:g} Hz")
     x = np.asarray(samples, dtype=np.float64)
     x = resampled(x, fs, AUDIBLE_FS)
     if not shift_hz:
@@ -173,22 +173,22 @@ def read_wav(path: str | Path) -> Vibration:
     """
     path = Path(path)
     if path.exists() and not path.is_file():
-        raise ValueError(f"{path}: is not a file; the rule is a regular file")
+        raise ValueError(f"{path}: is not a file. Expected a regular file")
     with path.open("rb") as begin:
         head = begin.read(12)
     size, announced = path.stat().st_size, int.from_bytes(head[4:8], "little") + 8
     if head[:4] != b"RIFF" or head[8:] != b"WAVE" or announced > size:  # libsndfile would read a part
-        raise ValueError(f"{path}: holds {size} bytes, no WAV of {announced}; the rule is a whole RIFF WAVE")
+        raise ValueError(f"{path}: holds {size} bytes, no WAV of {announced}. Expected a whole RIFF WAVE")
     try:
         with soundfile.SoundFile(path) as file:
             if file.format not in ("WAV", "WAVEX") or file.subtype not in _SUBTYPES.values():
-                raise ValueError(f"{path}: is {file.format} {file.subtype}; the rule is WAV, FLOAT or PCM_16")
+                raise ValueError(f"{path}: is {file.format} {file.subtype}. Expected WAV, FLOAT or PCM_16")
             stored = file.read(dtype="int16" if file.subtype == "PCM_16" else "float64")
             rate, frames, comment = float(file.samplerate), file.frames, file.comment
     except (soundfile.SoundFileError, RuntimeError) as error:
         raise ValueError(f"{path}: not readable as WAV ({error})") from error
     if len(stored) < frames or not stored.size or not np.all(np.isfinite(stored)):
-        raise ValueError(f"{path}: holds {len(stored)} of {frames} frames; the rule is all, finite, >= 1")
+        raise ValueError(f"{path}: holds {len(stored)} of {frames} frames. Expected all, finite, >= 1")
     if '"texclass"' not in comment:
         x = stored / 32768.0 if stored.dtype == np.int16 else stored
         return Vibration(x, rate, "arbitrary", float(np.abs(x).max()))
@@ -199,7 +199,7 @@ def read_wav(path: str | Path) -> Vibration:
     note = checked(_Note, content, f"{path}: comment")
     if not abs(note.fs - rate) <= 0.5:
         raise ValueError(
-            f"{path}: comment has fs {note.fs!r:.40}, the header {rate:g}; the rule is the same, rounded"
+            f"{path}: comment has fs {note.fs!r:.40}, the header {rate:g}. Expected the same, rounded"
         )
     x = stored * (note.peak / FULL_SCALE) if stored.dtype == np.int16 else stored
     return Vibration(x, note.fs, note.unit, note.peak, note.shift_hz)

@@ -31,7 +31,7 @@ COLUMNS = ("time", "x", "y", "force", "surface")
 
 def _rising(pair: tuple[float, float]) -> tuple[float, float]:
     if not 0 <= pair[0] <= pair[1]:
-        raise ValueError(f"is {list(pair)}; the rule is rising numbers of at least 0")
+        raise ValueError(f"is {list(pair)}. Expected rising numbers of at least 0")
     return pair
 
 
@@ -39,7 +39,7 @@ def _existing(path: Path, info: ValidationInfo) -> Path:
     """Return the path of a file beside the definition, whose own path is the context."""
     found = Path(info.context or "").parent / os.path.expanduser(path)  # no error where there is no such user
     if not os.path.isfile(found):  # no error where a name is too long for one
-        raise ValueError(f"is {str(path)!r:.200}; the rule is an existing file")
+        raise ValueError(f"is {str(path)!r:.200}. Expected an existing file")
     return found
 
 
@@ -53,7 +53,7 @@ def _motion(value: Any) -> float | str:
     """Return the name of a column, or a number that holds throughout."""
     named = isinstance(value, str) and value
     if not named and not (type(value) in (int, float) and 0 < value < math.inf):
-        raise ValueError(f"is {value!r:.80}; the rule is the name of a column, or a number above 0")
+        raise ValueError(f"is {value!r:.80}. Expected the name of a column, or a number above 0")
     return value  # type: ignore[no-any-return]
 
 
@@ -88,7 +88,7 @@ class Device(Written):
     @model_validator(mode="after")
     def _can_play_its_band(self) -> Self:
         if not self.band_hz[0] < self.band_hz[1] <= self.rate_hz / 2:
-            raise ValueError(f"band_hz is {list(self.band_hz)}; the rule is rising, at most rate_hz / 2")
+            raise ValueError(f"band_hz is {list(self.band_hz)}. Expected rising, at most rate_hz / 2")
         return self
 
 
@@ -112,9 +112,7 @@ class Expected(Written):
         if not (isinstance(given, dict) and isinstance(given.get("path"), str)):
             return given
         if len(given) > 1:
-            raise ValueError(
-                f"holds {', '.join(given)}; the rule is a path alone, or speeds_mm_s and forces_n"
-            )
+            raise ValueError(f"holds {', '.join(given)}. Expected a path alone, or speeds_mm_s and forces_n")
         try:
             speeds, forces = read_path(_existing(Path(given["path"]), info)).ranges()
             return given | {"speeds_mm_s": speeds, "forces_n": forces}
@@ -125,7 +123,7 @@ class Expected(Written):
     def _moves(self) -> Self:
         for key in ("speeds_mm_s", "forces_n"):
             if not getattr(self, key)[0] > 0:
-                raise ValueError(f"{key} begins at {getattr(self, key)[0]:g}; the rule is above 0")
+                raise ValueError(f"{key} begins at {getattr(self, key)[0]:g}. Expected a positive number")
         return self
 
 
@@ -164,7 +162,7 @@ class Tolerance(Written):
     def _can_be_met(self) -> Self:
         rule = "at least 0, at most 0.9999" if self.score == "gfc" else "above 0"
         if not (0 <= self.limit <= 0.9999 if self.score == "gfc" else self.limit > 0):
-            raise ValueError(f"limit is {self.limit:g}; the rule for {self.score} is {rule}")
+            raise ValueError(f"limit is {self.limit:g}. Expected for {self.score}: {rule}")
         return self
 
 
@@ -217,9 +215,9 @@ class SurfaceDefinition(Written):
         sources = ("texture", "simulated", "recordings", "dataset")
         given = [key for key in sources if getattr(self, key)]
         if len(given) != 1:
-            raise ValueError(f"sources are {given}; the rule is one of {', '.join(sources)}")
+            raise ValueError(f"sources are {given}. Expected one of {', '.join(sources)}")
         if self.material and not self.dataset:
-            raise ValueError(f"material is {self.material!r}; the rule is beside a dataset only")
+            raise ValueError(f"material is {self.material!r}. Expected it only with a dataset")
         return self
 
 
@@ -293,7 +291,7 @@ def scene_of_texture(file: str | Path) -> SceneDefinition:
     path = Path(file)
     found = describe(path)
     if found["fs"] is None:
-        raise ValueError(f"{path}: holds {found['family']!r}, which has no rate; the rule is a texture")
+        raise ValueError(f"{path}: holds {found['family']!r}, which has no rate. Expected a texture")
     rate = min(float(found["fs"]), 2000.0)
     band = (min(20.0, 0.1 * rate), 0.45 * rate)
     content = {
@@ -340,9 +338,9 @@ class HandPath:
         speed = self.speed_mm_s
         touching = (self.force_n > 0) & (speed > 0)
         if not np.isfinite(speed).all():
-            raise ValueError("the path is faster than numbers; the rule for its ranges is finite speeds")
+            raise ValueError("the path has infinite speeds. Expected finite speeds")
         if not touching.any():
-            raise ValueError("the path never moves under force; the rule for its ranges is that it does")
+            raise ValueError("the path never moves under force. Expected a movement with force")
         (slow, fast), (light, hard) = (np.quantile(x[touching], (0.05, 0.95)) for x in (speed, self.force_n))
         return (float(slow), float(fast)), (float(light), float(hard))
 
@@ -372,7 +370,7 @@ def read_path(file: str | Path) -> HandPath:
         rest = [name for name in COLUMNS if name not in table.columns]
         if rest or len(table.columns) != len(COLUMNS):
             raise ValueError(
-                f"columns are {', '.join(map(str, table.columns))}; the rule is {', '.join(COLUMNS)}"
+                f"columns are {', '.join(map(str, table.columns))}. Expected {', '.join(COLUMNS)}"
             )
         t, x, y, force = (table[name].to_numpy(dtype=np.float64) for name in COLUMNS[:4])
     except (ValueError, TypeError, OverflowError) as error:  # pandas has its own kinds of ValueError
@@ -380,9 +378,7 @@ def read_path(file: str | Path) -> HandPath:
     numbers = np.column_stack([t, x, y, force])
     if len(t) < 2 or not np.isfinite(numbers).all() or np.any(np.diff(t) <= 0):
         row = int(np.argmin(np.isfinite(numbers).all(axis=1))) if len(t) else 0
-        raise ValueError(
-            f"{file}: row {row + 2}; the rule is finite numbers, a time that rises, 2 rows or more"
-        )
+        raise ValueError(f"{file}: row {row + 2}. Expected finite numbers, a time that rises, 2 rows or more")
     surface = tuple(None if pd.isna(name) else str(name) for name in table["surface"])
     return HandPath(t, np.column_stack([x, y]), force, surface)
 

@@ -269,13 +269,11 @@ def observe(name: str, surface: SurfaceDefinition, scene: SceneDefinition, judge
         found = [r for r in open_dataset(str(surface.dataset)) if r.material == material]
         for r in found:
             if r.speed is None or r.normal_force is None:
-                raise ValueError(f"surface {name}: {r.recording_id} lacks speed or force; the rule is both")
+                raise ValueError(f"surface {name}: {r.recording_id} lacks speed or force. Expected both")
             pieces += _cut(r, r.speed, r.normal_force, scene, judge)
         if not found:
-            rule = "the rule is one of its materials"
-            raise ValueError(
-                f"surface {name}: dataset {surface.dataset} has no material {material!r}; {rule}"
-            )
+            rule = "Expected one of its surfaces"
+            raise ValueError(f"surface {name}: dataset {surface.dataset} has no surface {material!r}. {rule}")
         return divide_in_time(name, pieces, judge)
     steady = [not isinstance(r.speed, str) and not isinstance(r.force, str) for r in surface.recordings]
     pieces = [p for r in surface.recordings for p in _recorded(r, scene, judge)]
@@ -312,8 +310,8 @@ def divide_in_time(name: str, pieces: Sequence[Piece], judge: Judge) -> Observed
     seconds = judge.n_segment / judge.device.rate_hz
     if len(pieces) < 8:
         raise ValueError(
-            f"surface {name}: {len(pieces)} pieces of {seconds:.2g} s within the expected speeds and forces; "
-            "the rule is at least 8"
+            f"surface {name}: {len(pieces)} pieces of {seconds:.2g} s within the expected speeds and forces. "
+            "Expected at least 8"
         )
     how = f"pieces 2 and 4 of every 4, {seconds:.2g} s each"
     found = _observed(name, (pieces[::2], pieces[1::4], pieces[3::4]), judge, how)
@@ -333,7 +331,7 @@ def divide_by_speed(name: str, pieces: Sequence[Piece], judge: Judge) -> Observe
     if min(x.size for part in parts for x, _, _ in part) < judge.n_segment:
         raise ValueError(
             f"surface {name}: a part of a recording is shorter than {judge.n_segment} samples at the "
-            "device's rate; the rule is longer recordings"
+            "device's rate. Expected longer recordings"
         )
     how = f"speeds {', '.join(f'{v:g}' for v in sorted(out))} mm/s" if out else "the later halves"
     return _observed(name, parts, judge, how)
@@ -361,11 +359,11 @@ def _texture(path: Path, scene: SceneDefinition) -> Felt:
 def _simulated(name: str, scene: SceneDefinition) -> Felt:
     family, _, which = name.partition("/")
     if scene.device.unit != "m/s^2":
-        raise ValueError(f"unit of the device is {scene.device.unit}; the rule for simulations is m/s^2")
+        raise ValueError(f"unit of the device is {scene.device.unit}. Expected m/s^2 for simulations")
     if family == "catalogue" and which.isdecimal():
         return _catalogued(int(which), scene)
     if family != "abdulali2016":
-        raise ValueError(f"simulated is {name!r}; the rule is abdulali2016/S1 ... S9 or catalogue/0, 1, ...")
+        raise ValueError(f"simulated is {name!r}. Expected abdulali2016/S1 ... S9 or catalogue/0, 1, ...")
 
     from texclass.haptics.textures.resonant_surfaces import surface
 
@@ -443,7 +441,7 @@ def _vibration(found: Recording, scene: SceneDefinition) -> Samples:
     where = found.source or found.recording_id
     if found.fs < 2 * scene.device.band_hz[1]:
         raise ValueError(
-            f"{where}: fs is {found.fs:g} Hz; the rule is twice the end of the band, "
+            f"{where}: fs is {found.fs:g} Hz. Expected twice the end of the band, "
             f"{2 * scene.device.band_hz[1]:g} Hz, at least"
         )
     x = combine(np.asarray(found.acceleration, dtype=np.float64))
@@ -455,7 +453,7 @@ def _factor(unit: str, wanted: str, where: object) -> float:
         return 1.0
     if unit in ACCELERATION_UNITS and wanted in ACCELERATION_UNITS:
         return ACCELERATION_UNITS[unit] / ACCELERATION_UNITS[wanted]
-    raise ValueError(f"{where}: unit is {unit}, the device's {wanted}; the rule is the same, or both known")
+    raise ValueError(f"{where}: unit is {unit}, the device's {wanted}. Expected the same, or both known")
 
 
 def at_rate(x: Samples, fs: float, rate: float) -> Samples:
@@ -472,6 +470,6 @@ def at_rate(x: Samples, fs: float, rate: float) -> Samples:
     up, down = (np.rint(np.array([rate, fs]) / np.gcd(round(rate), round(fs)))).astype(int)
     if max(up, down) > LARGEST_FACTOR or abs(up * fs - down * rate) > 1e-9 * up * fs:
         raise ValueError(
-            f"rates are {fs:g} and {rate:g} Hz; the rule is a ratio of whole numbers up to {LARGEST_FACTOR}"
+            f"rates are {fs:g} and {rate:g} Hz. Expected a ratio of whole numbers up to {LARGEST_FACTOR}"
         )
     return np.asarray(signal.resample_poly(centred, up, down))

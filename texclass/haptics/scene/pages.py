@@ -85,7 +85,7 @@ def feel_page(
     """
     if scene.fs > HIGHEST_FS:
         raise ValueError(
-            f"scene {scene.name} has {scene.fs:g} Hz; the rule for a page is at most {HIGHEST_FS:g}: "
+            f"scene {scene.name} has {scene.fs:g} Hz. Expected for a page at most {HIGHEST_FS:g}: "
             "plan it for a lower rate_hz"
         )
     folder = files(__package__).joinpath("feel")

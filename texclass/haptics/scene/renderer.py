@@ -68,26 +68,24 @@ class PlannedScene(Stored):
     def __post_init__(self) -> None:
         low, high = self.band_hz
         if not (0 <= low < high <= self.fs / 2 and np.isfinite(self.fs)):
-            raise ValueError(
-                f"band is {self.band_hz} Hz, fs {self.fs} Hz; the rule is 0 <= low < high <= fs/2"
-            )
+            raise ValueError(f"band is {self.band_hz} Hz, fs {self.fs} Hz. Expected 0 <= low < high <= fs/2")
         positive(self.largest_output, "largest output")
         if not 1 <= self.contacts <= MOST_CONTACTS:
-            raise ValueError(f"contacts are {self.contacts!r:.40}; the rule is 1 to {MOST_CONTACTS}")
+            raise ValueError(f"contacts are {self.contacts!r:.40}. Expected 1 to {MOST_CONTACTS}")
         if not self.assigned or any(not 0 <= i < len(self.models) for i in self.assigned.values()):
             raise ValueError(
-                f"surfaces have models {list(self.assigned.values())} of {len(self.models)}; "
-                "the rule is a surface at least, each with one of the models"
+                f"surfaces have models {list(self.assigned.values())} of {len(self.models)}. "
+                "Expected a surface at least, each with one of the models"
             )
         odd = [model for model in self.models if (len(model.axes), model.scale) != (2, "log")]
         if odd:
             found = f"{len(odd[0].axes)} axes, scale {odd[0].scale!r}"
-            raise ValueError(f"a model has {found}; the rule is speed and force, 'log'")
+            raise ValueError(f"a model has {found}. Expected speed and force, 'log'")
 
     def index_of(self, surface: str) -> int:
         """Return which model a surface has."""
         if surface not in self.assigned:
-            raise ValueError(f"surface is {surface!r}; the rule is one of {', '.join(self.assigned)}")
+            raise ValueError(f"surface is {surface!r}. Expected one of {', '.join(self.assigned)}")
         return self.assigned[surface]
 
     def model_of(self, surface: str) -> GridModel:
@@ -183,7 +181,7 @@ class SceneRenderer:
     def __init__(self, scene: PlannedScene, *, n_contacts: int | None = None, seed: int = 0) -> None:
         n = scene.contacts if n_contacts is None else n_contacts
         if n < 1:
-            raise ValueError(f"n_contacts is {n}; the rule is at least 1")
+            raise ValueError(f"n_contacts is {n}. Expected at least 1")
         self.fs, self.n_contacts, self._seed = scene.fs, n, seed
         self._scene = scene
         bank, index = packed(scene)
@@ -237,7 +235,7 @@ class SceneRenderer:
             self._checked(contact)
         x: float = kernels.step(*self._arrays, contact, float(speed_x), float(speed_y), float(force))
         if x != x:  # noqa: PLR0124  NaN, and nothing is cheaper to ask
-            raise ValueError(f"speed and force are {(speed_x, speed_y, force)}; the rule is finite numbers")
+            raise ValueError(f"speed and force are {(speed_x, speed_y, force)}. Expected finite numbers")
         return x
 
     def step_all(self) -> Samples:
@@ -251,7 +249,7 @@ class SceneRenderer:
             If `motion` holds NaN or infinity: that contact stays as it was.
         """
         if not kernels.step_all(*self._arrays):
-            raise ValueError(f"motion is {self.motion.tolist()}; the rule is finite numbers")
+            raise ValueError(f"motion is {self.motion.tolist()}. Expected finite numbers")
         return self.out
 
     def process(
@@ -283,17 +281,17 @@ class SceneRenderer:
         v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
         if f.ndim != 2 or len(f) != self.n_contacts or v.shape != (*f.shape, 2):
             raise ValueError(
-                f"velocity has shape {v.shape}, force {f.shape}; the rule is ({self.n_contacts}, n, 2) "
+                f"velocity has shape {v.shape}, force {f.shape}. Expected ({self.n_contacts}, n, 2) "
                 f"and ({self.n_contacts}, n)"
             )
         if not (np.isfinite(v).all() and np.isfinite(f).all()):
-            raise ValueError("velocity or force holds NaN or infinity; the rule is finite numbers")
+            raise ValueError("velocity or force holds NaN or infinity. Expected finite numbers")
         wanted = np.zeros((0, 0), dtype=np.int64)
         if surfaces is not None:
             model = {name: self._model(name) for name in {name for row in surfaces for name in row}}
             wanted = np.array([[model[name] for name in row] for row in surfaces], dtype=np.int64)
             if wanted.shape != f.shape:
-                raise ValueError(f"surfaces have shape {wanted.shape}; the rule is {f.shape}, as the force")
+                raise ValueError(f"surfaces have shape {wanted.shape}. Expected {f.shape}, as the force")
         found = np.empty(f.shape) if out is None else out
         kernels.play(*self._arrays, v, f, wanted, found)
         return found
@@ -303,7 +301,7 @@ class SceneRenderer:
 
     def _checked(self, contact: int) -> int:
         if not 0 <= contact < self.n_contacts:
-            raise ValueError(f"contact is {contact}; the rule is 0 ... {self.n_contacts - 1}")
+            raise ValueError(f"contact is {contact}. Expected 0 ... {self.n_contacts - 1}")
         return contact
 
 

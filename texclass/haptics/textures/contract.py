@@ -109,7 +109,7 @@ class Stored:
         left = dict(arrays)
         tree = {name: _together(value, name, left) for name, value in parameters.items()}
         if left:
-            raise ValueError(f"{cls.family}: array {min(left)!r:.80} has no place; the rule is one for each")
+            raise ValueError(f"{cls.family}: array {min(left)!r:.80} has no place. Expected one for each")
         try:
             found = TypeAdapter(cls).validate_python(tree)
         except ValidationError as error:
@@ -121,10 +121,10 @@ class Stored:
             rule = {
                 "unexpected_keyword_argument": "no such key", "missing_argument": "that each key is given"
             }.get(first["type"], first["msg"].removeprefix("Input should be "))  # fmt: skip
-            raise ValueError(f"{cls.family}: {place} is {value!r:.80}; the rule is {rule}") from None
+            raise ValueError(f"{cls.family}: {place} is {value!r:.80}. Expected {rule}") from None
         if _in_words(found.parameters()) != _in_words(parameters):
             rule = "each key once, numbers as numbers: no text or true for one"
-            raise ValueError(f"{cls.family}: would not be written so; the rule is {rule}")
+            raise ValueError(f"{cls.family}: would not be written so. Expected {rule}")
         return found
 
 
@@ -246,7 +246,7 @@ def freeze(owner: object, **shapes: tuple[int | str, ...]) -> None:
     >>> path = SimpleNamespace(force=[1, 2], velocity=np.ones((3, 2)))
     >>> freeze(path, force=("n",), velocity=("n", 2))
     Traceback (most recent call last):
-    ValueError: velocity has shape (3, 2); the rule is (2, 2), finite
+    ValueError: velocity has shape (3, 2). Expected (2, 2), finite
     """
     lengths: dict[int | str, int] = {}
     for name, shape in shapes.items():
@@ -257,6 +257,6 @@ def freeze(owner: object, **shapes: tuple[int | str, ...]) -> None:
         )
         if not fits or not np.isfinite(array).all():
             rule = ", ".join(str(lengths.get(length, length)) for length in shape)
-            raise ValueError(f"{name} has shape {array.shape}; the rule is ({rule}), finite")
+            raise ValueError(f"{name} has shape {array.shape}. Expected ({rule}), finite")
         array.setflags(write=False)
         object.__setattr__(owner, name, array)

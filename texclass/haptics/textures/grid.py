@@ -99,24 +99,26 @@ class GridModel:
             rising = axis.ndim == 1 and axis.size and np.isfinite(axis).all() and np.all(np.diff(axis) > 0)
             if not rising or (self.scale == "log" and axis[0] <= 0):
                 above = ", above 0" if self.scale == "log" else ""
-                raise ValueError(f"an axis is {axis}; the rule is rising{above}")
+                raise ValueError(f"an axis is {axis}. Expected rising{above}")
             axis.setflags(write=False)
         if len(axes) not in (2, 3):
-            raise ValueError(f"axes are {len(axes)}; the rule is speed and force, or v_x, v_y and force")
+            raise ValueError(f"axes are {len(axes)}. Expected speed and force, or v_x, v_y and force")
         object.__setattr__(self, "axes", axes)
         lines, size = ("n_lines",), self.n_nodes
         freeze(self, rows=(*size, "columns"), power=size, frequency_hz=lines, per_mm=lines)
         lowest = min(self.power.min(), self.peak, self.frequency_hz.min(initial=0.0))
         if lowest < 0 or not np.isfinite(self.peak):
-            raise ValueError(f"power, peak or a frequency is {lowest}; the rule is finite and at least 0")
+            raise ValueError(
+                f"power, peak or a frequency is {lowest}. Expected a finite number of at least 0"
+            )
         if self.order < 0:
-            raise ValueError(f"rows have {self.rows.shape[-1]} columns; the rule is {self.n_lines} at least")
+            raise ValueError(f"rows have {self.rows.shape[-1]} columns. Expected {self.n_lines} at least")
         k, a = self.rows[..., : self.order], self.rows[..., self.order :]
         if np.abs(k).max(initial=0.0) >= 1:
-            raise ValueError(f"a reflection coefficient is {np.abs(k).max()}; the rule is below 1 in size")
+            raise ValueError(f"a reflection coefficient is {np.abs(k).max()}. Expected below 1 in size")
         in_range = a.min(initial=0.0) >= 0 and a.max(initial=0.0) <= 2
         if not in_range or (a**2).sum(axis=-1).max(initial=0.0) > 2 * (1 + 1e-9):
-            raise ValueError("amplitudes of lines; the rule is at least 0, their squares 2 at most in sum")
+            raise ValueError("amplitudes of lines. Expected at least 0, their squares 2 at most in sum")
 
     @classmethod
     def silence(cls) -> "GridModel":

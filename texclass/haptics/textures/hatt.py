@@ -60,21 +60,21 @@ class Mesh:
         freeze(self, speed=("n_nodes",), force=("n_nodes",), triangles=("n_triangles", 3))
         for name in ("speed", "force"):
             if np.any(getattr(self, name) < 0):
-                raise ValueError(f"{name} of a node is {getattr(self, name).min()}; the rule is >= 0")
+                raise ValueError(f"{name} of a node is {getattr(self, name).min()}. Expected >= 0")
         n, found = self.speed.size, self.triangles
         if not 0 < len(found) <= MOST_TRIANGLES:
             raise ValueError(
-                f"triangles have shape {found.shape}; the rule is (n, 3), n in 1 ... {MOST_TRIANGLES}"
+                f"triangles have shape {found.shape}. Expected (n, 3), n in 1 ... {MOST_TRIANGLES}"
             )
         wrong = ~((found >= 0) & (found < n) & (found == np.floor(found)))
         if wrong.any():
-            raise ValueError(f"a corner is node {found[wrong][0]:g} of {n}; the rule is one of them")
+            raise ValueError(f"a corner is node {found[wrong][0]:g} of {n}. Expected one of them")
         corners = found.astype(np.int64)
         corners.setflags(write=False)
         object.__setattr__(self, "triangles", corners)
         flat = np.flatnonzero(~(np.abs(_doubled_areas(self.points[corners])) > 1e-12))
         if flat.size:
-            raise ValueError(f"triangle {flat[0]} {corners[flat[0]].tolist()} has no area; the rule is one")
+            raise ValueError(f"triangle {flat[0]} {corners[flat[0]].tolist()} has no area. Expected one")
 
     @cached_property
     def points(self) -> Samples:
@@ -135,7 +135,9 @@ def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.in
     given = np.column_stack([np.ravel(speed), np.ravel(force)]).astype(np.float64)
     top = given.max(axis=0, initial=0.0)
     if not (np.all(np.isfinite(given) & (given >= 0)) and np.all(top > 0)):
-        raise ValueError(f"speeds and forces reach {top.tolist()}; the rule is finite, >= 0, largest above 0")
+        raise ValueError(
+            f"speeds and forces reach {top.tolist()}. Expected a finite number of at least 0, largest above 0"
+        )
     scaled = given / top
     side = np.linspace(0.0, 1.0, 6)
     border = np.array([(x, y) for x in side for y in side if x in (0.0, 1.0) or y in (0.0, 1.0)])
@@ -237,24 +239,24 @@ class HattTexture(Texture):
         positive(self.fs, "fs")
         p, q = self.order, self.ma_order
         if not (1 <= p <= LARGEST_ORDER and q <= LARGEST_ORDER):
-            raise ValueError(f"orders are {p} (AR) and {q} (MA); the rule is 1 ... and 0 ... {LARGEST_ORDER}")
+            raise ValueError(f"orders are {p} (AR) and {q} (MA). Expected 1 ... and 0 ... {LARGEST_ORDER}")
         if n * (p**2 + q**2) > MOST_WORK:
-            raise ValueError(f"{n} nodes of orders {p} and {q}; the rule is n (p^2 + q^2) <= {MOST_WORK}")
+            raise ValueError(f"{n} nodes of orders {p} and {q}. Expected n (p^2 + q^2) <= {MOST_WORK}")
         for name in ("mu", "variance", "gain"):
             lowest = np.min(getattr(self, name))
             if not 0 <= lowest < np.inf:
-                raise ValueError(f"{name} is {lowest}; the rule is finite, >= 0 (at each node)")
+                raise ValueError(f"{name} is {lowest}. Expected a finite number of at least 0 (at each node)")
         for name in ("ar_lsf", "ma_lsf")[: 2 if q else 1]:
             gaps = np.diff(getattr(self, name), axis=1, prepend=0.0, append=np.pi)
             narrow = np.argwhere(gaps < line_spectrum.MIN_GAP)
             if narrow.size:
                 node, i = narrow[0]
                 raise ValueError(
-                    f"{name} of node {node} has a gap of {gaps[node, i]:.3g} at place {i}; the rule is "
+                    f"{name} of node {node} has a gap of {gaps[node, i]:.3g} at place {i}. Expected "
                     f"rising in (0, pi), gaps of at least {line_spectrum.MIN_GAP:g} rad: a stable model"
                 )
         if not np.all(np.isfinite(self.levels)):
-            raise ValueError("the RMS of a node exceeds a float; the rule is a finite one")
+            raise ValueError("the RMS of a node exceeds a float. Expected a finite one")
 
     @classmethod
     def from_models(
@@ -299,7 +301,7 @@ class HattTexture(Texture):
         ma = np.zeros((len(ar), 0)) if ma_lsf is None else np.asarray(ma_lsf, dtype=np.float64)
         g = np.ones(len(ar)) if gain is None else np.asarray(gain, dtype=np.float64)
         if {ar.shape[:1], ma.shape[:1], s2.shape, g.shape} != {np.shape(np.ravel(speed))}:
-            raise ValueError(f"ar_lsf has shape {ar.shape}, variance {s2.shape}; the rule is one row a speed")
+            raise ValueError(f"ar_lsf has shape {ar.shape}, variance {s2.shape}. Expected one row a speed")
         touching = (mesh.speed > 0) & (mesh.force > 0)
         silent = np.where(touching, s2[source], 0.0)
         return cls(mesh, ar[source], ma[source], silent, g[source], fs, name, mu)

@@ -41,9 +41,9 @@ def checked_path(velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Sample
     v = np.ascontiguousarray(velocity, dtype=np.float64)
     f = np.ascontiguousarray(force, dtype=np.float64)
     if f.ndim != 1 or v.shape != (f.size, 2):
-        raise ValueError(f"velocity has shape {v.shape}, force {f.shape}; the rule is (n, 2) and (n,)")
+        raise ValueError(f"velocity has shape {v.shape}, force {f.shape}. Expected (n, 2) and (n,)")
     if not _all_finite(v, f):
-        raise ValueError("the path holds NaN or infinity; the rule is finite velocities and forces")
+        raise ValueError("the path holds NaN or infinity. Expected finite velocities and forces")
     return v, f
 
 

@@ -71,7 +71,7 @@ class SpeedTexture(Texture):
         """Return where speeds (mm/s) lie among the recorded ones, 0 ... n_speeds - 1, held at both ends."""
         v = np.asarray(speed, dtype=np.float64)
         if not np.all(np.isfinite(v) & (v >= 0)):
-            raise ValueError(f"speed is {speed!r}; the rule is finite and at least 0")
+            raise ValueError(f"speed is {speed!r}. Expected a finite number of at least 0")
         return np.asarray(np.interp(v, self.speeds, np.arange(self.speeds.size)))
 
     @abstractmethod
@@ -132,11 +132,11 @@ class LpcTexture(SpeedTexture):
         k = self.models.reflection
         if k.ndim != 2 or k.shape[0] != self.speeds.size or k.shape[1] < 1:
             raise ValueError(
-                f"models have reflection {k.shape}; the rule is ({self.speeds.size}, order), one a speed"
+                f"models have reflection {k.shape}. Expected ({self.speeds.size}, order), one a speed"
             )
         with np.errstate(over="ignore"):
             if not np.all(np.isfinite(self.models.level)):
-                raise ValueError(f"levels are {self.models.level}; the rule is finite ones")
+                raise ValueError(f"levels are {self.models.level}. Expected finite ones")
         _ = self._blend  # refuses an unknown loudness
 
     @cached_property
@@ -241,13 +241,13 @@ class FrequencyTexture(SpeedTexture):
         object.__setattr__(self, "models", tuple(self.models))
         if len(self.models) != self.speeds.size or not any(m.frequency_hz.size for m in self.models):
             raise ValueError(
-                f"there are {len(self.models)} models for speeds {self.speeds}; the rule is one for each, "
+                f"there are {len(self.models)} models for speeds {self.speeds}. Expected one for each, "
                 "with a frequency in one of them at least"
             )
         with np.errstate(over="ignore"):
             largest = max(float(m.amplitude.sum()) for m in self.models)
         if not np.isfinite(largest):
-            raise ValueError(f"amplitudes add up to {largest}; the rule is a finite sum")
+            raise ValueError(f"amplitudes add up to {largest}. Expected a finite sum")
 
     @cached_property
     def tracks(self) -> tuple[Samples, Samples, Samples]:
@@ -365,7 +365,7 @@ def fit_frequencies(
 def _rising(speeds: ArrayLike) -> Samples:
     v = np.array(one_channel(speeds, "speeds"))
     if v.size < 2 or v[0] <= 0 or np.any(np.diff(v) <= 0):
-        raise ValueError(f"speeds are {v}; the rule is two or more, above 0 and rising")
+        raise ValueError(f"speeds are {v}. Expected two or more, above 0 and rising")
     v.setflags(write=False)
     return v
 
@@ -374,12 +374,12 @@ def _checked(signals: Sequence[ArrayLike], speeds: ArrayLike) -> tuple[Samples, 
     """Return speeds, recordings without their means, and the largest magnitude of these; or a ValueError."""
     v = _rising(speeds)
     if len(signals) != v.size:
-        raise ValueError(f"there are {len(signals)} recordings and {v.size} speeds; the rule is one for each")
+        raise ValueError(f"there are {len(signals)} recordings and {v.size} speeds. Expected one for each")
     found = [one_channel(x, f"recording at speed {u:g}", at_least=3) for x, u in zip(signals, v, strict=True)]
     found = [x - x.mean() for x in found]
     for x, u in zip(found, v, strict=True):
         if not np.any(x):
-            raise ValueError(f"the recording at speed {u:g} is constant; the rule is a vibration")
+            raise ValueError(f"the recording at speed {u:g} is constant. Expected a vibration")
     return v, found, max(float(np.abs(x).max()) for x in found)
 
 
@@ -479,6 +479,6 @@ def speed_intervals(friction: float) -> SpeedIntervals:
     0-4, 4-8, 8-12, > 12 cm/s
     """
     if not (np.isfinite(friction) and friction >= 0):
-        raise ValueError(f"friction is {friction}; the rule is finite and at least 0")
+        raise ValueError(f"friction is {friction}. Expected a finite number of at least 0")
     known = int(np.searchsorted(FRICTION, friction + 1e-9, side="right")) - 1
     return SpeedIntervals.equal(1 if friction >= EXTREME else N_INTERVALS[known])

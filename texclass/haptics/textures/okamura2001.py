@@ -72,7 +72,7 @@ def find_onset(tap: ArrayLike) -> float:
     x, _ = to_unit_scale(one_channel(tap, "tap", at_least=4))
     peak = int(np.argmax(np.abs(x)))
     if x[peak] == 0:
-        raise ValueError("tap is all zero; the rule is at least one sample that is not")
+        raise ValueError("tap is all zero. Expected at least one sample that is not")
     magnitude = np.abs(x[: peak + 1])
     noise = np.median(magnitude[: max(peak // 2, 1)])
     clear = 8.0 * noise  # 5.4 deviations of Gaussian noise
@@ -196,7 +196,7 @@ class TapLibrary(Stored, Mapping[str, TapModel]):
         n = len(self.materials)
         if not n or len(set(self.materials)) != n or len(self.models) != n:
             raise ValueError(
-                f"{len(self.models)} models for materials {self.materials}; the rule is one for each name, "
+                f"{len(self.models)} models for materials {self.materials}. Expected one for each name, "
                 "names that differ, one at least"
             )
 
@@ -241,7 +241,7 @@ def fit_library(
         If the materials differ between the two mappings, or as `fit_aligned`.
     """
     if set(taps) != set(velocity):
-        raise ValueError(f"materials are {sorted(taps)} and {sorted(velocity)}; the rule is the same ones")
+        raise ValueError(f"materials are {sorted(taps)} and {sorted(velocity)}. Expected the same ones")
     found = {material: fit_aligned(taps[material], velocity[material], fs) for material in taps}
     return TapLibrary(tuple(found), tuple(one.model for one in found.values()), unit), found
 
@@ -291,11 +291,9 @@ class ForceDevice:
         for name in ("band_hz", "force_n"):
             low, high = getattr(self, name)
             if not 0 < low < high < np.inf:
-                raise ValueError(f"{name} is {(low, high)}; the rule is 0 < low < high")
+                raise ValueError(f"{name} is {(low, high)}. Expected 0 < low < high")
         if self.band_hz[1] >= self.rate_hz / 2 or self.force_n[1] > self.limit_n:
-            raise ValueError(
-                f"{self}; the rule is a band below half the rate, and a vibration within the limit"
-            )
+            raise ValueError(f"{self}. Expected a band below half the rate, and a vibration within the limit")
 
     def peak_force(self, model: TapModel, velocity: float) -> float:
         """Return the largest force (N) that a tap at this velocity (m/s) asks for."""
@@ -342,7 +340,7 @@ def scale_into(library: TapLibrary, device: ForceDevice, largest_velocity: float
     ]
     forces = [device.peak_force(m, v) for m in shaped]
     if min(forces) == 0:
-        raise ValueError(f"peak forces are {forces} N; the rule is amplitude slopes other than 0")
+        raise ValueError(f"peak forces are {forces} N. Expected amplitude slopes other than 0")
     gains = _into(forces, device.force_n) / forces
     models = [
         TapModel(float(m.amplitude_slope * g), m.decay_per_s, m.frequency_hz)
@@ -395,7 +393,7 @@ class VirtualWall:
         positive(self.stiffness_n_mm, "stiffness_n_mm")
         if self.tap.frequency_hz >= self.device.rate_hz / 2:
             raise ValueError(
-                f"frequency is {self.tap.frequency_hz} Hz; the rule is below half of {self.device.rate_hz} Hz"
+                f"frequency is {self.tap.frequency_hz} Hz. Expected below half of {self.device.rate_hz} Hz"
             )
 
     @property
@@ -455,7 +453,7 @@ class WallRenderer:
         v = np.ascontiguousarray(velocity_mm_s, dtype=np.float64)
         fits = np.ndim(depth_mm) == 1 and x.shape == v.shape
         if not (fits and np.isfinite([x, v]).all()):
-            raise ValueError(f"depth {x.shape} and velocity {v.shape}; the rule is (n,) finite values each")
+            raise ValueError(f"depth {x.shape} and velocity {v.shape}. Expected (n,) finite values each")
         out = np.empty(x.size)
         p = self._pole
         _press(x, v, self._push, p.real, p.imag, self._release, self._k, self._limit, self._state, out)

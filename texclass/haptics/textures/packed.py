@@ -88,10 +88,10 @@ class PackedTexture(Texture):
         data = np.asarray(self.data)
         whole = data.ndim == 1 and data.dtype.kind in "iu" and SHORTEST <= data.size <= MOST_BYTES
         if not whole or data.min() < 0 or data.max() > 255:
-            raise ValueError(f"data have shape {data.shape}; the rule is {SHORTEST} to {MOST_BYTES} bytes")
+            raise ValueError(f"data have shape {data.shape}. Expected {SHORTEST} to {MOST_BYTES} bytes")
         content = bytes(data.astype(np.uint8))
         if content != sealed(content[2:]):
-            raise ValueError("the bytes are damaged; the rule is their mark and a checksum that fits")
+            raise ValueError("the bytes are damaged. Expected their mark and a checksum that fits")
         kept = data.astype(np.int64)
         kept.setflags(write=False)
         object.__setattr__(self, "data", kept)
@@ -167,7 +167,7 @@ class PackedTexture(Texture):
             If the friction is not 0 to 2.55.
         """
         if mu is not None and not 0 <= mu <= MOST_MU:
-            raise ValueError(f"friction is {mu}; the rule is 0 to {MOST_MU:g}")
+            raise ValueError(f"friction is {mu}. Expected 0 to {MOST_MU:g}")
         facts = {"modes": mode_codes(self.tap if tap is None else tap), "mu": self.mu if mu is None else mu}
         body = self.to_bytes()[2 : 2 + self._read["size"]] + held(facts)
         return type(self).from_bytes(sealed(body), self.name)
@@ -293,7 +293,7 @@ def decode(body: bytes) -> dict[str, Any]:
     def take(n: int) -> int:
         nonlocal place
         if place + n > len(text):
-            raise ValueError(f"{len(body) + 2} bytes end within a value; the rule is all that they announce")
+            raise ValueError(f"{len(body) + 2} bytes end within a value. Expected all that they announce")
         place += n
         return int(text[place - n : place], 2)
 
@@ -301,7 +301,7 @@ def decode(body: bytes) -> dict[str, Any]:
     fs = RATES[rate] if rate < len(RATES) else take(17)
     order, first, last = take(7), take(3) + 1, take(3) + 1
     if unit >= len(UNITS) or order < 1 or fs < 40:
-        raise ValueError(f"unit {unit}, order {order}, fs {fs}; the rule is known, above 0, at least 40 Hz")
+        raise ValueError(f"unit {unit}, order {order}, fs {fs}. Expected known, above 0, at least 40 Hz")
     found: dict[str, Any] = {"fs": fs, "unit": UNITS[unit]}
     found["level_db"] = LEVELS.number(take(LEVELS.bits))
     found["slopes_db"] = [SLOPES.number(take(SLOPES.bits)) for _ in range(2 * known)]

@@ -79,9 +79,9 @@ def pack(
         If a rule is broken, the source is silent, or shorter than a piece of 0.125 s.
     """
     if not LEAST_BYTES <= n_bytes <= packed.MOST_BYTES:
-        raise ValueError(f"bytes are {n_bytes}; the rule is {LEAST_BYTES} to {packed.MOST_BYTES}")
+        raise ValueError(f"bytes are {n_bytes}. Expected {LEAST_BYTES} to {packed.MOST_BYTES}")
     if unit not in UNITS:
-        raise ValueError(f"unit is {unit!r}; the rule is one of {', '.join(UNITS)}")
+        raise ValueError(f"unit is {unit!r}. Expected one of {', '.join(UNITS)}")
     # a mode for each 16 bytes that may be used
     most, name = min(n_bytes // 16, packed.MOST_MODES), name or str(getattr(source, "name", ""))
     tap = source.tap.strongest(most) if isinstance(source, PackedTexture) else NO_MODES
@@ -90,7 +90,7 @@ def pack(
         source, fs, unit, tap, mu = _felt_of(source, most)
     pieces, rate = _pieces(source, fs)
     if rate != round(rate) or not 40 <= min(rate, most_hz) < 1 << 17:
-        raise ValueError(f"fs is {rate} Hz; the rule is a whole number, 40 to 131,071")
+        raise ValueError(f"fs is {rate} Hz. Expected a whole number, 40 to 131,071")
     seen = _seen(pieces, rate, gain_db, most_hz)
     facts: dict[str, Any] = {"unit": unit, "modes": packed.mode_codes(tap), "mu": min(mu, packed.MOST_MU)}
     facts |= {key: seen[key] for key in ("fs", "level_db", "slopes_db", "ends")}
@@ -105,7 +105,7 @@ def pack(
         if cost < least:
             best, least = packed.encode(facts | {"bits": bits, "codes": codes.tolist()}), cost
     if not best:
-        raise ValueError(f"bytes are {n_bytes}; the rule is more of them for several speeds: 16 at least")
+        raise ValueError(f"bytes are {n_bytes}. Expected more of them for several speeds: 16 at least")
     return PackedTexture.from_bytes(best, name)
 
 
@@ -164,13 +164,13 @@ def _pieces(source: Any, fs: float | None) -> tuple[list[tuple[Samples, float, f
         means = [(x, float(v.mean()), float(f.mean())) for x, v, f in zip(*tracks, strict=True)]
         moved = [piece for piece in means if piece[1] >= packed.REST_MM_S and piece[2] >= packed.LIGHT_N]
         if len(moved) < 8:
-            raise ValueError(f"scan has {len(moved)} pieces of {FRAME_S} s in motion; the rule is at least 8")
+            raise ValueError(f"scan has {len(moved)} pieces of {FRAME_S} s in motion. Expected at least 8")
         return moved, source.fs
     if fs is None:
-        raise ValueError("fs is missing; the rule is a rate in Hz for a vibration alone")
+        raise ValueError("fs is missing. Expected a rate in Hz for a vibration alone")
     x = np.asarray(source, dtype=np.float64)
     if x.ndim != 1 or x.size < FRAME_S * fs or not np.isfinite(x).all():
-        raise ValueError(f"vibration has shape {x.shape}; the rule is one axis, finite, {FRAME_S} s at least")
+        raise ValueError(f"vibration has shape {x.shape}. Expected one axis, finite, {FRAME_S} s at least")
     return [(one, 0.0, 0.0) for one in _cut(x, fs, overlap=2)], fs
 
 
@@ -200,7 +200,7 @@ def _seen(
     S[:, :low] = S[:, [low]]
     power = np.fft.irfft(S, axis=-1)[:, 0]
     if not power.max() > 0:
-        raise ValueError("the source is silent; the rule is a vibration")
+        raise ValueError("the source is silent. Expected a vibration")
     heard = power > 1e-9 * power.max()
     S, power, speed, force = S[heard], power[heard], speed[heard], force[heard]
     known = bool(speed.min() > 0 and np.ptp(np.log2(speed)) >= 0.5)
@@ -373,13 +373,11 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **aske
     """
     if not asked or not set(asked) <= set(SCALES):
         told = ", ".join(asked) or "nothing"
-        raise ValueError(f"asked for {told}; the rule is one or more of {', '.join(SCALES)}")
+        raise ValueError(f"asked for {told}. Expected one or more of {', '.join(SCALES)}")
     tap, mu = _held(texture)
     for name, what, lacks in (("hard", "tap", not tap.n_modes), ("sticky", "friction", not mu)):
         if name in asked and lacks:
-            raise ValueError(
-                f"asked for {name}, and the texture has no {what}; the rule is one with a {what}"
-            )
+            raise ValueError(f"asked for {name}, and the texture has no {what}. Expected one with a {what}")
     if "hard" in asked:  # a stiffer spring: a ~ v w sin(w t)
         c = SCALES["hard"].measured(asked["hard"]) / SCALES["hard"].measured(_touched(tap, mu)["hard"])
         higher = np.minimum(c * tap.frequency_hz, 0.49 * RETOUCH.tap_fs)
@@ -391,7 +389,7 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **aske
         found = _reshaped(texture, asked, n_bytes, unit).holding(tap=tap, mu=mu)
     hard = _touched(found.tap, mu).get("hard", 0.0)
     if abs(hard - asked.get("hard", hard)) > RETOUCH.near:
-        raise ValueError(f"asked for {asked}; the rule is what a tap of 8 to 5000 Hz holds: hard {hard:.1f}")
+        raise ValueError(f"asked for {asked}. Expected what a tap of 8 to 5000 Hz holds: hard {hard:.1f}")
     return found
 
 
@@ -422,7 +420,7 @@ def _reshaped(texture: Texture, asked: dict[str, float], n_bytes: int, unit: str
     if least > RETOUCH.near:
         near = ", ".join(f"{name} {value:.1f}" for name, value in zip(OF_SPECTRUM, at, strict=True))
         raise ValueError(
-            f"asked for {asked}; the rule is what {RETOUCH.most_db:g} dB and {n_bytes} bytes hold: {near}"
+            f"asked for {asked}. Expected what {RETOUCH.most_db:g} dB and {n_bytes} bytes hold: {near}"
         )
     return nearest
 

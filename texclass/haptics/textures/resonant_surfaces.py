@@ -127,5 +127,5 @@ def surface(name: str) -> ResonantSurface:
     """Return the surface of a name, S1 ... S9."""
     known = {each.name: each for each in SURFACES}
     if name not in known:
-        raise ValueError(f"surface is {name!r}; the rule is one of {', '.join(known)}")
+        raise ValueError(f"surface is {name!r}. Expected one of {', '.join(known)}")
     return known[name]

@@ -50,7 +50,7 @@ class Scan:
         object.__setattr__(self, "speed", np.hypot(*self.velocity.T))
         freeze(self, speed=("n",))
         if not len(self):
-            raise ValueError(f"scan {self.name!r} holds no sample; the rule is at least one")
+            raise ValueError(f"scan {self.name!r} holds no sample. Expected at least one")
 
     def __len__(self) -> int:
         return int(self.acceleration.size)
@@ -114,10 +114,10 @@ class Scan:
         a = np.asarray(recording.acceleration if acceleration is None else acceleration)
         where = recording.source or recording.recording_id
         if recording.speed is None or recording.normal_force is None:
-            raise ValueError(f"{where}: the rule is a recording with speed and normal force")
+            raise ValueError(f"{where}: no speed or normal force. Expected a recording with both")
         if a.ndim == 2 and a.shape[1] == 1:
             a = a[:, 0]
         if a.ndim != 1:
-            raise ValueError(f"{where}: acceleration has shape {a.shape}; the rule is one axis: combine them")
+            raise ValueError(f"{where}: acceleration has shape {a.shape}. Expected one axis: combine them")
         name = recording.material or recording.recording_id
         return cls.along_line(a, recording.speed, recording.normal_force, recording.fs, name)

@@ -109,7 +109,7 @@ class Ring:
             If they are not at hand.
         """
         if not self.start <= start <= stop <= self.stop:
-            raise ValueError(f"rows {start} to {stop}; the rule is from {self.start} to {self.stop}")
+            raise ValueError(f"rows {start} to {stop}. Expected from {self.start} to {self.stop}")
         return self._rows[start - self._front : stop - self._front]
 
     @property

@@ -254,13 +254,13 @@ class OnlineRecogniser:
         block = np.asarray(samples, dtype=np.float64)
         rows = block[:, None] if block.ndim == 1 else block
         if rows.ndim != 2 or rows.shape[1] == 0:
-            raise ValueError(f"samples have shape {block.shape}; the rule is (n,) or (n, n_columns)")
+            raise ValueError(f"samples have shape {block.shape}. Expected (n,) or (n, n_columns)")
         if not np.isfinite(rows).all():
-            raise ValueError("a sample is NaN or infinite; the rule is finite samples, or an interruption")
+            raise ValueError("a sample is NaN or infinite. Expected finite samples, or an interruption")
         if not self._ready:
             self._prepare(rows.shape[1])
         if rows.shape[1] != self.n_columns:
-            raise ValueError(f"samples have {rows.shape[1]} columns; the rule is {self.n_columns}, as before")
+            raise ValueError(f"samples have {rows.shape[1]} columns. Expected {self.n_columns}, as before")
         rows, found = self._stretches.conditioned(rows), list[Update]()
         for first in range(0, len(rows), self._piece):
             self._ring.push(rows[first : first + self._piece])

@@ -154,8 +154,7 @@ class Timing:
             self._start_ns, self._shape = int(stamps_ns[0]), samples.shape[1:]
         if samples.shape[1:] != self._shape:
             raise RecordingError(
-                f"messages of {samples.shape[1:]} samples and channels after {self._shape}; "
-                "the rule is one size"
+                f"messages of {samples.shape[1:]} samples and channels after {self._shape}. Expected one size"
             )
         if self.fs is None:
             self._waiting.append((stamps_ns, sent_ns, samples))
@@ -348,7 +347,10 @@ class Resampler:
 
     def __init__(self, fs: float, to: float) -> None:
         if not (fs > 0 and to > 0 and 1e-3 <= to / fs <= 1e3):
-            raise ValueError(f"from {fs} Hz to {to} Hz; the rule is above 0 and at most a factor 1000 apart")
+            raise ValueError(
+                f"cannot resample from {fs} Hz to {to} Hz. Expected positive rates, "
+                "at most a factor of 1000 apart"
+            )
         ratio = Fraction(to / fs).limit_denominator(1000)
         self._p, self._q = ratio.numerator, ratio.denominator
         slower = max(self._p, self._q)

@@ -95,7 +95,7 @@ def open_source(
     _check_options(source, reading, raw_channels)
     needs = ACCELERATION_ONLY if model is None else model.needs
     if not block_s > 0:
-        raise ValueError(f"block_s is {block_s}; the rule is above 0")
+        raise ValueError(f"block_s is {block_s}. Expected a positive number")
     if source == "-":
         blocks = _heard(file or sys.stdin.buffer, fs, unit, block_s, raw_channels, model, **reading)
     elif isinstance(source, str) and source.startswith(ROS2):
@@ -119,13 +119,13 @@ def _check_options(source: str | Recording, reading: Mapping[str, Any], raw_chan
     is_topic = isinstance(source, str) and source.startswith(ROS2)
     if wrong := [name for name in reading if (name in OF_FILES) == is_topic]:
         rule = "a file" if is_topic else "a source ros2:/TOPIC"
-        raise ValueError(f"{', '.join(wrong)} given with {source}; the rule is {rule}")
+        raise ValueError(f"{', '.join(wrong)} given with {source}. Expected {rule}")
     of_files = not {*OF_FILES}.difference(("column", "delimiter")).isdisjoint(reading)
     if source == "-" and (of_files or (raw_channels is not None and "delimiter" in reading)):
         rule = "a rate (--fs) in place of a time column, and --column and --delimiter (of text) alone"
-        raise ValueError(f"{', '.join(reading)} given with {STDIN}; the rule is {rule}")
+        raise ValueError(f"{', '.join(reading)} given with {STDIN}. Expected {rule}")
     if raw_channels is not None and source != "-":
-        raise ValueError(f"{raw_channels} channels given with {source}; the rule is standard input, -")
+        raise ValueError(f"{raw_channels} channels given with {source}. Expected standard input, -")
 
 
 def _heard(
@@ -142,13 +142,13 @@ def _heard(
     ReaderSettings(fs=fs, unit=unit, delimiter=delimiter).check(STDIN)
     unit = agreed_unit(None, unit or (None if model is None else model.manifest.input.unit), STDIN)
     if fs is None:
-        raise RecordingError(f"{STDIN}: fs is missing; the rule is a rate in Hz, never guessed: give --fs")
+        raise RecordingError(f"{STDIN}: fs is missing. Expected a rate in Hz, never guessed: give --fs")
     n = max(1, round(block_s * fs))
     if raw_channels is None:
         blocks = _text(file, fs, unit, n, delimiter)
     else:
         if not 1 <= raw_channels <= MOST_CHANNELS:
-            raise ValueError(f"n_channels is {raw_channels}; the rule is 1 to {MOST_CHANNELS}")
+            raise ValueError(f"n_channels is {raw_channels}. Expected 1 to {MOST_CHANNELS}")
         if model is not None:
             model.needs.n_axes(len(columns_of(column)) or raw_channels)
         blocks = _binary(file, fs, unit, raw_channels, n)
@@ -197,13 +197,13 @@ def _text(file: BinaryIO, fs: float, unit: str, n: int, delimiter: str | None) -
     if not 1 <= width <= MOST_CHANNELS:
         number, _, shown = first[0]
         raise RecordingError(
-            f"{STDIN}: line {number} is {shown!r}, of {width} numbers, like those after it; the rule is a "
+            f"{STDIN}: line {number} is {shown!r}, of {width} numbers, like those after it. Expected a "
             f"sample a line, 1 to {MOST_CHANNELS} numbers (float32 takes --channels)"
         )
     said, rows, done = list[str](), list[list[float]](), 0
     for number, row, shown in chain(first, lines):
         if not (is_whole := len(row) == width):
-            said.append(f"garbled: line {number} is {shown!r}; the rule is {width} numbers")
+            said.append(f"garbled: line {number} is {shown!r}. Expected {width} numbers")
         if is_whole or rows or done:  # what comes before the first sample is none
             rows.append(row if is_whole else [math.nan] * width)
         if len(rows) == n:

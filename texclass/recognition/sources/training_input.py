@@ -79,13 +79,13 @@ class Needs:
 
     def lacks(self, name: Beside) -> str:
         """Return what to say of a source without one of the signals, and what to train instead."""
-        rule = f"the rule is {', '.join(self.names)}, as the model was trained"
+        rule = f"Expected {', '.join(self.names)}, as in training"
         if name == "friction":
             return (
-                f"no friction, needed by {', '.join(self.of_friction)}; {rule} (texclass train with a --row "
+                f"no friction, needed by {', '.join(self.of_friction)}. {rule} (texclass train with a --row "
                 "of acceleration only makes a model that needs none)"
             )
-        return f"no turn rate; {rule} (recordings without turn rate make a model that needs none)"
+        return f"no turn rate. {rule} (recordings without turn rate make a model that needs none)"
 
     def n_axes(self, n_columns: int) -> int:
         """Return how many of the columns of a stream are axes of the acceleration.
@@ -99,7 +99,7 @@ class Needs:
         if n_columns <= n_beside or (self.axes and n_columns != len(self.names)):
             more = "" if self.axes else " or more"
             raise ValueError(
-                f"the stream has {n_columns} columns; the rule is {len(self.names)}{more}, "
+                f"the stream has {n_columns} columns. Expected {len(self.names)}{more}, "
                 f"{', '.join(self.names)}, as the model was trained"
             )
         return n_columns - n_beside

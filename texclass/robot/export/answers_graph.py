@@ -242,7 +242,7 @@ def _ask(rows: Tensor, estimator: Any, votes: bool | None = None) -> Tensor:
         if isinstance(estimator, SimpleImputer):
             raise OnnxExportError(
                 f"{_class_name(estimator)} has add_indicator = {estimator.add_indicator}, missing_values = "
-                f"{estimator.missing_values}; the rule is False and NaN"
+                f"{estimator.missing_values}. Expected False and NaN"
             )
         return _converted(estimator, rows)
     n_classes = len(estimator.classes_)
@@ -252,8 +252,8 @@ def _ask(rows: Tensor, estimator: Any, votes: bool | None = None) -> Tensor:
         return scores if n_classes > 2 else _both(scores)
     if not hasattr(estimator, "predict_proba"):
         raise OnnxExportError(
-            f"{_class_name(estimator)} as it is set has answers alone; "
-            "the rule is a classifier with decisions or probabilities"
+            f"{_class_name(estimator)} has labels only, no decisions or probabilities. "
+            "Expected a classifier with decisions or probabilities"
         )
     return _as_decisions(_converted(estimator, rows, {"zipmap": False}), n_classes, votes)
 
@@ -318,8 +318,8 @@ def _converted(part: Any, rows: Tensor, *choices: dict[str, bool]) -> Tensor:
             return rows.graph.embed(Extractor(whole).extract_model(["rows"], [last]), rows)
     said = str(problem).strip().partition("\n")[0]
     raise OnnxExportError(
-        f"{_class_name(part)} has no export to ONNX ({said}); "
-        "the rule is what shipped pipelines name, or what skl2onnx converts"
+        f"{_class_name(part)} has no export to ONNX ({said}). "
+        "Expected what shipped pipelines name, or what skl2onnx converts"
     ) from problem
 
 

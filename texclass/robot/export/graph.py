@@ -250,9 +250,7 @@ class Graph:
         try:
             checker.check_model(model, full_check=True)
         except Exception as error:  # its exceptions have no class in common
-            raise OnnxExportError(
-                f"the graph is not valid ({error}); the rule is opset {OPSETS['']}"
-            ) from error
+            raise OnnxExportError(f"the graph is not valid ({error}). Expected opset {OPSETS['']}") from error
         return model
 
     def _new(self, kind: str) -> str:

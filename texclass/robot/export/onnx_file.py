@@ -180,7 +180,7 @@ def check_onnx(path: str | Path) -> str:
         materials = json.loads(facts["materials"])
     except Exception as error:  # whatever reading another file runs into
         raise OnnxExportError(
-            f"{path}: not a model of texclass ({type(error).__name__}: {error}); the rule is a file that "
+            f"{path}: not a model of texclass ({type(error).__name__}: {error}). Expected a file that "
             "`texclass export` wrote"
         ) from error
     if entry == SAMPLES:
@@ -198,7 +198,7 @@ def check_onnx(path: str | Path) -> str:
         said = (str(found["label"][i]), bool(found["unknown"][i]))
         if said != (check["label"], check["unknown"]) or not gap <= tolerance:
             raise OnnxExportError(
-                f"{path}: check {i} gives {said} and probabilities that differ by {gap:.2g}; the rule is "
+                f"{path}: check {i} gives {said} and probabilities that differ by {gap:.2g}. Expected "
                 f"({check['label']!r}, {check['unknown']}) within {tolerance:.2g}"
             )
     answered = len({check["label"] for check in checks})

@@ -177,7 +177,7 @@ def check_same(
             raise ParityError(
                 f"ONNX differs from {against} in {int((~agree).sum())} of {len(names)} "
                 f"{names[i].partition(' ')[0]}s; {names[i]} has {what} {one[i]} in ONNX, {reference_[i]} in "
-                f"{against}; the rule is the same label and verdict, and probabilities within {tolerance:g}"
+                f"{against}. Expected the same label and verdict, and probabilities within {tolerance:g}"
             )
     return np.asarray(largest)
 
@@ -277,7 +277,7 @@ def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, outputs: Sequence[
         found = [session.run(list(outputs), {entry: batch}) for batch in batches]
     except Exception as error:  # its exceptions have no class in common
         said = f"onnxruntime {onnxruntime.__version__} cannot run the graph ({error})"
-        raise OnnxExportError(f"{said}; the rule is operators that it has in double precision") from error
+        raise OnnxExportError(f"{said}. Expected operators that it has in double precision") from error
     whole = {name: np.concatenate(parts) for name, *parts in zip(outputs, *found, strict=True)}
     return {name: said.astype(str) if name == "label" else said for name, said in whole.items()}
 

@@ -87,11 +87,11 @@ def window_of_model(model: Model, window_s: float | None = None) -> int:
     seconds = window_s or model.manifest.touch_s
     if seconds is None:
         raise OnnxExportError(
-            "the model was trained on whole recordings; the rule is a model of touches (texclass train "
+            "the model was trained on whole recordings. Expected a model of touches (texclass train "
             "--window SECONDS), or a length (texclass export --window SECONDS)"
         )
     if not 0 < seconds < math.inf:
-        raise OnnxExportError(f"a window of {seconds!r} s; the rule is above 0, and finite")
+        raise OnnxExportError(f"the window must have a positive length, got {seconds!r} s")
     return max(1, round(seconds * model.manifest.fs))
 
 
@@ -106,7 +106,7 @@ def check_graphs(model: Model) -> None:
     parts = [part for _, part in model.plan.parts]
     if lacking := tuple(dict.fromkeys(name for part in parts for name in without_graph(part))):
         raise OnnxExportError(
-            f"no graph of {', '.join(lacking)}; the rule is features of the movement that have one (texclass "
+            f"no graph of {', '.join(lacking)}. Expected features of the movement that have one (texclass "
             "train --exportable chooses among these), or --from features"
         )
 

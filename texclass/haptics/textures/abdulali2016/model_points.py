@@ -61,7 +61,7 @@ def smooth_motion(x: ArrayLike, fs: float) -> Samples:
     `abdulali2016`, section 2.2, which gives neither the order (2 a pass here) nor the direction.
     """
     if not fs > 2 * MOTION_HZ:
-        raise ValueError(f"fs is {fs}; the rule is above {2 * MOTION_HZ:g} Hz, twice the band of the motion")
+        raise ValueError(f"fs is {fs}. Expected above {2 * MOTION_HZ:g} Hz, twice the band of the motion")
     sos = signal.bessel(2, MOTION_HZ, fs=fs, norm="mag", output="sos")
     return zero_phase(np.asarray(sos), x)
 
@@ -142,14 +142,14 @@ def scan_from_sensors(
     """
     n, length = np.asarray(normal, dtype=np.float64), np.linalg.norm(normal)
     if n.shape != (3,) or not (np.isfinite(length) and length > 0):
-        raise ValueError(f"normal is {n}; the rule is three finite numbers, not all 0")
+        raise ValueError(f"normal is {n}. Expected three finite numbers, not all 0")
     n = n / length
     seen = np.eye(3) - np.outer(n, n)
     along = seen[0] if seen[0] @ seen[0] > 1e-6 else seen[1]
     along = along / np.linalg.norm(along)
     x, f = np.asarray(position, dtype=np.float64), np.asarray(force, dtype=np.float64)
     if x.ndim != 2 or x.shape[1] != 3 or f.shape != x.shape or len(x) < 2:
-        raise ValueError(f"position {x.shape} and force {f.shape}; the rule is (n_samples, 3), 2 at least")
+        raise ValueError(f"position {x.shape} and force {f.shape}. Expected (n_samples, 3), 2 at least")
     tangential = smooth_motion(x @ np.stack([along, np.cross(n, along)]).T, fs)
     velocity = np.gradient(tangential, 1 / fs, axis=0)
     pressing = smooth_motion(f @ n, fs)
@@ -231,7 +231,7 @@ def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
     2001.
     """
     if not 0 <= variation < np.inf:
-        raise ValueError(f"variation is {variation}; the rule is finite and at least 0")
+        raise ValueError(f"variation is {variation}. Expected a finite number of at least 0")
     step = max(int(scan.fs // 1000.0), 1)  # the motion has no content beyond 25 Hz
     lines = straight_lines(scan.position[::step])
     felt = np.column_stack([scan.speed[::step] / 1000, scan.force[::step]])
@@ -305,8 +305,7 @@ def segment_points(
     """
     if not len(segments):
         raise ValueError(
-            f"scan {scan.name!r} has no segment of steady direction, speed and force; "
-            "the rule is at least one"
+            f"scan {scan.name!r} has no segment of steady direction, speed and force. Expected at least one"
         )
     pieces = segments.pieces(scan.acceleration)
     models = [autoregressive.fit(x, order, method=method, variance="yule_walker") for x in pieces]

@@ -95,7 +95,7 @@ class ModelledScan:
             `buffer` and `glide`, as for `MapTexture`.
         """
         if solver not in get_args(Solver):
-            raise ValueError(f"solver is {solver!r}; the rule is one of {get_args(Solver)}")
+            raise ValueError(f"solver is {solver!r}. Expected one of {get_args(Solver)}")
         u, outputs = self._samples()
         net = fit_sparse(u, outputs, sparsity) if solver == "sparse" else fit_exact(u, outputs)
         return NetworkTexture(
@@ -178,11 +178,10 @@ def model_scan(
     ValueError
         If no segment is left, or an argument breaks its rule.
     """
-    for value, rule in ((loudness, Loudness), (pooling, Choice), (mirror, Choice)):
-        if value not in get_args(rule):
-            raise ValueError(
-                f"got {value!r}; the rule for loudness, pooling, mirror is one of {get_args(rule)}"
-            )
+    choices = {"loudness": (loudness, Loudness), "pooling": (pooling, Choice), "mirror": (mirror, Choice)}
+    for name, (value, choice) in choices.items():
+        if value not in get_args(choice):
+            raise ValueError(f"{name} is {value!r}. Expected one of {get_args(choice)}")
     cut = segment_enough(scan) if segments is None else segments
     inputs = np.column_stack([scan.speed, scan.force] if isotropic else [*scan.velocity.T, scan.force])
     deviation = inputs.std(axis=0)  # an input that never changes is only centred
@@ -425,7 +424,7 @@ def fit_sparse(u: Samples, f: Samples, sparsity: float = SPARSITY) -> RadialNetw
     from sklearn.linear_model import MultiTaskLasso
 
     if not 0 < sparsity < 1:
-        raise ValueError(f"sparsity is {sparsity}; the rule is above 0 and below 1")
+        raise ValueError(f"sparsity is {sparsity}. Expected a number between 0 and 1")
     phi, g = spatial.distance.cdist(u, u), np.column_stack([np.ones(len(u)), u])
     free = np.eye(len(u)) - g @ np.linalg.pinv(g)
     deviation = f.std(axis=0)

@@ -70,13 +70,11 @@ class Frame:
     def __post_init__(self) -> None:
         n = 2 if self.isotropic else 3
         if not len(self.mean) == len(self.deviation) == n:
-            raise ValueError(
-                f"frame has {len(self.mean)} inputs, isotropic {self.isotropic}; the rule is {n}"
-            )
+            raise ValueError(f"frame has {len(self.mean)} inputs, isotropic {self.isotropic}. Expected {n}")
         sizes = [self.fastest, self.hardest, self.slow, self.light, self.loudest, self.peak, self.gap]
         finite = np.isfinite([*sizes, *self.mean, *self.deviation]).all()
         if not finite or min(sizes) < 0 or min(self.deviation) <= 0:
-            raise ValueError(f"{self}; the rule is finite numbers, sizes at least 0, deviations above 0")
+            raise ValueError(f"{self}. Expected finite numbers, sizes at least 0, deviations above 0")
 
     @property
     def n_inputs(self) -> int:
@@ -207,14 +205,14 @@ class MapTexture(FramedTexture):
     def __post_init__(self) -> None:
         positive(self.fs, "fs")
         if self.buffer < 1:
-            raise ValueError(f"buffer is {self.buffer!r}; the rule is an integer of at least 1")
+            raise ValueError(f"buffer is {self.buffer!r}. Expected an integer of at least 1")
         if self.loudness not in get_args(Loudness):
-            raise ValueError(f"loudness is {self.loudness!r}; the rule is one of {get_args(Loudness)}")
+            raise ValueError(f"loudness is {self.loudness!r}. Expected one of {get_args(Loudness)}")
         if len(self.growth) != 2 or not all(0 <= power <= STEEPEST for power in self.growth):
-            raise ValueError(f"growth is {self.growth}; the rule is two numbers, 0 to {STEEPEST}")
+            raise ValueError(f"growth is {self.growth}. Expected two numbers, 0 to {STEEPEST}")
         largest = np.pi / (self.order + 1)
         if self.frame.gap > largest:
-            raise ValueError(f"gap is {self.frame.gap}; the rule is at most pi / (p + 1) = {largest:g}")
+            raise ValueError(f"gap is {self.frame.gap}. Expected at most pi / (p + 1) = {largest:g}")
 
     @property
     @abstractmethod
@@ -280,8 +278,8 @@ class NetworkTexture(MapTexture):
         n_inputs, n_outputs = self.network.centres.shape[1], self.network.weights.shape[1]
         if n_inputs != self.frame.n_inputs or n_outputs < 2:
             raise ValueError(
-                f"network has {n_inputs} inputs and {n_outputs} outputs; "
-                f"the rule is {self.frame.n_inputs}, at least 2"
+                f"network has {n_inputs} inputs and {n_outputs} outputs. "
+                f"Expected {self.frame.n_inputs}, at least 2"
             )
         super().__post_init__()
 
@@ -325,16 +323,15 @@ class DelaunayTexture(MapTexture):
     def __post_init__(self) -> None:
         freeze(self, u=("n_points", self.frame.n_inputs), outputs=("n_points", "outputs"))
         if self.order < 1:
-            raise ValueError(
-                f"outputs have shape {self.outputs.shape}; the rule is p + 1 columns, p at least 1"
-            )
+            raise ValueError(f"outputs have shape {self.outputs.shape}. Expected p + 1 columns, p at least 1")
         if np.any(np.diff(self.outputs[:, :-1], axis=1) <= 0):
-            raise ValueError("outputs are out of order; the rule is increasing frequencies")
+            raise ValueError("outputs are out of order. Expected increasing frequencies")
         try:
             _ = self._maps
         except (spatial.QhullError, ValueError) as error:
-            rule = "the rule is a triangulation"
-            raise ValueError(f"{len(self.u)} points do not span the input; {rule}") from error
+            raise ValueError(
+                f"{len(self.u)} points do not span the input, so they have no triangulation"
+            ) from error
         super().__post_init__()
 
     @cached_property
@@ -397,8 +394,8 @@ class BakedTexture(FramedTexture):
         found = len(grid.axes), min(grid.n_nodes), grid.scale, grid.kind
         if found != (n, max(found[1], 2), "root", "AR"):
             raise ValueError(
-                f"grid has {found[0]} axes of {found[1]} nodes or more, scale {grid.scale!r}, {grid.kind}; "
-                f"the rule is {n} axes of 2 nodes or more, scale 'root', AR"
+                f"grid has {found[0]} axes of {found[1]} nodes or more, scale {grid.scale!r}, {grid.kind}. "
+                f"Expected {n} axes of 2 nodes or more, scale 'root', AR"
             )
 
     @property
@@ -461,7 +458,7 @@ def bake(texture: MapTexture, name: str, nodes: tuple[int, ...] | None = None) -
     frame = texture.frame
     size = nodes or (ISOTROPIC if frame.isotropic else ANISOTROPIC)
     if len(size) != frame.n_inputs or min(size) < 2:
-        raise ValueError(f"nodes are {size}; the rule is {frame.n_inputs} numbers of at least 2")
+        raise ValueError(f"nodes are {size}. Expected {frame.n_inputs} numbers of at least 2")
     parts = [np.linspace(0 if frame.isotropic else -1, 1, n) for n in size[:-1]]
     axes = [frame.fastest * np.sign(part) * part**2 for part in parts]
     axes.append(frame.hardest * np.linspace(0, 1, size[-1]) ** 2)

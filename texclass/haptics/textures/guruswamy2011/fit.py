@@ -93,7 +93,7 @@ def fit_level_law(scans: Sequence[Scan], k_c: float | None = None) -> LevelFit:
     design = np.column_stack([speed / 1000, *([force] if k_c is None else []), np.ones_like(speed)])
     if np.linalg.matrix_rank(design) < design.shape[1] or not np.any(rms):
         raise ValueError(
-            f"scans at {speed} mm/s and {force} N of RMS {rms}; the rule is {design.shape[1]} scans or more "
+            f"scans at {speed} mm/s and {force} N of RMS {rms}. Expected {design.shape[1]} scans or more "
             "that differ in speed (and in force, if k_c is not given), not silent"
         )
     weight = np.ones_like(rms)
@@ -219,7 +219,7 @@ def profile_of(
     a = np.asarray(acceleration, dtype=np.float64)
     if a.ndim != 1 or a.size < 8 or not np.all(np.isfinite(a)) or np.ptp(a) == 0:
         raise ValueError(
-            f"acceleration of shape {a.shape}: the rule is 8 samples or more of one channel, "
+            f"acceleration has shape {a.shape}. Expected at least 8 samples of one channel, "
             "finite, not constant"
         )
     band = band_of(a, fs)
@@ -465,7 +465,7 @@ def fit_texture(
     speed = float(scan.speed.mean())
     if not (length > 0 and speed > 0):
         raise ValueError(
-            f"scan {scan.name!r} is {length:g} mm long at {speed:g} mm/s; the rule is a stroke that moves"
+            f"scan {scan.name!r} is {length:g} mm long at {speed:g} mm/s. Expected a stroke that moves"
         )
     scaling = Amplitude(law, speed, max(float(scan.force.mean()), 0.0), compensated)
     a = normalised(scan, scaling)
@@ -474,7 +474,10 @@ def fit_texture(
     responses = fit_responses(profile.samples, bounds, scan.fs, resolution, method=method)
     kept = [i for i, modes in enumerate(responses.modes) if modes.n_modes]
     if not kept:
-        raise ValueError(f"scan {scan.name!r}: the rule is a vibration that exceeds the resolution somewhere")
+        raise ValueError(
+            f"scan {scan.name!r} never exceeds the resolution. Expected a stronger vibration, "
+            "or a smaller resolution"
+        )
     modes = [responses.modes[i] for i in kept]
     # each filter begins where its segment does: along the path, half a sample before the start
     x, start = scan.distance_mm, responses.start[kept]

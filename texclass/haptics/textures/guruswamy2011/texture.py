@@ -52,7 +52,7 @@ class LevelLaw:
     def __post_init__(self) -> None:
         values = np.array([self.k_v, self.k_c, self.a_0])
         if not (np.all(np.isfinite(values)) and np.all(values >= 0) and np.any(values > 0)):
-            raise ValueError(f"{self}; the rule is finite, at least 0, and not all 0")
+            raise ValueError(f"{self}. Expected finite, at least 0, and not all 0")
 
     def rms(self, speed: ArrayLike, force: ArrayLike) -> Samples:
         """Return a_RMS (m/s^2) at a speed in mm/s and a force in N."""
@@ -92,14 +92,14 @@ class Amplitude:
         values = np.array([self.speed, self.force, self.limit])
         if not (np.all(np.isfinite(values)) and self.speed > 0 and self.force >= 0 and self.limit > 0):
             raise ValueError(
-                f"speed, force, limit are {self.speed} mm/s, {self.force} N, {self.limit}; "
-                "the rule is above 0, at least 0, above 0"
+                f"speed, force, limit are {self.speed} mm/s, {self.force} N, {self.limit}. "
+                "Expected above 0, at least 0, above 0"
             )
         with np.errstate(over="ignore"):
             level = float(self.law.rms(self.speed, self.force))
         if not 0 < level < np.inf:
             raise ValueError(
-                f"{self.law} is {level} at {self.speed} mm/s, {self.force} N; the rule is finite, above 0"
+                f"{self.law} is {level} at {self.speed} mm/s, {self.force} N. Expected finite, above 0"
             )
 
     def factor(self, speed: ArrayLike, force: ArrayLike) -> Samples:
@@ -206,9 +206,7 @@ class SpatialTexture(Texture):
         ]
         for kept, name, rule in rules:
             if not kept:
-                raise ValueError(
-                    f"texture {self.name!r}: {name} is {getattr(self, name)}; the rule is {rule}"
-                )
+                raise ValueError(f"texture {self.name!r}: {name} is {getattr(self, name)}. Expected {rule}")
 
     @cached_property
     def speeds(self) -> Samples:
@@ -318,15 +316,14 @@ class SpatialRenderer:
         n = f.size
         if f.ndim != 1 or v.shape != (n, 2) or (position is not None and path.shape != (n, 2)):
             raise ValueError(
-                f"velocity {v.shape}, force {f.shape}, position {path.shape}; "
-                "the rule is (n, 2), (n,), (n, 2)"
+                f"velocity {v.shape}, force {f.shape}, position {path.shape}. Expected (n, 2), (n,), (n, 2)"
             )
         out = np.empty(n)
         if not render(
             v, f, path, out, self._setting, self._law,
             self._position, self._first, self._modes, self._pool, self._counts, self._where,
         ):  # fmt: skip
-            raise ValueError(f"a velocity, force or position is NaN or beyond {LARGEST:g}; the rule is less")
+            raise ValueError(f"a velocity, force or position is NaN or beyond {LARGEST:g}. Expected less")
         return out
 
     def reset(self) -> None:
