@@ -90,11 +90,13 @@ def test_what_was_chosen_inside_the_training_parts_competes_first_and_is_compare
     settings = BaselineSettings(("mfcc",), interpreter("perfect"))
     found = compare_with_baselines(dataset, pipeline, chosen, settings)
     first, best, *_ = found.data["contestants"]
-    assert (first["name"], first["classifier"], first["difference"]) == (CHOICE, "chosen, too", None)
+    assert (first["name"], first["classifier"], first["difference"]) == (CHOICE, "selected", None)
     assert first["accuracy"]["folds"][:3] == best["accuracy"]["folds"][:3]
     hits = first["accuracy"]["mean"]
     assert of_baseline(found, "mfcc")["difference"]["difference"] == pytest.approx(hits - 1.0)
-    told = "Ours is chosen inside each training part. The best baseline is the highest of"
+    told = (
+        "Ours is selected in each training set (nested cross-validation). The best baseline is the highest of"
+    )
     assert told in found.document().finding.rest
 
 

@@ -61,7 +61,7 @@ def test_a_named_row_and_classifier_are_taken_else_the_best_without_a_group_insi
     assert named["chosen"] == "row and classifier named by the pipeline"
     best = gains(*rows, repeats=2)[1]
     assert best["row"] == "Peaks"
-    assert "on these very recordings" in best["chosen"]
+    assert "selected on these recordings" in best["chosen"]
 
 
 def test_splits_that_are_not_drawn_are_compared_once_over_what_is_independent(gains):
@@ -89,7 +89,7 @@ def test_a_row_that_selects_keeps_its_number_of_columns_and_no_group_gives_no_ga
 def test_a_result_says_where_signs_of_few_clusters_alone_cannot_be_significant(n, share):
     paired = {"n_clusters": n, "clusters": "operator", "least": 0.125}
     told = unseen([{"paired": paired}])
-    assert f"with {n} operators less than 12.5 points" in told
+    assert f"80 % power with {n} operators: 12.5 points" in told
     assert ("by their signs alone" in told) == (share is not None)
     assert share is None or f"({share})" in told
     assert unseen([{"paired": {"least": None}}]) == ""

@@ -183,7 +183,7 @@ def test_several_starts_tell_mean_and_worst_and_count_each_recording_once(toy_da
     text = render_markdown(result.document())
     assert f"8 folds of 4 starts. The worst fold: {100 * found['worst']:.1f} %." in text
     assert re.search(r"Euclidean.* worst", text)
-    assert "of 96 tests are taken for another material" in text
+    assert "of 96 tests are misclassified" in text
     assert "1 repetition, several starts, to second half" in text
 
 

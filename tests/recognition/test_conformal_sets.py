@@ -126,7 +126,10 @@ def test_in_training_every_set_of_held_out_recordings_holds_as_often(linear_mode
 def test_documents_say_which_sets_there_are(linear_model):
     (table, _) = answers_document([("a", linear_model.predict(recording("oak", 77)))]).blocks
     assert table.frame["95 % set"][0].startswith("oak")
-    assert "hold in 90 and 95 % by what 40 contacts tell" in model_document(linear_model).blocks[0]["Sets"]
+    assert (
+        "coverage 90 and 95 %, from 40 held-out contacts"
+        in model_document(linear_model).blocks[0]["Prediction sets"]
+    )
     old = answers_document([("a", replace(linear_model, conformity={}).predict(recording("oak", 77)))])
     assert "95 % set" not in old.blocks[0].frame
 

@@ -31,11 +31,11 @@ def test_nothing_is_chosen_below_ten_recordings_of_a_surface(few):
     assert (few.manifest.accuracy["n_candidates"], len(few.columns)) == (1, 13)
     assert few.manifest.pipeline["classifier"] == "kernel"  # weighs columns itself
     (told,) = model_document(few).blocks
-    assert told["Pipeline"].endswith("8 recordings of a surface: too few to choose by, margins are wider")
+    assert told["Pipeline"].endswith("8 recordings of a surface: too few to select on, thresholds are wider")
     chosen = train(surfaces(FEW), pipeline()).manifest.accuracy
     assert chosen["n_candidates"] == 4
     assert chosen["low"] <= chosen["mean"] <= chosen["high"]
-    assert "choice" in chosen["how"]
+    assert "selection" in chosen["how"]
 
 
 def test_what_is_named_is_trained_from_few_recordings_too():
@@ -52,11 +52,11 @@ def one():
 def test_one_recording_of_each_surface_trains_and_nothing_is_promised(one, tmp_path):
     (told,) = model_document(one).blocks
     assert "mean" not in one.manifest.accuracy
-    assert told["Accuracy"] == "no promise: nothing could be held out"
-    assert told["Pipeline"].endswith("1 recording of a surface: too few to choose by, margins are wider")
-    assert told["Cannot be told"].startswith("how it does on any other recording")
-    assert told["Probabilities"] == "prior temperature scaling, beta 6.24; that of other data sets"
-    assert told["Unknown surfaces"].endswith("not judged: too few recordings were held out")
+    assert told["Accuracy"] == "not evaluated: no recording could be held out"
+    assert told["Pipeline"].endswith("1 recording of a surface: too few to select on, thresholds are wider")
+    assert told["Not evaluated"].startswith("accuracy on other recordings")
+    assert told["Probabilities"] == "prior temperature scaling, beta 6.24; from other datasets"
+    assert told["Unknown surfaces"].endswith("not evaluated: too few recordings were held out")
     assert one.calibration == prior_calibration(4, 4)
     one.save(tmp_path / "one.skops")
     loaded = load_model(tmp_path / "one.skops")
@@ -96,17 +96,16 @@ def test_an_inertial_unit_is_trained_with_its_axes_apart_and_anything_else_with_
 
 def test_a_promise_says_that_later_recordings_and_other_sessions_cannot_be_told(few):
     (told,) = model_document(few).blocks
-    assert told["Accuracy"].startswith(
-        "97.1 % (89.3 to 100.0) of 32 held-out recordings, so few that one more"
-    )
-    assert told["Accuracy"].endswith("; later ones: 54 to 100 %, as in other data sets")
+    assert told["Accuracy"].startswith("97.1 % (89.3 to 100.0) of 32 held-out recordings (few: one correct")
+    assert told["Accuracy"].endswith("; later recordings: 54 to 100 %, from other datasets")
     assert told["Unknown surfaces"].endswith(
-        "from 32 held out; so few that strangers often pass; later ones may be called unknown more often"
+        "from 32 held out; with so few, unknown surfaces are often missed; later recordings may be reported "
+        "as unknown more often"
     )
-    assert told["Cannot be told"].startswith(
+    assert told["Not evaluated"].startswith(
         "later recordings (8 of each surface, held out at random; from 20"
     )
-    assert "another session or operator" in told["Cannot be told"]
+    assert "another session or operator" in told["Not evaluated"]
 
 
 def test_few_that_are_all_right_promise_less_than_all_and_later_ones_as_little_as_others_kept(few):

@@ -154,7 +154,7 @@ def test_what_is_inside_is_shown(run, trained):
         "mfcc",
         "Accuracy",
         "false alarms",
-        "ms a recording (segmentation",
+        "ms per recording (segmentation",
         "scikit-learn",
     ):
         assert word in " ".join(out.split())

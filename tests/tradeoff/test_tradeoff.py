@@ -50,7 +50,7 @@ def test_a_scene_needs_only_what_separates_its_materials(noises, tmp_path):
     paths = result.save(tmp_path)
     assert {path.suffix for path in paths} == {".json", ".md", ".png"}
     assert json.loads(paths[0].read_text()) == json.loads(result.to_json())
-    assert "chosen inside each training part, for m0, m2" in paths[1].read_text(encoding="utf-8")
+    assert "selected in each training set, for m0, m2" in paths[1].read_text(encoding="utf-8")
 
 
 def test_curves_are_measured_where_the_dataset_allows(noises):

@@ -1,4 +1,4 @@
-"""A comparison with public libraries as a document: accuracy against time, every tool and classifier."""
+"""A comparison with public libraries as a document: accuracy against time, all tools and classifiers."""
 
 from collections.abc import Iterator, Mapping
 from textwrap import fill
@@ -67,7 +67,7 @@ def baselines_document(data: Data) -> Document:
         As `BaselineComparison.to_dict` returns it, or its JSON read back.
     """
     pipeline, contestants = data["pipeline"], data["contestants"]
-    blocks: list[Block] = [Heading("Every tool and classifier"), _every(data)]
+    blocks: list[Block] = [Heading("All tools and classifiers"), _every(data)]
     if any(map(_placed, contestants)):
         blocks.append(_accuracy_against_time(contestants, 100 * chance_of(data)))
     settings = dict.fromkeys((c["title"], c.get("reference", "")) for c in contestants if not c["ours"])
@@ -79,7 +79,7 @@ def baselines_document(data: Data) -> Document:
     }
     folded = [Folded(title, [Table(frame, n_words=2)]) for title, frame in used.items()]
     return Document(
-        f"{data['dataset']['name']}, beside other tools",
+        f"{data['dataset']['name']}, comparison with baselines",
         [*blocks, list(_notes(data)), *folded],
         f"Pipeline {pipeline}, {find_protocol(data['protocol']).title}: {size(data['dataset'])}",
         _finding(data),
@@ -102,9 +102,9 @@ def _finding(data: Data) -> Finding:
     if best is None or best["difference"] is None or not ours["accuracy"]:
         return Finding("none", "", "", "of the baselines finished every fold.")
     difference = best["difference"]
-    clear = "the two cannot be told apart"
+    clear = "no significant difference"
     if difference["low"] > 0 or difference["high"] < 0:
-        clear = f"ours is {'ahead' if difference['low'] > 0 else 'behind'}"
+        clear = f"ours is {'better' if difference['low'] > 0 else 'worse'}"
     cost = ""
     if best["cost"] and ours["cost"] and best["cost"]["total_s"] > 0 and best["cost"]["feature_ms"] > 0:
         shares = (ours["cost"][key] / best["cost"][key] for key in ("total_s", "feature_ms"))
@@ -121,33 +121,33 @@ def _finding(data: Data) -> Finding:
         points(difference["difference"]),
         "points",
         points_interval(difference),
-        f"for ours ({told_ours}) minus the best baseline ({told_best}), on the same tests: {clear} (95 % "
-        f"interval{over(difference)}; chance {percent(chance_of(data))} %). p "
+        f"for ours ({told_ours}) minus the best baseline ({told_best}), on the same folds: {clear} (95 % "
+        f"confidence interval{over(difference)}; chance level {percent(chance_of(data))} %). p "
         f"{p_value(difference['p_value'])} by {difference['test']}. {_in_view(data)} Protocol: "
         f"{data['protocol_description']}.",
         cost,
         f"Ours minus the best baseline, {best['title']} with {classifier_title(best['classifier'])}, on the "
-        f"same tests: {clear}. {cost}",
+        f"same folds: {clear}. {cost}",
     )
 
 
 def _in_view(data: Data) -> str:
-    """Return what was chosen with the tests in view, after the choice inside the training parts."""
+    """Return which accuracies are selected on the test folds."""
     n_baselines = sum(bool(not c["ours"] and c["accuracy"]) for c in data["contestants"])
-    baseline = f"The best baseline is the highest of {n_baselines}, chosen with the tests in view."
+    baseline = f"The best baseline is the highest of {n_baselines}, selected on the test folds."
     if data["contestants"][0]["name"] == CHOICE:
-        return f"Ours is chosen inside each training part. {baseline}"
+        return f"Ours is selected in each training set (nested cross-validation). {baseline}"
     pairs = f" of {data['n_pairs']} pairs of row and classifier" if data.get("n_pairs") else ""
     if data.get("n_pairs") == 1:
         return baseline
     return (
-        f"Ours here is the highest{pairs}, chosen with the tests in view, so optimistic (`--nested-cv` says "
-        f"what the choice is worth). {baseline}"
+        f"Ours is the highest{pairs}, selected on the test folds (optimistic; `--nested-cv` gives an "
+        f"unbiased accuracy). {baseline}"
     )
 
 
 def _every(data: Data) -> Table:
-    """Return all lines of the comparison; where nothing ran it says why."""
+    """Return all rows of the comparison, with the reason if a tool did not finish."""
     contestants, instead, rows = data["contestants"], {}, []
     for i, c in enumerate(contestants):
         accuracy, difference = c["accuracy"], c["difference"]
@@ -173,24 +173,22 @@ def _every(data: Data) -> Table:
 
 
 def _notes(data: Data) -> Iterator[str]:
-    """Yield what a reader of the comparison must know."""
+    """Yield the notes on the comparison."""
     yield f"Signals of the baselines: {data['signals']}; scaling is fitted inside each fold."
     if ms := data.get("segmentation_ms"):
-        yield (
-            f"Finding the movement, which all read, takes {digits(ms)} ms of a recording; it is part of all "
-            "totals."
-        )
+        yield (f"Segmentation takes {digits(ms)} ms per recording; all totals include it.")
     tests = sorted({c["difference"]["test"] for c in data["contestants"] if c["difference"]})
     first = data["contestants"][0]
     yield (
         f"Ours ahead by: points of {first['title']}, {classifier_title(first['classifier'])}, over the "
-        f"line's, paired on the same tests ({', '.join(tests)}); p is not corrected for the number of lines."
+        f"row's, paired on the same folds ({', '.join(tests)}); p is not corrected for the number of rows."
     )
     if accuracy := first["accuracy"]:
         yield (
-            f"Chance is {percent(chance_of(data))} %; intervals are 95 %{over(accuracy)}. {caution(accuracy)}"
+            f"Chance level {percent(chance_of(data))} %; 95 % confidence intervals{over(accuracy)}. "
+            f"{caution(accuracy)}"
         ).strip()
-    yield f"A baseline may take {digits(data['time_limit_s'])} s."
+    yield f"Time limit per baseline: {digits(data['time_limit_s'])} s."
     for c in data["contestants"]:
         if c["status"] == "out of time" and c["accuracy"]:
             yield (
@@ -216,9 +214,9 @@ def _accuracy_against_time(contestants: list[Data], chance: float) -> Figure:
     ]
     return Figure(
         "time",
-        "Accuracy against the time of features; up and left is better",
+        "Accuracy against time of the features; up and left is better",
         f"The most accurate is {_tool(ranked[0])}, the fastest {_tool(fastest)}{ours}. With 95 % intervals; "
-        f"the best classifier of each tool, numbered by accuracy; chance is {chance:.1f} %.",
+        f"the best classifier of each tool, numbered by accuracy; chance level {chance:.1f} %.",
         lambda width: _draw(ranked, names, width, chance),
         Table(pd.DataFrame(rows, columns=["Tool", "% [95 %]", "CPU ms"])),
     )

@@ -286,7 +286,7 @@ def _chosen(measured: Sequence[Mapping[str, Any]]) -> Entrant:
     costs = ("feature_s", "fit_s", "predict_s", "first_s", "memory_mb")
     return {
         **measured[0],
-        "name": CHOICE, "title": CHOICE, "reference": "", "classifier": "chosen, too", "n_columns": 0,
+        "name": CHOICE, "title": CHOICE, "reference": "", "classifier": "selected", "n_columns": 0,
         "predicted": tuple(found["predicted"][k] for k, found in enumerate(measured)),
         **{key: float(np.mean([found[key] for found in measured])) for key in costs},
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""What each group of features adds to a row of the table: measured on the same splits, and told."""
+"""Ablation: accuracy gained by adding feature groups to a row, on the same splits."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -59,7 +59,7 @@ def choose_base(
     if named and settings.classifier:
         return candidates[name], judge, "row and classifier named by the pipeline"
     what = "classifier of this row" if named else "row without features of any addition"
-    return candidates[name], judge, f"the most accurate {what}, found on these very recordings"
+    return candidates[name], judge, f"the most accurate {what}, selected on these recordings"
 
 
 def measure_additions(
@@ -172,7 +172,7 @@ def gains_blocks(gains: Gains, seed: int) -> Iterator[Block]:
     for i, group in enumerate(gains["groups"], start=1):
         paired, name = group["paired"], f"+ {group['name']}"
         if not paired:
-            instead[i] = f"not computed: {group['missing'] or 'no reason given'}"
+            instead[i] = f"not evaluated: {group['missing'] or 'no reason given'}"
             rows.append([name, *[""] * (len(COLUMNS) - 1)])
             continue
         folds = [difference for repeat in paired["folds"] for difference in repeat]
@@ -213,11 +213,11 @@ def verdict(gains: Gains) -> str:
     if not measured:
         return "The dataset has none of the groups."
     if gains["without"]["accuracy"] == 1:
-        return f"{gains['row']} recognises everything by itself: there is nothing to gain on this dataset."
+        return f"{gains['row']} classifies everything correctly: no gain is possible on this dataset."
     sure = [group for group in measured if group["p_corrected"] is not None and group["p_corrected"] < LEVEL]
     if not sure:
         groups = f"any of the {len(measured)} groups" if len(measured) > 1 else measured[0]["name"]
-        return f"No difference seen with {groups} (corrected p below {LEVEL}){unseen(measured)}."
+        return f"No significant difference with {groups} (corrected p below {LEVEL}){unseen(measured)}."
     listed = ", ".join(f"{group['name']} {points(group['paired']['difference'])} points" for group in sure)
     return (
         f"{len(sure)} of {len(measured)} groups change the accuracy significantly (corrected p below "
@@ -233,7 +233,7 @@ def unseen(groups: list[Gains]) -> str:
     n, what = paired["n_clusters"], f"{paired['clusters']}s"
     least = f"{100 * paired['least']:.1f}".removesuffix(".0")
     told = (
-        f"; with {n} {what} less than {least} point{'s' * (least != '1')} could not be seen in 8 of 10 trials"
+        f"; minimum detectable difference at 80 % power with {n} {what}: {least} point{'s' * (least != '1')}"
     )
     if n <= 5:
         told += f", and {n} {what} cannot reach {LEVEL:.0%} by their signs alone ({2.0 ** (1 - n):.1%})"
@@ -246,7 +246,7 @@ def _sum(found: Gains) -> tuple[str, str]:
 
 
 def _notes(gains: Gains, measured: list[Gains], seed: int) -> Iterator[str]:
-    """Yield what a reader of the gains must know."""
+    """Yield the notes on the gains."""
     yield (
         f"Added to {gains['row']}, {classifier_title(gains['classifier'])} ({gains['chosen']}): "
         f"{percent(gains['without']['accuracy'])} % without any group; with and without on the same splits."

@@ -1,4 +1,4 @@
-"""A benchmark as a document: every row beside the paper's, who is taken for whom, what groups add."""
+"""A benchmark as a document: accuracies of all rows, confusion matrix, cost, ablation."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -65,7 +65,9 @@ def benchmark_document(data: Data) -> Document:
         f"Pipeline {pipeline['name']}: {size(data['dataset'])}",
         _finding(data, best)
         if best
-        else Finding("none", "", "", "of the rows could be computed; the table says what the dataset lacks."),
+        else Finding(
+            "none", "", "", "of the rows could be evaluated; the table states what the dataset lacks."
+        ),
         dataset_facts(data),
         again_facts(data, f"{pipeline['name']} ({pipeline['hash']}), features {pipeline['features']}"),
         data["versions"],
@@ -73,12 +75,12 @@ def benchmark_document(data: Data) -> Document:
 
 
 def benchmark_blocks(data: Data) -> Iterator[Block]:
-    """Yield what a benchmark's document is made of."""
+    """Yield the blocks of a benchmark's document."""
     best = best_of(data)
     published = any(row.get("paper") for row in data["rows"])
     if data.get("example"):
         yield _example(data["example"])
-    yield Heading("Every row beside the paper's" if published else "Every row")
+    yield Heading("All rows, with published accuracies" if published else "All rows")
     yield _rows(data, best)
     beside = _beside(data)
     if beside is not None:
@@ -86,13 +88,13 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
     if best is not None:
         yield _ranking(data, best)
     if data["confusion"]:
-        yield Heading("Which materials are taken for which")
+        yield Heading("Confusion matrix")
         yield _confusion(data["confusion"], "tests" if data.get("n_starts") else _tested(data))
     if best is not None and best.row["ms_per_recording"] is not None:
-        yield Heading("What each row costs")
+        yield Heading("Cost of each row")
         yield _costs(data, best)
     if data.get("gains"):
-        yield Heading("What each group of features adds")
+        yield Heading("Ablation: accuracy gained by adding a feature group")
         yield from gains_blocks(data["gains"], data["seed"])
     if notes := list(_notes(data, best)):
         yield Heading("Notes")
@@ -100,44 +102,47 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
 
 
 def _finding(data: Data, best: Pair) -> Finding:
-    """Return the accuracy of the choice inside the training parts, if it was made, else the highest."""
+    """Return the accuracy of nested cross-validation if it was done, else the highest of the table."""
     name, n_pairs = classifier_title(best.classifier), len(pairs_of(data))
-    of = f"of the {_tested(data)} recognised among {data['dataset']['n_materials']} materials"
+    of = f"of the {_tested(data)} of {data['dataset']['n_materials']} surfaces classified correctly"
     folds = f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""
     folds += f" of {counted(data['n_starts'], 'start')}" if data.get("n_starts") else ""
     under = f"Protocol: {data['protocol_description']}{folds}."
-    highest = f"the highest of {n_pairs} pairs of row and classifier, chosen with the tests in view"
-    row, chance = f"{best.row['name']} with {name}", f"chance {percent(chance_of(data))} %"
+    highest = f"the best of {n_pairs} pairs of row and classifier, selected on the test folds"
+    row, chance = f"{best.row['name']} with {name}", f"chance level {percent(chance_of(data))} %"
     beside, brief = _beside_paper(data, best)
+    note = ""
     if choice := data.get("choice"):
         found = choice["accuracy"]
-        said = f"{of}, by row and classifier chosen inside each training part"
-        beside = f"{percent(best.accuracy['mean'])} % by {row}: {highest}, so optimistic. {beside}".rstrip()
-        brief = "By row and classifier chosen inside each training part."
+        said = f"{of}, with row and classifier selected in each training set (nested cross-validation)"
+        beside = f"{percent(best.accuracy['mean'])} % by {row}: {highest} (optimistic). {beside}".rstrip()
+        brief = "Nested cross-validation."
     else:
-        found, said = best.accuracy, f"{of}, by {row}"
+        found, said = best.accuracy, f"{of}, with {row}"
         if n_pairs > 1:
-            said += f": {highest}, so optimistic (`--nested-cv` says what the choice is worth)"
+            said, note = f"{said}: {highest}", "optimistic; "
+            under = f"`--nested-cv` gives an unbiased accuracy. {under}"
         brief = f"{row}; {brief}" if brief else f"{row}."
     if data.get("n_starts"):
         under += f" The worst fold: {percent(found['worst'])} %."
     return Finding(
         percent(found["mean"]), "%", interval(found),
-        f"{said} (95 % interval{over(found)}; {chance}). {under} {caution(found)}".rstrip(), beside, brief,
+        f"{said} ({note}95 % confidence interval{over(found)}; {chance}). {under} {caution(found)}".rstrip(),
+        beside, brief,
     )  # fmt: skip
 
 
 def _beside_paper(data: Data, best: Pair) -> tuple[str, str]:
-    """Return how far the best row, or else the best published one, is from its published figure, twice.
+    """Return the difference of the best row, or of the best published one, to its published accuracy, twice.
 
-    Only where as many surfaces were told apart under the same protocol.
+    Only for the same number of surfaces and the same protocol.
     """
     what, brief = "for this row with this classifier", True
     published = [pair for pair in pairs_of(data) if pair.published is not None]
     if not published:
-        return "No row of this table has a published figure.", "no published figure."
+        return "No row of this table has a published accuracy.", "no published accuracy."
     if unlike := unlike_published(data):
-        return f"The published figures are no measure of ours: {unlike}.", ""
+        return f"Published accuracies are not comparable: {unlike}.", ""
     if best.published is None:
         best = max(published, key=lambda pair: float(pair.published))
         what = (
@@ -149,16 +154,16 @@ def _beside_paper(data: Data, best: Pair) -> tuple[str, str]:
     difference, low, high = (points(best.accuracy[key] - theirs) for key in ("mean", "low", "high"))
     return (
         f"{difference} points [{low}, {high}] against the {100 * theirs:.0f} % published {what}. The "
-        "published figure has no interval and comes from other recordings.",
+        "published accuracy has no interval and is from other recordings.",
         f"{difference} points against the published {100 * theirs:.0f} %." if brief else "",
     )
 
 
 def unlike_published(data: Data) -> str:
-    """Return why published figures cannot be compared with ours; nothing if they can."""
+    """Return why published accuracies are not comparable; an empty string if they are."""
     theirs, n, tested = data.get("published_on"), data["dataset"]["n_materials"], _tested(data)
     if not theirs:
-        return "it is not said on how many surfaces and under which protocol they were measured"
+        return "number of surfaces and protocol of the publication are not stated"
     unlike = []
     if n != theirs["n_materials"]:
         unlike.append(f"{n} surfaces here, {theirs['n_materials']} there")
@@ -171,7 +176,7 @@ def unlike_published(data: Data) -> str:
 
 
 def _rows(data: Data, best: Pair | None) -> Table:
-    """Return each classifier's accuracy in every row, and the published one beside it."""
+    """Return the accuracy of each row and classifier, next to the published one."""
     names = _classifiers(data) or ["accuracy"]
     published = [name for name in names if any(name in row.get("paper", {}) for row in data["rows"])]
     columns: dict[tuple[str, str], list[str]] = {
@@ -185,19 +190,19 @@ def _rows(data: Data, best: Pair | None) -> Table:
             columns[title, "Paper %"] = ["" if value is None else f"{100 * value:.0f}" for value in theirs]
     columns["Dim", ""] = [str(row["n_features"]) for row in data["rows"]]
     columns["ms", ""] = aligned(row["ms_per_recording"] for row in data["rows"])
-    tested, also = _tested(data), ", and the published one" if published else ""
+    tested, also = _tested(data), ", next to the published one" if published else ""
     if published and (unlike := unlike_published(data)):
-        also += f" (no measure of ours: {unlike})"
+        also += f" (not comparable: {unlike})"
     clusters = over(best.accuracy) if best else ""
     return Table(
         pd.DataFrame(columns),
-        f"Accuracy over {tested} in % with its 95 % interval{clusters}{also}; chance is "
-        f"{percent(chance_of(data))} %; the best row is bold: it is chosen with the tests in view. "
-        f"Dim: columns that reach the classifier; ms: one {tested[:-1]} from {_path(data)}, one thread, "
+        f"Accuracy over {tested} in % with 95 % confidence interval{clusters}{also}; chance level "
+        f"{percent(chance_of(data))} %. The best row is bold (selected on the test folds, optimistic). "
+        f"Dim: columns at the classifier; ms: latency per {tested[:-1]}, from {_path(data)}, one thread, "
         "shared transforms counted once.",
         strong=[i for i, row in enumerate(data["rows"]) if best is not None and row is best.row],
         instead={
-            i: f"not computed: {row['missing'] or 'no reason given'}"
+            i: f"not evaluated: {row['missing'] or 'no reason given'}"
             for i, row in enumerate(data["rows"])
             if not row["accuracy"]
         },
@@ -205,7 +210,7 @@ def _rows(data: Data, best: Pair | None) -> Table:
 
 
 def _beside(data: Data) -> Table | None:
-    """Return balanced accuracies, worst folds, votes of a recording's windows; None if that adds nothing."""
+    """Return balanced accuracies, worst folds and majority votes of windows; None if there are none."""
     every = [pair.accuracy for pair in pairs_of(data)]
     unit = next((u for u in ("recording", "run") if any(f"per_{u}" in found for found in every)), None)
     balanced = any(abs(found.get("balanced", found["mean"]) - found["mean"]) > 1e-9 for found in every)
@@ -224,23 +229,25 @@ def _beside(data: Data) -> Table | None:
         if unit is not None:
             votes = [one.get(f"per_{unit}") for one in found]
             columns[classifier_title(name), f"per {unit}"] = [estimate(v) if v else "" for v in votes]
-    caption = "The same in other terms, in %. " + "Balanced: mean over materials. " * balanced
+    caption = "Further accuracies in %. " + "Balanced: mean over surfaces. " * balanced
     caption += (
-        f"Worst: of {data['n_folds']} folds, each one start and one part of the tests. " if starts else ""
+        f"Worst: lowest of {data['n_folds']} folds (one start and one part of the test set each). "
+        if starts
+        else ""
     )
-    caption += f"Per {unit}: by majority of its {_tested(data)} [95 %]." if unit else ""
+    caption += f"Per {unit}: majority vote of its {_tested(data)} [95 %]." if unit else ""
     return Table(pd.DataFrame(columns), caption)
 
 
 def _ranking(data: Data, best: Pair) -> Figure:
-    """Return all rows with every classifier as a picture: ours and the published figures."""
+    """Return a figure of all rows with every classifier, and the published accuracies."""
     unlike, pairs = unlike_published(data), pairs_of(data)
     title = classifier_title(best.classifier)
     found = [pair for pair in pairs if pair.classifier == best.classifier]
     gaps = [pair.accuracy["mean"] - pair.published for pair in found if pair.published is not None]
     gaps = [] if unlike else gaps
     reached = (
-        f"; with {title}, {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach their published figure"
+        f"; with {title}, {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach the published accuracy"
     )
     rows = []
     for row, name, ours, theirs in pairs:
@@ -250,9 +257,9 @@ def _ranking(data: Data, best: Pair) -> Figure:
     columns = ["Row", "Classifier", "Ours, % [95 %]", "Published, %", "Points"]
     return Figure(
         "ranking",
-        "Every row with every classifier" if len(_classifiers(data)) > 1 else f"Every row with {title}",
-        f"The best of {counted(len(pairs), 'pair')}, with the tests in view, is {best.row['name']} with "
-        f"{title}, {percent(best.accuracy['mean'])} %{reached if gaps else ''}; chance is "
+        "All rows and classifiers" if len(_classifiers(data)) > 1 else f"All rows with {title}",
+        f"The best of {counted(len(pairs), 'pair')}, selected on the test folds, is {best.row['name']} with "
+        f"{title}, {percent(best.accuracy['mean'])} %{reached if gaps else ''}; chance level "
         f"{percent(chance_of(data))} %.",
         lambda width: draw_rows(data, None, width),
         Table(pd.DataFrame(rows, columns=columns), n_words=2),
@@ -260,9 +267,9 @@ def _ranking(data: Data, best: Pair) -> Figure:
 
 
 def draw_rows(data: Data, classifiers: Sequence[str] | None, width: float) -> "Drawing":
-    """Draw accuracies with their intervals beside the published figures, and chance where in sight.
+    """Plot accuracies with intervals, published accuracies, and the chance level if it is in range.
 
-    A colour and a shape each classifier, all by default; of the row, one below the other.
+    Each classifier (default: all) has a colour and a shape.
     """
     names = classifiers or _classifiers(data)
     rows = [row for row in data["rows"] if row["accuracy"].keys() & set(names)]
@@ -293,7 +300,7 @@ def draw_rows(data: Data, classifiers: Sequence[str] | None, width: float) -> "D
 
 
 def _example(example: Data) -> Figure:
-    """Return the phases of a recording."""
+    """Return a figure of the phases of one recording."""
     taps, movement, seconds = example["taps"], example["movement"], example["seconds"]
     spans = [(f"tap {i}", start, end) for i, (start, _, end) in enumerate(taps, start=1)]
     spans += [("movement", *movement)] if movement else []
@@ -301,8 +308,8 @@ def _example(example: Data) -> Figure:
     rows = [(name, f"{start:.3f}", f"{end:.3f}") for name, start, end in spans]
     return Figure(
         "example",
-        "One of the recordings, and the phases found in it",
-        f"{example['recording']} ({example['material'] or 'material unknown'}, {seconds:.3g} s): "
+        "Phases of one recording",
+        f"{example['recording']} ({example['material'] or 'surface unknown'}, {seconds:.3g} s): "
         f"{counted(len(taps), 'tap') if taps else 'no taps'}, {moved}.",
         lambda width: draw_example(example, width),
         Table(pd.DataFrame(rows, columns=["Phase", "from, s", "to, s"])),
@@ -310,7 +317,7 @@ def _example(example: Data) -> Figure:
 
 
 def draw_example(example: Data, width: float) -> "Drawing":
-    """Draw the outline of a recording, its taps and its movement."""
+    """Plot the envelope of a recording, its taps and its movement."""
     figure, axes = new_figure(width, 2.6)
     low, high = example["low"], example["high"]
     times = (np.arange(len(low)) + 0.5) * example["seconds"] / len(low)
@@ -326,7 +333,7 @@ def draw_example(example: Data, width: float) -> "Drawing":
 
 
 def _confusion(found: Data, tested: str) -> Heat:
-    """Return the confusion matrix, and the confusions as a list, the most frequent first."""
+    """Return the confusion matrix, and a list of confusions, the most frequent first."""
     names, totals = found["materials"], [sum(counts) for counts in found["counts"]]
     wrong = [
         (felt, taken, count, totals[i])
@@ -335,9 +342,9 @@ def _confusion(found: Data, tested: str) -> Heat:
         if i != j and count
     ]
     wrong.sort(key=lambda one: -one[2])
-    says = f"{sum(one[2] for one in wrong)} of {sum(totals)} {tested} are taken for another material"
+    says = f"{sum(one[2] for one in wrong)} of {sum(totals)} {tested} are misclassified"
     if wrong:
-        says += "; the most frequent: {} taken for {}, {} of {}".format(*wrong[0])
+        says += "; most frequent: {} predicted as {}, {} of {}".format(*wrong[0])
     rows = {}
     for i, felt in enumerate(names):
         shades = []
@@ -354,18 +361,21 @@ def _confusion(found: Data, tested: str) -> Heat:
         dict.fromkeys(names, ""),
         rows,
         {
-            "d1 d2 d3 d4 d5": "right",
-            "e1 e2 e3 e4 e5": f"wrong; each step a fifth of the material's {tested}",
+            "d1 d2 d3 d4 d5": "correct",
+            "e1 e2 e3 e4 e5": f"wrong; each step is a fifth of the {tested} of a surface",
         },
         "never",
-        "Felt (rows), and taken for (columns)",
-        " taken for ",
-        Table(pd.DataFrame(listed, columns=["Material", "taken for", "times", "% of its tests"]), n_words=2),
+        "True label (rows), predicted label (columns)",
+        " predicted as ",
+        Table(
+            pd.DataFrame(listed, columns=["True label", "Predicted label", "Count", "% of its tests"]),
+            n_words=2,
+        ),
     )
 
 
 def _costs(data: Data, best: Pair) -> Figure:
-    """Return the milliseconds of every row, the most accurate first, each with its best classifier."""
+    """Return the latency of each row with its best classifier, the most accurate row first."""
     of_row: dict[str, Pair] = {}
     for pair in sorted(pairs_of(data), key=lambda pair: -float(pair.accuracy["mean"])):
         if pair.row["ms_per_recording"] is not None:
@@ -378,7 +388,7 @@ def _costs(data: Data, best: Pair) -> Figure:
         told = f"{_cost_of(fastest, what)} is the fastest within"
     return Figure(
         "row-costs",
-        f"Milliseconds from {_path(data)} of one {what}, the most accurate row first",
+        f"Latency per {what} in ms, from {_path(data)}, the most accurate row first",
         f"{_cost_of(best, what)}, is the most accurate; {told} {100 * NEAR:g} points of it.",
         lambda width: draw_row_costs(pairs, width),
         Table(
@@ -396,11 +406,11 @@ def _costs(data: Data, best: Pair) -> Figure:
 
 
 def _path(data: Data) -> str:
-    """Return what the milliseconds of a row are of; older results left out finding the phases."""
+    """Return the path that the latency of a row covers."""
     found = data.get("segmentation_ms")
     if found is None:
-        return "its phases to its features"
-    return f"its samples to its features ({digits(found)} of them find the phases)"
+        return "phases to features"
+    return f"samples to features ({digits(found)} ms of it segmentation)"
 
 
 def _cost_of(pair: Pair, what: str) -> str:
@@ -408,8 +418,8 @@ def _cost_of(pair: Pair, what: str) -> str:
 
 
 def draw_row_costs(pairs: Sequence[Pair], width: float) -> "Drawing":
-    """Draw the milliseconds of rows, and their accuracies beside them."""
-    figure, axes = row_axes(width, [pair.row["name"] for pair in pairs], "ms (beside it: accuracy)")
+    """Plot the latency of rows, annotated with their accuracies."""
+    figure, axes = row_axes(width, [pair.row["name"] for pair in pairs], "latency, ms (label: accuracy)")
     for y, pair in enumerate(pairs):
         ms, accuracy = pair.row["ms_per_recording"], f"{percent(pair.accuracy['mean'])} %"
         axes.plot([0, ms], [y, y], color=FAINT)
@@ -420,15 +430,15 @@ def draw_row_costs(pairs: Sequence[Pair], width: float) -> "Drawing":
 
 
 def _notes(data: Data, best: Pair | None) -> Iterator[str]:
-    """Yield what a reader of the table must know."""
+    """Yield the notes on the table."""
     told = [pair.accuracy for pair in pairs_of(data)]
     clustered = [a for a in told if a.get("interval", "").startswith(("t over", "Wilson over"))]
     if clustered:
         what = clustered[0].get("clusters", "recording")
         tested = "tests" if data.get("n_starts") else _tested(data)
         yield (
-            f"Accuracy is the share of {tested}; its interval is{over(clustered[0])}, as those of one "
-            f"{what} are no independent tests (t, jackknife of the logit)."
+            f"Accuracy is the share of {tested}; its interval is{over(clustered[0])}, because those of one "
+            f"{what} are not independent (t, jackknife of the logit)."
         )
     yield from dict.fromkeys(filter(None, map(caution, clustered)))
     agreement = {n: value for n, value in data.get("rank_agreement", {}).items() if value is not None}
@@ -439,11 +449,11 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
             + (" [{:.2f}, {:.2f}]".format(*bounds[n]) if bounds.get(n) else "")
             for n, v in agreement.items()
         )
-        yield f"Rank agreement of the rows with the published figures (Spearman, 95 %): {listed}."
+        yield f"Rank correlation of the rows with the published accuracies (Spearman, 95 %): {listed}."
     if best is not None and (columns := best.row.get("selected", {}).get(best.classifier)):
         chosen = sorted(columns.items(), key=lambda item: -item[1])
         listed = ", ".join(f"{column} {share:.0%}" for column, share in chosen)
-        yield f"Columns that {best.row['name']} selects, by share of folds: {listed}."
+        yield f"Columns selected by {best.row['name']}, with the share of folds: {listed}."
     if choice := data.get("choice"):
         folds = Counter((row, name) for row, name in choice["chosen"]).most_common()
         n, found = len(choice["chosen"]), choice["accuracy"]
@@ -451,26 +461,26 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
         listed = "; ".join(f"{row}, {classifier_title(name)} ({k} of {n} folds)" for (row, name), k in folds)
         titles = ", ".join(find_protocol(name).title for name in choice["protocols"])
         yield (
-            "Row and classifier chosen inside each training part (by "
-            f"{titles or 'nothing to choose'}): {mean} % [{low}, {high}]; chosen: {listed}."
+            "Nested cross-validation (inner folds: "
+            f"{titles or 'none, one pair'}): {mean} % [{low}, {high}]; selected: {listed}."
         )
     for row in data["rows"]:
         if row["accuracy"] and row.get("note"):
             yield sentence(f"{row['name']}: {row['note']}")
         if row["accuracy"] and row["missing"]:
-            yield f"{row['name']}: without features the dataset lacks: {row['missing']}."
+            yield f"{row['name']}: without features that the dataset does not allow: {row['missing']}."
     yield from _problems(data)
     yield from map(sentence, data["dataset"].get("notes", ()))
 
 
 def _problems(data: Data) -> Iterator[str]:
-    """Yield recordings left out, flags and undefined features, each list cut to a readable length."""
+    """Yield recordings left out, flags and undefined features, each list shortened."""
     n = data["dataset"].get("n_windows", data["dataset"]["n_recordings"])
     undefined = [one for one in data.get("undefined", []) if one["n_recordings"] < n]
     for what, lines in {
         "Recordings left out": [": ".join(item) for item in data.get("left_out", [])],
         "Recordings flagged by the loader": [": ".join(item) for item in data.get("flags", [])],
-        "Features without a value in some recordings (where the training median stands in)": [
+        "Features that are undefined in some recordings (replaced by the training median)": [
             f"{one['feature']} in {one['n_recordings']} of {n}: {one['reason']}" for one in undefined
         ],
     }.items():

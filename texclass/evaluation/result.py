@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from texclass.loaders.dataset import Dataset
 
 COMPUTED_BY = ("recording", "signals", "phases", "features", "vibration", "classifiers", "evaluation")
-"""Rooms and modules whose code the figures of a result depend on."""
+"""Subpackages and modules on whose code results depend."""
 
 CLASSIFIER_TITLES = {
     "naive_bayes": "Naive Bayes",
@@ -25,10 +25,10 @@ CLASSIFIER_TITLES = {
     "euclidean": "Euclidean",
     "nearest_neighbour": "Nearest neighbour",
 }
-CHOICE = "row chosen inside the training parts"
-"""What the choice of a benchmark is called beside its rows."""
+CHOICE = "nested cross-validation"
+"""Name of the accuracy of nested cross-validation beside those of rows."""
 FEW = 10
-"""Clusters below which an accuracy above 90 % (or below 10 %) is told with a caution."""
+"""Clusters below which an accuracy above 90 % (or below 10 %) is reported with a caution."""
 
 
 class Pair(NamedTuple):
@@ -77,13 +77,13 @@ def over(found: Mapping[str, Any]) -> str:
 
 
 def caution(found: Mapping[str, Any]) -> str:
-    """Return what the clusters of an accuracy cannot tell; nothing where they can."""
+    """Return a caution on few or agreeing clusters, or an empty string."""
     n, what = found.get("n_clusters") or FEW, f"{found.get('clusters')}s"
     if found.get("interval", "").startswith("Wilson over"):
-        why = "agree altogether" if n >= LEAST_CLUSTERS else "are too few"
-        return f"{n} {what} {why}, so their spread tells nothing: each counts as one test in the interval."
+        why = "agree" if n >= LEAST_CLUSTERS else "are too few"
+        return f"{n} {what} {why} to estimate their spread: each counts as one test in the interval."
     if n < FEW and found.get("interval", "").startswith("t over") and not 0.1 < found["mean"] < 0.9:
-        return f"So near the end of the scale {n} {what} cannot tell well: the interval may be too narrow."
+        return f"Near 0 or 100 % the interval of {n} {what} may be too narrow."
     return ""
 
 
@@ -93,11 +93,11 @@ def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
     others = ("operator", "session", "test")
     counts = [counted(facts[f"n_{what}s"], what) for what in others if facts.get(f"n_{what}s")]
     told = {
-        "What it is": facts.get("title"),
+        "Dataset": facts.get("title"),
         "Size": ", ".join([size(facts), *counts]),
-        "Materials": ", ".join(facts.get("materials") or ()),
+        "Surfaces": ", ".join(facts.get("materials") or ()),
         "Signals": f"{facts['fs_hz']:g} Hz, {facts['unit']}" if facts.get("fs_hz") else "",
-        "Chance": f"{100 * chance_of(data):.1f} %",
+        "Chance level": f"{100 * chance_of(data):.1f} %",
         "Source": facts.get("source"),
         "Licence": facts.get("licence"),
         "Input hash": data["input_hash"],

@@ -133,7 +133,7 @@ class HoldingOut:
         table = self.table
         parts = [(table.iloc[train], table.iloc[test]) for train, test in self.splits]
         if not self.splits:
-            return ["how it does on any other recording (1 of a surface: none could be held out)"]
+            return ["accuracy on other recordings (1 per surface: none could be held out)"]
         found, names = [], ("session", "operator")
         after = [
             test.groupby("material")["repetition"].min() > learnt.groupby("material")["repetition"].max()
@@ -182,15 +182,15 @@ class HoldingOut:
         n_classes : int
             Materials.
         """
-        chosen = ", the choice among candidates included" * (expected["n_candidates"] > 1)
-        so_few = ", so few that one more counts as right and one as wrong" * bool(self.few)
+        chosen = ", selection of the pipeline included" * (expected["n_candidates"] > 1)
+        so_few = " (few: one correct and one wrong answer are added)" * bool(self.few)
         found = {
             "protocol": self.protocol.name,
             "why": self.why if self.splits else f"1 {self.protocol.unit} of a surface",
             "n_folds": len(self.splits),
             "untold": self.untold,
             **expected,
-            "how": f"held-out {'touches' if 'parent' in self.table else 'recordings'}{chosen}{so_few}",
+            "how": f"held-out {'windows' if 'parent' in self.table else 'recordings'}{chosen}{so_few}",
         }
         if self.few and self.splits:
             found["mean"] = of_succession(expected["mean"], n_recordings)

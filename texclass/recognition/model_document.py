@@ -1,4 +1,4 @@
-"""What a model says of itself, and of files, as documents that a terminal, Markdown or a page shows."""
+"""Model cards and predictions as documents."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,11 +17,11 @@ def model_document(model: Model) -> Document:
     on, left_out = m.trained_on, ""
     felt = counted(on["n_recordings"], "recording")
     if m.touch_s is not None:
-        felt += f", {on['n_windows']} touches of {m.touch_s:g} s"
-    if "without_graph" in m.accuracy:  # an exportable model: what it does without
+        felt += f", {on['n_windows']} windows of {m.touch_s:g} s"
+    if "without_graph" in m.accuracy:  # features that an exportable model leaves out
         left_out = (
-            f"{', '.join(m.accuracy['without_graph'])}: no graph for ONNX; with them, the same choice is "
-            f"right in {100 * m.accuracy['with_all_features']:.1f} %"
+            f"{', '.join(m.accuracy['without_graph'])}: no graph for ONNX; with them, accuracy "
+            f" {100 * m.accuracy['with_all_features']:.1f} %"
         )
     facts = {
         "Surfaces": f"{len(m.materials)}: {', '.join(m.materials)}",
@@ -33,12 +33,12 @@ def model_document(model: Model) -> Document:
         "Recordings": _recordings(m),
         "Accuracy": _promise(m.accuracy),
         "Held out": _held_out(m),
-        "Cannot be told": "; ".join(m.accuracy.get("untold", ())) or "nothing of what the recordings name",
+        "Not evaluated": "; ".join(m.accuracy.get("untold", ())) or "nothing that the recordings state",
         "Probabilities": _probabilities(m.calibration),
-        "Sets": _of_sets(model),
+        "Prediction sets": _of_sets(model),
         "Unknown surfaces": _unknown(m),
         "Cost": _cost(m.cost),
-        "Answers": f"by scikit-learn: {by_sklearn}" if by_sklearn else "from arrays",
+        "Stored as": f"scikit-learn estimators: {by_sklearn}" if by_sklearn else "arrays",
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
         "Format": str(m.format_version),
     }
@@ -47,49 +47,54 @@ def model_document(model: Model) -> Document:
 
 
 def _pipeline(m: Manifest) -> str:
-    """Return what was trained, of how many candidates, and within which limits."""
+    """Return row and classifier, the number of candidates, and the budget."""
     of = m.pipeline
     best_of = f", best of {m.accuracy['n_candidates']}" if m.accuracy["n_candidates"] > 1 else ""
-    few = f"; {of['few']}: too few to choose by, margins are wider" if "few" in of else ""
+    few = f"; {of['few']}: too few to select on, thresholds are wider" if "few" in of else ""
     within = f"; within {of['budget']}" if "budget" in of else ""
     return f"{of['name']}: {of['row']} with {of['classifier']}{best_of}{few}{within}"
 
 
 def _recordings(m: Manifest) -> str:
-    """Return what recordings it is for."""
-    felt = f", movements of about {m.shortest_s:.2g} s and more" if m.shortest_s is not None else ""
+    """Return the recordings that the model accepts."""
+    felt = f", movements of at least about {m.shortest_s:.2g} s" if m.shortest_s is not None else ""
     if m.touch_s is not None:
-        felt = f", touches of {m.touch_s:g} s"
+        felt = f", windows of {m.touch_s:g} s"
     return f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{felt}"
 
 
 def _promise(accuracy: Mapping[str, Any]) -> str:
-    """Return how accurate it is on recordings like those held out, and what that says of later ones."""
+    """Return the accuracy on held-out recordings, and the interval for later ones."""
     if "mean" not in accuracy:  # the model is of one recording of a surface
-        return "no promise: nothing could be held out"
+        return "not evaluated: no recording could be held out"
     low, mean, high = (f"{100 * accuracy[name]:.1f}" for name in ("low", "mean", "high"))
     untold, only = accuracy.get("untold"), ""
     if later := accuracy.get("later"):
-        only = f"; later ones: {100 * later['low']:.0f} to {100 * later['high']:.0f} %, as in other data sets"
+        low_later, high_later = 100 * later["low"], 100 * later["high"]
+        only = f"; later recordings: {low_later:.0f} to {high_later:.0f} %, from other datasets"
     elif untold and untold[0].startswith("later"):
-        only = "; later ones: cannot be told"
+        only = "; later recordings: not evaluated"
     return f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['how']}{only}"
 
 
 def _held_out(m: Manifest) -> str:
-    """Return how recordings were held out, why so, and what a drift did."""
+    """Return the protocol, its reason, and the effect of drift."""
     stretch, folds = m.unknown["stretch"], counted(m.accuracy["n_folds"], "fold")
     drift = f"; drift makes distances {stretch:.2g} times as large" * (stretch > 1)
     return f"protocol {m.accuracy['protocol']}, {folds} ({m.accuracy['why']}){drift}"
 
 
 def _unknown(m: Manifest) -> str:
-    """Return when a surface is unknown to it, and how far that can be relied on."""
+    """Return the novelty score and its threshold."""
     unknown = m.unknown
     if unknown["threshold"] is None:
-        return "not judged: too few recordings were held out"
-    wide = "; so few that strangers often pass" if unknown.get("level", 1) < unknown["false_alarms"] else ""
-    wide += "; later ones may be called unknown more often" * bool(m.accuracy.get("later"))
+        return "not evaluated: too few recordings were held out"
+    wide = (
+        "; with so few, unknown surfaces are often missed"
+        if unknown.get("level", 1) < unknown["false_alarms"]
+        else ""
+    )
+    wide += "; later recordings may be reported as unknown more often" * bool(m.accuracy.get("later"))
     return (
         f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
         f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out{wide}"
@@ -99,11 +104,11 @@ def _unknown(m: Manifest) -> str:
 def _cost(cost: Mapping[str, float]) -> str:
     names = ("segmentation", "features", "classifier")
     steps = ", ".join(f"{name} {cost[f'{name}_ms']:.2f}" for name in names)
-    return f"{sum(cost.values()):.2f} ms a recording ({steps}) on the machine that trained it"
+    return f"{sum(cost.values()):.2f} ms per recording ({steps}) on the machine that trained it"
 
 
 def adapted_facts(manifest: Manifest) -> str:
-    """Return what an adapted model says of the references that it follows."""
+    """Return the references of an adapted model, and the size of the map."""
     surfaces = [surface for _, surface in manifest.adapted["references"] if surface is not None]
     n = counted(len(manifest.adapted["references"]), "reference")
     of = f"{len(surfaces)} of {counted(len(set(surfaces)), 'known surface')}" if surfaces else "unlabelled"
@@ -117,9 +122,9 @@ def adapted_facts(manifest: Manifest) -> str:
 
 
 def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
-    """Return the answers for files by name, one a row, and what a user should know of each.
+    """Return predictions as a table, one row per file, with the reasons below.
 
-    A file is called by its recording where no other file is of the same.
+    A file is named by its recording if no other file has the same name.
     """
     ids = [answer.recording_id for _, answer in answers]
     named = [(name if ids.count(a.recording_id) > 1 else a.recording_id, a) for name, a in answers]
@@ -141,22 +146,22 @@ def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
 
 
 def _probabilities(calibration: Mapping[str, Any]) -> str:
-    """Return how decisions become probabilities, and how far these are from shares of right answers."""
+    """Return the calibration method and its error."""
     scaling = f"{calibration['method']} scaling, beta {calibration['beta']:.3g}"
     if "expected_error" not in calibration:
-        return f"{scaling}; that of other data sets"
+        return f"{scaling}; from other datasets"
     of_chance = calibration.get("error_of_chance")
-    by_chance = f" ({of_chance:.3f} by chance alone)" if of_chance else ""
+    by_chance = f" ({of_chance:.3f} expected by chance)" if of_chance else ""
     held_out = f"{calibration['expected_error']:.3f} on {calibration['n']} held out"
     return f"{scaling}; expected calibration error {held_out}{by_chance}"
 
 
 def _of_sets(model: Model) -> str:
-    """Return on what the sets of a model stand."""
+    """Return levels and calibration set of the prediction sets."""
     if not model.conformity:
         return "none"
     known, levels = model.conformity["answer"], " and ".join(f"{100 * level:g}" for level in model.levels)
     referred = ", references among them" * ("references" in model.manifest.calibration["sets"])
-    return f"hold in {levels} % by what {known.n:.3g} contacts tell{referred}" + (
+    return f"coverage {levels} %, from {known.n:.3g} held-out contacts{referred}" + (
         f"; {few}" if (few := known.too_few(model.levels)) else ""
     )

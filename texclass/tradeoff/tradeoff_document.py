@@ -1,4 +1,4 @@
-"""A trade-off as a document: what a millisecond buys, and accuracy against whatever else costs."""
+"""A trade-off as a document: accuracy against latency, signal length, training recordings, rate and bits."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -56,18 +56,18 @@ def tradeoff_document(data: Data) -> Document:
         percent(knee["accuracy"]["mean"]),
         "%",
         interval(knee["accuracy"]),
-        f"of recordings recognised at the knee (picked on these very folds, so optimistic), for a budget of "
-        f"{digits(knee['budget_ms'])} ms per recording ({100 * knee['budget_ms'] / total:.0f} % of the "
-        f"{digits(total)} ms of the full set). Protocol: {data['protocol']}; features are chosen inside each "
-        f"training part; 95 % interval{over(data)}; chance {percent(chance_of(data))} %.",
+        f"of recordings classified correctly at the knee point (selected on these folds, optimistic), with a "
+        f"latency budget of {digits(knee['budget_ms'])} ms ({100 * knee['budget_ms'] / total:.0f} % of the "
+        f"{digits(total)} ms of the full set). Protocol: {data['protocol']}; features are selected in each "
+        f"training set; 95 % confidence interval{over(data)}; chance level {percent(chance_of(data))} %.",
         f"{against} ({estimate(full)} %); at half the cost of its features "
         f"{points(half['accuracy']['mean'] - full['mean'])} points, and "
-        f"{points(half['plain']['mean'] - full['mean'])} by plain sequential selection, which does not look "
-        "at costs and ends at the budget.",
-        f"At the knee, for {digits(knee['budget_ms'])} ms per recording; {against}, {digits(total)} ms.",
+        f"{points(half['plain']['mean'] - full['mean'])} by sequential selection "
+        "that ignores costs and stops at the budget.",
+        f"At the knee point, {digits(knee['budget_ms'])} ms per recording; {against}, {digits(total)} ms.",
     )
     return Document(
-        f"{data['dataset']['name']}, speed against accuracy",
+        f"{data['dataset']['name']}, accuracy against latency",
         list(_blocks(data)),
         f"Features {data['features']}: {size(data['dataset'])}{f', {felt:g} s of each' if felt else ''}",
         finding,
@@ -78,26 +78,27 @@ def tradeoff_document(data: Data) -> Document:
 
 
 def _blocks(data: Data) -> Iterator[Block]:
-    yield Heading("What a millisecond buys")
+    yield Heading("Pareto front: accuracy against latency")
     yield _front(data)
     first, last, knee = data["front"][0], data["front"][-1], data["knee"]
     yield Figure(
         "front",
-        "Accuracy against milliseconds",
-        f"From {_at(first)} to {_at(last)}; knee: {_at(knee)}; chance is {percent(chance_of(data))} %.",
+        "Accuracy against latency",
+        f"From {_at(first)} to {_at(last)}; knee point: {_at(knee)}; chance level "
+        f"{percent(chance_of(data))} %.",
         lambda width: draw_front(data, width),
     )
     yield list(_notes(data))
     if data.get("fewest"):
         scene = ", ".join(data["dataset"].get("materials") or ()) or "this scene"
         rows = [(str(n), estimate(found)) for n, found in data["fewest"]]
-        yield Heading("The fewest columns for this scene")
-        caption = f"Accuracy of the best columns, chosen inside each training part, for {scene}."
+        yield Heading("Fewest columns for these surfaces")
+        caption = f"Accuracy with the best columns, selected in each training set, for {scene}."
         yield Table(pd.DataFrame(rows, columns=["Columns", "% [95 %]"]), caption)
     if data.get("curves"):
-        yield Heading("Accuracy against what else costs")
+        yield Heading("Accuracy against other costs")
         yield _curves(data["curves"], 100 * chance_of(data))
-    yield Heading("What each feature costs")
+    yield Heading("Cost of each feature")
     yield _costs(data)
     parts = sorted(data["parts"].items(), key=lambda part: -part[1])
     yield Folded("Shared transforms", [Table(pd.DataFrame(parts, columns=["Transform", "ms per recording"]))])
@@ -107,13 +108,13 @@ def _blocks(data: Data) -> Iterator[Block]:
 
 
 def _at(point: Data) -> str:
-    return f"{percent(point['accuracy']['mean'])} % for {digits(point['budget_ms'])} ms"
+    return f"{percent(point['accuracy']['mean'])} % at {digits(point['budget_ms'])} ms"
 
 
 def _front(data: Data) -> Table:
     """Return accuracy and columns at each budget, and of the full set."""
     front = data["front"]
-    marks = {"knee": "knee", "half the cost": "at_half_cost"}
+    marks = {"knee point": "knee", "half the cost": "at_half_cost"}
     marked = [", ".join(name for name, key in marks.items() if point == data[key]) for point in front]
     rows = [
         (digits(p["budget_ms"]), digits(p["ms"]), digits(p["n_features"]), digits(p["n_columns"]),
@@ -129,9 +130,9 @@ def _front(data: Data) -> Table:
     ]  # fmt: skip
     return Table(
         pd.DataFrame(rows, columns=titles),
-        "Features and columns: mean over folds; ms: one recording, one thread, this machine, conditioning "
-        "included; plain: sequential selection that does not look at costs. 95 % intervals"
-        f"{over(data)}; chance is {percent(chance_of(data))} %.",
+        "Features and columns: mean over folds; ms: latency per recording, one thread, this machine, with "
+        "conditioning; plain: sequential selection that ignores costs. 95 % confidence intervals"
+        f"{over(data)}; chance level {percent(chance_of(data))} %.",
         strong=[i for i, mark in enumerate(marked) if mark.startswith("knee")],
     )
 
@@ -145,15 +146,16 @@ def _notes(data: Data) -> Iterator[str]:
         f"{digits(chosen['measured_ms'])} ms measured when pruned; {estimate(chosen['accuracy'])} %{saved}."
     )
     within = "of every cost" if data.get("whole_path") else "more"
-    yield f"Finding the phases takes {digits(data['segmentation_ms'])} ms {within}, whatever is chosen."
+    yield f"Segmentation takes {digits(data['segmentation_ms'])} ms {within}, for every selection."
     if machine := data.get("costs_of"):
-        yield f"Milliseconds are of {machine}: measured once, and kept in the cache folder."
+        yield f"Latency was measured once on {machine}, and is stored in the cache folder."
     if rule := data.get("knee_rule"):
-        yield sentence(f"Knee: {rule}")
+        yield sentence(f"Knee point: {rule}")
     if pairs := data.get("model_check"):
         worst = max(abs(predicted / measured - 1) for predicted, measured in pairs)
         yield (
-            f"The cost model misses the measured cost of {counted(len(pairs), 'random subset')} by at most "
+            f"The cost model deviates from the measured cost of {counted(len(pairs), 'random subset')} by at "
+            "most "
             f"{100 * worst:.0f} %."
         )
     yield from map(sentence, [*data.get("notes", ()), *data["dataset"].get("notes", ())])
@@ -174,7 +176,7 @@ def _curves(curves: Sequence[Data], chance: float) -> Figure:
     notes = dict.fromkeys(sentence(curve["note"]) for curve in curves if curve.get("note"))
     return Figure(
         "curves",
-        f"Accuracy in %, with 95 % intervals; chance is {chance:.1f} %",
+        f"Accuracy in %, with 95 % confidence intervals; chance level {chance:.1f} %",
         " ".join([f"{'; '.join(said)}.", *notes]),
         lambda width: draw_curves(curves, width, chance),
         Table(pd.DataFrame(rows, columns=["Varied", "Curve", "Value", "% [95 %]"]), n_words=3),
@@ -198,7 +200,7 @@ def _costs(data: Data) -> Figure:
     return Figure(
         "costs",
         "Cost of features, one recording",
-        f"The full set takes {digits(data['total_ms'])} ms; the dearest of {len(costs)} features is "
+        f"The full set takes {digits(data['total_ms'])} ms; the most expensive of {len(costs)} features is "
         f"{costs[0]['feature']} with a share of {digits(costs[0]['share'])} ms.",
         lambda width: draw_costs(costs, set(data["chosen"]["features"]), width),
         Table(
@@ -214,7 +216,7 @@ def draw_front(data: Data, width: float) -> "Drawing":
     ms = [point["budget_ms"] for point in front]
     for key, colour, shape, what in (
         ("plain", OTHER, "s", "plain sequential selection"),
-        ("accuracy", OURS, "o", "cost-aware choice, 95 % interval"),
+        ("accuracy", OURS, "o", "cost-aware selection, 95 % interval"),
     ):
         found = [point[key] for point in front]
         says = [
@@ -223,10 +225,10 @@ def draw_front(data: Data, width: float) -> "Drawing":
         _line(axes, ms, found, colour, shape, what, says, band=key == "accuracy")
     axes.axhline(100 * full["mean"], color=MUTED, linewidth=1, linestyle=":", label="full set")
     at = (knee["budget_ms"], 100 * knee["accuracy"]["mean"])
-    told = f"knee: {percent(knee['accuracy']['mean'])} %, {digits(knee['budget_ms'])} ms"
+    told = f"knee point: {percent(knee['accuracy']['mean'])} %, {digits(knee['budget_ms'])} ms"
     axes.plot(*at, "o", markersize=13, fillstyle="none", color=INK, label=told, clip_on=False)
     what = "samples to features" if data.get("whole_path") else "features"
-    axes.set(xlabel=f"{what} of one recording, ms", ylabel="accuracy, %")
+    axes.set(xlabel=f"latency ({what}) per recording, ms", ylabel="accuracy, %")
     axes.set_xlim(0, 1.04 * max(data["total_ms"], ms[-1]))
     lows = [100 * point[key][end] for point in front for key, end in (("accuracy", "low"), ("plain", "mean"))]
     limit_accuracy(axes, lows, 100 * chance_of(data))
@@ -244,7 +246,7 @@ def limit_accuracy(axes: "Axes", lows: Sequence[float], chance: float) -> None:
 def draw_costs(costs: Sequence[Data], bought: Collection[str], width: float) -> "Drawing":
     """Draw two bars for each feature, apart, so that each can be pointed at: its share, and it alone."""
     names = [f"{'● ' if cost['feature'] in bought else ''}{cost['feature']}" for cost in costs]
-    figure, axes = row_axes(width, names, "ms (● bought at the budget)")
+    figure, axes = row_axes(width, names, "ms (● selected at the budget)")
     for key, colour, place, what in (
         ("share", OURS, -0.18, "share of the full set"),
         ("alone", FAINT, 0.18, "alone"),
