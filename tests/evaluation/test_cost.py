@@ -6,9 +6,10 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from sklearn.neighbors import NearestCentroid
 
 from texclass.evaluation import cost as cost_module
-from texclass.evaluation.cost import CostMeter, CostModel
+from texclass.evaluation.cost import CostMeter, CostModel, classifier_cost
 from texclass.features.contract import Feature
 from texclass.features.phase_view import transform
 from texclass.features.plan import Plan
@@ -132,3 +133,8 @@ def test_costs_that_decide_are_measured_once(ticks, toy_dataset, monkeypatch, tm
     (kept,) = (tmp_path / "costs").iterdir()
     kept.write_bytes(kept.read_bytes()[:-9])  # damaged: measured anew
     assert meter.kept(ticks).columns == first.columns
+
+
+def test_columns_that_are_constant_within_classes_are_no_warning():
+    X = np.column_stack([np.repeat([0.0, 2.0], 5), np.random.default_rng(0).standard_normal(10)])
+    assert classifier_cost(NearestCentroid(), X, np.repeat(["oak", "slate"], 5))["fit_ms"] > 0

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from texclass.atomic_write import cache_root, write_if_possible
+from texclass.classifiers.fitting import quiet_fits
 from texclass.evaluation.workers import one_thread
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Channels, Views, channels_apart, views_of
@@ -274,7 +275,7 @@ def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any]) -> dict[str, f
     dict
         `fit_ms`: fitting all recordings once; `predict_ms`: one recording at a time, as a robot asks.
     """
-    with one_thread():
+    with one_thread(), quiet_fits():
         fits = [_timed(lambda: clone(classifier).fit(X, y)) for _ in range(N_REPEATS)]
         fitted = fits[-1][0]
         rows = X[np.linspace(0, len(X) - 1, 4 * N_REPEATS).astype(int)]

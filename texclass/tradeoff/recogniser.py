@@ -15,6 +15,7 @@ from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, Stan
 
 from texclass import __version__
 from texclass.atomic_write import write_atomic
+from texclass.classifiers.fitting import quiet_fits
 from texclass.evaluation.trusted import archive_of, load_trusted, read_bounded
 from texclass.features.extractor import FeatureExtractor
 from texclass.features.phase_view import Channels
@@ -48,7 +49,8 @@ def fit_recogniser(
     steps : sequence of (name, estimator)
         Unfitted, the classifier last.
     """
-    fitted = Pipeline(list(steps)).fit(values, materials)
+    with quiet_fits():
+        fitted = Pipeline(list(steps)).fit(values, materials)
     return Pipeline([("features", _extractor(plan)), *fitted.steps])
 
 
