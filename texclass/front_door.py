@@ -1,4 +1,4 @@
-"""What most users call; each takes what they have at hand: a name, a path, arrays, a dataset."""
+"""Functions for most users. They accept names, paths, arrays, recordings and datasets."""
 
 import warnings
 from collections import Counter
@@ -24,41 +24,41 @@ def extract(
     channels: Any = "combine",
     n_jobs: int | None = None,
 ) -> "pd.DataFrame":
-    """Return the features of recordings, one row a recording.
+    """Compute the features of recordings, one row per recording.
 
     Parameters
     ----------
     recordings : Dataset, str, Path, Recording, array_like or sequence of these
-        A dataset, or the name of a shipped one, a card or folder; one recording, or several; one array of
-        shape (n_samples,) or (n_samples, n_axes), arrays of unequal lengths, or a panel of shape
-        (n_recordings, n_axes, n_samples): see `FeatureExtractor`. Or what MNE, xarray, aeon or sktime hold:
-        see `loaders.recordings_of`.
+        Dataset, name of a shipped dataset, dataset card or folder; one or several recordings; one array of
+        shape (n_samples,) or (n_samples, n_axes), several arrays, or a panel of shape
+        (n_recordings, n_axes, n_samples), see `FeatureExtractor`; or data of MNE, xarray, aeon or sktime, see
+        `loaders.recordings_of`.
     features : str, Path or FeatureSet
-        A shipped set, a TOML, or a set.
+        Name of a shipped feature set, path of a feature set (TOML), or a feature set (default "texclass").
     fs : float, optional
-        Sampling rate in Hz, of arrays and of files that do not state it.
+        Sampling rate in Hz of arrays, and of files that do not state it.
     unit : str, optional
-        Of the same; "arbitrary" by default for arrays.
+        Unit of arrays (default "arbitrary"), and of files that do not state it.
     channels : {"combine", "each", "auto", "all"}
         See `FeatureExtractor`.
     n_jobs : int, optional
-        Processes.
+        Number of processes (default 1).
 
     Returns
     -------
     DataFrame of shape (n_recordings, n_columns)
         Indexed by recording; NaN where a feature is undefined. ``attrs["reasons"]`` lists (feature, reason,
-        number of recordings); `FeatureExtractor.extract` has the reasons of each recording.
+        number of recordings); `FeatureExtractor.extract` returns the reasons of each recording.
 
     Raises
     ------
     ValueError
-        If `fs` is missing for arrays, a recording breaks a rule, or recordings have different axes.
+        If `fs` is missing for arrays, a recording is invalid, or recordings have different axes.
 
     Warns
     -----
     UserWarning
-        If columns have no value for some or all recordings.
+        If columns are undefined for some or all recordings.
 
     Examples
     --------
@@ -91,23 +91,25 @@ def benchmark(
     unit: str | None = None,
     **options: Any,
 ) -> "BenchmarkResult":
-    """Evaluate every row of a pipeline's table on a dataset, beside the published figures.
+    """Evaluate all rows and classifiers of a pipeline on a dataset.
 
     Parameters
     ----------
     dataset : Dataset, str or Path
-        Labelled recordings, or what `open_dataset` opens.
+        Dataset with labels, or an argument of `open_dataset`.
     pipeline : PipelineDefinition, str or Path
-        A shipped name, a TOML, or a definition.
-    fs, unit : optional
-        As `open_dataset` takes them.
+        Name of a shipped pipeline, path of a pipeline (TOML), or a definition (default "strese2015").
+    fs : float, optional
+        Sampling rate in Hz of files that do not state it.
+    unit : str, optional
+        Unit of the acceleration in files that do not state it.
     **options
         `protocol`, `n_folds`, `choose`, `n_jobs`, `skip_bad`, `progress` of `evaluation.run_benchmark`.
 
     Returns
     -------
     BenchmarkResult
-        Its `table` is a DataFrame; `plot()` draws it, `save(folder)` writes JSON, Markdown and pictures.
+        `table` is a DataFrame, `plot()` returns a figure, `save(folder)` writes JSON, Markdown and figures.
     """
     from texclass.evaluation import run_benchmark
 
@@ -117,14 +119,28 @@ def benchmark(
 def plot_recording(
     recording: "Recording | str | Path", *, fs: float | None = None, unit: str | None = None
 ) -> "Figure":
-    """Draw a recording at a glance: signal and phases, a tap, spectrogram, the paper's feature values.
+    """Plot signal, phases, a tap, spectrogram and feature values of a recording.
 
     Parameters
     ----------
     recording : Recording, str or Path
-        Or a file, or "DATASET:RECORDING".
-    fs, unit : optional
-        As `load_recording` takes them.
+        Recording, file, or "DATASET:RECORDING".
+    fs : float, optional
+        Sampling rate in Hz of a file that does not state it.
+    unit : str, optional
+        Unit of the acceleration in a file that does not state it.
+
+    Returns
+    -------
+    Figure
+        A Matplotlib figure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import texclass as tx
+    >>> recording = tx.Recording(np.random.default_rng(0).standard_normal((20_000, 3)), fs=10_000)
+    >>> tx.plot_recording(recording).savefig("recording.png")
     """
     from texclass.evaluation.inspection import inspected
     from texclass.loaders import find_recording
@@ -134,7 +150,7 @@ def plot_recording(
 
 
 def opened(dataset: Any, fs: float | None, unit: str | None) -> Any:
-    """Return a dataset, opened if only its name or place is given; whatever else it is, as it is."""
+    """Return the dataset with a name or path; return other objects unchanged."""
     from texclass.loaders import open_dataset
 
     return open_dataset(dataset, fs=fs, unit=unit) if isinstance(dataset, str | Path) else dataset

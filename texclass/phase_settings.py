@@ -107,6 +107,11 @@ class PhaseSettings:
         `noisy_contrast`, so that intermittent noise of a room or machine is not taken for strokes.
     noisy_weight
         Factor applied to the level of strokes where the noise is intermittent.
+
+    Examples
+    --------
+    >>> PhaseSettings(tap_spacing_s=0.05).changes
+    {'tap_spacing_s': 0.05}
     """
 
     __pydantic_config__: ClassVar = {"extra": "forbid"}

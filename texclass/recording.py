@@ -39,26 +39,31 @@ _BLOCK = 1 << 20
 
 
 class RecordingError(ValueError):
-    """A recording cannot be used; the message names the file, the value and the rule."""
+    """A recording is invalid; the message names file, value and expectation."""
 
 
 @dataclass(frozen=True)
 class Tap:
-    """One tap as half-open ranges of samples: hand [start, impact), impact and decay [impact, end).
+    """One tap: hand motion in samples [start, impact), impact and decay in [impact, end).
 
     Attributes
     ----------
     start
-        First sample of the hand's acceleration towards the surface.
+        First sample of the motion of the hand towards the surface.
     impact
         First sample of the contact.
     end
         One past the last sample of the decay.
     width
-        Samples from the impact until the vibration is 10 dB below its peak; 0 if that was not measured.
+        Number of samples from the impact until the vibration is 10 dB below its peak; 0 if not measured.
     quality
-        How surely it is a tap, 0 to 1: 1 less the amplitude of what is around (noise, ringing, a stroke) over
-        that of its peak.
+        Confidence from 0 to 1: 1 minus the ratio of the amplitude around the tap (noise, ringing, a stroke)
+        to that of its peak.
+
+    Examples
+    --------
+    >>> Tap(start=100, impact=200, end=260).end
+    260
     """
 
     start: int
@@ -76,18 +81,23 @@ class Tap:
 
 @dataclass(frozen=True)
 class Phases:
-    """Where the taps and the movement of one recording are (sample indices).
+    """Taps and movement of one recording, as sample indices.
 
     Attributes
     ----------
     taps
-        Taps in order of time; empty when there is none.
+        Taps in order of time.
     movement
-        Half-open range [first, one past last] of the strokes; None when there is none.
+        Samples [start, stop) of the strokes; None if there are none.
     onset
-        Sample at which static friction breaks and the first stroke starts to slide; None if unknown.
+        Sample at which static friction breaks and sliding begins; None if unknown.
     notes
-        What is ill-defined or was assumed, for the user.
+        Assumptions, for the user.
+
+    Examples
+    --------
+    >>> Phases(taps=(Tap(100, 200, 260),), movement=(1000, 5000)).kind
+    'taps and movement'
     """
 
     taps: tuple[Tap, ...] = ()
@@ -97,7 +107,7 @@ class Phases:
 
     @property
     def kind(self) -> Literal["taps and movement", "taps only", "movement only", "nothing"]:
-        """Which phases there are, in words."""
+        """Phases that the recording contains, in words."""
         match bool(self.taps), self.movement is not None:
             case True, True:
                 return "taps and movement"
@@ -110,47 +120,50 @@ class Phases:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What one exploration of one surface recorded. Frozen; its arrays are read-only.
+    """Signals of one exploration of one surface. Frozen; its arrays are read-only.
 
     Parameters
     ----------
     acceleration : array_like of shape (n_samples,) or (n_samples, n_channels)
-        Acceleration of the tool in `unit` (kept in m/s^2 if the unit is physical).
+        Acceleration of the tool in `unit` (converted to m/s^2 if the unit is physical).
     fs : float
-        Sampling rate in Hz of every signal of the recording. Never guessed.
+        Sampling rate in Hz of all signals.
     unit : str, default "arbitrary"
-        "m/s^2", "g" or "mg" (converted to m/s^2), or "counts", "V", "arbitrary" (kept as they are). Of a
-        physical unit, gravity is known, and where it is felt, sets of corrected features leave out the path
-        of the hand.
+        "m/s^2", "g" or "mg" (converted to m/s^2), or "counts", "V", "arbitrary" (not converted). With a
+        physical unit and gravity in the signal, corrected feature sets remove hand motion.
     recording_id : str, default "recording"
-        Unique within its dataset.
+        Identifier, unique in its dataset.
     material, operator, session : str, optional
-        What was explored, by whom, on which occasion.
+        Surface, person who held the tool, and occasion.
     repetition : int, optional
-        Running number in order of time.
+        Number in order of time.
     friction, normal_force, speed, sound : array_like of shape (n_samples,), optional
         FSR bridge voltage (V), normal force (N), tangential speed (mm/s), sound (arbitrary).
     turn_rate : array_like of shape (n_samples, 3), optional
         Angular velocity (rad/s).
     channels : tuple of str, optional
-        Names of the columns of a two-dimensional `acceleration`; x, y, z by default when there are three.
+        Names of the columns of a two-dimensional `acceleration` (default x, y, z for three columns).
     phases : Phases, optional
-        Where taps and movement are, when this is known (a card's declaration, a simulation's truth);
-        None leaves it to `texclass.phases.find_phases`.
+        Known taps and movement, from a card or a simulation (default: found by `find_phases`).
     phase_settings : PhaseSettings, optional
-        Settings by which phases are found that are not known.
+        Settings of `find_phases`.
     source : str, optional
-        Where it came from, for messages.
+        File or dataset, for messages.
     native_fs : float, optional
-        Rate in Hz of the sensor, where the recording was resampled since: it holds nothing above half of it.
-        By default `fs`.
+        Sampling rate in Hz of the sensor, if the recording was resampled (default `fs`).
     flags : tuple of str, optional
-        What a user should know about the signal ("clipped: 3.1 % of samples at full scale").
+        Warnings about the signal ("clipped: 3.1 % of samples at full scale").
 
     Raises
     ------
     RecordingError
-        If a fact is missing or a value breaks a rule; the message names source, value and rule.
+        If an argument is missing or invalid; the message names source, value and expectation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Recording(np.zeros((1000, 3)), fs=1000, unit="g", material="oak")
+    <Recording 'recording' of oak: 1 s at 1000 Hz, 3 axes in m/s^2>
     """
 
     acceleration: Samples
@@ -214,7 +227,7 @@ class Recording:
 
     @property
     def facts(self) -> dict[str, str]:
-        """What it is, in words: identity, length, rate, unit, channels and other signals that there are."""
+        """Identity, duration, rate, unit, channels and further signals, in words."""
         beside = ", ".join(name for name in AUXILIARY_UNITS if getattr(self, name) is not None)
         told = {
             "recording": self.recording_id,
@@ -259,10 +272,9 @@ class Recording:
         )
 
     def to_xarray(self) -> "xarray.DataArray":
-        """Return the acceleration by time (s) and axis, with `fs`, `unit` and what the recording is of.
+        """Return the acceleration as a DataArray over time (s) and axis, with labels as attributes.
 
-        Other signals and phases stay behind. `loaders.recordings_of` is the way back; xarray has to be
-        installed.
+        Other signals and phases are not included. `loaders.recordings_of` converts back. Needs xarray.
         """
         import xarray
 
@@ -286,7 +298,7 @@ class Recording:
 
 
 def axes_differ(axes: Sequence[str], others: Sequence[str]) -> bool:
-    """Whether two recordings have other axes: in number, or in names where they share some of them."""
+    """Return whether two recordings have different axes: another number, or names that differ partly."""
     a, b = ({name.casefold() for name in names} for names in (axes, others))
     return len(a) != len(b) or (a != b and bool(a & b))
 
@@ -307,7 +319,7 @@ def _sampling_rate(fs: Any, where: str) -> float:
 
 
 def read_only(array: A) -> A:
-    """Return an array that nobody else holds, closed to writing: a `Recording` keeps it without a copy."""
+    """Return an array that is closed to writing, so that a `Recording` keeps it without a copy."""
     whole: object = array
     while isinstance(whole, np.ndarray):
         whole.flags.writeable = False

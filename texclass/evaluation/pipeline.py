@@ -375,16 +375,30 @@ class PipelineDefinition(Written):
 
 
 def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
-    """Read a pipeline: a shipped name or the path of a TOML.
+    """Read a pipeline.
 
-    A `features` that ends in ".toml" is looked for beside the pipeline's file.
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a shipped pipeline, or path of a pipeline (TOML). A feature set in `features` that ends in
+        ".toml" is relative to the pipeline.
+
+    Returns
+    -------
+    PipelineDefinition
+        Feature set, steps, classifiers, rows, protocol and seed.
 
     Raises
     ------
     FileNotFoundError
         If the pipeline does not exist.
     ValueError
-        If the TOML breaks the schema; the message names file, key and rule.
+        If the file is invalid; the message names file, key and expectation.
+
+    Examples
+    --------
+    >>> load_pipeline("strese2015").protocol.name
+    'recording'
     """
     path = locate("pipelines", name_or_path)
     content = {"name": path.stem, **read_toml(path)}

@@ -254,14 +254,29 @@ class SetFile(Written):
 
 
 def load_feature_set(name_or_path: str | Path) -> FeatureSet:
-    """Read a feature set: a shipped name or the path of a TOML.
+    """Read a feature set.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a shipped feature set, or path of a feature set (TOML).
+
+    Returns
+    -------
+    FeatureSet
+        Features with their parameters and columns.
 
     Raises
     ------
     FileNotFoundError
         If there is no such set.
     ValueError
-        If the TOML breaks the schema; the message names file, key and the known keys.
+        If the file is invalid; the message names file, key and valid keys.
+
+    Examples
+    --------
+    >>> sum(len(member.columns) for member in load_feature_set("strese2015").members)
+    210
     """
     path = locate("feature_defs", name_or_path)
     written = checked(SetFile, read_toml(path), path.name)

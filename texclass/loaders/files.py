@@ -108,12 +108,20 @@ def load_recording(
     Returns
     -------
     recording : Recording
-        Without material or group.
+        Recording without surface, operator and session.
 
     Raises
     ------
     RecordingError
-        If a fact is missing or contradicted, or the file is not what it should be.
+        If rate or unit are missing or contradicted, or the file is invalid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> samples = np.random.default_rng(0).standard_normal((1000, 3))
+    >>> np.savetxt("oak.csv", samples, delimiter=",", header="ax,ay,az", comments="")
+    >>> load_recording("oak.csv", fs=1000, unit="g")
+    <Recording 'oak': 1 s at 1000 Hz, 3 axes in m/s^2>
     """
     path, asked = located(path)
     settings = ReaderSettings(

@@ -45,45 +45,48 @@ def open_dataset(
     skip_bad: bool = False,
     **reading: Any,
 ) -> Dataset:
-    """Return a lazy dataset; no recording is read before it is asked for.
+    """Open a dataset. Recordings are read when they are used.
 
     Parameters
     ----------
     name_or_path : str or Path
-        Name of a shipped card, path of a card (.toml), or a folder with one subfolder per material. There,
-        every file with a known suffix is a recording, or one of its axes.
+        Name of a shipped dataset, path of a dataset card (TOML), or a folder with one subfolder per surface.
     fs : float, optional
-        Sampling rate in Hz, for a folder whose files do not state it; all recordings share it, unless they
-        are resampled. What a card says must agree.
+        Sampling rate in Hz of files that do not state it. Must agree with a card.
     unit : str, optional
-        Unit of the acceleration, for a folder; not needed where messages of bags or names of columns state
-        it. What a card says must agree.
+        Unit of the acceleration in files that do not state it. Must agree with a card.
     resample : float, optional
-        Rate in Hz to which recordings of files are brought, band-limited; then each file may state its own.
+        Resample all recordings to this rate in Hz (band-limited).
     labels : str or Path, optional
         Table (CSV) with a column `file` and a column `surface` for a folder of any layout, optionally with
         `operator`, `session` and `repetition`. A card has [labels] instead.
     tap_spacing : float, optional
         Distance in s below which impulses are one tap and its rebounds (default: that of the card, or 0.08).
     skip_bad : bool
-        Let `Dataset.attempt` return the error of a bad recording instead of raising it.
+        Let `Dataset.attempt` return the error of an invalid recording instead of raising it (default False).
     **reading : optional
-        Of the files of a folder, what else `load_recording` takes: column, delimiter, time_column, time_unit,
-        topic, skip_rows, comment, drop_incomplete. A card states these itself.
+        Further arguments of `load_recording` for a folder: column, delimiter, time_column, time_unit, topic,
+        skip_rows, comment, drop_incomplete. A card states these itself.
 
     Returns
     -------
     dataset : Dataset
-        Entries in a fixed order.
+        Recordings in a fixed order.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such card or folder, or (`DataNotFoundError`) the card's recordings are not here.
+        If the card or folder does not exist; `DataNotFoundError` if the recordings of a card are absent.
     CardError
-        If the card breaks a rule.
+        If the card is invalid.
     RecordingError
-        If a fact is missing or contradicted, or the folder holds no recording.
+        If rate or unit are missing or contradicted, or the folder contains no recordings.
+
+    Examples
+    --------
+    >>> dataset = open_dataset("simulated6")
+    >>> len(dataset), dataset.materials[0]
+    (72, 'foam-04')
     """
     path = Path(name_or_path).expanduser()
     changes: dict[str, Any] = {} if tap_spacing is None else {"tap_spacing_s": tap_spacing}

@@ -48,6 +48,17 @@ def find_phases(recording: Recording, settings: PhaseSettings | None = None) -> 
     -----
     `strese2015` names the phases (Figs. 4 and 7) and gives no algorithm; this one is ours. Its cost is
     linear in the length of the recording.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):
+    ...     x += 20 * (t >= start) * np.exp(-(t - start).clip(0) / 0.01) * np.sin(1885 * (t - start))
+    >>> phases = find_phases(Recording(x, fs=10_000, unit="m/s^2"))
+    >>> phases.kind, len(phases.taps)
+    ('taps only', 3)
     """
     if recording.phases is not None:
         return recording.phases
