@@ -119,7 +119,7 @@ def test_touches_are_joined_by_their_mean(kernel_model):
 def test_a_model_of_touches_cuts_longer_recordings(touch_model):
     model = touch_model
     assert model.manifest.touch_s == 0.25
-    assert model.manifest.accuracy["how"] == "held-out touches"
+    assert model.manifest.accuracy["how"] == "held-out windows"
     assert model.manifest.trained_on["n_windows"] == 2 * model.manifest.trained_on["n_recordings"]
     given = recording("cork", 99)
     assert [touch.n_samples for touch in model.cut(given)] == [1000, 1000]

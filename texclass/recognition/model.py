@@ -439,20 +439,30 @@ def _refused(name: str, error: Exception, surface: str | None = None) -> Predict
 
 
 def load_model(path: str | Path) -> Model:
-    """Read a model file; nothing but known classes is ever loaded.
+    """Read a model file. Classes that are not on the allow-list are refused.
+
+    Parameters
+    ----------
+    path : str or Path
+        File that `Model.save` wrote.
+
+    Returns
+    -------
+    Model
+        Ready to predict.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     ModelFileError
-        If it is none, was changed, is of another format, names a class that is not trusted or a feature that
-        is not known here, or gives other answers here than when it was trained.
+        If the file is no model, is damaged or of another format, names a class that is not on the allow-list
+        or an unknown feature, or predicts otherwise than when it was trained.
 
     Warns
     -----
     UserWarning
-        If the features give other values than when it was trained.
+        If the code of the features has changed since training.
     """
     document, manifest = read_model_file(path)
     try:

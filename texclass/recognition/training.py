@@ -83,52 +83,52 @@ def train(
     skip_bad: bool = False,
     progress: Progress | None = None,
 ) -> Model:
-    """Choose a row and a classifier by cross-validation, train them on everything, calibrate.
+    """Train a model: select feature subset and classifier, fit them on all recordings, and calibrate.
 
-    Without any other pipeline nothing is left to choose: see `pipeline_for`. One recording of a surface is
-    enough to train; then none can be held out, so that the manifest states no accuracy, probabilities follow
-    a prior (`prior_calibration`), and no recording is called unknown.
+    The default pipeline has one row and one classifier, so nothing is selected (`pipeline_for`); nor is
+    anything below ten recordings (or runs) per surface (`without_choice`). One recording per surface is
+    enough to train. Then none can be held out: the model states no accuracy, its probabilities are those of
+    `prior_calibration`, and no recording is unknown.
 
-    The same recordings, options and versions give the same model file, byte for byte but for the costs that
-    its manifest reports. Below ten recordings (or runs) of a material nothing is chosen (`without_choice`).
-    Held-out decisions of the choice also give its probabilities and sets, the threshold for unknown surfaces,
-    and the accuracy the manifest states, from which the luck of being chosen is taken out.
+    Held-out recordings also give the calibration, the prediction sets, the threshold for unknown surfaces,
+    and the accuracy in the manifest, corrected for the selection. The same recordings, options and versions
+    give the same model file, except for measured costs.
 
     Parameters
     ----------
     dataset : Dataset, str or Path
-        Whole labelled recordings of at least two materials; or what `open_dataset` opens: a name, card or
-        folder.
+        Labelled recordings of at least two surfaces, or an argument of `open_dataset`.
     pipeline : PipelineDefinition, str or Path, optional
-        What may be trained: a shipped name, a file, or a definition. By default `surfaces`, or `coarse` for
-        an inertial unit; `texclass` where a row, a classifier or a budget is named.
+        Name of a shipped pipeline, path of a pipeline (TOML), or a definition. Default: `surfaces`, or
+        `coarse` with a turn rate; `texclass` if a row, a classifier or a budget is given.
     row, classifier : str, optional
-        Of the pipeline; the best by cross-validation by default.
+        Row and classifier of the pipeline (default: selected by cross-validation).
     max_ms : float, optional
-        Milliseconds that a recording may take on this machine, from its samples to its features, as measured
-        when such a limit was first asked for here; see `CostMeter.kept`.
+        Largest latency per recording on this machine in ms, from samples to features; see `CostMeter.kept`.
     max_features : int, optional
-        Columns that may reach the classifier.
+        Largest number of columns at the classifier.
     max_kb : float, optional
-        Kilobytes of a kernel discriminant, once exported: it keeps fewer training samples, in fewer bits; see
-        `KernelDiscriminant`. Other classifiers are as they are.
+        Largest size of an exported kernel discriminant in kB; see `KernelDiscriminant`. No effect on other
+        classifiers.
     touch_s : float, optional
-        Seconds of movement of one answer; whole recordings by default.
+        Length of a window in s (default: whole recordings).
     exportable : bool
-        Only features that `export_onnx` can write from the samples on; the manifest says which are left out,
-        and how accurate the same choice with them is, which is tried as well.
+        Use only features that `export_onnx` can compute from samples (default False). The manifest lists the
+        others, and the accuracy with them.
     protocol : str, optional
-        How recordings are held out; see `holding_out` by default. `blocks` chooses, calibrates and sets the
-        threshold on later repetitions than it trains on, as a sensor that drifts asks for.
+        Protocol by which recordings are held out (default: see `holding_out`). `chronological` tests on later
+        repetitions, as sensors drift.
     false_alarms : float
-        Share of known surfaces that may be called unknown. Where too few recordings are held out to judge by,
-        none is, unless a smaller share than the default is asked for.
-    fs, unit : optional
-        Of a folder; see `open_dataset`.
+        Accepted rate of trained surfaces that are reported as unknown (default 0.05). With too few held-out
+        recordings no surface is unknown, unless a smaller rate than the default is given.
+    fs : float, optional
+        Sampling rate in Hz of files that do not state it.
+    unit : str, optional
+        Unit of the acceleration in files that do not state it.
     n_jobs : int
-        Processes.
+        Number of processes (default 1).
     skip_bad : bool
-        Leave bad recordings out instead of stopping at the first.
+        Leave out invalid recordings instead of stopping at the first (default False).
     progress : callable, optional
         Called with (done, total, what).
 

@@ -103,39 +103,45 @@ def trade_off(
     progress: Progress | None = None,
     model_file: str | Path | None = None,
 ) -> Tradeoff:
-    """Measure what accuracy costs on a dataset, and save the pipeline at the budget.
+    """Measure accuracy against latency on a dataset, and select a pipeline within a budget.
 
     Parameters
     ----------
     dataset : Dataset, str or path
-        Labelled recordings, or what `open_dataset` opens.
+        Labelled recordings, or an argument of `open_dataset`.
     features : FeatureSet, str or path
-        What may be bought.
+        Feature set from which subsets are selected (default "texclass").
     limits : Limits, optional
-        The budget.
+        Budget.
     channels : {"combine", "each", "auto", "all"}
         See `FeatureExtractor`.
     protocol : str
-        How recordings are split; see `PROTOCOLS`.
+        Protocol; see `PROTOCOLS` (default "recording").
     n_folds, n_repeats : int
-        Of repeated cross-validation; features are chosen inside each training part.
+        Folds and repeats of cross-validation (default 5 and 3). Features are selected in each training set.
     seed : int
-        Of the folds.
+        Seed of the folds (default 2015).
     with_curves : bool
-        Whether accuracy against touch, training, rate, bits and order is measured, too.
+        Also measure accuracy against signal length, training recordings, sampling rate, bits and model order
+        (default True).
     n_jobs : int
-        Processes.
+        Number of processes (default 1).
     progress : callable, optional
         Called with (done, total, what).
     model_file : str or path, optional
-        Where the pruned pipeline is saved (.skops).
+        File to which the pruned pipeline is saved (.skops).
+
+    Returns
+    -------
+    Tradeoff
+        Pareto front, knee point, curves and costs; `save(folder)` writes JSON, Markdown and figures.
 
     Raises
     ------
     RecordingError
         If no recording can be used.
     ValueError
-        If a limit cannot be met, a material is unknown, or the protocol cannot split the dataset.
+        If a limit cannot be met, a surface is not in the dataset, or the protocol cannot split the dataset.
     """
     limits = limits or Limits()
     dataset = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)

@@ -256,26 +256,31 @@ def listen(
     raw_channels: int | None = None,
     settings: OnlineSettings | None = None,
 ) -> Iterator[Update | Notice]:
-    """Listen to a live source: yield events, answers and notices as soon as they are known.
+    """Classify a live stream: yield events, answers and notices as soon as they are available.
 
     Parameters
     ----------
     model : Model, str or Path
-        Trained, or the file of one.
+        Model, or path of a model file.
     source : str, Recording, or iterable of Block
-        As `open_source` takes it: "-", "FILE", "DATASET:RECORDING", "bag:FILE?topic=/name", "ros2:/topic"; or
-        blocks of your own, their samples as in the files the model was trained on.
+        "-" (standard input), "FILE", "DATASET:RECORDING", "bag:FILE?topic=/name" or "ros2:/topic", see
+        `open_source`; or blocks with samples as in the training recordings.
     fs, unit, paced, raw_channels : optional
         See `open_source`.
     resample : bool
-        Convert another rate to the model's, band-limited.
+        Resample the stream to the rate of the model (default False).
     settings : OnlineSettings, optional
-        How it is listened.
+        Settings of the stream.
+
+    Yields
+    ------
+    Update or Notice
+        Events (tap, contact, lift-off), answers and notices in order of time.
 
     Raises
     ------
     RecordingError, ValueError
-        As `open_source`, at once; and as `Session.take`.
+        If the source cannot be opened, see `open_source`, or a block is invalid, see `Session.take`.
     """
     trained = model if isinstance(model, Model) else load_model(model)
     if not isinstance(source, str | Recording):
