@@ -46,7 +46,7 @@ class PhaseSettings:
     window_s, share
         The tool strokes where at least this share of a window vibrates; a tap leaves most of it quiet.
     gap_s
-        A shorter rest is none.
+        A shorter rest does not interrupt vibration.
     pause_s
         Within this time after a stroke there are strokes, however faint, but no taps.
     range_db
@@ -64,7 +64,7 @@ class PhaseSettings:
     echo_db, echo_s
         Vibration after taps that is shorter, and weaker than they are by this, is their echo, no movement.
     soft_db
-        An impulse whose level in all bands is lower was felt in the soft band alone.
+        An impulse whose level in all bands is lower is visible in the soft band only.
     pull_s, pull_db
         Such an impulse is the pull of the hand if a stronger one (by this) follows within this time.
     few, sure_db

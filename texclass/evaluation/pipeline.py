@@ -287,7 +287,7 @@ class PipelineDefinition(Written):
             for key in ("published", "classifiers"):
                 for name in getattr(row, key):
                     if name not in self.classifiers:
-                        raise ValueError(f"rows: {row.name}: {key} names {name!r}. Expected of {judges}")
+                        raise ValueError(f"rows: {row.name}: {key} names {name!r}. Expected one of {judges}")
         bases = [row.name for row in self.bases]
         if self.additions and not bases:
             raise ValueError("every row has features of an addition. Expected one row without any")

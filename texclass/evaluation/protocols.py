@@ -284,7 +284,7 @@ def find_protocol(name: str) -> Protocol:
     if arrow:
         return ByLabels(train, test)
     choices = (kind.choice for kind in (FewShot, LeaveOneOut, ByLabels))
-    raise ValueError(f"no protocol is named {name!r}; the protocols are {', '.join((*PROTOCOLS, *choices))}")
+    raise ValueError(f"no protocol is named {name!r}. Expected one of {', '.join((*PROTOCOLS, *choices))}")
 
 
 def repeated(

@@ -89,7 +89,7 @@ def n_of(view: PhaseView, seconds: float) -> int:
 def log10_of(value: float, what: str) -> float:
     """Return log10(value); refuse 0."""
     if not value > 0:
-        raise UndefinedFeatureError(f"{what} is {value:g}. Expected a logarithm of more than 0")
+        raise UndefinedFeatureError(f"{what} is {value:g}. Expected a positive value, for its logarithm")
     return math.log10(value)
 
 

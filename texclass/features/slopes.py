@@ -143,7 +143,7 @@ def slope_levels(view: PhaseView, lags: tuple[int, ...]) -> Samples:
         # numpy adds in pairs: single precision is enough
         means.append(np.abs(change, out=change).sum(axis=-1) / np.float64(change.shape[-1]))
     mean = np.array(means).T
-    undefined_if(not mean.all(), "the mean change is 0. Expected a logarithm of more than 0")
+    undefined_if(not mean.all(), "the mean change is 0. Expected a positive value, for its logarithm")
     return np.asarray(np.log10(mean) + np.log10(level(view)))
 
 

@@ -152,6 +152,6 @@ def tap_amplitude_slope(view: TapView) -> float:
     undefined_if(v.size < 3, f"{v.size} taps with a velocity. Expected at least 3 for a slope")
     undefined_if(
         np.ptp(v) < 0.1 * v.mean(),
-        f"the velocities differ by {np.ptp(v) / v.mean():.2g} of their mean. Expected 0.1",
+        f"the velocities differ by {np.ptp(v) / v.mean():.2g} of their mean. Expected at least 0.1",
     )
     return float(np.log10(v @ a / (v @ v)))

@@ -1,8 +1,8 @@
 """Array form of fitted estimators: what a trained model computes after the features, without scikit-learn.
 
-Each transformer or classifier that shipped pipelines name becomes a mapping that says what it `does` with
-which arrays. Models answer from these mappings and keep them in their files, and an ONNX graph is built from
-them. An estimator without an array form is kept as it is ("ask").
+Each transformer or classifier of the shipped pipelines becomes a mapping with the name of an operation
+(`does`) and its arrays. Models predict with these mappings and store them in their files, and ONNX graphs are
+built from them. An estimator without an array form is stored itself ("ask").
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,19 +22,19 @@ TrainingSet = tuple[Samples, NDArray[Any]]
 
 
 def apply(part: Part, X: Samples) -> Samples:
-    """Return what a part makes of rows (n, n_columns): prepared rows, or decisions (n, n_classes).
+    """Apply a part to rows (n, n_columns): return prepared rows, or decisions (n, n_classes).
 
     Raises
     ------
     KeyError, TypeError, ValueError
-        If it is no part.
+        If the mapping is no valid part.
     """
     arguments = {name: value for name, value in part.items() if name != "does"}
     return OPERATIONS[part["does"]](X, **arguments)
 
 
 def apply_all(parts: Sequence[Part], X: Samples) -> Samples:
-    """Return what several parts make of rows, one after the other."""
+    """Apply several parts to rows, one after the other."""
     for part in parts:
         X = apply(part, X)
     return X

@@ -31,12 +31,12 @@ RESULTS: dict[str, type["Result"]] = {}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
-    """What a study found.
+    """A result that can be saved as JSON and shown as a document.
 
     Attributes
     ----------
     data : mapping
-        Plain JSON values, accuracies as fractions: what a saved result holds, what its document is made of.
+        Plain JSON values, with accuracies as fractions: the content of the file and of the document.
     kind : str
         Kind of the result in its file; "" for a class that is not registered.
     version : int

@@ -272,8 +272,10 @@ def observe(name: str, surface: SurfaceDefinition, scene: SceneDefinition, judge
                 raise ValueError(f"surface {name}: {r.recording_id} lacks speed or force. Expected both")
             pieces += _cut(r, r.speed, r.normal_force, scene, judge)
         if not found:
-            rule = "Expected one of its surfaces"
-            raise ValueError(f"surface {name}: dataset {surface.dataset} has no surface {material!r}. {rule}")
+            raise ValueError(
+                f"surface {name}: dataset {surface.dataset} has no surface {material!r}. "
+                "Expected one of its surfaces"
+            )
         return divide_in_time(name, pieces, judge)
     steady = [not isinstance(r.speed, str) and not isinstance(r.force, str) for r in surface.recordings]
     pieces = [p for r in surface.recordings for p in _recorded(r, scene, judge)]

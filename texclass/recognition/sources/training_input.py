@@ -79,13 +79,13 @@ class Needs:
 
     def lacks(self, name: Beside) -> str:
         """Return what to say of a source without one of the signals, and what to train instead."""
-        rule = f"Expected {', '.join(self.names)}, as in training"
+        expected = f"Expected {', '.join(self.names)}, as in training"
         if name == "friction":
             return (
-                f"no friction, needed by {', '.join(self.of_friction)}. {rule} (texclass train with a --row "
-                "of acceleration only makes a model that needs none)"
+                f"no friction, needed by {', '.join(self.of_friction)}. {expected} (texclass train with a "
+                "--row of acceleration only makes a model that needs none)"
             )
-        return f"no turn rate. {rule} (recordings without turn rate make a model that needs none)"
+        return f"no turn rate. {expected} (recordings without turn rate make a model that needs none)"
 
     def n_axes(self, n_columns: int) -> int:
         """Return how many of the columns of a stream are axes of the acceleration.
