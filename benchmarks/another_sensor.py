@@ -103,7 +103,7 @@ def simulated(name: str) -> Dataset:
     tool, surfaces = TOOLS[name][1], {s.name: i for i, s in enumerate(RECIPE.surfaces)}
 
     def load(entry: Entry) -> Recording:
-        i, k = surfaces[entry.material], int(entry.repetition or 0)
+        i, k = surfaces[entry.surface], int(entry.repetition or 0)
         who = (k - 1) % RECIPE.n_operators
         made = record_freehand(
             RECIPE.surfaces[i],
@@ -123,7 +123,7 @@ def simulated(name: str) -> Dataset:
             for x in (made.acceleration, made.friction)
         )
         return Recording(
-            tool.get("gain", 1.0) * felt, RECIPE.fs, made.unit, made.recording_id, made.material,
+            tool.get("gain", 1.0) * felt, RECIPE.fs, made.unit, made.recording_id, made.surface,
             operator=made.operator, repetition=k, friction=friction,
         )  # fmt: skip
 
@@ -134,7 +134,7 @@ def simulated(name: str) -> Dataset:
 def repetitions(dataset: Dataset, first: int, last: int, without: tuple[str, ...] = ()) -> Dataset:
     """Return the recordings of some repetitions."""
     kept = tuple(
-        e for e in dataset.entries if first <= (e.repetition or 0) <= last and e.material not in without
+        e for e in dataset.entries if first <= (e.repetition or 0) <= last and e.surface not in without
     )
     return replace(dataset, entries=kept, input_hash=f"{dataset.input_hash} {first}-{last} {without}")
 
@@ -145,8 +145,8 @@ class Asked:
     def __init__(self, name: str, pipeline: str, trained: Dataset, blocks: tuple[int, int, int, int]) -> None:
         first, last, self.until_references, self.until_tests = blocks
         self.name, self.pipeline = name, load_pipeline(pipeline)
-        drawn = np.random.default_rng(SEED).permutation(len(trained.materials))[:N_STRANGERS]
-        self.strangers = tuple(trained.materials[i] for i in drawn)
+        drawn = np.random.default_rng(SEED).permutation(len(trained.surfaces))[:N_STRANGERS]
+        self.strangers = tuple(trained.surfaces[i] for i in drawn)
         self.model: Model = train(
             repetitions(trained, first, last, self.strangers),
             pipeline,
@@ -164,7 +164,7 @@ class Asked:
     def parts(self, frame: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Return references (no strangers) and tests (with these)."""
         is_test = frame["repetition"] > self.until_references
-        return frame[~is_test & ~frame["material"].isin(self.strangers)], frame[is_test]
+        return frame[~is_test & ~frame["surface"].isin(self.strangers)], frame[is_test]
 
     def values(self, frame: pd.DataFrame) -> Samples:
         """Return the model's columns."""
@@ -173,18 +173,18 @@ class Asked:
     def said(self, model: Model, tests: pd.DataFrame) -> pd.DataFrame:
         """Return of each test whether it is right, called unknown, and a stranger."""
         p, p_known = model.judge(self.values(tests))
-        material = tests["material"].to_numpy(dtype=str)
+        surface = tests["surface"].to_numpy(dtype=str)
         return pd.DataFrame({
-            "material": material,
-            "right": np.array(model.materials)[p.argmax(axis=1)] == material,
+            "surface": surface,
+            "right": np.array(model.surfaces)[p.argmax(axis=1)] == surface,
             "unknown": p_known <= model.novelty.false_alarms,
-            "stranger": np.isin(material, self.strangers),
+            "stranger": np.isin(surface, self.strangers),
         })  # fmt: skip
 
     def adapted(self, references: pd.DataFrame, *, labelled: bool) -> Model:
         """Return the model adapted to these rows; as it is where they are refused."""
-        material = references["material"].to_numpy(dtype=str)
-        known = (material[:, None] == np.array(self.model.materials)) * float(labelled)
+        surface = references["surface"].to_numpy(dtype=str)
+        known = (surface[:, None] == np.array(self.model.surfaces)) * float(labelled)
         try:
             return adapted_to(self.model, self.values(references), known, np.arange(len(references)), {})
         except ValueError as error:
@@ -199,10 +199,10 @@ def drawn_references(way: str, references: pd.DataFrame, rng: np.random.Generato
     if way == "20 unlabelled":
         return references.sample(20, random_state=rng)
     n_surfaces = 5 if way.endswith("5") else 3
-    names = rng.choice(np.unique(references["material"]), n_surfaces, replace=False)
-    of_these = references[references["material"].isin(names)]
+    names = rng.choice(np.unique(references["surface"]), n_surfaces, replace=False)
+    of_these = references[references["surface"].isin(names)]
     n_each = {"3 surfaces": 1, "3 surfaces x 3": 3}.get(way)
-    return of_these if n_each is None else of_these.groupby("material").sample(n_each, random_state=rng)
+    return of_these if n_each is None else of_these.groupby("surface").sample(n_each, random_state=rng)
 
 
 def ask(asked: Asked, change: str, felt: Dataset, same: pd.DataFrame, n_draws: int) -> list[dict[str, Any]]:
@@ -226,7 +226,7 @@ def ask(asked: Asked, change: str, felt: Dataset, same: pd.DataFrame, n_draws: i
 
 def figures(same: pd.DataFrame, before: pd.DataFrame, after: pd.DataFrame) -> dict[str, float]:
     """Return accuracies, the share of the loss that is recovered (95 %, bootstrap of surfaces), alarms."""
-    known = [said[~said["stranger"]].groupby("material")["right"].mean() for said in (same, before, after)]
+    known = [said[~said["stranger"]].groupby("surface")["right"].mean() for said in (same, before, after)]
     rates = np.array(known)
     drawn = np.random.default_rng(SEED).integers(rates.shape[1], size=(2000, rates.shape[1]))
     a, b, c = rates[:, drawn].mean(axis=2)

@@ -18,9 +18,9 @@ from study import command_line, interval, table, write
 from texclass.evaluation import (
     PipelineDefinition,
     cached_table,
+    cut_windows,
     find_protocol,
     load_pipeline,
-    touches,
     wilson_interval,
 )
 from texclass.evaluation.splits import runs
@@ -37,7 +37,7 @@ KINDS = ("sequential", "majority")
 
 def probabilities(frame: pd.DataFrame, X: Samples, pipeline: PipelineDefinition, seed: int) -> Samples:
     """Return calibrated probabilities (n, n_classes) of windows by a classifier that never saw their run."""
-    y, run, protocol = frame["material"].to_numpy(str), runs(frame).to_numpy(), find_protocol("grouped")
+    y, run, protocol = frame["surface"].to_numpy(str), runs(frame).to_numpy(), find_protocol("grouped")
     classes, labels = np.unique(y, return_inverse=True)
     number = frame["recording_id"].str.rpartition("#")[2].astype(int)
     single = np.flatnonzero((number - 1) % round(WINDOW_S / HOP_S) == 0)
@@ -66,7 +66,7 @@ def driven(frame: pd.DataFrame, P: Samples) -> dict[str, Any]:
 
     After so many seconds, runs that are shorter count with what was known at their end.
     """
-    y, run = frame["material"].to_numpy(str), runs(frame).to_numpy()
+    y, run = frame["surface"].to_numpy(str), runs(frame).to_numpy()
     classes = tuple(np.unique(y).tolist())
     hits = P.argmax(axis=1) == np.searchsorted(classes, y)
     found: dict[str, Any] = {
@@ -136,7 +136,7 @@ def draw(draws: list[dict[str, Any]]) -> Figure:
 def main() -> None:
     asked = command_line(__doc__, draws=3)
     pipeline, dataset = load_pipeline("coarse"), open_dataset("borealtc")
-    windows = touches(dataset, WINDOW_S, step=HOP_S)
+    windows = cut_windows(dataset, WINDOW_S, step=HOP_S)
     features = cached_table(windows, *pipeline.needed, channels=pipeline.channels, n_jobs=1, skip_bad=True)
     frame, draws = features.frame, []
     X = frame[list(features.columns)].to_numpy(dtype=np.float64)

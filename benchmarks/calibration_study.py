@@ -14,7 +14,7 @@ from sklearn.model_selection import StratifiedKFold
 from study import command_line, interval, table, write
 
 from texclass.classifiers.segment_voting import with_segment_columns
-from texclass.evaluation import cached_table, cluster_interval, load_pipeline, touches
+from texclass.evaluation import cached_table, cluster_interval, cut_windows, load_pipeline
 from texclass.evaluation.pipeline import PipelineDefinition
 from texclass.evaluation.windows import parents
 from texclass.loaders import Dataset, open_dataset
@@ -24,7 +24,7 @@ from texclass.recognition.probabilities import N_BINS
 SEED = 6
 N_DRAWS = 1000
 AIM = 0.05
-CASE = ("dataset", "pipeline", "row", "classifier", "protocol", "touch_s")
+CASE = ("dataset", "pipeline", "row", "classifier", "protocol", "window_s")
 CASES = (
     ("biotac20", "multiscale", "All", "vote", "recording", None),
     ("biotac20", "multiscale", "All", "vote", "chronological", None),
@@ -49,31 +49,31 @@ def halves(dataset: Dataset) -> Iterator[tuple[Dataset, ...]]:
         splits = [(np.flatnonzero(~late), np.flatnonzero(late))]
     else:
         folds = StratifiedKFold(5, shuffle=True, random_state=SEED)
-        splits = folds.split(entries, [entry.material for entry in entries])
+        splits = folds.split(entries, [entry.surface for entry in entries])
     for split in splits:
         yield tuple(replace(dataset, entries=tuple(entries[part])) for part in split)
 
 
-def features_of(felt: Dataset, pipeline: PipelineDefinition, touch_s: float | None) -> pd.DataFrame:
+def features_of(felt: Dataset, pipeline: PipelineDefinition, window_s: float | None) -> pd.DataFrame:
     """Return the features of recordings, or of their touches."""
-    felt = felt if touch_s is None else touches(felt, touch_s)
+    felt = felt if window_s is None else cut_windows(felt, window_s)
     return cached_table(felt, *pipeline.needed, channels=pipeline.channels).frame
 
 
 def measure(case: dict[str, Any]) -> dict[str, Any]:
     """Return accuracy and calibration errors of a case."""
     pipeline, dataset = load_pipeline(case["pipeline"]), open_dataset(case["dataset"])
-    asked_for = {name: case[name] for name in ("row", "classifier", "touch_s", "protocol")}
+    asked_for = {name: case[name] for name in ("row", "classifier", "window_s", "protocol")}
     found = []
     for known, asked in halves(dataset):
         model = train(known, pipeline, **asked_for)
-        trained, frame = (features_of(felt, pipeline, case["touch_s"]) for felt in (known, asked))
+        trained, frame = (features_of(felt, pipeline, case["window_s"]) for felt in (known, asked))
         X_train, X = (one[list(model.columns)].to_numpy(dtype=np.float64) for one in (trained, frame))
         p, p_known = model.judge(X)
         classifier = with_segment_columns(pipeline.classifiers[case["classifier"]].make(), model.columns)
-        classifier.fit(model.prepare(X_train), trained["material"].to_numpy(dtype=str))
+        classifier.fit(model.prepare(X_train), trained["surface"].to_numpy(dtype=str))
         raw = classifier.predict_proba(model.prepare(X)).max(axis=1)
-        hits = np.array(model.materials)[p.argmax(axis=1)] == frame["material"].to_numpy(dtype=str)
+        hits = np.array(model.surfaces)[p.argmax(axis=1)] == frame["surface"].to_numpy(dtype=str)
         alarms = p_known <= model.novelty.false_alarms
         found.append((p.max(axis=1), raw, hits, parents(frame).to_numpy(dtype=str), alarms))
     confidence, raw, hits, clusters, alarms = map(np.concatenate, zip(*found, strict=True))
@@ -114,7 +114,7 @@ def main() -> None:
     shown = []
     for r in results:
         low, high = r["accuracy_interval"]
-        touch = "whole" if r["touch_s"] is None else f"{r['touch_s']:g} s"
+        touch = "whole" if r["window_s"] is None else f"{r['window_s']:g} s"
         shown.append(r | {"touch": touch, "right": interval(r | {"low": low, "high": high})})
     blocks = [
         "Models are trained, thresholds and temperatures included, on repetitions 1-20 of `biotac20`, and "

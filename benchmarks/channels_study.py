@@ -4,7 +4,7 @@ Run it by hand from the project's root: `python benchmarks/channels_study.py --b
 the interpreter of an environment that has aeon. It writes reports/studies/channels.json. Windows of
 5 s; folds grouped by run, drawn `--draws` times (seeds 0, 1, ...). The figure is the balanced accuracy, the
 mean of the draws; its interval, and that of a difference on the same windows, draws runs anew within each
-material. No recording of either data set is in this project: one that is absent is left out.
+surface. No recording of either data set is in this project: one that is absent is left out.
 """
 
 import tempfile
@@ -19,7 +19,7 @@ from study import command_line, interval, table, timed, write
 from texclass.baselines.baseline_worker.run import write_task
 from texclass.baselines.comparison import same_signals
 from texclass.baselines.worker_process import run_worker
-from texclass.evaluation import cached_table, load_pipeline, touches
+from texclass.evaluation import cached_table, cut_windows, load_pipeline
 from texclass.evaluation.pipeline import MatchedRow
 from texclass.evaluation.protocols import find_protocol
 from texclass.features.phase_view import channels_apart
@@ -31,12 +31,12 @@ SECONDS, N_FOLDS, N_RESAMPLED, N_TIMED = 5.0, 5, 2000, 60
 FIRST, LAST = "Bands", "Bands, shape and pairs of channels"
 
 
-def resampled(hits: np.ndarray, materials: np.ndarray, runs: np.ndarray) -> dict[str, float]:
-    """Return the mean over materials of the mean of `hits` (n_windows,), with an interval over runs."""
-    sums = pd.DataFrame({"material": materials, "run": runs, "hits": hits, "n": 1.0})
-    by_run = sums.groupby(["material", "run"])[["hits", "n"]].sum()
+def resampled(hits: np.ndarray, surfaces: np.ndarray, runs: np.ndarray) -> dict[str, float]:
+    """Return the mean over surfaces of the mean of `hits` (n_windows,), with an interval over runs."""
+    sums = pd.DataFrame({"surface": surfaces, "run": runs, "hits": hits, "n": 1.0})
+    by_run = sums.groupby(["surface", "run"])[["hits", "n"]].sum()
     rng, means = np.random.default_rng(0), []
-    for _, group in by_run.groupby("material"):
+    for _, group in by_run.groupby("surface"):
         some = rng.integers(len(group), size=(N_RESAMPLED, len(group)))
         drawn = group.to_numpy()[some].sum(axis=1)
         means.append(np.append(drawn[:, 0] / drawn[:, 1], group["hits"].sum() / group["n"].sum()))
@@ -63,9 +63,9 @@ def of_baseline(
 
 def compared(name: str, n_baseline_draws: int, asked: Any) -> dict[str, Any]:
     """Return what each contestant gets on one data set."""
-    felt, pipeline = touches(open_dataset(name), SECONDS), load_pipeline("coarse")
+    felt, pipeline = cut_windows(open_dataset(name), SECONDS), load_pipeline("coarse")
     known = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
-    names, labels = np.unique(known.materials, return_inverse=True)
+    names, labels = np.unique(known.surfaces, return_inverse=True)
     protocol = find_protocol("grouped")
     runs = protocol.clusters(known.frame)
     recordings = [felt.load(entry) for entry in felt.entries]
@@ -86,7 +86,7 @@ def compared(name: str, n_baseline_draws: int, asked: Any) -> dict[str, Any]:
             for (_, test), found in zip(splits, trial(splits).hits, strict=True):
                 right[test] = found
             hits.setdefault(row, []).append(right)
-            print(name, seed, row, resampled(right, known.materials, runs), flush=True)
+            print(name, seed, row, resampled(right, known.surfaces, runs), flush=True)
         if asked.baselines_python and seed < n_baseline_draws:
             right = np.full(len(labels), np.nan)
             signals = [
@@ -97,17 +97,17 @@ def compared(name: str, n_baseline_draws: int, asked: Any) -> dict[str, Any]:
                 ms["MiniRocket"] = 1e3 * feature_s
             if np.isfinite(right).all():
                 hits.setdefault("MiniRocket", []).append(right)
-                print(name, seed, "MiniRocket", resampled(right, known.materials, runs), flush=True)
+                print(name, seed, "MiniRocket", resampled(right, known.surfaces, runs), flush=True)
     lines = []
     for contestant, drawn in hits.items():
         line = {"contestant": contestant, "n_draws": len(drawn), "feature_ms": ms[contestant]}
-        line |= resampled(np.mean(drawn, axis=0), known.materials, runs)
-        line["draws"] = [resampled(one, known.materials, runs)["accuracy"] for one in drawn]
+        line |= resampled(np.mean(drawn, axis=0), known.surfaces, runs)
+        line["draws"] = [resampled(one, known.surfaces, runs)["accuracy"] for one in drawn]
         ahead = np.mean([ours - one for ours, one in zip(hits[LAST], drawn, strict=False)], axis=0)
-        line["behind"] = resampled(ahead, known.materials, runs)
+        line["behind"] = resampled(ahead, known.surfaces, runs)
         lines.append(line)
     return {
-        "dataset": name, "n_windows": len(labels), "n_runs": len(set(runs)), "materials": names.tolist(),
+        "dataset": name, "n_windows": len(labels), "n_runs": len(set(runs)), "surfaces": names.tolist(),
         "lines": lines, "input_hash": felt.input_hash,
     }  # fmt: skip
 
@@ -141,7 +141,7 @@ def main() -> None:
             ),
             f"Windows of {SECONDS:g} s, {N_FOLDS} folds grouped by run, drawn by seeds 0, 1, ...; rows "
             "of the pipeline `coarse` with its kernel discriminant; MiniRocket (10,000 kernels) with "
-            "ridge on the same signals. Intervals: runs drawn anew within each material, 2000 times; "
+            "ridge on the same signals. Intervals: runs drawn anew within each surface, 2000 times; "
             "differences are of the same windows in the draws that both have. Milliseconds of one "
             "window, one thread, CPU time. Both cards remove the resting level of the acceleration, and "
             "with it the tilt of the robot.",

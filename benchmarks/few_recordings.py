@@ -18,9 +18,9 @@ from study import command_line, table, write
 from texclass.evaluation import (
     PipelineDefinition,
     cached_table,
+    cut_windows,
     find_protocol,
     load_pipeline,
-    touches,
     windows,
 )
 from texclass.evaluation.cost import CostMeter
@@ -58,11 +58,13 @@ def main() -> None:
     asked = command_line(__doc__, only="")
     found: dict[str, list[dict[str, Any]]] = {"cells": [], "promises": []}
     hashes = {}
-    for name, own, others, touch_s in (case for case in CASES if asked.only in ("", case[0])):
+    for name, own, others, window_s in (case for case in CASES if asked.only in ("", case[0])):
         dataset = open_dataset(name)
         hashes[name] = dataset.input_hash
-        if touch_s is not None:
-            dataset = windows.overlapping(touches(dataset, touch_s, n_jobs=1), load_pipeline(own).overlap)
+        if window_s is not None:
+            dataset = windows.overlapping(
+                cut_windows(dataset, window_s, n_jobs=1), load_pipeline(own).overlap
+            )
         pipelines = [load_pipeline(each) for each in dict.fromkeys((own, *others))]
         tables = [cached_table(dataset, *p.needed, channels=p.channels, n_jobs=1) for p in pipelines]
         meter = CostMeter.on(dataset, tables[0].frame["recording_id"].tolist(), pipelines[0].channels)
@@ -88,13 +90,13 @@ def cells(frame: pd.DataFrame) -> Iterator[tuple[str, str, Sequence[Split]]]:
         apart = find_protocol("operator" if several("operator", frame) else "grouped")
         splits = apart.split(frame, 5, SEED)
         unit = runs(frame)
-        least = min(unit.iloc[a].groupby(frame["material"].iloc[a]).nunique().min() for a, _ in splits)
+        least = min(unit.iloc[a].groupby(frame["surface"].iloc[a]).nunique().min() for a, _ in splits)
         for n in (n for n in N_SHOTS if n < least):
             few = [(thinned(frame, train, n, SEED + i), test) for i, (train, test) in enumerate(splits)]
             yield apart.name, str(n), few
         yield apart.name, "all", splits
     if not several("session", frame):
-        counts = frame["material"].value_counts()
+        counts = frame["surface"].value_counts()
         for n in (n for n in N_SHOTS if 2 * n <= counts.min()):
             yield "few-shot", str(n), find_protocol(f"few-shot {n}").split(frame, 1, SEED)
         yield "chronological", "all", find_protocol("chronological").split(frame, 1, SEED)
@@ -107,8 +109,8 @@ def several(label: str, frame: pd.DataFrame) -> bool:
 
 def thinned(frame: pd.DataFrame, rows: Indices, n: int, seed: int) -> Indices:
     """Return the rows of n recordings (or runs) of each surface, drawn from some."""
-    part = pd.DataFrame({"material": frame["material"], "unit": runs(frame)}).iloc[rows]
-    drawn = part.drop_duplicates().groupby("material").sample(n, random_state=seed)["unit"]
+    part = pd.DataFrame({"surface": frame["surface"], "unit": runs(frame)}).iloc[rows]
+    drawn = part.drop_duplicates().groupby("surface").sample(n, random_state=seed)["unit"]
     return rows[part["unit"].isin(drawn).to_numpy()]
 
 
@@ -154,10 +156,10 @@ def made_in_one_go(frame: pd.DataFrame) -> Iterator[tuple[int, int, Indices, Ind
                 yield n, start, *windows_of_one_run(frame, n, SEED + start)
         elif several("operator", frame):
             for start, (others, own) in enumerate(find_protocol("operator").split(frame, 1, SEED)):
-                rank = frame.iloc[own].groupby("material").cumcount().to_numpy()
+                rank = frame.iloc[own].groupby("surface").cumcount().to_numpy()
                 if rank.max() + 1 >= n:
                     yield n, start, own[rank < n], others
-        elif 2 * n <= frame["material"].value_counts().min():
+        elif 2 * n <= frame["surface"].value_counts().min():
             splits = find_protocol(f"few-shot {n}").split(frame, 1, SEED)
             later = np.unique(np.concatenate([test for _, test in splits]))
             for start, rows in enumerate(dict.fromkeys(tuple(train) for train, _ in splits)):
@@ -167,7 +169,7 @@ def made_in_one_go(frame: pd.DataFrame) -> Iterator[tuple[int, int, Indices, Ind
 def windows_of_one_run(frame: pd.DataFrame, n: int, seed: int) -> Split:
     """Return n windows in a row from one run of each surface, and at most `N_OTHERS` of the other runs."""
     rng, run, trains = np.random.default_rng(seed), runs(frame), []
-    for _, of_surface in frame.groupby("material"):
+    for _, of_surface in frame.groupby("surface"):
         sizes = of_surface.groupby(run).size()
         rows = of_surface.index[run[of_surface.index] == rng.choice(sizes.index[sizes >= n])]
         first = rng.integers(len(rows) - n + 1)
@@ -187,7 +189,7 @@ def promised(
     frame = frame.drop(columns="parent", errors="ignore")
     frame = frame.assign(recording_id=[str(i) for i in range(len(frame))])
     known, got = answers(default, frame, trains, later)
-    surfaces, rng = frame["material"].to_numpy(dtype=str), np.random.default_rng(seed)
+    surfaces, rng = frame["surface"].to_numpy(dtype=str), np.random.default_rng(seed)
     chance = 1 / len(set(surfaces))
     found: dict[str, Any] = {
         "promise": of_succession(float(known.hits.mean()), len(known.hits)), "later": float(got.hits.mean()),

@@ -10,7 +10,7 @@ from onnx import numpy_helper
 from study import command_line, interval, table, timed, write
 
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
-from texclass.evaluation import cached_table, load_pipeline, touches
+from texclass.evaluation import cached_table, cut_windows, load_pipeline
 from texclass.evaluation.folds import over_folds
 from texclass.evaluation.pipeline import MatchedRow
 from texclass.evaluation.protocols import find_protocol, splits_of
@@ -45,14 +45,14 @@ def judged(classifier, data, splits):
 
 def main() -> None:
     asked = command_line(__doc__, jobs=1)
-    pipeline, felt = load_pipeline("texclass"), touches(open_dataset("biotac20"), TOUCH_S)
+    pipeline, felt = load_pipeline("texclass"), cut_windows(open_dataset("biotac20"), TOUCH_S)
     found = cached_table(felt, *pipeline.needed, channels=pipeline.channels, n_jobs=asked.jobs)
     frame, protocol = found.frame, find_protocol("chronological")
     row = next(row for row in pipeline.rows if row.name == ROW)
     columns = list(MatchedRow.of(row, pipeline.features, found).columns)
     data = Labelled(
         frame[columns].to_numpy(dtype=np.float64),
-        frame["material"].to_numpy(dtype=str),
+        frame["surface"].to_numpy(dtype=str),
         protocol.clusters(frame),
         protocol.independent(frame)[1],
     )

@@ -68,10 +68,8 @@ def models_and_answers(recipe: Recipe) -> tuple[dict[str, Model], Said, Said]:
         for dataset, answers in zip(datasets[1:], said, strict=True):
             features = cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
             p, _ = model.judge(features.of(model.columns))
-            for (material, operator), rows in features.frame.groupby(
-                ["material", "operator"]
-            ).indices.items():
-                answers.setdefault((material, operator), {})[gesture] = p[rows]
+            for (surface, operator), rows in features.frame.groupby(["surface", "operator"]).indices.items():
+                answers.setdefault((surface, operator), {})[gesture] = p[rows]
         print(gesture, len(features.frame), flush=True)
     return models, *said
 
@@ -80,17 +78,17 @@ def felt(
     gestures: dict[str, KnownGesture], said: Said, policy: Policy, n_draws: int = N_DRAWS
 ) -> Iterator[dict[str, Any]]:
     """Explore every surface by every operator, without end; yield what is known after each gesture."""
-    materials = tuple(sorted({surface for surface, _ in said}))
+    surfaces = tuple(sorted({surface for surface, _ in said}))
     for i, ((surface, operator), answers) in enumerate(said.items()):
         for draw in range(n_draws):
             rng = np.random.default_rng((SEED, i, draw))
             left = {name: [*rng.permutation(p)] for name, p in answers.items() if name in gestures}
-            known, seconds = Exploration(materials, gestures), 0.0
+            known, seconds = Exploration(surfaces, gestures), 0.0
             for step in range(N_STEPS):
                 able = [name for name, some in left.items() if some]
                 if not able or (name := policy(known, able, rng)) not in able:
                     break
-                known.add(name, dict(zip(materials, left[name].pop(), strict=True)))
+                known.add(name, dict(zip(surfaces, left[name].pop(), strict=True)))
                 seconds += gestures[name].seconds
                 p = known.probabilities
                 yield {
@@ -100,7 +98,7 @@ def felt(
                     "n": step + 1,
                     "seconds": seconds,
                     "p": p.max(),
-                    "right": materials[int(p.argmax())] == surface,
+                    "right": surfaces[int(p.argmax())] == surface,
                 }
 
 
@@ -197,7 +195,7 @@ def study(n_surfaces: int) -> dict[str, Any]:
                 "accuracy": models[name].manifest.accuracy["mean"],
                 "tested": float(
                     np.mean([
-                        p[name].argmax(axis=1) == models[name].materials.index(surface)
+                        p[name].argmax(axis=1) == models[name].surfaces.index(surface)
                         for (surface, _), p in testing.items()
                     ])
                 ),

@@ -13,7 +13,7 @@ import onnxruntime
 from study import command_line, in_turns, table, timed, write
 
 import texclass as tx
-from texclass.evaluation.windows import touches
+from texclass.evaluation.windows import cut_windows
 from texclass.recognition import load_model
 from texclass.robot import export_onnx
 from texclass.robot.export.answers_graph import OUTPUTS
@@ -45,22 +45,22 @@ STEP_S = {0.25: 0.5, 1.0: 0.5, 5.0: 0.4}
 """Length of windows -> time from one to the next that is asked."""
 
 
-def model_of(dataset, pipeline, row, classifier, touch_s, folder, jobs):
+def model_of(dataset, pipeline, row, classifier, window_s, folder, jobs):
     """Return a model, trained unless it stands in the folder."""
-    words = f"{dataset}-{pipeline}-{row}-{classifier}-{touch_s:g}".replace(" ", "_").replace(",", "")
+    words = f"{dataset}-{pipeline}-{row}-{classifier}-{window_s:g}".replace(" ", "_").replace(",", "")
     path = Path(folder) / f"{words}.skops"
     if not path.is_file():
         felt = tx.open_dataset(dataset)
         kept = tuple(e for e in felt.entries if dataset != "biotac20" or e.repetition <= TRAINED)
         felt = type(felt)(felt.name, kept, felt.load, f"{felt.input_hash}-{len(kept)}")
-        asked = {"row": row, "classifier": classifier, "touch_s": touch_s, "n_jobs": jobs}
+        asked = {"row": row, "classifier": classifier, "window_s": window_s, "n_jobs": jobs}
         tx.train(felt, pipeline, **asked, exportable=True).save(path)
     return load_model(path)
 
 
-def windows_of(model, dataset, touch_s, n_most):
+def windows_of(model, dataset, window_s, n_most):
     """Return windows of all recordings as float32, shape (n, n_channels, n_samples)."""
-    cut = touches(tx.open_dataset(dataset), touch_s, step=STEP_S[touch_s])
+    cut = cut_windows(tx.open_dataset(dataset), window_s, step=STEP_S[window_s])
     entries = [entry for entry in cut.entries if not entry.problem]
     if len(entries) > n_most:
         entries = [entries[i] for i in np.linspace(0, len(entries) - 1, n_most).astype(int)]
@@ -83,7 +83,7 @@ def studied(model, windows, path, n_rounds):
     X = features_of_windows(model, windows)
     parity = check_sample_parity(model, with_features, windows, X)
     p, p_known = model.judge(X)
-    labels = np.array(model.materials)[p.argmax(axis=1)]
+    labels = np.array(model.surfaces)[p.argmax(axis=1)]
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session, load_s = timed(
@@ -127,10 +127,16 @@ def main() -> None:
     folder = Path(asked.models or mkdtemp())
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
-    for dataset, pipeline, row, classifier, touch_s in MODELS:
-        model = model_of(dataset, pipeline, row, classifier, touch_s, folder, asked.jobs)
-        windows = windows_of(model, dataset, touch_s, asked.windows)
-        named = {"dataset": dataset, "pipeline": pipeline, "row": row, "classifier": classifier, "s": touch_s}
+    for dataset, pipeline, row, classifier, window_s in MODELS:
+        model = model_of(dataset, pipeline, row, classifier, window_s, folder, asked.jobs)
+        windows = windows_of(model, dataset, window_s, asked.windows)
+        named = {
+            "dataset": dataset,
+            "pipeline": pipeline,
+            "row": row,
+            "classifier": classifier,
+            "s": window_s,
+        }
         rows.append(named | studied(model, windows, folder / "study.onnx", asked.rounds))
         print(rows[-1], flush=True)
     report(rows, asked.rounds, asked.out)

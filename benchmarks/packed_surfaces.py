@@ -132,7 +132,7 @@ def strokes() -> Iterator[tuple[str, str, Scan, list[tuple[str, Samples]]]]:
                 (f"{axis}, {where}", heard & (third == i))
                 for i, where in ((1, "middle"), (0, "end"), (2, "end"))
             ]
-        yield "stylus6", recording.material, scan, [("", heard), *parts]
+        yield "stylus6", recording.surface, scan, [("", heard), *parts]
     fabrics: dict[str, dict[str, Samples]] = {}
     for name, x in excerpts("fabric_speeds"):
         if (session := name.rpartition("_")[2]) in FABRIC_MM_S:

@@ -56,7 +56,7 @@ def rows(n_surfaces: int, duration_s: float) -> Iterator[dict[str, object]]:
             "fs": fs,
             "snr": "sensor" if snr is None else f"{snr:g} dB",
             "operator": recording.operator,
-            "surface": recording.material,
+            "surface": recording.surface,
             "matched": matched(true, found, fs),
             "true": len(true.taps),
             "found": len(found.taps),

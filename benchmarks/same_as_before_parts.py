@@ -108,7 +108,7 @@ def small() -> Path:
 def biotac6() -> Path:
     """Return the card of 6 surfaces of biotac20, 12 repetitions of each."""
     text = (ROOT / "datasets" / "biotac20.toml").read_text(encoding="utf-8")
-    files = r"files = '(?P<material>mat0[1-6])/(?P<recording>mat\\d+_(?P<repetition>0\\d|1[0-2]))\\.wav'"
+    files = r"files = '(?P<surface>mat0[1-6])/(?P<recording>mat\\d+_(?P<repetition>0\\d|1[0-2]))\\.wav'"
     return written("biotac.toml", re.sub(r"^files = .*$", files, text, flags=re.MULTILINE))
 
 
@@ -154,7 +154,7 @@ def protocols() -> Any:
         "paper": benchmark(small, "strese2015", "--protocol", "paper", "--folds", 4),
         "chronological": benchmark(small, "multiscale", "--protocol", "chronological"),
         "few-shot": benchmark(small, "coarse", "--protocol", "few-shot"),
-        "choose": benchmark(small, "coarse", "--protocol", "recording", "--folds", 4, "--nested-cv"),
+        "nested cv": benchmark(small, "coarse", "--protocol", "recording", "--folds", 4, "--nested-cv"),
         "windows": benchmark(small, "multiscale", "--window", 0.8, "--max-windows", 2, "--folds", 3),
         "new feature": benchmark(small, "coarse", "--folds", 4, "--feature", feature),
     }

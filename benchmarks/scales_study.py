@@ -3,7 +3,7 @@
 Surfaces of seeds that were not looked at when features and anchors were chosen, four recordings of each by
 four operators; each surface counts by its median. Rank correlations, 95 % intervals from a bootstrap over
 surfaces. `fine` and `regular` are told by the recorded speed, and once more as if there were none. The words
-of `biotac20` are smooth, middle and rough, of 20 materials.
+of `biotac20` are smooth, middle and rough, of 20 surfaces.
 `python benchmarks/scales_study.py` (8 minutes) writes reports/studies/scales.
 """
 
@@ -38,7 +38,7 @@ def of_surfaces(dataset, n_jobs=1):
     frame = cached_table(dataset, load_feature_set("scales"), n_jobs=n_jobs).frame
     by_time = scale_values(frame.drop(columns=[scale.column for scale in OVER_THE_WAY.values()]))
     told = scale_values(frame).join(by_time[list(OVER_THE_WAY)].add_suffix(WITHOUT))
-    return told.groupby(frame["material"]).median()
+    return told.groupby(frame["surface"]).median()
 
 
 def truth(n_surfaces, seed):
@@ -88,7 +88,7 @@ def main() -> None:
     dataset = open_dataset("biotac20")
     of_biotac = of_surfaces(dataset, asked.jobs)
     words = pd.read_csv(find_folder(read_card("biotac20")) / "recordings.csv")
-    key = next(key for key in ("material", "material_name") if set(of_biotac.index) <= set(words[key]))
+    key = next(key for key in ("surface", "material_name") if set(of_biotac.index) <= set(words[key]))
     word = words.groupby(key)["roughness"].first().map(WORDS.index).reindex(of_biotac.index)
     rows.append({"scale": "rough", "beside": "words of biotac20"} | agreement(of_biotac["rough"], word))
     ceiling, ceiling_of_ribs = (
@@ -119,7 +119,7 @@ def main() -> None:
         "Whether a surface has ribs is yes or no: the most that any scale could reach there is "
         f"{ceiling_of_ribs:.2f}. `fine` and `regular` follow the ribs along the way of the tool; without a "
         "recorded speed they have the vibration over time alone.",
-        f"Three words for {len(word)} materials leave ties: the most that any scale could reach there is "
+        f"Three words for {len(word)} surfaces leave ties: the most that any scale could reach there is "
         f"{ceiling:.2f}. `biotac20` is felt by a soft finger under one speed, without taps and without "
         "friction; its levels compare among themselves alone.",
         table(

@@ -54,7 +54,7 @@ format = "files"
 fs_hz = {fs}.0
 unit = "m/s^2"
 phases = "detect"
-files = ['(?P<material>m\\d)_\\d+\\.wav']
+files = ['(?P<surface>m\\d)_\\d+\\.wav']
 """
 
 

@@ -13,7 +13,7 @@ from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import StratifiedGroupKFold
 from study import command_line, table, write
 
-from texclass.evaluation import cached_table, cluster_interval, load_pipeline, touches
+from texclass.evaluation import cached_table, cluster_interval, cut_windows, load_pipeline
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.protocols import find_protocol, splits_of
 from texclass.evaluation.windows import parents
@@ -34,7 +34,7 @@ from texclass.recording import Samples
 SEED, N_DRAWS = 9, 20
 N_TRAINED, LAST_TRAINED = 16, 20
 """Repetitions of `biotac20` that a draw trains on, of so many first ones."""
-CASE = ("dataset", "pipeline", "row", "classifier", "touch_s", "held_out")
+CASE = ("dataset", "pipeline", "row", "classifier", "window_s", "held_out")
 CASES = (
     ("biotac20", "multiscale", "All", "vote", None, "recording"),
     ("biotac20", "multiscale", "All", "vote", None, "chronological"),
@@ -55,13 +55,13 @@ def draws(dataset: str, frame: pd.DataFrame) -> Iterator[tuple[Rows, Rows]]:
         return
     for seed in range(N_DRAWS // 5):
         folds = StratifiedGroupKFold(5, shuffle=True, random_state=SEED + seed)
-        yield from folds.split(frame, frame["material"], parents(frame))
+        yield from folds.split(frame, frame["surface"], parents(frame))
 
 
 def measure(case: dict[str, Any]) -> list[dict[str, Any]]:
     """Return how often the sets hold, by those of training and by those that follow references."""
     pipeline, dataset = load_pipeline(case["pipeline"]), open_dataset(case["dataset"])
-    felt = dataset if case["touch_s"] is None else touches(dataset, case["touch_s"])
+    felt = dataset if case["window_s"] is None else cut_windows(dataset, case["window_s"])
     features = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
     frame = features.frame.reset_index(drop=True)
     meter = CostMeter.on(felt, frame["recording_id"].tolist(), pipeline.channels)
@@ -73,10 +73,10 @@ def measure(case: dict[str, Any]) -> list[dict[str, Any]]:
         held_out = hold_out(candidate, learnt, splits)
         calibration = fit_calibration(held_out.decisions, held_out.labels)
         of = facts(learnt.iloc[held_out.rows])
-        several = case["touch_s"] is not None
+        several = case["window_s"] is not None
         p = calibration(held_out.decisions)
         correlation = fit_correlation(p, held_out.labels, of["contact"]) if several else None
-        ages = n_later(of["material"], of["repetition"]) if case["held_out"] == "chronological" else 0
+        ages = n_later(of["surface"], of["repetition"]) if case["held_out"] == "chronological" else 0
         known = conformities(
             held_out.decisions,
             held_out.labels,
@@ -103,10 +103,10 @@ def measure(case: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def facts(part: pd.DataFrame) -> Columns:
-    """Return contact, material and repetition of rows."""
+    """Return contact, surface and repetition of rows."""
     return {
         "contact": parents(part).to_numpy(dtype=str),
-        "material": part["material"].to_numpy(dtype=str),
+        "surface": part["surface"].to_numpy(dtype=str),
         "repetition": part["repetition"].to_numpy(),
     }
 
@@ -117,7 +117,7 @@ def following(known: Conformity, right: Samples, of: Columns) -> dict[float, Sam
     for now in np.unique(of["repetition"]):
         felt, renewed = of["repetition"] < now, known
         if felt.any():
-            ages = n_later(of["material"][felt], of["repetition"][felt])
+            ages = n_later(of["surface"][felt], of["repetition"][felt])
             later = Conformity.of(right[felt], of["contact"][felt], recency(ages, HALF_LIFE))
             renewed = known.and_later(later, float(recency(1 + ages.max(), HALF_LIFE)))
         for level in LEVELS:
@@ -126,7 +126,7 @@ def following(known: Conformity, right: Samples, of: Columns) -> dict[float, Sam
 
 
 def judged(inside: NDArray[np.bool_], labels: Rows, p: Samples, contacts: NDArray[np.str_]) -> dict[str, Any]:
-    """Return what the sets of a draw, (n, n_materials), are worth."""
+    """Return what the sets of a draw, (n, n_surfaces), are worth."""
     holds, hits = inside[np.arange(len(labels)), labels], p.argmax(axis=1) == labels
     low, high = cluster_interval(holds, contacts)
     return {
@@ -164,7 +164,7 @@ def main() -> None:
     shown = [
         r
         | {
-            "touch": "whole" if r["touch_s"] is None else f"{r['touch_s']:g} s",
+            "touch": "whole" if r["window_s"] is None else f"{r['window_s']:g} s",
             "ranks": "" if r["ranking"] is None else f"{r['ranking']:.3f}",
         }
         for r in results

@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 from study import command_line, in_turns, interval, table, timed, write
 
-from texclass.evaluation import PipelineDefinition, load_pipeline, touches, wilson_interval
+from texclass.evaluation import PipelineDefinition, cut_windows, load_pipeline, wilson_interval
 from texclass.evaluation.pipeline import RowDefinition
 from texclass.evaluation.windows import by_recording
 from texclass.loaders import Dataset, open_dataset
@@ -81,7 +81,7 @@ def model_of(name: str, folder: Path | None) -> Model:
         model = _biotac()
     else:
         pipeline = _pipeline(SPECTRUM if name == "spectrum" else SEVERAL_SCALES)
-        budget = {"touch_s": PRUNED_TOUCH_S, "max_features": PRUNED_COLUMNS}
+        budget = {"window_s": PRUNED_TOUCH_S, "max_features": PRUNED_COLUMNS}
         model = train(open_dataset("simulated"), pipeline, row="budget", **budget)
     if path is None:
         return model
@@ -98,7 +98,7 @@ def _pipeline(features: tuple[str, ...]) -> PipelineDefinition:
 
 
 def _biotac() -> Model:
-    cut = touches(biotac_recordings(range(1, TRAINED_REPETITIONS + 1)), BIOTAC_TOUCH_S, step=HOP_S)
+    cut = cut_windows(biotac_recordings(range(1, TRAINED_REPETITIONS + 1)), BIOTAC_TOUCH_S, step=HOP_S)
     kept = [
         window
         for windows in by_recording(cut.entries)
@@ -107,7 +107,7 @@ def _biotac() -> Model:
         if i < BIOTAC_OPENING or (i + (window.repetition or 0)) % BIOTAC_EVERY == 0
     ]
     model = train(replace(cut, entries=tuple(kept)), _pipeline(SEVERAL_SCALES), classifier="kernel")
-    return replace(model, manifest=model.manifest.model_copy(update={"touch_s": BIOTAC_TOUCH_S}))
+    return replace(model, manifest=model.manifest.model_copy(update={"window_s": BIOTAC_TOUCH_S}))
 
 
 def biotac_recordings(repetitions: range) -> Dataset:
@@ -221,7 +221,7 @@ def equality(model: Model, dataset: Dataset, every: int = 1) -> dict[str, Any]:
         known: dict[bytes, Answer] = {}
         said = []
         for n in BLOCKS:
-            live: Any = OnlineRecogniser(model, settings=OnlineSettings(hop_s=model.manifest.touch_s))
+            live: Any = OnlineRecogniser(model, settings=OnlineSettings(hop_s=model.manifest.window_s))
             live.model = Remembering(live.model, known)
             heard = [*push_all(live, recording.acceleration, n), *live.finish()]
             said.append([exactly(update) for update in heard])
@@ -271,17 +271,17 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
         live = OnlineRecogniser(model, settings=OnlineSettings(hop_s=HOP_S))
         heard = push_all(live, recording.acceleration, round(BLOCK_S * recording.fs))
         answers = [update for update in heard if isinstance(update, WindowAnswer)]
-        streams.append((str(recording.material), answers, recording.fs))
+        streams.append((str(recording.surface), answers, recording.fs))
 
     found = {"correlation": 1.0, "n_contacts": len(streams), **model.manifest.calibration}
 
     def verdicts(kind: Any, correlation: float) -> pd.DataFrame:
         """Return what the evidence says after each answer: seconds known, whether right, how sure."""
         rows = []
-        for i, (material, answers, fs) in enumerate(streams):
-            window_s = float(model.manifest.touch_s or 1)
+        for i, (surface, answers, fs) in enumerate(streams):
+            window_s = float(model.manifest.window_s or 1)
             evidence = Evidence(
-                model.materials,
+                model.surfaces,
                 kind,
                 window_s=window_s,
                 hop_s=HOP_S,
@@ -291,7 +291,7 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
             for a in answers:
                 said = evidence.add(a.answer, (a.stop - a.onset) / fs)
                 rows.append(
-                    (i, a.known / fs, said.surface == material, said.probability, said.sure, said.felt_s)
+                    (i, a.known / fs, said.surface == surface, said.probability, said.sure, said.felt_s)
                 )
         return pd.DataFrame(rows, columns=["stream", "known_s", "right", "p", "sure", "felt_s"])
 
@@ -318,7 +318,7 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
         "input_hash": dataset.input_hash,
         "n_recordings": len(streams),
         "trained_on": f"repetitions 1 to {TRAINED_REPETITIONS}",
-        "window_s": model.manifest.touch_s,
+        "window_s": model.manifest.window_s,
         "hop_s": HOP_S,
         "first_answer_s": {
             "of signal": said.groupby("stream")["known_s"].first().max(),

@@ -53,7 +53,7 @@ EVIDENCE = {
     "majority": {"kind": "majority", "hop_s": 0.5},
     "majority that forgets": {"kind": "majority", "hop_s": 0.5, "forget_s": 2.0},
 }
-MATERIALS = ("cork", "felt", "oak")
+SURFACES = ("cork", "felt", "oak")
 N_ANSWERS = 12
 
 
@@ -115,10 +115,10 @@ def evidence() -> list[dict]:
     moved = np.array([[0.9, 0.06, 0.04]] * 6 + [[0.05, 0.05, 0.9]] * 6)
     for name, settings in EVIDENCE.items():
         rows, unknown = (moved, [False] * N_ANSWERS) if name == MOVED else (p, drawn)
-        together = Evidence(MATERIALS, window_s=1.0, **settings)
+        together = Evidence(SURFACES, window_s=1.0, **settings)
         verdicts = []
         for i, (row, strange) in enumerate(zip(rows.tolist(), unknown, strict=True)):
-            answer = Answer("", "", 0.0, "", strange, 0.0, (), dict(zip(MATERIALS, row, strict=True)))
+            answer = Answer("", "", 0.0, "", strange, 0.0, (), dict(zip(SURFACES, row, strict=True)))
             said = together.add(answer, float(i))
             p_together = list(said.probabilities.values())
             verdicts.append({"probabilities": p_together, "unknown": said.unknown, "sure": said.sure})

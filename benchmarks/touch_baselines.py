@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from study import command_line, interval, table, write
 
 from texclass.baselines import BaselineSettings, compare_with_baselines
-from texclass.evaluation import load_pipeline, run_benchmark, touches
+from texclass.evaluation import cut_windows, load_pipeline, run_benchmark
 from texclass.loaders import open_dataset
 from texclass.reporting.figure_style import FOURTH, MUTED, OTHER, OURS, THIRD
 
@@ -89,7 +89,7 @@ def main() -> None:
     for seconds in (*asked.seconds, None):
         felt, length = dataset, {"felt_s": asked.whole_s, "label": "whole"}
         if seconds is not None:
-            felt = touches(dataset, seconds, per_recording=asked.touches, n_jobs=asked.jobs)
+            felt = cut_windows(dataset, seconds, per_recording=asked.touches, n_jobs=asked.jobs)
             length = {"felt_s": seconds, "label": f"{seconds:g}"}
         benchmark = run_benchmark(felt, pipeline, protocol=asked.protocol, n_jobs=asked.jobs)
         part = compare_with_baselines(felt, pipeline, benchmark, settings, n_jobs=asked.jobs).to_dict()

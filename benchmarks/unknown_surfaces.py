@@ -1,4 +1,4 @@
-"""Are surfaces that were never trained told apart from known ones: pairs of materials left out of `biotac20`.
+"""Are surfaces that were never trained told apart from known ones: pairs of surfaces left out of `biotac20`.
 
 `python benchmarks/unknown_surfaces.py [--pairs N]` (about half a minute a pair; all 190 by default,
 else so many drawn with the seed) writes reports/studies/unknown_surfaces.
@@ -38,8 +38,8 @@ SCORES = {
     "mahalanobis": "squared distance to the nearest class mean, all directions whitened",
 }
 DESIGNS = {
-    "recordings": "every fifth repetition of the known materials tests, the others train",
-    "chronological": "repetitions 1-20 of the known materials train, 21-40 test: the sensor has drifted",
+    "recordings": "every fifth repetition of the known surfaces tests, the others train",
+    "chronological": "repetitions 1-20 of the known surfaces train, 21-40 test: the sensor has drifted",
     "chronological, drift expected": "the same; the threshold is set on 11-20 by a recogniser of 1-10",
 }
 
@@ -50,7 +50,7 @@ def main() -> None:
     features = cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
     row = next(r for r in pipeline.rows if r.name == ROW)
     columns = list(MatchedRow.of(row, pipeline.features, features).columns)
-    pairs = list(itertools.combinations(dataset.materials, 2))
+    pairs = list(itertools.combinations(dataset.surfaces, 2))
     drawn = np.random.default_rng(SEED).permutation(len(pairs))[: asked.pairs]
     made = {
         "seed": SEED,
@@ -71,7 +71,7 @@ def study(
     frame: pd.DataFrame, columns: list[str], pipeline: PipelineDefinition, pair: tuple[str, str], number: int
 ) -> list[dict[str, Any]]:
     """Return AUROC, share of unknowns flagged and false alarms of every score under every design."""
-    X, y = frame[columns].to_numpy(), frame["material"].to_numpy(dtype=str)
+    X, y = frame[columns].to_numpy(), frame["surface"].to_numpy(dtype=str)
     repetition = frame["repetition"].to_numpy(dtype=int)
     unknown, found = np.isin(y, pair), []
     fifth, late = (repetition + number) % 5 == 0, repetition > 20
@@ -142,9 +142,9 @@ def mahalanobis(X: Samples, labels: Any, asked: Samples, shrinkage: float = 0.1)
 
 
 def summary(results: list[dict[str, Any]]) -> pd.DataFrame:
-    """Return means over pairs with 95 % intervals over materials, and the worst pair.
+    """Return means over pairs with 95 % intervals over surfaces, and the worst pair.
 
-    Each material is in many pairs, so pairs are not independent: t, jackknife that leaves out a material.
+    Each surface is in many pairs, so pairs are not independent: t, jackknife that leaves out a surface.
     """
     rows = []
     for (design, score), group in pd.DataFrame(results).groupby(["design", "score"], sort=False):
@@ -169,10 +169,10 @@ def report(results: list[dict[str, Any]], made: dict[str, Any], out: Path) -> No
     of = "all 190 pairs" if n == 190 else f"{n} of the 190 pairs, drawn at random"
     blocks: list[Any] = [
         f"`biotac20`, {of}: a recogniser (`{PIPELINE}`, row {ROW}, {CLASSIFIER}, "
-        f"{made['n_columns']} columns) is trained without two materials, then asked about them and about "
+        f"{made['n_columns']} columns) is trained without two surfaces, then asked about them and about "
         "held-out recordings of the other 18. One is flagged where the conformal p-value of its score "
         f"is at most {FALSE_ALARMS}; held-out scores come from five-fold cross-validation on the training "
-        "recordings, unless it says otherwise. Means over pairs, 95 % intervals over materials (t, "
+        "recordings, unless it says otherwise. Means over pairs, 95 % intervals over surfaces (t, "
         "jackknife). Aims: "
         f"AUROC at least {AIM_AUROC}, at least {AIM_FLAGGED:.0%} flagged at {FALSE_ALARMS:.0%} false alarms. "
         "Scores of distance need recordings enough for a held-out one to lie as near as one of training: "

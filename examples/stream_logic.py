@@ -223,8 +223,8 @@ class Windows:
 class Evidence:
     """What the windows of one contact say together; constants as in texclass.stream, "evidence"."""
 
-    def __init__(self, constants, n_materials):
-        self.c, self.k = constants, n_materials
+    def __init__(self, constants, n_surfaces):
+        self.c, self.k = constants, n_surfaces
         self.reset()
 
     def reset(self):

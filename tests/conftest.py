@@ -87,7 +87,7 @@ def linear_model(_own_cache):
 def touch_model(_own_cache):
     from toy_surfaces import spectrum_model
 
-    return spectrum_model("lda", touch_s=0.25)
+    return spectrum_model("lda", window_s=0.25)
 
 
 @pytest.fixture(scope="session")

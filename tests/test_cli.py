@@ -254,7 +254,7 @@ def test_extract_writes_a_table_and_reads_it_the_second_time(run, tmp_path):
     assert run("extract", "tiny.toml", "-o", "features.parquet", "--jobs", "1")[0] == 0
     assert (tmp_path / "features.parquet").read_bytes() == first
     frame = pd.read_parquet(tmp_path / "features.parquet")
-    assert frame["material"].nunique() == 3
+    assert frame["surface"].nunique() == 3
 
 
 def test_inspect_draws_a_recording_and_says_what_it_found(run, tmp_path):
@@ -290,11 +290,11 @@ def test_bad_input_ends_with_one_line_that_names_it(run, tmp_path, arguments, to
 
 def test_one_bad_recording_stops_the_run_unless_it_may_be_skipped(run, tmp_path):
     rng = np.random.default_rng(2)
-    for material in ("oak", "felt"):
-        folder = tmp_path / "recordings" / material
+    for surface in ("oak", "felt"):
+        folder = tmp_path / "recordings" / surface
         folder.mkdir(parents=True)
         for k in range(3):
-            np.savetxt(folder / f"{material}_{k}.txt", rng.standard_normal(9_000))
+            np.savetxt(folder / f"{surface}_{k}.txt", rng.standard_normal(9_000))
     (tmp_path / "recordings" / "oak" / "oak_1.txt").write_text("0.5\nnan\n0.25\n")
     asked = ("extract", "recordings", "--fs", "10000", "--unit", "g", "-o", "x.parquet", "--jobs", "1")
     code, _, err = run(*asked)

@@ -130,9 +130,9 @@ def test_the_scene_of_a_path_that_never_touches_is_named(tmp_path):
         ("schema", [float("inf"), 1]),
         ("fs", 10**400),
         ("fs", float("nan")),
-        ("materials", [1, None]),
+        ("surfaces", [1, None]),
         ("input", []),
-        ("touch_s", "long"),
+        ("window_s", "long"),
         ("shortest_s", float("inf")),
         ("unit", None),
     ],
@@ -170,10 +170,10 @@ def test_damaged_movements_are_found_again(text, tmp_path, monkeypatch):
 
     monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path))
     dataset = Dataset("d", (Entry("a", "oak"),), load, "hash")
-    whole = windows.touches(dataset, 0.5)
+    whole = windows.cut_windows(dataset, 0.5)
     (file,) = (tmp_path / "movements").iterdir()
     file.write_text(text)
-    assert [window.start for window in windows.touches(dataset, 0.5).entries] == [
+    assert [window.start for window in windows.cut_windows(dataset, 0.5).entries] == [
         w.start for w in whole.entries
     ]
 
@@ -200,7 +200,7 @@ def _facts(path, **changes):
 
 @pytest.mark.parametrize(
     "changes",
-    [{"columns": 5}, {"columns": ["absent"]}, {"columns": ["material"]}, {"ms": ["x", "y"]}, {"ms": [1.0]},
+    [{"columns": 5}, {"columns": ["absent"]}, {"columns": ["surface"]}, {"ms": ["x", "y"]}, {"ms": [1.0]},
      {"reasons": [["too", "few"]]}, {"flags": 1}, {"left_out": None}, {"key": []}],
 )  # fmt: skip
 def test_a_feature_table_whose_facts_do_not_fit_it_is_refused(changes, tmp_path):

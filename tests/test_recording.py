@@ -39,7 +39,7 @@ def test_physical_units_become_metres_per_second_squared(unit, factor):
 
 def test_a_copy_is_not_converted_again():
     once = recording(unit="g")
-    np.testing.assert_array_equal(once.with_(material="wood").acceleration, once.acceleration)
+    np.testing.assert_array_equal(once.with_(surface="wood").acceleration, once.acceleration)
 
 
 @pytest.mark.parametrize("unit", ["counts", "V", "arbitrary"])
@@ -85,10 +85,10 @@ def test_phases_say_what_there_is(phases, kind):
 
 
 def test_a_copy_with_the_values_it_has_is_the_recording_itself():
-    made = recording(material="wood", phases=Phases(movement=(0, 9)))
-    assert made.with_(phases=made.phases, material="wood") is made
-    assert made.with_(material="cork").material == "cork"
-    assert made.material == "wood"
+    made = recording(surface="wood", phases=Phases(movement=(0, 9)))
+    assert made.with_(phases=made.phases, surface="wood") is made
+    assert made.with_(surface="cork").surface == "cork"
+    assert made.surface == "wood"
     with pytest.raises(TypeError, match="n_samples"):
         made.with_(n_samples=made.n_samples)
 
@@ -97,7 +97,7 @@ def test_an_array_that_nobody_can_write_to_is_kept_without_a_copy():
     own = read_only(SIGNAL.copy().reshape(-1, 2))
     made = recording(acceleration=own)
     assert made.acceleration is own
-    assert made.with_(material="wood").acceleration is own
+    assert made.with_(surface="wood").acceleration is own
     assert not own.base.flags.writeable
     view = SIGNAL.copy()[:50]
     view.flags.writeable = False  # what it is a view of can still be written to
@@ -110,7 +110,7 @@ def test_samples_and_a_rate_are_enough():
 
 
 def test_a_recording_tells_itself_in_a_line_and_as_a_table():
-    oak = recording(recording_id="oak_1", material="<oak>", friction=SIGNAL)
+    oak = recording(recording_id="oak_1", surface="<oak>", friction=SIGNAL)
     assert repr(oak) == "<Recording 'oak_1' of <oak>: 0.1 s at 1000 Hz, 1 axis in m/s^2>"
     table = oak._repr_html_()
     assert "<td>&lt;oak&gt;</td>" in table

@@ -47,9 +47,9 @@ def test_what_a_package_adds_is_known_by_name(installed, tmp_path):
     assert "toy" in shipped.names("feature_defs")
     assert find("toy_crest").reference == "an example"
     x = np.random.default_rng(0).normal(size=(2, 1000))
-    for material, samples in zip(("oak", "pine"), x, strict=True):
-        (tmp_path / "felt" / material).mkdir(parents=True)
-        (tmp_path / "felt" / material / "a.toy").write_text("\n".join(["500", *map(str, samples)]))
+    for surface, samples in zip(("oak", "pine"), x, strict=True):
+        (tmp_path / "felt" / surface).mkdir(parents=True)
+        (tmp_path / "felt" / surface / "a.toy").write_text("\n".join(["500", *map(str, samples)]))
     dataset = tx.open_dataset(tmp_path / "felt", unit="m/s^2")
     assert [recording.fs for recording in dataset] == [500.0, 500.0]
     table = tx.extract(dataset, "toy")

@@ -15,7 +15,7 @@ NAMES = ("cork", "felt", "oak", "slate", "tin", "wool")
 
 
 def rows_of(n_columns, n_classes, n_each=12, *, seed=0, undefined=0.05):
-    """Return features (n, n_columns) in very different units, some undefined, and materials."""
+    """Return features (n, n_columns) in very different units, some undefined, and surfaces."""
     rng = np.random.default_rng(seed)
     units = 10.0 ** np.random.default_rng(1).uniform(-4, 4, n_columns)
     means = np.random.default_rng(2).standard_normal((len(NAMES), n_columns))
@@ -69,10 +69,10 @@ def prepared_by(recogniser, X):
 
 def manifest_of(y, false_alarms):
     return Manifest(
-        materials=tuple(np.unique(y).tolist()),
+        surfaces=tuple(np.unique(y).tolist()),
         pipeline={"name": "toy", "row": "r", "classifier": "c", "hash": ""},
         features=("mfcc",), phases=("movement",), fs=4000.0, unit="m/s^2",
         input={"fs": 4000.0, "unit": "m/s^2"}, trained_on={"name": "toy"},
-        accuracy={}, calibration={}, unknown={"false_alarms": false_alarms}, cost={}, touch_s=0.5,
+        accuracy={}, calibration={}, unknown={"false_alarms": false_alarms}, cost={}, window_s=0.5,
         versions={"texclass": "0"}, shortest_s=0.4,
     )  # fmt: skip

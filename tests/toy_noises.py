@@ -1,4 +1,4 @@
-"""A toy dataset, feature set and pipeline: noise whose level names the material."""
+"""A toy dataset, feature set and pipeline: noise whose level names the surface."""
 
 from dataclasses import dataclass, field
 
@@ -27,18 +27,18 @@ seed = 11
 """
 
 
-def a_table(n_materials=3, n_repetitions=10, **columns):
+def a_table(n_surfaces=3, n_repetitions=10, **columns):
     """What is known of recordings before they are loaded."""
-    rows = [(f"m{m}", r) for m in range(n_materials) for r in range(1, n_repetitions + 1)]
-    table = pd.DataFrame(rows, columns=["material", "repetition"])
-    table["recording_id"] = table["material"] + "_" + table["repetition"].astype(str)
+    rows = [(f"m{m}", r) for m in range(n_surfaces) for r in range(1, n_repetitions + 1)]
+    table = pd.DataFrame(rows, columns=["surface", "repetition"])
+    table["recording_id"] = table["surface"] + "_" + table["repetition"].astype(str)
     table["operator"] = [f"o{r % 5}" for r in table["repetition"]]
     return table.assign(session=None, **columns)
 
 
 @dataclass
 class ToyLoader:
-    """Noise whose level and offset name the material; counts what it loads."""
+    """Noise whose level and offset name the surface; counts what it loads."""
 
     bad: tuple[str, ...] = ()
     killed_at: str = ""
@@ -50,8 +50,8 @@ class ToyLoader:
         if entry.recording_id in self.bad:
             raise RecordingError(f"{entry.recording_id}.txt: value 'x' in line 3. Expected numbers")
         self.loaded.append(entry.recording_id)
-        rng = np.random.default_rng([int(entry.material[1:]), entry.repetition])
-        signal = (1 + int(entry.material[1:])) * rng.normal(size=300)
+        rng = np.random.default_rng([int(entry.surface[1:]), entry.repetition])
+        signal = (1 + int(entry.surface[1:])) * rng.normal(size=300)
         return Recording(
             signal, fs=FS, unit="g", recording_id=entry.recording_id, phases=Phases(movement=(0, 300)),
             flags=("clipped",) if entry.repetition == 1 else (),
@@ -116,10 +116,10 @@ def feature_set():
 
 @pytest.fixture(scope="session")
 def toy_dataset():
-    def make(n_materials=3, n_repetitions=4, *, input_hash="toy", operators=2, **loader):
+    def make(n_surfaces=3, n_repetitions=4, *, input_hash="toy", operators=2, **loader):
         entries = tuple(
             Entry(f"m{m}_{r}", f"m{m}", operator=f"o{r % operators}" if operators else None, repetition=r)
-            for m in range(n_materials)
+            for m in range(n_surfaces)
             for r in range(1, n_repetitions + 1)
         )
         return Dataset("toy", entries, ToyLoader(**loader), input_hash)
@@ -133,7 +133,7 @@ def own_cache(tmp_path, monkeypatch):
 
 
 def write_plates(folder, fs, louder):
-    """Write three materials, each so much louder than the one before: six WAV files of 1200 samples each."""
+    """Write three surfaces, each so much louder than the one before: six WAV files of 1200 samples each."""
     for m, name in enumerate(("cork", "felt", "oak")):
         (folder / name).mkdir(parents=True)
         for i in range(6):

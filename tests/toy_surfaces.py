@@ -23,9 +23,9 @@ def signal(hum_hz, seed, n=N):
     return hum / hum.std() + 0.2 * rng.standard_normal(n)
 
 
-def recording(surface, seed, **facts):
-    given = {"fs": FS, "unit": "m/s^2", "recording_id": f"{surface}-{seed}", "material": surface}
-    samples = signal(SURFACES.get(surface, STRANGER), [*map(ord, surface), seed])
+def recording(name, seed, **facts):
+    given = {"fs": FS, "unit": "m/s^2", "recording_id": f"{name}-{seed}", "surface": name}
+    samples = signal(SURFACES.get(name, STRANGER), [*map(ord, name), seed])
     return Recording(samples, phases=Phases(movement=(0, len(samples))), **given | facts)
 
 
@@ -38,7 +38,7 @@ class Loader:
     def __call__(self, entry):
         if entry.recording_id in self.bad:
             raise RecordingError(f"{entry.recording_id}: is empty (0 bytes). Expected at least two samples")
-        return recording(entry.material, entry.repetition)
+        return recording(entry.surface, entry.repetition)
 
 
 def surfaces(n_repetitions=10, *, bad=(), names=tuple(SURFACES)):

@@ -41,7 +41,7 @@ def recording(terrain, seed):
 
 def terrains():
     entries = tuple(Entry(f"{t}-{k}", t, repetition=k) for t in TERRAINS for k in range(1, 7))
-    return Dataset("terrains", entries, lambda e: recording(e.material, e.repetition), "terrains")
+    return Dataset("terrains", entries, lambda e: recording(e.surface, e.repetition), "terrains")
 
 
 def turning_model(dataset=None):

@@ -104,7 +104,7 @@ def benchmark(
     unit : str, optional
         Unit of the acceleration in files that do not state it.
     **options
-        `protocol`, `n_folds`, `choose`, `n_jobs`, `skip_bad`, `progress` of `evaluation.run_benchmark`.
+        `protocol`, `n_folds`, `nested_cv`, `n_jobs`, `skip_bad`, `progress` of `evaluation.run_benchmark`.
 
     Returns
     -------

@@ -133,7 +133,7 @@ class Recording:
         physical unit and gravity in the signal, corrected feature sets remove hand motion.
     recording_id : str, default "recording"
         Identifier, unique in its dataset.
-    material, operator, session : str, optional
+    surface, operator, session : str, optional
         Surface, person who held the tool, and occasion.
     repetition : int, optional
         Number in order of time.
@@ -162,7 +162,7 @@ class Recording:
     Examples
     --------
     >>> import numpy as np
-    >>> Recording(np.zeros((1000, 3)), fs=1000, unit="g", material="oak")
+    >>> Recording(np.zeros((1000, 3)), fs=1000, unit="g", surface="oak")
     <Recording 'recording' of oak: 1 s at 1000 Hz, 3 axes in m/s^2>
     """
 
@@ -170,7 +170,7 @@ class Recording:
     fs: float
     unit: str = "arbitrary"
     recording_id: str = "recording"
-    material: str | None = None
+    surface: str | None = None
     operator: str | None = None
     session: str | None = None
     repetition: int | None = None
@@ -231,7 +231,7 @@ class Recording:
         beside = ", ".join(name for name in AUXILIARY_UNITS if getattr(self, name) is not None)
         told = {
             "recording": self.recording_id,
-            "material": self.material,
+            "surface": self.surface,
             "operator": self.operator,
             "session": self.session,
             "duration": f"{self.duration_s:.3g} s, {self.n_samples} samples at {self.fs:g} Hz",
@@ -244,7 +244,7 @@ class Recording:
 
     def __repr__(self) -> str:
         """Return one line."""
-        of = f" of {self.material}" if self.material else ""
+        of = f" of {self.surface}" if self.surface else ""
         n = len(self.channels)
         return (
             f"<Recording {self.recording_id!r}{of}: {self.duration_s:.3g} s at {self.fs:g} Hz, "
@@ -280,7 +280,7 @@ class Recording:
 
         dims = ("time", "axis")[: self.acceleration.ndim]
         time = ("time", np.arange(self.n_samples) / self.fs, {"units": "s"})
-        names = ("fs", "native_fs", "unit", "material", "operator", "session", "repetition")
+        names = ("fs", "native_fs", "unit", "surface", "operator", "session", "repetition")
         facts = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         coords = {"time": time, "axis": list(self.channels)}
         coords = {dim: coords[dim] for dim in dims}

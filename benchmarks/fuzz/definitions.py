@@ -23,7 +23,7 @@ fs_hz = 1000
 unit = "g"
 scale = 0.5
 phases = "movement"
-files = ["(?P<material>[a-z]+)/(?P<repetition>[0-9]+)_(?P<axis>[XYZ]).csv"]
+files = ["(?P<surface>[a-z]+)/(?P<repetition>[0-9]+)_(?P<axis>[XYZ]).csv"]
 delimiter = ";"
 notes = ["made up"]
 [channels]
@@ -33,7 +33,7 @@ file = "labels.csv"
 recording = "id"
 operator = "who"
 [companions]
-friction = "{material}/{repetition}_F.csv"
+friction = "{surface}/{repetition}_F.csv"
 """
 _ROWS = """title = "Toy"
 folder = "toy"

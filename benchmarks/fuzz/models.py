@@ -85,12 +85,12 @@ def _models() -> list[bytes]:
 def _manifest(data: bytes) -> Manifest:
     found = read_manifest(data)
     assert np.isfinite(found.fs)
-    assert isinstance(found.materials, tuple)
+    assert isinstance(found.surfaces, tuple)
     return found
 
 
 def _tables() -> list[bytes]:
-    frame = pd.DataFrame({"recording_id": ["a", "b"], "material": ["oak", "felt"], "operator": [None, "o"],
+    frame = pd.DataFrame({"recording_id": ["a", "b"], "surface": ["oak", "felt"], "operator": [None, "o"],
                           "session": [None, None], "repetition": pd.array([1, None], dtype="Int64"),
                           "mfcc.c1": [1.0, np.nan]})  # fmt: skip
     table = FeatureTable(frame, ("mfcc.c1",), np.array([1.0, 2.0]), (Reason("b", "mfcc", "short"),), (),
@@ -137,7 +137,7 @@ def _movements(path: Path) -> object:
 
 
 def _remembered() -> list[bytes]:
-    signal = Recording(np.arange(24.0).reshape(8, 3), 100.0, "g", "r", material="oak", flags=("a",))
+    signal = Recording(np.arange(24.0).reshape(8, 3), 100.0, "g", "r", surface="oak", flags=("a",))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.npz"
         remember(path, signal)

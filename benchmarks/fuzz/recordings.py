@@ -135,7 +135,7 @@ def _rows(path: Path) -> object:
     return values
 
 
-_LABELS = LabelTable(file="labels.csv", recording="id", material="what", repetition="run")
+_LABELS = LabelTable(file="labels.csv", recording="id", surface="what", repetition="run")
 _READING = FileReading(fs_hz=FS, unit="g", files=(".*",), labels=_LABELS)
 
 

@@ -15,7 +15,9 @@ figure, axis = plt.subplots(figsize=(7, 3.5))
 for pipeline, n_trained, shift in (("strese2015", [3, 4, 6], -0.05), ("surfaces", [1, 3, 4, 6], 0.05)):
     best = []
     for n in n_trained:
-        result = tx.benchmark(dataset, pipeline, protocol=f"repetition=1-{n} -> repetition=7-12", choose=True)
+        result = tx.benchmark(
+            dataset, pipeline, protocol=f"repetition=1-{n} -> repetition=7-12", nested_cv=True
+        )
         best.append(result.data["choice"]["accuracy"])
     best = 100 * pd.DataFrame(best)[["mean", "low", "high"]]
     error = [best["mean"] - best["low"], best["high"] - best["mean"]]

@@ -47,6 +47,6 @@ for trained in (True, False):
 # several surfaces if these are hard to separate.
 
 for level in (0.9, 0.95):
-    sets = [(surface, answer.sets[level]) for surface, known, answer in answers if known]
+    sets = [(surface, answer.prediction_sets[level]) for surface, known, answer in answers if known]
     covered, size = sum(s in members for s, members in sets), sum(len(members) for _, members in sets)
     print(f"{level:.0%}: coverage {covered} of {len(sets)}, {size / len(sets):.2f} surfaces per set")

@@ -25,12 +25,12 @@ def drive(floor):
     shaken, turned = rng.standard_normal((2, n, 3))
     turned[:, 0] += np.roll(shaken[:, 1], floors[floor])
     return tx.Recording(
-        shaken, fs, "arbitrary", material=floor, turn_rate=turned, phases=Phases(movement=(0, n))
+        shaken, fs, "arbitrary", surface=floor, turn_rate=turned, phases=Phases(movement=(0, n))
     )
 
 
 drives = [drive(floor) for floor in floors for _ in range(20)]
-materials = [one.material for one in drives]
+surfaces = [one.surface for one in drives]
 
 # %%
 # A feature of phase "pair" is computed for every two channels. Its columns are named after both.
@@ -38,7 +38,7 @@ materials = [one.material for one in drives]
 coarse = load_feature_set("coarse")
 extractor = FeatureExtractor(coarse, channels="all").set_output(transform="pandas")
 features = extractor.fit_transform(drives)
-both = features.filter(like="y*turn_x/lag_correlation").groupby(np.array(materials))
+both = features.filter(like="y*turn_x/lag_correlation").groupby(np.array(surfaces))
 figure, axis = plt.subplots(figsize=(6, 3.2), layout="constrained")
 for floor, course in both.mean().iterrows():
     axis.plot([int(name.rpartition("lag")[2]) for name in course.index], course, "o-", label=floor)
@@ -53,5 +53,5 @@ plt.show()
 for names in (["band_level", "octave_level"], ["lag_correlation"]):
     some = FeatureExtractor(coarse.restricted_to(names), channels="all")
     lda = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=0.1)
-    right = cross_val_score(make_pipeline(some, lda), drives, materials, cv=5).mean()
+    right = cross_val_score(make_pipeline(some, lda), drives, surfaces, cv=5).mean()
     print(f"{', '.join(names)}: {100 * right:.0f} %")

@@ -73,7 +73,7 @@ def tell(numbers, seed, shown):
             """What is simulated: the paper's recordings are not public. S1 ... S9 are simulated surfaces,
             autoregressive processes whose resonances and level vary smoothly with velocity and force, all but
             S4 with direction; a simulated hand strokes them freely. Frequencies and levels are ours, so no
-            number below says anything about the paper's materials. Real recordings: `stylus6`, isotropic.""",
+            number below says anything about the paper's surfaces. Real recordings: `stylus6`, isotropic.""",
             """The paper has no table. Its Fig. 5(a) says: GFC above 0.90 for every sample but S1, and S1
             close to it.""",
             *_cross_validated(numbers["simulated"], seed, shown),

@@ -178,7 +178,7 @@ def real_recordings() -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[
     excerpts = []
     for recording in lmt:
         a = np.asarray(recording.acceleration)[: int(recording.fs / 2)]
-        name = recording.material or recording.recording_id
+        name = recording.surface or recording.recording_id
         excerpts.append(excerpt(a if a.ndim == 1 else a[:, 0], recording.fs, name))
     return halves, excerpts, {"stylus6": stylus.input_hash, "lmt_excerpts": lmt.input_hash}
 

@@ -508,7 +508,7 @@ def real_taps() -> tuple[dict[str, list[Samples]], str]:
         return {}, ""
     taps: dict[str, list[Samples]] = {}
     for entry in dataset.entries:
-        taps.setdefault(entry.material, []).append(dataset.load(entry).acceleration[:, CHANNEL])
+        taps.setdefault(entry.surface, []).append(dataset.load(entry).acceleration[:, CHANNEL])
     return taps, dataset.input_hash
 
 

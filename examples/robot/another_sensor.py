@@ -28,8 +28,8 @@ def record_all(first, last, **tool):
     return [record(surface, k, **tool) for surface in surfaces for k in range(first, last)]
 
 
-recordings = {f"{r.material}-{i}": r for i, r in enumerate(record_all(0, 8))}
-entries = tuple(tx.loaders.Entry(name, r.material) for name, r in recordings.items())
+recordings = {f"{r.surface}-{i}": r for i, r in enumerate(record_all(0, 8))}
+entries = tuple(tx.loaders.Entry(name, r.surface) for name, r in recordings.items())
 dataset = tx.loaders.Dataset("old", entries, lambda entry: recordings[entry.recording_id], "another sensor")
 model = tx.train(dataset, "texclass", row="Spectrum at several scales", classifier="kernel")
 
@@ -50,7 +50,7 @@ tested = record_all(30, 35, **new)
 shares = {}
 for name, one in models.items():
     answers = one.predict(tested)
-    correct = np.mean([a.surface == r.material for a, r in zip(answers, tested, strict=True)])
+    correct = np.mean([a.surface == r.surface for a, r in zip(answers, tested, strict=True)])
     shares[name] = {"correct": correct, "unknown": np.mean([a.unknown for a in answers])}
 pd.DataFrame(shares).T.plot.barh(figsize=(7, 2.5), xlim=(0, 1))
 plt.show()

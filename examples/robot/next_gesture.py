@@ -39,7 +39,7 @@ while (advice := exploration.advice()) is not None and len(made) < 8:
 
 figure, axis = plt.subplots(figsize=(7, 3.5))
 bottom = np.zeros(len(beliefs))
-for name, p in zip(exploration.materials, np.transpose(beliefs), strict=True):
+for name, p in zip(exploration.surfaces, np.transpose(beliefs), strict=True):
     axis.bar(range(len(beliefs)), p, bottom=bottom, label=name, hatch="//" if name == surface.name else None)
     bottom += p
 axis.set_xticks(range(len(beliefs)), made)

@@ -53,6 +53,6 @@ for max_kb in (None, 10):
 figure, axis = plt.subplots(figsize=(6, 4))
 axis.imshow(probabilities, aspect="auto", interpolation="none", cmap="Blues")
 axis.grid(visible=False)
-axis.set_xticks(range(6), model.materials, rotation=30)
+axis.set_xticks(range(6), model.surfaces, rotation=30)
 axis.set_yticks(range(0, 72, 12), dataset.labels[::12])
 plt.show()

@@ -17,7 +17,7 @@ import onnxruntime
 import texclass as tx
 
 dataset = tx.open_dataset("simulated6")
-model = tx.train(dataset, row="Several time scales", classifier="lda", touch_s=0.5, exportable=True)
+model = tx.train(dataset, row="Several time scales", classifier="lda", window_s=0.5, exportable=True)
 file = Path(tempfile.mkdtemp()) / "windows.onnx"
 exported = tx.robot.export_onnx(model, file, start="samples")
 print(exported.of_samples)
@@ -44,9 +44,9 @@ label, probabilities, p_known, unknown = session.run(None, {"samples": samples})
 figure, (above, below) = plt.subplots(2, 1, figsize=(7, 5), sharex=True)
 above.plot(np.arange(start, stop) / recording.fs, recording.acceleration[start:stop], linewidth=0.3)
 above.set_ylabel("m/s²")
-below.plot((starts + window["n_samples"]) / recording.fs, probabilities, label=model.materials)
+below.plot((starts + window["n_samples"]) / recording.fs, probabilities, label=model.surfaces)
 below.set_xlabel("s")
 below.set_ylabel("probability")
 below.legend(fontsize="small")
-above.set_title(f"{recording.material}: {np.mean(label == recording.material):.0%} of the windows correct")
+above.set_title(f"{recording.surface}: {np.mean(label == recording.surface):.0%} of the windows correct")
 plt.show()

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import texclass as tx
 
 dataset = tx.open_dataset("simulated6")
-model = tx.train(dataset, row="Movement", classifier="lda", touch_s=0.8)
+model = tx.train(dataset, row="Movement", classifier="lda", window_s=0.8)
 recording = dataset[58]
 
 # %%
@@ -33,9 +33,9 @@ above.plot(
     [i / recording.fs for i in range(recording.n_samples)], recording.acceleration[:, 2], linewidth=0.5
 )
 above.set_ylabel("m/s²")
-for surface in model.materials:
+for surface in model.surfaces:
     p = [answer.verdict.probabilities[surface] for answer in answers]
-    is_true = surface == recording.material
+    is_true = surface == recording.surface
     below.plot(time, p, "o-", color="C0" if is_true else "0.75", label=surface if is_true else None)
 below.set_ylim(0, 1.05)
 below.set_ylabel("probability")

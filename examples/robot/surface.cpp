@@ -33,9 +33,9 @@ int main(int argc, char** argv) {
     std::string label(answer[0].GetStringTensorElementLength(0), ' ');
     answer[0].GetStringTensorElement(label.size(), 0, label.data());
     const double* p = answer[1].GetTensorData<double>();
-    size_t n_materials = answer[1].GetTensorTypeAndShapeInfo().GetElementCount();
+    size_t n_surfaces = answer[1].GetTensorTypeAndShapeInfo().GetElementCount();
     bool unknown = *answer[3].GetTensorData<bool>();
-    std::printf("%s\t%.9f\t%.9f%s\n", label.c_str(), *std::max_element(p, p + n_materials),
+    std::printf("%s\t%.9f\t%.9f%s\n", label.c_str(), *std::max_element(p, p + n_surfaces),
                 *answer[2].GetTensorData<double>(), unknown ? "\tunknown" : "");
   }
 }

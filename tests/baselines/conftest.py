@@ -64,14 +64,14 @@ def ours_here(monkeypatch):
 
 @pytest.fixture(scope="session")
 def noises(tmp_path_factory):
-    """Three materials of coloured noise, four recordings each, all movement."""
+    """Three surfaces of coloured noise, four recordings each, all movement."""
     root = tmp_path_factory.mktemp("noises")
     rng = np.random.default_rng(3)
-    for i, material in enumerate(("felt", "oak", "tile")):
-        (root / material).mkdir()
+    for i, surface in enumerate(("felt", "oak", "tile")):
+        (root / surface).mkdir()
         for k in range(4):
             smooth = np.convolve(rng.normal(size=3000), np.ones(1 + 4 * i), mode="same")
-            np.savetxt(root / material / f"{material}_{k}.txt", smooth)
+            np.savetxt(root / surface / f"{surface}_{k}.txt", smooth)
     return root
 
 

@@ -10,7 +10,7 @@ from texclass.baselines import (
     BaselineComparison,
     BaselineSettings,
     compare_with_baselines,
-    whole_materials,
+    whole_surfaces,
 )
 from texclass.baselines.comparison import _length_notes, every_channel, same_signals
 from texclass.evaluation import BenchmarkResult
@@ -112,15 +112,15 @@ def test_settings_are_checked():
     assert BaselineSettings().names == tuple(BASELINES)
 
 
-def test_a_limit_keeps_materials_whole(bench):
+def test_a_limit_keeps_surfaces_whole(bench):
     dataset = bench[0]
-    some = whole_materials(dataset, 9)
-    assert some.materials == ("felt", "tile")
+    some = whole_surfaces(dataset, 9)
+    assert some.surfaces == ("felt", "tile")
     assert len(some) == 8
-    assert "2 of the 3 materials" in some.notes[-1]
-    assert whole_materials(dataset, 12) is dataset
+    assert "2 of the 3 surfaces" in some.notes[-1]
+    assert whole_surfaces(dataset, 12) is dataset
     with pytest.raises(ValueError, match="limit of 7"):
-        whole_materials(dataset, 7)
+        whole_surfaces(dataset, 7)
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ def gains(toy_dataset, pipeline):
 
     def run(*rows, protocol=None, additions=GROUPS, **gain):
         changed = pipeline(*(rows or ROWS), additions=additions, seed=5, gain=AdditionSettings(**gain))
-        result = run_benchmark(toy_dataset(n_materials=4, n_repetitions=8), changed, protocol=protocol)
+        result = run_benchmark(toy_dataset(n_surfaces=4, n_repetitions=8), changed, protocol=protocol)
         return result, result.data["gains"]
 
     return run

@@ -72,9 +72,9 @@ def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_pa
     assert {path.suffix for path in written} >= {".json", ".md", ".png", ".csv"}
     (lines,) = ([*csv.reader(path.read_text().splitlines())] for path in written if path.suffix == ".csv")
     confusion = result.data["confusion"]
-    assert lines[0] == ["true label", *confusion["materials"]]
+    assert lines[0] == ["true label", *confusion["surfaces"]]
     assert [[label, *map(int, row)] for label, *row in lines[1:]] == [
-        [label, *row] for label, row in zip(confusion["materials"], confusion["counts"], strict=True)
+        [label, *row] for label, row in zip(confusion["surfaces"], confusion["counts"], strict=True)
     ]
     assert json.loads(next(tmp_path.glob("*.json")).read_text()) == json.loads(result.to_json())
     (axes,) = result.plot("naive_bayes").axes
@@ -85,7 +85,7 @@ def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_pa
 
 def test_a_result_carries_facts_hashes_what_is_undefined_and_one_recording_with_its_phases(result, several):
     facts, example = result.data["dataset"], result.data["example"]
-    assert (facts["fs_hz"], facts["unit"], facts["n_materials"], facts["chance"]) == (FS, "m/s^2", 3, 1 / 3)
+    assert (facts["fs_hz"], facts["unit"], facts["n_surfaces"], facts["chance"]) == (FS, "m/s^2", 3, 1 / 3)
     assert len(result.data["code_hash"]) == 16
     assert result.data["movement"] == "as printed, the hand left in"
     assert result.data["pipeline"]["features_hash"] == several.features.hash
@@ -143,7 +143,7 @@ def test_a_second_run_changes_nothing_but_milliseconds(result, toy_dataset, seve
 
 def test_an_impossible_protocol_is_refused_before_anything_is_loaded(toy_dataset, several):
     dataset = toy_dataset()
-    with pytest.raises(ValueError, match="material m0 has 4 recordings; 10 folds need at least 10 of each"):
+    with pytest.raises(ValueError, match="surface m0 has 4 recordings; 10 folds need at least 10 of each"):
         run_benchmark(dataset, several, n_folds=10)
     assert dataset.load.loaded == []
 
@@ -161,12 +161,12 @@ def test_dataset_and_pipeline_may_be_named(tmp_path):
     (tmp_path / "tiny.toml").write_text(TINY)
     (tmp_path / "few.toml").write_text(PIPELINE)
     result = run_benchmark(tmp_path / "tiny.toml", str(tmp_path / "few.toml"), n_folds=2)
-    assert (result.data["dataset"]["n_materials"], result.data["pipeline"]["name"]) == (3, "few")
+    assert (result.data["dataset"]["n_surfaces"], result.data["pipeline"]["name"]) == (3, "few")
 
 
 def test_where_operators_are_left_out_interval_and_choice_are_over_operators(toy_dataset, pipeline):
     few = pipeline(row("Chance", "rarely", "level"), classifiers=EUCLIDEAN)
-    data = run_benchmark(toy_dataset(3, 12, operators=6), few, protocol="operator", choose=True).data
+    data = run_benchmark(toy_dataset(3, 12, operators=6), few, protocol="operator", nested_cv=True).data
     for found in (data["rows"][0]["accuracy"]["euclidean"], data["choice"]["accuracy"]):
         assert (found["clusters"], found["n_clusters"]) == ("operator", 6)
         assert found["interval"].endswith("over operators")
@@ -228,7 +228,7 @@ def choice_of(pipeline, frame):
 
 
 def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
-    """`level` tells materials apart in training; `peaks` only in the tests, where `level` is noise."""
+    """`level` tells surfaces apart in training; `peaks` only in the tests, where `level` is noise."""
     rng, later = np.random.default_rng(0), np.tile(np.arange(20) >= 10, 4)
     truth, noise = np.repeat(np.arange(4.0), 20) + rng.normal(0, 0.05, 80), rng.uniform(0, 3, (2, 80))
     level, *peaks = two.features.restricted_to(["level", "peaks"]).column_names
@@ -257,7 +257,7 @@ def test_permuted_labels_leave_the_choice_at_chance_where_the_best_of_the_table_
 
 
 def test_each_fold_counts_with_what_it_chose(toy_dataset, two):
-    found = run_benchmark(toy_dataset(), two, choose=True).data
+    found = run_benchmark(toy_dataset(), two, nested_cv=True).data
     accuracies = {line["name"]: line["accuracy"] for line in found["rows"]}
     chosen = found["choice"]["chosen"]
     expected = [accuracies[name][classifier]["folds"][k] for k, (name, classifier) in enumerate(chosen)]
@@ -269,14 +269,14 @@ def test_each_fold_counts_with_what_it_chose(toy_dataset, two):
 def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, pipeline):
     rows = (row("Level", "level"), row("Both", "level", "peaks"))
     widening = pipeline(*rows, classifiers=EUCLIDEAN, steps=STEPS[1:])
-    found = run_benchmark(toy_dataset(), widening, choose=True).data
+    found = run_benchmark(toy_dataset(), widening, nested_cv=True).data
     assert [line["accuracy"]["euclidean"]["mean"] for line in found["rows"]] == [1.0, 1.0]
     assert found["choice"]["chosen"] == [["Both", "euclidean"]] * 4
 
 
 def test_one_row_and_one_classifier_are_chosen_before_any_recording_is_seen(toy_dataset, pipeline):
     one = pipeline(row("Both", "level", "peaks"), classifiers=EUCLIDEAN, steps=STEPS[1:])
-    found = run_benchmark(toy_dataset(), one, protocol="repetition=1 -> repetition=2-4", choose=True).data
+    found = run_benchmark(toy_dataset(), one, protocol="repetition=1 -> repetition=2-4", nested_cv=True).data
     assert found["choice"]["protocols"] == []
     assert found["choice"]["accuracy"] == found["rows"][0]["accuracy"]["euclidean"]
 
@@ -295,12 +295,12 @@ def test_training_parts_are_split_as_the_whole_where_possible():
         assert name == inner
         for inner_train, inner_test in splits:
             assert sorted([*inner_train, *inner_test]) == list(range(len(train)))
-            assert frame["material"].iloc[train[inner_train]].value_counts().min() >= 2
+            assert frame["surface"].iloc[train[inner_train]].value_counts().min() >= 2
 
 
 def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_dataset, two):
     with pytest.raises(ValueError, match=r"'paper'. Expected one whose test recordings stay unseen"):
-        run_benchmark(toy_dataset(), two, protocol="paper", choose=True)
+        run_benchmark(toy_dataset(), two, protocol="paper", nested_cv=True)
     with pytest.raises(ValueError, match="cannot be split again"):
         inner_splits(find_protocol("recording"), a_table(3, 2), [(np.arange(6), None)], 0)
 

@@ -18,7 +18,7 @@ from texclass.evaluation.feature_table import (
     read_table,
     table_key,
 )
-from texclass.evaluation.windows import touches
+from texclass.evaluation.windows import cut_windows
 from texclass.features import load_feature_set
 from texclass.features.extractor import FeatureExtractor, Reason
 from texclass.loaders.dataset import Dataset, Entry
@@ -102,7 +102,7 @@ def _with_copies(labels):
 
 def test_copies_of_a_recording_never_train_and_test():
     of_variance = load_feature_set("strese2015").restricted_to(["variance"])
-    for dataset in (_with_copies("aaab"), touches(_with_copies("aaab"), 0.05)):
+    for dataset in (_with_copies("aaab"), cut_windows(_with_copies("aaab"), 0.05)):
         table = cached_table(dataset, of_variance)
         assert set(table.frame["recording_id"].str[:3]) == {"a_0", "a_2", "b_3"}
         assert [str(bad) for bad in table.left_out] == ["a_1: same content as 'a_0'"]
@@ -288,7 +288,7 @@ def test_edited_code_and_another_version_make_a_new_table(toy_dataset, feature_s
 def test_the_key_depends_on_each_fact_of_an_entry_and_of_the_set(toy_dataset, feature_set):
     dataset = toy_dataset()
     first, *rest = dataset.entries
-    relabelled = replace(dataset, entries=(replace(first, material="other"), *rest))
+    relabelled = replace(dataset, entries=(replace(first, surface="other"), *rest))
     keys = [
         table_key(dataset, feature_set, "combine"),
         table_key(relabelled, feature_set, "combine"),

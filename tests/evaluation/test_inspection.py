@@ -62,7 +62,7 @@ def test_legends_stand_clear_of_the_data():
 
 
 def test_names_are_drawn_in_full_with_the_unit_of_the_recording_and_dollars_are_no_mathematics():
-    recording = _recording(material="a $b_{c$ d", flags=("clipped: 3 %",) * 9).with_(unit="counts")
+    recording = _recording(surface="a $b_{c$ d", flags=("clipped: 3 %",) * 9).with_(unit="counts")
     values = {"spikiness": 2.0, "line_spectral_frequencies.c12": 1.0}
     values |= {f"a_long_name_of_a_feature.${i}": 10.0**i for i in range(98)}
     texts = _drawn(recording, Phases(), values, {"spikiness": "log10(m/s^2)"})

@@ -27,7 +27,7 @@ def few(pipeline):
 
 @pytest.fixture(scope="module")
 def study(toy_dataset, few):
-    return study_feature(toy_dataset(n_materials=4, n_repetitions=8), few, LOUD)
+    return study_feature(toy_dataset(n_surfaces=4, n_repetitions=8), few, LOUD)
 
 
 def test_the_table_stands_as_it_was_with_a_row_for_the_feature_alone(study):

@@ -51,7 +51,7 @@ def test_what_is_trained_by_default_leaves_nothing_to_choose_and_knows_what_is_n
     pipeline = load_pipeline("surfaces")
     assert (len(pipeline.rows), list(pipeline.classifiers)) == (1, ["vote"])
     columns = pipeline.features.column_names
-    frame = pd.DataFrame({"material": ["a", "b"], **{c: [1.0, 2.0] for c in columns}})
+    frame = pd.DataFrame({"surface": ["a", "b"], **{c: [1.0, 2.0] for c in columns}})
     table = FeatureTable(frame, columns, np.zeros(2))
     row = MatchedRow.of(pipeline.rows[0], pipeline.features, table)
     classifier = pipeline.trial(row, "vote", table).keywords["classifier"]

@@ -26,7 +26,7 @@ def test_no_recording_trains_and_tests_in_one_fold_and_each_is_tested_once_where
         folds = split(name, table)
         for train, test in folds:
             assert not set(train) & set(test)
-            assert set(table["material"][test]) == set(table["material"][train])
+            assert set(table["surface"][test]) == set(table["surface"][train])
         if protocol.is_random or name == "operator":
             assert sorted(np.concatenate([test for _, test in folds])) == list(range(30))
         assert n_starts(folds) == (3 if name == "few-shot" else None)
@@ -63,7 +63,7 @@ def test_permuted_labels_stay_at_chance_under_every_protocol():
             X = np.random.default_rng(seed).normal(size=(unit.max() + 1, 8))[unit]
             splits = protocol.split(table, 4, seed)
             right.append(
-                evaluate(X, table["material"].to_numpy(), splits, chooser, GaussianNB()).accuracy.mean
+                evaluate(X, table["surface"].to_numpy(), splits, chooser, GaussianNB()).accuracy.mean
             )
         assert np.mean(right) == pytest.approx(0.25, abs=0.1), name
 
@@ -97,9 +97,9 @@ def test_blocks_train_on_the_first_repetitions_whatever_the_order_of_rows():
 )
 def test_few_shot_has_as_many_starts_as_fit_before_the_same_later_tests(name, n, starts, tests):
     table = a_table(2, n).sample(frac=1, random_state=0, ignore_index=True)
-    table["repetition"] += 7 * (table["material"] == "m1")  # numbers of a material need not begin at 1
+    table["repetition"] += 7 * (table["surface"] == "m1")  # numbers of a surface need not begin at 1
     found = [
-        [[*table["repetition"][rows][table["material"][rows] == "m0"].sort_values()] for rows in fold]
+        [[*table["repetition"][rows][table["surface"][rows] == "m0"].sort_values()] for rows in fold]
         for fold in split(name, table)
     ]
     assert found == [[list(start), list(test)] for start in starts for test in tests]
@@ -113,7 +113,7 @@ def test_few_shot_draws_runs_where_recordings_have_no_number():
     assert len({train.tobytes() for train, _ in folds}) == len(folds) == 4
     for train, test in folds:
         assert not set(table["session"][train]) & set(table["session"][test])
-        assert (table.iloc[train].groupby("material")["session"].nunique() == 3).all()
+        assert (table.iloc[train].groupby("surface")["session"].nunique() == 3).all()
         assert len(train) + len(test) == len(table)
     assert all(np.array_equal(a, b) for a, b in zip(folds[0], split("few-shot", table)[0], strict=True))
     assert not np.array_equal(folds[0][0], split("few-shot", table, seed=1)[0][0])
@@ -124,13 +124,13 @@ def test_no_run_trains_and_tests_and_every_fold_tests():
         rng = np.random.default_rng(seed)
         runs = [(f"m{m}", f"m{m}/run{r}") for m in range(3) for r in range(5)]
         rows = [run for run in runs for _ in range(rng.integers(1, 12))]
-        table = pd.DataFrame(rows, columns=["material", "session"]).assign(operator=None, repetition=None)
+        table = pd.DataFrame(rows, columns=["surface", "session"]).assign(operator=None, repetition=None)
         table["recording_id"] = [f"r{i}" for i in range(len(table))]
         folds = split("grouped", table, 5, seed)
         assert len(folds) == 5
         for train, test in folds:
             assert not set(table["session"][train]) & set(table["session"][test])
-            assert set(table["material"][train]) == {"m0", "m1", "m2"}
+            assert set(table["surface"][train]) == {"m0", "m1", "m2"}
     # Without sessions a run is a recording.
     assert find_protocol("grouped").clusters(a_table()).tolist() == a_table()["recording_id"].tolist()
 
@@ -151,8 +151,8 @@ def test_an_impossible_split_names_value_and_rule():
     few, single = a_table(3, 10).iloc[9:], a_table(3, 1, operator=["a", "b", "b"])
     three_runs = a_table().assign(session=["a", "b", "c"] * 10)
     for name, table, message in (
-        ("recording", few, "material m0 has 1 recording; 10 folds need at least 10 of each"),
-        ("recording", a_table(1, 10), "1 material; classification needs at least 2"),
+        ("recording", few, "surface m0 has 1 recording; 10 folds need at least 10 of each"),
+        ("recording", a_table(1, 10), "1 surface; classification needs at least 2"),
         (
             "recording",
             a_table(2, 7),
@@ -169,17 +169,17 @@ def test_an_impossible_split_names_value_and_rule():
         ("few-shot 0", a_table(), "no protocol is named 'few-shot 0'.*few-shot NUMBER"),
         ("operator", a_table(operator=None), "0 operators and 0 sessions"),
         ("operator", a_table(operator="o1"), "1 operators and 0 sessions"),
-        ("operator", single, "material m0 has no recording without operator a"),
-        ("chronological", a_table(3, 1), "material m0 has 1 recording"),
+        ("operator", single, "surface m0 has no recording without operator a"),
+        ("chronological", a_table(3, 1), "surface m0 has 1 recording"),
         ("chronological", a_table(repetition=None), "recording m0_1 has no repetition number"),
         ("random", a_table(), f"{', '.join(PROTOCOLS)}, few-shot NUMBER, leave-out LABEL, LABEL=VALUES"),
         ("repetition=0-4 -> repetition=4-9", a_table(), "recording m0_4 would train and test"),
         ("repetition=0-4 -> repetition=40-49", a_table(), "has repetition '40-49'; there are 1, 2, 3"),
-        ("repetition=0-4 -> smell=a", a_table(), "label .* 'smell'. Expected one of material, operator"),
+        ("repetition=0-4 -> smell=a", a_table(), "label .* 'smell'. Expected one of surface, operator"),
         ("repetition=0-4 -> session", a_table(), "chosen by 'session'. Expected LABEL=VALUE,VALUE"),
         ("leave-out session", a_table(), "0 sessions, 30 recordings without one; .* needs at least 2"),
         ("leave-one", a_table(), "no protocol is named 'leave-one'.*leave-out LABEL"),
-        ("leave-out material", a_table(), "has no recording without material"),
+        ("leave-out surface", a_table(), "has no recording without surface"),
     ):
         with pytest.raises(ValueError, match=message):
             split(name, table.reset_index(drop=True))

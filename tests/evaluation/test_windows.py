@@ -13,7 +13,7 @@ from texclass.evaluation.benchmark import run_benchmark
 from texclass.evaluation.feature_table import cached_table, extract_table, metadata
 from texclass.evaluation.pipeline import FoldSettings
 from texclass.evaluation.protocols import PROTOCOLS
-from texclass.evaluation.windows import overlapping, touches
+from texclass.evaluation.windows import cut_windows, overlapping
 from texclass.features.extractor import FeatureExtractor
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import Phases, Recording, RecordingError, Tap
@@ -35,34 +35,38 @@ def counting():
 
 
 def test_windows_follow_each_other_within_the_movement_with_all_signals_and_facts(counting):
-    dataset = pickle.loads(pickle.dumps(touches(counting, 0.5)))  # as it travels to other processes
+    dataset = pickle.loads(pickle.dumps(cut_windows(counting, 0.5)))  # as it travels to other processes
     found = [w.acceleration for w in dataset]
     assert len(found) == 6 * 3
     np.testing.assert_array_equal(np.concatenate(found[:3]), np.arange(40.0, 190.0))
     entry, window = dataset.entries[4], dataset[4]
     assert (entry.recording_id, entry.parent.recording_id, entry.repetition) == ("m0_2#2", "m0_2", 2)
-    assert (entry.material, entry.operator, entry.session) == ("m0", "o", "s2")
+    assert (entry.surface, entry.operator, entry.session) == ("m0", "o", "s2")
     assert window.phases == Phases(movement=(0, 50))
     assert window.recording_id == "m0_2#2"
     np.testing.assert_array_equal(window.friction, 2 * window.acceleration)
 
 
 def test_windows_may_be_one_a_recording_or_overlap(counting):
-    first = touches(counting, 1.2, per_recording=1)
+    first = cut_windows(counting, 1.2, per_recording=1)
     assert len(first) == len(counting)
     np.testing.assert_array_equal(first[0].acceleration, np.arange(40.0, 160.0))
-    closer = touches(counting, 0.5, step=0.25, per_recording=4)
+    closer = cut_windows(counting, 0.5, step=0.25, per_recording=4)
     assert [entry.start for entry in closer.entries[:4]] == [40, 65, 90, 115]
 
 
 def test_short_windows_that_follow_each_other_get_others_between_them(counting, monkeypatch):
-    felt = touches(counting, 0.4)  # of 40 samples, 4 a recording
+    felt = cut_windows(counting, 0.4)  # of 40 samples, 4 a recording
     found = overlapping(felt, 4)
     assert [entry.start for entry in found.entries[:13]] == list(range(40, 170, 10))
     assert [entry.recording_id for entry in found.entries[:3]] == ["m0_1#1", "m0_1#1.1", "m0_1#1.2"]
     assert tuple(entry for entry in found.entries if not entry.between) == felt.entries
     np.testing.assert_array_equal(found[1].acceleration, np.arange(50.0, 90.0))
-    for alone in (counting, touches(counting, 0.4, per_recording=1), touches(counting, 0.4, step=0.6)):
+    for alone in (
+        counting,
+        cut_windows(counting, 0.4, per_recording=1),
+        cut_windows(counting, 0.4, step=0.6),
+    ):
         assert overlapping(alone, 4).entries == alone.entries
     monkeypatch.setattr(windows, "MOST_WINDOWS", len(felt) + 6 * 3)  # one between, not three
     assert [entry.start for entry in overlapping(felt, 4).entries[:3]] == [40, 60, 80]
@@ -74,7 +78,7 @@ def test_short_windows_that_follow_each_other_get_others_between_them(counting, 
 
 
 def test_windows_between_others_train_and_are_never_asked_about(toy_dataset):
-    felt = touches(toy_dataset(3, 6), 0.1)
+    felt = cut_windows(toy_dataset(3, 6), 0.1)
     alone, closer = metadata(felt.entries), metadata(overlapping(felt, 2).entries)
     for protocol in PROTOCOLS.values():
         splits = zip(protocol.split(alone, 3, 0), protocol.split(closer, 3, 0), strict=True)
@@ -87,37 +91,39 @@ def test_windows_between_others_train_and_are_never_asked_about(toy_dataset):
 def test_what_is_too_short_or_bad_says_so_when_it_is_loaded(toy_dataset, feature_set, tmp_path):
     bad = toy_dataset(bad=("m1_1",))
     with pytest.raises(RecordingError, match="value 'x' in line 3"):
-        extract_table(touches(bad, 0.1), feature_set, tmp_path / "t.parquet")
-    table = extract_table(touches(bad, 0.1), feature_set, tmp_path / "t.parquet", skip_bad=True)
+        extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.parquet")
+    table = extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.parquet", skip_bad=True)
     assert (table.n_recordings, [b.recording_id for b in table.left_out]) == (11 * 3, ["m1_1"])
     with pytest.raises(RecordingError, match=r"m0_1: 0\.3 s of movement. Expected at least 0\.4"):
-        extract_table(touches(toy_dataset(), 0.4), feature_set, tmp_path / "t.parquet")
+        extract_table(cut_windows(toy_dataset(), 0.4), feature_set, tmp_path / "t.parquet")
 
 
 def test_lengths_are_above_0_and_windows_are_not_cut_again(counting):
     for given in ({"seconds": 0}, {"seconds": 1, "step": -1}, {"seconds": 1, "per_recording": 0}):
         with pytest.raises(ValueError, match="Expected a positive, finite number"):
-            touches(counting, **given)
+            cut_windows(counting, **given)
     with pytest.raises(ValueError, match="whole recordings"):
-        touches(touches(counting, 1), 0.5)
+        cut_windows(cut_windows(counting, 1), 0.5)
 
 
 def test_each_file_is_read_once_and_movements_are_remembered(toy_dataset, feature_set):
     dataset = toy_dataset(1, 4)
-    cached_table(touches(dataset, 0.1), feature_set)
+    cached_table(cut_windows(dataset, 0.1), feature_set)
     assert dataset.load.loaded == 2 * [
         f"m0_{r}" for r in (1, 2, 3, 4)
     ]  # once for movements, once for all windows
     again = toy_dataset(1, 4)
-    table = cached_table(touches(again, 0.1), feature_set)
+    table = cached_table(cut_windows(again, 0.1), feature_set)
     assert again.load.loaded == []
     assert table.frame["parent"].tolist() == [f"m0_{r}" for r in (1, 2, 3, 4) for _ in range(3)]
-    cached_table(touches(again, 0.05), feature_set)  # another length is another table, with known movements
+    cached_table(
+        cut_windows(again, 0.05), feature_set
+    )  # another length is another table, with known movements
     assert again.load.loaded == [f"m0_{r}" for r in (1, 2, 3, 4)]
 
 
 def test_extraction_gives_what_the_extractor_gives_for_each_window(toy_dataset, feature_set, tmp_path):
-    dataset = touches(toy_dataset(), 0.1)
+    dataset = cut_windows(toy_dataset(), 0.1)
     table = extract_table(dataset, feature_set, tmp_path / "t.parquet")
     direct = FeatureExtractor(feature_set).fit(dataset).extract(dataset)
     np.testing.assert_array_equal(table.values, direct.values)
@@ -127,7 +133,7 @@ def test_extraction_gives_what_the_extractor_gives_for_each_window(toy_dataset, 
 
 def test_no_protocol_parts_the_windows_of_a_recording_and_they_are_split_as_recordings_are(toy_dataset):
     dataset = toy_dataset(3, 6)
-    whole, cut = metadata(dataset.entries), metadata(touches(dataset, 0.1).entries)
+    whole, cut = metadata(dataset.entries), metadata(cut_windows(dataset, 0.1).entries)
     shuffled = cut.sample(frac=1, random_state=1, ignore_index=True)
     for name, protocol in PROTOCOLS.items():
         for train, test in protocol.split(shuffled, 3, 0):
@@ -145,7 +151,7 @@ def test_no_protocol_parts_the_windows_of_a_recording_and_they_are_split_as_reco
 def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy_dataset, pipeline):
     euclidean = {"euclidean": CLASSIFIERS["euclidean"]}
     few = pipeline(row("Level", "level"), classifiers=euclidean, steps=(), protocol=FoldSettings(folds=3))
-    result = run_benchmark(touches(toy_dataset(3, 6), 0.02), few, protocol="grouped")
+    result = run_benchmark(cut_windows(toy_dataset(3, 6), 0.02), few, protocol="grouped")
     facts = result.data["dataset"]
     assert (facts["n_windows"], facts["n_recordings"]) == (3 * 6 * 15, 3 * 6)
     told = result.data["rows"][0]["accuracy"]["euclidean"]
@@ -154,7 +160,7 @@ def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy
     assert told["per_run"]["interval"] == "Wilson"
     assert told["per_run"]["mean"] > told["mean"]
     assert told["balanced"] == pytest.approx(told["mean"])
-    felt, closer = touches(toy_dataset(3, 6), 0.02), few.model_copy(update={"overlap": 2})
+    felt, closer = cut_windows(toy_dataset(3, 6), 0.02), few.model_copy(update={"overlap": 2})
     found = run_benchmark(felt, closer, protocol="grouped").data
     assert found["dataset"] == facts
     assert np.sum(found["confusion"]["counts"]) == facts["n_windows"]
@@ -168,9 +174,9 @@ def test_movements_are_detected_again_when_the_code_of_the_phases_changes(counti
         return tapped(entry)
 
     dataset = replace(counting, load=load, input_hash="movements")
-    touches(dataset, 0.5)
-    touches(dataset, 0.6)
+    cut_windows(dataset, 0.5)
+    cut_windows(dataset, 0.6)
     assert len(n_loaded) == len(dataset)  # read from the cache
     monkeypatch.setattr(windows, "code_hash", lambda *places: "edited")
-    touches(dataset, 0.5)
+    cut_windows(dataset, 0.5)
     assert len(n_loaded) == 2 * len(dataset)

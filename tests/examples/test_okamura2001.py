@@ -39,8 +39,8 @@ def test_the_chapter_says_what_is_simulated_and_what_was_skipped(tmp_path):
     assert "Skipped: the recordings are not on this machine" in text
     numbers = json.loads((tmp_path / "okamura2001.json").read_text(encoding="utf-8"))
     assert (numbers["seed"], numbers["input_hash"]) == (1, {})
-    for by_material in numbers["recovery_percent"].values():
-        assert all(max(one["largest"]) < 5 for one in by_material.values())
+    for by_surface in numbers["recovery_percent"].values():
+        assert all(max(one["largest"]) < 5 for one in by_surface.values())
     for one in numbers["recovery_as_published_percent"].values():  # B by 8 %, whatever noise comes after
         assert np.all(np.array(one["largest"]) < [15, 8, 10])
     assert numbers["identification"]["correct"] == pytest.approx(35, abs=6)

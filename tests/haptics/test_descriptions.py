@@ -38,7 +38,7 @@ def test_a_surface_lies_among_its_references_and_next_to_itself(references):
     assert (felt["of"][felt["feature"] != "rib_density"] == 6).all()
     assert felt["value"].notna().all()
     hard = felt[felt["scale"] == "hard"].iloc[0]
-    assert references[0].material in hard["between"]
+    assert references[0].surface in hard["between"]
 
 
 def test_places_rise_with_what_is_measured(references):
@@ -59,7 +59,7 @@ def test_what_a_recording_cannot_tell_is_said(references):
 
 
 def test_by_what_fine_and_regular_are_told_is_said(references):
-    ribbed = [r for r in references if r.material == references[0].material]
+    ribbed = [r for r in references if r.surface == references[0].surface]
     felt = tx.haptics.describe(ribbed, references).set_index("scale")
     assert set(felt["feature"]["regular"]) == {"rib_prominence"}
     assert set(felt["unit"]["regular"]) == {"dB"}

@@ -34,7 +34,7 @@ def drafted(folder, card, **facts):
 
 
 def groups(dataset):
-    return {(entry.material, entry.session, entry.repetition) for entry in dataset.entries}
+    return {(entry.surface, entry.session, entry.repetition) for entry in dataset.entries}
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_surfaces_and_repetitions_are_read_from_subfolders_and_names(tmp_path, n
     for name in names:
         write(tmp_path / "own" / f"{name}.csv")
     dataset, questions = drafted(tmp_path / "own", tmp_path / "own.toml", fs=1000.0, unit="g")
-    assert {(material, repetition) for material, _, repetition in groups(dataset)} == expected
+    assert {(surface, repetition) for surface, _, repetition in groups(dataset)} == expected
     assert (len(dataset), dataset[0].n_samples, dataset[0].fs, dataset[0].unit) == (4, 400, 1000.0, "m/s^2")
     assert questions == []
     assert "folder = 'own'" in (tmp_path / "own.toml").read_text()
@@ -61,18 +61,18 @@ def test_surfaces_and_repetitions_are_read_from_subfolders_and_names(tmp_path, n
 @pytest.mark.parametrize(
     "name",
     [
-        "{material}/day{session}/{n}.csv",
-        "session{session}/{material}/{n}.csv",
-        "{material}_s{session}_{n}.csv",
+        "{surface}/day{session}/{n}.csv",
+        "session{session}/{surface}/{n}.csv",
+        "{surface}_s{session}_{n}.csv",
     ],
 )
 def test_sessions_are_read_from_folders_and_names(tmp_path, name):
-    for material in ("oak", "wool"):
+    for surface in ("oak", "wool"):
         for session in (1, 2):
             for n in (1, 2):
-                write(tmp_path / "own" / name.format(material=material, session=session, n=n))
+                write(tmp_path / "own" / name.format(surface=surface, session=session, n=n))
     dataset, questions = drafted(tmp_path / "own", tmp_path / "own.toml", fs=1000.0, unit="g")
-    assert dataset.materials == ("oak", "wool")
+    assert dataset.surfaces == ("oak", "wool")
     assert len({session for _, session, _ in groups(dataset)}) == 2
     assert {repetition for *_, repetition in groups(dataset)} == {1, 2}
     assert (len(dataset), questions) == (8, [])
@@ -82,7 +82,7 @@ def test_a_card_inside_its_folder_names_no_folder(tmp_path):
     for name in ("oak_1", "oak_2", "wool_1", "wool_2"):
         write(tmp_path / f"{name}.csv")
     dataset, _ = drafted(tmp_path, tmp_path / "card.toml", fs=1000.0, unit="g")
-    assert dataset.materials == ("oak", "wool")
+    assert dataset.surfaces == ("oak", "wool")
     assert "\nfolder" not in (tmp_path / "card.toml").read_text()
 
 
@@ -151,7 +151,7 @@ def test_one_folder_per_recording_with_a_file_per_sensor_takes_the_accelerometer
                 path = tmp_path / "own" / surface / f"rec{n}" / f"{sensor}.csv"
                 write(path, level=(0, 0, 1.0), header="seconds_elapsed,x,y,z", times_s=np.arange(400) / 100)
     dataset, _ = drafted(tmp_path / "own", tmp_path / "own.toml")
-    assert (len(dataset), dataset.materials) == (4, ("oak", "wool"))
+    assert (len(dataset), dataset.surfaces) == (4, ("oak", "wool"))
     assert all(entry.paths[0].endswith("Accelerometer.csv") for entry in dataset.entries)
 
 
@@ -159,7 +159,7 @@ def test_names_with_quotes_and_patterns_stay_valid_toml(tmp_path):
     for name in ("it's [1]/a_1", "it's [1]/a_2", "b+/a_1", "b+/a_2"):
         write(tmp_path / "o'wn" / f"{name}.csv", header="a'c")
     dataset, _ = drafted(tmp_path / "o'wn", tmp_path / "own.toml", fs=1000.0, unit="g")
-    assert dataset.materials == ("b+", "it's [1]")
+    assert dataset.surfaces == ("b+", "it's [1]")
     assert dataset[0].n_samples == 400
 
 
@@ -212,6 +212,6 @@ def test_public_folders_get_a_card_that_opens(tmp_path, data_root, name, facts, 
     if not (data_root / name).is_dir():
         pytest.skip(f"no recordings of {name} in {data_root}")
     dataset, _ = drafted(data_root / name, tmp_path / "card.toml", **facts)
-    assert (len(dataset), len(dataset.materials)) == (n_recordings, n_surfaces)
+    assert (len(dataset), len(dataset.surfaces)) == (n_recordings, n_surfaces)
     assert dataset[0].n_samples > 100
     assert dataset[-1].fs == dataset[0].fs

@@ -12,7 +12,7 @@ FILES = {
     "folder": "mine",
     "fs_hz": 1000,
     "unit": "g",
-    "files": r"(?P<material>\w+)\.txt",
+    "files": r"(?P<surface>\w+)\.txt",
     "phases": "detect",
 }
 RECIPE = {"n_surfaces": 2, "n_recordings": 2, "n_operators": 1, "duration_s": 2.0, "fs": 10000, "seed": 1}
@@ -66,7 +66,7 @@ def test_a_card_without_folder_reads_the_recordings_beside_it(tmp_path, monkeypa
     (own / "oak.txt").write_text("0.5\n1.5\n" * 200)
     (own / "mine.toml").write_bytes(toml_of({key: FILES[key] for key in ("fs_hz", "unit", "files")}))
     dataset = open_dataset(own / "mine.toml")
-    assert (dataset.materials, dataset[0].n_samples, dataset.notes) == (("oak",), 400, ())
+    assert (dataset.surfaces, dataset[0].n_samples, dataset.notes) == (("oak",), 400, ())
 
 
 def test_published_files_need_a_folder_of_their_own(tmp_path):
@@ -95,12 +95,12 @@ def test_all_missing_and_unknown_keys_are_listed_at_once(tmp_path):
         ({"scale": 0}, "scale is 0. Expected a finite factor other than 0"),
         ({"turn_rate_scale": 0}, "turn_rate_scale is 0. Expected a finite factor other than 0"),
         ({"files": []}, "files is []. Expected text or a list of text"),
-        ({"files": "(?P<material>"}, "files holds '(?P<material>', not a regular expression"),
+        ({"files": "(?P<surface>"}, "files holds '(?P<surface>', not a regular expression"),
         (
             {"files": "(?P<colour>.*)"},
-            "files defines groups ['colour']. Expected some of recording, material, ",
+            "files defines groups ['colour']. Expected some of recording, surface, ",
         ),
-        ({"files": r".*\.txt"}, "files and labels do not define the group (?P<material>...)"),
+        ({"files": r".*\.txt"}, "files and labels do not define the group (?P<surface>...)"),
         ({"delimiter": "ab"}, "delimiter is 'ab'. Expected one character, no quote"),
         ({"channels": {"smell": "s"}}, "unknown key channels.smell (expected one of acceleration, fric"),
         ({"labels": {"file": "l.csv"}}, "missing key labels.recording"),
@@ -171,7 +171,7 @@ def test_the_limits_of_a_card_of_models_are_allowed_and_what_exceeds_them_is_nam
 @pytest.mark.parametrize(
     "changed",
     [
-        {"files": r"(?P<material>\w+)\.xml"}, {"fs_hz": 2000}, {"n_recordings": 3}, {"duration_s": 2.0},
+        {"files": r"(?P<surface>\w+)\.xml"}, {"fs_hz": 2000}, {"n_recordings": 3}, {"duration_s": 2.0},
         {"seed": 4}, {"phases": "detect"},
     ],
 )  # fmt: skip

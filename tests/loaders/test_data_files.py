@@ -41,9 +41,9 @@ def test_a_folder_leaves_out_hidden_and_system_files(surfaces):
 
 
 def test_a_card_leaves_out_hidden_and_system_files(surfaces, tmp_path):
-    card = "folder = 'mine'\nfs_hz = 10000\nunit = 'counts'\nfiles = '(?P<material>.+)/[^/]+'\n"
+    card = "folder = 'mine'\nfs_hz = 10000\nunit = 'counts'\nfiles = '(?P<surface>.+)/[^/]+'\n"
     (tmp_path / "card.toml").write_text(card)
-    assert open_dataset(tmp_path / "card.toml").materials == ("oak", "slate")
+    assert open_dataset(tmp_path / "card.toml").surfaces == ("oak", "slate")
 
 
 def test_drafted_cards_and_flat_folders_leave_out_hidden_files(surfaces, tmp_path):
@@ -90,7 +90,7 @@ def test_surfaces_in_two_normal_forms_are_one(tmp_path, axes, write):
         folder.mkdir()
         write(folder / f"{k}.csv", axes + k)
     dataset = open_dataset(tmp_path, **STATED)
-    assert dataset.materials == ("müll",)
+    assert dataset.surfaces == ("müll",)
     assert len(dataset) == len(list(dataset)) == 2
     typed = unicodedata.normalize("NFD", f"{tmp_path}:müll/1")
     assert find_recording(typed, **STATED).acceleration[0, 0] == axes[0, 0] + 1
@@ -99,11 +99,11 @@ def test_surfaces_in_two_normal_forms_are_one(tmp_path, axes, write):
 def test_card_patterns_match_names_in_either_normal_form(tmp_path, axes, write):
     write(tmp_path / unicodedata.normalize("NFD", "müll_1.csv"), axes)
     (tmp_path / "card.toml").write_text(
-        "fs_hz = 10000\nunit = 'counts'\nfiles = '(?P<material>müll)_1.csv'\n[materials]\n'müll' = 'waste'\n",
+        "fs_hz = 10000\nunit = 'counts'\nfiles = '(?P<surface>müll)_1.csv'\n[surfaces]\n'müll' = 'waste'\n",
         encoding="utf-8",
     )
     dataset = open_dataset(tmp_path / "card.toml")
-    assert dataset.materials == ("waste",)
+    assert dataset.surfaces == ("waste",)
     assert dataset[0].n_samples == len(axes)
 
 

@@ -26,11 +26,11 @@ format = "files"
 folder = "mine"
 fs_hz = 10000
 unit = "counts"
-files = '(?P<recording>(?P<material>[a-z]+)_(?P<operator>[A-Z]+)_(?P<repetition>\d+))\.csv'
+files = '(?P<recording>(?P<surface>[a-z]+)_(?P<operator>[A-Z]+)_(?P<repetition>\d+))\.csv'
 phases = "movement"
 """
-LABELS = '[labels]\nfile = "l.csv"\nrecording = "id"\nmaterial = "what"\n'
-COMPANIONS = '[companions]\nfriction = "{material}_Friction_{repetition}.txt"'
+LABELS = '[labels]\nfile = "l.csv"\nrecording = "id"\nsurface = "what"\n'
+COMPANIONS = '[companions]\nfriction = "{surface}_Friction_{repetition}.txt"'
 ROWS = """
 title = "taps"
 source = "nowhere"
@@ -51,8 +51,8 @@ def mine(tmp_path, monkeypatch, axes, write):
     monkeypatch.setenv("TEXCLASS_DATA", str(tmp_path / "data"))
     root = tmp_path / "data" / "mine"
     root.mkdir(parents=True)
-    for number, material in enumerate(("wood", "steel")):
-        write(root / f"{material}_AB_2.csv", axes + 50 + number)
+    for number, surface in enumerate(("wood", "steel")):
+        write(root / f"{surface}_AB_2.csv", axes + 50 + number)
 
     def opened(more="", card=CARD, **options):
         (tmp_path / "card.toml").write_text(card + more)
@@ -62,13 +62,13 @@ def mine(tmp_path, monkeypatch, axes, write):
     return opened
 
 
-def test_names_tell_material_and_groups(mine):
+def test_names_tell_surface_and_groups(mine):
     dataset = mine()
     for told in (dataset.entries[0], dataset[0]):
-        facts = (told.recording_id, told.material, told.operator, told.repetition)
+        facts = (told.recording_id, told.surface, told.operator, told.repetition)
         assert facts == ("steel_AB_2", "steel", "AB", 2)
     assert dataset[0].phases.movement == (0, 500)
-    assert repr(dataset) == "<Dataset 'card': 2 recordings, 2 materials, 1 operator>"
+    assert repr(dataset) == "<Dataset 'card': 2 recordings, 2 surfaces, 1 operator>"
 
 
 def test_the_table_says_what_scikit_learn_is_given(mine):
@@ -87,7 +87,7 @@ def test_the_table_says_what_scikit_learn_is_given(mine):
 def test_a_table_of_labels_tells_what_names_do_not(mine):
     (mine.root / "l.csv").write_text("id,what\nwood_AB_2,oak\nsteel_AB_2,brushed\nglass_AB_1,glass\n")
     dataset = mine(LABELS)
-    assert [entry.material for entry in dataset.entries] == ["brushed", "oak"]
+    assert [entry.surface for entry in dataset.entries] == ["brushed", "oak"]
     assert dataset.notes == ("glass_AB_1 is in the table of labels, but has no file",)
 
 
@@ -119,7 +119,7 @@ format = "files"
 folder = "rover"
 fs_hz = 50
 unit = "arbitrary"
-files = '(?P<material>[a-z]+)_(?P<repetition>[0-9]+)[.]csv'
+files = '(?P<surface>[a-z]+)_(?P<repetition>[0-9]+)[.]csv'
 phases = "movement"
 turn_rate_scale = 0.0174532925
 [channels]
@@ -132,9 +132,9 @@ def test_currents_of_wheels_are_channels_and_degrees_per_second_become_radians(t
     names = ["ax", "ay", "az", "current_left", "current_right", "gx", "gy", "gz"]
     rows = np.random.default_rng(0).standard_normal((2, 200, len(names))).round(4)
     (tmp_path / "rover").mkdir()
-    for material, values in zip(("grass", "sand"), rows, strict=True):
+    for surface, values in zip(("grass", "sand"), rows, strict=True):
         lines = [",".join(names), *(",".join(map(str, row)) for row in values.tolist())]
-        (tmp_path / f"rover/{material}_1.csv").write_text("\n".join(lines))
+        (tmp_path / f"rover/{surface}_1.csv").write_text("\n".join(lines))
     (tmp_path / "rover.toml").write_text(WHEELS)
     monkeypatch.setenv("TEXCLASS_DATA", str(tmp_path))
     rover = open_dataset(tmp_path / "rover.toml")
@@ -241,24 +241,24 @@ def test_rows_that_do_not_fit_are_refused(taps):
 
 @pytest.fixture
 def folder(tmp_path, axes, write):
-    """Two materials, recordings 1, 2 and 10 of each."""
-    for number, material in enumerate(("wood", "steel"), start=1):
-        (tmp_path / "mine" / material).mkdir(parents=True)
-        shift = 0.5 * (material == "wood")  # no file has the content of another
+    """Two surfaces, recordings 1, 2 and 10 of each."""
+    for number, surface in enumerate(("wood", "steel"), start=1):
+        (tmp_path / "mine" / surface).mkdir(parents=True)
+        shift = 0.5 * (surface == "wood")  # no file has the content of another
         for repetition in (1, 2, 10):
-            write(tmp_path / "mine" / material / f"r{repetition}.csv", axes + number * repetition + shift)
+            write(tmp_path / "mine" / surface / f"r{repetition}.csv", axes + number * repetition + shift)
     return tmp_path / "mine"
 
 
-def test_subfolders_are_materials_and_files_recordings(folder, axes):
+def test_subfolders_are_surfaces_and_files_recordings(folder, axes):
     (folder / "wood" / "photo.jpg").touch()
     dataset = open_dataset(folder, fs=FS, unit="g")
-    assert (dataset.name, len(dataset), dataset.materials) == ("mine", 6, ("steel", "wood"))
+    assert (dataset.name, len(dataset), dataset.surfaces) == ("mine", 6, ("steel", "wood"))
     assert [entry.recording_id for entry in dataset.entries[:3]] == ["steel/r1", "steel/r2", "steel/r10"]
     assert dataset.notes == ("1 files of other kinds are ignored",)
     for opened in (dataset, pickle.loads(pickle.dumps(dataset))):
         recording = opened[1]
-        assert (recording.material, recording.fs, recording.phases) == ("steel", FS, None)
+        assert (recording.surface, recording.fs, recording.phases) == ("steel", FS, None)
         np.testing.assert_allclose(recording.acceleration, (axes + 4) * 9.80665)
 
 
@@ -284,9 +284,9 @@ def test_facts_that_neither_files_nor_user_state_are_asked_for(folder):
 
 
 def test_a_rate_stated_by_the_files_is_used_and_must_be_one(tmp_path, axes):
-    for material, fs in (("a", 1000), ("b", 1000), ("c", 2000)):
-        (tmp_path / material).mkdir()
-        np.savez(tmp_path / material / "r.npz", acceleration=axes, fs=fs)
+    for surface, fs in (("a", 1000), ("b", 1000), ("c", 2000)):
+        (tmp_path / surface).mkdir()
+        np.savez(tmp_path / surface / "r.npz", acceleration=axes, fs=fs)
     dataset = open_dataset(tmp_path, unit="g")
     assert dataset[1].fs == 1000
     with pytest.raises(
@@ -336,7 +336,7 @@ def test_a_folder_named_from_here_is_found_from_elsewhere(folder, tmp_path, monk
     monkeypatch.chdir(tmp_path)
     dataset = open_dataset("mine", fs=FS, unit="g")
     monkeypatch.chdir(folder)
-    assert dataset[0].material == "steel"
+    assert dataset[0].surface == "steel"
 
 
 def test_a_shipped_name_wins_over_a_folder_and_a_wrong_one_lists_them(tmp_path, monkeypatch):
@@ -348,7 +348,7 @@ def test_a_shipped_name_wins_over_a_folder_and_a_wrong_one_lists_them(tmp_path, 
 
 
 def test_a_recording_is_found_by_dataset_and_id(folder):
-    assert find_recording(f"{folder}:wood/r1", fs=1000, unit="g").material == "wood"
+    assert find_recording(f"{folder}:wood/r1", fs=1000, unit="g").surface == "wood"
     assert find_recording(folder / "wood" / "r1.csv", fs=1000, unit="g").n_samples == 500
     with pytest.raises(RecordingError, match="wood/r1"):
         find_recording(f"{folder}:wood/r3", fs=1000, unit="g")
@@ -374,18 +374,18 @@ def test_a_pattern_of_a_card_that_takes_for_ever_is_an_error_within_seconds(mine
     (mine.root / f"{'a' * 60}!.csv").touch()
     began = time.process_time()
     with pytest.raises(CardError, match=r"takes over 0.2 s on 'aaa.*no repetition inside a repetition"):
-        mine(card=patterned(r"(?P<material>(\w|\w)+)\.csv"))
+        mine(card=patterned(r"(?P<surface>(\w|\w)+)\.csv"))
     assert time.process_time() - began < 2
 
 
 def test_a_card_that_does_not_fit_its_folder_says_what_is_there_or_where_it_was_looked_for(mine, axes, write):
     (mine.root / "again").mkdir()
     write(mine.root / "again" / "wood_AB_2.csv", axes)
-    unlike = r"holds no recording: 'again/wood_AB_2.csv' is not like '\(\?P<material>x\)"
+    unlike = r"holds no recording: 'again/wood_AB_2.csv' is not like '\(\?P<surface>x\)"
     absent = r"(?s)data/elsewhere.*https://example\.org/mine.*TEXCLASS_DATA"
     for error, said, card in (
         (RecordingError, "'wood_AB_2' occurs twice", CARD.replace("files = '", "files = '(?:.*/)?")),
-        (RecordingError, unlike, patterned(r"(?P<material>x)\.csv")),
+        (RecordingError, unlike, patterned(r"(?P<surface>x)\.csv")),
         (DataNotFoundError, absent, CARD.replace('folder = "mine"', 'folder = "elsewhere"')),
     ):
         with pytest.raises(error, match=said):
@@ -399,7 +399,7 @@ def test_files_that_are_left_out_though_others_like_them_are_taken_are_counted(m
     assert told.startswith("2 files left out, 'b.csv' first: widen `files`, '(?P<recording>")
     write(folder / "stray.csv", axes)
     (told,) = open_dataset(folder, fs=FS, unit="g").notes
-    assert told == "1 file left out, 'stray.csv' first: put it into the folder of a material, to take it in"
+    assert told == "1 file left out, 'stray.csv' first: put it into the folder of a surface, to take it in"
 
 
 @pytest.mark.parametrize(
@@ -422,7 +422,7 @@ def test_options_that_cannot_be_are_refused_in_one_line_for_a_folder_and_a_file(
 def test_a_card_that_leaves_its_folder_says_so(mine, tmp_path_factory):
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     (elsewhere / "oak.csv").write_text("ax\n1\n2\n")
-    card = patterned(r"(?P<material>oak)\.csv")
+    card = patterned(r"(?P<surface>oak)\.csv")
     for folder in (str(elsewhere), os.path.relpath(elsewhere, mine.root.parent)):
         (told,) = mine(card=card.replace('folder = "mine"', f"folder = '{folder}'")).notes
         assert told.startswith(f"the card's folder {folder!r} is outside of the card's own")

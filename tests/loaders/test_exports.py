@@ -100,7 +100,7 @@ def _two_surfaces(root):
 def test_a_folder_of_exports_is_a_dataset_of_their_folders(tmp_path):
     dataset = open_dataset(_two_surfaces(tmp_path / "own"), unit="m/s^2")
     assert [entry.recording_id for entry in dataset.entries[:2]] == ["oak/2024-01-01", "oak/2024-01-02"]
-    assert (len(dataset), dataset.materials) == (6, ("oak", "wool"))
+    assert (len(dataset), dataset.surfaces) == (6, ("oak", "wool"))
     (note,) = dataset.notes
     said = "TotalAcceleration.csv is read with the turn rate of Gyroscope.csv, 5 other files ignored"
     assert note == f"6 folders of a sensor app: {said}"
@@ -184,7 +184,7 @@ def test_a_card_joins_two_files_by_their_times(tmp_path):
     rows = "".join(f"{a},{np.sin(a)}\n" for a in slow)
     (tmp_path / "force_1.csv").write_text(f"time,Fz\n{rows}")
     (tmp_path / "card.toml").write_text(
-        "fs_hz = 200\nunit = 'g'\nfiles = '(?P<material>oak)_(?P<repetition>[0-9]+)[.]csv'\n[companions]\n"
+        "fs_hz = 200\nunit = 'g'\nfiles = '(?P<surface>oak)_(?P<repetition>[0-9]+)[.]csv'\n[companions]\n"
         "normal_force = 'force_{repetition}.csv'\nturn_rate = 'turn_{repetition}.csv'\n"
     )
     recording = open_dataset(tmp_path / "card.toml")[0]

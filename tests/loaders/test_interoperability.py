@@ -42,7 +42,7 @@ def test_raw_and_epochs_are_recordings_of_their_channels(make):
     np.testing.assert_allclose(one.acceleration, 9.80665 * AXES[0].T)
     assert tx.extract(raw, unit="g").equals(tx.extract(one))
     felt = recordings_of(epochs)
-    assert [(r.recording_id, r.material) for r in felt] == [("epoch 0", "oak"), ("epoch 1", "felt")]
+    assert [(r.recording_id, r.surface) for r in felt] == [("epoch 0", "oak"), ("epoch 1", "felt")]
     np.testing.assert_array_equal(tx.extract(epochs, "strese2015"), tx.extract(AXES, "strese2015", fs=FS))
     with pytest.raises(ValueError, match="fs is 1000 Hz, but 500 Hz was given"):
         tx.extract(raw, fs=500.0)
@@ -57,7 +57,7 @@ def test_a_recording_comes_back_from_xarray(acceleration):
     assert float(as_array.time[-1]) == 1.999
     as_array.attrs.pop("fs")  # the times tell
     (after,) = recordings_of(as_array.T)
-    groups = ("material", "operator", "session", "repetition")
+    groups = ("surface", "operator", "session", "repetition")
     for name in ("fs", "native_fs", "unit", "channels", "recording_id", *groups):
         assert getattr(after, name) == getattr(before, name)
     np.testing.assert_array_equal(after.acceleration, before.acceleration)

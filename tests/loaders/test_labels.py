@@ -48,13 +48,13 @@ def test_files_are_found_with_or_without_path_and_suffix(mine, names, mark):
     surfaces = ("001", "1", "NA")
     rows = "".join(f"{name}{mark}{surface}\n" for name, surface in zip(names, surfaces, strict=True))
     dataset = opened(mine, f"file{mark}surface\n{rows}")
-    assert dict(zip(dataset.table.index, dataset.table["material"], strict=True)) == {
+    assert dict(zip(dataset.table.index, dataset.table["surface"], strict=True)) == {
         "rec001": "001",
         "rec002": "1",
         "more/rec003": "NA",
     }
     assert dataset.notes == ()
-    assert dataset[0].material == dataset.entries[0].material
+    assert dataset[0].surface == dataset.entries[0].surface
 
 
 def test_groups_are_read_and_blank_groups_are_unknown(mine):
@@ -63,7 +63,7 @@ def test_groups_are_read_and_blank_groups_are_unknown(mine):
     )
     dataset = opened(mine, table.encode("utf-16"))
     by_id = {entry.recording_id: entry for entry in dataset.entries}
-    assert [by_id[name].material for name in ("rec001", "rec002", "more/rec003")] == ["None", "1.0", "1"]
+    assert [by_id[name].surface for name in ("rec001", "rec002", "more/rec003")] == ["None", "1.0", "1"]
     assert by_id["rec001"].operator == "A"
     assert by_id["rec002"].operator is None
     assert by_id["more/rec003"].repetition == 3
@@ -85,8 +85,8 @@ def test_groups_are_read_and_blank_groups_are_unknown(mine):
         ),
         ("file,surface\nrec001,a\nrec002, \nrec003,c\n", "row 3 has a blank 'surface'"),
         ("file,surface\nrec001,a,b\n", "row 2 has 3 cells. Expected 2"),
-        ("file,what\nrec001,a\n", r"columns 'file', 'what' for the material\. Expected one column `file`"),
-        ("file,surface,label\nrec001,a,b\n", "columns 'surface', 'label' for the material"),
+        ("file,what\nrec001,a\n", r"columns 'file', 'what' for the surface\. Expected one column `file`"),
+        ("file,surface,label\nrec001,a,b\n", "columns 'surface', 'label' for the surface"),
         ("", "no rows. Expected a header"),
         (b"file,surface\n\xff\xfa\x80,a\n", "cannot be read"),
         ('file,surface\n"rec001,a\n', "cannot be read"),
@@ -113,14 +113,14 @@ def test_files_of_axes_have_a_row_each_or_one(tmp_path):
     rows = "".join(f"rec_{axis}.txt,a\n" for axis in "XYZ")
     for table in (rows, "rec,a\n", "rec.txt,a\n"):
         dataset = opened(root, f"file,surface\n{table}")
-        assert (dataset.materials, dataset.notes) == (("a",), ())
+        assert (dataset.surfaces, dataset.notes) == (("a",), ())
     with pytest.raises(CardError, match=r"'rec_X\.txt' \(row 2\).* are all of 'rec'"):
         opened(root, f"file,surface\n{rows.replace('Y.txt,a', 'Y.txt,b')}")
 
 
 def test_files_without_a_row_are_left_out_on_request_and_rows_without_a_file_reported(mine):
     dataset = opened(mine, "file,surface\nrec001,a\nrec002,b\nrec004,c\n", skip_bad=True)
-    assert dataset.materials == ("a", "b")
+    assert dataset.surfaces == ("a", "b")
     assert "rec004 is in the table of labels, but has no file" in dataset.notes
     assert any("no row for 'more/rec003'" in note for note in dataset.notes)
 
@@ -153,7 +153,7 @@ def test_rows_keep_their_labels_as_written(tmp_path):
     (tmp_path / "card.toml").write_text(
         "fs_hz = 1000\nunit = 'counts'\nfiles = ['x.csv']\nlabel_column = 'name'\n"
     )
-    assert open_dataset(tmp_path / "card.toml").materials == ("001", "1", "1.0", "NA", "None")
+    assert open_dataset(tmp_path / "card.toml").surfaces == ("001", "1", "1.0", "NA", "None")
     (tmp_path / "x.csv").write_text("name,1,2,3\noak,1,2,3\n ,4,5,6\n")
     with pytest.raises(CardError, match="row 3 has a blank label"):
         open_dataset(tmp_path / "card.toml")
@@ -174,7 +174,7 @@ def test_commands_take_labels_of_folders(mine, tmp_path, monkeypatch):
 
     assert "12 recordings" in run("extract", "mine", "-o", "t.csv", "--features", "scales", "--jobs", "1")
     run("card", "mine", "-o", "card.toml")
-    assert open_dataset("card.toml").materials == ("a", "b", "c")
+    assert open_dataset("card.toml").surfaces == ("a", "b", "c")
     run("train", "mine", "--jobs", "1", "-o", "m.skops")
     run("predict", "m.skops", "mine", "--json", "p.json")
     answers = json.loads((tmp_path / "p.json").read_text())

@@ -66,13 +66,13 @@ def test_folders_that_differ_in_case_and_labels_that_are_sessions_are_told_where
     tmp_path,
 ):
     for session in ("day 1", "day 2"):
-        for k, material in enumerate(("wood", "Wood", "steel")):
-            (tmp_path / session / material).mkdir(parents=True)
-            np.savetxt(tmp_path / session / material / "r.txt", AT_REST[k:, 0] + (session == "day 1"))
+        for k, surface in enumerate(("wood", "Wood", "steel")):
+            (tmp_path / session / surface).mkdir(parents=True)
+            np.savetxt(tmp_path / session / surface / "r.txt", AT_REST[k:, 0] + (session == "day 1"))
     (told,) = open_dataset(tmp_path, fs=FS, unit="m/s^2").notes
     assert told.startswith("the labels are day 1, day 2, and each of these folders holds Wood, steel, wood")
     (told,) = open_dataset(tmp_path / "day 1", fs=FS, unit="m/s^2").notes
-    assert told == "materials 'Wood' and 'wood' differ in case or blanks only: are they one surface?"
+    assert told == "surfaces 'Wood' and 'wood' differ in case or blanks only: are they one surface?"
     assert doubtful_labels(["oak", "beech"]) == []
     for usual in (
         ["wood/one/r.txt", "steel/one/r.txt"],
@@ -88,10 +88,10 @@ def test_g_taken_for_metres_is_said_once_and_loudly_by_every_command_that_reads_
     command, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    for material in ("wood", "steel"):
-        (tmp_path / "felt" / material).mkdir(parents=True)
+    for surface in ("wood", "steel"):
+        (tmp_path / "felt" / surface).mkdir(parents=True)
         for i in range(3):
-            np.savetxt(tmp_path / "felt" / material / f"{i}.csv", AT_REST / 9.81, delimiter=",")
+            np.savetxt(tmp_path / "felt" / surface / f"{i}.csv", AT_REST / 9.81, delimiter=",")
     told = "felt --fs 1000 --unit m/s^2 --column 1,2,3 --jobs 1 --features coarse -o t.parquet"
     said = "6 of 6 recordings: unit: rests at 1 m/s^2, gravity is 9.81: is it in g?"
     code, out, _ = command("extract", *told.split())

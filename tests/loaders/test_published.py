@@ -23,7 +23,7 @@ format = "files"
 folder = "plates"
 fs_hz = 1000
 unit = "g"
-files = '(?P<material>\\w+)/\\d\\.csv'
+files = '(?P<surface>\\w+)/\\d\\.csv'
 phases = "movement"
 """
 

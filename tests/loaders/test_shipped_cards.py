@@ -29,7 +29,7 @@ PUBLISHED = [name for name in shipped.names("datasets") if getattr(read_card(nam
 @pytest.mark.usefixtures("data_root")
 def test_a_card_opens_its_recordings(name, size, facts):
     dataset = open_dataset(name)
-    assert (len(dataset), len(dataset.materials)) == size
+    assert (len(dataset), len(dataset.surfaces)) == size
     for index in range(0, len(dataset), max(1, len(dataset) // 20)):
         recording = dataset[index]
         channels = recording.acceleration.reshape(recording.n_samples, -1).shape[1]
@@ -37,11 +37,11 @@ def test_a_card_opens_its_recordings(name, size, facts):
 
 
 @pytest.mark.usefixtures("data_root")
-def test_biotac_repetitions_are_1_to_40_of_every_material():
-    repetitions = Counter((entry.material, entry.repetition) for entry in open_dataset("biotac20").entries)
+def test_biotac_repetitions_are_1_to_40_of_every_surface():
+    repetitions = Counter((entry.surface, entry.repetition) for entry in open_dataset("biotac20").entries)
     assert set(repetitions.values()) == {1}
     assert {repetition for _, repetition in repetitions} == set(range(1, 41))
-    assert {"carpet net", "metal"} < {material for material, _ in repetitions}
+    assert {"carpet net", "metal"} < {surface for surface, _ in repetitions}
 
 
 @pytest.mark.usefixtures("data_root")
@@ -98,7 +98,7 @@ def test_cluster118_is_parted_by_speed_and_never_by_repetition(place):
             place("cluster118", name, np.column_stack([t, *axes]), delimiter=",", header="time,X,Y,Z")
     place("cluster118", "sensor_data/force/0_135_20_500_0.csv", t, header="force")
     dataset = open_dataset("cluster118")
-    assert (len(dataset), dataset.materials) == (8, ("0", "1"))
+    assert (len(dataset), dataset.surfaces) == (8, ("0", "1"))
     for train, test in parts(dataset, "session"):
         speeds = [{recording.split("_")[2] for recording in ids} for ids in (train, test)]
         assert sorted(map(sorted, speeds)) == [["20"], ["60"]]
@@ -121,7 +121,7 @@ def test_lmt108_joins_axes_and_friction_and_keeps_its_own_training_part(place):
                 place("lmt108", name, rng.uniform(1, 2, 1000))
     dataset = open_dataset("lmt108")
     assert len(dataset) == 8
-    assert dataset.materials == ("G1EpoxyRasterPlate", "G2Paper")
+    assert dataset.surfaces == ("G1EpoxyRasterPlate", "G2Paper")
     assert dataset[0].acceleration.shape == (1000, 3)
     assert dataset[0].friction.shape == (1000,)
     table = dataset.table.reset_index()

@@ -37,7 +37,7 @@ def assert_same(one: Recording, other: Recording):
 def test_entries_say_what_the_recordings_are_and_true_phases_are_withheld(small):
     assert len(small) == 4
     for entry, recording in zip(small.entries, small, strict=True):
-        for name in ("recording_id", "material", "operator", "repetition"):
+        for name in ("recording_id", "surface", "operator", "repetition"):
             assert getattr(entry, name) == getattr(recording, name)
         assert recording.phases is None
     assert small.load.args[0].record(0, 1).phases is not None

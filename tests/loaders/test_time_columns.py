@@ -154,7 +154,7 @@ def card(folder, line, fs_hz=1000):
     path = folder / "card.toml"
     path.write_text(
         f"""title = "t"\nformat = "files"\nfolder = "mine"\nfs_hz = {fs_hz}\nunit = "counts"
-phases = "movement"\nfiles = '(?P<material>[^/]+)/.+[.]csv'\n{line}\n[channels]\nacceleration = "a"\n"""
+phases = "movement"\nfiles = '(?P<surface>[^/]+)/.+[.]csv'\n{line}\n[channels]\nacceleration = "a"\n"""
     )
     return path
 

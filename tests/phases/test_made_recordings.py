@@ -181,7 +181,7 @@ def test_every_tap_of_a_quarter_of_the_embedded_dataset_is_found():
     surfaces = [surface.name for surface in recipe.surfaces]
     true = found = right = 0
     for entry in dataset.entries[::4]:
-        recording = recipe.record(surfaces.index(entry.material), entry.repetition)
+        recording = recipe.record(surfaces.index(entry.surface), entry.repetition)
         phases = find_phases(recording.with_(phases=None))
         right += matched(recording.phases, phases, recording.fs)
         true, found = true + len(recording.phases.taps), found + len(phases.taps)

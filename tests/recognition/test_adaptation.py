@@ -17,22 +17,22 @@ from texclass.recognition.adaptation import (
     moments_map,
     rows_of,
 )
-from texclass.recognition.unknown import Surfaces
+from texclass.recognition.unknown import ClassMoments
 
 
-def felt(surface, seed, **facts):
+def felt(name, seed, **facts):
     """Return a recording as another sensor feels it: its mount rings at 191 Hz."""
-    one, ring = recording(surface, seed), [1, -2 * 0.97 * np.cos(0.3), 0.97**2]
+    one, ring = recording(name, seed), [1, -2 * 0.97 * np.cos(0.3), 0.97**2]
     return one.with_(acceleration=lfilter([1], ring, one.acceleration), **facts)
 
 
 TESTS = [felt(surface, seed) for surface in SURFACES for seed in range(100, 115)]
 THREE = [felt(surface, 50) for surface in list(SURFACES)[:3]]
-UNLABELLED = [felt(surface, seed, material=None) for surface in SURFACES for seed in range(50, 60)]
+UNLABELLED = [felt(surface, seed, surface=None) for surface in SURFACES for seed in range(50, 60)]
 
 
 def right(model):
-    return np.mean([model.answer(one).surface == one.material for one in TESTS])
+    return np.mean([model.answer(one).surface == one.surface for one in TESTS])
 
 
 def unknown(model, recordings):
@@ -58,10 +58,10 @@ def test_the_same_sensor_changes_next_to_nothing(kernel_model):
     adapted = adapt(kernel_model, again)
     asked = [recording(surface, 100) for surface in SURFACES]
     for one in asked:
-        assert adapted.answer(one).surface == one.material
+        assert adapted.answer(one).surface == one.surface
     X = rows_of(kernel_model, asked)[0]
     moved = (adapted.steps[0]["scale"] - 1) * X + adapted.steps[0]["shift"]
-    assert np.sqrt(np.mean((moved / kernel_model.surfaces.within) ** 2)) < 0.5
+    assert np.sqrt(np.mean((moved / kernel_model.class_moments.within) ** 2)) < 0.5
 
 
 def test_an_adapted_model_is_saved_answers_the_same_and_tells_of_its_references(linear_model, tmp_path):
@@ -70,7 +70,7 @@ def test_an_adapted_model_is_saved_answers_the_same_and_tells_of_its_references(
     again = load_model(tmp_path / "a.skops")
     assert again.answer(TESTS[0]) == adapted.answer(TESTS[0])
     told = again.manifest.adapted
-    assert told["references"] == [[one.recording_id, one.material] for one in THREE]
+    assert told["references"] == [[one.recording_id, one.surface] for one in THREE]
     assert told["hash"] == adapt(linear_model, THREE).manifest.adapted["hash"]
     assert told["hash"] != adapt(linear_model, [*THREE[:2], felt("oak", 51)]).manifest.adapted["hash"]
     assert again.manifest.unknown["threshold"] == adapted.novelty.threshold != linear_model.novelty.threshold
@@ -82,13 +82,13 @@ def test_a_known_change_of_columns_is_found():
     shares = np.repeat([0.03, 0.02], 20)
     labels = rng.choice(40, 4000, p=shares)
     old = means[labels] + within * rng.standard_normal((4000, 30))
-    scale, shift = moments_map(3 * old - 3, shares, Surfaces(means, within), len(old))
+    scale, shift = moments_map(3 * old - 3, shares, ClassMoments(means, within), len(old))
     np.testing.assert_allclose(scale, 1 / 3, rtol=0.1)
     np.testing.assert_allclose((3 * old - 3) * scale + shift, old, atol=0.1 * np.abs(old).max())
     # Chance alone is not believed, and a column without values, or one that never varied, stays.
     few = means[:3] + within * rng.standard_normal((3, 30))
     few[:, 0] = np.nan
-    still = Surfaces(means, np.where(np.arange(30) == 1, 0.0, within))
+    still = ClassMoments(means, np.where(np.arange(30) == 1, 0.0, within))
     scale, shift = moments_map(few, np.repeat([1 / 3, 0], [3, 37]), still, 3)
     assert (scale[:2] == 1).all()
     assert (shift[:2] == 0).all()
@@ -97,7 +97,7 @@ def test_a_known_change_of_columns_is_found():
 
 def test_shares_of_unlabelled_references_are_estimated(kernel_model):
     """References of two surfaces are moved less than if they were of all four alike."""
-    two = [recording(surface, seed, material=None) for surface in ("cork", "slate") for seed in range(50, 60)]
+    two = [recording(surface, seed, surface=None) for surface in ("cork", "slate") for seed in range(50, 60)]
     X, known, of = rows_of(kernel_model, two)
     assert not known.any()
     surfaces, n = kernel_model.surfaces, len(set(of))
@@ -108,7 +108,7 @@ def test_shares_of_unlabelled_references_are_estimated(kernel_model):
     assert moved < 0.7 * by_equal
 
 
-ONE_SURFACE = [felt("oak", seed, material=None) for seed in range(50, 62)]
+ONE_SURFACE = [felt("oak", seed, surface=None) for seed in range(50, 62)]
 NOISE = [
     one.with_(acceleration=np.random.default_rng(k).standard_normal(2000))
     for k, one in enumerate(ONE_SURFACE)
@@ -123,14 +123,14 @@ def test_references_of_which_nothing_can_be_told_are_refused(kind, references, r
 
 
 def test_labelled_references_that_sound_alike_are_refused(kernel_model):
-    alike = [one.with_(material=m) for one, m in zip(NOISE, SURFACES, strict=False)]
+    alike = [one.with_(surface=m) for one, m in zip(NOISE, SURFACES, strict=False)]
     with pytest.raises(ValueError, match=r"more than one answer for all would get .1.: check their labels"):
         adapt(kernel_model, alike)
 
 
 def test_the_commonest_surface_is_no_evidence_that_references_differ():
     surfaces = np.eye(3)
-    model = SimpleNamespace(judge=lambda rows: (rows,), materials=("cork", "felt", "foil"))
+    model = SimpleNamespace(judge=lambda rows: (rows,), surfaces=("cork", "felt", "foil"))
     labels = surfaces[[0, 0, 0, 0, 1, 1]]
     with pytest.raises(ValueError, match=r"4 of 6 labelled .* would get .4."):
         _check_told_apart(model, surfaces[[0] * 6], labels, 6)
@@ -149,7 +149,7 @@ def test_a_map_that_answers_fewer_references_right_is_not_taken(kernel_model, mo
     again = [recording(surface, seed) for surface in SURFACES for seed in (50, 51, 52)]
     adapted = adapt(kernel_model, again)
     assert adapted.manifest.adapted["map"] == "none"
-    assert [adapted.answer(one).surface for one in again] == [one.material for one in again]
+    assert [adapted.answer(one).surface for one in again] == [one.surface for one in again]
 
 
 @pytest.mark.parametrize("n_touches", [1, 3])
@@ -158,7 +158,7 @@ def test_references_lost_by_chance_reject_no_map(kernel_model, monkeypatch, n_lo
     """Of nine; touches of one reference are one witness."""
     n = len(kernel_model.columns)
     constant, still = (np.zeros(n), np.full(n, 1e6)), (np.ones(n), np.zeros(n))
-    always = kernel_model.materials[kernel_model.judge(constant[1][None])[0].argmax()]
+    always = kernel_model.surfaces[kernel_model.judge(constant[1][None])[0].argmax()]
     others = [s for s in SURFACES if s != always]
     X, known, of = (
         np.repeat(one, n_touches, axis=0)
@@ -199,6 +199,6 @@ def test_references_that_cannot_serve_are_refused(kernel_model, references, rule
 def test_a_model_is_adapted_once_and_as_it_was_trained(kernel_model):
     with pytest.raises(ValueError, match=r"adapted already. Expected the model as it was trained"):
         adapt(adapt(kernel_model, THREE), THREE)
-    single = replace(kernel_model, surfaces=kernel_model.surfaces._replace(within=np.zeros(12)))
+    single = replace(kernel_model, class_moments=kernel_model.class_moments._replace(within=np.zeros(12)))
     with pytest.raises(ValueError, match="Expected two or more"):
         adapt(single, THREE)

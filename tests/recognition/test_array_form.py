@@ -105,7 +105,7 @@ def test_a_saved_model_answers_as_its_estimators_do(classifier, n_classes, tmp_p
     near = loaded.novelty.nearness
     strange = -scores.max(axis=1) if near is None else near(rows)
     np.testing.assert_array_equal(p_known, loaded.novelty.p_value(strange))
-    assert loaded.materials == tuple(recogniser.classes_)
+    assert loaded.surfaces == tuple(recogniser.classes_)
     again = tmp_path / "again.skops"
     loaded.save(again)
     assert again.read_bytes() == (tmp_path / "m.skops").read_bytes()

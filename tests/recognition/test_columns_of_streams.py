@@ -36,7 +36,7 @@ def rubbed():
     def load(entry):
         whole = turning.load(entry)
         noise = np.random.default_rng(entry.repetition).standard_normal(N)
-        return whole.with_(turn_rate=None, friction=level[entry.material] * (1 + 0.05 * noise))
+        return whole.with_(turn_rate=None, friction=level[entry.surface] * (1 + 0.05 * noise))
 
     return Dataset("rubbed", turning.entries, load, "rubbed")
 
@@ -61,12 +61,12 @@ def test_friction_is_the_last_column_of_a_stream(rubbing_model):
         np.testing.assert_array_equal(window.friction, recording.friction)
         np.testing.assert_array_equal(window.acceleration, recording.acceleration)
         asked = model.answer(recording)
-        assert asked.surface == recording.material
+        assert asked.surface == recording.surface
         assert model.answer(window).probabilities == asked.probabilities
         text = io.BytesIO("\n".join(" ".join(map(repr, row)) for row in both.tolist()).encode())
         session = Session(model)
         list(session.run(open_source("-", fs=FS, unit="m/s^2", file=text, model=model)))
-        assert session.live.verdict.surface == recording.material
+        assert session.live.verdict.surface == recording.surface
 
 
 def test_a_stream_without_friction_is_refused_before_it_begins(rubbing_model, tmp_path):

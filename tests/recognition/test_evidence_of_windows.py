@@ -6,17 +6,17 @@ import pytest
 from texclass.recognition import Answer, Evidence, expected_calibration_error, fit_calibration
 from texclass.recognition.probabilities import fit_correlation
 
-MATERIALS = ("cork", "felt", "oak")
+SURFACES = ("cork", "felt", "oak")
 
 
 def answer(p, *, unknown=False):
     best, second = np.argsort(-np.asarray(p))[:2]
-    named = dict(zip(MATERIALS, p, strict=True))
-    return Answer("w", MATERIALS[best], p[best], MATERIALS[second], unknown, 0.5, (), named)
+    named = dict(zip(SURFACES, p, strict=True))
+    return Answer("w", SURFACES[best], p[best], SURFACES[second], unknown, 0.5, (), named)
 
 
 def together(rows, kind="sequential", **settings):
-    evidence = Evidence(MATERIALS, kind, **settings)
+    evidence = Evidence(SURFACES, kind, **settings)
     return [evidence.add(answer(list(p)), 0.1 * k) for k, p in enumerate(rows, 1)]
 
 
@@ -40,14 +40,14 @@ def test_windows_add_up_to_as_many_as_are_independent(rows, settings, posterior,
     assert found == pytest.approx((posterior / posterior.sum()).tolist(), rel=rel)
 
 
-def test_what_training_does_not_rule_out_is_left_to_all_materials():
+def test_what_training_does_not_rule_out_is_left_to_all_surfaces():
     certain = together([[1.0, 0.0, 0.0]] * 50, correlation=0.0, lapse=0.03)[-1]
     assert certain.probability == pytest.approx(0.98)
 
 
 def test_what_a_contact_says_in_the_end_is_as_often_right_as_it_says():
     """Contacts whose windows share a deviation of their own: fitted on some, asked of others."""
-    n_contacts, n_windows, K = 300, 15, len(MATERIALS)
+    n_contacts, n_windows, K = 300, 15, len(SURFACES)
     rng = np.random.default_rng(5)
 
     def contacts():
@@ -66,9 +66,9 @@ def test_what_a_contact_says_in_the_end_is_as_often_right_as_it_says():
         last = []
         for p in calibration(scores).reshape(n_contacts, n_windows, K):
             lapse = 1 / (n_contacts + 2)
-            evidence = Evidence(MATERIALS, window_s=1.0, hop_s=1.0, correlation=correlation, lapse=lapse)
+            evidence = Evidence(SURFACES, window_s=1.0, hop_s=1.0, correlation=correlation, lapse=lapse)
             last.append([evidence.add(answer(one.tolist()), 1.0) for one in p][-1])
-        right = [v.surface == MATERIALS[k] for v, k in zip(last, labels[::n_windows], strict=True)]
+        right = [v.surface == SURFACES[k] for v, k in zip(last, labels[::n_windows], strict=True)]
         return expected_calibration_error([v.probability for v in last], right, 10), np.mean(right)
 
     error, share = said(found)
@@ -99,7 +99,7 @@ def test_a_majority_counts_votes_and_breaks_ties_by_probability():
 
 
 def test_a_verdict_is_sure_as_long_as_its_probability_says_so():
-    evidence = Evidence(MATERIALS, confidence=0.9, correlation=0.0)
+    evidence = Evidence(SURFACES, confidence=0.9, correlation=0.0)
     sure = [evidence.add(answer(p), 1.0).sure for p in ([0.7, 0.2, 0.1], [0.8, 0.1, 0.1], [0.05, 0.9, 0.05])]
     assert sure == [False, True, False]
     evidence.reset()
@@ -120,7 +120,7 @@ def test_windows_that_contradict_the_evidence_restart_it(kind):
     rows = [cork] * 12 + [felt] * 9
     overlapping = together(rows, kind, correlation=0.1, hop_s=0.25)
     assert [i for i, verdict in enumerate(overlapping) if verdict.changed_from] == [12 + 8]
-    evidence = Evidence(MATERIALS, kind)
+    evidence = Evidence(SURFACES, kind)
     for p in rows:
         evidence.add(answer(p, unknown=p is felt), 1.0)
     assert (evidence.verdict.surface, evidence.verdict.changed_from) == ("cork", "")
@@ -134,7 +134,7 @@ def test_forgetting_lets_a_new_surface_win():
 
 @pytest.mark.parametrize("kind", ["sequential", "majority"])
 def test_where_evidence_fades_all_of_a_verdict_is_of_what_was_felt_lately(kind):
-    evidence = Evidence(MATERIALS, kind, forget_s=3.0, confidence=0.5, correlation=0.2)
+    evidence = Evidence(SURFACES, kind, forget_s=3.0, confidence=0.5, correlation=0.2)
     for _ in range(200):
         evidence.add(answer([0.98, 0.01, 0.01], unknown=True), 1.0)
     assert evidence.verdict.probability > 0.5
@@ -146,7 +146,7 @@ def test_where_evidence_fades_all_of_a_verdict_is_of_what_was_felt_lately(kind):
 
 
 def test_half_of_the_windows_unknown_makes_the_contact_unknown():
-    evidence = Evidence(MATERIALS)
+    evidence = Evidence(SURFACES)
     told = [evidence.add(answer([0.8, 0.1, 0.1], unknown=u), 1.0).unknown for u in (True, False, False)]
     assert told == [True, True, False]
 
@@ -161,4 +161,4 @@ def test_half_of_the_windows_unknown_makes_the_contact_unknown():
 )
 def test_impossible_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
-        Evidence(MATERIALS, **settings)
+        Evidence(SURFACES, **settings)

@@ -24,7 +24,7 @@ from texclass.recognition import (
 from texclass.recognition.exploration import information_bits
 from texclass.simulate import Recipe, operator_catalogue, record_gesture
 
-MATERIALS = ("cork", "felt", "oak", "slate")
+SURFACES = ("cork", "felt", "oak", "slate")
 HARD = np.kron(np.eye(2), np.full((2, 2), 0.5))
 """Tells cork and felt from oak and slate."""
 ROUGH = np.kron(np.full((2, 2), 0.5), np.eye(2))
@@ -34,11 +34,11 @@ FEW = Recipe(n_surfaces=3, n_recordings=7, n_operators=3, duration_s=5, fs=10_00
 
 def exploring(confidence=0.95, **gestures):
     made = {name: KnownGesture(*known) for name, known in gestures.items()}
-    return Exploration(MATERIALS, made, confidence)
+    return Exploration(SURFACES, made, confidence)
 
 
 def named(p):
-    return dict(zip(MATERIALS, p, strict=True))
+    return dict(zip(SURFACES, p, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +129,7 @@ def test_what_is_confused_is_what_was_held_out():
 
     labels = np.array([0, 0, 1, 1])
     p = np.array([[0.8, 0.2], [0.8, 0.2], [0.1, 0.9], [0.0, 1.0]])
-    frame = pd.DataFrame({"material": list("aabb"), "operator": [None] * 4, "session": [None] * 4})
+    frame = pd.DataFrame({"surface": list("aabb"), "operator": [None] * 4, "session": [None] * 4})
     found = _of_gestures(p, HeldOut(np.arange(4), np.log(p + 1e-9), np.zeros(4), labels), frame)
     # One answer that knows nothing is added to the two of each.
     assert found["confusion"] == [[0.7, 0.3], [0.2, 0.8]]
@@ -214,7 +214,7 @@ def test_after_a_surface_is_sure_the_next_contact_is_with_another(models):
     answers = stream({"tap": models["tap"]}, ["tap", "tap"])
     assert [a.verdict.n_windows for a in answers] == [1, 2]
     known = session.exploration
-    known.add("tap", dict.fromkeys(known.materials, 0.01) | {known.materials[0]: 0.98})
+    known.add("tap", dict.fromkeys(known.surfaces, 0.01) | {known.surfaces[0]: 0.98})
     session._taken[10] = "tap", False
     assert session._taken_for("tap", 90) == "tap"
     assert known.n_gestures == 0
@@ -265,7 +265,7 @@ def test_bad_words_end_in_one_line(command, folder, arguments, message):
 
 
 def test_models_that_do_not_fit_together_are_named(models, linear_model, tmp_path):
-    with pytest.raises(ValueError, match=r"oak knows cork.*one set of materials"):
+    with pytest.raises(ValueError, match=r"oak knows cork.*one set of surfaces"):
         Exploration.of(models | {"oak": linear_model})
     older = linear_model.manifest.model_copy(update={"calibration": {}})
     with pytest.raises(ValueError, match=r"has no confusion matrix"):

@@ -69,7 +69,7 @@ def test_a_model_of_one_recording_each_calls_nothing_unknown_and_says_so(one):
     stranger = one.predict(recording("stranger", 1))
     assert (stranger.unknown, stranger.p_known) == (False, 1.0)
     assert "whether it is of another surface is not judged" in stranger.reasons
-    assert set(stranger.sets[0.9]) == set(SURFACES)
+    assert set(stranger.prediction_sets[0.9]) == set(SURFACES)
 
 
 def test_what_needs_several_recordings_is_not_trained_on_one():

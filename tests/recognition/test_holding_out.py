@@ -12,8 +12,8 @@ from texclass.recognition.holding_out import ENOUGH_REPETITIONS, holding_out
 from texclass.recognition.model_document import model_document
 
 
-def _table(n=ENOUGH_REPETITIONS, materials=("cork", "felt"), **facts):
-    entries = [Entry(f"{m}-{r}", m, repetition=r, **facts) for m in materials for r in range(1, n + 1)]
+def _table(n=ENOUGH_REPETITIONS, surfaces=("cork", "felt"), **facts):
+    entries = [Entry(f"{m}-{r}", m, repetition=r, **facts) for m in surfaces for r in range(1, n + 1)]
     return metadata(entries)
 
 
@@ -81,7 +81,7 @@ class Drifting:
 
     def __call__(self, entry):
         found = self.load(entry)
-        noise = np.random.default_rng([entry.repetition, *map(ord, entry.material)])
+        noise = np.random.default_rng([entry.repetition, *map(ord, entry.surface)])
         worn = 0.04 * entry.repetition * noise.standard_normal(found.n_samples)
         return found.with_(acceleration=found.acceleration + worn)
 

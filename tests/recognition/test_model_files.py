@@ -169,7 +169,7 @@ def test_what_is_no_manifest_is_refused(linear_model):
             read_manifest(text)
     for change, said in (
         ({"fs": -1.0}, "fs is -1.0. Expected"),
-        ({"materials": "oak"}, "materials is 'oak'. Expected"),
+        ({"surfaces": "oak"}, "surfaces is 'oak'. Expected"),
         ({"color": 1}, "unknown key color"),
         ({"input": {**stated["input"], "phases": "all"}}, "phases is 'all'. Expected"),
     ):

@@ -102,7 +102,7 @@ def test_the_option_of_the_command_line_is_passed_on(folder, capsys, monkeypatch
 
 def test_card_and_pipeline_state_settings_and_the_most_specific_counts(folder, tmp_path):
     card = tmp_path / "pairs.toml"
-    files = r"files = '(?P<material>\w+)/\w+\.txt'"
+    files = r"files = '(?P<surface>\w+)/\w+\.txt'"
     card.write_text(f"fs_hz = 10000\nunit = 'm/s^2'\nfolder = '{folder}'\n{files}\n")
     assert n_taps(open_dataset(card)[0]) == 3
     plain = open_dataset(card)

@@ -48,7 +48,7 @@ def work(tmp_path_factory):
     (folder / "plates.toml").write_text(
         'title = "Plates"\nsource = "a test"\nlicence = "MIT"\nformat = "files"\nfolder = "plates"\n'
         'fs_hz = 4000\nunit = "counts"\nphases = "movement"\nremove_resting_level = true\n'
-        "files = '(?P<material>\\w+)/(?P<recording>\\w+_(?P<repetition>\\d+))\\.wav'\n"
+        "files = '(?P<surface>\\w+)/(?P<recording>\\w+_(?P<repetition>\\d+))\\.wav'\n"
     )
     return folder
 
@@ -144,7 +144,7 @@ def test_what_is_inside_is_shown(run, trained):
     code, out, _ = run("model", trained.name, "--json", "-")
     facts = json.loads(out)
     assert code == 0
-    assert facts["materials"] == sorted(SURFACES)
+    assert facts["surfaces"] == sorted(SURFACES)
     assert facts["input"]["unit"] == "counts"
     assert facts["input"]["remove_resting_level"] is True
     assert {"scikit-learn", "skops", "texclass"} <= set(facts["versions"])

@@ -108,9 +108,9 @@ def test_ranges_measure_in_widths_and_leave_undefined_columns_alone():
 def test_touches_are_joined_by_their_mean(kernel_model):
     answers = [kernel_model.answer(recording("oak", seed)) for seed in (1, 2, 3)]
     whole = joined(answers, "oak")
-    for material in SURFACES:
-        mean = np.mean([answer.probabilities[material] for answer in answers])
-        assert whole.probabilities[material] == pytest.approx(mean)
+    for surface in SURFACES:
+        mean = np.mean([answer.probabilities[surface] for answer in answers])
+        assert whole.probabilities[surface] == pytest.approx(mean)
     assert (whole.surface, whole.recording_id) == ("oak", "oak")
     odd = [replace(answers[0], p_known=p) for p in (0.5, 0.6, 0.01)]
     assert joined(odd, "oak").p_known == 0.5
@@ -118,7 +118,7 @@ def test_touches_are_joined_by_their_mean(kernel_model):
 
 def test_a_model_of_touches_cuts_longer_recordings(touch_model):
     model = touch_model
-    assert model.manifest.touch_s == 0.25
+    assert model.manifest.window_s == 0.25
     assert model.manifest.accuracy["how"] == "held-out windows"
     assert model.manifest.trained_on["n_windows"] == 2 * model.manifest.trained_on["n_recordings"]
     given = recording("cork", 99)

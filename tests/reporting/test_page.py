@@ -148,9 +148,9 @@ def test_the_key_message_is_the_best_accuracy_beside_the_published_one(text_of):
 
 def test_the_confusion_matrix_has_a_cell_for_each_pair_and_lists_each_confusion(text_of):
     data, n = result("benchmark"), 69
-    names = [f"material-{i:02d}" for i in range(n)]
+    names = [f"surface-{i:02d}" for i in range(n)]
     counts = [[9 * (i == j) + ((i + 1) % n == j) for j in range(n)] for i in range(n)]
-    data["confusion"] |= {"materials": names, "counts": counts}
+    data["confusion"] |= {"surfaces": names, "counts": counts}
     page = text_of(data)
     matrix = page.split('<table class="matrix large"')[1].split("</table>")[0]
     assert matrix.count("<td") == n * n

@@ -95,10 +95,10 @@ def test_arrow_keys_move_through_the_matrix_and_say_what_is_there(browser, path)
     label = "document.activeElement.getAttribute('aria-label')"
     said = "document.activeElement.closest('figure').querySelector('.readout').textContent"
     first = browser.run(label)
-    assert first.endswith("predicted as material-01: 1 of 10 recordings (10 %)")
+    assert first.endswith("predicted as surface-01: 1 of 10 recordings (10 %)")
     assert browser.run(said) == first
     browser.press("ArrowDown", 40)
-    assert browser.run(label) == "material-01 predicted as material-01: 9 of 10 recordings (90 %)"
+    assert browser.run(label) == "surface-01 predicted as surface-01: 9 of 10 recordings (90 %)"
     browser.press("End", 35)
     browser.press("ArrowRight", 39)
     assert browser.run("document.activeElement.cellIndex") == 3

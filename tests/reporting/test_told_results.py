@@ -26,7 +26,7 @@ def figure(told, name):
 @pytest.mark.parametrize(
     ("kind", "said"),
     [
-        ("benchmark", ["Pipeline small: 100 recordings of 3 materials", "leave one operator out, 2 folds",
+        ("benchmark", ["Pipeline small: 100 recordings of 3 surfaces", "leave one operator out, 2 folds",
                        "[82.6, 94.5] of the recordings", "best of 3 pairs", "Columns selected by All",
                        "mfcc.c1 100%", "significantly (corrected p below 0.05)", "exact McNemar test",
                        "not evaluated: no friction signal", "onerror"]),
@@ -272,7 +272,7 @@ def test_the_front_marks_knee_half_and_the_full_set():
     assert rows["2"][-1] == "knee point, half the cost"
     assert rows["full set"][:2] == ["8", "2"]
     data = result("tradeoff")
-    data["dataset"] |= {"materials": ["oak", "felt"], "max_seconds": 2.0}
+    data["dataset"] |= {"surfaces": ["oak", "felt"], "max_seconds": 2.0}
     told, _ = everywhere(document("tradeoff", data))
     assert "for oak, felt" in told
     assert "2 s of each" in told
@@ -312,7 +312,7 @@ def test_the_features_of_the_study_are_ordered_by_their_worst_condition():
 def test_published_figures_are_a_measure_only_of_as_many_surfaces_under_the_same_protocol():
     for changed, why in (
         ({"protocol": "chronological"}, "protocol `chronological` here, `operator` there"),
-        ({"published_on": {"n_materials": 69, "protocols": ["operator"]}}, "3 surfaces here, 69 there"),
+        ({"published_on": {"n_surfaces": 69, "protocols": ["operator"]}}, "3 surfaces here, 69 there"),
         ({"published_on": None}, "number of surfaces and protocol of the publication are not stated"),
     ):
         told = document("benchmark", result("benchmark") | changed)

@@ -150,13 +150,13 @@ def test_a_driver_that_sends_g_is_noticed(tmp_path, values):
 
 
 def test_a_folder_of_bags_is_a_dataset(tmp_path, values):
-    for material in ("steel", "wood"):
+    for surface in ("steel", "wood"):
         for name, kind in zip("abc", KINDS, strict=True):
-            write_bag(tmp_path / material, kind, {"/imu": _imu(values)}, name=name)
+            write_bag(tmp_path / surface, kind, {"/imu": _imu(values)}, name=name)
     dataset = open_dataset(tmp_path)
-    ids = [f"{material}/{name}" for material in ("steel", "wood") for name in "abc"]
+    ids = [f"{surface}/{name}" for surface in ("steel", "wood") for name in "abc"]
     assert [entry.recording_id for entry in dataset.entries] == ids
-    assert [recording.material for recording in dataset] == ["steel"] * 3 + ["wood"] * 3
+    assert [recording.surface for recording in dataset] == ["steel"] * 3 + ["wood"] * 3
     assert {(recording.fs, recording.unit) for recording in dataset} == {(FS, "m/s^2")}
     before = dataset.input_hash
     (tmp_path / "metadata.yaml").write_text("somebody else's")
@@ -186,16 +186,16 @@ def test_the_topic_can_be_the_label(tmp_path, values, monkeypatch):
         topics = {"/wood/imu": _imu(values), "/steel/imu": _imu(-values), "/steel/rpm": _imu(values)}
         write_bag(tmp_path / "bags", kind, topics, name=f"r{kind}")
     files = r"""files = ['.*\.bag', '.*/metadata\.yaml']
-topic = '/(?P<material>[a-z]+)/imu'
+topic = '/(?P<surface>[a-z]+)/imu'
 """
     dataset = open_dataset(_card(tmp_path, monkeypatch, files))
-    assert [(e.recording_id, e.material, e.topic) for e in dataset.entries[:2]] == [
+    assert [(e.recording_id, e.surface, e.topic) for e in dataset.entries[:2]] == [
         ("rbag/steel/imu", "steel", "/steel/imu"),
         ("rbag/wood/imu", "wood", "/wood/imu"),
     ]
     assert len(dataset) == 6
     for recording in dataset:
-        sign = 1 if recording.material == "wood" else -1
+        sign = 1 if recording.surface == "wood" else -1
         np.testing.assert_array_equal(recording.acceleration, sign * values[:, :3])
 
 
@@ -209,10 +209,10 @@ topic = "/imu"
 [labels]
 file = "labels.csv"
 recording = "bag"
-material = "surface"
+surface = "surface"
 """
     dataset = open_dataset(_card(tmp_path, monkeypatch, more))
-    assert {entry.recording_id: entry.material for entry in dataset.entries} == {
+    assert {entry.recording_id: entry.surface for entry in dataset.entries} == {
         "one": "wood",
         "two": "steel",
     }

@@ -75,7 +75,7 @@ def assert_same_answers(model, graph, X):
     got = run(graph, X)
     p, p_known = model.judge(X)
     np.testing.assert_allclose(got["probabilities"], p, rtol=0, atol=1e-12)
-    assert got["label"].tolist() == np.array(model.materials)[p.argmax(axis=1)].tolist()
+    assert got["label"].tolist() == np.array(model.surfaces)[p.argmax(axis=1)].tolist()
     np.testing.assert_array_equal(got["p_known"], p_known)
     np.testing.assert_array_equal(got["unknown"], p_known <= model.novelty.false_alarms)
 
@@ -98,7 +98,7 @@ def test_whatever_shipped_pipelines_name_answers_as_scikit_learn_does(steps, use
     np.testing.assert_allclose(model.judge(X)[0], model.calibration(scores), rtol=0, atol=1e-9)
     parity = checked(model, X)
     assert parity.difference < 1e-12
-    assert parity.n_answered == parity.n_materials == n_classes
+    assert parity.n_answered == parity.n_surfaces == n_classes
     assert 0 < parity.n_unknown < sum(parity.rows.values())
     assert single_precision(build(model)) == ()
 
@@ -260,9 +260,9 @@ def test_a_single_column_loses_no_digits(scaler, classifier, n_classes):
     assert check_parity(model, build(model).SerializeToString()).difference < 1e-12
 
 
-def test_equally_far_neighbours_of_two_materials_are_a_tie_and_no_difference():
+def test_equally_far_neighbours_of_two_surfaces_are_a_tie_and_no_difference():
     X, y = rows_of(N_COLUMNS, 4, undefined=0.0)
-    X[::2] = np.nan  # of all materials, filled with the same medians
+    X[::2] = np.nan  # of all surfaces, filled with the same medians
     model = model_of([filled(), MinMaxScaler()], KNeighborsClassifier(1), X=X)
     assert reference(model, X)["tied"].tolist() == (np.arange(len(X)) % 2 == 0).tolist()
     graph = build(model)
@@ -315,9 +315,9 @@ def test_the_file_says_what_a_program_needs_to_check_itself(tmp_path):
     file = onnx.load(exported.path)
     said = {fact.key.removeprefix("texclass."): fact.value for fact in file.metadata_props}
     assert json.loads(said["columns"]) == list(model.columns)
-    assert json.loads(said["materials"]) == list(model.materials)
+    assert json.loads(said["surfaces"]) == list(model.surfaces)
     assert (float(said["fs_hz"]), said["unit"]) == (4000.0, "m/s^2")
-    assert (float(said["touch_s"]), float(said["shortest_s"])) == (0.5, 0.4)
+    assert (float(said["window_s"]), float(said["shortest_s"])) == (0.5, 0.4)
     assert json.loads(said["ranges"])["low"] == model.ranges.low.tolist()
     assert float(said["false_alarms"]) == model.novelty.false_alarms
     assert json.loads(said["parity"])["difference"] == exported.parity.difference

@@ -299,7 +299,7 @@ def test_a_feature_of_ones_own_may_have_a_graph(monkeypatch):
 def test_a_model_of_whole_recordings_needs_a_length(linear_model, tmp_path):
     with pytest.raises(OnnxExportError, match=r"whole recordings. Expected a model of touches"):
         export_onnx(linear_model, tmp_path / "surfaces.onnx", start="samples")
-    exported = export_onnx(linear_model, tmp_path / "surfaces.onnx", start="samples", touch_s=0.5)
+    exported = export_onnx(linear_model, tmp_path / "surfaces.onnx", start="samples", window_s=0.5)
     (entry,) = onnx.load(exported.path).graph.input
     assert [d.dim_param or d.dim_value for d in entry.type.tensor_type.shape.dim] == ["n", 1, 2000]
 
@@ -370,7 +370,7 @@ def _without_roughness(monkeypatch):
 
 @pytest.mark.usefixtures("_without_roughness")
 def test_training_for_export_leaves_out_what_has_no_graph_and_says_what_that_costs(command, folder):
-    asked = {"row": "Roughness", "classifier": "lda", "touch_s": 0.025}
+    asked = {"row": "Roughness", "classifier": "lda", "window_s": 0.025}
     model = train(surfaces(), pipeline(), **asked, exportable=True)
     assert model.columns == ("fineness",)
     accuracy = model.manifest.accuracy
@@ -389,4 +389,4 @@ def test_training_for_export_leaves_out_what_has_no_graph_and_says_what_that_cos
 def test_rows_without_any_graph_cannot_be_trained_for_export():
     rows = (RowDefinition(name="Taps", features=("temporal_roughness",)),)
     with pytest.raises(ValueError, match=r"no row has a feature with a graph \(temporal_roughness have none"):
-        train(surfaces(), pipeline(rows=rows), exportable=True, touch_s=0.25)
+        train(surfaces(), pipeline(rows=rows), exportable=True, window_s=0.25)

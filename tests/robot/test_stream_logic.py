@@ -92,7 +92,7 @@ def test_the_reference_and_the_exported_file_answer_a_stream_as_texclass_does(lo
 
     told, bins = [], logic["Bins"](constants["contact"], 1)
     contact, windows = logic["Contact"](constants["contact"]), logic["Windows"](constants)
-    evidence = logic["Evidence"](constants["evidence"], len(model.materials))
+    evidence = logic["Evidence"](constants["evidence"], len(model.surfaces))
     for x in stream.tolist():
         full = bins.push([x])
         if full is None:
@@ -106,7 +106,7 @@ def test_the_reference_and_the_exported_file_answer_a_stream_as_texclass_does(lo
             _, p, _, unknown = session.run(None, {"samples": stream[None, None, start:stop]})
             together, strange, sure = evidence.add(p[0].tolist(), bool(unknown[0]))
             best = int(np.argmax(together))
-            told.append((start, stop, model.materials[best], strange, sure, together[best]))
+            told.append((start, stop, model.surfaces[best], strange, sure, together[best]))
     assert [event[0] for event in told if len(event) == 2] == ["contact", "lift-off", "contact", "lift-off"]
     assert len(told) == len(expected) > 20
     late = [b[0] - a[0] for a, b in zip(expected, told, strict=True) if len(a) > 2]

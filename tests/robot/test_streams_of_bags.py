@@ -31,7 +31,7 @@ files = '(?P<recording>\\w+)/metadata\\.yaml'
 [labels]
 file = "labels.csv"
 recording = "bag"
-material = "terrain"
+surface = "terrain"
 repetition = "run"
 [channels]
 acceleration = ["ax", "ay", "az"]

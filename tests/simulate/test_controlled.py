@@ -126,7 +126,7 @@ def test_a_dataset_of_a_gesture_has_the_people_of_its_recipe_and_withholds_the_p
     assert taps.input_hash != open_gestures(recipe.model_copy(update={"seed": 7}), "tap").input_hash
     entry = taps.entries[1]
     recording = taps.load(entry)
-    assert (recording.operator, recording.material) == (entry.operator, entry.material)
+    assert (recording.operator, recording.surface) == (entry.operator, entry.surface)
     assert (recording.phases, recording.fs) == (None, 8000)
     other = taps.load(replace(entry, operator=taps.entries[0].operator))
     assert recording.n_samples != other.n_samples or (recording.acceleration != other.acceleration).any()

@@ -27,18 +27,18 @@ SET = load_feature_set("texclass").restricted_to(["waviness", "fineness", "mfcc"
 
 
 def recordings():
-    """Noise through filters that differ from material to material; no taps, so hardness is undefined."""
+    """Noise through filters that differ from surface to surface; no taps, so hardness is undefined."""
     made = []
-    for material, repetition in product(range(3), range(6)):
+    for surface, repetition in product(range(3), range(6)):
         noise = RNG.normal(size=4000)
         made.append(
             Recording(
-                np.convolve(noise, np.ones(1 + 3 * material), "same") + 0.1 * RNG.normal(size=4000),
-                fs=4000.0, unit="g", recording_id=f"{material}-{repetition}", material=f"m{material}",
-                friction=RNG.normal(size=4000) + material, phases=Phases(movement=(0, 4000)),
+                np.convolve(noise, np.ones(1 + 3 * surface), "same") + 0.1 * RNG.normal(size=4000),
+                fs=4000.0, unit="g", recording_id=f"{surface}-{repetition}", surface=f"m{surface}",
+                friction=RNG.normal(size=4000) + surface, phases=Phases(movement=(0, 4000)),
             )
         )  # fmt: skip
-    return made, np.array([r.material for r in made])
+    return made, np.array([r.surface for r in made])
 
 
 X, Y = recordings()

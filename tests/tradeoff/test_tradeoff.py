@@ -12,7 +12,7 @@ from sklearn.model_selection import StratifiedGroupKFold
 from texclass.evaluation import cost
 from texclass.evaluation.accuracy import wilson_interval
 from texclass.evaluation.cost import CostModel
-from texclass.evaluation.windows import touches
+from texclass.evaluation.windows import cut_windows
 from texclass.features import load_feature_set
 from texclass.recording import Phases, Recording, Tap
 from texclass.tradeoff import cost_selection, curves, front
@@ -34,7 +34,7 @@ SET = load_feature_set("strese2015").restricted_to(["variance", "mean_magnitude"
 
 @pytest.fixture
 def noises(toy_dataset):
-    """Toy recordings (300 samples at 1 kHz) whose level names the material."""
+    """Toy recordings (300 samples at 1 kHz) whose level names the surface."""
     return toy_dataset(3, 6)
 
 
@@ -42,9 +42,9 @@ def study(dataset, limits, **options):
     return trade_off(dataset, SET, limits, n_folds=3, n_repeats=2, with_curves=False, **options)
 
 
-def test_a_scene_needs_only_what_separates_its_materials(noises, tmp_path):
-    result = study(noises, Limits(materials=("m0", "m2")))
-    assert result.data["dataset"]["n_materials"] == 2
+def test_a_scene_needs_only_what_separates_its_surfaces(noises, tmp_path):
+    result = study(noises, Limits(surfaces=("m0", "m2")))
+    assert result.data["dataset"]["n_surfaces"] == 2
     assert len(result.data["chosen"]["columns"]) == 1
     assert [n for n, _ in result.data["fewest"]] == [1, 2, 3]
     paths = result.save(tmp_path)
@@ -57,7 +57,7 @@ def test_curves_are_measured_where_the_dataset_allows(noises):
     result = trade_off(noises, SET, n_folds=3, n_repeats=1)
     curves = json.loads(result.to_json())["curves"]
     names = {curve["name"] for curve in curves}
-    assert {"touch", "training recordings per material", "bit depth", "order of the movement model"} <= names
+    assert {"touch", "training recordings per surface", "bit depth", "order of the movement model"} <= names
     for curve in curves:
         assert len(curve["x"]) == len(curve["accuracy"]) == len(curve["labels"])
         assert all(0 <= a["low"] <= a["mean"] <= a["high"] <= 1 for a in curve["accuracy"])
@@ -119,8 +119,8 @@ def test_no_choice_of_a_trade_parts_windows_of_one_recording(noises, monkeypatch
     inner_splits = cost_selection.inner_splits
     for module in (cost_selection, front):
         monkeypatch.setattr(module, "inner_splits", watched)
-    windows = touches(noises, 0.15)
-    for limits in (Limits(max_features=1), Limits(materials=("m0", "m2"))):
+    windows = cut_windows(noises, 0.15)
+    for limits in (Limits(max_features=1), Limits(surfaces=("m0", "m2"))):
         trade_off(windows, SET, limits, n_folds=2, n_repeats=1, with_curves=False)
     assert None not in divided
     assert {n_windows / n_recordings for n_windows, n_recordings in divided} == {2.0}
@@ -128,7 +128,7 @@ def test_no_choice_of_a_trade_parts_windows_of_one_recording(noises, monkeypatch
 
 @pytest.mark.parametrize(("protocol", "n"), [("operator", 6), ("recording", 36)])
 def test_intervals_of_a_trade_are_over_what_is_independent(toy_dataset, protocol, n):
-    scene = Limits(materials=("m0", "m1", "m2"))
+    scene = Limits(surfaces=("m0", "m1", "m2"))
     found = study(toy_dataset(3, 12, operators=6), scene, protocol=protocol).data
     assert found["n_clusters"] == n
     for accuracy in (found["full"], found["knee"]["accuracy"], found["knee"]["plain"], found["fewest"][0][1]):
@@ -200,14 +200,14 @@ def test_a_degraded_dataset_is_another_input(toy_dataset):
         degraded(dataset, fs=-1)
 
 
-def test_a_curve_of_models_takes_as_many_recordings_of_each_material_as_there_is_room_for(
+def test_a_curve_of_models_takes_as_many_recordings_of_each_surface_as_there_is_room_for(
     toy_dataset, monkeypatch
 ):
-    for most, per_material in ((1000, 6), (15, 5), (3, 4)):  # at least four
+    for most, per_surface in ((1000, 6), (15, 5), (3, 4)):  # at least four
         monkeypatch.setattr(curves, "CURVES", curves.CurveSettings(n_recordings=most))
         fewer, note = curves._fewer(toy_dataset(3, 6))
-        assert len(fewer) == 3 * per_material
-        assert note == ("" if per_material == 6 else f"from {3 * per_material} of the recordings")
+        assert len(fewer) == 3 * per_surface
+        assert note == ("" if per_surface == 6 else f"from {3 * per_surface} of the recordings")
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ reference = "a test"
 
 @pytest.fixture(scope="module")
 def plates(tmp_path_factory):
-    """Three materials that differ in level, six recordings of 0.6 s at 2 kHz each."""
+    """Three surfaces that differ in level, six recordings of 0.6 s at 2 kHz each."""
     folder = tmp_path_factory.mktemp("work")
     write_plates(folder / "plates", 2000, louder=3)
     (folder / "few.toml").write_text(FEW)
@@ -45,11 +45,11 @@ def test_without_limits_the_knee_is_saved_for_use(tradeoff, plates):
     assert (code, err) == (0, "")
     written = json.loads((plates / "knee" / "plates-tradeoff.json").read_text())
     assert written["chosen"]["why"].startswith("knee")
-    assert written["dataset"]["n_materials"] == 3
+    assert written["dataset"]["n_surfaces"] == 3
     recogniser = load_recogniser(plates / "knee" / "plates-tradeoff.skops")
     assert list(recogniser[0].plan_.columns) == written["chosen"]["columns"]
     recordings = open_dataset("plates", unit="arbitrary")
-    truth = [entry.material for entry in recordings.entries]
+    truth = [entry.surface for entry in recordings.entries]
     assert np.mean(recogniser.predict(list(recordings)) == truth) > 0.9
     for suffix in ("json", "md", "skops"):
         assert f"wrote knee/plates-tradeoff.{suffix}" in out
@@ -61,11 +61,11 @@ def test_every_limit_is_kept_and_named_in_what_is_written(tradeoff, plates):
         "--protocol", "recording", "--backend", "local", "--output", "here", "--json", "there/x.json",
     )  # fmt: skip
     assert (code, err) == (0, "")
-    stem = "plates-2-materials-0.25s-tradeoff"
+    stem = "plates-2-surfaces-0.25s-tradeoff"
     assert {f"{stem}.json", f"{stem}.md", f"{stem}.skops"} <= {f.name for f in (plates / "here").iterdir()}
     written = json.loads((plates / "there" / "x.json").read_text())
     assert written == json.loads((plates / "here" / f"{stem}.json").read_text())
-    assert written["dataset"]["materials"] == ["cork", "oak"]
+    assert written["dataset"]["surfaces"] == ["cork", "oak"]
     assert written["dataset"]["max_seconds"] == 0.25
     assert written["dataset"]["n_recordings"] == 12
     assert len(written["fewest"]) == 2
@@ -84,7 +84,7 @@ def test_every_limit_is_kept_and_named_in_what_is_written(tradeoff, plates):
         (("--max-features", 0), "max_features is 0. Expected a positive, finite number"),
         (("--max-seconds", -1), "seconds is -1.0. Expected a positive, finite number"),
         (("--max-seconds", 9), "no recording can be used"),
-        (("--surfaces", "cork,silk"), "no material 'silk'; its materials are cork, felt, oak"),
+        (("--surfaces", "cork,silk"), "no surface 'silk'; its surfaces are cork, felt, oak"),
         (("--surfaces", "cork"), "Expected at least two to tell apart"),
         (("--protocol", "operator"), "operator"),
         (("--features", "none.toml"), "none.toml"),

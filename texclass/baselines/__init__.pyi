@@ -3,4 +3,4 @@ from .baseline_worker.baselines import Baseline as Baseline
 from .comparison import BaselineComparison as BaselineComparison
 from .comparison import BaselineSettings as BaselineSettings
 from .comparison import compare_with_baselines as compare_with_baselines
-from .comparison import whole_materials as whole_materials
+from .comparison import whole_surfaces as whole_surfaces

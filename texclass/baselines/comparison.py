@@ -167,7 +167,7 @@ def compare_with_baselines(
         lengths = _hand_over(task, settings.signals, dataset, pipeline, table, splits)
         for done, name in enumerate(settings.names, start=2):
             outcome = run_worker(settings.python, task, name, Path(folder) / name, settings.time_limit_s)
-            entrants += _theirs(BASELINES[name], outcome, np.unique(table.materials))
+            entrants += _theirs(BASELINES[name], outcome, np.unique(table.surfaces))
             versions |= outcome["versions"]
             report(done, total, "baselines")
     notes, benchmark = list[str](), result.data
@@ -203,26 +203,26 @@ def compare_with_baselines(
     )
 
 
-def whole_materials(dataset: Dataset, limit: int) -> Dataset:
-    """Return a dataset of at most `limit` recordings: whole materials, spread evenly over the sorted names.
+def whole_surfaces(dataset: Dataset, limit: int) -> Dataset:
+    """Return a dataset of at most `limit` recordings: whole surfaces, spread evenly over the sorted names.
 
     Raises
     ------
     ValueError
-        If not even two materials fit.
+        If not even two surfaces fit.
     """
-    names = dataset.materials
+    names = dataset.surfaces
     for n in range(len(names), 1, -1):
         chosen = {names[i] for i in np.linspace(0, len(names) - 1, n).astype(int)}
-        entries = tuple(entry for entry in dataset.entries if entry.material in chosen)
+        entries = tuple(entry for entry in dataset.entries if entry.surface in chosen)
         if len(entries) > limit:
             continue
         if n == len(names):
             return dataset
-        note = f"{n} of the {len(names)} materials, spread evenly: fewer materials are easier to tell apart"
+        note = f"{n} of the {len(names)} surfaces, spread evenly: fewer surfaces are easier to tell apart"
         name = f"{dataset.name}-{n}of{len(names)}"
         return replace(dataset, name=name, entries=entries, notes=(*dataset.notes, note))
-    raise ValueError(f"a limit of {limit} recordings leaves no two materials whole. Expected at least two")
+    raise ValueError(f"a limit of {limit} recordings leaves no two surfaces whole. Expected at least two")
 
 
 def _ours(
@@ -277,7 +277,7 @@ def _hand_over(
         every_channel(r) if given == "each" else same_signals(r, apart, without_hand=without_hand)
         for r in recordings
     )
-    labels = np.unique(table.materials, return_inverse=True)[1]
+    labels = np.unique(table.surfaces, return_inverse=True)[1]
     return write_task(task, signals, labels, splits, first.fs, pipeline.seed)
 
 
@@ -340,7 +340,7 @@ def _judged(
         "memory_mb": found["memory_mb"],
         "first_s": found["first_s"],
     }
-    truth, independent = [table.materials[test] for test in tests], protocol.independent(table.frame)
+    truth, independent = [table.surfaces[test] for test in tests], protocol.independent(table.frame)
     groups = ([of[test] for test in tests] for of in (protocol.clusters(table.frame), independent[1]))
     accuracy = score(truth, found["predicted"], *groups)
     counts = {"n_hits": accuracy.n_hits, "n_tested": accuracy.n_tested}

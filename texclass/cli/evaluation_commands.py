@@ -246,11 +246,11 @@ def benchmark(
         begin_loading(jobs)
     from texclass.evaluation import (
         BenchmarkResult,
+        cut_windows,
         load_pipeline,
         run_benchmark,
         running_on,
         study_feature,
-        touches,
     )
     from texclass.features import load_feature
 
@@ -258,16 +258,16 @@ def benchmark(
     recordings = recordings.with_phase_settings(definition.phase_settings.changes, override=False)
     new_feature = load_feature(feature) if feature else None
     if baselines:
-        from texclass.baselines import compare_with_baselines, whole_materials
+        from texclass.baselines import compare_with_baselines, whole_surfaces
 
         settings = _baseline_settings(baseline, baselines_python, baselines_timeout, baselines_signals)
         if baselines_limit is not None:
-            recordings = whole_materials(recordings, baselines_limit)
+            recordings = whole_surfaces(recordings, baselines_limit)
     work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
-    how = {"protocol": chosen_protocol, "choose": nested_cv, **work}
+    how = {"protocol": chosen_protocol, "nested_cv": nested_cv, **work}
     with running_on(backend, scheduler), progress_bar() as progress:
         if window is not None:
-            recordings = touches(
+            recordings = cut_windows(
                 recordings, window, per_recording=max_windows, n_jobs=jobs, progress=progress
             )
         if new_feature is None:
@@ -368,7 +368,7 @@ def tradeoff(
         dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=True
     )
     scene = tuple(name.strip() for name in (surfaces or "").split(",") if name.strip())
-    stem = tradeoff_stem({"name": recordings.name, "materials": scene, "max_seconds": max_seconds})
+    stem = tradeoff_stem({"name": recordings.name, "surfaces": scene, "max_seconds": max_seconds})
     with running_on(backend, scheduler), progress_bar() as progress:
         result = trade_off(
             recordings,

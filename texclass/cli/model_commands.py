@@ -107,7 +107,7 @@ def train(
             max_ms=max_ms,
             max_features=max_features,
             max_kb=max_kb,
-            touch_s=window,
+            window_s=window,
             exportable=exportable,
             protocol=chosen_protocol,
             false_alarms=false_alarms,
@@ -198,7 +198,7 @@ def predict(
     if confusion is not None or (has_labels and not as_lines):
         from texclass.recognition.evaluation import PredictionSummary
 
-        summary = PredictionSummary.of(predictions, trained.materials)
+        summary = PredictionSummary.of(predictions, trained.surfaces)
         if not as_lines:
             print_document(summary.document())
         if confusion is not None:

@@ -288,7 +288,7 @@ def _surfaces(answer: WindowAnswer) -> Table:
         style = "bold green" if i == 0 and verdict.sure else "bold" if i == 0 else ""
         mark = "unknown?" if i == 0 and verdict.unknown else "sure" if i == 0 and verdict.sure else ""
         table.add_row(Text(surface, style), Text(bar(p, 30), "green"), f"{100 * p:5.1f} %", mark)
-    for level, members in describe_sets(verdict.sets, len(verdict.probabilities)).items():
+    for level, members in describe_sets(verdict.prediction_sets, len(verdict.probabilities)).items():
         table.add_row(Text(f"{level}: {members}"))
     if isinstance(verdict, ExploredVerdict) and verdict.advice is not None:
         table.add_row(Text(f"next: {verdict.advice}", "bold cyan"))
@@ -304,7 +304,7 @@ def describe_verdict(verdict: ContactVerdict) -> str:
     unit, advice = "window", ""
     if isinstance(verdict, ExploredVerdict):
         unit, advice = "gesture", f"; next: {verdict.advice}" if verdict.advice is not None else ""
-    sets = describe_sets(verdict.sets, len(verdict.probabilities)).items()
+    sets = describe_sets(verdict.prediction_sets, len(verdict.probabilities)).items()
     return (
         f"{unknown}{verdict.surface}, {100 * verdict.probability:.1f} %{certainty}, "
         f"after {verdict.felt_s:.2f} s, {counted(verdict.n_windows, unit)}{advice}"

@@ -22,6 +22,6 @@ from .protocols import Protocol as Protocol
 from .protocols import find_protocol as find_protocol
 from .protocols import repeated as repeated
 from .windows import Window as Window
-from .windows import touches as touches
+from .windows import cut_windows as cut_windows
 from .workers import each as each
 from .workers import running_on as running_on

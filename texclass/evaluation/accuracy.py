@@ -43,7 +43,7 @@ class Accuracy:
     folds
         Accuracy of each fold, for paired comparisons on the same folds.
     balanced
-        Mean over materials of the share that was recognised; None where every material was tested equally
+        Mean over surfaces of the share that was recognised; None where every surface was tested equally
         often, for then it is the accuracy itself.
     bounds
         95 % interval over clusters (recordings, runs, operators), where several tests come from one of them;
@@ -206,10 +206,10 @@ def score(
     """
     hits = [t == p for t, p in zip(truth, predicted, strict=True)]
     every_truth, every_hit = np.concatenate(truth), np.concatenate(hits)
-    materials, counts = np.unique(every_truth, return_counts=True)
+    surfaces, counts = np.unique(every_truth, return_counts=True)
     balanced = None
     if np.ptp(counts):
-        balanced = float(np.mean([every_hit[every_truth == material].mean() for material in materials]))
+        balanced = float(np.mean([every_hit[every_truth == surface].mean() for surface in surfaces]))
     accuracy = Accuracy(
         n_hits=int(every_hit.sum()),
         n_tested=every_hit.size,
@@ -224,7 +224,7 @@ def score(
         return accuracy
     votes = [
         pd.DataFrame({"truth": t, "predicted": p, "cluster": c, "independent": i})
-        # A cluster of two materials counts as two.
+        # A cluster of two surfaces counts as two.
         .groupby(["truth", "cluster"], sort=False)
         .agg({"predicted": most_frequent, "independent": "last"})
         .reset_index()

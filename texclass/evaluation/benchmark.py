@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from texclass.reporting import Document
 
 LEAST_TRAINED = 2
-"""Recordings of each material that must be left to train on: spread cannot be learnt from one."""
+"""Recordings of each surface that must be left to train on: spread cannot be learnt from one."""
 
 
 class BenchmarkResult(Result, kind="benchmark"):
@@ -117,7 +117,7 @@ class BenchmarkResult(Result, kind="benchmark"):
         found = self.data["confusion"]
         if found is None:
             raise ValueError("cannot write the confusion matrix: no row could be evaluated")
-        return write_confusion(path, found["materials"], found["materials"], found["counts"])
+        return write_confusion(path, found["surfaces"], found["surfaces"], found["counts"])
 
     def document(self) -> "Document":
         """Return the benchmark as a document."""
@@ -159,7 +159,7 @@ def run_benchmark(
     *,
     protocol: str | None = None,
     n_folds: int | None = None,
-    choose: bool = False,
+    nested_cv: bool = False,
     n_jobs: int = 1,
     skip_bad: bool = False,
     progress: Progress | None = None,
@@ -169,16 +169,16 @@ def run_benchmark(
     Parameters
     ----------
     dataset : Dataset, str or path
-        Labelled recordings, or `touches` of them: windows go where their recording goes, and it votes; short
-        ones that train overlap where the pipeline says so. Or what `open_dataset` opens: a shipped name, a
-        card, a folder that says its own rate and unit.
+        Labelled recordings, or their windows (`cut_windows`), which stay in the fold of their recording and
+        vote for it; short windows overlap in the training set where the pipeline asks for it. Or an argument
+        of `open_dataset`: a shipped name, a card, or a folder whose files give rate and unit.
     pipeline : PipelineDefinition, str or path
         See `load_pipeline`.
     protocol : str, optional
         A name of `PROTOCOLS`; the pipeline's own by default.
     n_folds : int, optional
         Folds of "recording", "grouped" and "paper"; the pipeline's own by default.
-    choose : bool
+    nested_cv : bool
         Also choose a row and a classifier inside each training part, see `choose_inside`.
     n_jobs : int
         Processes.
@@ -208,7 +208,7 @@ def run_benchmark(
     # Before the features: a split that is impossible should not cost an extraction.
     facts = metadata(dataset.entries)
     splits = chosen.split(facts, folds, pipeline.seed)
-    if choose:
+    if nested_cv:
         require_unseen(chosen)
         if sum(len(row.judged_by(pipeline.classifiers)) for row in pipeline.rows) > 1:
             inner_splits(chosen, facts, splits, pipeline.seed)
@@ -218,7 +218,7 @@ def run_benchmark(
     rows = [MatchedRow.of(row, pipeline.features, table) for row in pipeline.rows]
     meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
     evaluations = _evaluate(rows, table, splits, pipeline, chosen, **work)
-    choice = choose_inside(rows, table, splits, pipeline, chosen, evaluations, **work) if choose else None
+    choice = choose_inside(rows, table, splits, pipeline, chosen, evaluations, **work) if nested_cv else None
     base = choose_base(pipeline, rows, evaluations) if pipeline.additions else None
     units = (chosen.unit, chosen.independent(table.frame)[0])
     lines = [_line(row, pipeline, meter, evaluations.get(row.definition.name, {}), units) for row in rows]
@@ -246,7 +246,7 @@ def run_benchmark(
             "published_on": pipeline.published_on and pipeline.published_on.model_dump(),
             "rank_agreement": {name: found and found[0] for name, found in agreement.items()},
             "rank_agreement_interval": {name: found and found[1] for name, found in agreement.items()},
-            "confusion": _confusion(lines, evaluations, dataset.materials),
+            "confusion": _confusion(lines, evaluations, dataset.surfaces),
             "gains": base and measure_additions(pipeline, table, base, chosen, folds, meter, **work),
             "choice": choice,
             "left_out": [list(item) for item in table.left_out],
@@ -370,7 +370,7 @@ def rank_agreement(
 def _confusion(
     lines: Sequence[Mapping[str, Any]],
     evaluations: Mapping[str, Mapping[str, Evaluation]],
-    materials: Sequence[str],
+    surfaces: Sequence[str],
 ) -> dict[str, Any] | None:
     """Return who is taken for whom by the row and classifier with the highest accuracy."""
     best = best_of({"rows": lines})
@@ -379,8 +379,8 @@ def _confusion(
     row, name = best.row["name"], best.classifier
     found = evaluations[row][name]
     truth, predicted = np.concatenate(found.truth), np.concatenate(found.predicted)
-    counts = confusion_matrix(truth, predicted, labels=list(materials)).tolist()
-    return {"row": row, "classifier": name, "materials": list(materials), "counts": counts}
+    counts = confusion_matrix(truth, predicted, labels=list(surfaces)).tolist()
+    return {"row": row, "classifier": name, "surfaces": list(surfaces), "counts": counts}
 
 
 def choose_inside(
@@ -432,7 +432,7 @@ def choose_inside(
         units = protocol.unit, protocol.independent(table.frame)[0]
         return {"accuracy": known.to_dict(*units), "chosen": chosen, "protocols": []}
     inner = inner_splits(protocol, table.frame, splits, pipeline.seed)
-    y, clusters = table.materials, protocol.clusters(table.frame)
+    y, clusters = table.surfaces, protocol.clusters(table.frame)
     over, independent = protocol.independent(table.frame)
     trials = [pipeline.trial(row, name, table) for row, name in pairs]
     calls = [
@@ -480,7 +480,7 @@ def _split_again(protocol: Protocol, part: pd.DataFrame, seed: int) -> tuple[str
             least = min(fewest(way, part.iloc[train]) for train, _ in found)
             if least >= LEAST_TRAINED:
                 return tried, found
-            problem = f"{least} {way.unit} of a material would train. Expected at least {LEAST_TRAINED}"
+            problem = f"{least} {way.unit} of a surface would train. Expected at least {LEAST_TRAINED}"
         except ValueError as error:
             problem = str(error)
     raise ValueError(f"a training part cannot be split again to choose within it: {problem}")

@@ -104,7 +104,7 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
 def _finding(data: Data, best: Pair) -> Finding:
     """Return the accuracy of nested cross-validation if it was done, else the highest of the table."""
     name, n_pairs = classifier_title(best.classifier), len(pairs_of(data))
-    of = f"of the {_tested(data)} of {data['dataset']['n_materials']} surfaces classified correctly"
+    of = f"of the {_tested(data)} of {data['dataset']['n_surfaces']} surfaces classified correctly"
     folds = f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""
     folds += f" of {counted(data['n_starts'], 'start')}" if data.get("n_starts") else ""
     under = f"Protocol: {data['protocol_description']}{folds}."
@@ -161,12 +161,12 @@ def _beside_paper(data: Data, best: Pair) -> tuple[str, str]:
 
 def unlike_published(data: Data) -> str:
     """Return why published accuracies are not comparable; an empty string if they are."""
-    theirs, n, tested = data.get("published_on"), data["dataset"]["n_materials"], _tested(data)
+    theirs, n, tested = data.get("published_on"), data["dataset"]["n_surfaces"], _tested(data)
     if not theirs:
         return "number of surfaces and protocol of the publication are not stated"
     unlike = []
-    if n != theirs["n_materials"]:
-        unlike.append(f"{n} surfaces here, {theirs['n_materials']} there")
+    if n != theirs["n_surfaces"]:
+        unlike.append(f"{n} surfaces here, {theirs['n_surfaces']} there")
     if data["protocol"] not in theirs["protocols"]:
         there = " or ".join(f"`{name}`" for name in theirs["protocols"])
         unlike.append(f"protocol `{data['protocol']}` here, {there} there")
@@ -309,7 +309,7 @@ def _example(example: Data) -> Figure:
     return Figure(
         "example",
         "Phases of one recording",
-        f"{example['recording']} ({example['material'] or 'surface unknown'}, {seconds:.3g} s): "
+        f"{example['recording']} ({example['surface'] or 'surface unknown'}, {seconds:.3g} s): "
         f"{counted(len(taps), 'tap') if taps else 'no taps'}, {moved}.",
         lambda width: draw_example(example, width),
         Table(pd.DataFrame(rows, columns=["Phase", "from, s", "to, s"])),
@@ -334,7 +334,7 @@ def draw_example(example: Data, width: float) -> "Drawing":
 
 def _confusion(found: Data, tested: str) -> Heat:
     """Return the confusion matrix, and a list of confusions, the most frequent first."""
-    names, totals = found["materials"], [sum(counts) for counts in found["counts"]]
+    names, totals = found["surfaces"], [sum(counts) for counts in found["counts"]]
     wrong = [
         (felt, taken, count, totals[i])
         for i, (felt, counts) in enumerate(zip(names, found["counts"], strict=True))

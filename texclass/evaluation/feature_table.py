@@ -37,7 +37,7 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples, axes_differ, describe_axes
 from texclass.reporting.wording import counted
 
-METADATA = ("recording_id", "material", "operator", "session", "repetition")
+METADATA = ("recording_id", "surface", "operator", "session", "repetition")
 """Columns of every table, before the features; tables of windows add `parent`, the recording; and
 `between`, where windows overlap to train."""
 
@@ -110,9 +110,9 @@ class FeatureTable:
         return self.of(self.columns)
 
     @property
-    def materials(self) -> Any:
+    def surfaces(self) -> Any:
         """The label of each row, shape (n_recordings,)."""
-        return self.frame["material"].to_numpy(dtype=str)
+        return self.frame["surface"].to_numpy(dtype=str)
 
     @property
     def defined(self) -> tuple[str, ...]:
@@ -203,8 +203,8 @@ def _without_copies(dataset: Dataset, *, skip_bad: bool) -> tuple[Dataset, tuple
     present = {parent_id(entry) for entry in dataset.entries}
     for alike in dataset.copies:
         first, *others = [entry for entry in alike if entry.recording_id in present] or alike[:1]
-        if len({entry.material for entry in (first, *others)}) > 1:
-            names = ", ".join(f"{entry.recording_id!r} of {entry.material!r}" for entry in (first, *others))
+        if len({entry.surface for entry in (first, *others)}) > 1:
+            names = ", ".join(f"{entry.recording_id!r} of {entry.surface!r}" for entry in (first, *others))
             problem = f"recordings of different surfaces have the same content: {names}"
             if not skip_bad:
                 raise RecordingError(

@@ -40,7 +40,7 @@ class Fold:
     X : ndarray of shape (n_recordings, n_columns)
         Features; NaN where undefined.
     y : ndarray of shape (n_recordings,)
-        Materials.
+        Surfaces.
     split : (train, test)
         Row numbers.
     preparation : transformer, optional

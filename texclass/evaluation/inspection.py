@@ -78,7 +78,7 @@ def draw_inspection(
 
     samples, n = main_direction(recording), len(phases.taps)
     facts = [
-        recording.material or "material unknown",
+        recording.surface or "surface unknown",
         recording.recording_id,
         f"fs {recording.fs:g} Hz",
         f"{recording.duration_s:.3g} s",

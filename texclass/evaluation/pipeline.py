@@ -164,13 +164,13 @@ class PublishedOn(Written):
 
     Attributes
     ----------
-    n_materials
+    n_surfaces
         How many surfaces were told apart.
     protocols
         Those of ours that split as the publication did.
     """
 
-    n_materials: Annotated[int, Field(ge=2)]
+    n_surfaces: Annotated[int, Field(ge=2)]
     protocols: tuple[str, ...] = ()
 
     @field_validator("protocols")
@@ -330,7 +330,7 @@ class PipelineDefinition(Written):
         return partial(
             evaluate,
             table.of(row.columns),
-            table.materials,
+            table.surfaces,
             preparation=self.preparation(row.definition, classifier),
             classifier=with_segment_columns(self.classifiers[classifier].make(), row.columns),
         )
@@ -342,7 +342,7 @@ class PipelineDefinition(Written):
         return partial(
             evaluate_each,
             table.of(row.columns),
-            table.materials,
+            table.surfaces,
             preparation=self.preparation(row.definition, classifiers[0]),
             classifiers=[
                 with_segment_columns(self.classifiers[name].make(), row.columns) for name in classifiers

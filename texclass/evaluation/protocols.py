@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from texclass.evaluation.splits import Splits
 
-LABELS = ("material", "operator", "session", "repetition")
+LABELS = ("surface", "operator", "session", "repetition")
 """Columns of a table that a protocol by labels can name."""
 Terms = list[tuple[str, list[str]]]
 """Label and values, all of which hold: the parsed form of "repetition=1-20,25 & session=a"."""
@@ -201,7 +201,7 @@ class Chronological(Protocol):
 
     name = "chronological"
     title = "first half of the repetitions to second half"
-    description = "first half of each material's repetitions trains, second half tests"
+    description = "first half of each surface's repetitions trains, second half tests"
     needs = ("repetition",)
 
     def _split(self, table: "pd.DataFrame", n_folds: int, seed: int) -> "Splits":
@@ -211,12 +211,12 @@ class Chronological(Protocol):
 
 
 class FewShot(Protocol):
-    """Train on a few repetitions of each material, from several starts.
+    """Train on a few repetitions of each surface, from several starts.
 
     Parameters
     ----------
     n_shots : int
-        Repetitions of each material that train (default 3).
+        Repetitions of each surface that train (default 3).
     """
 
     choice = "few-shot NUMBER"
@@ -228,7 +228,7 @@ class FewShot(Protocol):
         self.name = "few-shot" if n_shots == 3 else f"few-shot {n_shots}"
         self.title = f"{counted(n_shots, 'repetition')}, several starts, to second half"
         self.description = (
-            f"{counted(n_shots, 'repetition')} of each material in a row train, from several starts in the "
+            f"{counted(n_shots, 'repetition')} of each surface in a row train, from several starts in the "
             "first half on; third and fourth quarter of its repetitions test (without numbers: runs that are "
             "drawn train, the others test)"
         )
@@ -325,6 +325,6 @@ def require_unseen(protocol: Protocol) -> None:
 
 
 def fewest(protocol: Protocol, table: "pd.DataFrame") -> int:
-    """Return the number of recordings (or runs, as the protocol counts) of the material that has fewest."""
-    units = table[["material"]].assign(unit=protocol.clusters(table))
-    return int(units.groupby("material")["unit"].nunique().min())
+    """Return the number of recordings (or runs, as the protocol counts) of the surface that has fewest."""
+    units = table[["surface"]].assign(unit=protocol.clusters(table))
+    return int(units.groupby("surface")["unit"].nunique().min())

@@ -60,14 +60,14 @@ def classifier_title(name: str) -> str:
 
 
 def size(facts: Mapping[str, Any]) -> str:
-    """Return how many recordings of how many materials a dataset has."""
+    """Return how many recordings of how many surfaces a dataset has."""
     windows = f"{counted(facts['n_windows'], 'window')} of " if "n_windows" in facts else ""
-    recordings, materials = (counted(facts[f"n_{what}s"], what) for what in ("recording", "material"))
-    return f"{windows}{recordings} of {materials}"
+    recordings, surfaces = (counted(facts[f"n_{what}s"], what) for what in ("recording", "surface"))
+    return f"{windows}{recordings} of {surfaces}"
 
 
 def chance_of(data: Mapping[str, Any]) -> float:
-    """Return the chance level: the accuracy of always predicting the commonest material."""
+    """Return the chance level: the accuracy of always predicting the commonest surface."""
     return float(data["dataset"]["chance"])
 
 
@@ -95,7 +95,7 @@ def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
     told = {
         "Dataset": facts.get("title"),
         "Size": ", ".join([size(facts), *counts]),
-        "Surfaces": ", ".join(facts.get("materials") or ()),
+        "Surfaces": ", ".join(facts.get("surfaces") or ()),
         "Signals": f"{facts['fs_hz']:g} Hz, {facts['unit']}" if facts.get("fs_hz") else "",
         "Chance level": f"{100 * chance_of(data):.1f} %",
         "Source": facts.get("source"),
@@ -137,9 +137,9 @@ def measured_on(dataset: "Dataset", frame: "pd.DataFrame", like: Recording) -> d
         "title": dataset.title,
         "n_recordings": int(parents(frame).nunique()),
         **({"n_windows": len(frame)} if "parent" in frame else {}),
-        **{f"n_{of}s": int(frame[of].nunique()) for of in ("material", "operator", "session")},
-        "materials": list(dataset.materials),
-        "chance": float(frame["material"].value_counts(normalize=True).max()),
+        **{f"n_{of}s": int(frame[of].nunique()) for of in ("surface", "operator", "session")},
+        "surfaces": list(dataset.surfaces),
+        "chance": float(frame["surface"].value_counts(normalize=True).max()),
         "fs_hz": float(like.fs),
         "unit": like.unit,
         "licence": dataset.licence,
@@ -159,7 +159,7 @@ def example_of(recording: Recording) -> dict[str, Any]:
     Returns
     -------
     dict
-        `recording`, `material`, `unit`, `seconds`; `low` and `high`, the outline of the signal in equal
+        `recording`, `surface`, `unit`, `seconds`; `low` and `high`, the outline of the signal in equal
         parts; `taps`, of each start, impact and end in s; `movement`, its start and end in s, or None.
     """
     phases, fs = recording.phases, recording.fs
@@ -167,7 +167,7 @@ def example_of(recording: Recording) -> dict[str, Any]:
     low, high = outline(main_direction(recording), 300)
     return {
         "recording": recording.recording_id,
-        "material": recording.material,
+        "surface": recording.surface,
         "unit": recording.unit,
         "seconds": recording.duration_s,
         "low": [float(f"{x:.4g}") for x in low],

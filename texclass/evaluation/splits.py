@@ -86,33 +86,33 @@ def of_recordings(
 
 @of_recordings
 def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
-    """Split recordings into folds with equal shares of each material.
+    """Split recordings into folds with equal shares of each surface.
 
     Raises
     ------
     ValueError
-        If a material has fewer recordings than there are folds, or there is one material.
+        If a surface has fewer recordings than there are folds, or there is one surface.
     """
-    _require_folds(table["material"].value_counts(), n_folds)
+    _require_folds(table["surface"].value_counts(), n_folds)
     folds = StratifiedKFold(n_folds, shuffle=True, random_state=seed)
-    return tuple(folds.split(table, table["material"]))
+    return tuple(folds.split(table, table["surface"]))
 
 
 def grouped(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
-    """Split runs into folds with about equal shares of each material; no run both trains and tests.
+    """Split runs into folds with about equal shares of each surface; no run both trains and tests.
 
     Raises
     ------
     ValueError
-        If a material has fewer runs than there are folds, or a run's absence leaves a material untrained.
+        If a surface has fewer runs than there are folds, or a run's absence leaves a surface untrained.
     """
     run = runs(table)
-    _require_folds(run.groupby(table["material"]).nunique(), n_folds, "run")
+    _require_folds(run.groupby(table["surface"]).nunique(), n_folds, "run")
     folds = StratifiedGroupKFold(n_folds, shuffle=True, random_state=seed)
     with warnings.catch_warnings():
-        # A material with fewer rows than folds: there are enough runs, which is what counts.
+        # A surface with fewer rows than folds: there are enough runs, which is what counts.
         warnings.filterwarnings("ignore", message="The least populated class", category=UserWarning)
-        splits = tuple(s for s in folds.split(table, table["material"], run) if s[1].size)
+        splits = tuple(s for s in folds.split(table, table["surface"], run) if s[1].size)
     for number, split in enumerate(splits, start=1):
         _require_trained(table, split, f"outside fold {number}")
     return splits
@@ -125,9 +125,9 @@ def leave_one_out(table: pd.DataFrame, label: str) -> Splits:
     Raises
     ------
     ValueError
-        If a material would be tested without having been trained, or there is one material.
+        If a surface would be tested without having been trained, or there is one surface.
     """
-    _require_each(table["material"].value_counts())
+    _require_each(table["surface"].value_counts())
     splits = tuple(LeaveOneGroupOut().split(table, groups=table[label]))
     for train, test in splits:
         _require_trained(table, (train, test), f"without {label} {table[label].iloc[test[0]]}")
@@ -136,12 +136,12 @@ def leave_one_out(table: pd.DataFrame, label: str) -> Splits:
 
 @of_recordings
 def chronological(table: pd.DataFrame) -> Splits:
-    """Train on the first half of each material's repetitions, test on the second (the larger, if odd).
+    """Train on the first half of each surface's repetitions, test on the second (the larger, if odd).
 
     Raises
     ------
     ValueError
-        If repetitions are not numbered, or a material has only one recording.
+        If repetitions are not numbered, or a surface has only one recording.
     """
     unnumbered = table["repetition"].isna()
     if unnumbered.any():
@@ -149,16 +149,16 @@ def chronological(table: pd.DataFrame) -> Splits:
             f"recording {table.loc[unnumbered, 'recording_id'].iloc[0]} has no repetition number; the "
             "protocol `chronological` needs it on each"
         )
-    counts = table["material"].value_counts()
+    counts = table["surface"].value_counts()
     _require_each(counts, 2, protocol="chronological")
-    rank = table.groupby("material")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
-    half = table["material"].map(counts // 2).to_numpy(dtype=np.intp)
+    rank = table.groupby("surface")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
+    half = table["surface"].map(counts // 2).to_numpy(dtype=np.intp)
     return ((np.flatnonzero(rank <= half), np.flatnonzero(rank > half)),)
 
 
 @of_recordings
 def few_shot(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Splits:
-    """Train on few repetitions of each material in a row, from several starts on; test on much later ones.
+    """Train on few repetitions of each surface in a row, from several starts on; test on much later ones.
 
     One start says little: a sensor warms up, a hand learns. Starts are a quarter of the first half of the
     repetitions apart, as many of `n_starts` as leave `n_shots` of them within that half: of forty, three
@@ -169,14 +169,14 @@ def few_shot(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Spl
     Raises
     ------
     ValueError
-        If a material has fewer than twice as many numbered repetitions as train, or no run besides those.
+        If a surface has fewer than twice as many numbered repetitions as train, or no run besides those.
     """
     if table["repetition"].isna().any():
         return _random_shots(table, n_shots, n_starts, seed)
-    counts = table["material"].value_counts()
+    counts = table["surface"].value_counts()
     _require_each(counts, 2 * n_shots, protocol="few-shot")
-    rank = table.groupby("material")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
-    count = table["material"].map(counts).to_numpy(dtype=np.intp)
+    rank = table.groupby("surface")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
+    count = table["surface"].map(counts).to_numpy(dtype=np.intp)
     half, fewest_early = count // 2, int(counts.min()) // 2
     later = half + (count - half) // 2
     tests = [np.flatnonzero(quarter) for quarter in ((rank > half) & (rank <= later), rank > later)]
@@ -187,13 +187,13 @@ def few_shot(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Spl
 
 
 def _random_shots(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Splits:
-    """Train on so many runs of each material, drawn `n_starts` times; test on all others."""
-    run_of_row = pd.DataFrame({"material": table["material"], "run": runs(table)})
-    every_run = run_of_row.drop_duplicates().sort_values(["material", "run"])
-    _require_each(every_run["material"].value_counts(), n_shots + 1, "run", protocol="few-shot")
+    """Train on so many runs of each surface, drawn `n_starts` times; test on all others."""
+    run_of_row = pd.DataFrame({"surface": table["surface"], "run": runs(table)})
+    every_run = run_of_row.drop_duplicates().sort_values(["surface", "run"])
+    _require_each(every_run["surface"].value_counts(), n_shots + 1, "run", protocol="few-shot")
     rng, splits = np.random.default_rng(seed), []
     for _ in range(n_starts):
-        sample = every_run.groupby("material").sample(n_shots, random_state=rng)
+        sample = every_run.groupby("surface").sample(n_shots, random_state=rng)
         trains = run_of_row.merge(sample, how="left", indicator=True)["_merge"].eq("both").to_numpy()
         splits.append((np.flatnonzero(trains), np.flatnonzero(~trains)))
     return tuple(splits)
@@ -205,7 +205,7 @@ def by_labels(table: pd.DataFrame, train: Terms, test: Terms) -> Splits:
     Raises
     ------
     ValueError
-        If a value is absent, nothing trains or tests, a recording does both, or a tested material does not
+        If a value is absent, nothing trains or tests, a recording does both, or a tested surface does not
         train.
     """
     trains, tests = _selected(table, train), _selected(table, test)
@@ -215,7 +215,7 @@ def by_labels(table: pd.DataFrame, train: Terms, test: Terms) -> Splits:
     if (both := trains & tests).any():
         raise ValueError(f"recording {table['recording_id'][both].iloc[0]} would train and test. Choose one")
     split = np.flatnonzero(trains), np.flatnonzero(tests)
-    _require_each(table["material"].value_counts())
+    _require_each(table["surface"].value_counts())
     _require_trained(table, split, "that trains")
     return (split,)
 
@@ -248,32 +248,32 @@ def n_starts(splits: Sequence[Split]) -> int | None:
 def _require_each(
     counts: "pd.Series[int]", least: int = 1, unit: str = "recording", protocol: str = ""
 ) -> None:
-    """Refuse fewer than two materials, and a material with fewer recordings (or runs) than needed."""
+    """Refuse fewer than two surfaces, and a surface with fewer recordings (or runs) than needed."""
     if len(counts) < 2:
-        raise ValueError(f"the dataset has {len(counts)} material; classification needs at least 2")
+        raise ValueError(f"the dataset has {len(counts)} surface; classification needs at least 2")
     if (n := int(counts.min())) < least:
         raise ValueError(
-            f"material {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; "
+            f"surface {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; "
             f"the protocol `{protocol}` needs {least} of each"
         )
 
 
 def _require_folds(counts: "pd.Series[int]", n_folds: int, unit: str = "recording") -> None:
-    """Refuse fewer than two materials, and a material with fewer recordings (or runs) than folds."""
+    """Refuse fewer than two surfaces, and a surface with fewer recordings (or runs) than folds."""
     _require_each(counts)
     if (n := int(counts.min())) < n_folds:
         possible = f"; 2 to {n} folds are possible: `--folds {n}`" if n >= 2 else ""
         raise ValueError(
-            f"material {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; {n_folds} folds"
+            f"surface {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; {n_folds} folds"
             f"{' grouped by run' * (unit == 'run')} need at least {n_folds} of each{possible}"
         )
 
 
 def _require_trained(table: pd.DataFrame, split: Split, where: str) -> None:
-    """Refuse a split that tests a material without training it."""
-    train, test = (set(table["material"].iloc[rows]) for rows in split)
+    """Refuse a split that tests a surface without training it."""
+    train, test = (set(table["surface"].iloc[rows]) for rows in split)
     if untrained := sorted(test - train):
         raise ValueError(
-            f"material {untrained[0]} has no recording {where}; "
-            "the protocol needs every tested material trained"
+            f"surface {untrained[0]} has no recording {where}; "
+            "the protocol needs every tested surface trained"
         )

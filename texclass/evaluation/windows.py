@@ -24,7 +24,7 @@ from texclass.validation import check_above_0
 
 @dataclass(frozen=True, kw_only=True)
 class Window(Entry):
-    """A stretch of a recording's movement; material, groups and repetition are the recording's.
+    """A stretch of a recording's movement; surface, groups and repetition are the recording's.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ MOST_WINDOWS = 12_000
 """Windows of a dataset, those that overlap included: to train on more would take minutes a fold."""
 
 
-def touches(
+def cut_windows(
     dataset: Dataset,
     seconds: float,
     *,
@@ -106,7 +106,7 @@ def touches(
     first = "" if per_recording is None else f"-first{per_recording}"
     return replace(
         dataset,
-        name=f"{dataset.name}-touch{seconds:g}s{first}",
+        name=f"{dataset.name}-window{seconds:g}s{first}",
         entries=tuple(w for e, m in found for w in _cut(e, m, seconds, stride, per_recording)),
         load=WindowLoader(dataset.load),
     )

@@ -20,8 +20,8 @@ from texclass.vibration.rising_peaks import (
 LOWER_HZ = 15.0
 """Lower end of the band: below is the hand. The paper's 0.122 Hz belong to a fixed, levelled set-up."""
 SMOOTHING_HZ = 30.0
-"""Of the spectrum. Of 3, 10 and 30 Hz, the one whose cut-off varies least within a material beside between
-materials, on repetitions 1-20 of `biotac20` and on `simulated69`."""
+"""Of the spectrum. Of 3, 10 and 30 Hz, the one whose cut-off varies least within a surface beside between
+surfaces, on repetitions 1-20 of `biotac20` and on `simulated69`."""
 DEAD_BAND = 0.3
 """In deviations of the movement, chosen in the same way of 0.1, 0.3 and 0.5; the paper's two bits are an
 absolute 0.3066 m/s^2."""

@@ -229,7 +229,7 @@ def _moved(velocity: float) -> float:
 def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
     """Spectral centroid of a tap, SC = sum k |I(k)|^2 / sum |I(k)|^2 for k = 1 ... m/2; mean over taps.
 
-    Inverse to damping: soft materials act as low-passes. Bin k of a DCT-II of m samples lies at k fs/(2m), so
+    Inverse to damping: soft surfaces act as low-passes. Bin k of a DCT-II of m samples lies at k fs/(2m), so
     the printed sum stops at fs/4.
 
     Parameters

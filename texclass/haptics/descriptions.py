@@ -115,7 +115,7 @@ def _surfaces(dataset: Dataset, n_jobs: int, progress: Progress | None) -> pd.Da
     Ribs, which not every surface has, are those of at least half of its recordings.
     """
     table = cached_table(dataset, load_feature_set("scales"), n_jobs=n_jobs, progress=progress)
-    surfaces = table.frame.groupby("material")[list(COLUMNS)]
+    surfaces = table.frame.groupby("surface")[list(COLUMNS)]
     ribs = [scale.column for scale in OVER_THE_WAY.values()]
     often = (2 * surfaces.count()).ge(surfaces.size(), axis=0)
     return surfaces.median().where(often | ~often.columns.isin(ribs))

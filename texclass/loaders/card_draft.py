@@ -39,7 +39,7 @@ class _Layout:
     @property
     def surfaces(self) -> Counter[str]:
         """Number of files of each surface."""
-        return Counter(groups["material"] for groups in self.named.values())
+        return Counter(groups["surface"] for groups in self.named.values())
 
 
 @dataclass(frozen=True)
@@ -186,9 +186,9 @@ def _layout(names: Sequence[str]) -> _Layout:
         stems = [rf"(?:[^/]*[_\- ])?{session}{repetition}", r"[^/]*?(?P<repetition>\d+)", r"[^/]+?"]
         candidates = [(head, stem) for head in heads for stem in stems]
     else:
-        surface = r"(?P<material>[^/]+?)"
+        surface = r"(?P<surface>[^/]+?)"
         stems = [rf"{surface}[_\- ]+{session}{repetition}", rf"{surface}[_\- ]+{repetition}"]
-        stems += [r"(?P<material>[^/]*[^\d/_\- ])(?P<repetition>\d+)", surface]
+        stems += [r"(?P<surface>[^/]*[^\d/_\- ])(?P<repetition>\d+)", surface]
         candidates = [("", stem) for stem in stems]
     kinds, axis = _suffixes(names), _axis(names)
     for head, stem in candidates:
@@ -201,7 +201,7 @@ def _layout(names: Sequence[str]) -> _Layout:
         questions.append("only one surface was found. Which part of a file's path names the surface?")
     elif min(layout.surfaces.values()) < 2:
         questions.append(
-            "some surfaces have only one recording. Is it `material` that names the surface in `files`?"
+            "some surfaces have only one recording. Is it `surface` that names the surface in `files`?"
         )
     return _Layout(layout.pattern, layout.named, tuple(questions))
 
@@ -214,18 +214,18 @@ def _folders(names: Sequence[str]) -> list[str]:
         shared += f"{re.escape(parts[0][0])}/"
         parts = [part[1:] for part in parts]
     if doubtful_levels(parts):
-        return [rf"{shared}(?P<session>[^/]+)/(?P<material>[^/]+)/(?:.+/)?"]
+        return [rf"{shared}(?P<session>[^/]+)/(?P<surface>[^/]+)/(?:.+/)?"]
     deeper = Counter(part[:2] for part in parts if len(part) > 2)
     has_sessions = deeper.total() == len(parts) and min(deeper.values()) > 1
-    sessions = [rf"{shared}(?P<material>[^/]+)/(?P<session>[^/]+)/(?:.+/)?"] * has_sessions
-    return [*sessions, rf"{shared}(?P<material>[^/]+)/(?:.+/)?"]
+    sessions = [rf"{shared}(?P<surface>[^/]+)/(?P<session>[^/]+)/(?:.+/)?"] * has_sessions
+    return [*sessions, rf"{shared}(?P<surface>[^/]+)/(?:.+/)?"]
 
 
 def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
     """Read files of all surfaces: columns and unit of the first one, rates of all."""
     firsts: dict[str, str] = {}
     for name, groups in layout.named.items():
-        firsts.setdefault(groups["material"], name)
+        firsts.setdefault(groups["surface"], name)
     files = list(dict.fromkeys([*firsts.values(), *layout.named]))[:100]  # enough to know them all
     unit, column = settings.unit, columns_of(settings.column)
     settings = ReaderSettings(unit=unit, **settings.of_a_card)

@@ -146,13 +146,13 @@ class LabelTable(Written):
         Relative to the dataset's folder.
     recording
         Column of the ids by which rows are found.
-    material, operator, session, repetition
+    surface, operator, session, repetition
         Columns of what the names of files do not tell.
     """
 
     file: str
     recording: str
-    material: str | None = None
+    surface: str | None = None
     operator: str | None = None
     session: str | None = None
     repetition: str | None = None
@@ -170,8 +170,8 @@ class FileReading(Reading):
     ----------
     files
         Patterns of relative file names, with the named groups of `PATTERN_GROUPS`.
-    materials
-        What the names tell of the material -> what it is called; those that are not in it keep theirs.
+    surfaces
+        What the names tell of the surface -> what it is called; those that are not in it keep theirs.
     labels
         Table with labels and groups that the names do not tell.
     channels
@@ -200,7 +200,7 @@ class FileReading(Reading):
         Cut signals of different lengths to the shortest.
     """
 
-    materials: dict[str, str] = Field(default_factory=dict)
+    surfaces: dict[str, str] = Field(default_factory=dict)
     labels: LabelTable | None = None
     channels: dict[Role, Columns] = Field(default_factory=dict)
     companions: dict[Signal, Texts] = Field(default_factory=dict)
@@ -226,12 +226,12 @@ class FileReading(Reading):
         return ReaderSettings(fs=fs, rate_of=self._rate_of, **{name: getattr(self, name) for name in shared})
 
     @model_validator(mode="after")
-    def _has_material(self) -> "FileReading":
+    def _has_surface(self) -> "FileReading":
         groups = _groups("files", self.files) | set(self.labels.columns if self.labels else ())
         if self.topic is not None:
             groups |= _groups("topic", (self.topic,))
-        if "material" not in groups:
-            raise ValueError("files and labels do not define the group (?P<material>...)")
+        if "surface" not in groups:
+            raise ValueError("files and labels do not define the group (?P<surface>...)")
         return self
 
 
@@ -301,7 +301,7 @@ class RowCard(StoredCard, Reading):
     Attributes
     ----------
     label_column
-        The column with the material.
+        The column with the surface.
     """
 
     format: Literal["rows"]
@@ -314,7 +314,7 @@ class ModelsCard(StoredCard):
     Attributes
     ----------
     files
-        Patterns of relative file names, one file a texture, that tell its material.
+        Patterns of relative file names, one file a texture, that tell its surface.
     fs_hz
         Of the models; the one that a file states must agree.
     n_recordings, duration_s
@@ -324,7 +324,7 @@ class ModelsCard(StoredCard):
     """
 
     format: Literal["hatt-models"]
-    files: Texts = (r"(?:.*/)?(?:Models_)?(?P<material>[^/]+)\.xml",)
+    files: Texts = (r"(?:.*/)?(?:Models_)?(?P<surface>[^/]+)\.xml",)
     fs_hz: float = Field(default=1000.0, gt=0, le=MOST_LARGE, description="a rate in Hz above 0")
     n_recordings: int = Field(default=10, ge=1, le=1000)
     duration_s: float = Field(default=10.0, ge=0.1, le=600)
@@ -332,10 +332,10 @@ class ModelsCard(StoredCard):
     phases: DeclaredPhases = "movement"
 
     @model_validator(mode="after")
-    def _has_material(self) -> "ModelsCard":
-        if (groups := _groups("files", self.files)) != {"material"}:
+    def _has_surface(self) -> "ModelsCard":
+        if (groups := _groups("files", self.files)) != {"surface"}:
             found = ", ".join(sorted(groups)) or "no group"
-            raise ValueError(f"files must define the group (?P<material>...) and no other, got {found}")
+            raise ValueError(f"files must define the group (?P<surface>...) and no other, got {found}")
         return self
 
     @property

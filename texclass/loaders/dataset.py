@@ -12,7 +12,7 @@ from texclass.recording import Recording, RecordingError
 if TYPE_CHECKING:
     import pandas as pd
 
-GROUPS = ("material", "operator", "session", "repetition")
+GROUPS = ("surface", "operator", "session", "repetition")
 """What recordings are told apart by: the label, and what is known of who made them and when."""
 
 
@@ -24,7 +24,7 @@ class Entry:
     ----------
     recording_id
         Unique within the dataset.
-    material
+    surface
         The label.
     operator, session, repetition
         Groups, as far as they are known.
@@ -35,7 +35,7 @@ class Entry:
     """
 
     recording_id: str
-    material: str
+    surface: str
     operator: str | None = None
     session: str | None = None
     repetition: int | None = None
@@ -43,7 +43,7 @@ class Entry:
     topic: str | None = None
 
     def __post_init__(self) -> None:
-        for name in ("recording_id", "material", "operator", "session"):
+        for name in ("recording_id", "surface", "operator", "session"):
             if (text := getattr(self, name)) is not None:
                 object.__setattr__(self, name, composed(text))
 
@@ -132,7 +132,7 @@ class Dataset(Sequence[Recording]):
 
     @property
     def table(self) -> "pd.DataFrame":
-        """One row a recording, indexed by `recording_id`: material, operator, session, repetition."""
+        """One row a recording, indexed by `recording_id`: surface, operator, session, repetition."""
         import pandas as pd
 
         index = pd.Index([entry.recording_id for entry in self.entries], name="recording_id")
@@ -141,18 +141,18 @@ class Dataset(Sequence[Recording]):
 
     @property
     def labels(self) -> "pd.Series[str]":
-        """The material of every recording, indexed by `recording_id`: what scikit-learn calls y."""
-        return self.table["material"]
+        """The surface of every recording, indexed by `recording_id`: what scikit-learn calls y."""
+        return self.table["surface"]
 
     @property
-    def materials(self) -> tuple[str, ...]:
+    def surfaces(self) -> tuple[str, ...]:
         """Distinct labels, sorted."""
-        return tuple(sorted({entry.material for entry in self.entries}))
+        return tuple(sorted({entry.surface for entry in self.entries}))
 
     def __repr__(self) -> str:
         """Return one line."""
         counts = {"recording": len(self)}
-        for name in ("material", "operator", "session"):
+        for name in ("surface", "operator", "session"):
             counts[name] = len({getattr(entry, name) for entry in self.entries} - {None})
         told = ", ".join(f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n)
         return f"<Dataset {self.name!r}: {told}>"

@@ -110,7 +110,7 @@ def export_pattern(exports: Sequence[Export], *, labelled: bool = False) -> str:
     `labelled` is whether a table of labels states the surfaces.
     """
     names = sorted({re.escape(PurePosixPath(export.acceleration).name) for export in exports})
-    folder = "(?P<recording>.+)" if labelled else "(?P<recording>(?P<material>[^/]+)(?:/.+)?)"
+    folder = "(?P<recording>.+)" if labelled else "(?P<recording>(?P<surface>[^/]+)(?:/.+)?)"
     return f"{folder}/(?:{'|'.join(names)})"
 
 

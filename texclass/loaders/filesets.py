@@ -136,7 +136,7 @@ def open_files(
     }
     copies, copy_notes = _copies(keys)
     doubts = [
-        *doubtful_labels(entry.material for entry in entries),
+        *doubtful_labels(entry.surface for entry in entries),
         *_missed(reading, present - others, others),
     ]
     if table and isinstance(reading, FileCard) and leaves(root / table.file, (root,)):
@@ -188,7 +188,7 @@ def _copies(keys: Mapping[Entry, Hashable]) -> tuple[tuple[tuple[Entry, ...], ..
     copies = tuple(alike for alike in same.values() if len(alike) > 1)
     notes = []
     for of_several, end in ((True, " but different labels"), (False, "")):
-        found = [alike for alike in copies if (len({entry.material for entry in alike}) > 1) == of_several]
+        found = [alike for alike in copies if (len({entry.surface for entry in alike}) > 1) == of_several]
         if found:
             names = ", ".join(repr(entry.recording_id) for entry in found[0])
             n = sum(map(len, found))
@@ -203,7 +203,7 @@ def _missed(reading: FileReading, taken: set[str], others: set[str]) -> list[str
     if not missed:
         return []
     is_card = isinstance(reading, FileCard)
-    way_out = f"widen `files`, {reading.files[0]!r}" if is_card else "put it into the folder of a material"
+    way_out = f"widen `files`, {reading.files[0]!r}" if is_card else "put it into the folder of a surface"
     return [f"{counted(len(missed), 'file')} left out, {min(missed)!r} first: {way_out}, to take it in"]
 
 
@@ -392,7 +392,7 @@ def _check_names(entries: Sequence[Entry], root: Path) -> None:
         raise refused(root, "holds no recording", "at least one file as the card describes")
     seen: dict[str, Entry] = {}
     for entry in entries:
-        names = (entry.recording_id, entry.material, entry.operator, entry.session)
+        names = (entry.recording_id, entry.surface, entry.operator, entry.session)
         if steering := next((name for name in names if name and not name.isprintable()), None):
             found = f"the name {steering!r} holds a control character"
             raise refused(root, found, "printable names: rename it")
@@ -448,7 +448,7 @@ def _entries(
     A pattern has named groups; else `topic` is a name.
     """
     path, pattern = root / names[0], reading.topic
-    renamed = {composed(name): surface for name, surface in reading.materials.items()}
+    renamed = {composed(name): surface for name, surface in reading.surfaces.items()}
     by_topic: dict[str | None, Groups] = {None: groups}
     if pattern and re.compile(pattern).groupindex and is_bag(path):
         present = topics(path)
@@ -467,10 +467,10 @@ def _entries(
         repetition = facts.get("repetition")
         if repetition is not None and not repetition.isdecimal():
             raise CardError(f"{path}: repetition is {repetition!r}. Expected a whole number")
-        material = composed(facts["material"])
+        surface = composed(facts["surface"])
         yield Entry(
             recording_id=recording_id,
-            material=renamed.get(material, material),
+            surface=renamed.get(surface, surface),
             operator=facts.get("operator"),
             session=facts.get("session"),
             repetition=int(repetition) if repetition is not None else None,

@@ -25,9 +25,9 @@ def recordings_of(given: Any, *, fs: float | None = None, unit: str | None = Non
     ----------
     given : mne.io.Raw, mne.Epochs or xarray.DataArray
         Of `Raw` every channel is an axis: pick those of the accelerometer before. `Epochs` are as many
-        recordings, of the material that their event names, and all movement, as arrays are. A `DataArray` has
+        recordings, of the surface that their event names, and all movement, as arrays are. A `DataArray` has
         a dimension `time` and at most one other, the axes; the rate is its attribute `fs` or what its
-        coordinate `time` tells, the unit its attribute `unit` or `units`; `name`, `material`, `operator`,
+        coordinate `time` tells, the unit its attribute `unit` or `units`; `name`, `surface`, `operator`,
         `session`, `repetition` and `native_fs` are kept.
     fs : float, optional
         Sampling rate in Hz, where the object does not state it.
@@ -86,7 +86,7 @@ def _of_mne(given: Any) -> Iterator[tuple[ReadSignals, str, dict[str, Any]]]:
     events = {code: name for name, code in given.event_id.items()}
     for k, (epoch, code) in enumerate(zip(data, given.events[:, 2], strict=True)):
         whole = Phases(movement=(0, epoch.shape[1]))
-        facts = {"recording_id": f"epoch {k}", "material": events[code], "phases": whole}
+        facts = {"recording_id": f"epoch {k}", "surface": events[code], "phases": whole}
         yield ReadSignals({UNNAMED: epoch.T}, rate, channels=axes), f"epoch {k}", facts
 
 

@@ -16,7 +16,7 @@ from texclass.reporting.wording import counted
 
 HEADERS = {
     "recording": ("file", "recording", "filename", "file name", "name", "path", "id"),
-    "material": ("surface", "material", "label", "class", "texture"),
+    "surface": ("surface", "surface", "label", "class", "texture"),
     "operator": ("operator", "subject", "participant", "user"),
     "session": ("session",),
     "repetition": ("repetition",),
@@ -43,7 +43,7 @@ def find_label_columns(path: Path, file: str) -> LabelTable:
     found: dict[str, str] = {}
     for group, names in HEADERS.items():
         columns = [column for column in header if column.lower().replace("_", " ") in names]
-        if len(columns) > 1 or (not columns and group in {"recording", "material"}):
+        if len(columns) > 1 or (not columns and group in {"recording", "surface"}):
             listed = ", ".join(map(repr, columns or header))
             raise CardError(
                 f"{path}: columns {listed} for the {'file' if group == 'recording' else group}. "
@@ -105,7 +105,7 @@ class Labels:
                 )
             row = dict(zip(header, cells, strict=True))
             groups = {group: row[column] for group, column in table.columns.items()}
-            for group in ("recording", "material"):
+            for group in ("recording", "surface"):
                 if groups.get(group) == "":
                     raise CardError(
                         f"{path}: row {line} has a blank {table.columns[group]!r}. Expected a name"

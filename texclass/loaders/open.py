@@ -85,7 +85,7 @@ def open_dataset(
     Examples
     --------
     >>> dataset = open_dataset("simulated6")
-    >>> len(dataset), dataset.materials[0]
+    >>> len(dataset), dataset.surfaces[0]
     (72, 'foam-04')
     """
     path = Path(name_or_path).expanduser()
@@ -249,7 +249,7 @@ def _first_facts(
 def _folder_patterns(exports: Sequence[Export], *, is_labelled: bool) -> tuple[str, ...]:
     """Return the patterns of exports, one file per axis, one per recording, and bags that are folders."""
     ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in formats())})"
-    surface = "" if is_labelled else "(?P<material>[^/]+)/"
+    surface = "" if is_labelled else "(?P<surface>[^/]+)/"
     exported = (export_pattern(exports, labelled=is_labelled),) if exports else ()
     return (
         *exported,

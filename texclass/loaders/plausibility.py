@@ -205,13 +205,13 @@ def doubts(
     return tuple(found)
 
 
-def doubtful_labels(materials: Iterable[str]) -> list[str]:
-    """Return what is unlikely of the names of materials: two that differ in case or blanks only."""
+def doubtful_labels(surfaces: Iterable[str]) -> list[str]:
+    """Return what is unlikely of the names of surfaces: two that differ in case or blanks only."""
     alike: dict[str, list[str]] = {}
-    for material in sorted(set(materials)):
-        alike.setdefault(" ".join(material.casefold().split()), []).append(material)
+    for surface in sorted(set(surfaces)):
+        alike.setdefault(" ".join(surface.casefold().split()), []).append(surface)
     return [
-        f"materials {' and '.join(map(repr, names))} differ in case or blanks only: are they one surface?"
+        f"surfaces {' and '.join(map(repr, names))} differ in case or blanks only: are they one surface?"
         for names in alike.values()
         if len(names) > 1
     ]
@@ -236,5 +236,5 @@ def doubtful_levels(files: Iterable[Sequence[str]]) -> list[str]:
     labels, inside = (", ".join(sorted(names)[:4]) for names in (below, shared))
     return [
         f"the labels are {labels}, and each of these folders holds {inside}: "
-        "if those are the surfaces, say so in a card: files = '(?P<session>[^/]+)/(?P<material>[^/]+)/.+'"
+        "if those are the surfaces, say so in a card: files = '(?P<session>[^/]+)/(?P<surface>[^/]+)/.+'"
     ]

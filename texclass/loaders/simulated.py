@@ -16,7 +16,7 @@ from texclass.recording import AUXILIARY_UNITS, Recording
 from texclass.simulate.recipe import Recipe
 
 SIGNALS = ("acceleration", *AUXILIARY_UNITS)
-FACTS = ("fs", "unit", "recording_id", "material", "operator", "repetition", "source", "channels", "flags")
+FACTS = ("fs", "unit", "recording_id", "surface", "operator", "repetition", "source", "channels", "flags")
 
 
 def load_simulated(recipe: Recipe, cache: Path, entry: Entry) -> Recording:
@@ -36,7 +36,7 @@ def load_simulated(recipe: Recipe, cache: Path, entry: Entry) -> Recording:
     path = cache / f"{entry.recording_id}.npz"
     if (remembered := recall(path)) is not None:
         return remembered
-    surface_index = [surface.name for surface in recipe.surfaces].index(entry.material)
+    surface_index = [surface.name for surface in recipe.surfaces].index(entry.surface)
     recording = recipe.record(surface_index, entry.repetition or 0).with_(phases=None)
     remember(path, recording)
     return recording
@@ -76,7 +76,7 @@ def _made_on_demand(recipe: Recipe, gesture: str, entry: Entry) -> Recording:
     """Return one gesture, its phases to be found."""
     from texclass.simulate.controlled import GESTURES, record_gesture  # numba: as in `Recipe.record`
 
-    place = [surface.name for surface in recipe.surfaces].index(entry.material)
+    place = [surface.name for surface in recipe.surfaces].index(entry.surface)
     who = [operator.name for operator in recipe.operators].index(entry.operator or "")
     seed = (recipe.seed, place, who, entry.repetition or 0, 1 + list(GESTURES).index(gesture))
     made = record_gesture(gesture, recipe.surfaces[place], recipe.operators[who], seed=seed, fs=recipe.fs)

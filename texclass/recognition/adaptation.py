@@ -19,7 +19,7 @@ from texclass.evaluation.feature_table import metadata
 from texclass.loaders.dataset import Dataset
 from texclass.recognition.conformal import HALF_LIFE, conformities, facts_of, n_later, recency
 from texclass.recognition.model import Model
-from texclass.recognition.unknown import Novelty, Ranges, Surfaces, least_held_out, strangeness
+from texclass.recognition.unknown import ClassMoments, Novelty, Ranges, least_held_out, strangeness
 from texclass.recording import Recording, Samples
 
 
@@ -82,9 +82,9 @@ def adapt(
         As `train` made it.
     references : iterable of Recording
         Felt with the new sensor, at the model's sampling rate (or brought to it) and in its unit; of known
-        surfaces, in `Recording.material`, or of unknown ones among those that the model knows.
+        surfaces, in `Recording.surface`, or of unknown ones among those that the model knows.
     labelled : bool
-        Whether materials of references count.
+        Whether surfaces of references count.
     resampled : bool
         Whether the model should from now on bring files to its rate, as references were.
 
@@ -114,9 +114,9 @@ def adapt(
     felt, digest = list(references), hashlib.sha256()
     X, known, of = rows_of(model, felt, labelled=labelled)
     for one in felt:
-        digest.update(f"\0{one.recording_id}\0{one.material}\0".encode())
+        digest.update(f"\0{one.recording_id}\0{one.surface}\0".encode())
         digest.update(np.ascontiguousarray(one.acceleration).tobytes())
-    named = [(one.recording_id, one.material if labelled else None) for one in felt]
+    named = [(one.recording_id, one.surface if labelled else None) for one in felt]
     told = {"references": named, "hash": digest.hexdigest()}
     return adapted_to(model, X, known, of, told, resampled=resampled)
 
@@ -146,7 +146,7 @@ def adapted_to(
     ValueError
         If references are too few, or cannot be told apart; or the model is adapted already or too old to be.
     """
-    surfaces = _surfaces_of(model)
+    class_moments = _class_moments_of(model)
     n_recordings, n_labelled = len(np.unique(of)), len(np.unique(of[known.any(axis=1)]))
     if n_labelled < LIMITS.min_labelled and n_recordings < LIMITS.min_unlabelled:
         raise ValueError(
@@ -156,8 +156,8 @@ def adapted_to(
         )
     hits_before = _hits(model.decide(X)[1], known)
     for kind in ("affine", "shift", "none"):  # each simpler than the one before
-        found = fit_map(model, X, known, surfaces, n_recordings, kind)
-        decisions, strange = _held_out(model, X, known, of, surfaces, found, kind)
+        found = fit_map(model, X, known, class_moments, n_recordings, kind)
+        decisions, strange = _held_out(model, X, known, of, class_moments, found, kind)
         if not _is_worse(hits_before, _hits(decisions, known), of):
             break
     _check_told_apart(model, X * found[0] + found[1], known, n_labelled)
@@ -194,7 +194,7 @@ def _check_told_apart(model: Model, mapped: Samples, known: Samples, n_labelled:
         if (n_apart := 1 / (shares**2).sum()) < LIMITS.min_surfaces:
             raise ValueError(
                 f"references seem to be of {n_apart:.2g} surfaces, most of "
-                f"{model.materials[shares.argmax()]!r}, so sensor and surface cannot be separated. Expected "
+                f"{model.surfaces[shares.argmax()]!r}, so sensor and surface cannot be separated. Expected "
                 f"at least {LIMITS.min_surfaces:g} surfaces, or labelled references (SURFACE=FILE)"
             )
         return
@@ -208,7 +208,12 @@ def _check_told_apart(model: Model, mapped: Samples, known: Samples, n_labelled:
 
 
 def fit_map(
-    model: Model, X: Samples, known: Samples, surfaces: Surfaces, n_recordings: int, kind: str = "affine"
+    model: Model,
+    X: Samples,
+    known: Samples,
+    class_moments: ClassMoments,
+    n_recordings: int,
+    kind: str = "affine",
 ) -> Map:
     """Return the map under which rows of a new sensor lie as the model's surfaces do.
 
@@ -218,38 +223,38 @@ def fit_map(
         Says which surface unlabelled rows are of.
     X : ndarray of shape (n, n_columns)
         Features of the new sensor.
-    known : ndarray of shape (n, n_materials)
+    known : ndarray of shape (n, n_surfaces)
         One where a row is of a surface, zeros where it is not known.
-    surfaces : Surfaces
+    class_moments : ClassMoments
         Where they lay with the old sensor.
     n_recordings : int
         Of which the rows are.
     kind : {"affine", "shift", "none"}
         What the map may do.
     """
-    n, n_materials = known.shape
+    n, n_surfaces = known.shape
     if kind == "none":
         return np.ones(X.shape[1]), np.zeros(X.shape[1])
     open_rows = ~known.any(axis=1)
     n_open = int(open_rows.sum())
-    shares = np.full(n_materials, 1 / n_materials)
+    shares = np.full(n_surfaces, 1 / n_surfaces)
     for _ in range(LIMITS.n_rounds if n_open else 1):
         mixture = (known.sum(axis=0) + n_open * shares) / n
-        found = moments_map(X, mixture, surfaces, n_recordings, scaled=kind == "affine")
+        found = moments_map(X, mixture, class_moments, n_recordings, scaled=kind == "affine")
         if not n_open:
             break
         scale, shift = found
         likely = model.judge(X[open_rows] * scale + shift)[0].sum(axis=0)
         # Shares that follow probabilities alone may end at one surface, of which then all seem to be.
-        prior = min(LIMITS.prior, LIMITS.max_prior / n_materials)
-        before, shares = shares, (likely / n_open + prior) / (1 + n_materials * prior)
+        prior = min(LIMITS.prior, LIMITS.max_prior / n_surfaces)
+        before, shares = shares, (likely / n_open + prior) / (1 + n_surfaces * prior)
         if np.abs(shares - before).max() < LIMITS.tolerance:
             break
     return found
 
 
 def moments_map(
-    X: Samples, shares: Samples, surfaces: Surfaces, n_recordings: int, *, scaled: bool = True
+    X: Samples, shares: Samples, class_moments: ClassMoments, n_recordings: int, *, scaled: bool = True
 ) -> Map:
     """Return scale and shift that give each column the mean and variance of a mixture of known surfaces.
 
@@ -262,16 +267,16 @@ def moments_map(
     ----------
     X : ndarray of shape (n, n_columns)
         Features of the new sensor; NaN where undefined.
-    shares : ndarray of shape (n_materials,)
+    shares : ndarray of shape (n_surfaces,)
         Of each surface among the rows.
-    surfaces : Surfaces
+    class_moments : ClassMoments
         Where they lay with the old sensor.
     n_recordings : int
         Of which the rows are: touches of one recording are one witness.
     scaled : bool
         Whether columns are scaled, too.
     """
-    means, within = surfaces
+    means, within = class_moments
     n = min(n_recordings, len(X))
     there = ~np.isnan(X)
     count = np.maximum(there.sum(axis=0), 1)
@@ -303,15 +308,15 @@ def _believed(changes: Samples, noise: float) -> float:
     return t / (t + noise)
 
 
-def _surfaces_of(model: Model) -> Surfaces:
+def _class_moments_of(model: Model) -> ClassMoments:
     if model.manifest.adapted:
         raise ValueError(f"{model!r} is adapted already. Expected the model as it was trained")
-    if model.surfaces is None or not (model.surfaces.within > 0).any():
+    if model.class_moments is None or not (model.class_moments.within > 0).any():
         raise ValueError(
             f"{model!r} was trained on one recording of each surface, which do not say how far others of the "
             "same surface lie. Expected two or more"
         )
-    return model.surfaces
+    return model.class_moments
 
 
 def rows_of(
@@ -326,13 +331,13 @@ def rows_of(
     felt : sequence of Recording
         As `adapt` takes them.
     labelled : bool
-        Whether their materials count.
+        Whether their surfaces count.
 
     Returns
     -------
     X : ndarray of shape (n, n_columns)
         NaN where undefined.
-    known : ndarray of shape (n, n_materials)
+    known : ndarray of shape (n, n_surfaces)
         One where a row is of a surface, zeros where it is not known.
     of : ndarray of int, shape (n,)
         The recording of each row.
@@ -348,15 +353,15 @@ def rows_of(
         unlike = model.unlike(recording.fs, recording.unit, f"--resample {model.manifest.fs:g}")
         if unlike := unlike + model.other_axes(recording.channels):
             raise ValueError(f"{recording.recording_id}: {unlike[0]}")
-        label = recording.material if labelled else None
-        if label is not None and label not in model.materials:
+        label = recording.surface if labelled else None
+        if label is not None and label not in model.surfaces:
             raise ValueError(
                 f"{recording.recording_id}: surface {label!r} is not in the model. Expected "
-                f"one of {', '.join(model.materials)}, or references without labels (--unlabelled)"
+                f"one of {', '.join(model.surfaces)}, or references without labels (--unlabelled)"
             )
         for touch in model.cut(recording):
             rows.append(model.compute(touch).values)
-            known.append([float(material == label) for material in model.materials])
+            known.append([float(surface == label) for surface in model.surfaces])
             of.append(i)
     X = np.array(rows).reshape(-1, len(model.columns))
     valued = ~np.isnan(X).all(axis=1)
@@ -368,11 +373,11 @@ def _held_out(
     X: Samples,
     known: Samples,
     of: NDArray[np.intp],
-    surfaces: Surfaces,
+    class_moments: ClassMoments,
     found: Map,
     kind: str,
 ) -> tuple[Samples, Samples]:
-    """Return decisions (n, n_materials) on each reference, and its strangeness (n,), under a map of others.
+    """Return decisions (n, n_surfaces) on each reference, and its strangeness (n,), under a map of others.
 
     Where they are of less than half of the surfaces, others are of other surfaces, as most that will be asked
     about are (and as they are likeliest under the map of all).
@@ -380,13 +385,13 @@ def _held_out(
     novelty, strange, decisions = model.novelty, np.empty(len(X)), np.empty(known.shape)
     likeliest = model.judge(X * found[0] + found[1])[0].argmax(axis=1)
     groups = np.where(known.any(axis=1), known.argmax(axis=1), likeliest)
-    if not LIMITS.min_labelled <= len(np.unique(groups)) < len(model.materials) / 2:
+    if not LIMITS.min_labelled <= len(np.unique(groups)) < len(model.surfaces) / 2:
         groups = of
     folds = np.unique(groups, return_inverse=True)[1] % LIMITS.n_folds
     for fold in range(folds.max() + 1):
         rest, asked = folds != fold, folds == fold
         n_rest = len(set(of[rest].tolist()))
-        scale, shift = fit_map(model, X[rest], known[rest], surfaces, n_rest, kind)
+        scale, shift = fit_map(model, X[rest], known[rest], class_moments, n_rest, kind)
         prepared, decisions[asked] = model.decide(X[asked] * scale + shift)
         strange[asked] = strangeness(novelty.kind, decisions[asked], prepared, novelty.nearness)
     return decisions, strange
@@ -424,7 +429,7 @@ def _mapped(model: Model, found: Map, novelty: Novelty, told: Mapping[str, Any],
         steps=[{"does": "affine", "scale": scale, "shift": shift}, *model.steps],
         novelty=novelty,
         ranges=Ranges(low, median, high),
-        surfaces=None,
+        class_moments=None,
         manifest=facts.model_copy(update=changed),
     )
 
@@ -432,7 +437,7 @@ def _mapped(model: Model, found: Map, novelty: Novelty, told: Mapping[str, Any],
 def with_references(model: Model, references: Dataset) -> Model:
     """Return a model whose sets follow recordings that were felt since its training.
 
-    A sensor that drifts makes right materials less likely than they were when the model was trained.
+    A sensor that drifts makes right surfaces less likely than they were when the model was trained.
     Recordings of known surfaces, felt now and then, tell how likely they are now. Each counts half with every
     `HALF_LIFE` recordings of its surface that came later; so do contacts held out in training, which all
     references followed. Answers and probabilities stay as they are.
@@ -451,11 +456,11 @@ def with_references(model: Model, references: Dataset) -> Model:
         If a surface is unknown to it, or a recording cannot be judged by it; the message names it.
     """
     table = metadata(references.entries)
-    materials = table["material"].to_numpy(dtype=str)
-    if unknown := sorted({*materials.tolist()} - {*model.materials}):
+    surfaces = table["surface"].to_numpy(dtype=str)
+    if unknown := sorted({*surfaces.tolist()} - {*model.surfaces}):
         raise ValueError(
             f"{references.name}: {unknown[0]!r} is no surface of the model. Expected one of "
-            f"{', '.join(model.materials)}"
+            f"{', '.join(model.surfaces)}"
         )
     rows, contacts = list[Samples](), list[int]()
     for i, recording in enumerate(references):
@@ -466,11 +471,11 @@ def with_references(model: Model, references: Dataset) -> Model:
             rows.append(model.compute(touch).values)
             contacts.append(i)
     numbered = table["repetition"].notna().all()
-    ages = n_later(materials, table["repetition"].to_numpy()) if numbered else np.zeros(len(table))
+    ages = n_later(surfaces, table["repetition"].to_numpy()) if numbered else np.zeros(len(table))
     known = model.manifest.calibration
     later = conformities(
         model.decide(np.array(rows))[1],
-        np.array([model.materials.index(name) for name in materials[contacts].tolist()]),
+        np.array([model.surfaces.index(name) for name in surfaces[contacts].tolist()]),
         contacts,
         model.calibration,
         correlation=known.get("correlation"),
@@ -481,7 +486,7 @@ def with_references(model: Model, references: Dataset) -> Model:
         kind: held_out.and_later(later[kind], share) if kind in later else held_out
         for kind, held_out in model.conformity.items()
     }
-    told = {**known, "sets": {**facts_of(conformity), "references": references.input_hash}}
+    told = {**known, "prediction_sets": {**facts_of(conformity), "references": references.input_hash}}
     return replace(
         model, conformity=conformity, manifest=model.manifest.model_copy(update={"calibration": told})
     )

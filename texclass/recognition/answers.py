@@ -27,7 +27,7 @@ class Answer:
     recording_id
         The recording.
     surface
-        The likeliest known material; also where `unknown`.
+        The likeliest known surface; also where `unknown`.
     probability
         Calibrated: of many answers of 0.8, eight in ten are right, if the surface is a known one.
     runner_up
@@ -39,9 +39,9 @@ class Answer:
     reasons
         What a user should know: undefined features, clipping, a wrong rate, values never seen in training.
     probabilities
-        Material -> probability, all of them.
-    sets
-        Level -> materials, likeliest first, among which the right one is so often, if the surface is a known
+        Surface -> probability, all of them.
+    prediction_sets
+        Level -> surfaces, likeliest first, among which the right one is so often, if the surface is a known
         one; see `Conformity`. No level where nothing can be judged.
     """
 
@@ -53,11 +53,11 @@ class Answer:
     p_known: float
     reasons: tuple[str, ...] = ()
     probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
-    sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
+    prediction_sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
     changed_from: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a machine reads, probabilities of all materials left out."""
+        """Return what a machine reads, probabilities of all surfaces left out."""
         return {
             "recording": self.recording_id,
             "surface": self.surface,
@@ -66,7 +66,7 @@ class Answer:
             "unknown": self.unknown,
             "p_known": round(self.p_known, 6),
             "reasons": list(self.reasons),
-            "sets": as_facts(self.sets),
+            "prediction_sets": as_facts(self.prediction_sets),
         }
 
 
@@ -81,8 +81,8 @@ class Prediction(NamedTuple):
 
 def joined(answers: Sequence[Answer], recording_id: str) -> Answer:
     """Return the answer of several touches of one recording: the mean of their probabilities."""
-    materials = tuple(answers[0].probabilities)
-    p = np.mean([[answer.probabilities[m] for m in materials] for answer in answers], axis=0)
+    surfaces = tuple(answers[0].probabilities)
+    p = np.mean([[answer.probabilities[m] for m in surfaces] for answer in answers], axis=0)
     n_unknown = sum(answer.unknown for answer in answers)
     said = (f"{n_unknown} of {len(answers)} touches are of no known surface",) if n_unknown else ()
     others = (r for answer in answers for r in answer.reasons if not r.startswith("unlike every"))
@@ -91,18 +91,18 @@ def joined(answers: Sequence[Answer], recording_id: str) -> Answer:
         unknown=2 * n_unknown >= len(answers),
         p_known=float(np.median([answer.p_known for answer in answers])),
         reasons=(*said, *tuple(dict.fromkeys(others))[:5]),
-        **ranked(p, materials),
+        **ranked(p, surfaces),
     )
 
 
-def ranked(p: Samples, materials: Sequence[str]) -> dict[str, Any]:
-    """Return what probabilities (n_materials,) say, as fields of an answer or of a verdict."""
+def ranked(p: Samples, surfaces: Sequence[str]) -> dict[str, Any]:
+    """Return what probabilities (n_surfaces,) say, as fields of an answer or of a verdict."""
     best, second = np.argsort(-p, kind="stable")[:2]
     return {
-        "surface": materials[best],
+        "surface": surfaces[best],
         "probability": float(p[best]),
-        "runner_up": materials[second],
-        "probabilities": dict(zip(materials, p.tolist(), strict=True)),
+        "runner_up": surfaces[second],
+        "probabilities": dict(zip(surfaces, p.tolist(), strict=True)),
     }
 
 
@@ -127,9 +127,9 @@ class ContactVerdict:
     felt_s
         Seconds from the onset of the contact to the end of the last of them.
     probabilities
-        Material -> probability.
-    sets
-        Level -> materials among which the right one is as often, if the surface is a known one; of models of
+        Surface -> probability.
+    prediction_sets
+        Level -> surfaces among which the right one is as often, if the surface is a known one; of models of
         touches, where windows are as long and add up as in the training.
     """
 
@@ -141,14 +141,14 @@ class ContactVerdict:
     n_windows: int
     felt_s: float
     probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
-    sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
+    prediction_sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
     changed_from: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a machine reads, probabilities of all materials left out."""
+        """Return what a machine reads, probabilities of all surfaces left out."""
         facts = {name: value for name, value in vars(self).items() if name != "probabilities"}
         rounded = {name: round(facts[name], 6) for name in ("probability", "felt_s")}
-        return facts | rounded | {"sets": as_facts(self.sets)}
+        return facts | rounded | {"prediction_sets": as_facts(self.prediction_sets)}
 
 
 class Evidence:
@@ -164,11 +164,11 @@ class Evidence:
     before, g what is remembered from one window to the next, and r the correlation of windows that share
     a contact: its speed, its force, its spot, which all of them hold against the training [design effect of a
     cluster]. Windows that are independent (r = 0) add up to Bayes' rule; however many there are, they are
-    worth at most 1/r. Of the whole, a share `lapse` is left to all materials alike.
+    worth at most 1/r. Of the whole, a share `lapse` is left to all surfaces alike.
 
     Parameters
     ----------
-    materials : tuple of str
+    surfaces : tuple of str
         In the order of an answer's probabilities.
     kind : {"majority", "sequential"}
         How windows are put together.
@@ -185,17 +185,17 @@ class Evidence:
     conformity : mapping of int to Conformity, optional
         Windows -> how held-out contacts conformed after so many of them, of which sets are made at `levels`.
     levels : tuple of float
-        How often the right material is to be in them.
+        How often the right surface is to be in them.
 
     References
     ----------
-    Jamali, Sammut: Majority voting: material classification by tactile sensing using surface texture, IEEE
+    Jamali, Sammut: Majority voting: surface classification by tactile sensing using surface texture, IEEE
     Transactions on Robotics 27, 2011.
     """
 
     def __init__(
         self,
-        materials: tuple[str, ...],
+        surfaces: tuple[str, ...],
         kind: Kind = "sequential",
         *,
         window_s: float = 1.0,
@@ -216,7 +216,7 @@ class Evidence:
                 f"correlation is {correlation!r}, lapse {lapse!r}, forget_s {forget_s!r}. Expected 0 to "
                 "1, and a time above 0"
             )
-        self.materials, self.kind, self.confidence = materials, kind, confidence
+        self.surfaces, self.kind, self.confidence = surfaces, kind, confidence
         self._correlation, self._lapse = correlation, lapse
         self._conformity, self._levels = conformity or {}, levels
         self._later = min(1.0, hop_s / window_s)
@@ -239,7 +239,7 @@ class Evidence:
 
     def reset(self) -> None:
         """Forget everything: another contact."""
-        self._votes, self._sum = np.zeros((2, len(self.materials)))
+        self._votes, self._sum = np.zeros((2, len(self.surfaces)))
         self._weight = self._worth = self._unknown = 0.0
         self._n = 0
         self._contrary: list[Samples] = []
@@ -252,7 +252,7 @@ class Evidence:
         The evidence restarts where windows worth `CHANGED_WINDOWS` independent ones in a row name one other
         surface, and alone would be sure of it.
         """
-        p = np.array([answer.probabilities[m] for m in self.materials])
+        p = np.array([answer.probabilities[m] for m in self.surfaces])
         if not self._is_change(p, is_unknown=answer.unknown):
             return self._add(p, answer.unknown, felt_s)
         before, contrary = self.verdict, self._contrary
@@ -267,7 +267,7 @@ class Evidence:
     def _is_change(self, p: Samples, *, is_unknown: bool) -> bool:
         """Whether the last windows, this one included, are of another surface than those before."""
         named = int(np.argmax(p))
-        if self.verdict is None or is_unknown or self.materials[named] == self.verdict.surface or self._g < 1:
+        if self.verdict is None or is_unknown or self.surfaces[named] == self.verdict.surface or self._g < 1:
             self._contrary = []
             return False
         if self._contrary and int(np.argmax(self._contrary[-1])) != named:
@@ -298,16 +298,16 @@ class Evidence:
             scores = worth / self._weight * self._sum
             # By contacts that had been felt about as long.
             if felt := [n for n in self._conformity if n <= self._worth]:
-                sets = self._conformity[max(felt)].sets(scores, self.materials, self._levels)
+                sets = self._conformity[max(felt)].sets(scores, self.surfaces, self._levels)
             together = np.exp(scores)  # the largest is 1: no overflow
         together = (1 - self._lapse) * together / together.sum() + self._lapse / len(p)
         unknown = 2 * self._unknown >= self._weight
         self.verdict = ContactVerdict(
-            sets=sets,
+            prediction_sets=sets,
             unknown=unknown,
             sure=bool(together.max() >= self.confidence) and not unknown,
             n_windows=self._n,
             felt_s=felt_s,
-            **ranked(together, self.materials),
+            **ranked(together, self.surfaces),
         )
         return self.verdict

@@ -54,9 +54,9 @@ class Candidate:
     n_columns: int
 
     def trained_on(self, frame: pd.DataFrame) -> tuple[Samples, Labels]:
-        """Return its columns of a table, shape (n, n_columns), and the materials, shape (n,)."""
+        """Return its columns of a table, shape (n, n_columns), and the surfaces, shape (n,)."""
         X = frame[list(self.plan.columns)].to_numpy(dtype=np.float64)
-        return X, frame["material"].to_numpy(dtype=str)
+        return X, frame["surface"].to_numpy(dtype=str)
 
     @property
     def steps(self) -> list[tuple[str, Any]]:
@@ -274,7 +274,7 @@ def hold_out(candidate: Candidate, frame: pd.DataFrame, splits: Sequence[Split])
     candidate : Candidate
         What is fitted.
     frame : DataFrame
-        A feature table with the materials.
+        A feature table with the surfaces.
     splits : sequence of (train, test)
         Rows.
     """

@@ -1,4 +1,4 @@
-"""Sets that hold: materials among which the right one is as often as asked for, as far as the past tells."""
+"""Sets that hold: surfaces among which the right one is as often as asked for, as far as the past tells."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from texclass.recognition.probabilities import Calibration, Labels, independent,
 from texclass.recording import Samples
 
 LEVELS = (0.9, 0.95)
-"""How often the right material is to be in the sets that are told beside an answer."""
+"""How often the right surface is to be in the sets that are told beside an answer."""
 ROUNDING = 1e-9
 """Of log odds, which two orders of the same sum may differ by."""
 HALF_LIFE = 5.0
@@ -19,11 +19,11 @@ HALF_LIFE = 5.0
 
 
 def log_odds(scores: Samples) -> Samples:
-    """Return s_m - log sum_{k != m} exp(s_k) of each material m, both of shape (n, n_materials).
+    """Return s_m - log sum_{k != m} exp(s_k) of each surface m, both of shape (n, n_surfaces).
 
     They are the log odds of the softmax of scores, and tell answers apart whose probabilities round to 1.
     """
-    s = np.maximum(scores, -1e9)  # of a material that was in no training part, -inf
+    s = np.maximum(scores, -1e9)  # of a surface that was in no training part, -inf
     rows, best = np.arange(len(s)), s.argmax(axis=1)
     largest = s[rows, best]
     others = s.copy()
@@ -37,16 +37,16 @@ def log_odds(scores: Samples) -> Samples:
 
 @dataclass(frozen=True, eq=False)
 class Conformity:
-    """How right materials were thought of: the log odds of each held-out answer, and how much it counts.
+    """How right surfaces were thought of: the log odds of each held-out answer, and how much it counts.
 
-    A set holds every material whose log odds are at least `least`. Of all sets that hold the right material
+    A set holds every surface whose log odds are at least `least`. Of all sets that hold the right surface
     as often, these are the smallest in the mean (Sadinle et al.). They may be empty: where answers are right
     more often than sets have to be, the least sure of them get none.
 
     Attributes
     ----------
     odds : ndarray of shape (n,)
-        Log odds of the right material, by a recogniser that had not seen the contact; ascending.
+        Log odds of the right surface, by a recogniser that had not seen the contact; ascending.
     weights : ndarray of shape (n,)
         Of each; the contact that is asked about counts 1. Answers of one contact share what it counts.
 
@@ -78,7 +78,7 @@ class Conformity:
         Parameters
         ----------
         odds : array_like of shape (n,)
-            Log odds that each gave to the right material.
+            Log odds that each gave to the right surface.
         contacts : array_like of shape (n,)
             Which contact each is of.
         counts : array_like of shape (n,)
@@ -107,7 +107,7 @@ class Conformity:
         )
 
     def least(self, level: float) -> float:
-        """Return the log odds from which on a material is in the set; -inf where too few were held out.
+        """Return the log odds from which on a surface is in the set; -inf where too few were held out.
 
         They are the largest that answers of the share `level` reach: sum_{i: s_i >= least} w_i >= level
         (1 + sum_i w_i). The contact that is asked about is one of these, and may be worse than all of them.
@@ -117,14 +117,14 @@ class Conformity:
         return float(self.odds[enough[-1]]) if len(enough) else -np.inf
 
     def sets(
-        self, scores: Samples, materials: Sequence[str], levels: Sequence[float] = LEVELS
+        self, scores: Samples, surfaces: Sequence[str], levels: Sequence[float] = LEVELS
     ) -> dict[float, tuple[str, ...]]:
-        """Return level -> materials, likeliest first, from the scores (n_materials,) of an answer."""
+        """Return level -> surfaces, likeliest first, from the scores (n_surfaces,) of an answer."""
         odds = log_odds(scores[None])[0]
         order = np.argsort(-odds, kind="stable")
         least = {level: self.least(level) - ROUNDING for level in levels}
         return {
-            level: tuple(materials[i] for i in order if odds[i] >= at_least)
+            level: tuple(surfaces[i] for i in order if odds[i] >= at_least)
             for level, at_least in least.items()
         }
 
@@ -192,12 +192,12 @@ def conformities(
     return found
 
 
-def n_later(materials: NDArray[Any], repetitions: NDArray[Any]) -> Labels:
+def n_later(surfaces: NDArray[Any], repetitions: NDArray[Any]) -> Labels:
     """Return how many repetitions of its surface came later, for each of n answers, shape (n,)."""
     return np.array(
         [
-            len(set(repetitions[(materials == m) & (repetitions > r)]))
-            for m, r in zip(materials, repetitions, strict=True)
+            len(set(repetitions[(surfaces == m) & (repetitions > r)]))
+            for m, r in zip(surfaces, repetitions, strict=True)
         ]
     )
 
@@ -214,11 +214,11 @@ def facts_of(conformity: Mapping[str, Conformity]) -> dict[str, Any]:
     return {"n": round(conformity["answer"].n, 6), "least": least}
 
 
-def told(sets: Mapping[float, Sequence[str]], n_materials: int) -> dict[str, str]:
-    """Return level -> set in words: "oak or felt"; none, or any of all materials."""
+def told(sets: Mapping[float, Sequence[str]], n_surfaces: int) -> dict[str, str]:
+    """Return level -> set in words: "oak or felt"; none, or any of all surfaces."""
 
     def words(members: Sequence[str]) -> str:
-        if len(members) in (0, n_materials):
+        if len(members) in (0, n_surfaces):
             return "any" if members else "none"
         more = len(members) - 3
         return " or ".join(members[:3]) + (f" or {more} more" if more > 0 else "")
@@ -227,5 +227,5 @@ def told(sets: Mapping[float, Sequence[str]], n_materials: int) -> dict[str, str
 
 
 def as_facts(sets: Mapping[float, Sequence[str]]) -> dict[str, Any]:
-    """Return what a machine reads: level -> materials."""
+    """Return what a machine reads: level -> surfaces."""
     return {f"{level:g}": list(members) for level, members in sets.items()}

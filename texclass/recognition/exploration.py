@@ -37,7 +37,7 @@ class KnownGesture(NamedTuple):
     ----------
     seconds
         What it costs.
-    confusion : ndarray of shape (n_materials, n_materials)
+    confusion : ndarray of shape (n_surfaces, n_surfaces)
         Row m: the mean probabilities that were answered where m was felt.
     correlation
         Of what is answered when a hand repeats it on a surface, from 0 to 1; see `fit_correlation`.
@@ -63,7 +63,7 @@ class KnownGesture(NamedTuple):
         ValueError
             If the model was trained by a texclass that did not look at this.
         """
-        known, felt = model.manifest.calibration, model.manifest.touch_s or model.manifest.shortest_s
+        known, felt = model.manifest.calibration, model.manifest.window_s or model.manifest.shortest_s
         if "confusion" not in known:
             raise ValueError(f"{model!r} has no confusion matrix. Train it again")
         confusion = np.asarray(known["confusion"], dtype=np.float64)
@@ -82,11 +82,11 @@ class Advice:
     gesture
         The one that is expected to tell most in a second.
     bits
-        Information about the material that is expected of it.
+        Information about the surface that is expected of it.
     n_before
         How often it was made on this surface.
     between
-        The two likeliest materials; none before the first gesture.
+        The two likeliest surfaces; none before the first gesture.
     """
 
     gesture: str
@@ -104,12 +104,12 @@ class Exploration:
 
     log P(m) = sum_g w(n_g) mean_i log p_gi(m) + constant, where p_gi are the calibrated probabilities of
     repetition i of gesture g, and w(n) = n / (1 + r_g (n - 1)) is how many independent ones n repetitions by
-    one hand are worth. Of a gesture is expected what its answers tell of the material (`information_bits`),
+    one hand are worth. Of a gesture is expected what its answers tell of the surface (`information_bits`),
     less what repeating it adds: w(n + 1) - w(n); a second of it is to tell most.
 
     Parameters
     ----------
-    materials : tuple of str
+    surfaces : tuple of str
         In the order of the confusions.
     gestures : mapping of str to KnownGesture
         That can be made.
@@ -123,14 +123,14 @@ class Exploration:
     """
 
     def __init__(
-        self, materials: tuple[str, ...], gestures: Mapping[str, KnownGesture], confidence: float = CONFIDENCE
+        self, surfaces: tuple[str, ...], gestures: Mapping[str, KnownGesture], confidence: float = CONFIDENCE
     ) -> None:
         if not gestures or not 0 < confidence < 1:
             raise ValueError(
                 f"{len(gestures)} gestures, confidence {confidence!r}. Expected one gesture or more, "
                 "and a confidence above 0 and below 1"
             )
-        self.materials, self.gestures, self.confidence = materials, dict(gestures), confidence
+        self.surfaces, self.gestures, self.confidence = surfaces, dict(gestures), confidence
         self.reset()
 
     @classmethod
@@ -155,16 +155,16 @@ class Exploration:
         Raises
         ------
         ValueError
-            If the models know different materials, or a gesture is not among them.
+            If the models know different surfaces, or a gesture is not among them.
         """
-        costs, materials = dict(seconds or {}), {name: model.materials for name, model in models.items()}
+        costs, surfaces = dict(seconds or {}), {name: model.surfaces for name, model in models.items()}
         if unknown := [name for name in costs if name not in models]:
             raise ValueError(f"seconds of {unknown[0]!r}. Expected one of {', '.join(models)}")
-        first = next(iter(materials.values()), ())
-        if others := [name for name, known in materials.items() if known != first]:
+        first = next(iter(surfaces.values()), ())
+        if others := [name for name, known in surfaces.items() if known != first]:
             raise ValueError(
-                f"{others[0]} knows {', '.join(materials[others[0]])}, {next(iter(models))} "
-                f"{', '.join(first)}. Expected one set of materials for all gestures"
+                f"{others[0]} knows {', '.join(surfaces[others[0]])}, {next(iter(models))} "
+                f"{', '.join(first)}. Expected one set of surfaces for all gestures"
             )
         known = {name: KnownGesture.of(model, costs.get(name)) for name, model in models.items()}
         return cls(first, known, confidence)
@@ -181,7 +181,7 @@ class Exploration:
         gesture : str
             Which was made.
         probabilities : mapping of str to float
-            Material -> calibrated probability, as an `Answer` has them.
+            Surface -> calibrated probability, as an `Answer` has them.
         contact : hashable, optional
             Names the contact: a later answer of the same contact takes the place of the earlier one.
 
@@ -192,7 +192,7 @@ class Exploration:
         """
         if gesture not in self.gestures:
             raise ValueError(f"gesture is {gesture!r}. Expected one of {', '.join(self.gestures)}")
-        p = np.array([probabilities[m] for m in self.materials])
+        p = np.array([probabilities[m] for m in self.surfaces])
         key = len(self._felt) if contact is None else ("contact", contact)
         self._felt[key] = gesture, log_of(p)
 
@@ -203,8 +203,8 @@ class Exploration:
 
     @property
     def probabilities(self) -> Samples:
-        """Of the materials, shape (n_materials,), after all gestures."""
-        total = np.zeros(len(self.materials))
+        """Of the surfaces, shape (n_surfaces,), after all gestures."""
+        total = np.zeros(len(self.surfaces))
         for name, known in self.gestures.items():
             if said := [log_p for made, log_p in self._felt.values() if made == name]:
                 total += independent(len(said), known.correlation) * np.mean(said, axis=0)
@@ -212,7 +212,7 @@ class Exploration:
 
     @property
     def sure(self) -> bool:
-        """Whether the likeliest material has reached the confidence."""
+        """Whether the likeliest surface has reached the confidence."""
         return bool(self.probabilities.max() >= self.confidence)
 
     def expected_bits(self) -> dict[str, float]:
@@ -230,13 +230,13 @@ class Exploration:
         return max(among, key=lambda name: bits[name] / self.gestures[name].seconds)
 
     def advice(self) -> Advice | None:
-        """Return what to do next; None when the material is sure, or nothing more is to be learnt."""
+        """Return what to do next; None when the surface is sure, or nothing more is to be learnt."""
         best = self.best(self.gestures)
         bits = self.expected_bits()[best]
         if self.sure or bits < 1e-3:  # not worth a gesture
             return None
         likeliest = np.argsort(-self.probabilities, kind="stable")[: 2 if self._felt else 0]
-        return Advice(best, bits, self._made(best), tuple(self.materials[i] for i in likeliest))
+        return Advice(best, bits, self._made(best), tuple(self.surfaces[i] for i in likeliest))
 
     def _made(self, gesture: str) -> int:
         return sum(name == gesture for name, _ in self._felt.values())
@@ -249,14 +249,14 @@ def entropy_bits(p: ArrayLike) -> Any:
 
 
 def information_bits(p: Samples, confusion: Samples) -> float:
-    """Return what an answer a tells of the material m: H(sum_m p_m P(a|m)) - sum_m p_m H(P(a|m)), in bits.
+    """Return what an answer a tells of the surface m: H(sum_m p_m P(a|m)) - sum_m p_m H(P(a|m)), in bits.
 
     Parameters
     ----------
-    p : ndarray of shape (n_materials,)
+    p : ndarray of shape (n_surfaces,)
         What is believed before.
-    confusion : ndarray of shape (n_materials, n_answers)
-        P(a|m), a row each material.
+    confusion : ndarray of shape (n_surfaces, n_answers)
+        P(a|m), a row each surface.
     """
     return float(entropy_bits(p @ confusion) - p @ entropy_bits(confusion))
 
@@ -291,7 +291,7 @@ class ExploredVerdict(ContactVerdict):
     advice: Advice | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a machine reads, probabilities of all materials left out."""
+        """Return what a machine reads, probabilities of all surfaces left out."""
         known = super().to_dict() | {"advice": None}
         if self.advice is not None:
             advice = vars(self.advice) | {"bits": round(self.advice.bits, 6), "text": str(self.advice)}
@@ -398,7 +398,7 @@ class AskingSession(Session):
             felt_s=(update.stop - min(self._taken)) / self.live.fs,
             gesture=name,
             advice=known.advice(),
-            **ranked(known.probabilities, known.materials),
+            **ranked(known.probabilities, known.surfaces),
         )
         return replace(update, verdict=verdict)
 
@@ -474,7 +474,7 @@ def rehearse(
     from texclass.simulate import operator_catalogue, record_gesture
 
     known, spent = Exploration.of(models, seconds=seconds, confidence=confidence), 0.0
-    surfaces = {one.name: one for one in recipe.surfaces if one.name in known.materials}
+    surfaces = {one.name: one for one in recipe.surfaces if one.name in known.surfaces}
     if surface not in surfaces:
         able = ", ".join(surfaces) or "those that the models know"
         raise ValueError(f"surface is {surface!r}, to be simulated. Expected one of {able}")
@@ -492,7 +492,7 @@ def rehearse(
             "gesture": asked.gesture,
             "seconds": spent,
             "answer": answer,
-            "surface": known.materials[best],
+            "surface": known.surfaces[best],
             "probability": float(known.probabilities[best]),
             "sure": known.sure,
             "advice": known.advice(),

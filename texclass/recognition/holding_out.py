@@ -15,9 +15,9 @@ from texclass.reporting.wording import counted
 
 FALSE_ALARMS = 0.05
 ENOUGH_REPETITIONS = 20
-"""Of each material: half of them, ten, still train, as where the drift of `biotac20` was measured."""
+"""Of each surface: half of them, ten, still train, as where the drift of `biotac20` was measured."""
 FEW = 10
-"""Recordings (or runs) of each material below which nothing is chosen, and margins are wider."""
+"""Recordings (or runs) of each surface below which nothing is chosen, and margins are wider."""
 LATER_KEPT = 0.45
 """Of what an accuracy is above chance, the least that later recordings kept in the study `few_recordings`."""
 LATER_ALARMS = 3.0
@@ -50,12 +50,12 @@ def holding_out(
     if asked is not None:
         return find_protocol(asked), "asked for"
     recordings = table[~parents(table).duplicated()]
-    counts = recordings["material"].value_counts()
+    counts = recordings["surface"].value_counts()
     n_held_out = int((counts - counts // 2).sum())
     # One sequence in time, unless repetitions follow the people, not a clock.
     is_sequence = (
         table["repetition"].notna().all()
-        and not recordings.duplicated(["material", "repetition"]).any()
+        and not recordings.duplicated(["surface", "repetition"]).any()
         and len(recordings["operator"].unique()) == 1
     )
     is_enough = counts.min() >= ENOUGH_REPETITIONS and n_held_out >= least_held_out(false_alarms)
@@ -136,11 +136,11 @@ class HoldingOut:
             return ["accuracy on other recordings (1 per surface: none could be held out)"]
         found, names = [], ("session", "operator")
         after = [
-            test.groupby("material")["repetition"].min() > learnt.groupby("material")["repetition"].max()
+            test.groupby("surface")["repetition"].min() > learnt.groupby("surface")["repetition"].max()
             for learnt, test in parts
         ]
         if table["repetition"].isna().any() or not all(later.all() for later in after):
-            n = int(table[~parents(table).duplicated()]["material"].value_counts().min())
+            n = int(table[~parents(table).duplicated()]["surface"].value_counts().min())
             found.append(
                 f"{LATER} ({n} of each surface, held out at random; from {ENOUGH_REPETITIONS} numbered "
                 f"repetitions on, or with `--protocol {IN_TIME}`, the later half is held out)"
@@ -180,7 +180,7 @@ class HoldingOut:
         n_recordings : int
             Recordings (or runs) that were held out: of few, one more counts as right, and one as wrong.
         n_classes : int
-            Materials.
+            Surfaces.
         """
         chosen = ", selection of the pipeline included" * (expected["n_candidates"] > 1)
         so_few = " (few: one correct and one wrong answer are added)" * bool(self.few)

@@ -25,7 +25,7 @@ from texclass.recognition.model_files import (
 )
 from texclass.recognition.probabilities import Calibration, log_of
 from texclass.recognition.sources.training_input import Beside, Needs
-from texclass.recognition.unknown import Novelty, Ranges, Surfaces, strangeness
+from texclass.recognition.unknown import ClassMoments, Novelty, Ranges, strangeness
 from texclass.recording import Recording, Samples, axes_differ, describe_axes
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class Model:
     ----------
     plan
         The features to compute of a recording.
-    materials
+    surfaces
         The surfaces it knows, in the order of its decisions.
     steps
         What prepares rows of features; see `texclass.recognition.array_form`.
@@ -58,10 +58,10 @@ class Model:
         How held-out answers conformed, of which sets are made: "answer"; of touches also "recording", which
         all of them make together, and "contact 1", "contact 2", ... of a stream, after so many.
     levels
-        How often the right material is to be in the sets that answers tell.
+        How often the right surface is to be in the sets that answers tell.
     left_out
         Bad recordings that were skipped in training; not saved, but for their names in the manifest.
-    surfaces
+    class_moments
         Where they lay; None in an adapted model.
     banks
         Mel filters that the features need; see `texclass.features.cepstrum.with_banks`.
@@ -74,7 +74,7 @@ class Model:
     """
 
     plan: Plan
-    materials: tuple[str, ...]
+    surfaces: tuple[str, ...]
     steps: Sequence[Part]
     classifier: Part
     calibration: Calibration
@@ -84,12 +84,12 @@ class Model:
     left_out: "tuple[LeftOut, ...]" = ()
     conformity: Mapping[str, Conformity] = field(default_factory=dict)
     levels: tuple[float, ...] = LEVELS
-    surfaces: Surfaces | None = None
+    class_moments: ClassMoments | None = None
     banks: Banks = field(default_factory=dict)
 
     def __repr__(self) -> str:
         of = self.manifest.pipeline
-        return f"<Model of {len(self.materials)} surfaces: {of['row']} with {of['classifier']}>"
+        return f"<Model of {len(self.surfaces)} surfaces: {of['row']} with {of['classifier']}>"
 
     @property
     def estimators(self) -> tuple[str, ...]:
@@ -158,9 +158,9 @@ class Model:
     def predict_set(
         self, felt: Recording | str | Path, level: float = LEVELS[-1], **reading: Any
     ) -> tuple[str, ...]:
-        """Return the materials, likeliest first, among which the right one is as often as `level` says.
+        """Return the surfaces, likeliest first, among which the right one is as often as `level` says.
 
-        Of all materials where too few contacts were held out; of none where no material is thought as much of
+        Of all surfaces where too few contacts were held out; of none where no surface is thought as much of
         as right ones are so often, or nothing can be judged.
 
         Parameters
@@ -179,7 +179,7 @@ class Model:
         """
         if not 0 < level < 1:
             raise ValueError(f"level is {level!r}. Expected a number between 0 and 1")
-        return replace(self, levels=(level,)).predict(felt, **reading).sets.get(level, ())
+        return replace(self, levels=(level,)).predict(felt, **reading).prediction_sets.get(level, ())
 
     def answer(self, recording: Recording) -> Answer:
         """Say which surface a recording (or one touch) is of.
@@ -262,14 +262,14 @@ class Model:
             unknown=strange or not judged,
             p_known=float(p_known),
             reasons=tuple(said),
-            sets=self.sets_of("answer", self.calibration.beta * decisions) if judged else {},
-            **ranked(self.calibration(decisions[None])[0], self.materials),
+            prediction_sets=self.sets_of("answer", self.calibration.beta * decisions) if judged else {},
+            **ranked(self.calibration(decisions[None])[0], self.surfaces),
         )
 
     def sets_of(self, kind: str, scores: Samples) -> dict[float, tuple[str, ...]]:
-        """Return the sets of an answer, a recording or a contact with such scores (n_materials,), if any."""
+        """Return the sets of an answer, a recording or a contact with such scores (n_surfaces,), if any."""
         known = self.conformity.get(kind)
-        return {} if known is None else known.sets(scores, self.materials, self.levels)
+        return {} if known is None else known.sets(scores, self.surfaces, self.levels)
 
     @property
     def conformity_so_far(self) -> dict[int, Conformity]:
@@ -278,7 +278,7 @@ class Model:
         return {int(n): known for n, known in found.items() if n}
 
     def judge(self, X: Samples) -> tuple[Samples, Samples]:
-        """Return probabilities (n, n_materials), and p-values of "known" (n,), of rows of features.
+        """Return probabilities (n, n_surfaces), and p-values of "known" (n,), of rows of features.
 
         Raises
         ------
@@ -304,7 +304,7 @@ class Model:
         return apply_all(self.steps, X)
 
     def decide(self, X: Samples) -> tuple[Samples, Samples]:
-        """Return prepared rows (n, n_prepared) and decisions (n, n_materials) for features (n, n_columns).
+        """Return prepared rows (n, n_prepared) and decisions (n, n_surfaces) for features (n, n_columns).
 
         Raises
         ------
@@ -320,22 +320,22 @@ class Model:
         independent witnesses. It is unknown if half of the touches are. A model of whole recordings answers
         the whole.
         """
-        touches = self.cut(recording) if self.manifest.touch_s is not None else ()
+        touches = self.cut(recording) if self.manifest.window_s is not None else ()
         if not touches:
             return self.answer(recording)
         answers = [self.answer(touch) for touch in touches]
         together = joined(answers, recording.recording_id)
-        if not all(answer.sets for answer in answers):
+        if not all(answer.prediction_sets for answer in answers):
             return together
         p = np.array([list(answer.probabilities.values()) for answer in answers])
-        return replace(together, sets=self.sets_of("recording", log_of(p).mean(axis=0)))
+        return replace(together, prediction_sets=self.sets_of("recording", log_of(p).mean(axis=0)))
 
     def cut(self, recording: Recording) -> tuple[Recording, ...]:
         """Return the touches of a recording, one after another; none without movement enough for one."""
-        if self.manifest.touch_s is None:
+        if self.manifest.window_s is None:
             return (recording.with_(phase_settings=self.manifest.phase_settings),)
         start, stop = find_phases(recording, self.manifest.phase_settings).movement or (0, 0)
-        n = max(1, round(self.manifest.touch_s * recording.fs))
+        n = max(1, round(self.manifest.window_s * recording.fs))
         starts = range(start, stop - n + 1, n)
         return tuple(
             recording.cut(k, k + n, f"{recording.recording_id}#{i}") for i, k in enumerate(starts, 1)
@@ -348,7 +348,7 @@ class Model:
         document = {
             "plan": self.plan.to_json(),
             "channels": list(self.plan.channels),
-            "materials": list(self.materials),
+            "surfaces": list(self.surfaces),
             "steps": list(self.steps),
             "classifier": self.classifier,
             "banks": [{"of": list(key), "weights": weights} for key, weights in self.banks.items()],
@@ -356,13 +356,13 @@ class Model:
             "novelty": self.novelty.document(),
             "ranges": dict(vars(self.ranges)),
             "conformity": {kind: dict(vars(known)) for kind, known in self.conformity.items()},
-            "surfaces": {} if self.surfaces is None else self.surfaces._asdict(),
+            "class_moments": {} if self.class_moments is None else self.class_moments._asdict(),
             "probe": {"values": values, "probabilities": self._typical()},
         }
         write_model_file(path, document, self.manifest, is_arrays=not self.estimators)
 
     def _typical(self) -> Samples:
-        """Return the probabilities (n_materials,) of the medians of training."""
+        """Return the probabilities (n_surfaces,) of the medians of training."""
         probabilities, _ = self.judge(np.nan_to_num(self.ranges.median)[None])
         return np.asarray(probabilities[0])
 
@@ -428,7 +428,7 @@ def predict(
         for one in members:
             try:
                 felt = one.load()
-                yield Prediction(one.name, model.predict(felt), surface=one.surface or felt.material)
+                yield Prediction(one.name, model.predict(felt), surface=one.surface or felt.surface)
             except (ValueError, OSError) as error:
                 yield _refused(one.name, error, one.surface)
 
@@ -468,7 +468,7 @@ def load_model(path: str | Path) -> Model:
     try:
         with np.errstate(all="ignore"):  # of damaged numbers, whose answers are then others
             model, is_same_code = _of_document(document, manifest)
-            if sorted(model.materials) != sorted(manifest.materials):
+            if sorted(model.surfaces) != sorted(manifest.surfaces):
                 raise ValueError("its surfaces differ from those in its manifest")
             # A difference of 1e-6 is what rounding on another machine explains.
             if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=1e-6):
@@ -499,7 +499,7 @@ def _of_document(document: Mapping[str, Any], manifest: Manifest) -> tuple[Model
     plan, is_same_code = Plan.of_json(document["plan"], document["channels"])
     model = Model(
         plan,
-        tuple(document["materials"]),
+        tuple(document["surfaces"]),
         document["steps"],
         document["classifier"],
         Calibration(*(float(document["calibration"][name]) for name in ("beta", "lapse"))),
@@ -507,7 +507,7 @@ def _of_document(document: Mapping[str, Any], manifest: Manifest) -> tuple[Model
         Ranges(**arrays(document["ranges"])),
         manifest,
         conformity={kind: Conformity(**arrays(known)) for kind, known in document["conformity"].items()},
-        surfaces=Surfaces(**arrays(lay)) if (lay := document["surfaces"]) else None,
+        class_moments=ClassMoments(**arrays(lay)) if (lay := document["class_moments"]) else None,
         banks={tuple(bank["of"]): bank["weights"] for bank in document["banks"]},
     )
     return model, is_same_code

@@ -16,15 +16,15 @@ def model_document(model: Model) -> Document:
     m, by_sklearn = model.manifest, ", ".join(model.estimators)
     on, left_out = m.trained_on, ""
     felt = counted(on["n_recordings"], "recording")
-    if m.touch_s is not None:
-        felt += f", {on['n_windows']} windows of {m.touch_s:g} s"
+    if m.window_s is not None:
+        felt += f", {on['n_windows']} windows of {m.window_s:g} s"
     if "without_graph" in m.accuracy:  # features that an exportable model leaves out
         left_out = (
             f"{', '.join(m.accuracy['without_graph'])}: no graph for ONNX; with them, accuracy "
             f" {100 * m.accuracy['with_all_features']:.1f} %"
         )
     facts = {
-        "Surfaces": f"{len(m.materials)}: {', '.join(m.materials)}",
+        "Surfaces": f"{len(m.surfaces)}: {', '.join(m.surfaces)}",
         "Trained on": f"{on['name']}, {felt} ({on['hash'][:12]})",
         "Adapted to": adapted_facts(m) if m.adapted else "",
         "Pipeline": _pipeline(m),
@@ -43,7 +43,7 @@ def model_document(model: Model) -> Document:
         "Format": str(m.format_version),
     }
     shown = {name: fact for name, fact in facts.items() if fact}
-    return Document(f"Model of {counted(len(m.materials), 'surface')}", [shown])
+    return Document(f"Model of {counted(len(m.surfaces), 'surface')}", [shown])
 
 
 def _pipeline(m: Manifest) -> str:
@@ -58,8 +58,8 @@ def _pipeline(m: Manifest) -> str:
 def _recordings(m: Manifest) -> str:
     """Return the recordings that the model accepts."""
     felt = f", movements of at least about {m.shortest_s:.2g} s" if m.shortest_s is not None else ""
-    if m.touch_s is not None:
-        felt = f", windows of {m.touch_s:g} s"
+    if m.window_s is not None:
+        felt = f", windows of {m.window_s:g} s"
     return f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{felt}"
 
 
@@ -128,7 +128,7 @@ def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
     """
     ids = [answer.recording_id for _, answer in answers]
     named = [(name if ids.count(a.recording_id) > 1 else a.recording_id, a) for name, a in answers]
-    sets = [told(a.sets, len(a.probabilities)) for _, a in named]
+    sets = [told(a.prediction_sets, len(a.probabilities)) for _, a in named]
     levels = dict.fromkeys(level for one in sets for level in one)
     frame = {
         "Recording": [name for name, _ in named],
@@ -161,7 +161,7 @@ def _of_sets(model: Model) -> str:
     if not model.conformity:
         return "none"
     known, levels = model.conformity["answer"], " and ".join(f"{100 * level:g}" for level in model.levels)
-    referred = ", references among them" * ("references" in model.manifest.calibration["sets"])
+    referred = ", references among them" * ("references" in model.manifest.calibration["prediction_sets"])
     return f"coverage {levels} %, from {known.n:.3g} held-out contacts{referred}" + (
         f"; {few}" if (few := known.too_few(model.levels)) else ""
     )

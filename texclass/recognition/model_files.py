@@ -52,7 +52,7 @@ class Manifest(Written):
 
     Attributes
     ----------
-    materials
+    surfaces
         Surfaces it knows, sorted.
     pipeline
         name, row, classifier and hash of what was trained; few, where recordings were too few to choose by;
@@ -77,13 +77,13 @@ class Manifest(Written):
         method, beta, lapse, expected calibration error on held-out recordings, n_bins; of touches also
         correlation (of those of one recording) and n_contacts (recordings). What `KnownGesture.of` reads:
         confusion (row m: mean probabilities answered where m was felt), repetition (correlation of answers
-        about one material, by one operator in one session).
+        about one surface, by one operator in one session).
     unknown
         score, false_alarms, level (p-value of the threshold), threshold, n of held-out recordings,
         stretch (of distances, by drift).
     cost
         segmentation_ms, features_ms and classifier_ms per recording, on the machine that trained it.
-    touch_s
+    window_s
         Seconds of movement of one answer; None: whole recordings.
     versions
         Of texclass, Python and libraries.
@@ -103,7 +103,7 @@ class Manifest(Written):
         Version of the format of the file.
     """
 
-    materials: tuple[str, ...]
+    surfaces: tuple[str, ...]
     pipeline: Mapping[str, str]
     features: tuple[str, ...]
     phases: tuple[str, ...]
@@ -115,7 +115,7 @@ class Manifest(Written):
     calibration: Mapping[str, Any]
     unknown: Mapping[str, Any]
     cost: Mapping[str, float]
-    touch_s: Positive | None
+    window_s: Positive | None
     versions: Mapping[str, str]
     shortest_s: Positive | None = None
     loudest: Annotated[float, Field(gt=0)] | None = None

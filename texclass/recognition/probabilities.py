@@ -131,7 +131,7 @@ def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
     """Return the correlation of windows under which what contacts say in the end is likeliest.
 
     The mean log posterior of the first n windows of each contact, times what they are worth, is to be the
-    probability of the right material; every contact counts once, however many windows it has.
+    probability of the right surface; every contact counts once, however many windows it has.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, cached_table, metadata
 from texclass.evaluation.pipeline import PipelineDefinition, load_pipeline
 from texclass.evaluation.protocols import find_protocol, splits_of
-from texclass.evaluation.windows import asked, overlapping, parents, touches
+from texclass.evaluation.windows import asked, cut_windows, overlapping, parents
 from texclass.evaluation.workers import Progress, each, one_thread
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
@@ -49,9 +49,9 @@ from texclass.recognition.probabilities import (
 )
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.unknown import (
+    ClassMoments,
     Novelty,
     Ranges,
-    Surfaces,
     fit_nearness,
     kind_for,
     least_held_out,
@@ -73,7 +73,7 @@ def train(
     max_ms: float | None = None,
     max_features: int | None = None,
     max_kb: float | None = None,
-    touch_s: float | None = None,
+    window_s: float | None = None,
     exportable: bool = False,
     protocol: str | None = None,
     false_alarms: float = FALSE_ALARMS,
@@ -110,7 +110,7 @@ def train(
     max_kb : float, optional
         Largest size of an exported kernel discriminant in kB; see `KernelDiscriminant`. No effect on other
         classifiers.
-    touch_s : float, optional
+    window_s : float, optional
         Length of a window in s (default: whole recordings).
     exportable : bool
         Use only features that `export_onnx` can compute from samples (default False). The manifest lists the
@@ -146,7 +146,7 @@ def train(
 
     Examples
     --------
-    >>> train("simulated", row="Movement", touch_s=1.0).save("surfaces.skops")  # doctest: +SKIP
+    >>> train("simulated", row="Movement", window_s=1.0).save("surfaces.skops")  # doctest: +SKIP
     """
     check_above_0(max_ms=max_ms, max_features=max_features, max_kb=max_kb)
     felt = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, fs=fs, unit=unit)
@@ -156,8 +156,8 @@ def train(
     defined = named if isinstance(named, PipelineDefinition) else load_pipeline(named)
     felt = felt.with_phase_settings(defined.phase_settings.changes, override=False)
     work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
-    if touch_s is not None:
-        felt = touches(felt, touch_s, **work)
+    if window_s is not None:
+        felt = cut_windows(felt, window_s, **work)
     felt = overlapping(felt, defined.overlap)
     known = metadata(felt.entries)
     held_out_by, why = holding_out(protocol, defined.protocol.name, known, false_alarms)
@@ -177,13 +177,13 @@ def train(
     novelty = _novelty(chosen, fitted["steps"], X, y, far, tests.level(false_alarms, len(far)))
     manifest = Manifest(
         **_recordings(felt, meter, table, plan),
-        materials=fitted["materials"],
+        surfaces=fitted["surfaces"],
         pipeline=_pipeline(defined, chosen, meter, tests.few, max_kb, max_ms),
         accuracy=accuracy,
         calibration=calibrated,
         unknown=_unknown(novelty, false_alarms, stretch),
         cost=_cost(fitted, meter, X[:1]),
-        touch_s=touch_s,
+        window_s=window_s,
         versions=versions("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa"),
     )
     return Model(
@@ -194,7 +194,7 @@ def train(
         manifest=manifest,
         left_out=table.left_out,
         conformity=conformity,
-        surfaces=Surfaces.of(X, y),
+        class_moments=ClassMoments.of(X, y),
     )
 
 
@@ -216,7 +216,7 @@ def _choice(
     clusters = tests.protocol.clusters(tests.table)[said[0].rows]
     tried = list(zip(candidates, said, strict=False))
     candidate, held_out, fitted, expected = _best(tried, tests, clusters)
-    accuracy = tests.promised(expected, len(set(clusters)), len(fitted["materials"]))
+    accuracy = tests.promised(expected, len(set(clusters)), len(fitted["surfaces"]))
     if others:
         hits = np.array([one.hits for one in said[len(candidates) :]])
         _, with_all = accuracy_of_choice(hits, [c.n_columns for c in others], clusters, tests.seed)
@@ -254,8 +254,8 @@ def fitted_on(candidate: Candidate, table: pd.DataFrame) -> Facts:
         X, y = replace(candidate, plan=plan).trained_on(table)
         steps = [part for _, step in recogniser.steps[1:-1] for part in steps_of(step)]
         classifier = classifier_of(recogniser[-1], (apply_all(steps, X), y))
-    materials = tuple(str(name) for name in recogniser.classes_)
-    return {"plan": plan, "materials": materials, "steps": steps, "classifier": classifier}
+    surfaces = tuple(str(name) for name in recogniser.classes_)
+    return {"plan": plan, "surfaces": surfaces, "steps": steps, "classifier": classifier}
 
 
 def _calibrated(held_out: HeldOut, tests: HoldingOut) -> tuple[Calibration, dict[str, Conformity], Facts]:
@@ -269,7 +269,7 @@ def _calibrated(held_out: HeldOut, tests: HoldingOut) -> tuple[Calibration, dict
     of_contacts = _of_contacts(p, held_out, told)
     ages = np.zeros(len(told), dtype=np.intp)
     if tests.protocol.name == IN_TIME:
-        ages = n_later(told["material"].to_numpy(dtype=str), told["repetition"].to_numpy())
+        ages = n_later(told["surface"].to_numpy(dtype=str), told["repetition"].to_numpy())
     conformity = conformities(
         decisions,
         held_out.labels,
@@ -278,7 +278,13 @@ def _calibrated(held_out: HeldOut, tests: HoldingOut) -> tuple[Calibration, dict
         correlation=of_contacts.get("correlation"),
         counts=recency(ages, HALF_LIFE),
     )
-    facts = {"method": how, **vars(calibration), "n": len(p), **of_contacts, "sets": facts_of(conformity)}
+    facts = {
+        "method": how,
+        **vars(calibration),
+        "n": len(p),
+        **of_contacts,
+        "prediction_sets": facts_of(conformity),
+    }
     if len(told):
         facts["expected_error"] = expected_calibration_error(p.max(axis=1), held_out.hits)
         facts["error_of_chance"] = calibration_error_of_chance(p.max(axis=1))
@@ -295,15 +301,15 @@ def _of_contacts(p: Samples, held_out: HeldOut, told: pd.DataFrame) -> dict[str,
 
 
 def _of_gestures(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> Facts:
-    """Return what is answered where a material is felt, and how answers agree by the hand that repeats it.
+    """Return what is answered where a surface is felt, and how answers agree by the hand that repeats it.
 
-    Of the confusion, row m is the mean probability of each material where m was felt; one answer that knows
+    Of the confusion, row m is the mean probability of each surface where m was felt; one answer that knows
     nothing is added to each, so that few recordings promise little.
     """
     n_classes = p.shape[1]
     felt = np.eye(n_classes)[held_out.labels]
     confusion = (felt.T @ p + 1 / n_classes) / (felt.sum(axis=0)[:, None] + 1)
-    hands = frame.groupby(["material", "operator", "session"], dropna=False).ngroup()
+    hands = frame.groupby(["surface", "operator", "session"], dropna=False).ngroup()
     same = hands.to_numpy()[held_out.rows]
     repeated = len(set(same)) < len(same)
     repetition = fit_correlation(p, held_out.labels, same) if repeated else CORRELATION

@@ -244,12 +244,12 @@ class Ranges:
         return np.asarray(np.nan_to_num(far))
 
 
-class Surfaces(NamedTuple):
+class ClassMoments(NamedTuple):
     """Where surfaces lay in training: what a model needs in order to follow another sensor.
 
     Attributes
     ----------
-    means : ndarray of shape (n_materials, n_columns)
+    means : ndarray of shape (n_surfaces, n_columns)
         NaN where a column has no value for a surface.
     within : ndarray of shape (n_columns,)
         Deviation of recordings from the means of their surfaces.
@@ -259,8 +259,8 @@ class Surfaces(NamedTuple):
     within: Samples
 
     @classmethod
-    def of(cls, X: Samples, y: NDArray[Any]) -> "Surfaces":
-        """Return them for features X (n, n_columns), NaN where undefined, of materials y (n,)."""
+    def of(cls, X: Samples, y: NDArray[Any]) -> "ClassMoments":
+        """Return them for features X (n, n_columns), NaN where undefined, of surfaces y (n,)."""
         names, labels = np.unique(y, return_inverse=True)
         there, one_hot = ~np.isnan(X), np.eye(len(names))[labels]
         with np.errstate(invalid="ignore"):

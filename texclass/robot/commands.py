@@ -47,7 +47,7 @@ def export(
     if output is None or check:
         typer.echo(f"{model}: {check_onnx(model)}")
         return
-    exported = export_onnx(load_model(model), output, start=start, touch_s=window)
+    exported = export_onnx(load_model(model), output, start=start, window_s=window)
     write_json(json_file, json.dumps(exported.facts, indent=1))
     if json_file == Path("-"):
         return

@@ -146,7 +146,7 @@ def perform(
         fs=fs,
         unit="m/s^2",
         recording_id=recording_id,
-        material=surface.name,
+        surface=surface.name,
         operator=person.name,
         repetition=repetition,
         friction=read_only(sensor.read_bridge(motion.grip_force, fs, sensor_rng)),

@@ -1,4 +1,4 @@
-"""Surfaces: what of a material the tool can feel, and a catalogue of everyday ones.
+"""Surfaces: what of a surface the tool can feel, and a catalogue of everyday ones.
 
 The catalogue is drawn from families whose single properties overlap.
 """

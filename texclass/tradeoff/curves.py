@@ -20,7 +20,7 @@ from texclass.evaluation.feature_table import FeatureTable, cached_table
 from texclass.evaluation.folds import evaluate
 from texclass.evaluation.protocols import Protocol, repeated
 from texclass.evaluation.splits import Split
-from texclass.evaluation.windows import touches
+from texclass.evaluation.windows import cut_windows
 from texclass.evaluation.workers import Progress, each
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Channels, views_of
@@ -42,7 +42,7 @@ class CurveSettings:
     seconds
         Of touch.
     n_trained
-        Training recordings of each material.
+        Training recordings of each surface.
     rates_hz, bits
         Of cheaper sensors.
     orders
@@ -96,8 +96,8 @@ class Conditions:
         return cached_table(dataset, self.features, channels=self.channels, skip_bad=True, **work)
 
     def splits(self, frame: pd.DataFrame) -> tuple[Split, ...]:
-        """Return all folds of all repeats, fewer folds where a material has few recordings."""
-        n_folds = min(self.n_folds, int(frame["material"].value_counts().min()))
+        """Return all folds of all repeats, fewer folds where a surface has few recordings."""
+        n_folds = min(self.n_folds, int(frame["surface"].value_counts().min()))
         n_repeats = self.n_repeats if self.protocol.is_random else 1
         drawn = repeated(self.protocol, frame, n_folds, n_repeats, self.seed)
         return tuple(split for repeat in drawn for split in repeat)
@@ -120,7 +120,7 @@ def cross_validated(
 
 
 def training_curves(conditions: Conditions, table: FeatureTable) -> list[Facts]:
-    """Accuracy against the number of training recordings of each material, by two classifiers."""
+    """Accuracy against the number of training recordings of each surface, by two classifiers."""
     data, splits = conditions.data(table), conditions.splits(table.frame)
     most = min(int(np.unique(data.y[train], return_counts=True)[1].min()) for train, _ in splits)
     numbers = sorted({n for n in CURVES.n_trained if n < most} | {most})
@@ -137,7 +137,7 @@ def training_curves(conditions: Conditions, table: FeatureTable) -> list[Facts]:
             )
             points.append((float(n), accuracy))
         if points:
-            curves.append(_curve("training recordings per material", "", points, series))
+            curves.append(_curve("training recordings per surface", "", points, series))
     return curves
 
 
@@ -153,7 +153,7 @@ def touch_curve(conditions: Conditions, whole: FeatureTable) -> Facts | None:
     points: list[tuple[float, Facts]] = []
     for seconds in CURVES.seconds:
         try:
-            felt = touches(conditions.dataset, seconds, per_recording=1, n_jobs=conditions.n_jobs)
+            felt = cut_windows(conditions.dataset, seconds, per_recording=1, n_jobs=conditions.n_jobs)
             found = conditions.table(felt)
             if len(found.frame) < 0.9 * len(whole.frame):  # the others are too short
                 break
@@ -217,11 +217,11 @@ def _model(load: Callable[[Entry], Any], entry: Entry) -> Samples | None:
 
 
 def _fewer(dataset: Dataset) -> tuple[Dataset, str]:
-    """Return few recordings, as many of each material as there is room for, at least four."""
-    per_material = max(4, CURVES.n_recordings // max(len(dataset.materials), 1))
-    materials = pd.Series([e.material for e in dataset.entries])
-    rank = materials.groupby(materials).cumcount()
-    kept = tuple(e for e, r in zip(dataset.entries, rank, strict=True) if r < per_material)
+    """Return few recordings, as many of each surface as there is room for, at least four."""
+    per_surface = max(4, CURVES.n_recordings // max(len(dataset.surfaces), 1))
+    surfaces = pd.Series([e.surface for e in dataset.entries])
+    rank = surfaces.groupby(surfaces).cumcount()
+    kept = tuple(e for e, r in zip(dataset.entries, rank, strict=True) if r < per_surface)
     note = "" if len(kept) == len(dataset) else f"from {len(kept)} of the recordings"
     return replace(dataset, entries=kept), note
 

@@ -48,8 +48,8 @@ class Limits:
         Of movement that is felt; None takes whole recordings.
     max_features
         Columns that reach the classifier.
-    materials
-        The scene's materials; all by default. With them, the fewest columns that separate just these.
+    surfaces
+        The scene's surfaces; all by default. With them, the fewest columns that separate just these.
 
     Raises
     ------
@@ -60,7 +60,7 @@ class Limits:
     max_ms: float | None = None
     max_seconds: float | None = None
     max_features: int | None = None
-    materials: tuple[str, ...] = ()
+    surfaces: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_above_0(max_ms=self.max_ms, max_features=self.max_features)
@@ -80,7 +80,7 @@ class Labelled(NamedTuple):
 
 def labelled(X: Samples, frame: pd.DataFrame, protocol: Protocol) -> Labelled:
     """Return columns X (n, n_columns) with what a table says of their rows."""
-    y = frame["material"].to_numpy(dtype=str)
+    y = frame["surface"].to_numpy(dtype=str)
     return Labelled(X, y, protocol.clusters(frame), protocol.independent(frame)[1])
 
 

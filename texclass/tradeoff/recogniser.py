@@ -1,4 +1,4 @@
-"""Fitted pipelines from recordings to materials that compute only what the selected features need."""
+"""Fitted pipelines from recordings to surfaces that compute only what the selected features need."""
 
 import copy
 import warnings
@@ -34,7 +34,7 @@ COLUMN_WISE: Mapping[type, tuple[str, ...]] = {
 
 
 def fit_recogniser(
-    plan: Plan, values: Samples, materials: NDArray[Any], steps: Sequence[tuple[str, Any]]
+    plan: Plan, values: Samples, surfaces: NDArray[Any], steps: Sequence[tuple[str, Any]]
 ) -> Pipeline:
     """Return a fitted pipeline: a `FeatureExtractor`, steps that prepare its columns, a classifier.
 
@@ -44,13 +44,13 @@ def fit_recogniser(
         The features, which are extracted already.
     values : ndarray of shape (n_recordings, n_columns)
         The plan's columns; NaN where undefined.
-    materials : ndarray of shape (n_recordings,)
+    surfaces : ndarray of shape (n_recordings,)
         Labels.
     steps : sequence of (name, estimator)
         Unfitted, the classifier last.
     """
     with quiet_fits():
-        fitted = Pipeline(list(steps)).fit(values, materials)
+        fitted = Pipeline(list(steps)).fit(values, surfaces)
     return Pipeline([("features", _extractor(plan)), *fitted.steps])
 
 

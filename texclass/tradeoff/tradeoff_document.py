@@ -90,7 +90,7 @@ def _blocks(data: Data) -> Iterator[Block]:
     )
     yield list(_notes(data))
     if data.get("fewest"):
-        scene = ", ".join(data["dataset"].get("materials") or ()) or "this scene"
+        scene = ", ".join(data["dataset"].get("surfaces") or ()) or "this scene"
         rows = [(str(n), estimate(found)) for n, found in data["fewest"]]
         yield Heading("Fewest columns for these surfaces")
         caption = f"Accuracy with the best columns, selected in each training set, for {scene}."

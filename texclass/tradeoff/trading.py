@@ -15,7 +15,7 @@ from texclass.evaluation.cost import CostMeter, CostModel, classifier_cost
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.protocols import find_protocol
 from texclass.evaluation.result import COMPUTED_BY
-from texclass.evaluation.windows import touches
+from texclass.evaluation.windows import cut_windows
 from texclass.evaluation.workers import Progress
 from texclass.features.phase_view import Channels
 from texclass.features.plan import Plan
@@ -59,14 +59,14 @@ class Tradeoff(Result, kind="tradeoff"):
     `data` holds `costs` (a feature's `share` of the full set, `alone`, and what leaving it out would save:
     `last`), shared `parts`, `segmentation_ms` and `total_ms` (from samples to features), whose milliseconds
     these are (`costs_of`), the `front` (see `nested_front`) with its `knee` and the point `at_half_cost`
-    (of the features), the accuracy of the `full` set, the `fewest` columns for a scene's materials, `curves`
+    (of the features), the accuracy of the `full` set, the `fewest` columns for a scene's surfaces, `curves`
     (accuracy against touch, training, rate, bits, order), what `classifiers` cost, what was `chosen`, and
     what is needed to do it again.
     """
 
     @property
     def stem(self) -> str:
-        """What the names of its files begin with: dataset, materials of a scene, seconds, "tradeoff"."""
+        """What the names of its files begin with: dataset, surfaces of a scene, seconds, "tradeoff"."""
         return tradeoff_stem(self.data["dataset"])
 
     @property
@@ -83,7 +83,7 @@ class Tradeoff(Result, kind="tradeoff"):
 
 def tradeoff_stem(dataset: Facts) -> str:
     """Return what the names of a trade-off's files begin with, from the facts of its dataset."""
-    scene = f"-{len(dataset['materials'])}-materials" if dataset.get("materials") else ""
+    scene = f"-{len(dataset['surfaces'])}-surfaces" if dataset.get("surfaces") else ""
     seconds = f"-{dataset['max_seconds']:g}s" if dataset.get("max_seconds") else ""
     return f"{dataset['name']}{scene}{seconds}-tradeoff"
 
@@ -145,14 +145,14 @@ def trade_off(
     """
     limits = limits or Limits()
     dataset = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
-    dataset = _of_materials(dataset, limits.materials)
+    dataset = _of_surfaces(dataset, limits.surfaces)
     features = features if isinstance(features, FeatureSet) else load_feature_set(features)
     conditions = Conditions(
         dataset, features, channels, find_protocol(protocol), n_folds, n_repeats, seed, n_jobs, progress
     )
     felt = dataset
     if limits.max_seconds is not None:  # the first touch of each recording
-        felt = touches(dataset, limits.max_seconds, per_recording=1, n_jobs=n_jobs, progress=progress)
+        felt = cut_windows(dataset, limits.max_seconds, per_recording=1, n_jobs=n_jobs, progress=progress)
     offer = Offer.of(conditions, felt)
     splits = conditions.splits(offer.table.frame)
     front, full = nested_front(
@@ -160,13 +160,13 @@ def trade_off(
         max_features=limits.max_features, n_jobs=n_jobs, progress=progress,
     )  # fmt: skip
     fewest: list[tuple[int, Facts]] = []
-    if limits.materials:
+    if limits.surfaces:
         most = min(MOST_COLUMNS, limits.max_features or MOST_COLUMNS, len(offer.costs.columns))
         fewest = nested_fewest(offer.data, splits, most, n_jobs=n_jobs)
     facts = study_facts(
         dataset, features, offer.table.frame, offer.meter.recordings[0], conditions.protocol, splits, seed
     )
-    facts["dataset"] |= {"materials": list(limits.materials), "max_seconds": limits.max_seconds}
+    facts["dataset"] |= {"surfaces": list(limits.surfaces), "max_seconds": limits.max_seconds}
     middle = offer.costs.total - offer.costs.features_ms / 2
     half = [p for p in front if p["budget_ms"] <= middle * (1 + 1e-9)]
     n_drawn = n_repeats if conditions.protocol.is_random else 1
@@ -254,17 +254,17 @@ def check_model(offer: Offer, seed: int, n: int = 10) -> list[tuple[float, float
     return pairs
 
 
-def _of_materials(dataset: Dataset, materials: Sequence[str]) -> Dataset:
-    """Return the recordings of a scene's materials."""
-    if not materials:
+def _of_surfaces(dataset: Dataset, surfaces: Sequence[str]) -> Dataset:
+    """Return the recordings of a scene's surfaces."""
+    if not surfaces:
         return dataset
-    if unknown := [m for m in materials if m not in dataset.materials]:
+    if unknown := [m for m in surfaces if m not in dataset.surfaces]:
         raise ValueError(
-            f"{dataset.name} has no material {unknown[0]!r}; its materials are {', '.join(dataset.materials)}"
+            f"{dataset.name} has no surface {unknown[0]!r}; its surfaces are {', '.join(dataset.surfaces)}"
         )
-    if len(set(materials)) < 2:
-        raise ValueError(f"materials are {', '.join(materials)}. Expected at least two to tell apart")
-    return replace(dataset, entries=tuple(e for e in dataset.entries if e.material in materials))
+    if len(set(surfaces)) < 2:
+        raise ValueError(f"surfaces are {', '.join(surfaces)}. Expected at least two to tell apart")
+    return replace(dataset, entries=tuple(e for e in dataset.entries if e.surface in surfaces))
 
 
 def _prices(offer: Offer, seed: int) -> dict[str, Any]:
@@ -311,7 +311,7 @@ def _chosen(
         best = max(accuracy["mean"] for _, accuracy in fewest)
         n, accuracy = next(pair for pair in fewest if pair[1]["mean"] >= best - KNEE_LOSS)
         columns: Sequence[int] = fewest_path(prepared, y, groups, n)[n - 1]
-        why = f"the fewest columns within {KNEE_LOSS:.0%} of the best that separate these materials"
+        why = f"the fewest columns within {KNEE_LOSS:.0%} of the best that separate these surfaces"
     else:
         if limits.max_ms is None:
             point = knee(front)

@@ -96,7 +96,7 @@ def test_a_surface_of_a_scene_is_chosen_by_its_name(tmp_path):
     assert renderer.process(moving, np.ones(500)).std() > 0.3
 
 
-def test_of_taps_one_material_may_be_chosen_and_they_come_back(tmp_path):
+def test_of_taps_one_surface_may_be_chosen_and_they_come_back(tmp_path):
     taps = TapLibrary(("wood", "steel"), (TapModel(300.0, 80.0, 155.0), TapModel(800.0, 40.0, 600.0)))
     path = save_texture(taps, tmp_path / "taps.texture")
     for words, n in (((), 2), (("--surface", "steel"), 1)):

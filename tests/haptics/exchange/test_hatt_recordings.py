@@ -42,13 +42,13 @@ def two(tmp_path):
     return card(tmp_path, oak=texture(0.5, "oak"), slate=texture(1.5, "slate"))
 
 
-def test_each_file_is_a_material_of_so_many_recordings(two):
+def test_each_file_is_a_surface_of_so_many_recordings(two):
     dataset = open_dataset(two)
     assert [entry.recording_id for entry in dataset.entries] == [
         f"{m}_0{k}" for m in ("oak", "slate") for k in (1, 2, 3)
     ]
     made = dataset[0]
-    assert (made.material, made.repetition, made.fs, made.unit) == ("oak", 1, 1000.0, "m/s^2")
+    assert (made.surface, made.repetition, made.fs, made.unit) == ("oak", 1, 1000.0, "m/s^2")
     assert made.phases.movement == (0, 2000)
     assert made.operator is made.session is None
 
@@ -97,7 +97,7 @@ def test_the_published_layout_is_read(tmp_path):
     (tmp_path / "models").mkdir()
     (tmp_path / "models" / "Slate.xml").write_text(document())
     made = open_dataset(card(tmp_path))[0]
-    assert made.material == "Slate"
+    assert made.surface == "Slate"
     assert made.acceleration.std() > 0
 
 
@@ -105,8 +105,8 @@ def test_the_published_layout_is_read(tmp_path):
     ("text", "message"),
     [
         ("fs_hz = 2000\n", r"Models_oak\.xml: SampleRate is 1000 Hz, the card says 2000. Expected one"),
-        ("files = '(?P<material>z.*)'\n", "models: holds no model. Expected files named as"),
-        ("files = '(?P<material>Models)_.*'\n", "are both of 'Models'. Expected one file each"),
+        ("files = '(?P<surface>z.*)'\n", "models: holds no model. Expected files named as"),
+        ("files = '(?P<surface>Models)_.*'\n", "are both of 'Models'. Expected one file each"),
     ],
 )
 def test_what_does_not_fit_the_card_is_named(two, tmp_path, text, message):
@@ -120,5 +120,5 @@ def test_rubbish_is_named(two, tmp_path):
         open_dataset(two)[0]
     with pytest.raises(RecordingError, match="resampling to 500 Hz was asked for"):
         open_dataset(two, resample=500)
-    with pytest.raises(CardError, match=r"must define the group \(\?P<material>\.\.\.\) and no other"):
-        open_dataset(card(tmp_path, r"files = '(?P<material>.)(?P<operator>.*)'"))
+    with pytest.raises(CardError, match=r"must define the group \(\?P<surface>\.\.\.\) and no other"):
+        open_dataset(card(tmp_path, r"files = '(?P<surface>.)(?P<operator>.*)'"))

@@ -41,7 +41,7 @@ def test_everything_that_is_written_is_read(scene, toml):
         ("friction = 0.4", "friction = -1", "wood.friction is -1. Expected a number of at least 0"),
         ("friction = 0.4", 'dataset = "d"', "wood: sources are ['simulated', 'dataset']. Expected one"),
         (S8, "", "surfaces.wood: sources are []. Expected one of texture"),
-        ("friction = 0.4", 'material = "x"', "material is 'x'. Expected it only with a dataset"),
+        ("friction = 0.4", 'surface = "x"', "surface is 'x'. Expected it only with a dataset"),
         (S8, 'texture = "none.texture"', "wood.texture: is 'none.texture'. Expected an existing file"),
         (S8, "recordings = [{}]", "missing key surfaces.wood.recordings.1.file"),
         (S8, 'recordings = [{file = "scene.toml", speed = "v", force = 0}]', "1.force: is 0. Expected"),

@@ -35,24 +35,24 @@ def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
     Raises
     ------
     RecordingError
-        If no file matches, or two are of one material.
+        If no file matches, or two are of one surface.
     """
     found: dict[str, str] = {}
     for path in data_files(root):
         name = path.relative_to(root).as_posix()
         if matched := match_name(card.files, name):
-            material = matched[0]["material"]
-            if other := found.get(material):
+            surface = matched[0]["surface"]
+            if other := found.get(surface):
                 raise RecordingError(
-                    f"{root}: {other} and {name} are both of {material!r}. Expected one file each"
+                    f"{root}: {other} and {name} are both of {surface!r}. Expected one file each"
                 )
-            found[material] = name
+            found[surface] = name
     if not found:
         raise RecordingError(f"{root}: holds no model. Expected files named as {card.files[0]!r}")
     return Dataset(
         entries=tuple(
-            Entry(f"{material}_{k:02d}", material, repetition=k, paths=(name,))
-            for material, name in found.items()
+            Entry(f"{surface}_{k:02d}", surface, repetition=k, paths=(name,))
+            for surface, name in found.items()
             for k in range(1, card.n_recordings + 1)
         ),
         load=partial(load_made, card, root),
@@ -97,7 +97,7 @@ def load_made(card: ModelsCard, root: Path, entry: Entry) -> Recording:
         fs=texture.fs,
         unit="m/s^2",
         recording_id=entry.recording_id,
-        material=entry.material,
+        surface=entry.surface,
         repetition=entry.repetition,
         source=str(path),
         speed=speed,

@@ -196,8 +196,8 @@ class SurfaceDefinition(Written):
         "abdulali2016/S1" ... "abdulali2016/S9", or "catalogue/0", "catalogue/1", ...
     recordings : tuple of RecordingDefinition
         Files, each with columns of speed and force, or constants.
-    dataset, material : str or None
-        A dataset card whose recordings carry speed and force, and a material in it: the surface's name by
+    dataset, surface : str or None
+        A dataset card whose recordings carry speed and force, and a surface in it: the surface's name by
         default.
     friction : float or None
         Kinetic friction coefficient, if known: bounds the number of speeds.
@@ -207,7 +207,7 @@ class SurfaceDefinition(Written):
     simulated: Text | None = None
     recordings: tuple[RecordingDefinition, ...] = ()
     dataset: Annotated[Text, AfterValidator(_card)] | None = None
-    material: Text | None = None
+    surface: Text | None = None
     friction: float | None = Field(default=None, ge=0)
 
     @model_validator(mode="after")
@@ -216,8 +216,8 @@ class SurfaceDefinition(Written):
         given = [key for key in sources if getattr(self, key)]
         if len(given) != 1:
             raise ValueError(f"sources are {given}. Expected one of {', '.join(sources)}")
-        if self.material and not self.dataset:
-            raise ValueError(f"material is {self.material!r}. Expected it only with a dataset")
+        if self.surface and not self.dataset:
+            raise ValueError(f"surface is {self.surface!r}. Expected it only with a dataset")
         return self
 
 

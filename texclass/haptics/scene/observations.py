@@ -264,16 +264,16 @@ def observe(name: str, surface: SurfaceDefinition, scene: SceneDefinition, judge
     if surface.dataset is not None:
         from texclass.loaders import open_dataset
 
-        material = surface.material or name
+        label = surface.surface or name
         pieces: list[Piece] = []
-        found = [r for r in open_dataset(str(surface.dataset)) if r.material == material]
+        found = [r for r in open_dataset(str(surface.dataset)) if r.surface == label]
         for r in found:
             if r.speed is None or r.normal_force is None:
                 raise ValueError(f"surface {name}: {r.recording_id} lacks speed or force. Expected both")
             pieces += _cut(r, r.speed, r.normal_force, scene, judge)
         if not found:
             raise ValueError(
-                f"surface {name}: dataset {surface.dataset} has no surface {material!r}. "
+                f"surface {name}: dataset {surface.dataset} has no surface {label!r}. "
                 "Expected one of its surfaces"
             )
         return divide_in_time(name, pieces, judge)

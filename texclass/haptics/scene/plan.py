@@ -136,13 +136,13 @@ class ScenePlan:
     @property
     def recognition(self) -> tuple[str, ...]:
         """Commands that pick the fewest features that separate the surfaces, where a dataset has them."""
-        materials: dict[str, list[str]] = {}
+        surfaces: dict[str, list[str]] = {}
         for name, surface in self.definition.surfaces.items():
             if surface.dataset is not None:
-                materials.setdefault(surface.dataset, []).append(surface.material or name)
+                surfaces.setdefault(surface.dataset, []).append(surface.surface or name)
         return tuple(
             f"texclass tradeoff {dataset} --surfaces {','.join(names)}"
-            for dataset, names in materials.items()
+            for dataset, names in surfaces.items()
             if len(names) > 1
         )
 

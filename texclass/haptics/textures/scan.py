@@ -119,5 +119,5 @@ class Scan:
             a = a[:, 0]
         if a.ndim != 1:
             raise ValueError(f"{where}: acceleration has shape {a.shape}. Expected one axis: combine them")
-        name = recording.material or recording.recording_id
+        name = recording.surface or recording.recording_id
         return cls.along_line(a, recording.speed, recording.normal_force, recording.fs, name)

@@ -224,7 +224,7 @@ class OnlineRecogniser:
         manifest, settings = model.manifest, settings or OnlineSettings()
         self.model, self.settings, self._raw = model, settings, raw
         self.fs, self.unit = float(fs or manifest.fs), unit or manifest.unit
-        trained_s = manifest.touch_s or manifest.shortest_s or 1.0
+        trained_s = manifest.window_s or manifest.shortest_s or 1.0
         if trained_s > LONGEST_WINDOW_S and settings.window_s is None:
             trained_s = RUN_WINDOW_S
         self.window = max(1, round(self.fs * (settings.window_s or trained_s)))
@@ -436,10 +436,10 @@ def _evidence(model: Model, settings: OnlineSettings, window_s: float, hop_s: fl
     if settings.always_in_contact and forget_s == math.inf:
         forget_s = 4 * window_s  # for contact never ends
     # Windows of another length, or put together otherwise, conform otherwise.
-    is_long_as_trained = settings.window_s in (None, model.manifest.touch_s)
+    is_long_as_trained = settings.window_s in (None, model.manifest.window_s)
     like_training = is_long_as_trained and settings.evidence == "sequential" and forget_s == math.inf
     return Evidence(
-        model.materials,
+        model.surfaces,
         settings.evidence,
         window_s=window_s,
         hop_s=hop_s,

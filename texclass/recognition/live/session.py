@@ -231,7 +231,7 @@ class Session:
         n_axes = self.model.needs.n_axes(block.samples[0].size)
         self._defects = Defects(self.model, n_axes, block.fs, scale_of(self.model, block.unit, self.raw))
         felt_s, trained_s = self.live.window / block.fs, self.model.manifest.shortest_s or 0.0
-        if felt_s == RUN_WINDOW_S < LONGEST_WINDOW_S < trained_s and self.model.manifest.touch_s is None:
+        if felt_s == RUN_WINDOW_S < LONGEST_WINDOW_S < trained_s and self.model.manifest.window_s is None:
             found += self._noticed(
                 block.t_s,
                 f"window: {felt_s:g} s, trained on runs of {trained_s:.3g} s and more; a model of such "

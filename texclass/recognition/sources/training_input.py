@@ -216,11 +216,11 @@ class TrainingFiles(Written):
         for name in names:
             surface, equals, file = str(name).partition("=")
             if equals and not Path(name).expanduser().exists() and not files.is_bag_name(str(name)):
-                found.append(self.find(file, **reading).with_(material=composed(surface)))
+                found.append(self.find(file, **reading).with_(surface=composed(surface)))
             else:
                 for one in self.members(name, labels, **reading):
                     felt = one.load()
-                    found.append(felt if one.surface is None else felt.with_(material=one.surface))
+                    found.append(felt if one.surface is None else felt.with_(surface=one.surface))
         return found
 
     def members(self, name: str | Path, labels: str | Path | None = None, **reading: Any) -> list[Member]:
@@ -248,7 +248,7 @@ class TrainingFiles(Written):
             stated: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
             stated |= {key: value for key, value in reading.items() if value is not None}
             dataset = open_dataset(path, labels=labels, **stated)
-            found = [(path / entry.paths[0], entry.material) for entry in dataset.entries]
+            found = [(path / entry.paths[0], entry.surface) for entry in dataset.entries]
             exported = {folder for folder in {file.parent for file, _ in found} if export_in(folder)}
             whole = [file.parent if file.parent in exported else file for file, _ in found]
             return [
@@ -260,7 +260,7 @@ class TrainingFiles(Written):
         if path.suffix == ".toml" or str(name) in shipped.names("datasets"):
             dataset = open_dataset(name, **reading)
             return [
-                Member(f"{name}:{entry.recording_id}", partial(dataset.load, entry), entry.material)
+                Member(f"{name}:{entry.recording_id}", partial(dataset.load, entry), entry.surface)
                 for entry in dataset.entries
             ]
         return [Member(str(name), partial(self.find, name, **reading))]

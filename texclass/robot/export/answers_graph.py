@@ -27,8 +27,8 @@ Which surface is this: the part of a texclass model that follows the features.
 
 Input: features, float64 (n, n_columns), a row a touch or recording; texclass.columns names the columns in
 order; NaN where a feature is undefined.
-Outputs: label, string (n,), the likeliest material; probabilities, float64 (n, n_materials), calibrated, in
-the order of texclass.materials; p_known, float64 (n,), conformal p-value of "this surface is one of them";
+Outputs: label, string (n,), the likeliest surface; probabilities, float64 (n, n_surfaces), calibrated, in
+the order of texclass.surfaces; p_known, float64 (n,), conformal p-value of "this surface is one of them";
 unknown, bool (n,), p_known <= texclass.false_alarms, or no feature has a value.
 A row that is infinite somewhere, or undefined where nothing fills it, has the label "", NaN, and is unknown.
 Computing the features is left to the program; texclass.self_check holds rows with the answers it has to get.
@@ -81,14 +81,14 @@ def add_answers(model: Model, features: Tensor, silent: Tensor | None = None) ->
         prepared = add_part(part, prepared)
     decisions = add_part(model.classifier, prepared)
     # (1 - lapse) softmax(beta s) + lapse / K; a scalar beta would lose digits as single columns do
-    n, calibration = len(model.materials), model.calibration
+    n, calibration = len(model.surfaces), model.calibration
     p = graph.add("Softmax", decisions * np.full(n, calibration.beta), axis=1)
     p = p * (1 - calibration.lapse) + calibration.lapse / n
     undefined = _of_rows("ReduceMax", graph.add("IsNaN", prepared) | graph.add("IsInf", prepared))
     if silent is not None:
         undefined = undefined | silent
     best = graph.add("ArgMax", p, axis=1, keepdims=0)
-    names = graph.add("Gather", np.array(model.materials, dtype=object), best)
+    names = graph.add("Gather", np.array(model.surfaces, dtype=object), best)
     graph.add("Where", undefined, np.array(UNDEFINED, dtype=object), names, name="label")
     graph.add("Where", undefined.unsqueeze(), np.nan, p, name="probabilities")
     # p = (1 + #{held-out scores >= score}) / (n + 1), and whether false alarms may have it as small
@@ -106,7 +106,7 @@ def add_answers(model: Model, features: Tensor, silent: Tensor | None = None) ->
     graph.add("Or", small | empty, undefined, name="unknown")
     return [
         tensor_of("label", object, "n"),
-        tensor_of("probabilities", np.float64, "n", len(model.materials)),
+        tensor_of("probabilities", np.float64, "n", len(model.surfaces)),
         tensor_of("p_known", np.float64, "n"),
         tensor_of("unknown", np.bool_, "n"),
     ]

@@ -55,7 +55,7 @@ class Exported(NamedTuple):
 
 
 def export_onnx(
-    model: Model, path: str | Path, *, start: Start = "features", touch_s: float | None = None
+    model: Model, path: str | Path, *, start: Start = "features", window_s: float | None = None
 ) -> Exported:
     """Write a model as an ONNX file, from the features on or from the samples on: complete, or not at all.
 
@@ -72,7 +72,7 @@ def export_onnx(
         File to write (.onnx).
     start : {"features", "samples"}
         Where the graph begins.
-    touch_s : float, optional
+    window_s : float, optional
         Seconds of a window of samples; those of the touches the model was trained on by default.
 
     Raises
@@ -91,7 +91,7 @@ def export_onnx(
     of_samples, n_samples = None, 0
     try:
         if start == "samples":  # what is refused should be so before anything is computed
-            n_samples = window_of_model(model, touch_s)
+            n_samples = window_of_model(model, window_s)
             check_graphs(model)
         graph = build(model)
         parity, single = check_parity(model, graph.SerializeToString()), single_precision(graph)
@@ -177,7 +177,7 @@ def check_onnx(path: str | Path) -> str:
         file = onnx.ModelProto.FromString(graph)
         facts = {one.key.removeprefix(PREFIX): one.value for one in file.metadata_props}
         checks, entry = json.loads(facts["self_check"]), file.graph.input[0].name
-        materials = json.loads(facts["materials"])
+        surfaces = json.loads(facts["surfaces"])
     except Exception as error:  # whatever reading another file runs into
         raise OnnxExportError(
             f"{path}: not a model of texclass ({type(error).__name__}: {error}). Expected a file that "
@@ -204,7 +204,7 @@ def check_onnx(path: str | Path) -> str:
     answered = len({check["label"] for check in checks})
     return (
         f"{len(checks)} of {len(checks)} checks answered as when it was written, probabilities within "
-        f"{largest:.1e}; {answered} of {len(materials)} materials, from {entry} on"
+        f"{largest:.1e}; {answered} of {len(surfaces)} surfaces, from {entry} on"
     )
 
 
@@ -225,13 +225,13 @@ def facts_of(model: Model, parity: Parity, single: tuple[str, ...]) -> dict[str,
     return told | {
         "version": __version__,
         "columns": model.columns,
-        "materials": model.materials,
+        "surfaces": model.surfaces,
         "fs_hz": model.manifest.fs,
         "channels": model.plan.channels,
         "false_alarms": model.novelty.false_alarms,
         "ranges": {edge: listed(values) for edge, values in vars(model.ranges).items()},
         "calibration": asdict(model.calibration),
-        "sets": model.manifest.calibration.get("sets", {}),
+        "prediction_sets": model.manifest.calibration.get("prediction_sets", {}),
         "single_precision": single,
         "parity": asdict(parity),
         "self_check": self_checks(model),

@@ -40,8 +40,8 @@ class Parity:
     ----------
     rows
         How many were compared, of each kind; see `check_rows`.
-    n_answered, n_materials : int
-        Materials that were answered at least once, of how many there are.
+    n_answered, n_surfaces : int
+        Surfaces that were answered at least once, of how many there are.
     n_unknown : int
         Rows called unknown.
     n_ties : int
@@ -54,7 +54,7 @@ class Parity:
 
     rows: dict[str, int]
     n_answered: int
-    n_materials: int
+    n_surfaces: int
     n_unknown: int
     n_ties: int
     difference: float
@@ -65,7 +65,7 @@ class Parity:
         return (
             f"as texclass on {sum(self.rows.values())} rows ({kinds}): no label differs, probabilities "
             f"by at most {self.difference:.1e} (tolerance {self.tolerance:g}), {self.n_ties} ties; "
-            f"{self.n_answered} of {self.n_materials} materials were answered, {self.n_unknown} rows unknown"
+            f"{self.n_answered} of {self.n_surfaces} surfaces were answered, {self.n_unknown} rows unknown"
         )
 
 
@@ -107,7 +107,7 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     return Parity(
         rows=dict(zip(kinds_of.tolist(), counts.tolist(), strict=True)),
         n_answered=len(set(expected["label"].tolist()) - {UNDEFINED}),
-        n_materials=len(model.materials),
+        n_surfaces=len(model.surfaces),
         n_unknown=int(expected["unknown"].sum()),
         n_ties=int(decided.sum()),
         difference=float(gap[gap <= TOLERANCE].max(initial=0.0)),
@@ -157,7 +157,7 @@ def check_same(
     gap[~defined & np.isnan(p).all(axis=1)] = 0.0
     largest, at = gap.max(axis=1), (np.arange(len(X)), gap.argmax(axis=1))
     # A label is the largest of its own probabilities, and of the expected ones but for a tie.
-    place = {material: k for k, material in enumerate(model.materials)}
+    place = {surface: k for k, surface in enumerate(model.surfaces)}
     k = np.array([place.get(label, -1) for label in found["label"].tolist()])
     own, chosen = (np.where(k >= 0, one[at[0], k], np.nan) for one in (p, other))
     right = (own == p.max(axis=1)) & (chosen >= other.max(axis=1) - 2 * allowed)
@@ -199,7 +199,7 @@ def reference(model: Model, X: Samples) -> Said:
     p = model.calibration(decisions)
     said: Said = {}
     for name, values, undefined in (
-        ("label", np.array(model.materials)[p.argmax(axis=1)], UNDEFINED),
+        ("label", np.array(model.surfaces)[p.argmax(axis=1)], UNDEFINED),
         ("probabilities", p, np.nan),
         ("strange", strange, np.nan),
         ("p_known", model.novelty.p_value(strange), np.nan),
@@ -299,7 +299,7 @@ def check_rows(model: Model, seed: int = SEED) -> tuple[Samples, NDArray[np.str_
     kinds : ndarray of str, shape (n,)
         "ordinary", "extreme", "undefined" or "boundary".
     """
-    rng, order = np.random.default_rng(seed), (UNDEFINED, *sorted(model.materials))
+    rng, order = np.random.default_rng(seed), (UNDEFINED, *sorted(model.surfaces))
     low, median, high = model.ranges.low, model.ranges.median, model.ranges.high
     n_columns = len(median)
 

@@ -22,8 +22,8 @@ Which surface is this: a texclass model of windows, from samples to the answer.
 
 Input: samples, float32 (n, n_channels, n_samples), windows of a movement; texclass.window says how long they
 are, at which rate, in which unit, and what the channels are.
-Outputs: label, string (n,), the likeliest material; probabilities, float64 (n, n_materials), calibrated, in
-the order of texclass.materials; p_known, float64 (n,), conformal p-value of "this surface is one of them";
+Outputs: label, string (n,), the likeliest surface; probabilities, float64 (n, n_surfaces), calibrated, in
+the order of texclass.surfaces; p_known, float64 (n,), conformal p-value of "this surface is one of them";
 unknown, bool (n,), p_known <= texclass.false_alarms, or no feature has a value.
 A window with a sample that is not finite, or with an undefined feature that nothing fills, has the label "",
 NaN, and is unknown. texclass.self_check holds windows, made by a formula, with the answers they have to get.
@@ -84,7 +84,7 @@ def window_of_model(model: Model, window_s: float | None = None) -> int:
     OnnxExportError
         If the model is of whole recordings and no length is given.
     """
-    seconds = window_s or model.manifest.touch_s
+    seconds = window_s or model.manifest.window_s
     if seconds is None:
         raise OnnxExportError(
             "the model was trained on whole recordings. Expected a model of touches (texclass train "

@@ -39,8 +39,8 @@ class SampleParity:
     ----------
     n_windows, n_unknown : int
         Windows that were compared, and those called unknown.
-    n_answered, n_materials : int
-        Materials that were answered at least once, of how many there are.
+    n_answered, n_surfaces : int
+        Surfaces that were answered at least once, of how many there are.
     n_close : int
         Windows whose label or verdict lies within `margin`.
     difference : float
@@ -54,7 +54,7 @@ class SampleParity:
     n_windows: int
     n_unknown: int
     n_answered: int
-    n_materials: int
+    n_surfaces: int
     n_close: int
     difference: float
     feature_difference: float
@@ -66,7 +66,7 @@ class SampleParity:
             f"as texclass on {self.n_windows} windows: no label or verdict differs, {self.n_close} within "
             f"{self.margin:g} of another; probabilities by at most {self.difference:.1e} (tolerance "
             f"{self.tolerance:g}), features by {self.feature_difference:.1e} of their range; "
-            f"{self.n_answered} of {self.n_materials} materials were answered, {self.n_unknown} windows "
+            f"{self.n_answered} of {self.n_surfaces} surfaces were answered, {self.n_unknown} windows "
             "unknown"
         )
 
@@ -109,7 +109,7 @@ def check_sample_parity(model: Model, graph: bytes, windows: NDArray[np.float32]
         n_windows=len(X),
         n_unknown=int(expected["unknown"].sum()),
         n_answered=len(set(expected["label"].tolist()) - {UNDEFINED}),
-        n_materials=len(model.materials),
+        n_surfaces=len(model.surfaces),
         n_close=int(close.sum()),
         difference=float(gap[inside].max(initial=0.0)),
         feature_difference=float(np.nan_to_num(apart).max(initial=0.0)),
