@@ -100,10 +100,10 @@ def test_shares_of_unlabelled_references_are_estimated(kernel_model):
     two = [recording(surface, seed, surface=None) for surface in ("cork", "slate") for seed in range(50, 60)]
     X, known, of = rows_of(kernel_model, two)
     assert not known.any()
-    surfaces, n = kernel_model.surfaces, len(set(of))
-    maps = fit_map(kernel_model, X, known, surfaces, n), moments_map(X, np.full(4, 0.25), surfaces, n)
+    moments, n = kernel_model.class_moments, len(set(of))
+    maps = fit_map(kernel_model, X, known, moments, n), moments_map(X, np.full(4, 0.25), moments, n)
     moved, by_equal = (
-        np.sqrt(np.mean((((scale - 1) * X + shift) / surfaces.within) ** 2)) for scale, shift in maps
+        np.sqrt(np.mean((((scale - 1) * X + shift) / moments.within) ** 2)) for scale, shift in maps
     )
     assert moved < 0.7 * by_equal
 
