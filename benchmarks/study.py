@@ -19,7 +19,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from texclass.provenance import made_by, versions
+from texclass.provenance import code_provenance, versions
 from texclass.reporting import Document, Table, render_markdown
 from texclass.reporting.blocks import Block
 from texclass.reporting.figure_style import save_figure
@@ -146,7 +146,7 @@ def write(
     folder.mkdir(parents=True, exist_ok=True)
     loaded = {name.split(".")[1] for name in sys.modules if name.startswith("texclass.")}
     used = versions(*(name for module, name in LIBRARIES.items() if module in sys.modules))
-    result = {"kind": "study", "version": 1, "versions": used, **result, **made_by(*loaded - WORDS)}
+    result = {"kind": "study", "version": 1, "versions": used, **result, **code_provenance(*loaded - WORDS)}
     text = json.dumps(result, indent=1, default=lambda array: array.tolist())
     (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
     if picture is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from texclass.atomic_write import sibling, write_atomic
+from texclass.atomic_write import sibling_path, write_atomic
 from texclass.cli.app import main
 from texclass.haptics.exchange import write_wav
 from texclass.loaders import load_recording, open_dataset
@@ -112,8 +112,8 @@ def test_control_characters_of_names_reach_no_terminal_and_no_page(tmp_path, cap
 def test_names_up_to_the_limit_of_file_systems_are_written(tmp_path, name):
     write_atomic(tmp_path / name, "text")
     assert (tmp_path / name).read_text() == "text"
-    assert sibling(tmp_path / name, ".parts").name.endswith(".parts")
-    sibling(tmp_path / name, ".parts").mkdir()
+    assert sibling_path(tmp_path / name, ".parts").name.endswith(".parts")
+    sibling_path(tmp_path / name, ".parts").mkdir()
 
 
 def test_a_full_disk_is_reported_with_the_file(tmp_path, monkeypatch):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from texclass.recording import STANDARD_GRAVITY, Phases, Recording, RecordingError, Tap, read_only
+from texclass.recording import STANDARD_GRAVITY, Phases, Recording, RecordingError, Tap, make_read_only
 
 SIGNAL = np.sin(np.arange(100.0))
 
@@ -94,7 +94,7 @@ def test_a_copy_with_the_values_it_has_is_the_recording_itself():
 
 
 def test_an_array_that_nobody_can_write_to_is_kept_without_a_copy():
-    own = read_only(SIGNAL.copy().reshape(-1, 2))
+    own = make_read_only(SIGNAL.copy().reshape(-1, 2))
     made = recording(acceleration=own)
     assert made.acceleration is own
     assert made.with_(surface="wood").acceleration is own

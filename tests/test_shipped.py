@@ -30,14 +30,14 @@ def installed(tmp_path, monkeypatch):
             f"[{group}]\n{name} = {of}\n" for group, names in groups.items() for name, of in names.items()
         )
         (metadata / "entry_points.txt").write_text("".join(said))
-        shipped.added.cache_clear()
+        shipped.entry_point_modules.cache_clear()
 
     monkeypatch.setattr(contract, "_REGISTRY", contract.registered())
     for place in (tmp_path, PACKAGE):
         monkeypatch.syspath_prepend(place)
     install.groups = project["entry-points"]
     yield install
-    shipped.added.cache_clear()
+    shipped.entry_point_modules.cache_clear()
     for name in [name for name in sys.modules if name.startswith("texclass_toy")]:
         del sys.modules[name]
 

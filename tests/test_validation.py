@@ -5,20 +5,20 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field, RootModel, field_validator
 
-from texclass.validation import Written, checked, read_toml
+from texclass.validation import StrictModel, read_toml, validate
 
 
-class Nail(Written):
+class Nail(StrictModel):
     kind: Literal["nail"]
     length_mm: float = Field(gt=0, description="a length in mm above 0")
 
 
-class Screw(Written):
+class Screw(StrictModel):
     kind: Literal["screw"]
     turns: int = Field(ge=1, le=9)
 
 
-class Box(Written):
+class Box(StrictModel):
     name: str
     sizes: tuple[float, ...] = ()
     parts: tuple[Annotated[Nail | Screw, Field(discriminator="kind")], ...] = ()
@@ -40,10 +40,10 @@ class AnyPart(RootModel[Annotated[Nail | Screw, Field(discriminator="kind")]]):
 
 
 def test_lists_stand_for_tuples_and_whole_numbers_for_others():
-    box = checked(Box, {"name": "b", "sizes": [1, 2.5], "parts": [{"kind": "nail", "length_mm": 3}]}, "f")
+    box = validate(Box, {"name": "b", "sizes": [1, 2.5], "parts": [{"kind": "nail", "length_mm": 3}]}, "f")
     assert box.sizes == (1.0, 2.5)
     assert box.parts == (Nail(kind="nail", length_mm=3.0),)
-    assert checked(AnyPart, {"kind": "screw", "turns": 2}, "f").root.turns == 2
+    assert validate(AnyPart, {"kind": "screw", "turns": 2}, "f").root.turns == 2
 
 
 @pytest.mark.parametrize(
@@ -71,22 +71,22 @@ def test_lists_stand_for_tuples_and_whole_numbers_for_others():
 )
 def test_a_fault_is_told_with_file_key_value_and_rule(wrong, said):
     with pytest.raises(ValueError) as caught:  # noqa: PT011
-        checked(Box, {"name": "b"} | wrong, "box.toml")
+        validate(Box, {"name": "b"} | wrong, "box.toml")
     assert str(caught.value).startswith(f"box.toml: {said}")
     assert "\n" not in str(caught.value)
 
 
 def test_what_is_no_table_is_refused_and_further_faults_are_counted():
     with pytest.raises(ValueError, match=r"^f: \[1\]. Expected a table of kind, length_mm, turns$"):
-        checked(AnyPart, [1], "f")
+        validate(AnyPart, [1], "f")
     with pytest.raises(ValueError, match=r"\(and 1 more\)$"):
-        checked(Box, {"name": 5, "sizes": 3}, "f")
+        validate(Box, {"name": 5, "sizes": 3}, "f")
 
 
 def test_all_missing_and_unknown_keys_are_listed_each_with_the_closest_valid_key():
     wrong = {"size": 3, "part": 1, "parts": [{"kind": "screw", "turn": 1}], "layers": 7, "marks": 2}
     with pytest.raises(ValueError) as caught:  # noqa: PT011
-        checked(Box, wrong, "box.toml")
+        validate(Box, wrong, "box.toml")
     first = "box.toml: marks is 2. Expected a table; "
     assert str(caught.value).startswith(first)
     keys = str(caught.value).removeprefix(first).removesuffix(" (and 1 more)")
@@ -101,7 +101,7 @@ def test_all_missing_and_unknown_keys_are_listed_each_with_the_closest_valid_key
 
 def test_a_file_of_unknown_keys_gives_a_message_of_limited_length():
     with pytest.raises(ValueError, match=r"\(and 9980 more\)$"):
-        checked(Box, {"name": "b"} | {f"k{i}": 1 for i in range(10_000)}, "box.toml")
+        validate(Box, {"name": "b"} | {f"k{i}": 1 for i in range(10_000)}, "box.toml")
 
 
 def test_numbers_that_no_float_holds_and_tables_too_deep_are_refused():
@@ -110,7 +110,7 @@ def test_numbers_that_no_float_holds_and_tables_too_deep_are_refused():
         deep = {"name": deep}
     for content in ({"name": "b", "sizes": [10**400]}, deep, {"name": "\ud800"}):
         with pytest.raises(ValueError, match=r"^f: "):
-            checked(Box, content, "f")
+            validate(Box, content, "f")
 
 
 @pytest.mark.parametrize("content", [b"title = ", b"\xff\xfe", b"#" * 1_100_000, b"a." * 40 + b"b = 1"])
@@ -122,8 +122,8 @@ def test_a_file_that_is_not_toml_is_named(tmp_path, content):
 
 
 def test_a_table_without_keys_says_so():
-    class Empty(Written):
+    class Empty(StrictModel):
         pass
 
     with pytest.raises(ValueError, match=r"unknown key size \(expected no key at all\)"):
-        checked(Empty, {"size": 1}, "box.toml")
+        validate(Empty, {"size": 1}, "box.toml")

@@ -15,7 +15,7 @@ def cache_root() -> Path:
     return Path(stated).expanduser() if stated else platformdirs.user_cache_path("texclass")
 
 
-def path_ending(path: str | Path, *suffixes: str) -> Path:
+def check_suffix(path: str | Path, *suffixes: str) -> Path:
     """Return the path of an output file after checking that its suffix, in any case, is one of some.
 
     Raises
@@ -30,7 +30,7 @@ def path_ending(path: str | Path, *suffixes: str) -> Path:
     return path
 
 
-def sibling(path: Path, suffix: str, prefix: str = "") -> Path:
+def sibling_path(path: Path, suffix: str, prefix: str = "") -> Path:
     """Return a path beside another one, by its name; file systems end names at 255 bytes."""
     name = path.name.encode()[: 200 - len(suffix)].decode(errors="ignore")
     return path.with_name(f"{prefix}{name}{suffix}")
@@ -62,7 +62,7 @@ def write_atomic(path: str | Path, content: bytes | str) -> None:
         return
     path = path.resolve()  # what a link leads to, not the link
     for attempt in range(3):
-        unfinished = sibling(path, f".{os.getpid()}.{uuid.uuid4().hex[:8]}", ".")
+        unfinished = sibling_path(path, f".{os.getpid()}.{uuid.uuid4().hex[:8]}", ".")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             unfinished.write_bytes(data)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from texclass.recording import read_only
+from texclass.recording import make_read_only
 
 LANES = 4
 """Transforms at once: lanes of single precision in the narrowest vector unit."""
@@ -79,7 +79,7 @@ def _blocks(n: int) -> tuple[tuple[slice, Bins, Bins], ...]:
     exp(-2 pi i k p / n) is that of the first bin of a block (in the matrix) times that from there on.
     """
     n_bins, p = n // LANES // 2 + 1, np.arange(LANES)
-    turns = read_only(np.exp(-2j * np.pi / n * np.outer(np.arange(BLOCK), p)).astype(np.complex64))
+    turns = make_read_only(np.exp(-2j * np.pi / n * np.outer(np.arange(BLOCK), p)).astype(np.complex64))
     quarters = np.exp(-0.5j * np.pi * np.outer(p, p)).round().astype(np.complex64)
     return tuple(
         (

@@ -72,7 +72,7 @@ def extract(
     from texclass.features.extractor import gaps
     from texclass.recording import Recording
 
-    given = opened([recordings] if isinstance(recordings, Recording) else recordings, fs, unit)
+    given = as_dataset([recordings] if isinstance(recordings, Recording) else recordings, fs, unit)
     extractor = FeatureExtractor(features, channels=channels, fs=fs, unit=unit, n_jobs=n_jobs)
     found = extractor.fit(given).extract(given)
     table = found.table
@@ -113,7 +113,7 @@ def benchmark(
     """
     from texclass.evaluation import run_benchmark
 
-    return run_benchmark(opened(dataset, fs, unit), pipeline, **options)
+    return run_benchmark(as_dataset(dataset, fs, unit), pipeline, **options)
 
 
 def plot_recording(
@@ -149,7 +149,7 @@ def plot_recording(
     return inspected(one, "strese2015")[0]
 
 
-def opened(dataset: Any, fs: float | None, unit: str | None) -> Any:
+def as_dataset(dataset: Any, fs: float | None, unit: str | None) -> Any:
     """Return the dataset with a name or path; return other objects unchanged."""
     from texclass.loaders import open_dataset
 

@@ -25,7 +25,7 @@ def versions(*libraries: str) -> dict[str, str]:
     return found
 
 
-def made_by(*places: str) -> dict[str, Any]:
+def code_provenance(*places: str) -> dict[str, Any]:
     """Return the subpackages and modules that made a result, and the hash of their code without words.
 
     Parameters

@@ -189,13 +189,13 @@ class Recording:
     def __post_init__(self) -> None:
         where = self.source or self.recording_id
         fs = _sampling_rate(self.fs, where)
-        acceleration = _frozen(self.acceleration, "acceleration", where)
+        acceleration = _as_frozen_array(self.acceleration, "acceleration", where)
         if acceleration.ndim not in (1, 2):
             raise RecordingError(
                 f"{where}: acceleration has shape {acceleration.shape}. Expected (n,) or (n, channels)"
             )
         if self.unit in ACCELERATION_UNITS and (factor := ACCELERATION_UNITS[self.unit]) != 1.0:
-            acceleration = _frozen(read_only(acceleration * factor), "acceleration", where)
+            acceleration = _as_frozen_array(make_read_only(acceleration * factor), "acceleration", where)
         elif self.unit not in UNITS:
             known = ", ".join(UNITS)
             raise RecordingError(f"{where}: unit is {self.unit!r}. Expected one of {known}")
@@ -207,7 +207,7 @@ class Recording:
         object.__setattr__(self, "channels", self._channel_names(where))
         for name in AUXILIARY_UNITS:
             if (signal := getattr(self, name)) is not None:
-                array = _frozen(signal, name, where)
+                array = _as_frozen_array(signal, name, where)
                 if len(array) != self.n_samples:
                     raise RecordingError(
                         f"{where}: {name} has {len(array)} samples, acceleration {self.n_samples}. "
@@ -318,7 +318,7 @@ def _sampling_rate(fs: Any, where: str) -> float:
     return value
 
 
-def read_only(array: A) -> A:
+def make_read_only(array: A) -> A:
     """Return an array that is closed to writing, so that a `Recording` keeps it without a copy."""
     whole: object = array
     while isinstance(whole, np.ndarray):
@@ -327,7 +327,7 @@ def read_only(array: A) -> A:
     return array
 
 
-def _frozen(signal: ArrayLike, name: str, where: str) -> Samples:
+def _as_frozen_array(signal: ArrayLike, name: str, where: str) -> Samples:
     try:
         array = np.asarray(signal, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -345,4 +345,4 @@ def _frozen(signal: ArrayLike, name: str, where: str) -> Samples:
     while isinstance(whole, np.ndarray) and not whole.flags.writeable:
         whole = whole.base
     # Neither the array nor what it is a view of can be written to: it is kept as it is.
-    return array if array.flags.c_contiguous and whole is None else read_only(np.array(array))
+    return array if array.flags.c_contiguous and whole is None else make_read_only(np.array(array))

@@ -74,7 +74,7 @@ def read(kind: Kind, name_or_path: str | Path) -> dict[str, Any]:
 
 
 @cache
-def added(group: str) -> dict[str, str]:
+def entry_point_modules(group: str) -> dict[str, str]:
     """Return what packages register under texclass.<group>: name -> module."""
     _warn_unless_installed()
     return {entry.name: entry.value for entry in entry_points(group=f"texclass.{group}")}
@@ -88,10 +88,10 @@ def module_of(group: str, name: str) -> ModuleType:
     ImportError
         If nothing has the name, or it cannot be imported; the message names the entry point.
     """
-    if name not in added(group):
+    if name not in entry_point_modules(group):
         raise ImportError(f"no installed package registers {name!r} under texclass.{group}")
     try:
-        return importlib.import_module(added(group)[name])
+        return importlib.import_module(entry_point_modules(group)[name])
     except Exception as error:
         raise ImportError(f"{_entry_point(group, name)} ({type(error).__name__}: {error})") from error
 
@@ -116,7 +116,7 @@ def _files(kind: Kind) -> dict[str, Path]:
     Packages are found without importing them.
     """
     folders = []
-    for name, package in added("definitions").items():
+    for name, package in entry_point_modules("definitions").items():
         found = find_spec(package)
         if found is None or not found.submodule_search_locations:
             raise ImportError(f"{_entry_point('definitions', name)} is no package")
@@ -126,4 +126,4 @@ def _files(kind: Kind) -> dict[str, Path]:
 
 def _entry_point(group: str, name: str) -> str:
     """Return an entry point as messages show it."""
-    return f"entry point texclass.{group}: {name} = {added(group)[name]!r}"
+    return f"entry point texclass.{group}: {name} = {entry_point_modules(group)[name]!r}"

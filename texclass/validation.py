@@ -46,7 +46,7 @@ _WORDS = {
 """Kind of a fault -> rule, where pydantic's own words are those of a programmer."""
 
 
-class Written(BaseModel):
+class StrictModel(BaseModel):
     """A table that people write: frozen; unknown keys and values of another kind are errors.
 
     Types are taken strictly (no text for a number), but a list may stand where a tuple is declared, and a
@@ -79,7 +79,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: not valid TOML ({error})") from error
 
 
-def check_above_0(**named: float | None) -> None:
+def check_positive(**named: float | None) -> None:
     """Refuse arguments that are not above 0, or not finite; None stands for one that is not given.
 
     Raises
@@ -92,7 +92,7 @@ def check_above_0(**named: float | None) -> None:
             raise ValueError(f"{name} is {value!r}. Expected a positive, finite number")
 
 
-def checked(model: type[M], content: Any, where: object, *, context: object = None) -> M:
+def validate(model: type[M], content: Any, where: object, *, context: object = None) -> M:
     """Return the content of a file as a model.
 
     Parameters
@@ -113,7 +113,7 @@ def checked(model: type[M], content: Any, where: object, *, context: object = No
     """
     if not isinstance(content, Mapping):
         raise ValueError(
-            f"{where}: {_short(content)}. Expected a table of {', '.join(_keys([*_models_in(model)]))}"
+            f"{where}: {_shorten(content)}. Expected a table of {', '.join(_keys([*_models_in(model)]))}"
         )
     try:
         # Under the rules for JSON a list is good for a tuple, and all else stays strict.
@@ -126,7 +126,7 @@ def checked(model: type[M], content: Any, where: object, *, context: object = No
         keys, others = ([f for f in faults if _is_of_key(f) == of_key] for of_key in (True, False))
         shown = [*others[:1], *keys[:20]]
         more = f" (and {len(faults) - len(shown)} more)" if len(faults) > len(shown) else ""
-        words = dict.fromkeys(_told(fault, model) for fault in shown)
+        words = dict.fromkeys(_describe(fault, model) for fault in shown)
         raise ValueError(f"{where}: {'; '.join(words)}{more}") from None
 
 
@@ -137,27 +137,28 @@ def _is_of_key(error: ErrorDetails) -> bool:
     )
 
 
-def _told(error: ErrorDetails, model: type[BaseModel]) -> str:
+def _describe(error: ErrorDetails, model: type[BaseModel]) -> str:
     """Return one fault in words: the key as people write it, the value, the rule."""
     kind, place, context = error["type"], error["loc"], error.get("ctx", {})
-    key, field, tables = _found(model, place)
+    key, field, tables = _follow(model, place)
     if kind in ("missing", "union_tag_not_found"):
-        tag = _quoted(context["discriminator"]) if context else []
+        tag = _split_quoted(context["discriminator"]) if context else []
         return f"missing key {'.'.join(filter(None, [key, *tag]))}"
     if _is_of_key(error):
-        known = _quoted(context["expected"]) if kind == "literal_error" else [*_keys(tables)]
+        known = _split_quoted(context["expected"]) if kind == "literal_error" else [*_keys(tables)]
         near = difflib.get_close_matches(key.rpartition(".")[2], known, n=1)
         beside = f"{key.rpartition('.')[0]}." if "." in key else ""
         rule = f"expected one of {', '.join(known)}" if known else "expected no key at all"
         return f"unknown key {key} ({f'did you mean {beside}{near[0]}?' if near else rule})"
     if kind == "union_tag_invalid":
-        key = ".".join(filter(None, [key, *_quoted(context["discriminator"])]))
-        return f"{key} is {context['tag']!r}. Expected one of {', '.join(_quoted(context['expected_tags']))}"
+        key = ".".join(filter(None, [key, *_split_quoted(context["discriminator"])]))
+        tags = ", ".join(_split_quoted(context["expected_tags"]))
+        return f"{key} is {context['tag']!r}. Expected one of {tags}"
     if kind in ("value_error", "json_invalid"):
         said = str(context["error"])
         return f"{key}: {said}" if key else said
     rule = (field.description if field else None) or _rule(error, tables)
-    return f"{key} is {_short(error['input'])}. Expected {rule}" if key else f"expected {rule}"
+    return f"{key} is {_shorten(error['input'])}. Expected {rule}" if key else f"expected {rule}"
 
 
 def _rule(error: ErrorDetails, tables: list[type[BaseModel]]) -> str:
@@ -167,14 +168,14 @@ def _rule(error: ErrorDetails, tables: list[type[BaseModel]]) -> str:
         case "model_type":
             return f"a table of {', '.join(_keys(tables))}"
         case "literal_error" | "enum":
-            return f"one of {', '.join(_quoted(context['expected']))}"
+            return f"one of {', '.join(_split_quoted(context['expected']))}"
         case "string_pattern_mismatch":
             return f"text like {context['pattern']}"
     words = _WORDS.get(error["type"])
     return words.format_map(context) if words else error["msg"].removeprefix("Input should be ")
 
 
-def _found(
+def _follow(
     model: type[BaseModel], place: tuple[int | str, ...]
 ) -> tuple[str, FieldInfo | None, list[type[BaseModel]]]:
     """Follow the place of a fault through nested tables.
@@ -224,12 +225,12 @@ def _keys(tables: list[type[BaseModel]]) -> dict[str, None]:
     return dict.fromkeys(key for table in tables for key in table.model_fields)
 
 
-def _quoted(listed: str) -> list[str]:
+def _split_quoted(listed: str) -> list[str]:
     """Return the values in what pydantic lists as "'a', 'b' or 'c'"; all of it where these are no texts."""
     return re.findall(r"'([^']*)'", listed) or [listed]
 
 
-def _short(value: Any) -> str:
+def _shorten(value: Any) -> str:
     """Return a wrong value as messages show it, in at most 60 characters."""
     shown = json.dumps(value, default=repr) if isinstance(value, dict | list) else repr(value)
     return shown if len(shown) <= 60 else f"{shown[:57]}..."

@@ -14,7 +14,7 @@ from fuzz.contract import BAG_IN_FOLDER, Target
 from fuzz.mutate import either, of_bytes
 from fuzz.recordings import valid, written
 from texclass.loaders import load_recording
-from texclass.loaders.readers import BAG_FOLDER
+from texclass.loaders.readers import BAG_METADATA
 from texclass.recording import RecordingError
 from texclass.robot.ros_messages import MULTI_ARRAY, TYPES, decode_multi_array, decode_stamped
 from texclass.robot.topic import decoded_messages
@@ -122,7 +122,7 @@ def _read(path: Path) -> object:
 
 
 def _read_folder(path: Path) -> object:
-    described = path.with_name(BAG_FOLDER)
+    described = path.with_name(BAG_METADATA)
     described.write_bytes(b"x")
     try:
         return valid(load_recording(described, unit="m/s^2"))

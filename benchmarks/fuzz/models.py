@@ -25,7 +25,7 @@ from texclass.classifiers import KernelDiscriminant
 from texclass.evaluation.feature_table import FeatureTable, LeftOut, read_part, read_table, write_table
 from texclass.evaluation.windows import read_movements
 from texclass.features.extractor import Reason
-from texclass.loaders.simulated import recall, remember
+from texclass.loaders.simulated import read_cached, write_cached
 from texclass.recognition import load_model
 from texclass.recognition.model_files import Manifest, digest_of, read_manifest
 from texclass.recording import Recording
@@ -140,12 +140,12 @@ def _remembered() -> list[bytes]:
     signal = Recording(np.arange(24.0).reshape(8, 3), 100.0, "g", "r", surface="oak", flags=("a",))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.npz"
-        remember(path, signal)
+        write_cached(path, signal)
         return [path.read_bytes()] if path.is_file() else []
 
 
 def _recall(path: Path) -> object:
-    found = recall(path)
+    found = read_cached(path)
     return found and valid(found)
 
 

@@ -9,7 +9,7 @@ import pytest
 import soundfile
 
 from texclass.loaders import load_recording, open_dataset, readers
-from texclass.loaders.plausibility import check_acceleration, clipped_share
+from texclass.loaders.plausibility import acceleration_flags, clipped_share
 from texclass.recording import RecordingError
 
 FS = 10_000.0
@@ -157,7 +157,7 @@ def test_the_share_of_clipped_samples_is_that_of_runs_at_the_rails(limit):
     share = clipped_share(clipped)
     assert 0.7 * at_rail.mean() < share <= at_rail.mean()
     flags = (f"clipped: {100 * share:.1f} % of the samples at full scale",)
-    assert check_acceleration(clipped, ("x",), "r") == flags
+    assert acceleration_flags(clipped, ("x",), "r") == flags
 
 
 @pytest.mark.parametrize("signal", [NOISE, np.sin(np.arange(5000) / 50), np.rint(20 * NOISE), np.sign(NOISE)])
@@ -168,18 +168,18 @@ def test_a_signal_within_its_range_is_not_called_clipped(signal):
 
 def test_one_clipped_axis_is_enough_for_the_flag_and_a_dead_one_is_named():
     axes = np.column_stack([NOISE, NOISE, np.clip(np.cumsum(NOISE) % 50, 10, 40)])
-    (flag,) = check_acceleration(axes, ("x", "y", "z"), "r")
+    (flag,) = acceleration_flags(axes, ("x", "y", "z"), "r")
     assert flag.startswith("clipped")
     axes = np.column_stack([NOISE, np.full_like(NOISE, 7.0)])
-    assert check_acceleration(axes, ("x", "y"), "r") == ("constant: channel y",)
+    assert acceleration_flags(axes, ("x", "y"), "r") == ("constant: channel y",)
 
 
 def test_a_recording_that_does_not_vary_or_is_one_sample_is_refused():
     for axes in (np.full(100, 3.0), np.ones((100, 3))):
         with pytest.raises(RecordingError, match=r"r\.wav: acceleration is .* throughout"):
-            check_acceleration(axes, ("x",), "r.wav")
+            acceleration_flags(axes, ("x",), "r.wav")
     with pytest.raises(RecordingError, match=r"holds 1 sample\. Expected at least 2"):
-        check_acceleration(np.ones(1), ("x",), "r")
+        acceleration_flags(np.ones(1), ("x",), "r")
 
 
 def load(path, content, **options):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from texclass.loaders import load_recording, open_dataset
-from texclass.loaders.plausibility import doubtful_labels, doubtful_levels, doubts
+from texclass.loaders.plausibility import folder_level_notes, plausibility_flags, similar_label_notes
 from texclass.recording import RecordingError
 
 FS = 1000.0
@@ -13,7 +13,7 @@ AT_REST = np.array([3.0, -4.0, 8.44]) + RNG.normal(size=(4000, 3))  # 9.8 m/s^2 
 
 
 def found(acceleration, unit="m/s^2", **how):
-    return doubts({"acceleration": acceleration}, FS, unit, **how)
+    return plausibility_flags({"acceleration": acceleration}, FS, unit, **how)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_gravity_none_of_it_any_axis_and_units_without_scale_pass_without_a_word
 
 def test_turn_rates_at_their_rails_are_told():
     turn = np.clip(30_000 * np.sin(np.arange(4000) / 20)[:, None] * [1, 2, 0.1], -32768, 32767)
-    (told,) = doubts({"acceleration": AT_REST, "turn_rate": turn}, FS, "m/s^2")
+    (told,) = plausibility_flags({"acceleration": AT_REST, "turn_rate": turn}, FS, "m/s^2")
     assert told.startswith("clipped: ")
     assert "of the turn_rate at full scale" in told
 
@@ -73,15 +73,15 @@ def test_folders_that_differ_in_case_and_labels_that_are_sessions_are_told_where
     assert told.startswith("the labels are day 1, day 2, and each of these folders holds Wood, steel, wood")
     (told,) = open_dataset(tmp_path / "day 1", fs=FS, unit="m/s^2").notes
     assert told == "surfaces 'Wood' and 'wood' differ in case or blanks only: are they one surface?"
-    assert doubtful_labels(["oak", "beech"]) == []
+    assert similar_label_notes(["oak", "beech"]) == []
     for usual in (
         ["wood/one/r.txt", "steel/one/r.txt"],
         ["wood/a/r.txt", "steel/b/r.txt"],
         ["a/r.txt", "b/r.txt"],
     ):
-        assert doubtful_levels([name.split("/") for name in usual]) == []
+        assert folder_level_notes([name.split("/") for name in usual]) == []
     train_and_test = [f"{m}/{part}/r.txt".split("/") for m in "abc" for part in ("test", "train")]
-    assert doubtful_levels(train_and_test) == []
+    assert folder_level_notes(train_and_test) == []
 
 
 def test_g_taken_for_metres_is_said_once_and_loudly_by_every_command_that_reads_a_dataset(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from texclass.loaders import CardError, DataNotFoundError, open_dataset, read_card
-from texclass.loaders.places import converted, digest_files, fetch_recordings
+from texclass.loaders.places import convert_files, digest_files, fetch_recordings
 
 CARD = """
 title = "Two plates"
@@ -148,7 +148,7 @@ def test_each_conversion_keeps_the_published_values(tmp_path):
         paths = [tmp_path / f"{i}" for i in range(len(contents))]
         for path, content in zip(paths, contents, strict=True):
             path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return converted(paths, convert, 2200.0)
+        return convert_files(paths, convert, 2200.0)
 
     frame = ",".join(map(str, range(45)))
     sound = made("frames", f"names\n{frame},\n{frame},\n")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from texclass.loaders import open_dataset, write_sample
-from texclass.loaders.simulated import FACTS, SIGNALS, load_simulated, recall
+from texclass.loaders.simulated import FACTS, SIGNALS, load_simulated, read_cached
 from texclass.phases import find_phases
 from texclass.recording import Recording
 from texclass.simulate.recipe import Recipe
@@ -48,7 +48,7 @@ def test_a_remembered_recording_is_the_fresh_one_to_the_last_bit(small, tmp_path
     recipe, remembered = small.load.args
     fresh = load_simulated(recipe, tmp_path / "elsewhere", small.entries[1])
     assert_same(small[1], fresh)
-    assert_same(recall(remembered / f"{small.entries[1].recording_id}.npz"), fresh)
+    assert_same(read_cached(remembered / f"{small.entries[1].recording_id}.npz"), fresh)
 
 
 def test_a_damaged_cache_file_is_made_again(small):
@@ -56,9 +56,9 @@ def test_a_damaged_cache_file_is_made_again(small):
     path = small.load.args[1] / f"{small.entries[0].recording_id}.npz"
     for damaged in (path.read_bytes()[:1000], b"", b"rubbish" * 99):
         path.write_bytes(damaged)
-        assert recall(path) is None
+        assert read_cached(path) is None
         assert_same(small[0], expected)
-        assert recall(path) is not None
+        assert read_cached(path) is not None
 
 
 def test_a_cache_that_cannot_be_written_is_no_error(small, tmp_path):

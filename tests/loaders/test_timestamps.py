@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from texclass.loaders.timestamps import _bridged, at_uniform_rate, nominal_rate
+from texclass.loaders.timestamps import _bridge_clock_jumps, nominal_rate, to_uniform_rate
 from texclass.recording import RecordingError
 
 FS = 100.0
@@ -16,7 +16,7 @@ def _uniform(stamps, values, *, received=None, by_header=True, given=None):
     """Return the uniform signal of one channel, its rate and all flags."""
     received = stamps if received is None else received
     samples = np.asarray(values, float).reshape(len(stamps), 1, 1)
-    signal, fs, _, flags = at_uniform_rate(samples, stamps, received, given, by_header=by_header, where="bag")
+    signal, fs, _, flags = to_uniform_rate(samples, stamps, received, given, by_header=by_header, where="bag")
     return signal[:, 0], fs, flags
 
 
@@ -135,10 +135,10 @@ def test_whatever_the_stamps_the_answer_is_bounded(stamps, random):
 def test_a_clock_that_is_set_is_bridged_by_the_times_of_receipt_from_the_first_stamp_on():
     received = np.arange(20) * 0.01
     stamps = received + 5.0 + 100.0 * (np.arange(20) >= 10)
-    bridged, told = _bridged(stamps, received)
+    bridged, told = _bridge_clock_jumps(stamps, received)
     np.testing.assert_allclose(bridged, received + 5.0, atol=1e-9)
     assert told.startswith("clock jumps: 1 (largest +100 s)")
-    unchanged, told = _bridged(received, received)
+    unchanged, told = _bridge_clock_jumps(received, received)
     np.testing.assert_array_equal(unchanged, received)
     assert not told
 

@@ -12,7 +12,7 @@ from texclass.cli.result_files import stale_results
 from texclass.evaluation import load_pipeline
 from texclass.evaluation.result import COMPUTED_BY
 from texclass.features import load_feature_set
-from texclass.provenance import code_hash, made_by
+from texclass.provenance import code_hash, code_provenance
 
 STUDY = {"kind": "study", "version": 1}
 
@@ -25,7 +25,7 @@ def todays():
         "features": "strese2015",
         "features_hash": features.hash,
     }
-    return result("benchmark") | {"pipeline": facts, **made_by(*COMPUTED_BY)}
+    return result("benchmark") | {"pipeline": facts, **code_provenance(*COMPUTED_BY)}
 
 
 @pytest.mark.parametrize(
@@ -58,16 +58,16 @@ def test_each_kind_of_result_names_its_pipeline_and_features_in_its_own_way(tmp_
         ("tradeoff", features, {"features_hash": "0"}, "feature set strese2015 has changed"),
     ):  # fmt: skip
         for facts, reason in (({}, None), (changed, why)):
-            path.write_text(json.dumps(result(kind) | named | made_by(*COMPUTED_BY) | facts))
+            path.write_text(json.dumps(result(kind) | named | code_provenance(*COMPUTED_BY) | facts))
             assert stale_results([path])[0].get(path) == reason
 
 
 def test_studies_name_the_code_that_made_them_and_are_listed_too(tmp_path):
     path = tmp_path / "study.json"
     for facts, why in (
-        (made_by("haptics", "signals"), None),
-        (made_by("haptics") | {"code_of": ["signals"]}, "made by other code"),
-        (made_by("haptics") | {"code_of": ["gone"]}, "made by other code"),
+        (code_provenance("haptics", "signals"), None),
+        (code_provenance("haptics") | {"code_of": ["signals"]}, "made by other code"),
+        (code_provenance("haptics") | {"code_of": ["gone"]}, "made by other code"),
         ({}, "made before results carried a hash of their code"),
     ):
         path.write_text(json.dumps({**STUDY, "pipeline": ["multiscale"], "ratio": np.nan, **facts}))

@@ -27,7 +27,7 @@ from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Views, channels_apart, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.phases import find_phases
-from texclass.provenance import made_by
+from texclass.provenance import code_provenance
 from texclass.recording import Phases, Recording, Samples
 from texclass.reporting import Document
 from texclass.reporting.result_files import Result
@@ -196,7 +196,7 @@ def compare_with_baselines(
             "baseline_versions": versions,
             "seed": pipeline.seed,
             "input_hash": benchmark["input_hash"],
-            **made_by(*COMPUTED_BY, "baselines"),
+            **code_provenance(*COMPUTED_BY, "baselines"),
             "notes": notes,
             "accuracy_unit": "fraction of tests; low and high are the 95 % interval",
         }

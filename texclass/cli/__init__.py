@@ -12,7 +12,7 @@ from texclass import shipped
 from texclass.cli import dataset_commands, evaluation_commands, model_commands, stream_command
 from texclass.cli.app import app, main
 
-for _name in shipped.added("commands"):
+for _name in shipped.entry_point_modules("commands"):
     try:
         shipped.module_of("commands", _name)
     except ImportError as error:

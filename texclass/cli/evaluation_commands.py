@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer import Argument, Option
 
-from texclass.atomic_write import path_ending
+from texclass.atomic_write import check_suffix
 from texclass.cli import parameters as p
 from texclass.cli.app import app
 from texclass.cli.output import print_and_save, print_lines, progress_bar
@@ -78,7 +78,7 @@ def extract(
     """Compute a feature table. An interrupted run resumes where it stopped."""
     p.check_scheduler(backend, scheduler)
     if partition is None:
-        path_ending(output, ".parquet", ".csv")
+        check_suffix(output, ".parquet", ".csv")
     else:
         p.check_folder(output)
     from texclass.loaders import open_dataset

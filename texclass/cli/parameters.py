@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_args
 import typer
 from typer import Argument, Option
 
-from texclass.atomic_write import path_ending
+from texclass.atomic_write import check_suffix
 from texclass.shipped import Kind
 
 # Options in one panel of the help page.
@@ -37,7 +37,7 @@ def output_file(*flags: str, suffixes: Sequence[str], help: str) -> Any:
     """Return an option for an output file whose suffix decides its format and is checked before any work."""
 
     def check(path: Path | None) -> Path | None:
-        return None if path is None else path_ending(path, *suffixes)
+        return None if path is None else check_suffix(path, *suffixes)
 
     return output_option(*flags, metavar="FILE", callback=check, help=help)
 

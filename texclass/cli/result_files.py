@@ -8,7 +8,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from texclass.atomic_write import path_ending, write_atomic
+from texclass.atomic_write import check_suffix, write_atomic
 
 # Importing the modules of results registers their kinds.
 from texclass.baselines import comparison  # noqa: F401
@@ -159,7 +159,7 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
     output = Path(output)
     if output.resolve() in [Path(path).resolve() for path in paths]:
         raise ValueError(f"{output} is one of the results. Expected another file name")
-    path_ending(output, ".html", ".htm", ".md")
+    check_suffix(output, ".html", ".htm", ".md")
     read = [(Path(path).name, read_document(path)) for path in paths]
     counts = Counter(document.title for _, document in read)
     documents = []

@@ -35,7 +35,7 @@ from texclass.evaluation.workers import Progress, each
 from texclass.features.extractor import Reason
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
-from texclass.provenance import made_by, versions
+from texclass.provenance import code_provenance, versions
 from texclass.reporting.result_files import Result
 
 if TYPE_CHECKING:
@@ -257,7 +257,7 @@ def run_benchmark(
             ),
             "seed": pipeline.seed,
             "input_hash": dataset.input_hash,
-            **made_by(*COMPUTED_BY),
+            **code_provenance(*COMPUTED_BY),
         }
     )
 

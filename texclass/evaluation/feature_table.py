@@ -25,7 +25,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from texclass import __version__
-from texclass.atomic_write import cache_root, path_ending, sibling, write_atomic
+from texclass.atomic_write import cache_root, check_suffix, sibling_path, write_atomic
 from texclass.evaluation.parts import Part, read_part, write_part
 from texclass.evaluation.windows import Window, by_recording, parent_id
 from texclass.evaluation.workers import Progress, each
@@ -266,7 +266,7 @@ def extract_table(
     ValueError
         If the suffix of `path` is another one.
     """
-    path, key = path_ending(path, ".parquet", ".csv"), table_key(dataset, feature_set, channels)
+    path, key = check_suffix(path, ".parquet", ".csv"), table_key(dataset, feature_set, channels)
     if path.suffix.lower() == ".csv":
         options: dict[str, Any] = {"channels": channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
         kept = extract_table(dataset, feature_set, _in_cache(feature_set, key), **options, progress=progress)
@@ -276,7 +276,7 @@ def extract_table(
     with suppress(FileNotFoundError, ValueError):  # not there, or damaged: it is computed
         table = read_table(path)
     while table is None or table.key != key:
-        folder = sibling(path, ".parts") / key
+        folder = sibling_path(path, ".parts") / key
         plan = _plan(dataset, feature_set, channels, skip_bad)
         left_out = _compute_missing(dataset, plan, folder, n_jobs, skip_bad, progress)
         table = _join(dataset, plan, folder, key, left_out)

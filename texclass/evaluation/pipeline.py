@@ -34,13 +34,13 @@ from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet, Member, load_feature_set
 from texclass.phase_settings import PhaseSettings
 from texclass.shipped import locate
-from texclass.validation import Written, checked, read_toml
+from texclass.validation import StrictModel, read_toml, validate
 
 ALL = "all"
 """Stands for every feature of the set in a row."""
 
 
-class Use(Written):
+class Use(StrictModel):
     """One scikit-learn object of a TOML: the class it names, and beside it the arguments of its constructor.
 
     An argument that is another such object, `estimator = { use = "..." }`, is made, too.
@@ -103,7 +103,7 @@ def _transforms(use: Use) -> Use:
     return use
 
 
-class Selection(Written):
+class Selection(StrictModel):
     """Sequential forward selection of a row: how many columns, judged in how many inner folds."""
 
     n: Annotated[int, Field(ge=1)]
@@ -115,7 +115,7 @@ def _names(given: Any) -> Any:
     return (ALL,) if given == ALL else tuple(given) if isinstance(given, list) else given
 
 
-class RowDefinition(Written):
+class RowDefinition(StrictModel):
     """One row of the table; or, without what only rows have, a group of features that is added to one.
 
     Attributes
@@ -152,14 +152,14 @@ class RowDefinition(Written):
         return self.classifiers or tuple(classifiers)
 
 
-class FoldSettings(Written):
+class FoldSettings(StrictModel):
     """How recordings are split: name of a protocol, and folds of those that draw them."""
 
     name: Annotated[str, AfterValidator(lambda name: find_protocol(name).name)] = "recording"
     folds: Annotated[int, Field(ge=2)] = 10
 
 
-class PublishedOn(Written):
+class PublishedOn(StrictModel):
     """Under which conditions the published figures of a table were measured.
 
     Attributes
@@ -179,7 +179,7 @@ class PublishedOn(Written):
         return tuple(find_protocol(name).name for name in names)
 
 
-class AdditionSettings(Written):
+class AdditionSettings(StrictModel):
     """How it is measured what each group adds to a row.
 
     Attributes
@@ -208,7 +208,7 @@ def _set_of(given: Any) -> FeatureSet:
         raise ValueError(str(error)) from None
 
 
-class PipelineDefinition(Written):
+class PipelineDefinition(StrictModel):
     """Everything a benchmark does, apart from the dataset; see `load_pipeline`.
 
     Attributes
@@ -405,7 +405,7 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
     beside = path.parent / str(content.get("features"))
     if beside.suffix == ".toml" and beside.is_file():
         content["features"] = str(beside)
-    pipeline = checked(PipelineDefinition, content, path.name)
+    pipeline = validate(PipelineDefinition, content, path.name)
     pipeline._hash = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     return pipeline
 

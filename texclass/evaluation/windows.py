@@ -19,7 +19,7 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.phases import find_phases
 from texclass.provenance import code_hash
 from texclass.recording import Recording, RecordingError
-from texclass.validation import check_above_0
+from texclass.validation import check_positive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +98,7 @@ def cut_windows(
     ValueError
         If a length or number is not above 0, or the dataset holds windows already.
     """
-    check_above_0(seconds=seconds, step=step, per_recording=per_recording)
+    check_positive(seconds=seconds, step=step, per_recording=per_recording)
     if any(isinstance(entry, Window) for entry in dataset.entries):
         raise ValueError(f"{dataset.name} contains windows already. Expected whole recordings")
     stride = seconds if step is None else step

@@ -18,7 +18,7 @@ from texclass.features.conditioning import level, require, unit32
 from texclass.features.contract import Gain, feature_in_samples
 from texclass.features.phase_view import LONG, PhaseView, transform, undefined_if
 from texclass.features.spectra import BLOCK_SAMPLES, window_of
-from texclass.recording import Samples, read_only
+from texclass.recording import Samples, make_read_only
 
 TAPER = 0.1
 """Share of the movement that fades in, and as much that fades out: the rest counts in full."""
@@ -89,7 +89,7 @@ def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
 
 @functools.lru_cache(maxsize=8)
 def _fade(n: int) -> NDArray[np.float32]:
-    return read_only((0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n)).astype(np.float32))
+    return make_read_only((0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n)).astype(np.float32))
 
 
 @transform
@@ -204,7 +204,7 @@ def _octaves(fs: float, octaves: tuple[int, int], per_octave: int) -> tuple[Samp
 def _with_response(edges_hz: Samples, fs: float) -> tuple[Samples, Samples]:
     """Return edges (Hz), and 4 sin^2(pi f / fs) in the middle of each band, the response of a difference."""
     middle = (edges_hz[:-1] + edges_hz[1:]) / 2
-    return read_only(edges_hz), read_only(4 * np.sin(np.pi * middle / fs) ** 2)
+    return make_read_only(edges_hz), make_read_only(4 * np.sin(np.pi * middle / fs) ** 2)
 
 
 @transform
@@ -239,7 +239,7 @@ def _parts_of_octaves() -> NDArray[np.float32]:
     """Return whether the real and the imaginary part of each bin of a frame count in each octave."""
     octave = len(OCTAVES) - np.ceil(np.log2(np.maximum(np.arange(FRAME // 2 + 1), 1)))
     of_each = octave[:, np.newaxis] == np.arange(len(OCTAVES))
-    return read_only(np.repeat(of_each, 2, axis=0).astype(np.float32))
+    return make_read_only(np.repeat(of_each, 2, axis=0).astype(np.float32))
 
 
 @feature_in_samples(
@@ -288,7 +288,7 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
 @functools.cache
 def _terms(n_parts: int) -> Samples:
     """Return 2/n cos(pi j (i + 1/2)/n) in row j - 1 and column i, shape (n_parts - 1, n_parts)."""
-    return read_only(fft.dct(np.eye(n_parts), axis=0)[1:] / n_parts)
+    return make_read_only(fft.dct(np.eye(n_parts), axis=0)[1:] / n_parts)
 
 
 @feature_in_samples("log10(1)", "texclass; deviation over frames of log band levels", outputs=OCTAVES)

@@ -14,7 +14,7 @@ from scipy import fft
 from texclass.features.contract import UndefinedFeatureError, feature
 from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import power_frames
-from texclass.recording import Samples, read_only
+from texclass.recording import Samples, make_read_only
 
 ALL = tuple(range(1, 14))
 FLOOR = 1e-12
@@ -95,7 +95,7 @@ def _mel_filters(
             f"(every {f[1]:.0f} Hz). Expected at least one"
         )
     weights = weights * np.exp(-f / decay_hz)[:, np.newaxis]
-    return read_only(np.array(weights, dtype=np.float32, order="C"))
+    return make_read_only(np.array(weights, dtype=np.float32, order="C"))
 
 
 @transform
@@ -222,7 +222,7 @@ def mfcc_deviation(
 @functools.cache
 def _cosines(n_filters: int) -> Samples:
     """Return the orthonormal DCT-II as a matrix, a column each coefficient."""
-    return read_only(fft.dct(np.eye(n_filters), axis=1, norm="ortho"))
+    return make_read_only(fft.dct(np.eye(n_filters), axis=1, norm="ortho"))
 
 
 def _checked(coefficients: tuple[int, ...], n_filters: int) -> list[int]:

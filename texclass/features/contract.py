@@ -252,7 +252,7 @@ def registered() -> dict[str, Feature]:
     """Return every registered feature by name, sorted by name."""
     for module in DIMENSIONS:
         importlib.import_module(f"texclass.features.{module}")
-    for name in shipped.added("features"):
+    for name in shipped.entry_point_modules("features"):
         shipped.module_of("features", name)
     return dict(sorted(_REGISTRY.items()))
 

@@ -20,7 +20,7 @@ from texclass.features.contract import Feature, find
 from texclass.features.phase_view import Phase, UndefinedFeatureError, View, Views
 from texclass.recording import Samples
 from texclass.shipped import locate
-from texclass.validation import Written, checked, read_toml
+from texclass.validation import StrictModel, read_toml, validate
 
 MOST_COUNTED = 1 << 16
 """Largest product of the whole-number overrides (orders, pieces, bands) of one feature."""
@@ -243,7 +243,7 @@ class FeatureSet:
         return found
 
 
-class SetFile(Written):
+class SetFile(StrictModel):
     """What the TOML of a feature set holds."""
 
     name: str = ""
@@ -279,7 +279,7 @@ def load_feature_set(name_or_path: str | Path) -> FeatureSet:
     210
     """
     path = locate("feature_defs", name_or_path)
-    written = checked(SetFile, read_toml(path), path.name)
+    written = validate(SetFile, read_toml(path), path.name)
     members = tuple(
         replace(_member(name, table, path.name), without_hand=written.without_hand)
         for name, table in written.features.items()
@@ -308,7 +308,7 @@ def _member(name: str, table: dict[str, Any], file: str) -> Member:
         declared = p.annotation is not p.empty and not isinstance(p.annotation, str)
         fields[p.name] = (p.annotation if declared else type(p.default), p.default)
     model = create_model(feature.name, __base__=Overrides, **fields)
-    given = checked(model, {k: v for k, v in table.items() if k != "use"}, where)
+    given = validate(model, {k: v for k, v in table.items() if k != "use"}, where)
     overrides = given.model_dump(exclude_unset=True)
     if math.prod(_largest(value) for key, value in overrides.items() if key not in SAMPLES) > MOST_COUNTED:
         raise ValueError(
@@ -320,7 +320,7 @@ def _member(name: str, table: dict[str, Any], file: str) -> Member:
         raise ValueError(f"{where}: its columns cannot be named ({error})") from error
 
 
-class Overrides(Written):
+class Overrides(StrictModel):
     """Parameters that a set gives a feature."""
 
     model_config = ConfigDict(allow_inf_nan=True)

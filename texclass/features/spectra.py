@@ -8,7 +8,7 @@ from scipy import fft
 
 from texclass.features.conditioning import n_of, require, spectrum, unit32
 from texclass.features.phase_view import PhaseView, transform, undefined_if
-from texclass.recording import Samples, read_only
+from texclass.recording import Samples, make_read_only
 
 BAND_HZ = 2100.0
 """End of `mean_spectrum` in Hz: half as much again as the band of the sensor."""
@@ -128,7 +128,7 @@ def window_of(name: str, length: int) -> NDArray[np.float32]:
     """Return a window, "hann" or "hamming", periodic, shape (length,); made once for each length."""
     constant = {"hann": 0.5, "hamming": 0.54}[name]
     window = constant + (1 - constant) * np.cos(np.linspace(-np.pi, np.pi, length + 1)[:-1])
-    return read_only(window.astype(np.float32))
+    return make_read_only(window.astype(np.float32))
 
 
 @transform

@@ -19,18 +19,18 @@ import h5py
 import numpy as np
 from scipy import io as scipy_io
 
-from texclass.loaders.columns import UNNAMED
-from texclass.loaders.matlab import MOST_MEMBERS, MOST_NESTED, NUMERIC, StoredArray, matlab_5_arrays
+from texclass.loaders.columns import ACCELERATION
+from texclass.loaders.matlab import MAX_DEPTH, MAX_MEMBERS, NUMERIC, StoredArray, matlab_5_arrays
 from texclass.loaders.readers import (
     FORMATS,
     ReaderSettings,
     ReadSignals,
     as_samples,
-    check_held,
-    listed,
-    readable,
-    refused,
-    require,
+    check_announced_size,
+    quote_names,
+    reader_error,
+    require_columns,
+    wrap_library_errors,
 )
 
 _TEXT = "char"
@@ -59,19 +59,21 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
     """
     sizes, rates, others = _contents(path)
     signals = _signals(sizes, rates)
-    require(wanted, signals, path, hint=f"; {_unread(others)} cannot be read" * bool(others))
+    require_columns(wanted, signals, path, hint=f"; {_describe_others(others)} cannot be read" * bool(others))
     for name in wanted:
-        check_held(sizes[name], path)
+        check_announced_size(sizes[name], path)
     stated = _rates_of(wanted, signals, rates, _mark(path))
     if len(set(stated.values())) > 1 and settings.fs not in stated.values():
         shown = ", ".join(f"{name} = {rate:g}" for name, rate in stated.items())
-        raise refused(path, f"it states several sampling rates: {shown}", "one rate, or --fs to select one")
+        raise reader_error(
+            path, f"it states several sampling rates: {shown}", "one rate, or --fs to select one"
+        )
     by = next((name for name, rate in stated.items() if rate == settings.fs), next(iter(stated), None))
     fs = None if by is None else stated[by]
     flags = [f"time: fs is {fs:g} Hz, as {by!r} in the file states"] if fs is not None else []
     if objects := {name: kind for name, kind in others.items() if kind != _TEXT}:
-        flags.append(f"ignored: {_unread(objects)}")
-    with readable(path, _kind(path)):
+        flags.append(f"ignored: {_describe_others(objects)}")
+    with wrap_library_errors(path, _kind(path)):
         present = (array for array in _arrays(path) if not array.is_attribute)
         stored = {array.name: array.values() for array in present if array.name in wanted}
         named = {name: as_samples(stored[name], name, path) for name in wanted}
@@ -91,7 +93,7 @@ def _kind(path: Path) -> str:
 def _contents(path: Path) -> tuple[dict[str, int], dict[str, float], dict[str, str]]:
     """Return array -> number of values, scalar or attribute -> rate in Hz, anything else -> its class."""
     sizes, rates, others = dict[str, int](), dict[str, float](), dict[str, str]()
-    with readable(path, _kind(path)):
+    with wrap_library_errors(path, _kind(path)):
         for array in _arrays(path):
             if array.is_attribute or (not array.kind and array.size == 1 and is_rate(array.name)):
                 value = np.asarray(array.values())
@@ -102,7 +104,7 @@ def _contents(path: Path) -> tuple[dict[str, int], dict[str, float], dict[str, s
             elif not array.is_attribute:
                 sizes[array.name] = array.size
     if not _signals(sizes, rates):
-        raise refused(path, f"it contains {_unread(others)}", "an array of real numbers")
+        raise reader_error(path, f"it contains {_describe_others(others)}", "an array of real numbers")
     return sizes, rates, others
 
 
@@ -112,8 +114,8 @@ def _signals(sizes: Mapping[str, int], rates: Mapping[str, float]) -> tuple[str,
     return arrays or tuple(name for name in sizes if name not in rates)
 
 
-def _unread(others: Mapping[str, str]) -> str:
-    return listed([f"{name} ({kind})" for name, kind in others.items()])
+def _describe_others(others: Mapping[str, str]) -> str:
+    return quote_names([f"{name} ({kind})" for name, kind in others.items()])
 
 
 def _rates_of(
@@ -175,12 +177,12 @@ def _npy_members(path: Path) -> Iterator[tuple[str, IO[bytes]]]:
         warnings.simplefilter("ignore", UserWarning)  # of headers that Python 2 wrote
         if path.suffix.lower() == ".npy":
             with path.open("rb") as file:
-                yield UNNAMED, file
+                yield ACCELERATION, file
             return
         with zipfile.ZipFile(path) as archive:
             for member in archive.infolist():
                 if member.filename.endswith(".npy"):
-                    check_held(member.file_size // 8, path)
+                    check_announced_size(member.file_size // 8, path)
                     with archive.open(member) as file:
                         yield member.filename.removesuffix(".npy"), file
 
@@ -189,9 +191,9 @@ def _hdf5_arrays(
     group: h5py.Group, path: Path, mark: str, prefix: str = "", depth: int = 1
 ) -> Iterator[StoredArray]:
     """Yield the datasets and attributes of a group and of those in it; no link is followed."""
-    if depth > MOST_NESTED or len(group) > MOST_MEMBERS:
+    if depth > MAX_DEPTH or len(group) > MAX_MEMBERS:
         found = f"has groups {depth} deep, one with {len(group)} members"
-        raise refused(path, found, f"at most {MOST_NESTED} and {MOST_MEMBERS}")
+        raise reader_error(path, found, f"at most {MAX_DEPTH} and {MAX_MEMBERS}")
     yield from _hdf5_rates(group, prefix)
     for member in group:
         is_matlab_own = member.startswith("#")  # what cells and objects refer to
@@ -203,7 +205,7 @@ def _hdf5_arrays(
         if isinstance(node, h5py.Dataset):
             yield from _hdf5_rates(node, name + mark)
             kind = _hdf5_class(node, matlab_class)
-            yield StoredArray(name, kind, node.size or 0, partial(_inside, node, name, path))
+            yield StoredArray(name, kind, node.size or 0, partial(_read_dataset, node, name, path))
         elif isinstance(node, h5py.Group) and matlab_class in {"", "struct"}:
             yield from _hdf5_arrays(node, path, mark, name + mark, depth + 1)
         elif isinstance(node, h5py.Group):
@@ -229,20 +231,20 @@ def _hdf5_class(dataset: h5py.Dataset, matlab_class: str) -> str:
     return _TEXT if h5py.check_string_dtype(dataset.dtype) else str(dataset.dtype.name)
 
 
-def _inside(dataset: h5py.Dataset, name: str, path: Path) -> Any:
+def _read_dataset(dataset: h5py.Dataset, name: str, path: Path) -> Any:
     """Return the values of a dataset whose bytes are in this file."""
     if dataset.external or dataset.is_virtual:
-        raise refused(path, f"{name} is kept in another file", "one file")
-    check_held(dataset.size, path)
+        raise reader_error(path, f"{name} is kept in another file", "one file")
+    check_announced_size(dataset.size, path)
     # where a chunk has no more than its checksum of 4 bytes, HDF5 (2.0 and before) ends the process
     if dataset.fletcher32 and dataset.id.chunk_iter(lambda chunk: chunk.size <= 4 or None):
-        raise refused(path, f"{name} has a chunk without data", "more than its checksum")
+        raise reader_error(path, f"{name} has a chunk without data", "more than its checksum")
     # h5py converts piece by piece: stored floats of 4 bytes never stand in memory beside those of 8.
     return dataset.astype(np.float64)[()]
 
 
 def _matlab_4_arrays(path: Path) -> Iterator[StoredArray]:
-    with _strictly():
+    with _warnings_as_errors():
         variables = scipy_io.whosmat(str(path))
     for name, shape, kind in variables:
         values = partial(_matlab_4_values, path, name)
@@ -250,12 +252,12 @@ def _matlab_4_arrays(path: Path) -> Iterator[StoredArray]:
 
 
 def _matlab_4_values(path: Path, name: str) -> Any:
-    with _strictly():
+    with _warnings_as_errors():
         return scipy_io.loadmat(str(path), variable_names=[name])[name]
 
 
 @contextmanager
-def _strictly() -> Iterator[None]:
+def _warnings_as_errors() -> Iterator[None]:
     """Turn what scipy warns of (guessed byte orders, overflows) into errors, but for repeated names."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)

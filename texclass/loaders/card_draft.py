@@ -12,15 +12,21 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
-from texclass.loaders.columns import UNNAMED, choose_acceleration, columns_of_kind, is_time, plain
+from texclass.loaders.columns import (
+    ACCELERATION,
+    choose_acceleration,
+    is_time,
+    match_convention,
+    normalize_column,
+)
 from texclass.loaders.data_files import data_files
 from texclass.loaders.exports import Export, export_companions, export_pattern, find_exports
 from texclass.loaders.files import AXIS, axis_files, column_names, read_signals
 from texclass.loaders.filesets import match_name
 from texclass.loaders.labels import Labels, find_label_columns, is_label_table
 from texclass.loaders.open import recording_files
-from texclass.loaders.plausibility import doubtful_levels
-from texclass.loaders.readers import ReaderSettings, ReadSignals, columns_of, listed
+from texclass.loaders.plausibility import folder_level_notes
+from texclass.loaders.readers import ReaderSettings, ReadSignals, as_column_names, quote_names
 from texclass.recording import AUXILIARY_UNITS, RecordingError, Samples
 from texclass.reporting.wording import counted
 
@@ -213,7 +219,7 @@ def _folders(names: Sequence[str]) -> list[str]:
     while len({part[0] for part in parts}) == 1 and min(map(len, parts)) > 2:
         shared += f"{re.escape(parts[0][0])}/"
         parts = [part[1:] for part in parts]
-    if doubtful_levels(parts):
+    if folder_level_notes(parts):
         return [rf"{shared}(?P<session>[^/]+)/(?P<surface>[^/]+)/(?:.+/)?"]
     deeper = Counter(part[:2] for part in parts if len(part) > 2)
     has_sessions = deeper.total() == len(parts) and min(deeper.values()) > 1
@@ -227,7 +233,7 @@ def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
     for name, groups in layout.named.items():
         firsts.setdefault(groups["surface"], name)
     files = list(dict.fromkeys([*firsts.values(), *layout.named]))[:100]  # enough to know them all
-    unit, column = settings.unit, columns_of(settings.column)
+    unit, column = settings.unit, as_column_names(settings.column)
     settings = ReaderSettings(unit=unit, **settings.of_a_card)
     channels: dict[str, Sequence[str]] = {}
     questions: list[str] = []
@@ -248,7 +254,7 @@ def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
         questions.append(f"{len(errors)} of {counted(len(files), 'file')} cannot be read: {errors[0]}")
     if read is None:
         return _Signals(channels, unit or "arbitrary", "", rates, False, tuple(questions))
-    acceleration = read.named[UNNAMED]
+    acceleration = read.named[ACCELERATION]
     gravity = _gravity_at_rest(acceleration)
     if unit or read.unit:
         source = "given" if unit else "from the names of the columns or the messages"
@@ -280,13 +286,15 @@ def _channels(
     present = column_names(path, settings)
     others = [name for name in present if not is_time(name)]
     if len(others) < 2:
-        return ({UNNAMED: column} if column else {}), []
+        return ({ACCELERATION: column} if column else {}), []
     channels: dict[str, Sequence[str]] = {}
     for field in AUXILIARY_UNITS:
-        if (found := [name for name in others if plain(name) == plain(field)]) and len(found) == 1:
+        if (found := [name for name in others if normalize_column(name) == normalize_column(field)]) and len(
+            found
+        ) == 1:
             channels[field] = found
     for stem in ("w", "g", "gyro ", "gyroscope "):
-        if axes := columns_of_kind([f"{stem}{axis}" for axis in "xyz"], others):
+        if axes := match_convention([f"{stem}{axis}" for axis in "xyz"], others):
             channels.setdefault("turn_rate", axes)
     taken = {name for names in channels.values() for name in names}
     questions = list[str]()
@@ -296,10 +304,11 @@ def _channels(
     except RecordingError:
         acceleration = [name for name in others if name not in taken][:3]
         questions = [
-            f"which columns are the acceleration? {listed(acceleration)} is a guess, of {listed(present)}. "
+            f"which columns are the acceleration? {quote_names(acceleration)} is a guess; "
+            f"the columns are {quote_names(present)}. "
             "If each row is a recording, see `format = 'rows'`."
         ]
-    return {UNNAMED: acceleration, **channels}, questions
+    return {ACCELERATION: acceleration, **channels}, questions
 
 
 def _printable(text: str) -> str:

@@ -10,15 +10,15 @@ from pydantic import BeforeValidator, Field, PrivateAttr, RootModel, model_valid
 
 from texclass import shipped
 from texclass.loaders.dataset import GROUPS
-from texclass.loaders.readers import COMMENT, TIME_UNITS, ReaderSettings
+from texclass.loaders.readers import COMMENT_PATTERN, TIME_UNITS, ReaderSettings
 from texclass.phase_settings import PhaseSettings
 from texclass.recording import AUXILIARY_UNITS, Unit
 from texclass.simulate.recipe import Recipe
-from texclass.validation import Written, checked, read_toml
+from texclass.validation import StrictModel, read_toml, validate
 
 PATTERN_GROUPS = ("recording", *GROUPS, "axis")
 """Groups of a pattern of file names, and (but for the axis) of a table of labels."""
-MOST_LARGE = 1e100
+MAX_MAGNITUDE = 1e100
 """Rates and factors beyond it are no measurement's."""
 Convert = Literal["", "frames", "rounded", "counts", "sheets"]
 DeclaredPhases = Literal["detect", "movement", "tap", "taps"]
@@ -41,7 +41,7 @@ Texts = Annotated[
 """One text, or several."""
 
 
-def _named(given: Any) -> Any:
+def _as_column_texts(given: Any) -> Any:
     """Return columns as text, also those that are told by number."""
     listed = given if isinstance(given, list | tuple) else [given]
     return tuple(str(one) if isinstance(one, int) and one is not True else one for one in listed)
@@ -50,11 +50,11 @@ def _named(given: Any) -> Any:
 Factor = Annotated[
     float,
     Predicate(bool),
-    Field(ge=-MOST_LARGE, le=MOST_LARGE, description="a finite factor other than 0"),
+    Field(ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE, description="a finite factor other than 0"),
 ]
 Columns = Annotated[
     tuple[str, ...],
-    BeforeValidator(_named),
+    BeforeValidator(_as_column_texts),
     Field(min_length=1, description="a column or a list of columns, by name or by number from 1"),
 ]
 """Columns of a file."""
@@ -64,7 +64,7 @@ class CardError(ValueError):
     """A dataset card breaks a rule; the message names the file, the key and the rule."""
 
 
-class Card(Written):
+class Card(StrictModel):
     """What every card says; each format has a class of its own.
 
     Attributes
@@ -96,7 +96,7 @@ class Card(Written):
         return self._path.stem
 
 
-class Reading(Written):
+class Reading(StrictModel):
     """How the values of files become recordings.
 
     Attributes
@@ -118,7 +118,7 @@ class Reading(Written):
         Subtract each channel's median.
     """
 
-    fs_hz: float = Field(gt=0, le=MOST_LARGE, description="a rate in Hz above 0")
+    fs_hz: float = Field(gt=0, le=MAX_MAGNITUDE, description="a rate in Hz above 0")
     unit: Unit
     files: Texts
     scale: Factor = 1.0
@@ -129,15 +129,15 @@ class Reading(Written):
     @property
     def facts(self) -> str:
         """What changes a recording, as text for a digest."""
-        return _facts(self)
+        return _hash_input(self)
 
 
-def _facts(card: Written) -> str:
+def _hash_input(card: StrictModel) -> str:
     """Return the keys that are set, without those that change no recording: titles, notes, places."""
     return card.model_dump_json(exclude={*StoredCard.model_fields}, exclude_defaults=True)
 
 
-class LabelTable(Written):
+class LabelTable(StrictModel):
     """A CSV beside the recordings, one row per recording.
 
     Attributes
@@ -207,12 +207,18 @@ class FileReading(Reading):
     delimiter: str | None = Field(default=None, pattern=r'^[^"\r\n]$', description="one character, no quote")
     skip_rows: int | None = Field(default=None, ge=0, description="a number of lines")
     comment: str | None = Field(
-        default=None, pattern=f"^{COMMENT}$", description="1 to 8 characters, no blank, digit or quote"
+        default=None,
+        pattern=f"^{COMMENT_PATTERN}$",
+        description="1 to 8 characters, no blank, digit or quote",
     )
     drop_incomplete: bool = False
-    time_column: Annotated[str | None, BeforeValidator(lambda given: given and _named(given)[0])] = None
+    time_column: Annotated[
+        str | None, BeforeValidator(lambda given: given and _as_column_texts(given)[0])
+    ] = None
     time_unit: TimeUnit | None = None
-    resample_hz: float | None = Field(default=None, gt=0, le=MOST_LARGE, description="a rate in Hz above 0")
+    resample_hz: float | None = Field(
+        default=None, gt=0, le=MAX_MAGNITUDE, description="a rate in Hz above 0"
+    )
     topic: str | None = None
     trim: bool = False
     _rate_of: str = PrivateAttr(default="")
@@ -250,7 +256,7 @@ def _groups(key: str, patterns: tuple[str, ...]) -> set[str]:
     return groups
 
 
-class Published(Written):
+class Download(StrictModel):
     """Where the files are published that `NAME.sha256`, beside the card, lists with their digests.
 
     Attributes
@@ -280,7 +286,7 @@ class StoredCard(Card):
     """
 
     folder: str = ""
-    published: Published | None = None
+    published: Download | None = None
 
     @model_validator(mode="after")
     def _published_has_folder(self) -> "StoredCard":
@@ -325,7 +331,7 @@ class ModelsCard(StoredCard):
 
     format: Literal["hatt-models"]
     files: Texts = (r"(?:.*/)?(?:Models_)?(?P<surface>[^/]+)\.xml",)
-    fs_hz: float = Field(default=1000.0, gt=0, le=MOST_LARGE, description="a rate in Hz above 0")
+    fs_hz: float = Field(default=1000.0, gt=0, le=MAX_MAGNITUDE, description="a rate in Hz above 0")
     n_recordings: int = Field(default=10, ge=1, le=1000)
     duration_s: float = Field(default=10.0, ge=0.1, le=600)
     seed: int = Field(default=0, ge=0, le=2**63)
@@ -341,7 +347,7 @@ class ModelsCard(StoredCard):
     @property
     def facts(self) -> str:
         """What changes a recording, as text for a digest."""
-        return _facts(self)
+        return _hash_input(self)
 
 
 class SimulatedCard(Card):
@@ -373,7 +379,7 @@ def read_card(name_or_path: str | Path) -> AnyCard:
         content = read_toml(path)
         implied = "simulated" if "recipe" in content else "rows" if "label_column" in content else "files"
         by_default = {"title": path.stem, "format": implied}
-        card = checked(_Content, by_default | content, path).root
+        card = validate(_Content, by_default | content, path).root
     except ValueError as error:
         raise CardError(str(error)) from error
     card._path = path

@@ -19,6 +19,6 @@ def is_hidden(name: str) -> bool:
     return name.startswith(".") or name.lower() in of_systems
 
 
-def composed(name: str) -> str:
+def normalize_name(name: str) -> str:
     """Return a name in Unicode normal form C: macOS stores "ü" as two characters, others as one."""
     return unicodedata.normalize("NFC", name)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from texclass.loaders.data_files import composed
+from texclass.loaders.data_files import normalize_name
 from texclass.recording import Recording, RecordingError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Entry:
     def __post_init__(self) -> None:
         for name in ("recording_id", "surface", "operator", "session"):
             if (text := getattr(self, name)) is not None:
-                object.__setattr__(self, name, composed(text))
+                object.__setattr__(self, name, normalize_name(text))
 
 
 @dataclass(frozen=True)

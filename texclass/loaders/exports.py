@@ -20,7 +20,7 @@ ACCELERATIONS = (
 """Names of files with an acceleration; the first of them that is there is read."""
 TURN_RATE = "gyroscope"
 """Name of the file with the turn rate in rad/s."""
-OTHERS = (
+OTHER_SENSORS = (
     *(TURN_RATE, "gravity", "magnetometer", "magnetic field", "compass", "orientation", "rotation vector"),
     *("barometer", "pressure", "light", "proximity", "location", "gps", "pedometer", "microphone"),
     *("heart rate", "battery", "annotation", "metadata", "wrist motion", "device motion", "temperature"),
@@ -54,26 +54,26 @@ class Export:
         return f"{PurePosixPath(self.acceleration).name} is read{turn_rate}, {others} ignored"
 
 
-def sensor_of(name: str) -> str:
+def sensor_name(name: str) -> str:
     """Return the sensor in the name of a file: "total acceleration" of "TotalAcceleration.csv"; else ""."""
     path = PurePosixPath(name)
     if path.suffix.lower() not in {".csv", ".tsv", ".txt"}:
         return ""
     words = re.sub(r"(?<=[a-z])(?=[A-Z])|_+", " ", path.stem).lower()
     stem = re.sub(r" ?\(.*\)$| ?uncalibrated$", "", words).strip()
-    return stem if stem in {*ACCELERATIONS, *OTHERS} else ""
+    return stem if stem in {*ACCELERATIONS, *OTHER_SENSORS} else ""
 
 
-def other_sensor(path: Path) -> str:
+def other_sensor_name(path: Path) -> str:
     """Return the sensor other than an accelerometer in the name of a file, numbered or not; else ""."""
-    if (sensor := sensor_of(path.name)) in OTHERS:
+    if (sensor := sensor_name(path.name)) in OTHER_SENSORS:
         return sensor
-    unnumbered = sensor_of(re.sub(r"[ _-]?\d+$", "", path.stem) + path.suffix)
+    unnumbered = sensor_name(re.sub(r"[ _-]?\d+$", "", path.stem) + path.suffix)
     # other numbered names are surfaces, too: "light_1"
     return unnumbered if unnumbered in {TURN_RATE, "magnetometer", "barometer"} else ""
 
 
-def export_in(folder: Path) -> Export | None:
+def find_export(folder: Path) -> Export | None:
     """Return the files of the recording that a folder is, if it is one."""
     names = (path.relative_to(folder).as_posix() for path in data_files(folder)) if folder.is_dir() else ()
     return next((export for export in find_exports(names) if "/" not in export.acceleration), None)
@@ -92,14 +92,14 @@ def find_exports(files: Iterable[str]) -> list[Export]:
         folders.setdefault(PurePosixPath(name).parent, []).append(name)
     found = []
     for folder, names in folders.items():
-        sensors = {sensor_of(name): name for name in sorted(names, reverse=True)}
+        sensors = {sensor_name(name): name for name in sorted(names, reverse=True)}
         usable = [sensors[one] for one in ACCELERATIONS if one in sensors]
         described = folders.get(folder / "meta", ())
         is_phyphox = str(folder / "meta" / "device.csv") in described
         if not usable or (len(sensors.keys() - {""}) < 2 and not is_phyphox):
             continue
         turn_rate = sensors.get(TURN_RATE)
-        beside = [name for name in names if sensor_of(name) and name not in {usable[0], turn_rate}]
+        beside = [name for name in names if sensor_name(name) and name not in {usable[0], turn_rate}]
         found.append(Export(usable[0], turn_rate, (*beside, *described)))
     return found
 

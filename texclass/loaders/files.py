@@ -14,38 +14,38 @@ from numpy.typing import NDArray
 
 from texclass import shipped
 from texclass.loaders.columns import (
-    UNNAMED,
+    ACCELERATION,
+    acceleration_unit,
+    ambiguous_number_flags,
     choose_acceleration,
-    doubtful_numbers,
-    group_of,
+    group_path,
     is_time,
-    numbered,
+    resolve_columns,
     signal_columns,
+    strip_unit,
     time_unit,
     turn_rate_factor,
-    unit_of,
-    without_unit,
 )
-from texclass.loaders.exports import export_in, other_sensor
+from texclass.loaders.exports import find_export, other_sensor_name
 from texclass.loaders.plausibility import build_recording
 from texclass.loaders.readers import (
-    BAG_FOLDER,
+    BAG_METADATA,
     FORMATS,
     NO_TIME_COLUMN,
     ReaderSettings,
     ReadSignals,
+    as_column_names,
     as_samples,
-    columns_of,
     formats,
     is_bag,
-    refused,
+    reader_error,
 )
-from texclass.loaders.time_columns import by_time_column, increases
-from texclass.recording import AUXILIARY_UNITS, Recording, RecordingError, Samples, read_only
+from texclass.loaders.time_columns import is_increasing, resample_by_time_column
+from texclass.recording import AUXILIARY_UNITS, Recording, RecordingError, Samples, make_read_only
 
 AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
 """The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
-_BESIDE = "beside\0"
+_COMPANION = "beside\0"
 """Before the name of a signal in another file, as no column is named."""
 
 
@@ -123,7 +123,7 @@ def load_recording(
     >>> load_recording("oak.csv", fs=1000, unit="g")
     <Recording 'oak': 1 s at 1000 Hz, 3 axes in m/s^2>
     """
-    path, asked = located(path)
+    path, asked = locate_recording(path)
     settings = ReaderSettings(
         fs=fs,
         unit=unit,
@@ -138,8 +138,10 @@ def load_recording(
         drop_incomplete=drop_incomplete,
     )
     settings.check(path)
-    roles = {name: columns_of(names) for name, names in {UNNAMED: column, **(auxiliary or {})}.items()}
-    axes, beside, flags = sources(path)
+    roles = {
+        name: as_column_names(names) for name, names in {ACCELERATION: column, **(auxiliary or {})}.items()
+    }
+    axes, beside, flags = source_files(path)
     signals = read_signals(axes, roles, settings, companions=beside)
     if unit is None and signals.unit is not None and not is_bag(path):
         flags = (*flags, f"in {signals.unit}: the names of its columns say so")
@@ -154,7 +156,7 @@ def load_recording(
     )
 
 
-def located(name: str | Path) -> tuple[Path, str | None]:
+def locate_recording(name: str | Path) -> tuple[Path, str | None]:
     """Return the file that a name means, and the topic if it names one ("bag:FILE?topic=/name").
 
     Raises
@@ -168,10 +170,10 @@ def located(name: str | Path) -> tuple[Path, str | None]:
         rest, _, query = str(name).removeprefix("bag:").partition("?")
         path, topic = Path(rest).expanduser(), query.removeprefix("topic=") or None
         if query and not query.startswith("topic="):
-            raise refused(name, f"asks for {query!r}", "bag:FILE?topic=/name")
+            raise reader_error(name, f"asks for {query!r}", "bag:FILE?topic=/name")
     if not path.exists():
         raise RecordingError(f"{path}: cannot be opened (no such file)")
-    return path / BAG_FOLDER if (path / BAG_FOLDER).is_file() else path, topic
+    return path / BAG_METADATA if (path / BAG_METADATA).is_file() else path, topic
 
 
 def is_bag_name(name: str | Path) -> bool:
@@ -210,12 +212,12 @@ def _reader(path: Path) -> ModuleType:
     except OSError as error:
         raise RecordingError(f"{path}: cannot be opened ({error.strerror})") from error
     if not path.is_file():
-        raise refused(path, "is not a file", "one file per recording (or axis)")
+        raise reader_error(path, "is not a file", "one file per recording (or axis)")
     if size == 0:
-        raise refused(path, "is empty (0 bytes)", "at least two samples")
-    suffix = ".mcap" if path.name == BAG_FOLDER else path.suffix.lower()
+        raise reader_error(path, "is empty (0 bytes)", "at least two samples")
+    suffix = ".mcap" if path.name == BAG_METADATA else path.suffix.lower()
     if (kind := formats().get(suffix)) is None:
-        raise refused(path, f"suffix is {path.suffix!r}", f"one of {', '.join(formats())}")
+        raise reader_error(path, f"suffix is {path.suffix!r}", f"one of {', '.join(formats())}")
     try:
         if suffix in FORMATS:
             return importlib.import_module(kind.module)
@@ -229,12 +231,12 @@ def _reader(path: Path) -> ModuleType:
         ) from error
 
 
-def sources(path: Path) -> tuple[dict[str, Path], dict[str, Path], tuple[str, ...]]:
+def source_files(path: Path) -> tuple[dict[str, Path], dict[str, Path], tuple[str, ...]]:
     """Return the files of a recording by axis, those of other signals by field, and what a user should know.
 
     `path` is a file, or a folder that a sensor app exported.
     """
-    if (export := export_in(path)) is None:
+    if (export := find_export(path)) is None:
         return axis_files(path), {}, ()
     beside = {"turn_rate": path / export.turn_rate} if export.turn_rate else {}
     return {"": path / export.acceleration}, beside, (f"export: {export.facts}",)
@@ -245,7 +247,7 @@ def recording_name(path: Path, axes: Mapping[str, Path]) -> str:
     if path.is_dir():
         return path.name
     if len(axes) == 1:
-        return (path.parent if path.name == BAG_FOLDER else path).stem
+        return (path.parent if path.name == BAG_METADATA else path).stem
     *_, axis = AXIS.finditer(path.name)
     return (path.name[: axis.start()] + path.name[axis.end() :]).rpartition(".")[0]
 
@@ -292,28 +294,28 @@ def read_signals(
         If a file is bad or of another sensor, the axes differ in length or rate, or a signal beside them
         covers too little of their time.
     """
-    if unknown := set(roles) - {UNNAMED, *AUXILIARY_UNITS}:
+    if unknown := set(roles) - {ACCELERATION, *AUXILIARY_UNITS}:
         raise RecordingError(
             f"signals {sorted(unknown)} are unknown. Expected some of {', '.join(AUXILIARY_UNITS)}"
         )
     parts = {axis: _read_file(path, roles, settings, companions or {}) for axis, path in axes.items()}
     axis, first = next(iter(parts.items()))
     if len(parts) == 1:
-        is_one_axis = axis and first.named[UNNAMED].ndim == 1
+        is_one_axis = axis and first.named[ACCELERATION].ndim == 1
         return replace(first, channels=(axis,)) if is_one_axis else first
     where = str(axes[axis])
-    lengths = {axis: len(part.named[UNNAMED]) for axis, part in parts.items()}
+    lengths = {axis: len(part.named[ACCELERATION]) for axis, part in parts.items()}
     if len(set(lengths.values())) > 1 and not trim:
-        raise refused(where, f"its axes have {lengths} samples", "one length")
+        raise reader_error(where, f"its axes have {lengths} samples", "one length")
     rates = [part.fs for part in parts.values()]
     if len(set(rates)) > 1:
-        raise refused(where, f"its axes have rates {rates}", "one")
+        raise reader_error(where, f"its axes have rates {rates}", "one")
     units = {part.unit: None for part in parts.values() if part.unit is not None}
     if len(units) > 1:
-        raise refused(where, f"its axes are in {' and '.join(sorted(units))}", "one unit")
+        raise reader_error(where, f"its axes are in {' and '.join(sorted(units))}", "one unit")
     n = min(lengths.values())
-    acceleration = read_only(np.column_stack([part.named[UNNAMED][:n] for part in parts.values()]))
-    named = {**first.named, UNNAMED: acceleration}
+    acceleration = make_read_only(np.column_stack([part.named[ACCELERATION][:n] for part in parts.values()]))
+    named = {**first.named, ACCELERATION: acceleration}
     flags = tuple(dict.fromkeys(flag for part in parts.values() for flag in part.flags))
     return ReadSignals(named, first.fs, flags, tuple(parts), next(iter(units), None))
 
@@ -322,39 +324,43 @@ def _read_file(
     path: Path, roles: Mapping[str, Sequence[str]], settings: ReaderSettings, companions: Mapping[str, Path]
 ) -> ReadSignals:
     """Read the signals of one file, and those beside them, by the fields of `Recording`."""
-    stated = roles.get(UNNAMED, ())
+    stated = roles.get(ACCELERATION, ())
     present = () if is_bag(path) and stated else column_names(path, settings)
-    if not stated and (sensor := other_sensor(path)):
+    if not stated and (sensor := other_sensor_name(path)):
         rule = "an accelerometer: --column names its columns, if they hold an acceleration"
-        raise refused(path, f"its name is that of a {sensor}", rule)
-    varying = partial(_varying, path, settings)
-    chosen = numbered(stated, present) or choose_acceleration(present, path, varying)
+        raise reader_error(path, f"its name is that of a {sensor}", rule)
+    varying = partial(_varying_columns, path, settings)
+    chosen = resolve_columns(stated, present) or choose_acceleration(present, path, varying)
     if steering := next((name for name in chosen if not name.isprintable()), None):
-        raise refused(path, f"the column {steering!r} holds a control character", "printable names")
-    columns = {field: numbered(names, present) for field, names in roles.items()} | {UNNAMED: chosen}
+        raise reader_error(path, f"the column {steering!r} holds a control character", "printable names")
+    columns = {field: resolve_columns(names, present) for field, names in roles.items()} | {
+        ACCELERATION: chosen
+    }
     wanted = tuple(dict.fromkeys(name for names in columns.values() for name in names))
     read = _read(path, wanted, settings, companions)
-    named = {field: _stacked(read, names, path) for field, names in columns.items()}
-    named |= {field: read.named[_BESIDE + field] for field in companions if _BESIDE + field in read.named}
+    named = {field: _stack_columns(read, names, path) for field, names in columns.items()}
+    named |= {
+        field: read.named[_COMPANION + field] for field in companions if _COMPANION + field in read.named
+    }
     return replace(
         read,
         named=named,
-        flags=(*read.flags, *doubtful_numbers(stated, present)),
-        unit=read.unit or unit_of(chosen, path),
-        channels=tuple(map(without_unit, chosen)) if len(chosen) > 1 else (),
+        flags=(*read.flags, *ambiguous_number_flags(stated, present)),
+        unit=read.unit or acceleration_unit(chosen, path),
+        channels=tuple(map(strip_unit, chosen)) if len(chosen) > 1 else (),
     )
 
 
-def _stacked(read: ReadSignals, names: Sequence[str], path: Path) -> Samples:
+def _stack_columns(read: ReadSignals, names: Sequence[str], path: Path) -> Samples:
     """Return columns of a file as one signal."""
     columns = [read.named[name] for name in names]
     if len({len(column) for column in columns}) > 1:
         found = ", ".join(f"{name!r} has {len(read.named[name])}" for name in names)
-        raise refused(path, f"its columns differ in length: {found} samples", "one length")
-    return read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
+        raise reader_error(path, f"its columns differ in length: {found} samples", "one length")
+    return make_read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
 
 
-def _varying(path: Path, settings: ReaderSettings, names: Sequence[str]) -> list[str]:
+def _varying_columns(path: Path, settings: ReaderSettings, names: Sequence[str]) -> list[str]:
     """Return the columns of varying numbers that neither rise nor fall throughout, as long as the first."""
     found: dict[str, Samples] = {}
     tolerant = replace(settings, drop_incomplete=True)
@@ -365,7 +371,7 @@ def _varying(path: Path, settings: ReaderSettings, names: Sequence[str]) -> list
             continue
         steps = np.diff(samples, axis=0)
         is_monotonic = (steps >= 0).all() or (steps <= 0).all()
-        if not is_monotonic and group_of(name) == group_of(next(iter(found), name)):
+        if not is_monotonic and group_path(name) == group_path(next(iter(found), name)):
             found[name] = samples
     most = max(map(len, found.values()), default=0)
     return [name for name, samples in found.items() if len(samples) == most]
@@ -380,9 +386,9 @@ def _read(
     if is_bag(path):  # it has time stamps
         return reader.read(path, wanted, settings)  # type: ignore[no-any-return]
     if stated is not None and stated != NO_TIME_COLUMN:
-        (time,) = numbered((stated,), reader.names(path, settings))
+        (time,) = resolve_columns((stated,), reader.names(path, settings))
         read = reader.read(path, tuple(dict.fromkeys((*wanted, time))), settings)
-        return _at_times(replace(read, fs=None), wanted, time, path, settings, beside)
+        return _resample_columns(replace(read, fs=None), wanted, time, path, settings, beside)
     ignored = list[str]()
     for time in [] if stated else _time_candidates(reader.names(path, settings), wanted):
         try:
@@ -392,12 +398,12 @@ def _read(
             continue
         if any(len(read.named[name]) != len(read.named[time]) for name in wanted):
             ignored.append(f"time: column {time!r} is ignored, it has another length than the signals")
-        elif not increases(read.named[time]):
+        elif not is_increasing(read.named[time]):
             ignored.append(f"time: column {time!r} is ignored, it does not increase like time stamps")
         else:
             read = replace(read, flags=(*read.flags, *ignored))
             try:
-                return _at_times(read, wanted, time, path, settings, beside)
+                return _resample_columns(read, wanted, time, path, settings, beside)
             except RecordingError as error:
                 if read.fs is None or beside:
                     raise
@@ -415,13 +421,13 @@ def _time_candidates(names: Sequence[str], wanted: Sequence[str]) -> list[str]:
     """Return the columns named like time in the groups of all signals: the nearest first."""
 
     def is_above(name: str) -> bool:
-        return all(group_of(signal)[: len(group_of(name))] == group_of(name) for signal in wanted)
+        return all(group_path(signal)[: len(group_path(name))] == group_path(name) for signal in wanted)
 
     found = [name for name in names if is_time(name) and name not in wanted and is_above(name)]
-    return sorted(found, key=lambda name: (-len(group_of(name)), time_unit(name) is None))
+    return sorted(found, key=lambda name: (-len(group_path(name)), time_unit(name) is None))
 
 
-def _at_times(
+def _resample_columns(
     read: ReadSignals,
     wanted: tuple[str, ...],
     time: str,
@@ -433,15 +439,15 @@ def _at_times(
     times = read.named[time]
     signals = {name: as_samples(read.named[name], name, path) for name in wanted}
     for field, file in beside.items():
-        signals[_BESIDE + field] = _interpolated(file, field, time, times, settings)
+        signals[_COMPANION + field] = _interpolate_companion(file, field, time, times, settings)
     if lengths := {len(signal) for signal in signals.values()} - {len(times)}:
-        raise refused(
+        raise reader_error(
             path,
             f"its time column {time!r} has {len(times)} values, a signal {lengths.pop()}",
             "one length, or --time-column none",
         )
     columns = [signal.reshape(len(times), -1) for signal in signals.values()]
-    uniform, fs, flags = by_time_column(
+    uniform, fs, flags = resample_by_time_column(
         np.column_stack(columns),
         times,
         time,
@@ -461,7 +467,7 @@ def _at_times(
     return replace(read, named=named, fs=fs, flags=(*read.flags, *flags, *joined))
 
 
-def _interpolated(
+def _interpolate_companion(
     path: Path, field: str, time: str, times: NDArray[np.generic], settings: ReaderSettings
 ) -> Samples:
     """Return a signal of another file at some times, linearly interpolated."""
@@ -470,13 +476,15 @@ def _interpolated(
     read = reader.read(path, (*names, time), settings)
     own = read.named[time]
     if own.dtype.kind != times.dtype.kind:
-        raise refused(path, f"its column {time!r} is of another kind", "the time stamps of the acceleration")
+        raise reader_error(
+            path, f"its column {time!r} is of another kind", "the time stamps of the acceleration"
+        )
     at, known = (
         clock.astype(np.int64 if clock.dtype.kind == "M" else float).astype(float) for clock in (times, own)
     )
     share = float(np.mean((at >= known.min()) & (at <= known.max())))
     if share < 0.9:  # of the time of the acceleration
-        raise refused(path, f"it covers {share:.0%} of the times of the acceleration", "90% or more")
+        raise reader_error(path, f"it covers {share:.0%} of the times of the acceleration", "90% or more")
     order = np.argsort(known, kind="stable")
     factor = turn_rate_factor(names, path) if field == "turn_rate" else 1.0
     columns = [as_samples(read.named[name], name, path)[order] * factor for name in names]

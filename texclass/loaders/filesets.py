@@ -11,20 +11,27 @@ from typing import Any
 import numpy as np
 
 from texclass.loaders.cards import CardError, DeclaredPhases, FileCard, FileReading, Reading, RowCard
-from texclass.loaders.columns import UNNAMED, signal_columns
-from texclass.loaders.data_files import composed, data_files, is_hidden
+from texclass.loaders.columns import ACCELERATION, signal_columns
+from texclass.loaders.data_files import data_files, is_hidden, normalize_name
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
 from texclass.loaders.files import column_names, read_signals, topics
 from texclass.loaders.labels import Labels
-from texclass.loaders.places import digest_files, digest_of, file_digests, leaves
-from texclass.loaders.plausibility import build_recording, doubtful_labels
-from texclass.loaders.readers import BAG_FOLDER, STORAGE, ReadSignals, is_bag, refused, storage_suffix
+from texclass.loaders.places import combine_digests, digest_files, file_digests, is_outside
+from texclass.loaders.plausibility import build_recording, similar_label_notes
+from texclass.loaders.readers import (
+    BAG_METADATA,
+    STORAGE_SUFFIXES,
+    ReadSignals,
+    is_bag,
+    reader_error,
+    storage_suffix,
+)
 from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.phase_settings import PhaseSettings
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 from texclass.reporting.wording import counted
 
-LONGEST_MATCH_S = 0.2
+MATCH_TIMEOUT_S = 0.2
 """Seconds of the processor that a pattern may take on one name; usual ones take microseconds."""
 Groups = dict[str, str]
 """Facts of a recording that names, topics and tables state: group -> text."""
@@ -56,7 +63,7 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
             axes[groups.get("axis", "").lower()] = root / name
             for signal, candidates in _companion_names(reading, groups).items():
                 for companion in entry.paths:
-                    if composed(companion) in candidates:
+                    if normalize_name(companion) in candidates:
                         companions[signal] = root / companion
     settings = replace(reading.settings, topic=entry.topic or reading.topic)
     signals = read_signals(axes, reading.channels, settings, trim=reading.trim, companions=companions)
@@ -65,12 +72,12 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
     for name, path in companions.items():
         if name not in named:
             columns = signal_columns(column_names(path, settings), path)
-            one = read_signals({"": path}, {UNNAMED: columns}, replace(settings, time_column=None))
+            one = read_signals({"": path}, {ACCELERATION: columns}, replace(settings, time_column=None))
             if one.fs and signals.fs and abs(one.fs / signals.fs - 1) > TIMESTAMPS.near_rate:
-                raise refused(
+                raise reader_error(
                     path, f"its rate is {one.fs:g} Hz, that of the acceleration {signals.fs:g}", "one"
                 )
-            named[name] = one.named[UNNAMED]
+            named[name] = one.named[ACCELERATION]
     lengths = {name: len(signal) for name, signal in named.items()}
     if reading.trim and len(set(lengths.values())) > 1:
         shortest = min(lengths.values())
@@ -112,7 +119,7 @@ def open_files(
     table = reading.labels
     labels = Labels.read((root / table.file).resolve(), table) if table else None
     own = [table.file] if table else []
-    present = _present(root, own)
+    present = _recording_candidates(root, own)
     others = present.difference(ignored)
     left_out: list[str] = []
     entries: list[Entry] = []
@@ -127,26 +134,26 @@ def open_files(
     if not entries and not left_out:
         beside = f": {min(others)!r} is not like {reading.files[0]!r}" if others else ""
         rule = "at least one file as `files` of the card describes"
-        raise refused(root, f"holds no recording{beside}", rule)
+        raise reader_error(root, f"holds no recording{beside}", rule)
     _check_names(entries, root)
-    contents = {entry: _content(root, entry) for entry in entries}
+    contents = {entry: _content_files(root, entry) for entry in entries}
     digests = file_digests(root, [*own, *(name for names in contents.values() for name in names)])
     keys = {
         entry: (*(digests[name] for name in names), entry.topic or "") for entry, names in contents.items()
     }
-    copies, copy_notes = _copies(keys)
+    copies, copy_notes = _find_copies(keys)
     doubts = [
-        *doubtful_labels(entry.surface for entry in entries),
-        *_missed(reading, present - others, others),
+        *similar_label_notes(entry.surface for entry in entries),
+        *_unmatched_file_notes(reading, present - others, others),
     ]
-    if table and isinstance(reading, FileCard) and leaves(root / table.file, (root,)):
+    if table and isinstance(reading, FileCard) and is_outside(root / table.file, (root,)):
         doubts.append(f"the table of labels {table.file!r} is outside of the folder of the recordings")
     unmatched = sorted(set(labels.rows).difference(labels.used)) if labels else []
     doubts += [f"{name} is in the table of labels, but has no file" for name in unmatched]
     return Dataset(
         entries=tuple(entries),
         load=partial(load_files, reading, root),
-        input_hash=digest_of(digests, reading.facts),
+        input_hash=combine_digests(digests, reading.facts),
         notes=(*notes, *doubts, *left_out, *copy_notes),
         skip_bad=skip_bad,
         copies=copies,
@@ -154,13 +161,13 @@ def open_files(
     )
 
 
-def _present(root: Path, own: Collection[str]) -> set[str]:
+def _recording_candidates(root: Path, own: Collection[str]) -> set[str]:
     """Return the relative names of the files that can be recordings, each in one Unicode normal form."""
     present = {path.relative_to(root).as_posix() for path in data_files(root)}
-    present -= not_recordings(present).union(own)
+    present -= bag_parts(present).union(own)
     alike: dict[str, str] = {}
     for name in sorted(present, reverse=True):
-        if (other := alike.setdefault(composed(name), name)) != name:
+        if (other := alike.setdefault(normalize_name(name), name)) != name:
             raise RecordingError(
                 f"{root} contains {other!a} and {name!a}, one name in two Unicode normal forms. "
                 "Expected different names: rename or remove one"
@@ -168,19 +175,19 @@ def _present(root: Path, own: Collection[str]) -> set[str]:
     return present
 
 
-def _content(root: Path, entry: Entry) -> list[str]:
+def _content_files(root: Path, entry: Entry) -> list[str]:
     """Return the files that hold a recording: its own, and those of the storage of a bag."""
     names = list(entry.paths)
-    for folder in [(root / name).parent for name in names if PurePosixPath(name).name == BAG_FOLDER]:
+    for folder in [(root / name).parent for name in names if PurePosixPath(name).name == BAG_METADATA]:
         names += [
             file.relative_to(root).as_posix()
             for file in sorted(folder.iterdir())
-            if storage_suffix(file.name) in STORAGE and not is_hidden(file.name)
+            if storage_suffix(file.name) in STORAGE_SUFFIXES and not is_hidden(file.name)
         ]
     return names
 
 
-def _copies(keys: Mapping[Entry, Hashable]) -> tuple[tuple[tuple[Entry, ...], ...], list[str]]:
+def _find_copies(keys: Mapping[Entry, Hashable]) -> tuple[tuple[tuple[Entry, ...], ...], list[str]]:
     """Return the recordings that have equal keys, together, and notes on them."""
     same: dict[Hashable, tuple[Entry, ...]] = {}
     for entry, key in keys.items():
@@ -196,7 +203,7 @@ def _copies(keys: Mapping[Entry, Hashable]) -> tuple[tuple[tuple[Entry, ...], ..
     return copies, notes
 
 
-def _missed(reading: FileReading, taken: set[str], others: set[str]) -> list[str]:
+def _unmatched_file_notes(reading: FileReading, taken: set[str], others: set[str]) -> list[str]:
     """Return a note on files that are left out although others of their kind are recordings."""
     kinds = {PurePosixPath(name).suffix.lower() for name in taken}
     missed = [name for name in others if PurePosixPath(name).suffix.lower() in kinds]
@@ -228,7 +235,7 @@ def load_row(card: RowCard, where: str, samples: Mapping[str, Samples], entry: E
     """
     row = 1 + list(samples).index(entry.recording_id)
     rows = samples[entry.recording_id]
-    signals = ReadSignals({UNNAMED: rows}, channels=tuple(f"c{i + 1}" for i in range(rows.shape[1])))
+    signals = ReadSignals({ACCELERATION: rows}, channels=tuple(f"c{i + 1}" for i in range(rows.shape[1])))
     return _recording(signals, card, entry, f"{where} row {row}")
 
 
@@ -267,7 +274,7 @@ def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
     samples = np.stack([first, *(values for _, values in others)], axis=-1)
     _check_names(entries, root)
     ids = [entry.recording_id for entry in entries]
-    copies, copy_notes = _copies(dict(zip(entries, map(np.ndarray.tobytes, samples), strict=True)))
+    copies, copy_notes = _find_copies(dict(zip(entries, map(np.ndarray.tobytes, samples), strict=True)))
     return Dataset(
         entries=tuple(entries),
         load=partial(load_row, card, str(root / card.files[0]), dict(zip(ids, samples, strict=True))),
@@ -281,7 +288,7 @@ def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
 
     The first pattern that matches the whole name counts; None if there is none. Names are compared in NFC.
     """
-    name = composed(name)
+    name = normalize_name(name)
     for pattern in patterns:
         if match := _match(pattern, name):
             groups = {group: text for group, text in match.groupdict().items() if text is not None}
@@ -297,32 +304,32 @@ def _match(pattern: str, name: str) -> Any:
     import regex  # a tenth of a second, which only cards wait for
 
     try:
-        return regex.fullmatch(composed(pattern), name, timeout=LONGEST_MATCH_S)
+        return regex.fullmatch(normalize_name(pattern), name, timeout=MATCH_TIMEOUT_S)
     except (TimeoutError, regex.error) as error:
         raise CardError(
-            f"files or topic holds {pattern!r:.200}, which is no pattern or takes over {LONGEST_MATCH_S:g} s "
+            f"files or topic holds {pattern!r:.200}, which is no pattern or takes over {MATCH_TIMEOUT_S:g} s "
             f"on {name!r:.200} ({error}). Expected no repetition inside a repetition, as in (a+)+"
         ) from error
 
 
-def not_recordings(files: Iterable[str]) -> set[str]:
+def bag_parts(files: Iterable[str]) -> set[str]:
     """Return, of relative names, those that are no recordings themselves but parts of bags that are folders.
 
     A `metadata.yaml` stands for the bag files beside it; without any it is somebody else's.
     """
     paths = [PurePosixPath(name) for name in files]
-    storing = {path for path in paths if storage_suffix(path.name) in STORAGE}
+    storing = {path for path in paths if storage_suffix(path.name) in STORAGE_SUFFIXES}
     holding = {path.parent for path in storing}
-    described = {path.parent for path in paths if path.name == BAG_FOLDER}
+    described = {path.parent for path in paths if path.name == BAG_METADATA}
     return {
         str(path)
         for path in paths
         if (path in storing and path.parent in described)
-        or (path.name == BAG_FOLDER and path.parent not in holding)
+        or (path.name == BAG_METADATA and path.parent not in holding)
     }
 
 
-def conditioned(
+def condition_recording(
     recording: Recording,
     scale: float,
     phases: DeclaredPhases,
@@ -377,7 +384,7 @@ def _recording(signals: ReadSignals, reading: Reading, entry: Entry, source: str
     recording = build_recording(
         signals, fs=reading.fs_hz, unit=reading.unit, source=source, scale=reading.scale, **facts
     )
-    return conditioned(
+    return condition_recording(
         recording,
         reading.scale,
         reading.phases,
@@ -389,16 +396,16 @@ def _recording(signals: ReadSignals, reading: Reading, entry: Entry, source: str
 def _check_names(entries: Sequence[Entry], root: Path) -> None:
     """Check that there are recordings with printable names, and that no two have the same id."""
     if not entries:
-        raise refused(root, "holds no recording", "at least one file as the card describes")
+        raise reader_error(root, "holds no recording", "at least one file as the card describes")
     seen: dict[str, Entry] = {}
     for entry in entries:
         names = (entry.recording_id, entry.surface, entry.operator, entry.session)
         if steering := next((name for name in names if name and not name.isprintable()), None):
             found = f"the name {steering!r} holds a control character"
-            raise refused(root, found, "printable names: rename it")
+            raise reader_error(root, found, "printable names: rename it")
         if (first := seen.setdefault(entry.recording_id, entry)) is not entry:
             files = ", ".join((*first.paths, *entry.paths))
-            raise refused(root, f"recording id {entry.recording_id!r} occurs twice ({files})", "once")
+            raise reader_error(root, f"recording id {entry.recording_id!r} occurs twice ({files})", "once")
 
 
 def _find(
@@ -417,10 +424,10 @@ def _find(
     for name in sorted(naturally, key=naturally.__getitem__):
         if (matched := match_name(reading.files, name)) is not None:
             groups, shared = matched
-            shortened = shared.removesuffix(f"/{BAG_FOLDER}")
+            shortened = shared.removesuffix(f"/{BAG_METADATA}")
             groups.setdefault("recording", shortened if shortened != shared else shared.rpartition(".")[0])
             joined.setdefault(shared, ([], groups))[0].append(name)
-    by_name = {composed(name): name for name in files}
+    by_name = {normalize_name(name): name for name in files}
     for names, groups in joined.values():
         present = (
             [by_name[name] for name in candidates if name in by_name]
@@ -433,7 +440,7 @@ def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[st
     """Return auxiliary signal -> relative names its file may have, the groups filled in."""
     return {
         signal: tuple(
-            composed(re.sub(r"\{(\w+)\}", lambda match: groups.get(match[1], match[0]), template))
+            normalize_name(re.sub(r"\{(\w+)\}", lambda match: groups.get(match[1], match[0]), template))
             for template in templates
         )
         for signal, templates in reading.companions.items()
@@ -448,7 +455,7 @@ def _entries(
     A pattern has named groups; else `topic` is a name.
     """
     path, pattern = root / names[0], reading.topic
-    renamed = {composed(name): surface for name, surface in reading.surfaces.items()}
+    renamed = {normalize_name(name): surface for name, surface in reading.surfaces.items()}
     by_topic: dict[str | None, Groups] = {None: groups}
     if pattern and re.compile(pattern).groupindex and is_bag(path):
         present = topics(path)
@@ -467,7 +474,7 @@ def _entries(
         repetition = facts.get("repetition")
         if repetition is not None and not repetition.isdecimal():
             raise CardError(f"{path}: repetition is {repetition!r}. Expected a whole number")
-        surface = composed(facts["surface"])
+        surface = normalize_name(facts["surface"])
         yield Entry(
             recording_id=recording_id,
             surface=renamed.get(surface, surface),
@@ -491,7 +498,7 @@ def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]
         labels = tuple(written[label_column].str.strip())
         return labels, table.to_numpy(dtype=np.float64)
     except FileNotFoundError as error:
-        raise refused(path, "is missing", "one file per channel, as the card says") from error
+        raise reader_error(path, "is missing", "one file per channel, as the card says") from error
     except KeyError as error:
         raise RecordingError(f"{path}: lacks the column {label_column!r} of the labels") from error
     except (ValueError, TypeError, OverflowError, OSError) as error:

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from texclass.loaders.columns import UNNAMED
+from texclass.loaders.columns import ACCELERATION
 from texclass.loaders.dataset import GROUPS
 from texclass.loaders.plausibility import build_recording
-from texclass.loaders.readers import ReadSignals, refused
-from texclass.loaders.time_columns import by_time_column
+from texclass.loaders.readers import ReadSignals, reader_error
+from texclass.loaders.time_columns import resample_by_time_column
 from texclass.recording import Phases, Recording, Samples
 
 
@@ -81,19 +81,21 @@ def collection_of(recordings: Iterable[Recording]) -> Samples | list[Samples]:
 def _of_mne(given: Any) -> Iterator[tuple[ReadSignals, str, dict[str, Any]]]:
     data, rate, axes = given.get_data(), float(given.info["sfreq"]), tuple(given.ch_names)
     if data.ndim == 2:
-        yield ReadSignals({UNNAMED: data.T}, rate, channels=axes), type(given).__name__, {}
+        yield ReadSignals({ACCELERATION: data.T}, rate, channels=axes), type(given).__name__, {}
         return
     events = {code: name for name, code in given.event_id.items()}
     for k, (epoch, code) in enumerate(zip(data, given.events[:, 2], strict=True)):
         whole = Phases(movement=(0, epoch.shape[1]))
         facts = {"recording_id": f"epoch {k}", "surface": events[code], "phases": whole}
-        yield ReadSignals({UNNAMED: epoch.T}, rate, channels=axes), f"epoch {k}", facts
+        yield ReadSignals({ACCELERATION: epoch.T}, rate, channels=axes), f"epoch {k}", facts
 
 
 def _of_xarray(given: Any, fs: float | None) -> Iterator[tuple[ReadSignals, str, dict[str, Any]]]:
     name, beside = str(given.name or "recording"), [dim for dim in given.dims if dim != "time"]
     if "time" not in given.dims or len(beside) > 1:
-        raise refused(name, f"its dimensions are {given.dims}", "`time`, and at most one other, the axes")
+        raise reader_error(
+            name, f"its dimensions are {given.dims}", "`time`, and at most one other, the axes"
+        )
     samples = np.asarray(given.transpose("time", *beside), dtype=np.float64)
     axes = tuple(str(axis) for dim in beside if dim in given.coords for axis in given.coords[dim].to_numpy())
     rate = given.attrs.get("fs", fs)
@@ -103,8 +105,8 @@ def _of_xarray(given: Any, fs: float | None) -> Iterator[tuple[ReadSignals, str,
         times = time.to_numpy() + (np.datetime64(0, "ns") if time.dtype.kind == "m" else 0)
         called = f"time ({time.attrs['units']})" if "units" in time.attrs else "time"
         rows = samples.reshape(len(samples), -1)
-        rows, rate, flags = by_time_column(rows, times, called, rate, where=name)
+        rows, rate, flags = resample_by_time_column(rows, times, called, rate, where=name)
         samples = rows.reshape(-1, *samples.shape[1:])
     facts = {fact: given.attrs[fact] for fact in (*GROUPS, "native_fs") if fact in given.attrs}
     unit = given.attrs.get("unit", given.attrs.get("units"))
-    yield ReadSignals({UNNAMED: samples}, rate, flags, axes, unit), name, {"recording_id": name, **facts}
+    yield ReadSignals({ACCELERATION: samples}, rate, flags, axes, unit), name, {"recording_id": name, **facts}

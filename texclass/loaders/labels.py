@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 from texclass.loaders.cards import CardError, LabelTable
-from texclass.loaders.data_files import composed
+from texclass.loaders.data_files import normalize_name
 from texclass.loaders.readers import formats
 from texclass.recording import RecordingError
 from texclass.reporting.wording import counted
@@ -110,7 +110,7 @@ class Labels:
                     raise CardError(
                         f"{path}: row {line} has a blank {table.columns[group]!r}. Expected a name"
                     )
-            name = composed(groups.pop("recording").replace("\\", "/"))
+            name = normalize_name(groups.pop("recording").replace("\\", "/"))
             if name in found:
                 raise CardError(
                     f"{path}: rows {lines[name]} and {line} are both of {name!r}. Expected one row each"
@@ -140,8 +140,8 @@ class Labels:
         """
         ids = [PurePosixPath(recording_id), *map(PurePosixPath, files)]
         paths = [recording_id, *files, *(str(path.with_suffix("")) for path in ids[1:])]
-        whole = {composed(name) for path in paths for name in (path, f"{folder}/{path}")}
-        short = {composed(PurePosixPath(path).name) for path in paths}
+        whole = {normalize_name(name) for path in paths for name in (path, f"{folder}/{path}")}
+        short = {normalize_name(PurePosixPath(path).name) for path in paths}
         found = (
             whole.intersection(self.rows)
             or short.intersection(self.rows)

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.loaders.readers import check_held
+from texclass.loaders.readers import check_announced_size
 
-MOST_NESTED, MOST_MEMBERS = 32, 10_000
+MAX_DEPTH, MAX_MEMBERS = 32, 10_000
 """Groups or structs within each other, and members of one."""
 NUMERIC = ("double", "single", *(f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u")))
 """Classes of arrays of numbers."""
@@ -66,29 +66,27 @@ def matlab_5_arrays(path: Path) -> Iterator[StoredArray]:
         if len(stored) < size or kind not in {_MATRIX, _COMPRESSED}:
             raise ValueError(f"the variable at byte {at} has type {kind} and {len(stored)} of {size} bytes")
         at += 8 + size
-        whole = (
-            partial(_inflated, stored, order, path) if kind == _COMPRESSED else partial(np.asarray, stored)
-        )
+        whole = partial(_inflate, stored, order, path) if kind == _COMPRESSED else partial(np.asarray, stored)
         # flags, dimensions and name of an array take some hundred bytes
-        head = _inflated(stored, order, path, 4096) if kind == _COMPRESSED else stored
-        yield from _found(head, whole, order)
+        head = _inflate(stored, order, path, 4096) if kind == _COMPRESSED else stored
+        yield from _find_arrays(head, whole, order)
 
 
-def _inflated(stored: Bytes, order: str, path: Path, most: int = 0) -> Bytes:
+def _inflate(stored: Bytes, order: str, path: Path, most: int = 0) -> Bytes:
     """Return a compressed variable, or its first bytes, without its tag."""
     inflater = zlib.decompressobj()
     tag = inflater.decompress(stored.data, 8)
     kind, size = struct.unpack(f"{order}2I", tag)
     if kind != _MATRIX:
         raise ValueError(f"a compressed element is of type {kind}")
-    check_held(size // 8, path)
+    check_announced_size(size // 8, path)
     inflated = inflater.decompress(inflater.unconsumed_tail, min(most, size) or size)
     if not most and len(inflated) < size:
         raise ValueError(f"a compressed variable has {len(inflated)} of {size} bytes")
     return np.frombuffer(inflated, np.uint8)
 
 
-def _found(
+def _find_arrays(
     head: Bytes, whole: Callable[[], Bytes], order: str, name: str = "", depth: int = 1
 ) -> Iterator[StoredArray]:
     """Yield what an array is, from its first bytes, and a function that returns all of them."""
@@ -129,9 +127,9 @@ def _fields(data: Bytes, at: int, order: str, name: str, depth: int) -> Iterator
     (length,) = struct.unpack_from(f"{order}i", data.data, start)
     _, start, size, at = _element(data, order, at)
     n_fields = size // length if length > 0 else 0
-    if depth > MOST_NESTED or n_fields > MOST_MEMBERS:
+    if depth > MAX_DEPTH or n_fields > MAX_MEMBERS:
         raise ValueError(f"structs are {depth} deep, one with {n_fields} fields. Expected at most "
-                         f"{MOST_NESTED} and {MOST_MEMBERS}")  # fmt: skip
+                         f"{MAX_DEPTH} and {MAX_MEMBERS}")  # fmt: skip
     for i in range(n_fields):
         field = _text(data[start + i * length : start + (i + 1) * length])
         kind, begin, size, at = _element(data, order, at)
@@ -139,7 +137,7 @@ def _fields(data: Bytes, at: int, order: str, name: str, depth: int) -> Iterator
             raise ValueError(f"{name}.{field} is an element of type {kind}")
         if size:
             stored = data[begin : begin + size]
-            yield from _found(stored, partial(np.asarray, stored), order, f"{name}.{field}", depth + 1)
+            yield from _find_arrays(stored, partial(np.asarray, stored), order, f"{name}.{field}", depth + 1)
 
 
 def _numbers(data: Bytes, at: int, order: str, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:

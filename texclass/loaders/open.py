@@ -19,16 +19,23 @@ from texclass.loaders.cards import (
     SimulatedCard,
     read_card,
 )
-from texclass.loaders.columns import UNNAMED
-from texclass.loaders.data_files import composed, data_files
+from texclass.loaders.columns import ACCELERATION
+from texclass.loaders.data_files import data_files, normalize_name
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.exports import Export, export_companions, export_pattern, find_exports
 from texclass.loaders.files import axis_files, is_bag_name, load_recording, read_signals
-from texclass.loaders.filesets import not_recordings, open_files, open_rows
+from texclass.loaders.filesets import bag_parts, open_files, open_rows
 from texclass.loaders.labels import find_label_columns
-from texclass.loaders.places import data_roots, find_folder, leaves
-from texclass.loaders.plausibility import agreed_rate, agreed_unit, doubtful_levels
-from texclass.loaders.readers import BAG_FOLDER, ReaderSettings, columns_of, formats, is_bag, refused
+from texclass.loaders.places import data_roots, find_folder, is_outside
+from texclass.loaders.plausibility import folder_level_notes, resolve_rate, resolve_unit
+from texclass.loaders.readers import (
+    BAG_METADATA,
+    ReaderSettings,
+    as_column_names,
+    formats,
+    is_bag,
+    reader_error,
+)
 from texclass.phase_settings import PhaseSettings
 from texclass.recording import Recording, RecordingError
 from texclass.reporting.wording import counted
@@ -124,10 +131,10 @@ def find_recording(
     if not colon or is_drive or Path(name).exists() or is_bag_name(name):
         return load_recording(name, fs=fs, unit=unit, **reading)
     dataset = open_dataset(dataset_name, fs=fs, unit=unit, **reading)
-    ids, recording_id = [entry.recording_id for entry in dataset.entries], composed(recording_id)
+    ids, recording_id = [entry.recording_id for entry in dataset.entries], normalize_name(recording_id)
     if recording_id not in ids:
         near = ", ".join(difflib.get_close_matches(recording_id, ids, n=3) or ids[:3])
-        raise refused(dataset_name, f"no recording is {recording_id!r}", f"an id like {near}")
+        raise reader_error(dataset_name, f"no recording is {recording_id!r}", f"an id like {near}")
     return dataset[ids.index(recording_id)]
 
 
@@ -137,20 +144,22 @@ def _open_card(
     beside = {"[channels]": settings.column, "[labels]": labels and str(labels)}
     for key, stated in {**settings.of_a_card, **beside}.items():
         if stated is not None:
-            raise refused(card.path, f"{stated!r} was given beside a card", f"to say it in the card: {key}")
+            raise reader_error(
+                card.path, f"{stated!r} was given beside a card", f"to say it in the card: {key}"
+            )
     if settings.resample is not None and not isinstance(card, FileCard):
         found = f"resampling to {settings.resample:g} Hz was asked for"
-        raise refused(card.path, found, "a card of files")
+        raise reader_error(card.path, found, "a card of files")
     about: dict[str, Any] = {"name": card.name, "title": card.title, "licence": card.licence}
     about |= {"source": card.source, "notes": card.notes, "skip_bad": skip_bad}
-    agreed_rate(card.recipe.fs if isinstance(card, SimulatedCard) else card.fs_hz, settings.fs, card.path)
-    agreed_unit(card.unit if isinstance(card, FileCard | RowCard) else "m/s^2", settings.unit, card.path)
+    resolve_rate(card.recipe.fs if isinstance(card, SimulatedCard) else card.fs_hz, settings.fs, card.path)
+    resolve_unit(card.unit if isinstance(card, FileCard | RowCard) else "m/s^2", settings.unit, card.path)
     if isinstance(card, SimulatedCard):
         from texclass.loaders.simulated import open_simulated
 
         return open_simulated(card.recipe, **about)
     root = find_folder(card).absolute()
-    if leaves(root, data_roots(card.path)):
+    if is_outside(root, data_roots(card.path)):
         outside = f"the card's folder {card.folder!r} is outside of the card's own and of the folders of data"
         about["notes"] = (*card.notes, f"{outside}: {root}")
     if isinstance(card, ModelsCard):
@@ -178,16 +187,16 @@ def _open_folder(
     # The folder of an export is the name of a recording.
     exported = {root / export.acceleration for export in exports}
     parts = [(path.parent if path in exported else path).relative_to(root).parts for path in files]
-    notes = [] if labels else doubtful_levels(parts)
+    notes = [] if labels else folder_level_notes(parts)
     fs, unit, rate_of = settings.fs, settings.unit, ""
-    channels = {UNNAMED: columns_of(settings.column)} if settings.column else {}
+    channels = {ACCELERATION: as_column_names(settings.column)} if settings.column else {}
     if fs is None or unit is None:
         stated_unit, stated_fs, path = _first_facts(files, channels, settings, skip_bad=skip_bad)
         if unit is None:
-            unit = agreed_unit(stated_unit, None, path)
+            unit = resolve_unit(stated_unit, None, path)
             notes.append(f"in {unit}: the messages or the names of the columns of {path} say so")
         if fs is None:
-            fs, rate_of = agreed_rate(stated_fs, None, path), str(path)
+            fs, rate_of = resolve_rate(stated_fs, None, path), str(path)
     notes += sorted(
         f"{counted(n, 'folder')} of a sensor app: {facts}"
         for facts, n in Counter(export.facts for export in exports).items()
@@ -255,7 +264,7 @@ def _folder_patterns(exports: Sequence[Export], *, is_labelled: bool) -> tuple[s
         *exported,
         rf"{surface}(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{ends}",
         rf"{surface}.+{ends}",
-        rf"{surface}.+/{re.escape(BAG_FOLDER)}",
+        rf"{surface}.+/{re.escape(BAG_METADATA)}",
     )
 
 
@@ -263,7 +272,7 @@ def recording_files(folder: Path) -> list[Path]:
     """Return the files of recordings in a folder and below it, without other parts of bags and exports."""
     every = data_files(folder)
     found = list(filter(_is_recording, every))
-    within = not_recordings(map(str, found))
+    within = bag_parts(map(str, found))
     for export in find_exports(map(str, every)):
         within |= {*export.ignored, str(export.turn_rate)}
     return [path for path in found if str(path) not in within]

@@ -56,7 +56,7 @@ def find_folder(card: StoredCard) -> Path:
     )
 
 
-def leaves(path: Path, roots: Iterable[Path]) -> bool:
+def is_outside(path: Path, roots: Iterable[Path]) -> bool:
     """Whether a name (with `..` in it, or absolute) is of none of some folders; links are not followed."""
     inside = Path(os.path.abspath(path))
     return not any(inside.is_relative_to(os.path.abspath(root)) for root in roots)
@@ -98,14 +98,14 @@ def fetch_recordings(
         raise CardError(f"{card.path}: its recordings cannot be fetched, as it has no [published]; {where}")
     published, root = card.published, data_roots()[0] / card.folder
     begun = root if root.is_dir() else root.with_name(f"{root.name}.unfinished")
-    files = _listed(card.path.with_suffix(".sha256"), begun)
+    files = _read_checksums(card.path.with_suffix(".sha256"), begun)
     lacking = {made: sources for made, sources in files.items() if not (begun / made).is_file()}
     fetched = cache_root() / "published" / card.name
     try:
         for done, (made, sources) in enumerate(lacking.items(), len(files) - len(lacking)):
             progress(done, len(files), card.name)
-            paths = [_fetched(published.url, source, sha256, fetched) for source, sha256 in sources]
-            write_atomic(begun / made, converted(paths, published.convert, card.fs_hz))
+            paths = [_fetch_file(published.url, source, sha256, fetched) for source, sha256 in sources]
+            write_atomic(begun / made, convert_files(paths, published.convert, card.fs_hz))
         found = digest_files(begun, files, "")
     except OSError:
         if begun != root and root.is_dir():  # another process has finished, and removed what this one fetched
@@ -128,7 +128,7 @@ def fetch_recordings(
     return root
 
 
-def _listed(path: Path, root: Path) -> dict[str, list[tuple[str, str]]]:
+def _read_checksums(path: Path, root: Path) -> dict[str, list[tuple[str, str]]]:
     """Return file of the card's layout -> the published files that it is made of, and their SHA-256.
 
     A line is the digest, the file as it is published and, where that has another name here, the name here;
@@ -137,14 +137,14 @@ def _listed(path: Path, root: Path) -> dict[str, list[tuple[str, str]]]:
     files: dict[str, list[tuple[str, str]]] = {}
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         sha256, *names = line.split("\t")
-        is_inside = not any(leaves(root / name, (root,)) for name in names)
+        is_inside = not any(is_outside(root / name, (root,)) for name in names)
         if not (re.fullmatch("[0-9a-f]{64}", sha256) and len(names) in {1, 2} and is_inside):
             raise CardError(f"{path}: line {number} is {line!r:.99}. Expected SHA-256, file, file here")
         files.setdefault(names[-1], []).append((names[0], sha256))
     return files
 
 
-def _fetched(url: str, source: str, sha256: str, folder: Path) -> Path:
+def _fetch_file(url: str, source: str, sha256: str, folder: Path) -> Path:
     """Return a published file, fetched unless it is there."""
     import pooch
 
@@ -158,7 +158,7 @@ def _fetched(url: str, source: str, sha256: str, folder: Path) -> Path:
         raise OSError(f"{told}; what was fetched is kept, the same command goes on") from error
 
 
-def converted(paths: list[Path], convert: Convert, fs: float) -> bytes:
+def convert_files(paths: list[Path], convert: Convert, fs: float) -> bytes:
     """Return the file that a card reads, made of published ones as its `convert` says.
 
     "frames": what stands in columns 5 to 26 of a table, row by row, as sound: 22 samples a frame (BioTac).
@@ -196,10 +196,10 @@ def converted(paths: list[Path], convert: Convert, fs: float) -> bytes:
 
 def digest_files(root: Path, relative: Iterable[str], facts: str) -> str:
     """Return the SHA-256 hex digest of facts, names and contents of files."""
-    return digest_of(file_digests(root, relative), facts)
+    return combine_digests(file_digests(root, relative), facts)
 
 
-def digest_of(digests: Mapping[str, str], facts: str) -> str:
+def combine_digests(digests: Mapping[str, str], facts: str) -> str:
     """Return the SHA-256 hex digest of facts, and of names and digests of files."""
     digest = hashlib.sha256(facts.encode())
     for name, of_file in digests.items():

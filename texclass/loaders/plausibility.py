@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from texclass.loaders.columns import UNNAMED
-from texclass.loaders.readers import RATES_HZ, ReadSignals, contradicting_rates, refused
+from texclass.loaders.columns import ACCELERATION
+from texclass.loaders.readers import RATES_HZ, ReadSignals, rate_conflict_error, reader_error
 from texclass.loaders.timestamps import resample as band_limited
 from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, UNITS, Recording, Samples
 
@@ -53,12 +53,12 @@ def build_recording(
         If unit or sampling rate are missing or contradicted, the acceleration too short, constant or not
         finite.
     """
-    unit = agreed_unit(signals.unit if scale == 1.0 else None, unit, source)
+    unit = resolve_unit(signals.unit if scale == 1.0 else None, unit, source)
     facts |= {**signals.named, "channels": signals.channels, "unit": unit, "source": source}
-    rate = agreed_rate(signals.fs, fs if resample is None or signals.fs is None else None, source, rate_of)
+    rate = resolve_rate(signals.fs, fs if resample is None or signals.fs is None else None, source, rate_of)
     recording = Recording(fs=rate, **facts)
-    flags = (*flags, *signals.flags, *check_acceleration(recording.acceleration, recording.channels, source))
-    flags = (*flags, *doubts(signals.named, rate, unit, scale, flags))
+    flags = (*flags, *signals.flags, *acceleration_flags(recording.acceleration, recording.channels, source))
+    flags = (*flags, *plausibility_flags(signals.named, rate, unit, scale, flags))
     if resample is not None and resample != rate:
         changed = {name: band_limited(getattr(recording, name), rate, resample) for name in signals.named}
         recording = recording.with_(fs=resample, native_fs=rate, **changed)
@@ -68,7 +68,7 @@ def build_recording(
     return recording.with_(flags=flags) if flags else recording
 
 
-def agreed_rate(stated: float | None, given: float | None, where: object, rate_of: str = "") -> float:
+def resolve_rate(stated: float | None, given: float | None, where: object, rate_of: str = "") -> float:
     """Return the sampling rate in Hz, from the file, from the user or card, or from both if they agree.
 
     `rate_of` is the file that states `given`, if neither user nor card does.
@@ -79,17 +79,17 @@ def agreed_rate(stated: float | None, given: float | None, where: object, rate_o
         If it is missing or contradicted.
     """
     if stated is None and given is None:
-        raise refused(where, "fs is missing", "a rate in Hz, never guessed: give --fs or --time-column")
+        raise reader_error(where, "fs is missing", "a rate in Hz, never guessed: give --fs or --time-column")
     if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
-        raise contradicting_rates(where, f"{stated:g} Hz", given, rate_of)
+        raise rate_conflict_error(where, f"{stated:g} Hz", given, rate_of)
     rate = float(stated if stated is not None else given)  # type: ignore[arg-type]
     low, high = RATES_HZ
     if not low <= rate <= high:
-        raise refused(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz from {low:g} to {high:g}")
+        raise reader_error(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz from {low:g} to {high:g}")
     return rate
 
 
-def agreed_unit(stated: str | None, given: str | None, where: object) -> str:
+def resolve_unit(stated: str | None, given: str | None, where: object) -> str:
     """Return the unit of the acceleration, from the file, from the user or card, or from both if they agree.
 
     Raises
@@ -98,14 +98,14 @@ def agreed_unit(stated: str | None, given: str | None, where: object) -> str:
         If it is missing or contradicted.
     """
     if (unit := stated if given is None else given) is None:
-        raise refused(where, "unit is missing", f"one of {', '.join(UNITS)}, never guessed: give --unit")
+        raise reader_error(where, "unit is missing", f"one of {', '.join(UNITS)}, never guessed: give --unit")
     if stated not in (None, unit):
         found = f"unit is {stated!r} there, {unit!r} was given (or is another file's)"
-        raise refused(where, found, "one unit (`scale` in a card for another)")
+        raise reader_error(where, found, "one unit (`scale` in a card for another)")
     return unit
 
 
-def check_acceleration(acceleration: Samples, channels: Sequence[str], where: str) -> tuple[str, ...]:
+def acceleration_flags(acceleration: Samples, channels: Sequence[str], where: str) -> tuple[str, ...]:
     """Return what a user should know of an acceleration ("clipped: ...", "constant: ...").
 
     Raises
@@ -115,12 +115,16 @@ def check_acceleration(acceleration: Samples, channels: Sequence[str], where: st
     """
     columns = acceleration.reshape(len(acceleration), -1)
     if len(columns) < 2:
-        raise refused(where, f"holds {len(columns)} sample", "at least 2")
+        raise reader_error(where, f"holds {len(columns)} sample", "at least 2")
     if not (largest := np.abs(columns).max()) <= 1e30:  # no sensor's value is larger
-        raise refused(where, f"holds a value of {largest:.3g}", "at most 1e+30; what is larger is damage")
+        raise reader_error(
+            where, f"holds a value of {largest:.3g}", "at most 1e+30; what is larger is damage"
+        )
     constant = np.ptp(columns, axis=0) == 0
     if constant.all():
-        raise refused(where, f"acceleration is {columns[0].tolist()} throughout", "a channel that varies")
+        raise reader_error(
+            where, f"acceleration is {columns[0].tolist()} throughout", "a channel that varies"
+        )
     dead = [f"constant: channel {name}" for name, is_dead in zip(channels, constant, strict=True) if is_dead]
     share = max(clipped_share(columns[:, i]) for i in np.flatnonzero(~constant))
     clipped = [f"clipped: {100 * share:.1f} % of the samples at full scale"] if share >= CLIPPED_SHARE else []
@@ -161,7 +165,7 @@ def clipped_share(signal: Samples) -> float:
     return float((last - first)[np.maximum(before, after) > 2 * step].sum() / len(signal))
 
 
-def doubts(
+def plausibility_flags(
     named: Mapping[str, Samples], fs: float, unit: str, scale: float = 1.0, said: Iterable[str] = ()
 ) -> tuple[str, ...]:
     """Return what is unlikely of the signals of a recording: a level at rest, turn rates at their rails.
@@ -185,7 +189,7 @@ def doubts(
             share = max(clipped_share(column) for column in signal.reshape(len(signal), -1).T)
             if share >= CLIPPED_SHARE:
                 found.append(f"clipped: {100 * share:.1f} % of the samples of the {name} at full scale")
-    acceleration = named[UNNAMED]
+    acceleration = named[ACCELERATION]
     is_told = any(one.startswith("unit:") for one in said)
     if unit not in ACCELERATION_UNITS or acceleration.shape[1:] != (3,) or is_told:
         return tuple(found)
@@ -205,7 +209,7 @@ def doubts(
     return tuple(found)
 
 
-def doubtful_labels(surfaces: Iterable[str]) -> list[str]:
+def similar_label_notes(surfaces: Iterable[str]) -> list[str]:
     """Return what is unlikely of the names of surfaces: two that differ in case or blanks only."""
     alike: dict[str, list[str]] = {}
     for surface in sorted(set(surfaces)):
@@ -217,7 +221,7 @@ def doubtful_labels(surfaces: Iterable[str]) -> list[str]:
     ]
 
 
-def doubtful_levels(files: Iterable[Sequence[str]]) -> list[str]:
+def folder_level_notes(files: Iterable[Sequence[str]]) -> list[str]:
     """Return what is unlikely of a folder's levels, given the parts of its files' names.
 
     The first level is the label. Where every folder of it holds the same folders, and these are more, or

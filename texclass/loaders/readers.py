@@ -19,21 +19,21 @@ from texclass.recording import UNITS, RecordingError, Samples
 MAX_VALUES = 1_000_000_000
 """A file that announces more values than this in one recording is refused before they are read (8 GB): three
 axes of 3 hours at 10 kHz are a third of it."""
-MOST_EXPANSION = 1000
+MAX_EXPANSION = 1000
 """A file that announces more than so many times its bytes (and more than 64 MB) is refused, too."""
 RATES_HZ = (1e-3, 1e8)
 """Lowest and highest sampling rate: slower sampling is no vibration, no hand-held sensor is faster."""
 TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0, "min": 60e9, "h": 3600e9, "days": 86400e9}
 """Nanoseconds in each unit that --time-unit and `time_unit` of a card accept."""
-COMMENT = r"""[^\s\d"']{1,8}"""
+COMMENT_PATTERN = r"""[^\s\d"']{1,8}"""
 """Pattern of the beginning of comment lines."""
 NO_TIME_COLUMN = "none"
 """Name of a time column that means that there is none."""
-BAG_FOLDER = "metadata.yaml"
+BAG_METADATA = "metadata.yaml"
 """The file that stands for a bag that is a folder."""
-STORAGE = (".mcap", ".db3")
+STORAGE_SUFFIXES = (".mcap", ".db3")
 """Kinds of the files that hold its messages."""
-BAGS = (".bag", *STORAGE)
+BAG_SUFFIXES = (".bag", *STORAGE_SUFFIXES)
 """Suffixes of bags."""
 
 
@@ -83,11 +83,13 @@ FORMATS: Mapping[str, Format] = {
 
 def formats() -> dict[str, Format]:
     """Return suffix -> format of the files that can be read, those of other packages last."""
-    added = {f".{name}": Format(name, module) for name, module in shipped.added("readers").items()}
+    added = {
+        f".{name}": Format(name, module) for name, module in shipped.entry_point_modules("readers").items()
+    }
     bags = {
         suffix: Format("bag", kind.module, ("topic",), "time stamps", "robot")
         for suffix, kind in added.items()
-        if suffix in BAGS
+        if suffix in BAG_SUFFIXES
     }
     return {**FORMATS, **added, **bags}
 
@@ -182,25 +184,25 @@ class ReaderSettings:
         """
         low, high = RATES_HZ
         if self.unit not in (None, *UNITS):
-            raise refused(where, f"unit is {self.unit!r}", f"one of {', '.join(UNITS)}")
+            raise reader_error(where, f"unit is {self.unit!r}", f"one of {', '.join(UNITS)}")
         for name, rate in {"fs": self.fs, "resample": self.resample}.items():
             if rate is not None and not low <= rate <= high:
-                raise refused(
+                raise reader_error(
                     where, f"{name} is {rate:g} Hz", f"a sampling rate in Hz from {low:g} to {high:g}"
                 )
         if self.delimiter is not None and (len(self.delimiter) != 1 or self.delimiter in '"\r\n'):
-            raise refused(where, f"delimiter is {self.delimiter!r}", "one character, no quote")
+            raise reader_error(where, f"delimiter is {self.delimiter!r}", "one character, no quote")
         if self.time_unit not in (None, *TIME_UNITS):
-            raise refused(where, f"time unit is {self.time_unit!r}", f"one of {', '.join(TIME_UNITS)}")
+            raise reader_error(where, f"time unit is {self.time_unit!r}", f"one of {', '.join(TIME_UNITS)}")
         if self.skip_rows is not None and self.skip_rows < 0:
-            raise refused(where, f"skip_rows is {self.skip_rows}", "a number of lines, at least 0")
-        if self.comment is not None and not re.fullmatch(COMMENT, self.comment):
-            raise refused(
+            raise reader_error(where, f"skip_rows is {self.skip_rows}", "a number of lines, at least 0")
+        if self.comment is not None and not re.fullmatch(COMMENT_PATTERN, self.comment):
+            raise reader_error(
                 where, f"comment is {self.comment!r}", "1 to 8 characters, no blank, digit or quote"
             )
 
 
-def require(wanted: Sequence[str], names: Sequence[str], where: object, *, hint: str = "") -> None:
+def require_columns(wanted: Sequence[str], names: Sequence[str], where: object, *, hint: str = "") -> None:
     """Check that every wanted column exists exactly once.
 
     Raises
@@ -211,7 +213,7 @@ def require(wanted: Sequence[str], names: Sequence[str], where: object, *, hint:
     for name in wanted:
         if (count := list(names).count(name)) != 1:
             raise RecordingError(
-                f"{where}: column {name!r} occurs {count} times; its columns are {listed(names)}. "
+                f"{where}: column {name!r} occurs {count} times; its columns are {quote_names(names)}. "
                 f"Expected once, by name or by number from 1 to {len(names)}{hint}"
             )
 
@@ -219,14 +221,18 @@ def require(wanted: Sequence[str], names: Sequence[str], where: object, *, hint:
 def check_size(n_values: int, where: object) -> None:
     """Refuse a file that announces more than `MAX_VALUES` values, before they are read."""
     if n_values > MAX_VALUES:
-        raise refused(where, f"announces {n_values} values", f"at most {MAX_VALUES} a recording, split it")
+        raise reader_error(
+            where, f"announces {n_values} values", f"at most {MAX_VALUES} a recording, split it"
+        )
 
 
-def check_held(n_values: int, path: Path) -> None:
+def check_announced_size(n_values: int, path: Path) -> None:
     """Refuse a file that announces more values than `MAX_VALUES`, or than its bytes can hold."""
     check_size(n_values, path)
-    if 8 * n_values > max(1 << 26, MOST_EXPANSION * (size := path.stat().st_size)):
-        raise refused(path, f"announces {n_values} values in {size} bytes", f"at most {MOST_EXPANSION} times")
+    if 8 * n_values > max(1 << 26, MAX_EXPANSION * (size := path.stat().st_size)):
+        raise reader_error(
+            path, f"announces {n_values} values in {size} bytes", f"at most {MAX_EXPANSION} times"
+        )
 
 
 def as_samples(array: Any, name: str, path: Path) -> Samples:
@@ -241,17 +247,17 @@ def as_samples(array: Any, name: str, path: Path) -> Samples:
     """
     array = np.asarray(array)
     if array.dtype.kind not in "iuf":
-        raise refused(path, f"{name} holds {array.dtype}", "real numbers")
+        raise reader_error(path, f"{name} holds {array.dtype}", "real numbers")
     check_size(array.size, path)
     with np.errstate(over="ignore", invalid="ignore"):  # of wider floats: infinite, and refused as such
         samples = np.atleast_1d(np.squeeze(array)).astype(np.float64, copy=False)
     if samples.ndim > 2:
-        raise refused(path, f"{name} has shape {array.shape}", "(n,) or (n, channels)")
+        raise reader_error(path, f"{name} has shape {array.shape}", "(n,) or (n, channels)")
     return samples.T if samples.ndim == 2 and samples.shape[0] < samples.shape[1] else samples
 
 
 @contextmanager
-def readable(path: Path, kind: str) -> Iterator[None]:
+def wrap_library_errors(path: Path, kind: str) -> Iterator[None]:
     """Turn what damaged files make the libraries raise, which is almost anything, into one error."""
     try:
         yield
@@ -266,12 +272,12 @@ def storage_suffix(name: str) -> str:
     return PurePosixPath(name.lower().removesuffix(".zstd")).suffix
 
 
-def refused(where: object, found: str, rule: str) -> RecordingError:
+def reader_error(where: object, found: str, rule: str) -> RecordingError:
     """Return the error of a file: what was found there, and the rule that it breaks."""
     return RecordingError(f"{where}: {found}. Expected {rule}")
 
 
-def contradicting_rates(where: object, stated: str, given: float, rate_of: str) -> RecordingError:
+def rate_conflict_error(where: object, stated: str, given: float, rate_of: str) -> RecordingError:
     """Return the error of a file whose rate is not the given one, which may be that of the file `rate_of`."""
     if rate_of:
         other, remedy = f"{given:g} Hz in {rate_of}", "resample all files"
@@ -283,17 +289,17 @@ def contradicting_rates(where: object, stated: str, given: float, rate_of: str) 
     )
 
 
-def listed(names: Sequence[str], most: int = 8) -> str:
+def quote_names(names: Sequence[str], most: int = 8) -> str:
     """Return names for a message, cut short when there are many."""
     shown = ", ".join(repr(name) for name in list(names)[:most])
     return f"{shown} and {len(names) - most} more" if len(names) > most else shown or "none"
 
 
-def columns_of(names: str | Sequence[str] | None) -> tuple[str, ...]:
+def as_column_names(names: str | Sequence[str] | None) -> tuple[str, ...]:
     """Return columns that are given as one, several, or not at all."""
     return (names,) if isinstance(names, str) else tuple(names or ())
 
 
 def is_bag(path: Path) -> bool:
     """Whether a file is, by its name, a bag."""
-    return path.suffix.lower() in BAGS or path.name == BAG_FOLDER
+    return path.suffix.lower() in BAG_SUFFIXES or path.name == BAG_METADATA

@@ -34,11 +34,11 @@ def load_simulated(recipe: Recipe, cache: Path, entry: Entry) -> Recording:
         Which recording.
     """
     path = cache / f"{entry.recording_id}.npz"
-    if (remembered := recall(path)) is not None:
+    if (remembered := read_cached(path)) is not None:
         return remembered
     surface_index = [surface.name for surface in recipe.surfaces].index(entry.surface)
     recording = recipe.record(surface_index, entry.repetition or 0).with_(phases=None)
-    remember(path, recording)
+    write_cached(path, recording)
     return recording
 
 
@@ -65,14 +65,14 @@ def open_gestures(recipe: Recipe, gesture: str) -> Dataset:
         One of `texclass.simulate.GESTURES`.
     """
     made_by = hashlib.sha256(f"{recipe.fingerprint()} {gesture}".encode()).hexdigest()
-    return Dataset(gesture, _entries(recipe), partial(_made_on_demand, recipe, gesture), made_by)
+    return Dataset(gesture, _entries(recipe), partial(_simulate_gesture, recipe, gesture), made_by)
 
 
 def _entries(recipe: Recipe) -> tuple[Entry, ...]:
     return tuple(Entry(id_, surface, who, repetition=k) for id_, surface, who, k in recipe.entries())
 
 
-def _made_on_demand(recipe: Recipe, gesture: str, entry: Entry) -> Recording:
+def _simulate_gesture(recipe: Recipe, gesture: str, entry: Entry) -> Recording:
     """Return one gesture, its phases to be found."""
     from texclass.simulate.controlled import GESTURES, record_gesture  # numba: as in `Recipe.record`
 
@@ -122,7 +122,7 @@ def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
     return tuple(written)
 
 
-def remember(path: Path, recording: Recording) -> None:
+def write_cached(path: Path, recording: Recording) -> None:
     """Write a recording to the cache, unless the disk has less than 5 GB left."""
     if shutil.disk_usage(next(folder for folder in path.parents if folder.exists())).free < 5_000_000_000:
         return
@@ -133,7 +133,7 @@ def remember(path: Path, recording: Recording) -> None:
     write_if_possible(path, buffer.getvalue())
 
 
-def recall(path: Path) -> Recording | None:
+def read_cached(path: Path) -> Recording | None:
     """Read a recording from the cache; None if it is not there or not intact."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:

@@ -21,11 +21,11 @@ from texclass.loaders.readers import (
     ReaderSettings,
     ReadSignals,
     as_samples,
-    check_held,
+    check_announced_size,
     check_size,
-    readable,
-    refused,
-    require,
+    reader_error,
+    require_columns,
+    wrap_library_errors,
 )
 from texclass.loaders.text_layout import (
     DATE,
@@ -33,7 +33,7 @@ from texclass.loaders.text_layout import (
     TextLayout,
     find_layout,
     is_number,
-    opened,
+    open_text,
     split_cells,
 )
 from texclass.recording import RecordingError
@@ -77,7 +77,7 @@ def read_text(data: pa.Buffer, where: str, wanted: tuple[str, ...], settings: Re
     layout = find_layout(data, where, settings)
     is_one = len(layout.names) == 1
     hint = f" (is {layout.delimiter!r} the delimiter? --delimiter, `delimiter` in a card)" if is_one else ""
-    require(wanted, layout.names, where, hint=hint)
+    require_columns(wanted, layout.names, where, hint=hint)
     check_size(data.size // 2, where)
     # A first cell that is a date, with or without a zone, makes a column of dates.
     first = dict(zip(layout.names, layout.first, strict=False))
@@ -127,7 +127,7 @@ def _rows(data: pa.Buffer, layout: TextLayout, *, is_decoded: bool) -> tuple[pa.
         if not any_mark or not re.compile(rb"\n(?:" + any_mark + rb")").search(data, max(begin - 1, 0)):
             # pyarrow reads no rows from a blank line, and refuses a text without any
             return data[begin:] if begin < data.size else pa.py_buffer(b"\n"), 0
-    lines = opened(data, layout.encoding, errors="replace").read().split("\n", layout.n_above)
+    lines = open_text(data, layout.encoding, errors="replace").read().split("\n", layout.n_above)
     text = lines[-1].encode("utf-8", "replace") if len(lines) > layout.n_above else b""
     n_comments = 0
     if any_mark:
@@ -194,7 +194,7 @@ def _bad_line(
     """Return the error of the first line that is no row, with the options that leave it out."""
     is_one = layout.width == 1
     rule = "one number per line" if is_one else "a number in every cell"
-    for number, line in enumerate(opened(data, layout.encoding, errors="replace"), start=1):
+    for number, line in enumerate(open_text(data, layout.encoding, errors="replace"), start=1):
         beginning = line.lstrip()
         is_comment = bool(layout.comments) and beginning.startswith(layout.comments)
         if number <= layout.n_above or not beginning or is_comment:
@@ -216,7 +216,7 @@ def _bad_line(
             options.append(f"--comment {beginning[0]!r} leaves out lines that begin so (`comment` in a card)")
         found = f"line {number} is {line.strip()[:40]!r}{reason}"
         return RecordingError(f"{where}: {found}. Expected {rule}. {', '.join(options)}")
-    return refused(where, problem, rule)
+    return reader_error(where, problem, rule)
 
 
 def _array(column: pa.ChunkedArray) -> NDArray[Any]:
@@ -229,13 +229,13 @@ def _array(column: pa.ChunkedArray) -> NDArray[Any]:
 
 def _read_parquet(path: Path, wanted: tuple[str, ...]) -> ReadSignals:
     file, present = _parquet(path)
-    require(wanted, present, path)
-    check_held(file.metadata.num_rows * len(wanted), path)
-    with readable(path, "Parquet"):
+    require_columns(wanted, present, path)
+    check_announced_size(file.metadata.num_rows * len(wanted), path)
+    with wrap_library_errors(path, "Parquet"):
         table = file.read(columns=list(wanted), use_threads=False)
         for name in wanted:
             if n := table[name].null_count:
-                raise refused(path, f"{name} lacks {n} values", "a number in every cell")
+                raise reader_error(path, f"{name} lacks {n} values", "a number in every cell")
         stored = {name: table[name].to_numpy() for name in wanted}
     is_date = {name for name, values in stored.items() if values.dtype.kind == "M"}
     numbers = {name: as_samples(stored[name], name, path) for name in wanted if name not in is_date}
@@ -244,6 +244,6 @@ def _read_parquet(path: Path, wanted: tuple[str, ...]) -> ReadSignals:
 
 def _parquet(path: Path) -> tuple[parquet.ParquetFile, tuple[str, ...]]:
     """Return a file and the names of its columns."""
-    with readable(path, "Parquet"):
+    with wrap_library_errors(path, "Parquet"):
         file = parquet.ParquetFile(path)
         return file, tuple(file.schema_arrow.names)

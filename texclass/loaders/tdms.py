@@ -12,16 +12,16 @@ import numpy as np
 from nptdms import TdmsFile
 from nptdms.log import log_manager
 
-from texclass.loaders.columns import is_time, plain_unit, with_unit
+from texclass.loaders.columns import add_unit, is_time, parse_unit
 from texclass.loaders.readers import (
     ReaderSettings,
     ReadSignals,
     as_samples,
-    check_held,
-    listed,
-    readable,
-    refused,
-    require,
+    check_announced_size,
+    quote_names,
+    reader_error,
+    require_columns,
+    wrap_library_errors,
 )
 
 log_manager.set_level(logging.CRITICAL)  # what it warns of, incomplete segments, is reported here
@@ -50,9 +50,9 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
         If a channel is not there, or channels have different rates.
     """
     with _channels(path) as (numeric, others):
-        require(wanted, tuple(numeric), path)
+        require_columns(wanted, tuple(numeric), path)
         chosen = {name: numeric[name] for name in wanted}
-        check_held(sum(map(len, chosen.values())), path)
+        check_announced_size(sum(map(len, chosen.values())), path)
         fs = _rate(chosen, path)
         units = {name: str(channel.properties.get("unit_string", "")) for name, channel in chosen.items()}
         stored = {name: np.asarray(channel[:]) for name, channel in chosen.items()}
@@ -61,14 +61,14 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
             for name, array in stored.items()
         }
     flags = [f"time: fs is {fs:g} Hz, as 'wf_increment' in the file states"] if fs else []
-    if unknown := [unit for unit in dict.fromkeys(units.values()) if unit and not plain_unit(unit)]:
-        flags.append(f"unit: {listed(unknown)[:60]} in the file is not known")
+    if unknown := [unit for unit in dict.fromkeys(units.values()) if unit and not parse_unit(unit)]:
+        flags.append(f"unit: {quote_names(unknown)[:60]} in the file is not known")
     if not _is_whole(path):
         n = min(map(len, named.values()))
         named = {name: samples[:n] for name, samples in named.items()}
         flags.append("incomplete: the file ends within a segment")
     if others:
-        flags.append(f"ignored: {listed([f'{name} ({kind})' for name, kind in others.items()])}")
+        flags.append(f"ignored: {quote_names([f'{name} ({kind})' for name, kind in others.items()])}")
     return ReadSignals(named, fs, flags=tuple(flags))
 
 
@@ -79,12 +79,12 @@ def _rate(channels: dict[str, Any], path: Path) -> float | None:
         stated = channel.properties.get("wf_increment", 0)
         step = float(stated) if isinstance(stated, int | float | np.number) else math.nan
         if not 0 <= step < math.inf:
-            raise refused(path, f"wf_increment of {name!r} is {stated!r:.40}", "seconds between samples")
+            raise reader_error(path, f"wf_increment of {name!r} is {stated!r:.40}", "seconds between samples")
         if step and not is_time(name):
             steps.add(step)
     if len(steps) > 1:
         rates = ", ".join(f"{1 / step:g}" for step in sorted(steps))
-        raise refused(path, f"its channels have rates {rates} Hz", "one: select channels with --column")
+        raise reader_error(path, f"its channels have rates {rates} Hz", "one: select channels with --column")
     return next((1 / step for step in steps), None)
 
 
@@ -103,19 +103,21 @@ def _is_whole(path: Path) -> bool:
 def _channels(path: Path) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
     """Give channel of numbers or time stamps by name, and name -> kind of any other; none without samples."""
     numeric, others = dict[str, Any](), dict[str, str]()
-    with path.open("rb") as stored, readable(path, "TDMS"), TdmsFile.open(stored) as file:
+    with path.open("rb") as stored, wrap_library_errors(path, "TDMS"), TdmsFile.open(stored) as file:
         groups = {group.name: [one for one in group.channels() if len(one)] for group in file.groups()}
         has_one = sum(map(bool, groups.values())) == 1
         for group, channels in groups.items():
             for channel in channels:
                 name = channel.name if has_one else f"{group}/{channel.name}"
-                name = with_unit(name, plain_unit(str(channel.properties.get("unit_string", ""))))
+                name = add_unit(name, parse_unit(str(channel.properties.get("unit_string", ""))))
                 if name in numeric or name in others:
-                    raise refused(path, f"two channels are named {name!r:.80}", "different names")
+                    raise reader_error(path, f"two channels are named {name!r:.80}", "different names")
                 if channel.dtype.kind in "iufM":
                     numeric[name] = channel
                 else:
                     others[name] = "text" if channel.dtype.kind == "O" else channel.dtype.name
         if not numeric:
-            raise refused(path, f"its channels are {listed(list(others))}", "a channel of real numbers")
+            raise reader_error(
+                path, f"its channels are {quote_names(list(others))}", "a channel of real numbers"
+            )
         yield numeric, others

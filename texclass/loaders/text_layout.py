@@ -15,14 +15,14 @@ from itertools import islice
 
 import pyarrow as pa
 
-from texclass.loaders.columns import ROW_NUMBER, UNNAMED, plain_unit, with_unit
+from texclass.loaders.columns import ACCELERATION, ROW_NUMBER, add_unit, parse_unit
 from texclass.loaders.dates import is_date
-from texclass.loaders.readers import ReaderSettings, refused
+from texclass.loaders.readers import ReaderSettings, reader_error
 from texclass.recording import RecordingError
 
-LONGEST_LINE = 1 << 20
+MAX_LINE = 1 << 20
 """Characters of the longest line: names of 10,000 columns take a tenth."""
-MOST_COLUMNS = 10_000
+MAX_COLUMNS = 10_000
 MISSING = ("", "na", "n/a", "null", "none", "-")
 """Cells without a value."""
 DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d(?::?\d\d){0,2}(?:\.\d+)?(Z|[+-]\d\d:?\d*)?")
@@ -88,7 +88,7 @@ class _Row:
         return any(map(is_number, self.cells))
 
 
-def opened(
+def open_text(
     data: pa.Buffer, encoding: str, *, errors: str = "strict", newline: str | None = None
 ) -> io.TextIOWrapper:
     """Return bytes as an open text."""
@@ -128,15 +128,15 @@ def find_layout(data: pa.Buffer, where: str, settings: ReaderSettings) -> TextLa
     comments: tuple[str, ...] = (settings.comment,) if settings.comment else ("#", "%", "//")
     below = [line for line in lines[n_above:] if line.strip()]
     if not settings.comment and not any(
-        any(map(str.isdigit, line)) for line in below if not _begins(line, comments)
+        any(map(str.isdigit, line)) for line in below if not _starts_with(line, comments)
     ):
         comments = ()  # "#1;0.5": the names of the rows begin so
-    rest = [line.strip() for line in below if not _begins(line, comments)]
+    rest = [line.strip() for line in below if not _starts_with(line, comments)]
     delimiter = delimiter or _delimiter(rest, is_txt=is_txt)
     rows = list(_rows(lines, n_above, delimiter or ",", comments))
-    if widest := max((len(row.cells) for row in rows if len(row.cells) > MOST_COLUMNS), default=0):
-        raise refused(where, f"its first lines have {widest} columns", f"at most {MOST_COLUMNS}")
-    layout = _named(rows, where, labview, is_whole=is_whole, is_txt=is_txt)
+    if widest := max((len(row.cells) for row in rows if len(row.cells) > MAX_COLUMNS), default=0):
+        raise reader_error(where, f"its first lines have {widest} columns", f"at most {MAX_COLUMNS}")
+    layout = _find_names(rows, where, labview, is_whole=is_whole, is_txt=is_txt)
     flags = ("encoding: not UTF-8, read as Windows-1252",) if encoding == "cp1252" else ()
     return replace(
         layout,
@@ -174,7 +174,7 @@ def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], 
     is_wide = data[:4].to_pybytes().startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     for codec in ("utf-16" if is_wide else "utf-8-sig", "cp1252"):
         try:
-            lines, is_whole = _first_lines(opened(data, codec, newline=""), where, n_skipped)
+            lines, is_whole = _first_lines(open_text(data, codec, newline=""), where, n_skipped)
         except UnicodeError as error:
             problem = error
             continue
@@ -189,11 +189,11 @@ def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], 
 def _first_lines(file: io.TextIOWrapper, where: str, n_skipped: int) -> tuple[list[str], bool]:
     """Return at most 200 lines, no more after 256 k characters, and whether these are all."""
     lines, n_characters = list[str](), 0
-    for _ in islice(iter(lambda: file.readline(LONGEST_LINE), ""), n_skipped):
+    for _ in islice(iter(lambda: file.readline(MAX_LINE), ""), n_skipped):
         pass
-    while line := file.readline(LONGEST_LINE):
-        if len(line) == LONGEST_LINE:
-            raise refused(where, "its first line is too long", f"at most {LONGEST_LINE} characters")
+    while line := file.readline(MAX_LINE):
+        if len(line) == MAX_LINE:
+            raise reader_error(where, "its first line is too long", f"at most {MAX_LINE} characters")
         lines.append(line)
         n_characters += len(line)
         if len(lines) == 200 or (n_characters > 1 << 18 and len(lines) > 6):
@@ -201,7 +201,7 @@ def _first_lines(file: io.TextIOWrapper, where: str, n_skipped: int) -> tuple[li
     return lines, True
 
 
-def _begins(line: str, marks: Sequence[str]) -> bool:
+def _starts_with(line: str, marks: Sequence[str]) -> bool:
     return line.lstrip().startswith(tuple(marks))
 
 
@@ -228,7 +228,7 @@ def _rows(lines: Sequence[str], begin: int, delimiter: str, comments: tuple[str,
         first, last = last, last + 1
         if not (line := lines[first]).strip():
             continue
-        if is_comment := _begins(line, comments):
+        if is_comment := _starts_with(line, comments):
             line = re.sub(rf"^\s*(?:{'|'.join(map(re.escape, comments))})+[ ]*", "", line)
         elif line.count('"') % 2:
             for end in range(first + 2, first + 4):  # a quoted name may have three lines
@@ -238,7 +238,7 @@ def _rows(lines: Sequence[str], begin: int, delimiter: str, comments: tuple[str,
         yield _Row(first, last, tuple(split_cells(line.rstrip("\r\n"), delimiter)), is_comment)
 
 
-def _named(
+def _find_names(
     rows: list[_Row], where: str, labview: dict[str, list[str]], *, is_whole: bool, is_txt: bool
 ) -> TextLayout:
     """Return a layout with names, units and the first row."""
@@ -246,7 +246,7 @@ def _named(
     reference = [row for row in lines if row.has_number][-3:]  # the last lines with numbers are rows
     if not reference:
         if not is_whole:
-            raise refused(
+            raise reader_error(
                 where,
                 f"no numbers are in the first {len(rows)} lines",
                 "rows of numbers: --skip-rows N skips N lines above them (`skip_rows` in a card)",
@@ -286,7 +286,7 @@ def _named(
         fs, stated, body = float(body[1].cells[0]), "start time, then rate, as Empatica writes", body[2:]
     if fs and not labview:
         flags.append(f"rate: {fs:g} Hz by the lines above the rows: {stated!r:.50}")
-    if shown := dict.fromkeys(filter(None, map(plain_unit, units))):
+    if shown := dict.fromkeys(filter(None, map(parse_unit, units))):
         flags.append(f"units: {', '.join(shown)} by the lines above the rows")
     names = _column_names(names, units, body, n_filled) if header else _numbered_names(body, n_filled)
     return TextLayout(
@@ -301,14 +301,14 @@ def _column_names(names: list[str], units: Sequence[str], body: Sequence[_Row], 
     elif names and not names[0] and _counts(body):
         names = [ROW_NUMBER, *names[1:]]
     names = [*names, *[""] * (n_filled - len(names))]
-    known = [*map(plain_unit, units), *[""] * len(names)]
-    return [with_unit(name, unit) for name, unit in zip(names, known, strict=False)]
+    known = [*map(parse_unit, units), *[""] * len(names)]
+    return [add_unit(name, unit) for name, unit in zip(names, known, strict=False)]
 
 
 def _numbered_names(body: Sequence[_Row], n_filled: int) -> list[str]:
     """Return names of columns without any: "c1", "c2", ..., and "time" for the first one, if it has dates."""
     if n_filled == 1:
-        return [UNNAMED]
+        return [ACCELERATION]
     names = [f"c{i}" for i in range(1, n_filled + 1)]
     first = body[0].cells[0]
     return ["time", *names[1:]] if DATE.fullmatch(first) or is_date(first) else names
@@ -379,7 +379,7 @@ def _are_units(row: _Row) -> bool:
     """Whether all cells of a line are units, at least one of them known."""
     cells = [cell for cell in row.cells if cell]
     return bool(cells) and all(
-        plain_unit(cell) or re.fullmatch(r"[(\[].{0,12}[)\]]|-", cell) for cell in cells
+        parse_unit(cell) or re.fullmatch(r"[(\[].{0,12}[)\]]|-", cell) for cell in cells
     )
 
 

@@ -7,21 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texclass.loaders.columns import time_unit
-from texclass.loaders.readers import TIME_UNITS, refused
-from texclass.loaders.timestamps import TIMESTAMPS, at_uniform_rate, usual_step
+from texclass.loaders.readers import TIME_UNITS, reader_error
+from texclass.loaders.timestamps import TIMESTAMPS, to_uniform_rate, typical_step
 from texclass.recording import RecordingError, Samples
 
 FAST_HZ = 50e3
 """A unit of the name that gives a higher rate, and less than 0.1 s, contradicts the data."""
 
 
-def increases(times: NDArray[np.generic]) -> bool:
+def is_increasing(times: NDArray[np.generic]) -> bool:
     """Whether a column increases as time stamps do: clocks are set, rows are swapped, but rarely."""
     steps = _numbers(times)
     return len(steps) > 1 and bool(steps[-1] > steps[0]) and float(np.mean(np.diff(steps) < 0)) <= 0.01
 
 
-def by_time_column(
+def resample_by_time_column(
     samples: Samples,
     times: NDArray[np.generic],
     name: str,
@@ -73,7 +73,7 @@ def by_time_column(
         samples, times = samples[is_new], times[is_new]
     numbers = _numbers(times)
     if len(numbers) < 2 or not 0 < _typical_step(numbers) < np.inf:
-        raise refused(
+        raise reader_error(
             where, f"its column {name!r} does not rise", "a time for each sample, or --time-column none"
         )
     if times.dtype.kind in "Mm":
@@ -83,10 +83,12 @@ def by_time_column(
         unit = unit or _unit(numbers, name, given, where)
     span = (numbers - numbers[0]) * TIME_UNITS[unit]
     if not np.abs(span).max() < 2**62:
-        raise refused(where, f"its column {name!r} spans {np.ptp(numbers):g} {unit}", "less than a century")
+        raise reader_error(
+            where, f"its column {name!r} spans {np.ptp(numbers):g} {unit}", "less than a century"
+        )
     stamps = np.rint(span).astype(np.int64)
     by = f"column {name!r}"
-    uniform, fs, _, flags = at_uniform_rate(
+    uniform, fs, _, flags = to_uniform_rate(
         samples[:, None, :], stamps, stamps, given, by_header=True, where=where, by=by, rate_of=rate_of
     )
     if inferred and unit != "s":
@@ -120,7 +122,7 @@ def _typical_step(numbers: Samples) -> float:
     """Return the usual step, or the mean step where many rows share a time stamp or come in bursts."""
     step = np.diff(numbers)
     mean = float(numbers[-1] - numbers[0]) / len(step)
-    return usual_step(step) if np.median(step) > 0.2 * mean else mean
+    return typical_step(step) if np.median(step) > 0.2 * mean else mean
 
 
 def _unit(numbers: Samples, name: str, given: float | None, where: str) -> str:
@@ -140,9 +142,9 @@ def _unit(numbers: Samples, name: str, given: float | None, where: str) -> str:
     if (named := time_unit(name)) is not None:
         is_short = len(numbers) / rates[named] < 0.1
         if rates[named] > FAST_HZ and is_short and given is None and plausible:
-            raise _undecided(where, name, rates, (named, *plausible))
+            raise _ambiguous_unit_error(where, name, rates, (named, *plausible))
         if given and named not in agreeing and agreeing:
-            raise _undecided(where, name, rates, (named, *agreeing), f", {given:g} Hz was given")
+            raise _ambiguous_unit_error(where, name, rates, (named, *agreeing), f", {given:g} Hz was given")
         return named
     if agreeing:
         return agreeing[0]
@@ -154,11 +156,11 @@ def _unit(numbers: Samples, name: str, given: float | None, where: str) -> str:
     if rates["s"] > FAST_HZ and (20_000 < first < 80_000 or 690_000 < first < 780_000):
         return "days"
     if len(plausible) > 1:
-        raise _undecided(where, name, rates, plausible)
+        raise _ambiguous_unit_error(where, name, rates, plausible)
     return plausible[0] if plausible else "s"
 
 
-def _undecided(
+def _ambiguous_unit_error(
     where: str, name: str, rates: dict[str, float], units: Iterable[str], given: str = ""
 ) -> RecordingError:
     options = " or ".join(f"{rates[unit]:.6g} Hz if in {unit}" for unit in units)

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.loaders.readers import contradicting_rates, refused
+from texclass.loaders.readers import rate_conflict_error, reader_error
 from texclass.recording import RecordingError, Samples
 
 Timestamps = NDArray[np.int64]
@@ -78,7 +78,7 @@ class TimestampSettings:
 TIMESTAMPS = TimestampSettings()
 
 
-def _placed(
+def _locate_samples(
     stamps_ns: Timestamps, received_ns: Timestamps, repeats: NDArray[np.bool_], where: str
 ) -> tuple[NDArray[np.intp], Samples, NDArray[np.int64], list[str]]:
     """Return which messages are used, their instants (s), which sample each one is, and what was wrong.
@@ -86,25 +86,25 @@ def _placed(
     Samples are numbered from 0; numbers are missing where messages are lost. `repeats` says whether a message
     holds the same values as the one before.
     """
-    again = _sent_twice(stamps_ns, received_ns, repeats)
+    again = _find_duplicates(stamps_ns, received_ns, repeats)
     kept = np.flatnonzero(~again)
-    t, jumps = _bridged(_seconds(stamps_ns[kept]), _seconds(received_ns[kept]))
+    t, jumps = _bridge_clock_jumps(_seconds(stamps_ns[kept]), _seconds(received_ns[kept]))
     order = np.argsort(t, kind="stable")
     n_moved = int(np.count_nonzero(np.diff(t) < 0))
-    kept, (t, coarse) = kept[order], _spread(t[order])
+    kept, (t, coarse) = kept[order], _spread_ticks(t[order])
     first, last, changed = _one_rate(t)
     kept, t = kept[first:last], t[first:last]
     if len(t) < 2 or not t[-1] > t[0] or not np.isfinite(t[-1]):
-        raise refused(where, f"{len(t)} messages at one instant", "at least two instants")
+        raise reader_error(where, f"{len(t)} messages at one instant", "at least two instants")
     period = _period(t)
     lost = _lost_before(t, period)
-    first, last, cut = _longest_stretch(
+    first, last, cut = _longest_segment(
         lost, max(TIMESTAMPS.most_lost, int(TIMESTAMPS.most_lost_s / period)), period
     )
     kept, t, lost = kept[first:last], t[first:last], np.append(0, lost[first + 1 : last])
     index = np.arange(len(t)) + np.cumsum(lost)
     if len(t) < 2 or t[-1] <= t[0]:
-        raise refused(where, f"all its stamps are {stamps_ns[0]} ns", "two instants")
+        raise reader_error(where, f"all its stamps are {stamps_ns[0]} ns", "two instants")
     if index[-1] >= 2 * len(t) + TIMESTAMPS.most_lost:
         raise RecordingError(
             f"{where}: {lost.sum()} of {index[-1] + 1} samples are missing by its time stamps, expected at "
@@ -131,13 +131,13 @@ def _period(t: Samples) -> float:
     has_gaps = np.count_nonzero(step > mean) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical
     is_alike = np.mean(np.abs(step - typical) <= TIMESTAMPS.alike * typical) >= 0.5
     if typical > 0 and (has_gaps or (is_alike and typical > 0.2 * mean)):
-        return usual_step(step)
+        return typical_step(step)
     if len(step) > 2 * window:  # bursts, with gaps between some of them
-        return usual_step(t[window:] - t[:-window]) / window or mean
+        return typical_step(t[window:] - t[:-window]) / window or mean
     return mean
 
 
-def _sent_twice(
+def _find_duplicates(
     stamps_ns: Timestamps, received_ns: Timestamps, repeats: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """Return which messages repeat the one before, with the same stamp and the same values.
@@ -154,7 +154,7 @@ def _sent_twice(
     return np.asarray(again & (received_ns != stamps_ns) & together)
 
 
-def _spread(t: Samples) -> tuple[Samples, str]:
+def _spread_ticks(t: Samples) -> tuple[Samples, str]:
     """Space samples that share the ticks of a coarse clock evenly; only whole ticks count as missing."""
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0)
     if len(first) < 4:
@@ -181,7 +181,7 @@ def _one_rate(t: Samples) -> tuple[int, int, str]:
     steps = np.diff(t[: n_blocks * TIMESTAMPS.rate_block], prepend=t[0]).reshape(
         n_blocks, TIMESTAMPS.rate_block
     )[:, 1:]
-    period = np.array([usual_step(row) for row in steps])
+    period = np.array([typical_step(row) for row in steps])
     if not (period > 0).all():
         return 0, len(t), ""
     is_new = np.abs(np.diff(np.log(period))) > np.log(1 + TIMESTAMPS.other_rate) / 2
@@ -204,7 +204,7 @@ def _seconds(stamps_ns: Timestamps) -> Samples:
     return (stamps_ns.astype(np.longdouble) - np.longdouble(stamps_ns[0])).astype(np.float64) / 1e9
 
 
-def _bridged(t: Samples, received: Samples) -> tuple[Samples, str]:
+def _bridge_clock_jumps(t: Samples, received: Samples) -> tuple[Samples, str]:
     """Replace the steps at which the clock of the stamps was set by those of the times of receipt."""
     if len(t) < 3:
         return t, ""
@@ -227,7 +227,7 @@ def _bridged(t: Samples, received: Samples) -> tuple[Samples, str]:
     return np.concatenate(([t[0]], t[0] + np.cumsum(step))), told
 
 
-def usual_step(step: Samples) -> float:
+def typical_step(step: Samples) -> float:
     """Return the mean of the steps near their median: of 2 and 3 ms, where stamps are whole ones, 2.5."""
     typical = float(np.median(step))
     near = step[np.abs(step - typical) <= 0.6 * typical]
@@ -253,7 +253,7 @@ def _lost_before(t: Samples, period: float) -> NDArray[np.int64]:
     return lost
 
 
-def _longest_stretch(lost: NDArray[np.int64], most: int, period: float) -> tuple[int, int, str]:
+def _longest_segment(lost: NDArray[np.int64], most: int, period: float) -> tuple[int, int, str]:
     """Return the longest half-open range of messages without a gap of more than `most` samples."""
     cuts = np.concatenate(([0], np.flatnonzero(lost[1:] > most) + 1, [len(lost)]))
     if len(cuts) == 2:
@@ -302,7 +302,7 @@ def resample(samples: Samples, fs: float, to: float) -> Samples:
     return np.asarray(resample_poly(samples, ratio.numerator, ratio.denominator, axis=0, padtype="line"))
 
 
-def at_uniform_rate(
+def to_uniform_rate(
     samples: Samples,
     stamps_ns: Timestamps,
     received_ns: Timestamps,
@@ -352,7 +352,7 @@ def at_uniform_rate(
     """
     limits = TIMESTAMPS
     repeats = np.append(False, np.all(samples[1:] == samples[:-1], axis=(1, 2)))
-    messages, t, index, flags = _placed(stamps_ns, received_ns, repeats, where)
+    messages, t, index, flags = _locate_samples(stamps_ns, received_ns, repeats, where)
     used, per_message = stamps_ns[messages], samples.shape[1]
     # t = T i + t0 by least squares; what is left over is the jitter, in periods
     centred = index - index.mean()
@@ -365,10 +365,10 @@ def at_uniform_rate(
     by = by or ("header stamps" if by_header else "times of receipt")
     is_rough = jitter > limits.most_jitter
     if abs(measured - fs) > (limits.near_jittering if is_rough else limits.near_rate) * fs:
-        raise contradicting_rates(where, f"{measured:.6g} Hz by its {by}", fs, rate_of)
+        raise rate_conflict_error(where, f"{measured:.6g} Hz by its {by}", fs, rate_of)
     tells = limits.kept_jitter < jitter <= limits.most_jitter and resolution <= limits.most_resolution
     at_stamps = tells and by_header and per_message == 1
-    uniform = _on_grid(samples[messages], index, offset if at_stamps else None)
+    uniform = _interpolate_on_grid(samples[messages], index, offset if at_stamps else None)
     rate = f"rate: {measured:.6g} Hz by the {by}"
     if abs(measured - fs) > limits.same_rate * fs and not is_rough:
         uniform = resample(uniform, measured, fs)
@@ -382,7 +382,7 @@ def at_uniform_rate(
     return uniform, fs, float(used[0]) / 1e9, tuple(flags)
 
 
-def _on_grid(samples: Samples, index: NDArray[np.int64], offset: Samples | None) -> Samples:
+def _interpolate_on_grid(samples: Samples, index: NDArray[np.int64], offset: Samples | None) -> Samples:
     """Return samples at 0, 1, 2, ... periods; what is missing is interpolated.
 
     The messages are at `index`, in periods of theirs, or by an offset beside it.

@@ -18,18 +18,25 @@ import pyarrow as pa
 
 from texclass.loaders import tables
 from texclass.loaders.columns import is_time
-from texclass.loaders.readers import ReaderSettings, ReadSignals, listed, readable, refused, require
+from texclass.loaders.readers import (
+    ReaderSettings,
+    ReadSignals,
+    quote_names,
+    reader_error,
+    require_columns,
+    wrap_library_errors,
+)
 from texclass.loaders.text_layout import find_layout, is_number
 from texclass.reporting.wording import counted
 
-MOST_EXPANSION = 100
+MAX_EXPANSION = 100
 """A workbook that expands to more than so many times its size (and more than 64 MB) is refused."""
-MOST_ROWS = 1 << 20
+MAX_ROWS = 1 << 20
 """Rows of a sheet, as in Excel."""
-MOST_CELLS = 1 << 24
+MAX_CELLS = 1 << 24
 """Cells of a sheet, with the blank ones between cells: 8 columns of 3.5 minutes at 10 kHz. A file of a few
 kilobytes can announce 1000 times as many."""
-LEAST_ROWS = 2
+MIN_ROWS = 2
 """Rows with a number from which a sheet has a table."""
 
 
@@ -68,10 +75,10 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
         If a column is not there, a cell is not a number, or the columns are in several sheets.
     """
     sheets = [(sheet, sheet.names(settings)) for sheet in _sheets(path)]
-    require(wanted, [name for _, names in sheets for name in names], path)
+    require_columns(wanted, [name for _, names in sheets for name in names], path)
     found = next(((sheet, names) for sheet, names in sheets if set(wanted) <= set(names)), None)
     if found is None:
-        raise refused(path, f"{listed(wanted)} are in several sheets", "columns of one sheet")
+        raise reader_error(path, f"{quote_names(wanted)} are in several sheets", "columns of one sheet")
     sheet, present = found
     inner = {name: name.removeprefix(sheet.prefix) for name in wanted}
     signals = tables.read_text(sheet.data, sheet.where, tuple(inner.values()), settings)
@@ -93,9 +100,9 @@ def _sheets(path: Path) -> tuple[Sheet, ...]:
 @lru_cache(maxsize=1)  # names and columns are read one after another
 def _read_sheets(path: Path, modified: int, size: int) -> tuple[Sheet, ...]:
     """Return the sheets with a table."""
-    most = max(1 << 26, MOST_EXPANSION * size)
+    most = max(1 << 26, MAX_EXPANSION * size)
     found = list[Sheet]()
-    with readable(path, "Excel"):
+    with wrap_library_errors(path, "Excel"):
         _check_archive(path, most)
         with warnings.catch_warnings(), path.open("rb") as file:
             warnings.simplefilter("ignore")  # of styles and extensions that are not read
@@ -108,8 +115,8 @@ def _read_sheets(path: Path, modified: int, size: int) -> tuple[Sheet, ...]:
                     data = pa.py_buffer(text.encode("utf-8", "replace"))
                     found.append(Sheet(sheet.title, where, prefix, data))
     if not found:
-        rule = f"a sheet with at least {LEAST_ROWS}; formulas need stored values: save the file in Excel"
-        raise refused(path, "no sheet has rows of numbers", rule)
+        rule = f"a sheet with at least {MIN_ROWS}; formulas need stored values: save the file in Excel"
+        raise reader_error(path, "no sheet has rows of numbers", rule)
     return tuple(found)
 
 
@@ -118,7 +125,9 @@ def _check_archive(path: Path, most: int) -> None:
     with zipfile.ZipFile(path) as archive:
         expanded = sum(member.file_size for member in archive.infolist())
         if expanded > most:
-            raise refused(path, f"expands to {expanded} bytes", f"64 MB, or {MOST_EXPANSION} times its size")
+            raise reader_error(
+                path, f"expands to {expanded} bytes", f"64 MB, or {MAX_EXPANSION} times its size"
+            )
         for member in archive.infolist():
             with archive.open(member) as content:
                 _check_prolog(content, f"{path} ({member.filename:.80})")
@@ -129,7 +138,7 @@ def _check_prolog(content: IO[bytes], where: str) -> None:
     is_root = list[object]()
 
     def refuse(*declared: object) -> None:
-        raise refused(where, "declares a document type", "XML without entities")
+        raise reader_error(where, "declares a document type", "XML without entities")
 
     parser = expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
@@ -160,9 +169,9 @@ def _text(rows: Iterable[Sequence[Any]], where: str, most: int) -> str:
     writer = csv.writer(text, lineterminator="\n")
     for number, row in enumerate(rows, 1):
         n_cells += len(row)
-        if number > MOST_ROWS or n_cells > MOST_CELLS or text.tell() > most:
-            rule = f"at most {MOST_ROWS} rows, {MOST_CELLS} cells and {most} characters: split it"
-            raise refused(where, f"has at least {number} rows, {n_cells} cells", rule)
+        if number > MAX_ROWS or n_cells > MAX_CELLS or text.tell() > most:
+            rule = f"at most {MAX_ROWS} rows, {MAX_CELLS} cells and {most} characters: split it"
+            raise reader_error(where, f"has at least {number} rows, {n_cells} cells", rule)
         cells = [_cell(value) for value in row] if any(value is not None for value in row) else []
         filled = [i for i, cell in enumerate(cells) if cell]
         if not filled:
@@ -171,12 +180,12 @@ def _text(rows: Iterable[Sequence[Any]], where: str, most: int) -> str:
         used.update(filled)
         n_numeric += any(is_number(cells[i]) for i in filled)
         writer.writerow(cells)
-    if n_numeric < LEAST_ROWS:
+    if n_numeric < MIN_ROWS:
         return ""
-    return _aligned(text.getvalue(), sorted(used))
+    return _align_columns(text.getvalue(), sorted(used))
 
 
-def _aligned(text: str, columns: Sequence[int]) -> str:
+def _align_columns(text: str, columns: Sequence[int]) -> str:
     """Return the lines of a text with some of their columns, each line with all of them."""
     aligned = io.StringIO()
     writer = csv.writer(aligned, lineterminator="\n")

@@ -15,7 +15,7 @@ from zipfile import ZipFile, ZipInfo
 import numpy as np
 from pydantic import Field, field_serializer
 
-from texclass.atomic_write import path_ending, write_atomic
+from texclass.atomic_write import check_suffix, write_atomic
 from texclass.evaluation.trusted import (
     SCHEMA,
     UntrustedFileError,
@@ -31,7 +31,7 @@ from texclass.features.plan import Plan
 from texclass.phase_settings import PhaseSettings
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
-from texclass.validation import Written, checked
+from texclass.validation import StrictModel, validate
 
 FORMAT = 4
 """Version of the format of model files: a file of another version is refused."""
@@ -47,7 +47,7 @@ class ModelFileError(ValueError):
     """A model file cannot be used; the message names the file and the rule."""
 
 
-class Manifest(Written):
+class Manifest(StrictModel):
     """The facts of a model: written as JSON beside its arrays, readable without them.
 
     Attributes
@@ -153,7 +153,7 @@ def read_manifest(text: bytes | str) -> Manifest:
             f"its format is {version!r:.20}, written by texclass {made_by:.20}. Expected format {FORMAT}: "
             "train the model again with `texclass train`, or update texclass"
         )
-    return checked(Manifest, stated, "its manifest")
+    return validate(Manifest, stated, "its manifest")
 
 
 def write_model_file(
@@ -177,7 +177,7 @@ def write_model_file(
     ValueError
         If it would hold a class that nobody could load again, or the suffix is another one.
     """
-    path_ending(path, ".skops")
+    check_suffix(path, ".skops")
     if not is_arrays and (foreign := unsafe_classes(document)):
         raise ValueError(f"{path}: {foreign[0]} cannot be saved. Expected classes that load safely")
     members = _array_members(document) if is_arrays else dict(members_of(archive_of(dict(document))))

@@ -58,7 +58,7 @@ from texclass.recognition.unknown import (
 )
 from texclass.recording import RecordingError, Samples
 from texclass.tradeoff.recogniser import fit_recogniser, prune
-from texclass.validation import check_above_0
+from texclass.validation import check_positive
 
 Facts = dict[str, Any]
 """What a manifest states."""
@@ -148,7 +148,7 @@ def train(
     --------
     >>> train("simulated", row="Movement", window_s=1.0).save("surfaces.skops")  # doctest: +SKIP
     """
-    check_above_0(max_ms=max_ms, max_features=max_features, max_kb=max_kb)
+    check_positive(max_ms=max_ms, max_features=max_features, max_kb=max_kb)
     felt = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, fs=fs, unit=unit)
     # What is named without a pipeline is of `texclass`: its columns can be selected.
     is_named = row or classifier or max_ms or max_features

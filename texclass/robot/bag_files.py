@@ -26,7 +26,7 @@ from mcap.stream_reader import StreamReader
 from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
 from texclass.loaders.data_files import is_hidden
-from texclass.loaders.readers import BAG_FOLDER, STORAGE, refused, storage_suffix
+from texclass.loaders.readers import BAG_METADATA, STORAGE_SUFFIXES, reader_error, storage_suffix
 from texclass.recording import RecordingError
 
 MOST_BYTES = 1 << 27
@@ -132,20 +132,22 @@ def bag_messages(path: Path, chosen: Connection) -> Iterator[tuple[int, bytes]]:
             for connection, received, raw in _MESSAGES[suffix](file, chosen.topic, budget):
                 if connection[:3] != chosen[:3]:
                     sent = f"{chosen.topic} carries {connection.type_name} and {chosen.type_name}"
-                    raise refused(path, sent, "one type a topic")
+                    raise reader_error(path, sent, "one type a topic")
                 yield received, raw
 
 
 def _storage_files(path: Path) -> tuple[Path, ...]:
     """Return the files that hold a bag's messages, in order."""
-    folder = path if path.is_dir() else path.parent if path.name == BAG_FOLDER else None
+    folder = path if path.is_dir() else path.parent if path.name == BAG_METADATA else None
     if folder is None:
         return (path,)
     files = [
-        file for file in folder.iterdir() if storage_suffix(file.name) in STORAGE and not is_hidden(file.name)
+        file
+        for file in folder.iterdir()
+        if storage_suffix(file.name) in STORAGE_SUFFIXES and not is_hidden(file.name)
     ]
     if not files:
-        raise refused(folder, "holds no .mcap or .db3 file", "a folder of rosbag2")
+        raise reader_error(folder, "holds no .mcap or .db3 file", "a folder of rosbag2")
     return tuple(sorted(files, key=lambda file: [int(n) for n in re.findall(r"\d+", file.name)]))
 
 

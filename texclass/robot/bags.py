@@ -11,8 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from texclass.loaders.columns import TURN_RATE
-from texclass.loaders.readers import ReaderSettings, ReadSignals, check_size, listed, refused, require
-from texclass.loaders.timestamps import Timestamps, at_uniform_rate
+from texclass.loaders.readers import (
+    ReaderSettings,
+    ReadSignals,
+    check_size,
+    quote_names,
+    reader_error,
+    require_columns,
+)
+from texclass.loaders.timestamps import Timestamps, to_uniform_rate
 from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
 from texclass.robot.bag_files import Connection, bag_messages, bag_topics
 from texclass.robot.ros_messages import (
@@ -77,19 +84,19 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
     is_good = (np.abs(samples) < 1e100).all(axis=(1, 2))
     if n_bad := int(np.count_nonzero(~is_good)):
         if n_bad > len(samples) / 2:
-            raise refused(
+            raise reader_error(
                 where, f"{n_bad} of {len(samples)} messages hold NaN or values beyond 1e+100", "half"
             )
         samples, received = samples[is_good], received[is_good]
         stamps = None if stamps is None else stamps[is_good]
     turn = [own.index(name) for name in TURN_RATE if name in own]
     if turn and not samples[:, :, turn].any():  # no gyroscope is so quiet: the sensor has none
-        raise refused(where, "the turn rate is 0 in each of its messages", "a sensor that measures it")
+        raise reader_error(where, "the turn rate is 0 in each of its messages", "a sensor that measures it")
     by_header = stamps is not None and bool(np.any(stamps != 0))
     order = np.argsort(received, kind="stable")
     samples, received = samples[order], received[order]
     instants = stamps[order] if stamps is not None and by_header else received
-    uniform, fs, start_s, flags = at_uniform_rate(
+    uniform, fs, start_s, flags = to_uniform_rate(
         samples, instants, received, settings.fs, by_header=by_header, where=where, rate_of=settings.rate_of
     )
     named = {name: np.ascontiguousarray(uniform[:, i]) for i, name in enumerate(own)}
@@ -118,10 +125,12 @@ def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Pat
     if wanted is not None:
         found = topics.get(wanted) or topics.get(f"/{wanted}")
         if found is None:
-            raise RecordingError(f"{path}: topic {wanted!r} is not there; its topics are {listed([*topics])}")
+            raise RecordingError(
+                f"{path}: topic {wanted!r} is not there; its topics are {quote_names([*topics])}"
+            )
         if found.type_name not in READABLE and type_of(*found.of_type) is None:
             rule = f"{', '.join(READABLE)}, or a type with a header and numbers that the bag defines"
-            raise refused(path, f"topic {wanted!r} carries {found.type_name!r}", rule)
+            raise reader_error(path, f"topic {wanted!r} carries {found.type_name!r}", rule)
         return found
     for kinds in (tuple(name for name, type_ in TYPES.items() if type_.acceleration), (MULTI_ARRAY,)):
         fitting = [connection for connection in topics.values() if connection.type_name in kinds]
@@ -129,10 +138,10 @@ def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Pat
             return fitting[0]
         if fitting:
             raise RecordingError(
-                f"{path}: topics {listed([c.topic for c in fitting])} can be the acceleration. Expected "
+                f"{path}: topics {quote_names([c.topic for c in fitting])} can be the acceleration. Expected "
                 f"to say which (bag:{path.name}?topic=NAME, `topic` in a card)"
             )
-    there = listed([f"{c.topic} ({c.type_name})" for c in topics.values()])
+    there = quote_names([f"{c.topic} ({c.type_name})" for c in topics.values()])
     known = ", ".join(name for name in READABLE if name == MULTI_ARRAY or TYPES[name].unit)
     raise RecordingError(
         f"{path}: its topics are {there}. Expected one with an acceleration ({known}), or to name another "
@@ -151,7 +160,7 @@ def _messages(
     where = f"{path}?topic={chosen.topic}"
     type_ = type_of(*chosen.of_type)
     if type_ is not None:
-        require(wanted, tuple(type_.columns), path)
+        require_columns(wanted, tuple(type_.columns), path)
     received: list[int] = []
     heads: list[Timestamps] = []
     parts: list[Samples] = []
@@ -170,15 +179,15 @@ def _messages(
             raise RecordingError(f"{where}: {error}") from error
         check_size(len(received) * parts[-1][0].size, path)
     if len(received) < 2:
-        raise refused(where, f"holds {len(received)} messages", "at least 2")
+        raise reader_error(where, f"holds {len(received)} messages", "at least 2")
     if not 0 <= min(received) <= max(received) < 2**63:
-        raise refused(where, f"a message was received at {max(received)} ns", "63 bits")
+        raise reader_error(where, f"a message was received at {max(received)} ns", "63 bits")
     if len({samples.shape[1:] for samples in parts}) > 1:
-        raise refused(where, "its messages differ in size", "one number of samples")
+        raise reader_error(where, "its messages differ in size", "one number of samples")
     samples = np.concatenate(parts)
     if type_ is None:
         present = _channel_names(samples.shape[2])
-        require(wanted, present, path)
+        require_columns(wanted, present, path)
         samples = samples[:, :, [present.index(name) for name in wanted]]
     return np.concatenate(heads) if heads else None, np.array(received, np.int64), samples
 
@@ -187,12 +196,12 @@ def _other(path: Path, topics: Mapping[str, Connection], name: str, t: Samples) 
     """Return a column of another topic at given instants; beyond its ends it keeps its last value."""
     topic, _, column = name.rpartition("/")
     if topic not in topics or column not in getattr(type_of(*topics[topic].of_type), "columns", ()):
-        raise refused(path, f"column {name!r} is not there", "/topic/column of a bag")
+        raise reader_error(path, f"column {name!r} is not there", "/topic/column of a bag")
     stamps, _, samples = _messages(path, topics[topic], (column,))
     if stamps is None or not stamps.any():
-        raise refused(path, f"{topic} has no stamps in its headers", "those of one clock")
+        raise reader_error(path, f"{topic} has no stamps in its headers", "those of one clock")
     order = np.argsort(stamps, kind="stable")
     at = stamps[order] / 1e9
     if at[0] > t[-1] or at[-1] < t[0]:
-        raise refused(path, f"{topic} and the acceleration share no time", "one clock")
+        raise reader_error(path, f"{topic} and the acceleration share no time", "one clock")
     return np.asarray(np.interp(t, at, samples[order, 0, 0]))

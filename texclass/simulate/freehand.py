@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples, Tap, read_only
+from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples, Tap, make_read_only
 from texclass.signals import lowpass
 from texclass.simulate import hand
 from texclass.simulate.hand import Operator
@@ -142,16 +142,16 @@ def perform(
     speed = lowpass(motion.speed, 20.0, fs, order=2)
     _to_mm_s(speed, path.lateral_m_s, hand.CONTROL_RATE / fs)
     return Recording(
-        acceleration=read_only(acceleration),
+        acceleration=make_read_only(acceleration),
         fs=fs,
         unit="m/s^2",
         recording_id=recording_id,
         surface=surface.name,
         operator=person.name,
         repetition=repetition,
-        friction=read_only(sensor.read_bridge(motion.grip_force, fs, sensor_rng)),
+        friction=make_read_only(sensor.read_bridge(motion.grip_force, fs, sensor_rng)),
         normal_force=motion.contact_force,
-        speed=read_only(speed),
+        speed=make_read_only(speed),
         phases=phases,
         source="simulated",
     )

@@ -9,10 +9,10 @@ from texclass.provenance import code_hash
 from texclass.recording import Recording
 from texclass.simulate.hand import Operator, operator_catalogue
 from texclass.simulate.surfaces import Surface, surface_catalogue
-from texclass.validation import Written
+from texclass.validation import StrictModel
 
 
-class Recipe(Written):
+class Recipe(StrictModel):
     """A simulated dataset: surfaces x recordings, the operators taking turns.
 
     Parameters

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import pandas as pd
 
 from texclass.evaluation.result import COMPUTED_BY
-from texclass.provenance import made_by, versions
+from texclass.provenance import code_provenance, versions
 from texclass.reporting import Document
 from texclass.reporting.result_files import Result
 from texclass.stability.inputs import SEED, battery_hash
@@ -113,7 +113,7 @@ def run_stability(
             "versions": versions("numpy", "pandas", "numba", "mpmath", *libraries),
             "machine": platform.platform(),
             "seed": SEED,
-            **made_by(*COMPUTED_BY, "stability"),
+            **code_provenance(*COMPUTED_BY, "stability"),
             "battery": battery_hash(),
             "quick": quick,
             "seconds": round(time.monotonic() - start, 1),

@@ -28,7 +28,7 @@ from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, RecordingError, Samples, Tap
 from texclass.tradeoff.front import Facts, Labelled, Labels, accuracy_of, discriminant, labelled, preparation
-from texclass.validation import check_above_0
+from texclass.validation import check_positive
 
 LINEAR = "linear discriminants"
 
@@ -254,7 +254,7 @@ def degraded(
     ValueError
         If the rate, the bits or the full scale is not above 0.
     """
-    check_above_0(fs=fs, bits=bits, full_scale=full_scale)
+    check_positive(fs=fs, bits=bits, full_scale=full_scale)
     how = f"{dataset.input_hash} fs {fs} bits {bits} of {full_scale}"
     return replace(
         dataset,

@@ -25,7 +25,7 @@ from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Recording, Samples
 from texclass.tradeoff.cost_selection import CostAwareSelector, best_within
-from texclass.validation import check_above_0
+from texclass.validation import check_positive
 
 Labels = NDArray[Any]
 Facts = Mapping[str, Any]
@@ -63,7 +63,7 @@ class Limits:
     surfaces: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        check_above_0(max_ms=self.max_ms, max_features=self.max_features)
+        check_positive(max_ms=self.max_ms, max_features=self.max_features)
 
 
 class Labelled(NamedTuple):

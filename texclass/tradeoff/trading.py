@@ -22,7 +22,7 @@ from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, load_feature_set
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
-from texclass.provenance import made_by, versions
+from texclass.provenance import code_provenance, versions
 from texclass.reporting import Document
 from texclass.reporting.result_files import Result
 from texclass.tradeoff.curves import Conditions, order_curve, sensor_curves, touch_curve, training_curves
@@ -190,7 +190,7 @@ def trade_off(
                 **versions("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa"),
                 "machine": platform.machine(),
             },
-            **made_by(*COMPUTED_BY, "tradeoff"),
+            **code_provenance(*COMPUTED_BY, "tradeoff"),
             "notes": [*left_out, *dataset.notes],
         }
     )

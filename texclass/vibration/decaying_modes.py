@@ -8,7 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from texclass.recording import Samples, read_only
+from texclass.recording import Samples, make_read_only
 from texclass.signals import one_channel, positive, to_unit_scale
 
 Poles = NDArray[np.complex128]
@@ -48,7 +48,7 @@ class Sinusoids:
 
     def __post_init__(self) -> None:
         for name in (each.name for each in fields(self)):
-            values = read_only(np.array(getattr(self, name), dtype=np.float64, ndmin=1))
+            values = make_read_only(np.array(getattr(self, name), dtype=np.float64, ndmin=1))
             object.__setattr__(self, name, values)
             if values.shape != self.frequency_hz.shape or not np.all(np.isfinite(values)):
                 raise ValueError(f"{name} is {values}. Expected one finite value for each frequency")

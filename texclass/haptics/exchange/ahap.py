@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from texclass.atomic_write import path_ending, write_atomic
+from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.exchange.foreign import Part, read_foreign
 from texclass.haptics.exchange.rendition import LONGEST_S, Rendition
 from texclass.recording import Samples
@@ -139,7 +139,7 @@ def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
     ValueError
         If the path has another ending.
     """
-    path = path_ending(path, ".ahap")
+    path = check_suffix(path, ".ahap")
     items, full, lost = (_taps if rendition.taps.size else _stroke)(rendition)
     unit = rendition.unit
     told = {"Description": rendition.told, "Intensity1": f"{full:.6g} {unit}", "Project": "texclass"}

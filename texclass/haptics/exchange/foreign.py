@@ -7,7 +7,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ConfigDict
 from pydantic_core import from_json
 
-from texclass.validation import Written, checked
+from texclass.validation import StrictModel, validate
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -38,7 +38,7 @@ def printable(name: str) -> str:
     return name
 
 
-class Part(Written):
+class Part(StrictModel):
     """A part of a file: its known keys are checked, others are left alone, as players do."""
 
     model_config = ConfigDict(extra="ignore")
@@ -69,4 +69,4 @@ def read_foreign(model: type[M], path: str | Path, largest: int) -> M:
         content = from_json(data, allow_inf_nan=False)
     except ValueError as error:
         raise ValueError(f"{path}: is no JSON ({error}). Expected a {path.suffix} file") from error
-    return checked(model, content, path)
+    return validate(model, content, path)

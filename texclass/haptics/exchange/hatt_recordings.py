@@ -11,7 +11,7 @@ from texclass.haptics.exchange.hatt_xml import read_hatt
 from texclass.loaders.cards import ModelsCard
 from texclass.loaders.data_files import data_files
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.loaders.filesets import conditioned, match_name
+from texclass.loaders.filesets import condition_recording, match_name
 from texclass.loaders.places import digest_files
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.simulate.hand import CONTROL_RATE, smooth_noise
@@ -103,7 +103,7 @@ def load_made(card: ModelsCard, root: Path, entry: Entry) -> Recording:
         speed=speed,
         normal_force=force,
     )
-    return conditioned(made, 1.0, card.phases, remove_resting_level=False)
+    return condition_recording(made, 1.0, card.phases, remove_resting_level=False)
 
 
 def felt_share(n: int, fs: float, rng: Generator) -> Samples:

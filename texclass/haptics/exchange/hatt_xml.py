@@ -31,7 +31,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from texclass.atomic_write import path_ending, write_atomic
+from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.exchange.foreign import printable, read_limited
 from texclass.haptics.textures import Texture
 from texclass.haptics.textures.hatt import HattTexture, Mesh
@@ -229,7 +229,7 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
         If the path does not end in `.xml`, the name cannot be shown, or an order is so high that coefficients
         no longer describe the model (ARcoeff belongs to the layout).
     """
-    path = path_ending(path, ".xml")
+    path = check_suffix(path, ".xml")
     root, mesh = Element("modelSet", texture="0"), texture.mesh
     image = f"{printable(texture.name)}_square.bmp"
     content: list[tuple[str, str | float | Samples]] = [

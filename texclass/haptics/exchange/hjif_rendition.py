@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from texclass.atomic_write import path_ending, write_atomic
+from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.exchange import wavelet_stream
 from texclass.haptics.exchange.hjif import (
     FS,
@@ -31,7 +31,7 @@ from texclass.haptics.exchange.hjif import (
 from texclass.haptics.exchange.rendition import Rendition, told_level
 from texclass.haptics.textures.contract import USUAL_MM_S, USUAL_N
 from texclass.recording import UNITS, Samples
-from texclass.validation import check_above_0
+from texclass.validation import check_positive
 
 RATE = 8000
 """Samples of wavelet bands in 1000 ticks. Players have 8000 a second and hold a sample until the next one: a
@@ -74,7 +74,7 @@ def write_hjif(
     ValueError
         If the path has another ending, or `planes` breaks its rule.
     """
-    path = path_ending(path, ".hjif")
+    path = check_suffix(path, ".hjif")
     if not 1 <= planes <= wavelet_stream.MOST_PLANES:
         raise ValueError(f"planes are {planes}. Expected 1 to {wavelet_stream.MOST_PLANES}")
     haptics, lost = made_hjif(rendition, planes)
@@ -227,7 +227,7 @@ def rendition_of(haptics: Haptics) -> Rendition:
     name, speed, force, unit = haptics.description, USUAL_MM_S, USUAL_N, "arbitrary"
     if told and told[4] in UNITS:
         name, speed, force, unit = told[1], float(told[2]), float(told[3] or 0), told[4]
-    check_above_0(speed=speed)
+    check_positive(speed=speed)
     kinds = {band.band_type for band in channel.bands}
     effects = [(at, effect) for at, effect, _ in basis_effects(channel, felt[0])]
     gain = 10.0 ** felt[0].perception_unit_exponent * channel.gain

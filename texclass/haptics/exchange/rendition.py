@@ -22,7 +22,7 @@ from texclass.haptics.textures.hatt import HattTexture
 from texclass.haptics.textures.oeztuerk2018 import FrequencyTexture
 from texclass.haptics.textures.okamura2001 import TapLibrary, tap_peak
 from texclass.recording import ACCELERATION_UNITS, Samples
-from texclass.validation import check_above_0
+from texclass.validation import check_positive
 from texclass.vibration import MajorFrequencies, TapModel, autoregressive, line_spectrum
 
 LONGEST_S = 30.0
@@ -144,7 +144,7 @@ def play_texture(
     slow_fast, light_hard = ((float(axis[0]), float(axis[-1])) for axis in (texture.speeds, texture.forces))
     v = float(np.sqrt(np.prod(slow_fast))) if speed is None else speed
     f = float(np.sqrt(np.prod(light_hard))) if force is None else force
-    check_above_0(speed=v, force=f, seconds=seconds)
+    check_positive(speed=v, force=f, seconds=seconds)
     factor = ACCELERATION_UNITS.get(unit, 1.0)
     length_mm = float(getattr(texture, "length_mm", 0.0))
     if length_mm:
@@ -184,7 +184,7 @@ def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
     ValueError
         If the velocity is not above 0, or there are so many materials that `LONGEST_S` would be exceeded.
     """
-    check_above_0(velocity=velocity)
+    check_positive(velocity=velocity)
     n = round(TAP_EVERY_S * TAP_FS)
     if len(taps) * TAP_EVERY_S > LONGEST_S:
         raise ValueError(f"there are {len(taps)} materials. Expected at most {LONGEST_S / TAP_EVERY_S:g}")

@@ -20,13 +20,13 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from texclass._version import __version__
-from texclass.atomic_write import path_ending, write_atomic
+from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.exchange.foreign import printable, read_limited
 from texclass.haptics.exchange.hatt_xml import read_hatt
 from texclass.haptics.textures.contract import Stored, Texture
 from texclass.haptics.textures.packed import MARK, PackedTexture
 from texclass.recording import Unit
-from texclass.validation import Written, checked
+from texclass.validation import StrictModel, validate
 
 if TYPE_CHECKING:
     from texclass.haptics.textures.okamura2001 import TapLibrary
@@ -74,7 +74,7 @@ def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) 
         If the path has another ending, or what the texture says of itself is not what a file may hold.
     """
     if isinstance(texture, PackedTexture):
-        path = path_ending(path, SUFFIX)
+        path = check_suffix(path, SUFFIX)
         write_atomic(path, texture.to_bytes())
         return path
     if texture.family not in TEXTURES | TAPS:
@@ -164,7 +164,7 @@ def describe(path: str | Path) -> dict[str, Any]:
     }
 
 
-class Header(Written):
+class Header(StrictModel):
     """What a file says of itself.
 
     Attributes
@@ -209,7 +209,7 @@ def header_of(stored: Stored, unit: str, where: object) -> Header:
         raise ValueError(f"{where}: no JSON for the parameters ({error}). Expected numbers, text") from error
     facts = {key: getattr(stored, key, None) for key in ("fs", "order", "operations")}
     content = {"family": stored.family, "name": getattr(stored, "name", ""), "unit": unit, **facts}
-    return checked(Header, content | {"parameters": parameters}, where)
+    return validate(Header, content | {"parameters": parameters}, where)
 
 
 def write_stored(stored: Stored, path: str | Path, *, unit: str) -> Path:
@@ -220,7 +220,7 @@ def write_stored(stored: Stored, path: str | Path, *, unit: str) -> Path:
     ValueError
         If the path does not end in `.texture`, or something is not what a file may hold.
     """
-    path = path_ending(path, SUFFIX)
+    path = check_suffix(path, SUFFIX)
     arrays = {name: np.array(array, order="C") for name, array in stored.arrays().items()}
     _check_arrays(arrays, path)
     write_atomic(path, sealed(header_of(stored, unit, path), arrays))
@@ -265,7 +265,7 @@ def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
         content = from_json(text, allow_inf_nan=False)
     except (SafetensorError, ValueError) as error:
         raise ValueError(f"{path}: is damaged ({error}). Expected a whole {SUFFIX} file") from error
-    header = checked(Header, content, path)
+    header = validate(Header, content, path)
     if text != header.model_dump_json():
         raise ValueError(
             f"{path}: has a header of another form. Expected each key once, as texclass writes it"

@@ -20,9 +20,9 @@ from pydantic_core import from_json
 from scipy.fft import next_fast_len
 from scipy.signal import hilbert, resample_poly
 
-from texclass.atomic_write import path_ending, write_atomic
+from texclass.atomic_write import check_suffix, write_atomic
 from texclass.recording import UNITS, Samples, Unit
-from texclass.validation import Written, checked
+from texclass.validation import StrictModel, validate
 
 Encoding = Literal["float32", "pcm16", "audible"]
 FULL_SCALE = 32767
@@ -92,7 +92,7 @@ def write_wav(
     OSError
         If it cannot be written; nothing is left behind.
     """
-    path, x = path_ending(path, ".wav"), np.asarray(samples, dtype=np.float64)
+    path, x = check_suffix(path, ".wav"), np.asarray(samples, dtype=np.float64)
     if encoding not in get_args(Encoding) or unit not in UNITS:
         raise ValueError(f"{encoding!r}, {unit!r}. Expected one of {get_args(Encoding)} and of {UNITS}")
     if x.ndim not in (1, 2) or not x.size or not np.all(np.isfinite(x)):
@@ -196,7 +196,7 @@ def read_wav(path: str | Path) -> Vibration:
         content = from_json(comment, allow_inf_nan=False)
     except ValueError as error:
         raise ValueError(f"{path}: comment is not the JSON it should be ({error})") from error
-    note = checked(_Note, content, f"{path}: comment")
+    note = validate(_Note, content, f"{path}: comment")
     if not abs(note.fs - rate) <= 0.5:
         raise ValueError(
             f"{path}: comment has fs {note.fs!r:.40}, the header {rate:g}. Expected the same, rounded"
@@ -205,7 +205,7 @@ def read_wav(path: str | Path) -> Vibration:
     return Vibration(x, note.fs, note.unit, note.peak, note.shift_hz)
 
 
-class _Note(Written):
+class _Note(StrictModel):
     """The comment in a WAV of ours."""
 
     texclass: int

@@ -23,7 +23,7 @@ from pydantic import (
 )
 
 from texclass.recording import Samples, Unit
-from texclass.validation import Written, checked, read_toml
+from texclass.validation import StrictModel, read_toml, validate
 
 EXAMPLES = Path(__file__).with_name("examples")
 COLUMNS = ("time", "x", "y", "force", "surface")
@@ -62,7 +62,7 @@ File = Annotated[Path, Strict(False), AfterValidator(_existing)]
 Range = Annotated[tuple[float, float], Strict(False), AfterValidator(_rising)]
 
 
-class Device(Written):
+class Device(StrictModel):
     """What plays the scene.
 
     Attributes
@@ -92,7 +92,7 @@ class Device(Written):
         return self
 
 
-class Expected(Written):
+class Expected(StrictModel):
     """What the hand will do: ranges, or the path file that they are taken from.
 
     Attributes
@@ -127,7 +127,7 @@ class Expected(Written):
         return self
 
 
-class Tolerance(Written):
+class Tolerance(StrictModel):
     """How far a model may be from the surface.
 
     Attributes
@@ -166,7 +166,7 @@ class Tolerance(Written):
         return self
 
 
-class Budget(Written):
+class Budget(StrictModel):
     """What the loop can afford: microseconds per sample for all contacts together, bytes, contacts."""
 
     microseconds: float = Field(gt=0)
@@ -174,7 +174,7 @@ class Budget(Written):
     contacts: int = Field(ge=1, le=1000)
 
 
-class RecordingDefinition(Written):
+class RecordingDefinition(StrictModel):
     """One recording file: speed and force are the name of a column, or one number that holds throughout."""
 
     file: File
@@ -185,7 +185,7 @@ class RecordingDefinition(Written):
     column: Text | None = None
 
 
-class SurfaceDefinition(Written):
+class SurfaceDefinition(StrictModel):
     """Where one surface comes from: exactly one of the four sources.
 
     Attributes
@@ -221,7 +221,7 @@ class SurfaceDefinition(Written):
         return self
 
 
-class SceneDefinition(Written):
+class SceneDefinition(StrictModel):
     """A scene, as its TOML says; paths in it are relative to it."""
 
     name: Text
@@ -271,7 +271,7 @@ def read_scene(name_or_path: str | Path) -> SceneDefinition:
         raise FileNotFoundError(
             f"{path}: no such file, and none of the shipped scenes ({', '.join(examples())})"
         )
-    return checked(SceneDefinition, {"name": path.stem, **read_toml(path)}, path, context=path)
+    return validate(SceneDefinition, {"name": path.stem, **read_toml(path)}, path, context=path)
 
 
 def scene_of_texture(file: str | Path) -> SceneDefinition:
@@ -305,7 +305,7 @@ def scene_of_texture(file: str | Path) -> SceneDefinition:
         "budget": {"microseconds": 1e6, "bytes": 1 << 30, "contacts": 1},
         "surfaces": {found["name"] or path.stem: {"texture": str(path.resolve())}},
     }  # fmt: skip
-    return checked(SceneDefinition, content, path, context=path)
+    return validate(SceneDefinition, content, path, context=path)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from texclass.atomic_write import path_ending, write_atomic
+from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.scales import SCALES
 from texclass.haptics.scene.renderer import PlannedScene, packed
 from texclass.haptics.textures import PackedTexture, Texture, felt_scales, retouch
@@ -142,7 +142,7 @@ def write_feel_page(
     ValueError
         As `feel_page`, or if the name does not end in `.html`.
     """
-    path = path_ending(path, ".html")
+    path = check_suffix(path, ".html")
     write_atomic(path, feel_page(scene, taps=taps, title=title).encode())
     return path
 
@@ -211,7 +211,7 @@ def write_slider_page(path: str | Path, texture: Texture, **given: Any) -> Path:
     ValueError
         As `slider_page`, or if the name does not end in `.html`.
     """
-    path = path_ending(path, ".html")
+    path = check_suffix(path, ".html")
     write_atomic(path, slider_page(texture, **given).encode())
     return path
 

@@ -23,7 +23,7 @@ from texclass.recognition.model import Model
 from texclass.recognition.probabilities import CORRELATION
 from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples
 from texclass.signals import causal
-from texclass.validation import check_above_0
+from texclass.validation import check_positive
 
 LONGEST_WINDOW_S = 30.0
 RUN_WINDOW_S = 5.0
@@ -70,7 +70,7 @@ class OnlineSettings:
     rules: ContactRules = field(default_factory=ContactRules)
 
     def __post_init__(self) -> None:
-        check_above_0(window_s=self.window_s, hop_s=self.hop_s)
+        check_positive(window_s=self.window_s, hop_s=self.hop_s)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.loaders.timestamps import TIMESTAMPS, nominal_rate, usual_step
+from texclass.loaders.timestamps import TIMESTAMPS, nominal_rate, typical_step
 from texclass.recording import RecordingError, Samples
 
 Stamps = NDArray[np.int64]
@@ -294,7 +294,7 @@ def _period(stamps: Samples) -> float:
     step = np.diff(ticks)
     if len(ticks) > 3 and np.mean(n[1:-1] > 1) >= TIMESTAMPS.shared:  # the first and the last may be cut
         return float(ticks[-1] - ticks[1]) / float(n[1:-1].sum())
-    return usual_step(step) if np.median(step) > 0.2 * step.mean() else float(step.mean())
+    return typical_step(step) if np.median(step) > 0.2 * step.mean() else float(step.mean())
 
 
 def _steps(

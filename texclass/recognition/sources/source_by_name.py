@@ -15,8 +15,8 @@ import numpy as np
 from texclass import shipped
 from texclass.features.phase_view import TURN
 from texclass.loaders import find_recording
-from texclass.loaders.plausibility import agreed_unit
-from texclass.loaders.readers import ReaderSettings, columns_of, refused
+from texclass.loaders.plausibility import resolve_unit
+from texclass.loaders.readers import ReaderSettings, as_column_names, reader_error
 from texclass.recognition.model import Model
 from texclass.recognition.sources.blocks import Block, BlockSource, resampled
 from texclass.recognition.sources.training_input import ACCELERATION_ONLY
@@ -140,7 +140,7 @@ def _heard(
 ) -> BlockSource:
     """Return what standard input says, as text or as numbers of so many channels, in the units of a model."""
     ReaderSettings(fs=fs, unit=unit, delimiter=delimiter).check(STDIN)
-    unit = agreed_unit(None, unit or (None if model is None else model.manifest.input.unit), STDIN)
+    unit = resolve_unit(None, unit or (None if model is None else model.manifest.input.unit), STDIN)
     if fs is None:
         raise RecordingError(f"{STDIN}: fs is missing. Expected a rate in Hz, never guessed: give --fs")
     n = max(1, round(block_s * fs))
@@ -150,10 +150,10 @@ def _heard(
         if not 1 <= raw_channels <= MOST_CHANNELS:
             raise ValueError(f"n_channels is {raw_channels}. Expected 1 to {MOST_CHANNELS}")
         if model is not None:
-            model.needs.n_axes(len(columns_of(column)) or raw_channels)
+            model.needs.n_axes(len(as_column_names(column)) or raw_channels)
         blocks = _binary(file, fs, unit, raw_channels, n)
     if column is not None:
-        blocks = _of_columns(blocks, columns_of(column))
+        blocks = _of_columns(blocks, as_column_names(column))
     if model is not None and (in_rad := model.manifest.input.turn_rate_scale) != 1.0:
         factors = np.array([in_rad if name in TURN else 1.0 for name in model.needs.names])
         blocks = (replace(block, samples=block.samples * factors) for block in blocks)
@@ -176,7 +176,7 @@ def _of_columns(blocks: BlockSource, columns: Sequence[str]) -> BlockSource:
         for block in blocks:
             n = block.samples.shape[1]
             if wrong := [name for name in columns if not (name.isdecimal() and 1 <= int(name) <= n)]:
-                raise refused(STDIN, f"column {wrong[0]!r} is not there", f"a number from 1 to {n}")
+                raise reader_error(STDIN, f"column {wrong[0]!r} is not there", f"a number from 1 to {n}")
             yield replace(block, samples=block.samples[:, [int(name) - 1 for name in columns]])
 
 

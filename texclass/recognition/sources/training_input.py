@@ -14,16 +14,16 @@ from texclass.features.phase_view import TURN
 from texclass.loaders import files, find_recording, open_dataset
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
 from texclass.loaders.columns import TURN_RATE, choose_acceleration
-from texclass.loaders.data_files import composed
+from texclass.loaders.data_files import normalize_name
 from texclass.loaders.dataset import Dataset
-from texclass.loaders.exports import export_in
-from texclass.loaders.filesets import conditioned
+from texclass.loaders.exports import find_export
+from texclass.loaders.filesets import condition_recording
 from texclass.loaders.open import flat_files
-from texclass.loaders.plausibility import agreed_unit, build_recording
-from texclass.loaders.readers import BAG_FOLDER, FORMATS, ReaderSettings, columns_of, is_bag
+from texclass.loaders.plausibility import build_recording, resolve_unit
+from texclass.loaders.readers import BAG_METADATA, FORMATS, ReaderSettings, as_column_names, is_bag
 from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recording import Recording, RecordingError, Samples
-from texclass.validation import Written
+from texclass.validation import StrictModel
 
 Beside = Literal["turn_rate", "friction"]
 
@@ -108,7 +108,7 @@ class Needs:
 ACCELERATION_ONLY: Needs = Needs()
 
 
-class TrainingFiles(Written):
+class TrainingFiles(StrictModel):
     """What a dataset card says of its files, as far as one file of the same kind needs it.
 
     Attributes
@@ -184,10 +184,10 @@ class TrainingFiles(Written):
         """
         path = Path(name).expanduser()
         is_file = path.suffix.lower() in FORMATS and (path.exists() or ":" not in str(name))
-        is_file |= export_in(path) is not None
+        is_file |= find_export(path) is not None
         if is_file or _is_bag(name):
             resample = reading.pop("resample", None)
-            told = {"acceleration": columns_of(reading.pop("column", None)), **reading}
+            told = {"acceleration": as_column_names(reading.pop("column", None)), **reading}
             like = self.model_copy(update={key: value for key, value in told.items() if value})
             return like.load(name, fs=fs, unit=unit, resample=resample)
         return find_recording(name, fs=fs, unit=unit, **reading)
@@ -216,7 +216,7 @@ class TrainingFiles(Written):
         for name in names:
             surface, equals, file = str(name).partition("=")
             if equals and not Path(name).expanduser().exists() and not files.is_bag_name(str(name)):
-                found.append(self.find(file, **reading).with_(surface=composed(surface)))
+                found.append(self.find(file, **reading).with_(surface=normalize_name(surface)))
             else:
                 for one in self.members(name, labels, **reading):
                     felt = one.load()
@@ -242,14 +242,14 @@ class TrainingFiles(Written):
             As `open_dataset`, or if there are labels of something else than a folder.
         """
         path = Path(name).expanduser()
-        if path.is_dir() and not (path / BAG_FOLDER).is_file() and not export_in(path):
+        if path.is_dir() and not (path / BAG_METADATA).is_file() and not find_export(path):
             if labels is None and (flat := flat_files(path)):
                 return [Member(str(file), partial(self.find, file, **reading)) for file in flat]
             stated: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
             stated |= {key: value for key, value in reading.items() if value is not None}
             dataset = open_dataset(path, labels=labels, **stated)
             found = [(path / entry.paths[0], entry.surface) for entry in dataset.entries]
-            exported = {folder for folder in {file.parent for file, _ in found} if export_in(folder)}
+            exported = {folder for folder in {file.parent for file, _ in found} if find_export(folder)}
             whole = [file.parent if file.parent in exported else file for file, _ in found]
             return [
                 Member(str(file), partial(self.find, file, **reading), surface)
@@ -283,7 +283,7 @@ class TrainingFiles(Written):
         RecordingError
             If the file is bad, or contradicts `fs` or `unit`.
         """
-        path, asked = files.located(name) if _is_bag(name) else (Path(name).expanduser(), None)
+        path, asked = files.locate_recording(name) if _is_bag(name) else (Path(name).expanduser(), None)
         if not asked and self.topic is not None and is_bag(path) and self.topic in files.topics(path):
             asked = self.topic
         settings = ReaderSettings(
@@ -299,7 +299,7 @@ class TrainingFiles(Written):
             drop_incomplete=self.drop_incomplete,
         )
         settings.check(path)
-        axes, beside, said = files.sources(path)
+        axes, beside, said = files.source_files(path)
         first = next(iter(axes.values()))
         of_bag = is_bag(first)
         roles = {"acceleration": self.acceleration, **self.auxiliary}
@@ -312,7 +312,7 @@ class TrainingFiles(Written):
             if len(signals.channels) == len(self.axes):
                 signals = replace(signals, channels=self.axes)
         own = signals.unit if of_bag or self.scale == 1.0 else None  # else it was scaled to another
-        stated = agreed_unit(own, unit or own or self.unit, path)
+        stated = resolve_unit(own, unit or own or self.unit, path)
         scale = self.scale if stated == self.unit else 1.0
         recording = build_recording(
             signals,
@@ -325,7 +325,7 @@ class TrainingFiles(Written):
             flags=said,
         )
         as_trained = roles.get("turn_rate") == self.auxiliary.get("turn_rate")
-        return conditioned(
+        return condition_recording(
             recording,
             scale,
             self.phases,
@@ -353,4 +353,4 @@ def _is_bag(name: str | Path) -> bool:
     """Whether a name is of a bag: "bag:FILE", a file, or a folder of rosbag2."""
     path = Path(name).expanduser()
     is_there = (path.exists() or ":" not in str(name)) and is_bag(path)
-    return files.is_bag_name(name) or is_there or (path / BAG_FOLDER).is_file()
+    return files.is_bag_name(name) or is_there or (path / BAG_METADATA).is_file()

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from texclass import __version__
-from texclass.atomic_write import path_ending, write_atomic
+from texclass.atomic_write import check_suffix, write_atomic
 from texclass.recognition.model import Model
 from texclass.robot.export import sample_parity
 from texclass.robot.export.answers_graph import build
@@ -86,7 +86,7 @@ def export_onnx(
     ValueError
         If the suffix is another one.
     """
-    path_ending(path, ".onnx")
+    check_suffix(path, ".onnx")
     check_installed("exporting to ONNX")
     of_samples, n_samples = None, 0
     try:
