@@ -90,7 +90,8 @@ def compared(name: str, n_baseline_draws: int, asked: Any) -> dict[str, Any]:
         if asked.baselines_python and seed < n_baseline_draws:
             right = np.full(len(labels), np.nan)
             signals = [
-                same_signals(r, apart, without_hand=pipeline.features.without_hand) for r in recordings
+                same_signals(r, apart, remove_hand_motion=pipeline.features.remove_hand_motion)
+                for r in recordings
             ]
             for k, (predicted, feature_s) in of_baseline(signals, labels, splits, recordings[0].fs, asked):
                 right[splits[k][1]] = predicted == labels[splits[k][1]]

@@ -72,7 +72,7 @@ def sets(knee: Path) -> dict[str, FeatureSet]:
 def fresh(recording: Recording, phases: Phases) -> Views:
     """Views that remember nothing yet, their samples conditioned."""
     views = Views(recording, phases)
-    for phase in ("movement", "without_hand", "tap", "friction"):
+    for phase in ("movement", "vibration", "tap", "friction"):
         getattr(views, phase)
     return views
 

@@ -19,7 +19,7 @@ from texclass.recording import Recording, Samples
 from texclass.simulate.recipe import Recipe
 
 RECIPE = Recipe(n_surfaces=24, n_recordings=4, n_operators=4, duration_s=4.0, fs=10_000, seed=77)
-N_CHANGES, N_PIECES = 24, 4
+N_CHANGES, N_SEGMENTS = 24, 4
 
 
 def quicker(x: Samples) -> Samples:
@@ -53,10 +53,10 @@ def main() -> None:
     command_line(__doc__)
     plan = Plan.of(load_feature_set("surfaces"))
     place = {column: i for i, column in enumerate(plan.columns)}
-    names = list(dict.fromkeys(column.partition(".piece")[0] for column in plan.columns))
+    names = list(dict.fromkeys(column.partition(".segment")[0] for column in plan.columns))
     of_pieces = [
-        [place.get(f"{name}.piece{piece}", place.get(name)) for name in names]
-        for piece in range(1, N_PIECES + 1)
+        [place.get(f"{name}.segment{piece}", place.get(name)) for name in names]
+        for piece in range(1, N_SEGMENTS + 1)
     ]
     rows = []
     for recording in open_simulated(RECIPE, name="known changes"):

@@ -18,7 +18,7 @@ from every_command import PROGRAM
 import texclass
 from texclass.cli import main
 from texclass.features import load_feature
-from texclass.features.contract import registered
+from texclass.features.contract import list_features
 from texclass.features.phase_view import PhaseView
 from texclass.haptics.scene import pages
 from texclass.simulate.recipe import Recipe
@@ -60,7 +60,7 @@ def run(command: str, monkeypatch) -> None:
 
 def follow(page, folder, monkeypatch) -> None:
     """Save the files of a page, and run its commands and snippets."""
-    monkeypatch.setattr("texclass.features.contract._REGISTRY", registered())
+    monkeypatch.setattr("texclass.features.contract._REGISTRY", list_features())
     names: dict = {}
     for kind, file, text in BLOCK.findall(page.read_text(encoding="utf-8")):
         if file:

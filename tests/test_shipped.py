@@ -11,7 +11,7 @@ import pytest
 
 import texclass as tx
 from texclass import shipped
-from texclass.features import contract, find
+from texclass.features import contract, find_feature
 from texclass.loaders import read_card
 
 PACKAGE = Path(__file__).parent / "added_package"
@@ -32,7 +32,7 @@ def installed(tmp_path, monkeypatch):
         (metadata / "entry_points.txt").write_text("".join(said))
         shipped.entry_point_modules.cache_clear()
 
-    monkeypatch.setattr(contract, "_REGISTRY", contract.registered())
+    monkeypatch.setattr(contract, "_REGISTRY", contract.list_features())
     for place in (tmp_path, PACKAGE):
         monkeypatch.syspath_prepend(place)
     install.groups = project["entry-points"]
@@ -45,7 +45,7 @@ def installed(tmp_path, monkeypatch):
 def test_what_a_package_adds_is_known_by_name(installed, tmp_path):
     installed(installed.groups)
     assert "toy" in shipped.names("feature_defs")
-    assert find("toy_crest").reference == "an example"
+    assert find_feature("toy_crest").reference == "an example"
     x = np.random.default_rng(0).normal(size=(2, 1000))
     for surface, samples in zip(("oak", "pine"), x, strict=True):
         (tmp_path / "felt" / surface).mkdir(parents=True)
@@ -92,7 +92,7 @@ def test_a_command_that_cannot_be_imported_is_named_and_the_others_run(installed
 @pytest.mark.parametrize(
     ("group", "asked"),
     [
-        ("features", lambda: find("crest")),
+        ("features", lambda: find_feature("crest")),
         ("definitions", lambda: shipped.names("datasets")),
         ("readers", lambda: tx.load_recording(__file__, unit="g")),
     ],

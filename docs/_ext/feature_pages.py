@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import texclass as tx
-from texclass.features.examination import behaviour
+from texclass.features.contract_checks import behaviour
 from texclass.reporting.figure_style import DPI, OURS, STYLE
 from texclass.shipped import names
 from texclass.simulate import Grating, Surface, operator_catalogue, record_freehand
@@ -49,7 +49,7 @@ SEEDS = range(4)
 def write_feature_pages(folder):
     """Write the index, and a page with a figure for each registered feature."""
     folder.mkdir()
-    features = tx.features.registered()
+    features = tx.features.list_features()
     values = swept(features)
     costs = {
         cost["feature"]: cost["alone"] for cost in json.loads(COSTS.read_text(encoding="utf-8"))["costs"]
@@ -73,7 +73,7 @@ def swept(features):
             listed = [f"[features.{name}]" for name in features if (name in printed) == of_paper]
             file = Path(place) / f"printed_{of_paper}.toml"
             file.write_text(
-                "\n".join([f"without_hand = {str(not of_paper).lower()}", *listed]), encoding="utf-8"
+                "\n".join([f"remove_hand_motion = {str(not of_paper).lower()}", *listed]), encoding="utf-8"
             )
             sets.append(tx.load_feature_set(file))
     tables = {}

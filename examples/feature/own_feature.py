@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import texclass as tx
-from texclass.features.conditioning import unit
+from texclass.features.movement_filters import unit
 
 # %%
 # The decorator states the phase, the unit, the reference, and how the value scales with the signal level.

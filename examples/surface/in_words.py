@@ -50,7 +50,7 @@ strokes = [
 with_speed = tx.extract(strokes, "scales")
 without_speed = tx.extract([one.with_(speed=None) for one in strokes], "scales")
 fine = {
-    "ridges per mm": with_speed["rib_density"],
+    "ridges per mm": with_speed["ridge_density"],
     "fine": tx.haptics.scale_values(with_speed)["fine"],
     "fine, without speed": tx.haptics.scale_values(without_speed)["fine"],
 }

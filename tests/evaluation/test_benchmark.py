@@ -87,7 +87,7 @@ def test_a_result_carries_facts_hashes_what_is_undefined_and_one_recording_with_
     facts, example = result.data["dataset"], result.data["example"]
     assert (facts["fs_hz"], facts["unit"], facts["n_surfaces"], facts["chance"]) == (FS, "m/s^2", 3, 1 / 3)
     assert len(result.data["code_hash"]) == 16
-    assert result.data["movement"] == "as printed, the hand left in"
+    assert result.data["movement"] == "hand motion kept, as printed"
     assert result.data["pipeline"]["features_hash"] == several.features.hash
     assert set(zip(result.table["clusters"], result.table["n_clusters"], strict=True)) == {("recording", 12)}
     undefined = {u["feature"]: u for u in result.data["undefined"]}

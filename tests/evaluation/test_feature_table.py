@@ -206,9 +206,9 @@ def test_a_channel_with_a_slash_in_its_name_keeps_its_features_and_reasons():
     table = FeatureTable(frame, tuple(frame.columns), np.zeros(1), (reason,))
     assert table.matching(["mfcc.m1"]) == ("force/left/mfcc.m1", "mfcc.m1")
     assert table.reason_of("hardness") == "no tap"
-    columns = tuple(f"{channel}/level.piece{i}" for channel in "xy" for i in (1, 2))
+    columns = tuple(f"{channel}/level.segment{i}" for channel in "xy" for i in (1, 2))
     pieces = FeatureTable(pd.DataFrame([[1.0] * 4], columns=columns), columns, np.zeros(1))
-    assert pieces.matching(["level.piece1", "level.piece2"]) == columns  # those of a channel together
+    assert pieces.matching(["level.segment1", "level.segment2"]) == columns  # those of a channel together
 
 
 def test_parts_that_a_second_process_took_away_cost_no_recording(toy_dataset, tmp_path, monkeypatch):

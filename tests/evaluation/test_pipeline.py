@@ -61,8 +61,8 @@ def test_what_is_trained_by_default_leaves_nothing_to_choose_and_knows_what_is_n
 
 def test_an_argument_of_a_classifier_may_be_an_estimator():
     judge = {"use": "texclass.classifiers.kernel_discriminant.KernelDiscriminant", "length": 1.0}
-    made = Use(use="texclass.classifiers.segment_voting.SegmentVoting", estimator=judge, n_pieces=4).make()
-    assert (made.estimator.length, made.n_pieces) == (1.0, 4)
+    made = Use(use="texclass.classifiers.segment_voting.SegmentVoting", estimator=judge, n_segments=4).make()
+    assert (made.estimator.length, made.n_segments) == (1.0, 4)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from matplotlib import pyplot as plt
 
-from texclass.features.contract import registered
+from texclass.features.contract import list_features
 from texclass.haptics.scene import pages
 
 GALLERY = Path(__file__).parents[2] / "examples"
@@ -31,7 +31,7 @@ SLOW = {
 def test_a_script_runs(script, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(plt, "show", lambda: None)
-    monkeypatch.setattr("texclass.features.contract._REGISTRY", registered())
+    monkeypatch.setattr("texclass.features.contract._REGISTRY", list_features())
     monkeypatch.setattr(pages, "VALUES", (7.0,))  # one a slider, of those that the tests of its page hold
     runpy.run_path(str(script))
     plt.close("all")

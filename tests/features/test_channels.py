@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from feature_signals import noise
 
-from texclass.features.channels import at_rails, both_ways, lag_correlation
+from texclass.features.channels import both_ways, clipping, lag_correlation
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import views_of
 from texclass.features.plan import Plan
@@ -43,9 +43,9 @@ def test_correlations_are_those_of_numpy():
 def test_rails_are_found_and_what_is_only_rounded_ends_nowhere():
     x = noise(20_000)
     clipped = np.clip(x, -1, 2)
-    assert at_rails(x, fs=FS) == 0
-    assert at_rails(clipped, fs=FS)[0] == pytest.approx(np.mean((clipped == -1) | (clipped == 2)), abs=2e-4)
-    assert at_rails(7 - 0.3 * clipped, fs=FS)[0] == at_rails(clipped, fs=FS)[0]
+    assert clipping(x, fs=FS) == 0
+    assert clipping(clipped, fs=FS)[0] == pytest.approx(np.mean((clipped == -1) | (clipped == 2)), abs=2e-4)
+    assert clipping(7 - 0.3 * clipped, fs=FS)[0] == clipping(clipped, fs=FS)[0]
 
 
 def test_every_two_channels_that_are_kept_apart_are_a_pair_named_after_both():

@@ -12,13 +12,13 @@ from feature_signals import FS, noise, tone
 from scipy import signal
 
 from texclass import features
-from texclass.features.contract import Feature, UndefinedFeatureError, find, registered
-from texclass.features.examination import bare_view, degenerate_inputs
+from texclass.features.contract import Feature, UndefinedFeatureError, find_feature, list_features
+from texclass.features.contract_checks import bare_view, degenerate_inputs
 from texclass.features.phase_view import PairView, PhaseView, TapSignal, TapView, views_of
 from texclass.features.sets import load_feature_set
 from texclass.recording import Recording
 
-FEATURES = registered()
+FEATURES = list_features()
 
 
 @functools.cache
@@ -272,13 +272,13 @@ def test_names_of_outputs_follow_the_parameters():
     assert columns("t{n:02d}f{lags}", n=2, lags=(4, 8)) == ("f.t01f4", "f.t01f8", "f.t02f4", "f.t02f8")
     assert columns(("f{n}", "rest"), n=1) == ("f.f1", "f.rest")
     assert columns(lambda n: ("a",) * n, n=1) == ("f.a",)
-    assert find("lpc_coefficients").columns("lpc", {"order": 2}) == ("lpc.a1", "lpc.a2")
-    assert find("mfcc").columns("m", {"coefficients": (2, 12)}) == ("m.c2", "m.c12")
-    assert find("band_level").columns("low", {"n_bands": 2, "n_pieces": 2}) == (
-        "low.b1.piece1", "low.b1.piece2", "low.b2.piece1", "low.b2.piece2",
+    assert find_feature("lpc_coefficients").columns("lpc", {"order": 2}) == ("lpc.a1", "lpc.a2")
+    assert find_feature("mfcc").columns("m", {"coefficients": (2, 12)}) == ("m.c2", "m.c12")
+    assert find_feature("band_level").columns("low", {"n_bands": 2, "n_segments": 2}) == (
+        "low.b1.segment1", "low.b1.segment2", "low.b2.segment1", "low.b2.segment2",
     )  # fmt: skip
 
 
 def test_a_name_that_no_feature_has_is_told_the_nearest():
     with pytest.raises(KeyError, match="did you mean waviness"):
-        find("wavines")
+        find_feature("wavines")

@@ -39,7 +39,7 @@ LOW = 2000.0
         (fineness.fineness, {}, LONG[:63], FS, "63 samples. Expected at least 64"),
         (fineness.grain_frequency, {}, LONG, 300.0, "fs is 300 Hz"),
         (fineness.grain_frequency, {}, LONG[:1900], FS, "three periods of 15 Hz"),
-        (fineness.rib_density, {}, LONG, 1000.0, "samples every 1 mm of the way"),
+        (fineness.ridge_density, {}, LONG, 1000.0, "samples every 1 mm of the way"),
         (related_work.spectral_peaks, {"n_peaks": 600}, LONG, FS, "spectral envelope. Expected 600"),
         (upper_cutoff, {}, LONG, 1.0, "Expected"),
     ],

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from texclass.features import load_feature, registered
+from texclass.features import list_features, load_feature
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import PhaseView
 
@@ -34,7 +34,7 @@ def plain(view):
 
 @pytest.fixture(autouse=True)
 def own_registry(monkeypatch):
-    monkeypatch.setattr("texclass.features.contract._REGISTRY", registered())
+    monkeypatch.setattr("texclass.features.contract._REGISTRY", list_features())
     monkeypatch.setattr(sys, "path", list(sys.path))
 
 

@@ -6,10 +6,10 @@ from feature_signals import noise
 from scipy import fft
 
 from texclass.features.bands import band_course, band_level
-from texclass.features.conditioning import level
-from texclass.features.contract import feature, registered
+from texclass.features.contract import feature, list_features
+from texclass.features.movement_filters import level
 from texclass.features.phase_view import (
-    LEAST_PIECE,
+    MIN_SEGMENT_SAMPLES,
     PhaseView,
     UndefinedFeatureError,
     channels_apart,
@@ -62,11 +62,11 @@ def test_a_transform_that_fails_is_not_remembered_and_wrong_arguments_are_refuse
     assert not view.memory
 
 
-X = noise(4 * LEAST_PIECE) * np.linspace(1, 2, 4 * LEAST_PIECE)
+X = noise(4 * MIN_SEGMENT_SAMPLES) * np.linspace(1, 2, 4 * MIN_SEGMENT_SAMPLES)
 
 
 def test_each_piece_has_the_value_it_has_by_itself():
-    found = band_level(PhaseView(X, FS), n_bands=8, n_pieces=4).reshape(8, 4)
+    found = band_level(PhaseView(X, FS), n_bands=8, n_segments=4).reshape(8, 4)
     for i, piece in enumerate(X.reshape(4, -1)):  # several at once are summed in another order
         np.testing.assert_allclose(
             found[:, i], band_level(PhaseView(piece, FS), n_bands=8), rtol=1e-6, atol=1e-6
@@ -75,13 +75,13 @@ def test_each_piece_has_the_value_it_has_by_itself():
 
 def test_one_piece_and_pieces_of_a_short_movement_have_the_value_of_the_whole():
     view = PhaseView(X, FS)
-    np.testing.assert_array_equal(band_course(view, n_parts=3, n_pieces=1), band_course(view, n_parts=3))
+    np.testing.assert_array_equal(band_course(view, n_parts=3, n_segments=1), band_course(view, n_parts=3))
     short = PhaseView(X[:-1], FS)  # too short for pieces: counts as equal ones
-    assert vibration_level(short, n_pieces=4).tolist() == 4 * vibration_level(short).tolist()
+    assert vibration_level(short, n_segments=4).tolist() == 4 * vibration_level(short).tolist()
 
 
 def test_a_feature_of_one_row_of_samples_sees_pieces_one_by_one(monkeypatch):
-    monkeypatch.setattr("texclass.features.contract._REGISTRY", registered())
+    monkeypatch.setattr("texclass.features.contract._REGISTRY", list_features())
 
     @feature("movement", "m/s^2", "test", divisible=True)
     def last_magnitude(view):
@@ -91,18 +91,18 @@ def test_a_feature_of_one_row_of_samples_sees_pieces_one_by_one(monkeypatch):
     view, timed = PhaseView(X, FS), []
     view.memory.timed = lambda key, compute: (timed.append((key[0].__name__, *key[1:])), compute())[1]
     ends = np.abs(X.reshape(4, -1)) / np.abs(X.reshape(4, -1)).max(axis=1, keepdims=True)
-    np.testing.assert_array_equal(last_magnitude(view, n_pieces=4), ends[:, -1])
-    assert ("level", "piece 3", "4 pieces") in timed
+    np.testing.assert_array_equal(last_magnitude(view, n_segments=4), ends[:, -1])
+    assert ("level", "segment 3", "4 segments") in timed
     zero = X.copy()
-    zero[2 * LEAST_PIECE - 1] = 0
-    with pytest.raises(UndefinedFeatureError, match="piece 2: the last sample is 0"):
-        last_magnitude(PhaseView(zero, FS), n_pieces=4)
+    zero[2 * MIN_SEGMENT_SAMPLES - 1] = 0
+    with pytest.raises(UndefinedFeatureError, match="segment 2: the last sample is 0"):
+        last_magnitude(PhaseView(zero, FS), n_segments=4)
 
 
-@pytest.mark.parametrize("name", [n for n, f in registered().items() if f.divisible == "at once"])
+@pytest.mark.parametrize("name", [n for n, f in list_features().items() if f.divisible == "at once"])
 def test_pieces_at_once_are_what_each_is_by_itself(name):
-    function = registered()[name].function
-    found = function(PhaseView(X, FS), n_pieces=4)
+    function = list_features()[name].function
+    found = function(PhaseView(X, FS), n_segments=4)
     alone = [np.atleast_1d(function(PhaseView(piece, FS))) for piece in X.reshape(4, -1)]
     np.testing.assert_allclose(found.reshape(-1, 4), np.stack(alone, axis=1), rtol=1e-6, atol=1e-7)
 
@@ -111,33 +111,33 @@ def test_pieces_share_their_transforms_which_are_timed_together():
     timed = []
     view = PhaseView(X, FS)
     view.memory.timed = lambda key, compute: (timed.append((key[0].__name__, *key[1:])), compute())[1]
-    band_level(view, n_pieces=2)
-    assert ("whole_periodogram", "2 pieces") in timed
+    band_level(view, n_segments=2)
+    assert ("whole_periodogram", "2 segments") in timed
     before = len(timed)
-    band_level(view, n_pieces=2)
+    band_level(view, n_segments=2)
     assert len(timed) == before
 
 
 def test_a_piece_without_value_and_a_wrong_number_of_pieces_are_named():
     quiet = X.copy()
-    quiet[LEAST_PIECE : 2 * LEAST_PIECE] = 0
-    with pytest.raises(UndefinedFeatureError, match="piece 2: silence"):
-        band_level(PhaseView(quiet, FS), n_pieces=4)
-    for n_pieces in (0, -1, 1.5):
+    quiet[MIN_SEGMENT_SAMPLES : 2 * MIN_SEGMENT_SAMPLES] = 0
+    with pytest.raises(UndefinedFeatureError, match="segment 2: silence"):
+        band_level(PhaseView(quiet, FS), n_segments=4)
+    for n_segments in (0, -1, 1.5):
         with pytest.raises(ValueError, match="Expected a whole number of at least 1"):
-            band_level(PhaseView(X, FS), n_pieces=n_pieces)
+            band_level(PhaseView(X, FS), n_segments=n_segments)
 
 
 def test_the_shipped_set_of_quarters_divides_the_set_texclass():
     quarters, names = load_feature_set("multiscale"), {m.name for m in load_feature_set("texclass").members}
     own = [m.feature.function.__module__ for m in quarters.members if m.name not in names]
-    assert set(own) == {"texclass.features.excess"}
+    assert set(own) == {"texclass.features.residual_bands"}
     shared = quarters.restricted_to(m.name for m in quarters.members if m.name in names)
     whole = load_feature_set("texclass").restricted_to(m.name for m in shared.members)
-    assert shared.column_names == tuple(f"{c}.piece{i}" for c in whole.column_names for i in (1, 2, 3, 4))
+    assert shared.column_names == tuple(f"{c}.segment{i}" for c in whole.column_names for i in (1, 2, 3, 4))
     for a, b in zip(whole.members, shared.members, strict=True):
-        assert (a.name, {**a.parameters, "n_pieces": 4}) == (b.name, b.parameters)
-    assert {m.parameters["n_pieces"] for m in quarters.members} == {4}
+        assert (a.name, {**a.parameters, "n_segments": 4}) == (b.name, b.parameters)
+    assert {m.parameters["n_segments"] for m in quarters.members} == {4}
 
 
 def exploration(**changes):
@@ -156,11 +156,13 @@ def test_movement_is_the_combined_axes_and_the_hand_is_left_out_only_where_asked
     views = views_of(exploration())[""]
     np.testing.assert_allclose(views.of("movement").samples, movement, atol=3e-5)
     np.testing.assert_allclose(
-        views.of("movement", without_hand=True).samples, remove_hand_motion(movement, FS), atol=3e-5
+        views.of("movement", remove_hand_motion=True).samples, remove_hand_motion(movement, FS), atol=3e-5
     )
     for unit in ("m/s^2", "counts"):
         level = exploration().acceleration - [0.0, 0.0, 9.81 * (unit == "m/s^2")]
-        found = views_of(exploration(acceleration=level, unit=unit))[""].of("movement", without_hand=True)
+        found = views_of(exploration(acceleration=level, unit=unit))[""].of(
+            "movement", remove_hand_motion=True
+        )
         np.testing.assert_allclose(found.samples, combine(level[400:]), atol=3e-5)
 
 

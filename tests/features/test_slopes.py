@@ -7,7 +7,7 @@ import pytest
 from feature_signals import noise, tone
 from scipy import signal, stats
 
-from texclass.features import excess, slopes
+from texclass.features import residual_bands, slopes
 from texclass.features.bands import band_level, octave_level
 from texclass.features.phase_view import PhaseView
 from texclass.features.slopes import LAGS, curvature_level, curvature_shape, slope_agreement, slope_level
@@ -98,35 +98,39 @@ def test_levels_of_a_tone_are_its_amplitude_times_the_response_of_the_difference
 # Above the line ---------------------------------------------------------------------------------------------
 
 LEVELS = {
-    excess.band_excess: band_level,
-    excess.octave_excess: octave_level,
-    excess.slope_excess: slope_level,
-    excess.curvature_excess: curvature_level,
+    residual_bands.band_residual_level: band_level,
+    residual_bands.octave_residual_level: octave_level,
+    residual_bands.slope_residual_level: slope_level,
+    residual_bands.curvature_residual_level: curvature_level,
 }
 
 
 def test_the_line_is_the_least_squares_fit_of_slope_levels():
-    assert excess.level_tilt(view(NOISE)) == pytest.approx([0], abs=2e-3)
+    assert residual_bands.level_tilt(view(NOISE)) == pytest.approx([0], abs=2e-3)
     walk = view(np.cumsum(NOISE))
-    assert excess.level_tilt(walk) == pytest.approx([-np.log10(2) / 2], abs=5e-3)
-    np.testing.assert_allclose(excess.slope_excess(walk), 0, atol=5e-3)
+    assert residual_bands.level_tilt(walk) == pytest.approx([-np.log10(2) / 2], abs=5e-3)
+    np.testing.assert_allclose(residual_bands.slope_residual_level(walk), 0, atol=5e-3)
     one = view(coloured())
     tilt, middle = np.polyfit(-np.log2(LAGS), slope_level(one), 1)
-    found = excess.line_at(one, np.array([0.0, -3.0]))
+    found = residual_bands.line_at(one, np.array([0.0, -3.0]))
     np.testing.assert_allclose(found, [middle, middle - 3 * tilt], rtol=1e-9)
 
 
 def test_levels_are_the_excess_and_the_line_at_the_middle_of_each_band():
     one = view(coloured())
-    at, edges = partial(excess.line_at, one), np.linspace(0, 1, 25)
+    at, edges = partial(residual_bands.line_at, one), np.linspace(0, 1, 25)
     for feature, parameters, expected in (
-        (excess.band_excess, {}, 2 * at(np.log2((edges[1:] + edges[:-1]) / 2))),
-        (excess.octave_excess, {"octaves": (2, 3)}, 2 * at(np.array([-2 - 1 / 6, -2.5, -3 + 1 / 6]))),
-        (excess.slope_excess, {"lags": (4,)}, at(np.array([-2.0]))),
-        (excess.curvature_excess, {"lags": (4,)}, at(np.array([-2.0]))),
+        (residual_bands.band_residual_level, {}, 2 * at(np.log2((edges[1:] + edges[:-1]) / 2))),
+        (
+            residual_bands.octave_residual_level,
+            {"octaves": (2, 3)},
+            2 * at(np.array([-2 - 1 / 6, -2.5, -3 + 1 / 6])),
+        ),
+        (residual_bands.slope_residual_level, {"lags": (4,)}, at(np.array([-2.0]))),
+        (residual_bands.curvature_residual_level, {"lags": (4,)}, at(np.array([-2.0]))),
     ):
         found = LEVELS[feature](one, **parameters) - feature(one, **parameters)
         np.testing.assert_allclose(found, expected)
-    left = excess.slope_excess(one)
+    left = residual_bands.slope_residual_level(one)
     assert np.abs(left).max() > 0.02
-    assert (left.sum(), left @ excess.octaves_of(LAGS)) == pytest.approx((0, 0), abs=1e-9)
+    assert (left.sum(), left @ residual_bands.octaves_of(LAGS)) == pytest.approx((0, 0), abs=1e-9)

@@ -35,7 +35,7 @@ def test_a_surface_lies_among_its_references_and_next_to_itself(references):
     felt = tx.haptics.describe([references[0], references[1]], references)
     assert felt["recording"].nunique() == 2
     assert felt["scale"].tolist()[:6] == ["hard", "rough", "bumpy", "sticky", "fine", "regular"]
-    assert (felt["of"][felt["feature"] != "rib_density"] == 6).all()
+    assert (felt["of"][felt["feature"] != "ridge_density"] == 6).all()
     assert felt["value"].notna().all()
     hard = felt[felt["scale"] == "hard"].iloc[0]
     assert references[0].surface in hard["between"]
@@ -61,7 +61,7 @@ def test_what_a_recording_cannot_tell_is_said(references):
 def test_by_what_fine_and_regular_are_told_is_said(references):
     ribbed = [r for r in references if r.surface == references[0].surface]
     felt = tx.haptics.describe(ribbed, references).set_index("scale")
-    assert set(felt["feature"]["regular"]) == {"rib_prominence"}
+    assert set(felt["feature"]["regular"]) == {"ridge_prominence"}
     assert set(felt["unit"]["regular"]) == {"dB"}
     without = tx.haptics.describe([r.with_(speed=None) for r in ribbed], references).set_index("scale")
     assert set(without["feature"]["fine"]) == {"grain_frequency"}
@@ -69,8 +69,8 @@ def test_by_what_fine_and_regular_are_told_is_said(references):
     assert (without["of"] == 6).all()
     measured = tx.extract(ribbed, "scales")
     for i, values in enumerate(measured.to_dict("records")):
-        ribs = not np.isnan(values["rib_density"])
-        assert felt["feature"]["fine"].iloc[i] == ("rib_density" if ribs else "grain_frequency")
+        ribs = not np.isnan(values["ridge_density"])
+        assert felt["feature"]["fine"].iloc[i] == ("ridge_density" if ribs else "grain_frequency")
         assert felt["of"]["fine"].iloc[i] == (3 if ribs else 6)
     assert "Fine in 1/mm: ribs" in render_markdown(felt_document(felt.reset_index()))
 

@@ -42,13 +42,13 @@ def test_fine_and_regular_are_linked_over_the_way_where_it_is_known():
     columns = [scale.column for scale in SCALES.values()]
     told = pd.DataFrame([[100.0, 0.0, -0.5, 0.5, 50.0, 0.1]] * 3, columns=columns)
     by_time = scale_values(told)
-    ribs = told.assign(rib_density=[0.2, 1.45, np.nan], rib_prominence=[2.2, np.nan, 9.0])
+    ribs = told.assign(ridge_density=[0.2, 1.45, np.nan], ridge_prominence=[2.2, np.nan, 9.0])
     found = scale_values(ribs)
     np.testing.assert_allclose(found["fine"], [0, 10, by_time["fine"][2]])
     np.testing.assert_allclose(found["regular"], [0, by_time["regular"][1], 10])
     pd.testing.assert_frame_equal(found.drop(columns=["fine", "regular"]), by_time.iloc[:, :4])
     links = [link_of("fine", row).column for row in ribs.to_dict("records")]
-    assert links == ["rib_density", "rib_density", "grain_frequency"]
+    assert links == ["ridge_density", "ridge_density", "grain_frequency"]
     assert {link_of(name, told.iloc[0].to_dict()) for name in SCALES} == set(SCALES.values())
     assert set(OVER_THE_WAY) < set(SCALES)
 

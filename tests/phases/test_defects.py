@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from texclass.phases import find_glitches, find_phases
-from texclass.phases.defects import BLOCK, NEAR, WILD, glitches_of
+from texclass.phases.defects import BLOCK, NEAR, WILD, get_glitches
 from texclass.recording import Recording
 
 FS = 10_000.0
@@ -56,10 +56,10 @@ def test_glitches_of_short_signals_are_those_of_the_definition(n):
 @pytest.mark.parametrize("stop", [0, 2, 700, BLOCK - 1, BLOCK, 2 * BLOCK + 1, 25_000])
 def test_what_is_mended_does_not_depend_on_whether_phases_were_searched(stop):
     recording = Recording(rest_with_wild_samples(), FS, "m/s^2")
-    before = glitches_of(recording, stop)
+    before = get_glitches(recording, stop)
     np.testing.assert_array_equal(before, PLACES[stop > PLACES])
     find_phases(recording)
-    np.testing.assert_array_equal(glitches_of(recording, stop), before)
+    np.testing.assert_array_equal(get_glitches(recording, stop), before)
 
 
 @pytest.mark.parametrize("far", [0.999, 1.001])

@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 from texclass.phase_settings import PhaseSettings
-from texclass.phases import Levels, find_impulses, find_phases, hand_start
+from texclass.phases import Levels, find_hand_start, find_impulses, find_phases
 from texclass.recording import Phases, Recording, Tap
 
 FS = 10_000.0
@@ -166,7 +166,7 @@ def test_an_impulse_is_sharp_if_its_peak_follows_the_rise_within_45_ms(later):
     for impulse in found:
         assert impulse.peak == pytest.approx(300 + later, abs=1)
         # what was before ends 15 ms earlier: so long, the rise is compared with rest
-        assert impulse.stands_out_db == pytest.approx(25.0 + 7.0 * 15 / later, abs=0.5)
+        assert impulse.prominence_db == pytest.approx(25.0 + 7.0 * 15 / later, abs=0.5)
 
 
 @pytest.mark.parametrize(("at", "is_found"), [(20, True), (50, True), (65, False)])
@@ -217,4 +217,4 @@ def test_a_long_pull_of_the_hand_starts_where_it_leaves_the_rest():
     fs, pull_s, t = 10_000.0, 0.11, np.arange(2500) / 10_000.0
     pull = np.outer(1.5 * np.clip(1.0 - (0.25 - t) / pull_s, 0.0, 1.0), [0.6, 0.8])
     rest = 9.81 + 0.01 * np.random.default_rng(0).standard_normal((2500, 2))
-    assert hand_start(rest + pull, fs) / fs == pytest.approx(0.25 - 0.8 * pull_s, abs=0.008)
+    assert find_hand_start(rest + pull, fs) / fs == pytest.approx(0.25 - 0.8 * pull_s, abs=0.008)

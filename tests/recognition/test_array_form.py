@@ -33,13 +33,13 @@ CLASSIFIERS = (
     KernelDiscriminant(),
     KernelDiscriminant(shrinkage=1.0),
     KernelDiscriminant(limit=0.8),
-    SegmentVoting(n_pieces=2),
+    SegmentVoting(n_segments=2),
     SegmentVoting(
-        make_pipeline(StandardScaler(), LinearDiscriminantAnalysis()), n_pieces=3, whole_weight=0.0
+        make_pipeline(StandardScaler(), LinearDiscriminantAnalysis()), n_segments=3, whole_weight=0.0
     ),
-    SegmentVoting(GaussianNB(), n_pieces=2),
-    SegmentVoting(n_pieces=2, undivided=(0, 3)),
-    SegmentVoting(n_pieces=2, undivided=tuple(range(6))),
+    SegmentVoting(GaussianNB(), n_segments=2),
+    SegmentVoting(n_segments=2, undivided=(0, 3)),
+    SegmentVoting(n_segments=2, undivided=tuple(range(6))),
     make_pipeline(SelectKBest(k=3), GaussianNB()),
 )
 
@@ -59,7 +59,7 @@ def test_decisions_are_those_of_scikit_learn(classifier, n_classes):
 def test_pieces_judged_with_columns_of_the_whole_decide_as_they_do_in_scikit_learn():
     y = np.arange(40) % 3
     X = np.column_stack([np.repeat(RNG.normal(size=(40, 2)), 2, axis=1), RNG.normal(size=40)]) + y[:, None]
-    trained = SegmentVoting(n_pieces=2, undivided=(4,)).fit(X, y)
+    trained = SegmentVoting(n_segments=2, undivided=(4,)).fit(X, y)
     asked = np.concatenate([X, RNG.normal(size=(9, 5))])  # the last ones are of several pieces
     decisions = apply(classifier_of(trained), asked)
     np.testing.assert_allclose(decisions, class_scores(trained, asked), rtol=1e-9, atol=1e-9)

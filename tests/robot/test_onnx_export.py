@@ -140,7 +140,7 @@ def test_steps_and_classifiers_of_pipelines_of_ones_own(steps, classifier):
 def test_votes_of_any_voter_count_as_they_do_in_scikit_learn(estimator, n_classes):
     plan = plan_of(PIECES, "multiscale")
     model = model_of(
-        [filled()], SegmentVoting(estimator, n_pieces=4, whole_weight=0.3), plan=plan, n_classes=n_classes
+        [filled()], SegmentVoting(estimator, n_segments=4, whole_weight=0.3), plan=plan, n_classes=n_classes
     )
     X = rows_of(len(plan.columns), n_classes, seed=7)[0]
     X[::3] = np.repeat(X[::3, ::4], 4, axis=1)  # pieces all the same: one vote
@@ -149,10 +149,10 @@ def test_votes_of_any_voter_count_as_they_do_in_scikit_learn(estimator, n_classe
 
 def test_segment_voting_beside_tap_features_gives_the_answers_of_scikit_learn():
     plan = plan_of(("band_level", "hardness", "damping"), "surfaces")
-    vote = with_segment_columns(SegmentVoting(n_pieces=4), plan.columns)
+    vote = with_segment_columns(SegmentVoting(n_segments=4), plan.columns)
     model = model_of([filled()], vote, plan=plan)
-    n_features, n_pieces = model.classifier["columns"].shape
-    assert n_pieces * (n_features - 2) + 2 == len(model.columns)
+    n_features, n_segments = model.classifier["columns"].shape
+    assert n_segments * (n_features - 2) + 2 == len(model.columns)
     checked(model, rows_of(len(plan.columns), 4, seed=7)[0])
 
 

@@ -19,7 +19,7 @@ from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 from texclass.classifiers.segment_voting import SegmentVoting
 from texclass.evaluation.pipeline import RowDefinition
 from texclass.features import load_feature_set
-from texclass.features.contract import registered
+from texclass.features.contract import list_features
 from texclass.features.phase_view import PhaseView, UndefinedFeatureError
 from texclass.features.plan import Plan
 from texclass.features.sets import Member
@@ -101,20 +101,26 @@ def odd_signals(n):
     return np.array([s - s.mean() if s.any() and np.ptp(s) else s for s in signals])
 
 
-def members(n_pieces):
+def members(n_segments):
     for name in builders():
-        feature = registered()[name]
-        yield Member(name, feature, {"n_pieces": n_pieces} if n_pieces > 1 and feature.divisible else {})
-    yield Member("fine", registered()["band_course"], {"n_parts": 6, "octaves": (0, 6), "n_pieces": n_pieces})
-    yield Member("deep", registered()["octave_level"], {"octaves": (5, 7), "n_pieces": n_pieces})
-    yield Member("some", registered()["mfcc"], {"coefficients": (2, 5), "decay_hz": 500.0})
+        feature = list_features()[name]
+        yield Member(
+            name, feature, {"n_segments": n_segments} if n_segments > 1 and feature.divisible else {}
+        )
+    yield Member(
+        "fine", list_features()["band_course"], {"n_parts": 6, "octaves": (0, 6), "n_segments": n_segments}
+    )
+    yield Member("deep", list_features()["octave_level"], {"octaves": (5, 7), "n_segments": n_segments})
+    yield Member("some", list_features()["mfcc"], {"coefficients": (2, 5), "decay_hz": 500.0})
 
 
-@pytest.mark.parametrize(("fs", "n", "n_pieces"), [(2200.0, 2200, 1), (10_000.0, 1000, 4), (4000.0, 4200, 2)])
-def test_graphs_of_features_are_what_their_functions_compute(fs, n, n_pieces):
+@pytest.mark.parametrize(
+    ("fs", "n", "n_segments"), [(2200.0, 2200, 1), (10_000.0, 1000, 4), (4000.0, 4200, 2)]
+)
+def test_graphs_of_features_are_what_their_functions_compute(fs, n, n_segments):
     signals = odd_signals(n)
     n_defined = 0
-    for member in members(n_pieces):
+    for member in members(n_segments):
         expected = []
         for x in signals:
             try:
@@ -141,7 +147,7 @@ def test_graphs_of_features_are_what_their_functions_compute(fs, n, n_pieces):
 
 def test_most_features_of_the_movement_have_a_graph():
     of_texclass = {"regularity", "spectral_roughness", "line_spectral_frequencies"}
-    lacking = {"multiscale": set(), "coarse": {"at_rails"}, "texclass": of_texclass}
+    lacking = {"multiscale": set(), "coarse": {"clipping"}, "texclass": of_texclass}
     for name, expected in lacking.items():
         of_set = load_feature_set(name).reading("movement")
         assert set(graph_view.without_graph(of_set)) == expected
@@ -209,7 +215,7 @@ def test_channels_apart_and_long_windows_are_conditioned_as_recordings_are(rest)
 
 @pytest.mark.parametrize("n", [2000, 4 * 2048])
 def test_pieces_vote_as_they_do_in_texclass(n):
-    vote = SegmentVoting(n_pieces=4)
+    vote = SegmentVoting(n_segments=4)
     model = fitted(("band_level", "slope_agreement"), "multiscale", unit="arbitrary", classifier=vote)
     windows = np.stack([shaken(n, 1, seed=s) for s in range(4)])
     values = assert_same_features(model, windows)

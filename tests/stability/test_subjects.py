@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from texclass.baselines import extreme_inputs
-from texclass.features import registered
+from texclass.features import list_features
 from texclass.stability import inputs, subjects_features, subjects_models, subjects_signals
 from texclass.stability.rules import BAD, Check, Mark, judge
 from texclass.stability.subjects_models import models
@@ -30,7 +30,7 @@ def test_it_is_right_or_says_why_not(name):
 
 
 def test_every_registered_feature_and_every_group_is_tried_under_a_name_of_its_own():
-    assert set(registered()) < set(SUBJECTS)
+    assert set(list_features()) < set(SUBJECTS)
     assert len(SUBJECTS) == len(EVERY)
     assert {subject.group for subject in SUBJECTS.values()} == {"models", "filters", "transforms", "features"}
 

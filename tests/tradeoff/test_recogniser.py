@@ -128,7 +128,7 @@ def test_saved_and_loaded_it_says_the_same(tmp_path):
         loaded = load_recogniser(path)
         np.testing.assert_array_equal(loaded.predict_proba(X), recogniser.predict_proba(X))
         assert columns_of(loaded) == columns_of(recogniser)
-        assert loaded[0].plan_.parts[0][1].without_hand  # as the set `texclass` says
+        assert loaded[0].plan_.parts[0][1].remove_hand_motion  # as the set `texclass` says
         assert columns_of(prune(loaded)) == columns_of(prune(whole))
 
 

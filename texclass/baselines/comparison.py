@@ -271,10 +271,10 @@ def _hand_over(
     entries = {entry.recording_id: entry for entry in dataset.entries}
     ordered = [entries[recording_id] for recording_id in table.frame["recording_id"]]
     first = dataset.load(ordered[0])
-    apart, without_hand = channels_apart(first, pipeline.channels), pipeline.features.without_hand
+    apart, remove_hand_motion = channels_apart(first, pipeline.channels), pipeline.features.remove_hand_motion
     recordings = map(dataset.load, ordered)
     signals = (
-        every_channel(r) if given == "each" else same_signals(r, apart, without_hand=without_hand)
+        every_channel(r) if given == "each" else same_signals(r, apart, remove_hand_motion=remove_hand_motion)
         for r in recordings
     )
     labels = np.unique(table.surfaces, return_inverse=True)[1]
@@ -366,7 +366,9 @@ def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
         )
 
 
-def same_signals(recording: Recording, apart: tuple[str, ...], *, without_hand: bool = False) -> Samples:
+def same_signals(
+    recording: Recording, apart: tuple[str, ...], *, remove_hand_motion: bool = False
+) -> Samples:
     """Return the movement that our features read, one row a channel.
 
     Where there is no movement, its place is taken by the taps, one after the other; without taps, by the
@@ -374,7 +376,7 @@ def same_signals(recording: Recording, apart: tuple[str, ...], *, without_hand: 
     """
     views = views_of(recording, apart)
     prefixes = [f"{name}/" for name in apart] or [""]
-    return np.stack([_felt(views[prefix], without_hand) for prefix in prefixes])
+    return np.stack([_felt(views[prefix], remove_hand_motion) for prefix in prefixes])
 
 
 def every_channel(recording: Recording) -> Samples:
@@ -385,10 +387,10 @@ def every_channel(recording: Recording) -> Samples:
     return np.ascontiguousarray((axes - axes.mean(axis=0)).T)
 
 
-def _felt(view: Views, without_hand: bool) -> Samples:
+def _felt(view: Views, remove_hand_motion: bool) -> Samples:
     with suppress(UndefinedFeatureError):
-        return (view.without_hand if without_hand else view.movement).samples
+        return (view.vibration if remove_hand_motion else view.movement).samples
     with suppress(UndefinedFeatureError):
         return np.concatenate([part for tap in view.tap.taps for part in (tap.hand, tap.impulse)])
     whole = Phases(movement=(0, view.recording.n_samples))
-    return _felt(Views(view.recording, whole, view.channel), without_hand)
+    return _felt(Views(view.recording, whole, view.channel), remove_hand_motion)

@@ -22,7 +22,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
 from texclass.recording import Samples
 
-OF_A_PIECE = ".piece"
+SEGMENT_SUFFIX = ".segment"
 """Part of the name of every column of a piece; see `texclass.features.contract.feature`."""
 KNOWN_CHANGES = Path(__file__).with_name("known_changes.csv")
 """Columns of the set `surfaces`, and their changes; made by benchmarks/known_changes.py."""
@@ -41,7 +41,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
     estimator : classifier, optional
         Classifies one piece; `KernelDiscriminant` by default. Its `decision_function` is averaged, or its
         `predict_proba` where it has no other.
-    n_pieces : int
+    n_segments : int
         Pieces of a recording.
     whole_weight : float
         Largest weight of the classifier of the whole, against 1 of all pieces together; with n recordings of
@@ -67,12 +67,12 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
 
     Notes
     -----
-    The n_pieces values of one feature are adjacent columns, as features with a parameter `n_pieces` give
-    them: of the columns that are divided, X[:, j n_pieces + i] is feature j of piece i. Features are compared
-    between pieces, so a step that scales columns one by one belongs inside `estimator`. In training, a
-    recording whose pieces are all the same (it was too short to be divided) counts as one piece.
+    The n_segments values of one feature are adjacent columns, as features with a parameter `n_segments`
+    return them: among the divided columns, X[:, j n_segments + i] is feature j of segment i. Features are
+    compared between segments, so a step that scales single columns belongs inside `estimator`. In training, a
+    recording whose segments are all equal (it was too short to be divided) counts as one segment.
 
-    The classifier of the whole is trained on n samples of a class, that of pieces on n_pieces n: single
+    The classifier of the whole is trained on n samples of a class, that of pieces on n_segments n: single
     recordings do not show what varies, so its weight grows with n.
 
     Examples
@@ -81,7 +81,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
     >>> rng = np.random.default_rng(0)
     >>> X = rng.standard_normal((60, 8)) + np.repeat([[0.0], [2.0]], 30, axis=0)
     >>> y = np.repeat(["felt", "glass"], 30)
-    >>> SegmentVoting(n_pieces=4).fit(X, y).predict([[0.0] * 8, [2.0] * 8]).tolist()
+    >>> SegmentVoting(n_segments=4).fit(X, y).predict([[0.0] * 8, [2.0] * 8]).tolist()
     ['felt', 'glass']
     """
 
@@ -89,14 +89,14 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         self,
         estimator: Any = None,
         *,
-        n_pieces: int = 1,
+        n_segments: int = 1,
         whole_weight: float = 1.0,
         undivided: tuple[int, ...] = (),
         known_changes: bool = False,
         columns: tuple[str, ...] = (),
     ) -> None:
         self.estimator = estimator
-        self.n_pieces = n_pieces
+        self.n_segments = n_segments
         self.whole_weight = whole_weight
         self.undivided = undivided
         self.known_changes = known_changes
@@ -115,8 +115,8 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         Raises
         ------
         ValueError
-            If the number of columns of pieces is not a multiple of `n_pieces`, `undivided` names others than
-            columns of X, there are not as many names as columns, or as `estimator` does.
+            If the number of columns of segments is not a multiple of `n_segments`, `undivided` names others
+            than columns of X, there are not as many names as columns, or as `estimator` does.
         """
         rows, labels = self._check(X, y)
         changes = changes_of(self.columns) if self.columns else None
@@ -130,7 +130,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         return self
 
     def _check(self, X: ArrayLike, y: ArrayLike) -> tuple[Samples, NDArray[Any]]:
-        check_scalar(self.n_pieces, "n_pieces", Integral, min_val=1)
+        check_scalar(self.n_segments, "n_segments", Integral, min_val=1)
         check_scalar(self.whole_weight, "whole_weight", Real, min_val=0)
         rows, labels = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(labels)
@@ -143,10 +143,10 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         if self.columns and len(self.columns) != n_columns:
             raise ValueError(f"columns must be {n_columns} names, one a column, got {len(self.columns)}")
         n_divided = n_columns - len(set(self.undivided))
-        if n_divided % self.n_pieces:
+        if n_divided % self.n_segments:
             raise ValueError(
-                f"X must have a multiple of n_pieces = {self.n_pieces} columns of pieces, got {n_divided}: "
-                "features computed of so many pieces, and all pieces of each"
+                f"X must have a multiple of n_segments = {self.n_segments} columns of segments, "
+                f"got {n_divided}. Pass all segments of each feature"
             )
         return rows, labels
 
@@ -157,7 +157,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
 
     @property
     def columns_(self) -> NDArray[np.intp]:
-        """The columns of each feature in each piece, shape (n_features, n_pieces).
+        """The columns of each feature in each piece, shape (n_features, n_segments).
 
         Columns of the whole recording stand in each piece. Without others, a recording is one piece.
         """
@@ -165,15 +165,15 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         divided = np.setdiff1d(every, self.undivided)
         if not divided.size:
             return every[:, np.newaxis]
-        repeated = np.tile(np.array(self.undivided, dtype=np.intp)[:, np.newaxis], self.n_pieces)
-        return np.vstack([divided.reshape(-1, self.n_pieces), repeated])
+        repeated = np.tile(np.array(self.undivided, dtype=np.intp)[:, np.newaxis], self.n_segments)
+        return np.vstack([divided.reshape(-1, self.n_segments), repeated])
 
     def _distinct_pieces(self, X: Samples) -> tuple[Samples, NDArray[np.intp]]:
         """Return the pieces of recordings as rows, and the recording that each belongs to, ascending.
 
         A recording whose pieces are all the same has one.
         """
-        pieces = X[:, self.columns_.T]  # (n_recordings, n_pieces, n_features)
+        pieces = X[:, self.columns_.T]  # (n_recordings, n_segments, n_features)
         is_kept = np.ones(pieces.shape[:2], dtype=bool)
         is_kept[:, 1:] = (pieces != pieces[:, :1]).any(axis=(1, 2))[:, np.newaxis]
         return pieces[is_kept], np.nonzero(is_kept)[0]
@@ -200,7 +200,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         """Return the mean over the pieces of each recording, and over them and the whole."""
         check_is_fitted(self)
         rows = validate_data(self, X, dtype=np.float64, reset=False)
-        pieces = rows[:, self.columns_.T]  # (n_recordings, n_pieces, n_features)
+        pieces = rows[:, self.columns_.T]  # (n_recordings, n_segments, n_features)
         decisions = decide(self.estimator_, pieces.reshape(-1, pieces.shape[2]))
         mean = decisions.reshape(*pieces.shape[:2], *decisions.shape[1:]).mean(axis=1)
         if self.whole_ is None:
@@ -217,8 +217,8 @@ def with_segment_columns(classifier: Any, columns: Sequence[str]) -> Any:
     if not isinstance(classifier, SegmentVoting):
         return classifier
     parameters: dict[str, Any] = {"columns": tuple(columns)} if classifier.known_changes else {}
-    if classifier.n_pieces > 1:
-        parameters["undivided"] = tuple(i for i, column in enumerate(columns) if OF_A_PIECE not in column)
+    if classifier.n_segments > 1:
+        parameters["undivided"] = tuple(i for i, column in enumerate(columns) if SEGMENT_SUFFIX not in column)
     return clone(classifier).set_params(**parameters)
 
 
@@ -247,7 +247,7 @@ def changes_of(columns: Sequence[str]) -> Samples:
     """
     known = _known_changes()
     nothing = np.zeros_like(next(iter(known.values())))
-    names = [column.rpartition("/")[2].partition(OF_A_PIECE)[0] for column in columns]
+    names = [column.rpartition("/")[2].partition(SEGMENT_SUFFIX)[0] for column in columns]
     return np.array([known.get(name, nothing) for name in names]).T
 
 

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from texclass import shipped
-from texclass.features.contract import registered
+from texclass.features.contract import list_features
 from texclass.features.sets import load_feature_set
 from texclass.loaders import read_card
 from texclass.loaders.cards import SimulatedCard
@@ -33,12 +33,12 @@ def features_document(feature_set: str | None = None) -> Document:
     """Return a table of all features, or of those of a set: phase, columns, unit, reference, gain law."""
     if feature_set is None:
         title, about = "All features", []
-        columns = {name: (feature, feature.columns(name, {})) for name, feature in registered().items()}
+        columns = {name: (feature, feature.columns(name, {})) for name, feature in list_features().items()}
     else:
         members = load_feature_set(feature_set)
         title = f"Features of {members.name}"
         conditioning = "Movements: mean removed"
-        if members.without_hand:
+        if members.remove_hand_motion:
             conditioning += f"; with gravity in m/s^2, a moving average over {HAND_WINDOW_S:g} s removed"
         about = [f"{members.description}. {conditioning}."]
         columns = {member.name: (member.feature, member.columns) for member in members.members}

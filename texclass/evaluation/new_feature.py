@@ -23,7 +23,7 @@ from texclass.evaluation.pipeline import PipelineDefinition
 from texclass.evaluation.result import classifier_title, over
 from texclass.evaluation.workers import one_thread
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
-from texclass.features.examination import EXACT, behaviour, gain_law
+from texclass.features.contract_checks import EXACT, behaviour, gain_law
 from texclass.features.phase_view import View, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Samples

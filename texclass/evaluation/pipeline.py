@@ -360,7 +360,7 @@ class PipelineDefinition(StrictModel):
         known, name = self.features, feature.name
         if name in known.columns or name in known.column_names:
             raise ValueError(f"feature {name!r} is in the feature set {known.name!r}. Expected a new name")
-        members = (*known.members, Member(name, feature, without_hand=known.without_hand))
+        members = (*known.members, Member(name, feature, remove_hand_motion=known.remove_hand_motion))
         added = RowDefinition(name=name, features=(name,), reference=feature.reference)
         changed = {
             "name": f"{self.name}+{name}",

@@ -9,8 +9,8 @@ quiet ones.
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.features.conditioning import banded
 from texclass.features.contract import UndefinedFeatureError, feature
+from texclass.features.movement_filters import banded
 from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.recording import Samples
 from texclass.vibration import autoregressive, line_spectrum

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from texclass import fourier
-from texclass.features.conditioning import level, require, unit32
 from texclass.features.contract import Gain, feature_in_samples
+from texclass.features.movement_filters import level, require, unit32
 from texclass.features.phase_view import LONG, PhaseView, transform, undefined_if
 from texclass.features.spectra import BLOCK_SAMPLES, window_of
 from texclass.recording import Samples, make_read_only
@@ -117,7 +117,7 @@ def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
         Movement.
     n_bands : int
         Number of bands.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -156,7 +156,7 @@ def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octa
         First octave, and the one after the last.
     per_octave : int
         Bands in an octave, equal on a logarithmic axis.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -265,7 +265,7 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
         Number of equal parts: 6, or 3 or 2 of several sixths each.
     octaves : tuple of int
         First octave, and the one after the last; octave k reaches from fs/2 / 2^k down to fs/2 / 2^(k+1).
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -302,7 +302,7 @@ def level_fluctuation(view: PhaseView) -> Samples:
     ----------
     view : PhaseView
         Movement.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -321,7 +321,7 @@ def level_persistence(view: PhaseView) -> Samples:
     ----------
     view : PhaseView
         Movement.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises

@@ -8,8 +8,8 @@ import functools
 
 import numpy as np
 
-from texclass.features.conditioning import level, require, unit
 from texclass.features.contract import feature
+from texclass.features.movement_filters import level, require, unit
 from texclass.features.phase_view import PairView, PhaseView, transform
 from texclass.recording import Samples
 
@@ -76,7 +76,7 @@ def lag_correlation(view: PairView, *, lags: tuple[int, ...] = (0, 1, 2, 4)) -> 
 
 
 @feature("movement", "1", "texclass; share of clipped samples", outputs="share")
-def at_rails(view: PhaseView) -> Samples:
+def clipping(view: PhaseView) -> Samples:
     """Share of samples that repeat the largest or the smallest value: 0 unless a sensor ends there.
 
     A turn rate beyond the range of its sensor stays at the last number that it can tell. How long it does

@@ -24,8 +24,8 @@ from texclass.features.phase_view import (
     PhaseView,
     UndefinedFeatureError,
     View,
-    one_by_one,
-    pieces,
+    cut_segments,
+    segment_views,
     undefined_if,
     view_of,
 )
@@ -37,9 +37,9 @@ __all__ = [
     "UndefinedFeatureError",
     "feature",
     "feature_in_samples",
-    "find",
+    "find_feature",
+    "list_features",
     "load_feature",
-    "registered",
 ]
 
 Dependence = Literal["length", "rate", "sign"]
@@ -47,8 +47,8 @@ Divisible = bool | Literal["at once"]
 Outputs = str | tuple[str, ...] | Callable[..., tuple[str, ...]]
 R = TypeVar("R")
 DIMENSIONS = (
-    "autoregression", "bands", "cepstrum", "channels", "decaying_segments", "excess", "fineness", "friction",
-    "hardness", "related_work", "roughness", "slopes", "tap_modes",
+    "autoregression", "bands", "cepstrum", "channels", "decaying_segments", "fineness", "friction",
+    "hardness", "related_work", "residual_bands", "roughness", "slopes", "tap_modes",
 )  # fmt: skip
 """The modules of this room that hold features."""
 OWN = "texclass_own_"
@@ -103,7 +103,7 @@ class Feature:
         What its value is known to depend on: "length" of the phase, sampling "rate", "sign" of the samples,
         which a sensor mounted the other way round turns over.
     divisible
-        Whether, and how, a parameter `n_pieces` computes it of equal pieces of the movement; see `feature`.
+        Whether, and how, a parameter `n_segments` computes it of equal pieces of the movement; see `feature`.
     """
 
     name: str
@@ -139,7 +139,7 @@ class Feature:
     def columns(self, name: str, parameters: Mapping[str, Any]) -> tuple[str, ...]:
         """Return the column names under which a set that calls this feature `name` stores it."""
         given = {**self.defaults, **parameters}
-        n_pieces = given.pop("n_pieces", 1) if self.divisible else 1
+        n_segments = given.pop("n_segments", 1) if self.divisible else 1
         if callable(self.outputs):
             outputs = self.outputs(**given)
         else:
@@ -149,8 +149,8 @@ class Feature:
                 held = [given[key] for key in keys]
                 ways = itertools.product(*(h if isinstance(h, tuple) else range(1, h + 1) for h in held))
                 outputs += tuple(template.format(**dict(zip(keys, way, strict=True))) for way in ways)
-        if n_pieces > 1:
-            outputs = tuple(f"{output}.piece{i}" for output in outputs for i in range(1, n_pieces + 1))
+        if n_segments > 1:
+            outputs = tuple(f"{output}.segment{i}" for output in outputs for i in range(1, n_segments + 1))
         return tuple(f"{name}.{output}" for output in outputs) or (name,)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -184,19 +184,19 @@ def feature(
     phase, unit, reference, outputs, gain, depends_on
         See `Feature`.
     divisible : bool or "at once"
-        Whether a keyword `n_pieces`, 1 by default, is added that computes the feature of equal pieces of the
-        movement, each by itself, so that a classifier can let them vote. Values are then of shape
-        (n_outputs, n_pieces), flat: the pieces of one output stand side by side, under the names b1.piece1,
-        b1.piece2, b2.piece1. A movement too short for pieces (see `pieces`) counts as n_pieces equal ones.
-        The feature is undefined if a piece is; the reason names the piece. "at once" is for functions that
-        work along the last axis: of samples (n_pieces, n) they return (n_pieces, n_outputs), as of (n,)
-        (n_outputs,), which takes little longer than one piece.
+        Whether to add a keyword `n_segments` (default 1) that computes the feature on equal segments of the
+        movement, for segment voting. The values are a flat array of shape (n_outputs * n_segments,): the
+        segments of one output are adjacent, with the names b1.segment1, b1.segment2, b2.segment1. A movement
+        that is too short (see `cut_segments`) counts as n_segments equal segments. If the feature is
+        undefined for a segment, it is undefined; the reason names the segment. "at once" is for functions
+        that work along the last axis: they return (n_segments, n_outputs) for samples (n_segments, n), and
+        (n_outputs,) for samples (n,). This is almost as fast as one segment.
 
     Raises
     ------
     ValueError
         If the name is that of a feature of another module; by the feature returned, if it is given an array
-        without `fs`, or `n_pieces` is not a whole number above 0.
+        without `fs`, or `n_segments` is not a whole number above 0.
 
     Examples
     --------
@@ -220,10 +220,10 @@ def feature(
                 with np.errstate(over="ignore", invalid="ignore"):
                     if not isinstance(view, View):
                         view = view_of(phase, view, fs, unit)
-                    if not divisible or "n_pieces" not in parameters:
+                    if not divisible or "n_segments" not in parameters:
                         value: Any = function(view, *args, **parameters)
                     else:
-                        value = _of_pieces(
+                        value = _compute_segments(
                             function, view, *args, at_once=divisible == "at once", **parameters
                         )
             except OverflowError:
@@ -233,7 +233,7 @@ def feature(
 
         if divisible:
             own = inspect.signature(function)
-            added = inspect.Parameter("n_pieces", inspect.Parameter.KEYWORD_ONLY, default=1, annotation=int)
+            added = inspect.Parameter("n_segments", inspect.Parameter.KEYWORD_ONLY, default=1, annotation=int)
             signature = own.replace(parameters=[*own.parameters.values(), added])
             of_signal.__signature__ = signature  # type: ignore[attr-defined]
         _REGISTRY[name] = Feature(
@@ -248,7 +248,7 @@ feature_in_samples = functools.partial(feature, "movement", depends_on=("rate",)
 """Like `feature`, of a movement whose spans or bands are counted in samples; also of its pieces."""
 
 
-def registered() -> dict[str, Feature]:
+def list_features() -> dict[str, Feature]:
     """Return every registered feature by name, sorted by name."""
     for module in DIMENSIONS:
         importlib.import_module(f"texclass.features.{module}")
@@ -257,7 +257,7 @@ def registered() -> dict[str, Feature]:
     return dict(sorted(_REGISTRY.items()))
 
 
-def find(name: str, module: str = "") -> Feature:
+def find_feature(name: str, module: str = "") -> Feature:
     """Return the feature of that name; where its module is given, no other one of this room is loaded.
 
     Raises
@@ -269,7 +269,7 @@ def find(name: str, module: str = "") -> Feature:
         importlib.import_module(f"texclass.features.{module.rpartition('.')[2]}")
         if name in _REGISTRY:
             return _REGISTRY[name]
-    known = registered()
+    known = list_features()
     if name not in known:
         near = difflib.get_close_matches(name, known, n=3)
         hint = f"; did you mean {', '.join(near)}?" if near else ""
@@ -346,22 +346,22 @@ def _module_of(file: Path) -> ModuleType:
     return module
 
 
-def _of_pieces(
-    function: Callable[..., Any], view: PhaseView, *, at_once: bool, n_pieces: int = 1, **parameters: Any
+def _compute_segments(
+    function: Callable[..., Any], view: PhaseView, *, at_once: bool, n_segments: int = 1, **parameters: Any
 ) -> Samples:
     """Return what a function gives for equal pieces of a movement; see `feature`."""
-    if not isinstance(n_pieces, int) or n_pieces < 1:
-        raise ValueError(f"n_pieces is {n_pieces!r}. Expected a whole number of at least 1")
-    cut = pieces(view, n_pieces)
+    if not isinstance(n_segments, int) or n_segments < 1:
+        raise ValueError(f"n_segments is {n_segments!r}. Expected a whole number of at least 1")
+    cut = cut_segments(view, n_segments)
     if cut is view:
-        return np.repeat(function(view, **parameters), n_pieces)
+        return np.repeat(function(view, **parameters), n_segments)
     if at_once:
         with suppress(UndefinedFeatureError):  # which piece is undefined, they say one by one
             return np.asarray(function(cut, **parameters)).T.reshape(-1)
     found = []
-    for number, piece in enumerate(one_by_one(cut), 1):
+    for number, piece in enumerate(segment_views(cut), 1):
         try:
             found.append(np.atleast_1d(function(piece, **parameters)))
         except UndefinedFeatureError as undefined:
-            raise UndefinedFeatureError(f"piece {number}: {undefined}") from None
+            raise UndefinedFeatureError(f"segment {number}: {undefined}") from None
     return np.stack(found, axis=-1).reshape(-1)

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy import fft
 
-from texclass.features.conditioning import spectrum
 from texclass.features.contract import feature
+from texclass.features.movement_filters import spectrum
 from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import mean_spectrum
 from texclass.recording import Samples

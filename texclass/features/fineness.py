@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
-from texclass.features.conditioning import require, unit32
 from texclass.features.contract import feature
+from texclass.features.movement_filters import require, unit32
 from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import long_frames, power_frames, spectral_moments
 from texclass.recording import Samples
@@ -162,7 +162,7 @@ def grain_frequency(view: PhaseView, *, low_hz: float = 15.0, high_hz: float = 1
 
 
 @feature("travel", "1/mm", "texclass, by subharmonic summation (Hermes, J. Acoust. Soc. Am. 83, 1988)")
-def rib_density(view: PhaseView, *, least_db: float = 3.3) -> float:
+def ridge_density(view: PhaseView, *, least_db: float = 3.3) -> float:
     """Ribs per mm: the spatial frequency whose harmonics stand out most, at any speed of the hand.
 
     With P(k) the power spectrum over the way of the tool (mean over half-overlapping Hann frames of 0.1024 m,
@@ -197,8 +197,8 @@ def rib_density(view: PhaseView, *, least_db: float = 3.3) -> float:
 
 
 @feature("travel", "dB", "texclass, by subharmonic summation (Hermes, J. Acoust. Soc. Am. 83, 1988)")
-def rib_prominence(view: PhaseView) -> float:
-    """How far what repeats along the way stands out of the spectrum: H of `rib_density`, in dB.
+def ridge_prominence(view: PhaseView) -> float:
+    """How far what repeats along the way stands out of the spectrum: H of `ridge_density`, in dB.
 
     About 2.5 for a few strokes over noise, less for many; 10 and more for a grating.
 
@@ -213,7 +213,7 @@ def rib_prominence(view: PhaseView) -> float:
 
 @transform
 def comb(view: PhaseView, search: RidgeSearch = RidgeSearch()) -> tuple[Samples, Samples]:
-    """Return spatial frequencies k (1/mm) and H(k) of `rib_density` (dB), both of shape (n,)."""
+    """Return spatial frequencies k (1/mm) and H(k) of `ridge_density` (dB), both of shape (n,)."""
     least = round((search.least_frames + 1) / 2 * search.frame_m * view.fs)
     require(view, least, f"three frames of {search.frame_m:g} m")
     end = min(search.end_per_mm, view.fs / 2000)
@@ -229,7 +229,7 @@ def comb(view: PhaseView, search: RidgeSearch = RidgeSearch()) -> tuple[Samples,
 
 
 def _spectrum(view: PhaseView, k: Samples, search: RidgeSearch) -> Samples:
-    """Return P of `rib_density` at k (1/mm), shape (n,)."""
+    """Return P of `ridge_density` at k (1/mm), shape (n,)."""
     frame_m = search.frame_m
     frames, per_m = power_frames(view, frame_m, frame_m / 2, "hann", 1e3 * search.end_per_mm)
     of_frame = frames.sum(axis=1, dtype=np.float64, keepdims=True)

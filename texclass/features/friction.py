@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from texclass.features.conditioning import magnitude_of
 from texclass.features.contract import Gain, feature
+from texclass.features.movement_filters import magnitude_of
 from texclass.features.phase_view import PhaseView
 
 

@@ -11,9 +11,9 @@ import scipy
 from numpy.typing import ArrayLike
 from scipy import fft
 
-from texclass.features.conditioning import magnitude_of
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
 from texclass.features.fineness import printed_centroids
+from texclass.features.movement_filters import magnitude_of
 from texclass.features.phase_view import TapSignal, TapView, transform, undefined_if
 from texclass.recording import Samples
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from texclass.fourier import LANES
-from texclass.phases import find_data, find_glitches, find_phases, glitches_of, mended
+from texclass.phases import find_data, find_glitches, find_phases, get_glitches, interpolate_glitches
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, RecordingError, Samples
 from texclass.signals import combine, remove_hand_motion
 
@@ -26,7 +26,7 @@ TURN = ("turn_x", "turn_y", "turn_z")
 """Names of the channels of a turn rate, after those of the acceleration."""
 LONG = 5000
 """Movements of more samples are cut to a length that transforms take quickly; see `kept_length`."""
-LEAST_PIECE = 2048
+MIN_SEGMENT_SAMPLES = 2048
 """Samples that a piece must hold: with fewer, what is gained by voting is lost in each piece."""
 
 
@@ -61,7 +61,7 @@ class PhaseView:
 
     Attributes
     ----------
-    samples : ndarray of shape (n,), or (n_pieces, n) of pieces side by side
+    samples : ndarray of shape (n,), or (n_segments, n) of pieces side by side
         The movement's acceleration (without its mean) or the friction voltage during it.
     fs : float
         Sampling rate in Hz; of a movement over its way, in samples per m.
@@ -172,31 +172,35 @@ def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[
     return remembered
 
 
-def pieces(view: PhaseView, n_pieces: int) -> PhaseView:
+def cut_segments(view: PhaseView, n_segments: int) -> PhaseView:
     """Return the view of equal pieces of the movement side by side, or `view` where it is too short for them.
 
-    Too short is less than `n_pieces` times `LEAST_PIECE` samples; at most n_pieces - 1 samples at the end
-    are left out.
+    Too short is less than `n_segments` times `MIN_SEGMENT_SAMPLES` samples; at most n_segments - 1 samples at
+    the end are left out.
     """
-    return view if n_pieces == 1 or view.n_samples < n_pieces * LEAST_PIECE else _cut(view, n_pieces)
+    return (
+        view
+        if n_segments == 1 or view.n_samples < n_segments * MIN_SEGMENT_SAMPLES
+        else _cut(view, n_segments)
+    )
 
 
 @transform
-def _cut(view: PhaseView, n_pieces: int) -> PhaseView:
-    size, timed = view.n_samples // n_pieces, view.memory.timed
-    cut = PhaseView(view.samples[: n_pieces * size].reshape(n_pieces, size), view.fs)
+def _cut(view: PhaseView, n_segments: int) -> PhaseView:
+    size, timed = view.n_samples // n_segments, view.memory.timed
+    cut = PhaseView(view.samples[: n_segments * size].reshape(n_segments, size), view.fs)
     if timed is not None:
-        cut.memory.timed = lambda key, compute: timed((*key, f"{n_pieces} pieces"), compute)
+        cut.memory.timed = lambda key, compute: timed((*key, f"{n_segments} segments"), compute)
     return cut
 
 
 @transform
-def one_by_one(view: PhaseView) -> tuple[PhaseView, ...]:
+def segment_views(view: PhaseView) -> tuple[PhaseView, ...]:
     """Return a view of each piece by itself."""
     each, timed = tuple(PhaseView(samples, view.fs) for samples in view.samples), view.memory.timed
     if timed is not None:
         for i, piece in enumerate(each, 1):
-            piece.memory.timed = lambda key, compute, i=i: timed((*key, f"piece {i}"), compute)
+            piece.memory.timed = lambda key, compute, i=i: timed((*key, f"segment {i}"), compute)
     return each
 
 
@@ -231,8 +235,8 @@ class Views:
     channel: int | None = None
     sides: "tuple[Views, Views] | None" = None
 
-    def of(self, phase: Phase, *, without_hand: bool = False) -> View:
-        """Return the view of a phase, the movement `without_hand` if that is asked for.
+    def of(self, phase: Phase, *, remove_hand_motion: bool = False) -> View:
+        """Return the view of a phase, the movement `remove_hand_motion` if that is asked for.
 
         Raises
         ------
@@ -240,16 +244,16 @@ class Views:
             If the recording does not have it; the message is the reason.
         """
         if phase == "pair" or self.sides is not None:
-            return self._pair(phase, without_hand=without_hand)
+            return self._pair(phase, remove_hand_motion=remove_hand_motion)
         view: View = getattr(self, phase)  # a phase is the name of its view
-        return self.without_hand if without_hand and phase == "movement" else view
+        return self.vibration if remove_hand_motion and phase == "movement" else view
 
-    def _pair(self, phase: Phase, *, without_hand: bool) -> PairView:
+    def _pair(self, phase: Phase, *, remove_hand_motion: bool) -> PairView:
         if self.sides is None:
             raise UndefinedFeatureError("one channel, or several combined. Expected two kept apart")
         if phase != "pair":
             raise UndefinedFeatureError(f"two channels. Expected one for a {phase}")
-        one, other = (side.without_hand if without_hand else side.movement for side in self.sides)
+        one, other = (side.vibration if remove_hand_motion else side.movement for side in self.sides)
         return PairView((one, other))
 
     @cached_property
@@ -261,8 +265,8 @@ class Views:
         return PhaseView(combine(self._moving, single=True), self.recording.fs)
 
     @cached_property
-    def without_hand(self) -> PhaseView:
-        """The movement without the path of the hand, where the sensor is known to have felt it.
+    def vibration(self) -> PhaseView:
+        """The movement without hand motion, where the sensor is known to have felt it.
 
         Known it is where the unit is one of acceleration and the mean is gravity's, above half of 9.81 m/s^2:
         such a sensor feels how the hand turns and moves it, too, and `remove_hand_motion` subtracts a moving
@@ -278,7 +282,7 @@ class Views:
 
     @cached_property
     def travel(self) -> PhaseView:
-        """The movement `without_hand` over the way of the tool, where its speed was recorded.
+        """The movement `remove_hand_motion` over the way of the tool, where its speed was recorded.
 
         Computed order tracking [Fyfe and Munck, Mech. Syst. Signal Process. 11, 1997], with the way
         s(t) = integral of |v| dt in place of turns: samples are means over equal steps of s, of 0.05 mm, or
@@ -287,7 +291,7 @@ class Views:
         speed = self.recording.speed
         if speed is None:
             raise UndefinedFeatureError("no speed signal")
-        x = self.without_hand.samples
+        x = self.vibration.samples
         first = self.phases.movement[0] if self.phases.movement else 0
         steps = 1e-3 * np.abs(speed[first : first + x.size]) / self.recording.fs
         s, integral = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, x * steps))
@@ -301,7 +305,7 @@ class Views:
     def tap(self) -> TapView:
         """The taps, resting level removed, with the root mean square of the quiet stretch before them.
 
-        Single wild samples are mended, and a value that is held before the data begin is left out.
+        Single wild samples are interpolated, and a value that is held before the data begin is left out.
         """
         taps = self.phases.taps
         undefined_if(not taps, "no tap found")
@@ -312,8 +316,8 @@ class Views:
         left_out = (len(axes) - first) - kept_length(len(axes) - first)
         first += left_out if 2 * left_out <= taps[0].start - first else 0
         together = self.channel is None  # then what the search for phases found will do
-        wild = glitches_of(self.recording, len(axes)) if together else find_glitches(columns)
-        axes = mended(columns, wild)[first:].reshape(-1, *axes.shape[1:])
+        wild = get_glitches(self.recording, len(axes)) if together else find_glitches(columns)
+        axes = interpolate_glitches(columns, wild)[first:].reshape(-1, *axes.shape[1:])
         quiet, signal = taps[0].start - first, combine(axes, single=True)
         signal = signal - np.median(signal[:quiet] if quiet else signal)
         parts = []

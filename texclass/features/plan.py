@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from texclass.features.contract import find
+from texclass.features.contract import find_feature
 from texclass.features.phase_view import pair_prefix, views_of
 from texclass.features.sets import FeatureSet, Member, code_hash
 from texclass.recording import Phases, Recording, Samples
@@ -82,7 +82,7 @@ class Plan:
         described = []
         for prefix, part in self.parts:
             members = [
-                (m.name, f.name, m.parameters, m.columns, m.without_hand, f.function.__module__)
+                (m.name, f.name, m.parameters, m.columns, m.remove_hand_motion, f.function.__module__)
                 for m, f in ((member, member.feature) for member in part.members)
             ]
             described.append([prefix, {"name": part.name, "members": members, "code": code_hash(part)}])
@@ -100,9 +100,11 @@ class Plan:
         parts, same = [], True
         for prefix, stated in json.loads(text):
             members = []
-            for name, feature, parameters, columns, without_hand, module in stated["members"]:
+            for name, feature, parameters, columns, remove_hand_motion, module in stated["members"]:
                 values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
-                members.append(Member(name, find(feature, module), values, tuple(columns), without_hand))
+                members.append(
+                    Member(name, find_feature(feature, module), values, tuple(columns), remove_hand_motion)
+                )
             feature_set = FeatureSet(stated["name"], tuple(members))
             parts.append((str(prefix), feature_set))
             same = same and code_hash(feature_set) == stated["code"]

@@ -6,8 +6,8 @@ import numpy as np
 import scipy
 from scipy.linalg import LinAlgError, solve_toeplitz
 
-from texclass.features.conditioning import details, level, require, unit
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
+from texclass.features.movement_filters import details, level, require, unit
 from texclass.features.phase_view import PhaseView, undefined_if
 from texclass.features.spectra import mean_spectrum, power_frames
 from texclass.recording import Samples

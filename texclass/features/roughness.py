@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from texclass.features.conditioning import (
+from texclass.features.contract import Gain, feature
+from texclass.features.movement_filters import (
     band_passed,
     banded,
     detail_band,
@@ -20,7 +21,6 @@ from texclass.features.conditioning import (
     n_of,
     require,
 )
-from texclass.features.contract import Gain, feature
 from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import (
     autocorrelation,

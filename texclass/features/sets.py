@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, create_model
 
 from texclass import provenance
-from texclass.features.contract import Feature, find
+from texclass.features.contract import Feature, find_feature
 from texclass.features.phase_view import Phase, UndefinedFeatureError, View, Views
 from texclass.recording import Samples
 from texclass.shipped import locate
@@ -44,15 +44,15 @@ class Member:
         Overrides of its defaults.
     columns
         The columns that are kept, in order; all of the feature's columns unless the set was restricted.
-    without_hand
-        Whether a movement is read without the path of the hand, see `Views.without_hand`.
+    remove_hand_motion
+        Whether a movement is read hand motion removed, see `Views.vibration`.
     """
 
     name: str
     feature: Feature
     parameters: Mapping[str, Any] = field(default_factory=dict)
     columns: tuple[str, ...] = ()
-    without_hand: bool = False
+    remove_hand_motion: bool = False
 
     def __post_init__(self) -> None:
         # A plain dict (not a mapping proxy) keeps the member picklable for worker processes.
@@ -72,7 +72,7 @@ class Member:
 
     def view(self, views: Views) -> View:
         """Return what the feature reads of a channel of a recording, or of two."""
-        return views.of(self.feature.phase, without_hand=self.without_hand)
+        return views.of(self.feature.phase, remove_hand_motion=self.remove_hand_motion)
 
     def values(self, views: Views) -> Samples:
         """Return the kept columns of one channel of one recording, shape (n_columns,).
@@ -135,14 +135,14 @@ class FeatureSet:
         return {column: member.feature.unit for member in self.members for column in member.columns}
 
     @property
-    def without_hand(self) -> bool:
-        """Whether its movements are read without the path of the hand."""
-        return any(member.without_hand for member in self.members)
+    def remove_hand_motion(self) -> bool:
+        """Whether its movements are read hand motion removed."""
+        return any(member.remove_hand_motion for member in self.members)
 
     @property
     def movement(self) -> str:
         """Which movement it reads, in words."""
-        return "without the path of the hand" if self.without_hand else "as printed, the hand left in"
+        return "hand motion removed" if self.remove_hand_motion else "hand motion kept, as printed"
 
     @cached_property
     def column_names(self) -> tuple[str, ...]:
@@ -157,7 +157,7 @@ class FeatureSet:
                 f"{m.feature.function.__module__}.{m.feature.function.__qualname__}",
                 sorted((k, repr(v)) for k, v in {**m.feature.defaults, **m.parameters}.items()),
                 m.columns,
-                m.without_hand,
+                m.remove_hand_motion,
             ]
             for m in self.members
         ]
@@ -249,7 +249,7 @@ class SetFile(StrictModel):
     name: str = ""
     reference: str = ""
     description: str = ""
-    without_hand: bool = False
+    remove_hand_motion: bool = False
     features: Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 
 
@@ -281,7 +281,7 @@ def load_feature_set(name_or_path: str | Path) -> FeatureSet:
     path = locate("feature_defs", name_or_path)
     written = validate(SetFile, read_toml(path), path.name)
     members = tuple(
-        replace(_member(name, table, path.name), without_hand=written.without_hand)
+        replace(_member(name, table, path.name), remove_hand_motion=written.remove_hand_motion)
         for name, table in written.features.items()
     )
     times = Counter(column for member in members for column in member.columns)
@@ -299,7 +299,7 @@ def code_hash(feature_set: FeatureSet) -> str:
 def _member(name: str, table: dict[str, Any], file: str) -> Member:
     where = f"{file}: features.{name}"
     try:
-        feature = find(str(table.get("use", name)))
+        feature = find_feature(str(table.get("use", name)))
     except KeyError as error:
         raise ValueError(f"{where}: {error.args[0]}") from None
     # What a set may give is of the declared type, else of the type of the default.

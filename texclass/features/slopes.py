@@ -11,8 +11,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.features.conditioning import level, require, unit32
 from texclass.features.contract import Gain, UndefinedFeatureError, feature, feature_in_samples
+from texclass.features.movement_filters import level, require, unit32
 from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.recording import Samples
 
@@ -64,7 +64,7 @@ def slope_agreement(
         Spans of the slopes, in samples.
     steps : tuple of int
         Distances of the two slopes, in lags.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -93,7 +93,7 @@ def curvature_agreement(
         Half the spans of the curvatures, in samples.
     steps : tuple of int
         Distances of the two curvatures, in lags.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -121,7 +121,7 @@ def slope_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
         Movement.
     lags : tuple of int
         Spans, in samples.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -201,7 +201,7 @@ def vibration_shape(view: PhaseView) -> Samples:
     ----------
     view : PhaseView
         Movement.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -233,7 +233,7 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
         Movement.
     lags : tuple of int
         Half the spans of the curvatures, in samples.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -265,7 +265,7 @@ def slope_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
         Movement.
     lags : tuple of int
         Spans, in samples.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -289,7 +289,7 @@ def curvature_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
         Movement.
     lags : tuple of int
         Half the spans of the curvatures, in samples.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -323,7 +323,7 @@ def vibration_level(view: PhaseView) -> Samples:
     ----------
     view : PhaseView
         Movement.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from texclass.features.conditioning import n_of, require, spectrum, unit32
+from texclass.features.movement_filters import n_of, require, spectrum, unit32
 from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.recording import Samples, make_read_only
 
@@ -63,18 +63,18 @@ def autocorrelation(view: PhaseView) -> NDArray[np.float32]:
     The movement is cut into pieces of L samples, and the correlations of pieces d apart are the lags around
     d L: short transforms in single precision, several at once, take a third of the time of one long one.
     """
-    n, n_pieces = view.n_samples, 8
-    length = -(-n // n_pieces)
+    n, n_segments = view.n_samples, 8
+    length = -(-n // n_segments)
     n_fft = fft.next_fast_len(2 * length, real=True)
-    pieces = np.zeros((n_pieces, n_fft), dtype=np.float32)
-    for i in range(n_pieces):
+    pieces = np.zeros((n_segments, n_fft), dtype=np.float32)
+    for i in range(n_segments):
         part = unit32(view)[i * length : (i + 1) * length]
         pieces[i, : part.size] = part
     spectra = fft.rfft(pieces, axis=1)
     del pieces  # of an hour at 10 kHz this and the spectra are 0.6 GB
     cross = np.zeros_like(spectra)
-    for d in range(n_pieces):
-        for i in range(n_pieces - d):
+    for d in range(n_segments):
+        for i in range(n_segments - d):
             cross[d] += spectra[i].conj() * spectra[i + d]
     del spectra
     r = fft.irfft(cross, n_fft, axis=1, overwrite_x=True)

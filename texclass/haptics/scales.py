@@ -73,8 +73,8 @@ SCALES = {
 }
 
 OVER_THE_WAY = {
-    "fine": Scale("coarse", "rib_density", 0.2, 1.45, "1/mm"),
-    "regular": Scale("irregular", "rib_prominence", 2.2, 9.0, "dB"),
+    "fine": Scale("coarse", "ridge_density", 0.2, 1.45, "1/mm"),
+    "regular": Scale("irregular", "ridge_prominence", 2.2, 9.0, "dB"),
 }
 """Links that hold instead where their feature is defined."""
 COLUMNS = tuple(scale.column for scale in (*SCALES.values(), *OVER_THE_WAY.values()))

@@ -80,7 +80,7 @@ def _held(axes: Samples) -> int:
     return len(axes)
 
 
-def glitches_of(recording: Recording, stop: int) -> NDArray[np.intp]:
+def get_glitches(recording: Recording, stop: int) -> NDArray[np.intp]:
     """Return the glitches before sample `stop`: those that the search for phases found, if it was made."""
     found = GLITCHES.get(recording)
     if found is None:
@@ -123,7 +123,7 @@ def find_glitches(axes: Samples, stop: int | None = None) -> NDArray[np.intp]:
     return np.unique(wild[alone]) if alone.any() else wild[:0]
 
 
-def mended(axes: Samples, glitches: NDArray[np.intp]) -> Samples:
+def interpolate_glitches(axes: Samples, glitches: NDArray[np.intp]) -> Samples:
     """Return samples with the mean of both neighbours in place of each glitch."""
     if not len(glitches):
         return axes

@@ -22,24 +22,24 @@ class Levels:
 
     Attributes
     ----------
-    loud : ndarray of shape (n_bins,)
+    broadband : ndarray of shape (n_bins,)
         Power above hand motion in all bands.
-    felt : ndarray of shape (n_bins,)
-        The larger of `loud` and the power in the band in which soft contacts ring.
+    combined : ndarray of shape (n_bins,)
+        The larger of `broadband` and the power in the band in which soft contacts ring.
     strokes : ndarray of shape (n_bins,)
         The same where all bands exceed the noise, so that hand motion does not count; lowered by a quarter
         where the noise is intermittent.
     bin_s : float
         Duration of a bin in s.
-    least : int
+    min_bins : int
         Bins below which a level is too uncertain to count as vibration.
     """
 
-    loud: Samples
-    felt: Samples
+    broadband: Samples
+    combined: Samples
     strokes: Samples
     bin_s: float
-    least: int = 1
+    min_bins: int = 1
 
     def n_bins(self, seconds: float) -> int:
         """Return how many bins come nearest to `seconds`, at least one."""
@@ -52,14 +52,14 @@ class Impulse:
 
     Attributes
     ----------
-    start, peak, end, gone : int
+    start, peak, end, decay_end : int
         Bins in which it rises, is strongest, is 30 dB below its peak (or in the noise, or overtaken by the
         next), and has decayed.
     width : int
         Bins from the start until it is 10 dB below its peak.
-    felt_db, loud_db : float
+    combined_db, broadband_db : float
         Peak above the noise, with and without the soft band.
-    stands_out_db : float
+    prominence_db : float
         Peak above the larger of what was before and what is left.
     fall_db : float
         Peak above what is left.
@@ -68,17 +68,17 @@ class Impulse:
     start: int
     peak: int
     end: int
-    gone: int
+    decay_end: int
     width: int
-    felt_db: float
-    loud_db: float
-    stands_out_db: float
+    combined_db: float
+    broadband_db: float
+    prominence_db: float
     fall_db: float
 
     @property
     def quality(self) -> float:
         """Confidence: 1 minus the ratio of the amplitude around it to that of its peak."""
-        return 1.0 - float(10.0 ** (-self.stands_out_db / 20.0))
+        return 1.0 - float(10.0 ** (-self.prominence_db / 20.0))
 
 
 def decibels(ratio: Samples) -> Samples:
@@ -113,7 +113,7 @@ class SmoothLevels:
 
     Attributes
     ----------
-    sharp, loud : ndarray
+    sharp, broadband : ndarray
         Short average that locates peaks, with and without the soft band.
     calm : ndarray
         Longer average that follows the decay.
@@ -122,7 +122,7 @@ class SmoothLevels:
     """
 
     sharp: Samples
-    loud: Samples
+    broadband: Samples
     calm: Samples
     n_bins: Callable[[float], int]
 
@@ -133,9 +133,9 @@ class SmoothLevels:
         sharp, loud, calm = (
             decibels(moving_mean(level, n(seconds)))
             for level, seconds in (
-                (levels.felt, settings.sharp_s),
-                (levels.loud, settings.sharp_s),
-                (levels.felt, settings.calm_s),
+                (levels.combined, settings.sharp_s),
+                (levels.broadband, settings.sharp_s),
+                (levels.combined, settings.calm_s),
             )
         )
         return cls(sharp, loud, calm, n)
@@ -149,7 +149,7 @@ def prominence_over_past(smooth: SmoothLevels, settings: PhaseSettings) -> Sampl
     """
     n_past, n_rise = smooth.n_bins(settings.before_s), smooth.n_bins(settings.rise_s)
     rise = np.zeros(len(smooth.sharp))
-    for level, highest_past_db in ((smooth.sharp, np.inf), (smooth.loud, settings.stand_out_db)):
+    for level, highest_past_db in ((smooth.sharp, np.inf), (smooth.broadband, settings.stand_out_db)):
         past = _delayed(_trailing_max(level, n_past), n_rise + 1 - n_past % 2)
         past[: n_rise + n_past // 2] = 0.0  # less than half of the window exists
         above = np.where(past < highest_past_db, level - past, 0.0)
@@ -161,7 +161,7 @@ def candidate_peaks(smooth: SmoothLevels, rise_db: Samples, settings: PhaseSetti
     """Return the bins that are maxima within `tap_spacing_s`, loud as a tap, and stand out from the past."""
     size = 2 * smooth.n_bins(settings.tap_spacing_s) - 1
     is_peak = np.zeros(len(rise_db), dtype=bool)
-    for level in (smooth.sharp, smooth.loud):
+    for level in (smooth.sharp, smooth.broadband):
         is_maximum = level == ndimage.maximum_filter1d(level, size, mode="constant")
         is_peak |= is_maximum & (level >= 10 * np.log10(settings.tap_ratio))
     return np.flatnonzero(is_peak & (rise_db >= settings.stand_out_db)).tolist()
@@ -169,7 +169,7 @@ def candidate_peaks(smooth: SmoothLevels, rise_db: Samples, settings: PhaseSetti
 
 def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings: PhaseSettings) -> Impulse:
     """Measure the impulse with its peak in bin `peak`; the next impulse starts in bin `stop`."""
-    sharp, loud, n_bins = smooth.sharp, smooth.loud, smooth.n_bins
+    sharp, loud, n_bins = smooth.sharp, smooth.broadband, smooth.n_bins
     quiet_db = 10 * np.log10(settings.active_ratio)
     top = float(sharp[peak])
 
@@ -182,11 +182,11 @@ def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings
     fall_db = max(0.0, top - lowest)
 
     loudest = start + int(loud[start : peak + n_bins(settings.rise_s)].argmax())
-    loud_db = float(loud[loudest])
-    width = loudest + _first(loud[loudest:] < loud_db - settings.width_db, stop - loudest) - start
+    broadband_db = float(loud[loudest])
+    width = loudest + _first(loud[loudest:] < broadband_db - settings.width_db, stop - loudest) - start
     return Impulse(
         start, peak, max(end, start + 1), max(gone, start + 1), width,
-        felt_db=top, loud_db=loud_db, stands_out_db=min(rise_db, fall_db), fall_db=fall_db,
+        combined_db=top, broadband_db=broadband_db, prominence_db=min(rise_db, fall_db), fall_db=fall_db,
     )  # fmt: skip
 
 
@@ -218,10 +218,10 @@ def find_movement(
     3. Move both ends to the outermost vibration connected with them, up to an impulse far stronger than the
        strokes.
     """
-    size = max(levels.least, levels.n_bins(0.005))
+    size = max(levels.min_bins, levels.n_bins(0.005))
     window = max(1, round(levels.n_bins(settings.window_s) / size))
     rings = [i for i in impulses if i.fall_db >= settings.ring_db]
-    level = bin_means(without(levels.strokes, rings, settings.lasting_db), size)
+    level = bin_means(remove_impulses(levels.strokes, rings, settings.lasting_db), size)
     share = ndimage.uniform_filter1d((level > settings.stroke_ratio).astype(float), window, mode="constant")
     (lasting,) = np.nonzero(share > settings.share - 1e-9)
     if not len(lasting):
@@ -229,7 +229,7 @@ def find_movement(
     begun, ended = int(lasting[0]), int(lasting[-1])
     peak_db = np.quantile(decibels(levels.strokes[begun * size : (ended + 1) * size]), 0.95)
     strong = float(peak_db) + settings.strong_db
-    level = bin_means(without(levels.strokes, impulses, strong), size)
+    level = bin_means(remove_impulses(levels.strokes, impulses, strong), size)
     active = ndimage.uniform_filter1d(level, 3, mode="nearest") > settings.stroke_ratio
     gap = max(1, round(levels.n_bins(settings.gap_s) / size))
     first = len(active) - 1 - _outermost(active[::-1], len(active) - 1 - begun, gap)
@@ -237,7 +237,7 @@ def find_movement(
     return first * size, min((last + 1) * size, len(levels.strokes))
 
 
-def divide(
+def split_taps_and_movement(
     levels: Levels, impulses: Sequence[Impulse], settings: PhaseSettings, begins: int | None = None
 ) -> tuple[list[Impulse], tuple[int, int] | None]:
     """Return the taps among the impulses, and the bins of the movement (None if there is none).
@@ -248,23 +248,23 @@ def divide(
     """
     span = find_movement(levels, impulses, settings)
     if span is None or _is_echo(levels, impulses, span, settings):
-        return only_taps(impulses, levels, settings), None
+        return select_taps(impulses, levels, settings), None
     first, last = span
     if begins is not None and begins < first:
-        active = bin_means(levels.strokes[begins:first], max(levels.least, levels.n_bins(settings.calm_s)))
+        active = bin_means(levels.strokes[begins:first], max(levels.min_bins, levels.n_bins(settings.calm_s)))
         if np.mean(active > settings.active_ratio) > settings.share / 2:
             first = begins
-    usual, strong = np.quantile(decibels(levels.felt[first:last]), [0.5, 0.95])
+    usual, strong = np.quantile(decibels(levels.combined[first:last]), [0.5, 0.95])
     before = [i for i in impulses if i.start < first]
-    after = [i for i in impulses if i.start >= first and i.gone > last]
-    while before and before[-1].felt_db < strong + settings.strong_db:
-        gap_s = settings.first_gap_s if before[-1].felt_db < usual else settings.gap_s
+    after = [i for i in impulses if i.start >= first and i.decay_end > last]
+    while before and before[-1].combined_db < strong + settings.strong_db:
+        gap_s = settings.first_gap_s if before[-1].combined_db < usual else settings.gap_s
         if first - before[-1].end >= levels.n_bins(gap_s):
             break
         first = min(first, before.pop().start)
     while after and after[0].start < last + levels.n_bins(settings.pause_s):
-        last = max(last, after.pop(0).gone)
-    return only_taps(before + after, levels, settings), (first, last)
+        last = max(last, after.pop(0).decay_end)
+    return select_taps(before + after, levels, settings), (first, last)
 
 
 def _is_echo(
@@ -272,27 +272,27 @@ def _is_echo(
 ) -> bool:
     if span[1] - span[0] >= levels.n_bins(settings.echo_s):
         return False
-    strongest = max((i.loud_db for i in impulses if i.start < span[0]), default=0.0)
-    left = without(levels.loud, impulses, settings.lasting_db)[slice(*span)]
+    strongest = max((i.broadband_db for i in impulses if i.start < span[0]), default=0.0)
+    left = remove_impulses(levels.broadband, impulses, settings.lasting_db)[slice(*span)]
     return bool(np.quantile(decibels(left), 0.75) < strongest - settings.echo_db)
 
 
-def only_taps(impulses: Sequence[Impulse], levels: Levels, settings: PhaseSettings) -> list[Impulse]:
+def select_taps(impulses: Sequence[Impulse], levels: Levels, settings: PhaseSettings) -> list[Impulse]:
     """Return the impulses without weak ones, of a tool that is lifted, set down or pulled."""
-    felt = max((i.felt_db for i in impulses), default=0.0)
-    loud = max((i.loud_db for i in impulses), default=0.0)
+    felt = max((i.combined_db for i in impulses), default=0.0)
+    loud = max((i.broadband_db for i in impulses), default=0.0)
 
     def is_pull(impulse: Impulse) -> bool:
         soon = impulse.start + levels.n_bins(settings.pull_s)
-        stronger_db = impulse.felt_db + settings.pull_db
-        return any(impulse.start < i.start < soon and i.felt_db > stronger_db for i in impulses)
+        stronger_db = impulse.combined_db + settings.pull_db
+        return any(impulse.start < i.start < soon and i.combined_db > stronger_db for i in impulses)
 
     def is_tap(impulse: Impulse) -> bool:
-        if impulse.loud_db < settings.soft_db:
-            return felt - impulse.felt_db <= settings.soft_db and not is_pull(impulse)
+        if impulse.broadband_db < settings.soft_db:
+            return felt - impulse.combined_db <= settings.soft_db and not is_pull(impulse)
         is_short = impulse.width <= levels.n_bins(settings.clear_s)
-        is_clear = impulse.loud_db >= settings.clear_db and is_short
-        return loud - impulse.loud_db <= (settings.clear_range_db if is_clear else settings.range_db)
+        is_clear = impulse.broadband_db >= settings.clear_db and is_short
+        return loud - impulse.broadband_db <= (settings.clear_range_db if is_clear else settings.range_db)
 
     return [impulse for impulse in impulses if is_tap(impulse)]
 
@@ -312,12 +312,12 @@ def moving_mean(level: Samples, n: int) -> Samples:
     return np.asarray(np.maximum(ndimage.uniform_filter1d(level, max(1, n), mode="nearest"), 0.0))
 
 
-def without(strokes: Samples, impulses: Sequence[Impulse], least_db: float) -> Samples:
+def remove_impulses(strokes: Samples, impulses: Sequence[Impulse], least_db: float) -> Samples:
     """Return a level that is 0 during impulses of at least `least_db` and their decay."""
     left = strokes.copy()
     for impulse in impulses:
-        if impulse.loud_db >= least_db:
-            left[max(0, impulse.start - 2) : impulse.gone + 1] = 0.0
+        if impulse.broadband_db >= least_db:
+            left[max(0, impulse.start - 2) : impulse.decay_end + 1] = 0.0
     return left
 
 

@@ -3,8 +3,15 @@
 import numpy as np
 
 from texclass.phase_settings import PhaseSettings
-from texclass.phases.hand import hand_start, lone_tap
-from texclass.phases.impulses import Impulse, divide, find_impulses, moving_mean, only_taps, without
+from texclass.phases.hand_motion import find_hand_start, find_single_tap
+from texclass.phases.impulses import (
+    Impulse,
+    find_impulses,
+    moving_mean,
+    remove_impulses,
+    select_taps,
+    split_taps_and_movement,
+)
 from texclass.phases.vibration_track import Track, track
 from texclass.recording import Phases, Recording, Samples, Tap
 
@@ -22,7 +29,7 @@ def find_phases(recording: Recording, settings: PhaseSettings | None = None) -> 
 
     1. Filter out gravity, tremor and hand motion; divide by the noise at rest, bin by bin (`track`).
     2. An impulse rises by 10 dB or more above what was just before, and decays (`find_impulses`).
-    3. The tool strokes where the level exceeds the noise otherwise (`divide`).
+    3. The tool strokes where the level exceeds the noise otherwise (`split_taps_and_movement`).
     4. Impulses inside a movement belong to the texture; the others are taps, unless they are far weaker than
        the strongest (a tool that is lifted).
 
@@ -71,10 +78,10 @@ def find_phases(recording: Recording, settings: PhaseSettings | None = None) -> 
     measured = track(recording, settings)
     impulses, opening = _impulses(measured, settings)
     if settings.contents == "taps":
-        taps = _taps(recording, measured, only_taps(impulses, measured.levels, settings), settings)
+        taps = _taps(recording, measured, select_taps(impulses, measured.levels, settings), settings)
         return Phases(taps, notes=() if taps else (NO_TAPS,))
     begins = measured.data[0] if _opens_in_movement(measured, opening, settings) else None
-    impulses, span = divide(measured.levels, impulses, settings, begins)
+    impulses, span = split_taps_and_movement(measured.levels, impulses, settings, begins)
     if span is not None and _are_of_strokes(impulses, measured, span, settings):
         impulses = []
     taps = _taps(recording, measured, impulses, settings)
@@ -86,7 +93,7 @@ def find_phases(recording: Recording, settings: PhaseSettings | None = None) -> 
     return Phases((), (0, recording.n_samples), None, (NEVER_QUIET,))
 
 
-def leaves_noise(power: Samples, noise: float) -> int | None:
+def find_impact(power: Samples, noise: float) -> int | None:
     """Return the first sample that exceeds the noise, within 25 dB of the peak; None without a clear one."""
     peak = float(power.max())
     least = max(20.0 * noise, 3e-3 * peak)  # a single sample of noise does not reach 20 times its mean
@@ -95,7 +102,7 @@ def leaves_noise(power: Samples, noise: float) -> int | None:
 
 def _short(recording: Recording) -> Phases:
     """Return the phases of a recording too short for a stroke: one tap, or a part of a movement."""
-    tap = lone_tap(recording)
+    tap = find_single_tap(recording)
     if tap is not None:
         return Phases((tap,), notes=(LONE_TAP,))
     if np.ptp(recording.acceleration, axis=0).max() == 0:
@@ -113,12 +120,12 @@ def _impulses(measured: Track, settings: PhaseSettings) -> tuple[list[Impulse], 
     opening = first + n_bins(settings.opening_s)
     kink = n_bins(settings.kink_s)
     earliest = up + (up - first) + kink if up > first else first
-    latest = down - kink if down < stop else len(measured.levels.loud)
+    latest = down - kink if down < stop else len(measured.levels.broadband)
     impulses = find_impulses(measured.levels, settings)
     kept = [
         i
         for i in impulses
-        if i.start >= opening and (i.loud_db >= settings.clear_db or earliest <= i.start < latest)
+        if i.start >= opening and (i.broadband_db >= settings.clear_db or earliest <= i.start < latest)
     ]
     return kept, [i for i in impulses if i.start < opening]
 
@@ -127,7 +134,7 @@ def _opens_in_movement(measured: Track, opening: list[Impulse], settings: PhaseS
     """Return whether the data start with vibration that is not the decay of an impulse."""
     levels, first = measured.levels, measured.data[0]
     stop = first + levels.n_bins(2 * settings.opening_s)
-    begin = without(levels.strokes[:stop], opening, 0.0)[first:]
+    begin = remove_impulses(levels.strokes[:stop], opening, 0.0)[first:]
     return len(begin) > 0 and measured.full[0] == first and float(begin.mean()) > settings.active_ratio
 
 
@@ -135,7 +142,7 @@ def _are_of_strokes(
     impulses: list[Impulse], measured: Track, span: tuple[int, int], settings: PhaseSettings
 ) -> bool:
     """Return whether the impulses are so few and weak that they may be those of faint strokes."""
-    strongest = max((i.loud_db for i in impulses), default=0.0)
+    strongest = max((i.broadband_db for i in impulses), default=0.0)
     are_weak = len(impulses) < settings.few and strongest < settings.sure_db
     return are_weak and _is_faint(measured, (0, span[1]), settings)
 
@@ -174,7 +181,7 @@ def _taps(
         impact = _impact(measured, impulse, settings)
         end = max(impact + 1, min(impulse.end * size, recording.n_samples))
         earliest = min(impact, max(free_from, impact - round(settings.hand_s * recording.fs)))
-        start = earliest + hand_start(measured.axes[earliest:impact], recording.fs)
+        start = earliest + find_hand_start(measured.axes[earliest:impact], recording.fs)
         taps.append(Tap(start, impact, end, impulse.width * size, impulse.quality))
         free_from = end
     return tuple(taps)
@@ -185,7 +192,7 @@ def _impact(measured: Track, impulse: Impulse, settings: PhaseSettings) -> int:
     margin = measured.levels.n_bins(settings.margin_s)
     start = max(0, impulse.start - margin) * measured.bin_size
     stop = (max(impulse.start + margin, impulse.peak) + margin) * measured.bin_size
-    row = leaves_noise(measured.power[start:stop], measured.noise)
+    row = find_impact(measured.power[start:stop], measured.noise)
     return impulse.start * measured.bin_samples if row is None else (start + row) * measured.step
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from texclass.phase_settings import PhaseSettings
-from texclass.phases.defects import GLITCHES, fade, find_data, find_glitches, mended
+from texclass.phases.defects import GLITCHES, fade, find_data, find_glitches, interpolate_glitches
 from texclass.phases.high_pass import high_pass_power
 from texclass.phases.impulses import Levels, bin_means, moving_mean
 from texclass.recording import Recording, Samples
@@ -15,7 +15,7 @@ from texclass.signals import butterworth
 
 Span = tuple[int, int]
 """Half-open range [first, stop) of bins."""
-LEAST_SAMPLES = 20
+MIN_LEVEL_SAMPLES = 20
 """Samples below which a level is too uncertain to count as vibration."""
 NO_POWER = 1e-14
 """Share of the strongest bin below which power is numerical rounding."""
@@ -78,7 +78,7 @@ def track(recording: Recording, settings: PhaseSettings) -> Track:
 
     sensed, glitches = find_data(recorded, recording.fs), find_glitches(recorded)
     GLITCHES[recording] = glitches
-    axes = mended(recorded, glitches)
+    axes = interpolate_glitches(recorded, glitches)
     high_pass = _hand_filter(settings.hand_hz, rate)
     soft_band = _soft_filter(settings.soft_band_hz, 1 / bin_s)
     power, means, correlation = high_pass_power(axes, sensed.rest, sensed.first, high_pass, step, bin_size)
@@ -96,11 +96,11 @@ def track(recording: Recording, settings: PhaseSettings) -> Track:
     usable = slice(*full) if full[1] - full[0] >= n_quiet else slice(first, max(stop, first + 1))
     noise, is_steady, is_intermittent = noise_floor(loud[usable], n_quiet, bin_size * axes.shape[1], settings)
     noise = max(noise, NO_POWER * float(loud.max()))
-    # Of recorded samples: a mended glitch lies between two steps of the converter.
+    # Of recorded samples: an interpolated glitch lies between two steps of the converter.
     if not np.ptp(recorded[:200], axis=0).all() or _quantisation_noise(recorded[:200]) > noise:
         noise = max(noise, _quantisation_noise(recorded[:50_000]))  # never more than that of fewer samples
     levels = replace(
-        _levels(loud, soft, noise, usable, bin_s, settings), least=-(-LEAST_SAMPLES // bin_samples)
+        _levels(loud, soft, noise, usable, bin_s, settings), min_bins=-(-MIN_LEVEL_SAMPLES // bin_samples)
     )
     if is_intermittent:
         levels = replace(levels, strokes=settings.noisy_weight * levels.strokes)

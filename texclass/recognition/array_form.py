@@ -255,9 +255,9 @@ def _neighbours(
 
 def _vote(X: Samples, columns: Columns, piece: Part, whole: Part | None, whole_weight: float) -> Samples:
     """Average over the pieces, then over that and the whole; equal pieces need no rule of their own."""
-    n_features, n_pieces = columns.shape
+    n_features, n_segments = columns.shape
     decisions = apply(piece, X[:, columns.T].reshape(-1, n_features))
-    mean = decisions.reshape(len(X), n_pieces, decisions.shape[1]).mean(axis=1)
+    mean = decisions.reshape(len(X), n_segments, decisions.shape[1]).mean(axis=1)
     if whole is None:
         return np.asarray(mean)
     return np.asarray((mean + whole_weight * apply(whole, X)) / (1 + whole_weight))

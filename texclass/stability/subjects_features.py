@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from texclass.features.contract import Gain, UndefinedFeatureError, registered
-from texclass.features.examination import bare_view
+from texclass.features.contract import Gain, UndefinedFeatureError, list_features
+from texclass.features.contract_checks import bare_view
 from texclass.features.phase_view import Phase, Views
 from texclass.features.sets import FeatureSet, Member
 from texclass.recording import Phases, Recording, Samples, Tap
@@ -28,7 +28,7 @@ Extract = Callable[[Any, Case], tuple[dict[str, Any], dict[str, str]]]
 
 def subjects() -> list[Subject]:
     """Return one subject for each registered feature, and all together as a library is judged."""
-    members = tuple(Member(name, feature) for name, feature in registered().items())
+    members = tuple(Member(name, feature) for name, feature in list_features().items())
     every = FeatureSet("all", members).reading("tap", "movement", "travel", "friction")
 
     def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
@@ -40,7 +40,7 @@ def subjects() -> list[Subject]:
     def none_required(quick: bool) -> list[Case]:
         return [replace(case, required=False) for case in cases(quick)]
 
-    given = {"rib_density": none_required}  # even ordinary noise has no ribs
+    given = {"ridge_density": none_required}  # even ordinary noise has no ribs
     each = [Subject(m.name, "features", given.get(m.name, cases), one_feature(m)) for m in members]
     return [*each, Subject("all features", "features", cases, extraction(extract))]
 

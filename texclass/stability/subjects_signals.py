@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft
 
 from texclass import signals
-from texclass.features import conditioning, spectra
+from texclass.features import movement_filters, spectra
 from texclass.features.phase_view import PhaseView
 from texclass.recording import Samples
 from texclass.stability import exact, rules
@@ -206,7 +206,7 @@ def _remove_hand_motion(x: Any, case: Case) -> Attempt:
 
 
 def _spectrum(x: Any, fs: float) -> Any:
-    return fft.rfft(x, conditioning.FINEST * fft.next_fast_len(-(-x.size // conditioning.FINEST)))
+    return fft.rfft(x, movement_filters.FINEST * fft.next_fast_len(-(-x.size // movement_filters.FINEST)))
 
 
 def _autocorrelation(x: Any, fs: float) -> Any:
@@ -240,16 +240,16 @@ def _cutoff(view: PhaseView) -> float:
 
 
 SHARED: dict[str, tuple[Callable[[PhaseView], Any], Callable[[Any, float], Any] | None]] = {
-    "spectrum": (conditioning.spectrum, _spectrum),
-    "low_spectrum": (conditioning.low_spectrum, lambda x, fs: np.array_split(_spectrum(x, fs), 2)[0]),
+    "spectrum": (movement_filters.spectrum, _spectrum),
+    "low_spectrum": (movement_filters.low_spectrum, lambda x, fs: np.array_split(_spectrum(x, fs), 2)[0]),
     "autocorrelation": (spectra.autocorrelation, _autocorrelation),
     "spectral_changes (DCT)": (lambda v: spectra.spectral_changes(v, 256, 64), _spectral_changes),
     "power_frames": (lambda v: spectra.power_frames(v, 128 / v.fs, 64 / v.fs, "hann")[0], _power_frames),
     "mean_spectrum": (lambda v: spectra.mean_spectrum(v)[1], _mean_spectrum),
-    "high_passed": (lambda v: conditioning.high_passed(v, _cutoff(v)), None),
-    "low_passed": (lambda v: conditioning.low_passed(v, _cutoff(v))[0], None),
-    "band_passed": (lambda v: conditioning.band_passed(v, _cutoff(v), 2 * _cutoff(v), v.fs), None),
-    "details": (lambda v: np.concatenate(conditioning.details(v, _cutoff(v), "coif3", 3)), None),
+    "high_passed": (lambda v: movement_filters.high_passed(v, _cutoff(v)), None),
+    "low_passed": (lambda v: movement_filters.low_passed(v, _cutoff(v))[0], None),
+    "band_passed": (lambda v: movement_filters.band_passed(v, _cutoff(v), 2 * _cutoff(v), v.fs), None),
+    "details": (lambda v: np.concatenate(movement_filters.details(v, _cutoff(v), "coif3", 3)), None),
 }
 """What several features read: the transform, and what it is of 80-bit samples at a rate."""
 

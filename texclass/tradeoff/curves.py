@@ -208,7 +208,7 @@ def order_curve(conditions: Conditions) -> Facts | None:
 def _model(load: Callable[[Entry], Any], entry: Entry) -> Samples | None:
     """Return log gain and arctanh of the reflection coefficients of a movement, or None without one."""
     try:
-        movement = views_of(load(entry))[""].without_hand
+        movement = views_of(load(entry))[""].vibration
     except (RecordingError, UndefinedFeatureError):
         return None
     model = vibration.fit(movement.samples, CURVES.orders[-1])

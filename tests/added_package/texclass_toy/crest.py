@@ -3,7 +3,7 @@
 import numpy as np
 
 from texclass.features import Gain, feature
-from texclass.features.conditioning import unit
+from texclass.features.movement_filters import unit
 
 
 @feature("movement", unit="1", reference="an example", gain=Gain())

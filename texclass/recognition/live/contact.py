@@ -2,7 +2,8 @@
 
 Vibration is measured bin by bin (`Level`); a level against a noise floor, with hysteresis, says when there is
 some activity. Whether it is taps or strokes says the core that recordings are segmented by, asked of the
-activity at hand (`texclass.phases.divide`). `TapMemory` keeps the taps for what reads them with a movement.
+activity at hand (`texclass.phases.split_taps_and_movement`). `TapMemory` keeps the taps for what reads them
+with a movement.
 """
 
 import math
@@ -16,17 +17,17 @@ import numpy as np
 from texclass.phase_settings import PhaseSettings
 from texclass.phases import (
     AT_REST_M_S2,
-    LEAST_SAMPLES,
+    MIN_LEVEL_SAMPLES,
     Impulse,
     Levels,
     bin_means,
-    divide,
     find_glitches,
+    find_hand_start,
+    find_impact,
     find_impulses,
-    hand_start,
-    leaves_noise,
-    mended,
-    only_taps,
+    interpolate_glitches,
+    select_taps,
+    split_taps_and_movement,
 )
 from texclass.recording import Samples, Tap
 from texclass.signals import butterworth, causal
@@ -148,7 +149,7 @@ class Level:
     def __init__(self, fs: float, n_axes: int, keep_s: float) -> None:
         self.fs = fs
         # The bins that are followed have about 5 ms.
-        self.bin_size = max(LEAST_SAMPLES, round(0.005 * fs))
+        self.bin_size = max(MIN_LEVEL_SAMPLES, round(0.005 * fs))
         self.vibration = Ring(round(keep_s * fs) + 4 * self.bin_size, n_axes)
         # Below 60 Hz is the motion of hand, tremor and gravity, as in `texclass.phases`.
         self.high_pass = butterworth("highpass", min(60.0, 0.2 * fs), fs)
@@ -459,9 +460,9 @@ class Contact:
         before = round(2 * rules.before_s * self._heard.fs)
         start, size, powers = self._heard.fine(self._run[0] - before, known)
         ratio = powers / self._floor()
-        levels = Levels(ratio, ratio, ratio, size / self._heard.fs, -(-LEAST_SAMPLES // size))
+        levels = Levels(ratio, ratio, ratio, size / self._heard.fs, -(-MIN_LEVEL_SAMPLES // size))
         impulses = find_impulses(levels, rules)
-        taps, span = (impulses, None) if is_over else divide(levels, impulses, rules)
+        taps, span = (impulses, None) if is_over else split_taps_and_movement(levels, impulses, rules)
         if not is_over and span is None:
             return []
         told = []
@@ -469,7 +470,7 @@ class Contact:
         for tap in taps:
             peak = start + tap.peak * size
             is_apart = start + tap.start * size >= self._tapped_until and peak - self._tap_peak >= spacing
-            if is_apart and tap in only_taps([*self.struck, tap], levels, rules):
+            if is_apart and tap in select_taps([*self.struck, tap], levels, rules):
                 self.struck.append(tap)
                 self._tap_peak = peak
                 at, self._tapped_until = start + tap.start * size, start + tap.end * size
@@ -523,15 +524,15 @@ class TapMemory:
         # Its impact is at most 3 ms before the impulse begins.
         start = max(self._level.vibration.start, event.sample - round(0.003 * fs))
         stop = max(start + 1, event.sample + event.width)
-        at = leaves_noise(self._level.power(start, stop), floor)
+        at = find_impact(self._level.power(start, stop), floor)
         impact = event.sample if at is None else start + at
         earliest = max(self._ring.start, last, impact - round(self._hand_s * fs))
         axes = self._ring.view(earliest, event.end)[:, : self._n_axes]
         glitches = find_glitches(axes)
         if ((glitches >= start - earliest) & (glitches < stop - earliest)).any():
             return None
-        before = mended(axes, glitches)[: max(0, impact - earliest)]
-        began = min(impact, earliest + hand_start(before, fs))
+        before = interpolate_glitches(axes, glitches)[: max(0, impact - earliest)]
+        began = min(impact, earliest + find_hand_start(before, fs))
         tap = Tap(began, impact, max(event.end, impact + 1), event.width, event.quality)
         self._taps = [*self._taps, tap][-16:]  # so many are remembered
         return replace(event, sample=impact, end=tap.end)

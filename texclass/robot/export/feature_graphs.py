@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft
 
 from texclass.features import autoregression, bands, cepstrum, roughness, slopes
-from texclass.features.excess import octaves_of
+from texclass.features.residual_bands import octaves_of
 from texclass.features.spectra import LONG_FRAME_S, window_of
 from texclass.recording import Samples
 from texclass.robot.export.fourier_graphs import band_magnitude, banded, low_passed, power
@@ -233,26 +233,26 @@ def _level_tilt(view: GraphView) -> Tensor:
     return tilt
 
 
-@graph_of("band_excess")
-def _band_excess(view: GraphView, n_bands: int) -> Tensor:
+@graph_of("band_residual_level")
+def _band_residual_level(view: GraphView, n_bands: int) -> Tensor:
     middle = np.log2((np.arange(n_bands) + 0.5) / n_bands)
     return _above_line(view, _band_level(view, n_bands), middle, 2)
 
 
-@graph_of("octave_excess")
-def _octave_excess(view: GraphView, octaves: tuple[int, int], per_octave: int) -> Tensor:
+@graph_of("octave_residual_level")
+def _octave_residual_level(view: GraphView, octaves: tuple[int, int], per_octave: int) -> Tensor:
     n_bands = (octaves[1] - octaves[0]) * per_octave
     middle = -octaves[0] - (np.arange(n_bands) + 0.5) / per_octave
     return _above_line(view, _octave_level(view, octaves, per_octave), middle, 2)
 
 
-@graph_of("slope_excess")
-def _slope_excess(view: GraphView, lags: tuple[int, ...]) -> Tensor:
+@graph_of("slope_residual_level")
+def _slope_residual_level(view: GraphView, lags: tuple[int, ...]) -> Tensor:
     return _above_line(view, _slope_level(view, lags), octaves_of(lags), 1)
 
 
-@graph_of("curvature_excess")
-def _curvature_excess(view: GraphView, lags: tuple[int, ...]) -> Tensor:
+@graph_of("curvature_residual_level")
+def _curvature_residual_level(view: GraphView, lags: tuple[int, ...]) -> Tensor:
     return _above_line(view, _curvature_level(view, lags), octaves_of(lags), 1)
 
 

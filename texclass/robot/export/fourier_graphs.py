@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy import fft
 
-from texclass.features import conditioning
+from texclass.features import movement_filters
 from texclass.recording import Samples
 from texclass.robot.export.graph import Graph, Tensor
 from texclass.robot.export.graph_view import GraphView, once
@@ -126,11 +126,11 @@ def _blocks(graph: Graph, key: tuple[str, int], blocks: Callable[[], list[list[T
     return graph.once(key, lambda: graph.beside(*(graph.beside(*row) for row in blocks()), axis=0))
 
 
-# Filters, as in `texclass.features.conditioning`: a response times the spectrum.
+# Filters, as in `texclass.features.movement_filters`: a response times the spectrum.
 
 
 def _padded(view: GraphView) -> int:
-    return conditioning.FINEST * int(fft.next_fast_len(-(-view.n_samples // conditioning.FINEST)))
+    return movement_filters.FINEST * int(fft.next_fast_len(-(-view.n_samples // movement_filters.FINEST)))
 
 
 @once
@@ -150,7 +150,7 @@ def _filtered(view: GraphView, response: Samples, n: int) -> Tensor:
 def low_passed(view: GraphView, cutoff_hz: float) -> tuple[Tensor, int, int]:
     """Add the low-passed movement, and say by which factor its rate is lower, and its length."""
     n_fft, rate = _padded(view), cutoff_hz * 10
-    factor = next((k for k in (conditioning.FINEST, 10, 5, 4, 2) if view.fs / k >= rate), 1)
+    factor = next((k for k in (movement_filters.FINEST, 10, 5, 4, 2) if view.fs / k >= rate), 1)
     size = -(-view.n_samples // factor)
     f = np.arange(n_fft // factor // 2 + 1) * (view.fs / n_fft)
     slow = _filtered(view, 1 / (1 + (f / cutoff_hz) ** 4), n_fft // factor).cut(0, size)
@@ -159,7 +159,7 @@ def low_passed(view: GraphView, cutoff_hz: float) -> tuple[Tensor, int, int]:
 
 @once
 def band_magnitude(view: GraphView, band_hz: tuple[float, float], rate_hz: float) -> Tensor:
-    """Add the magnitude of the movement in a band; see `conditioning.band_passed`."""
+    """Add the magnitude of the movement in a band; see `movement_filters.band_passed`."""
     low_hz, high_hz = band_hz
     n_fft = _padded(view)
     n = 2 * int(fft.next_fast_len(int(np.ceil(n_fft * rate_hz / view.fs / 2)), real=True))
@@ -171,7 +171,7 @@ def band_magnitude(view: GraphView, band_hz: tuple[float, float], rate_hz: float
 
 @once
 def banded(view: GraphView, band_hz: float) -> tuple[Tensor, int, float]:
-    """Add the movement at twice the band, and say its length and rate; see `conditioning.banded`."""
+    """Add the movement at twice the band, and say its length and rate; see `movement_filters.banded`."""
     if view.fs <= 2 * band_hz:
         return view.unit, view.n_samples, view.fs
     n_fft = _padded(view)

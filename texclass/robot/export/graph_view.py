@@ -17,7 +17,7 @@ from typing import Any, Concatenate, ParamSpec
 import numpy as np
 
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.phase_view import LEAST_PIECE, PhaseView
+from texclass.features.phase_view import MIN_SEGMENT_SAMPLES, PhaseView
 from texclass.features.sets import FeatureSet, Member
 from texclass.robot.export.graph import Graph, Made, Tensor
 
@@ -157,23 +157,23 @@ def member_graph(view: GraphView, member: Member) -> Tensor:
     except UndefinedFeatureError:
         return view.level * 0.0 + np.full((1, len(member.all_columns)), np.nan)
     given: dict[str, Any] = {**member.feature.defaults, **member.parameters}
-    n_pieces = given.pop("n_pieces", 1) if member.feature.divisible else 1
-    cut = n_pieces > 1 and view.n_samples >= n_pieces * LEAST_PIECE
-    part = pieces_of(view, n_pieces) if cut else view
+    n_segments = given.pop("n_segments", 1) if member.feature.divisible else 1
+    cut = n_segments > 1 and view.n_samples >= n_segments * MIN_SEGMENT_SAMPLES
+    part = segments_of(view, n_segments) if cut else view
     made = once(builders()[member.feature.name])(part, **given)
     values = part.add("Where", part.silent, np.nan, made)
-    n_outputs = len(member.all_columns) // n_pieces
+    n_outputs = len(member.all_columns) // n_segments
     if cut:
-        values = values.reshape(-1, n_pieces, n_outputs)
-        values = view.add("Transpose", values, perm=[0, 2, 1]).reshape(0, n_outputs * n_pieces)
-    elif n_pieces > 1:
-        values = values.take(np.repeat(np.arange(n_outputs), n_pieces))
+        values = values.reshape(-1, n_segments, n_outputs)
+        values = view.add("Transpose", values, perm=[0, 2, 1]).reshape(0, n_outputs * n_segments)
+    elif n_segments > 1:
+        values = values.take(np.repeat(np.arange(n_outputs), n_segments))
     broken = view.add("IsNaN", (values * 0.0).sum())  # one is NaN or infinite
     return view.add("Where", broken, np.nan, values)
 
 
 @once
-def pieces_of(view: GraphView, n_pieces: int) -> GraphView:
-    """Return the view of equal pieces, one after the other: n_pieces rows of each movement."""
-    size = view.n_samples // n_pieces
-    return GraphView(view.samples.cut(0, size * n_pieces).reshape(-1, size), view.fs, size)
+def segments_of(view: GraphView, n_segments: int) -> GraphView:
+    """Return the view of equal pieces, one after the other: n_segments rows of each movement."""
+    size = view.n_samples // n_segments
+    return GraphView(view.samples.cut(0, size * n_segments).reshape(-1, size), view.fs, size)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from texclass.features.phase_view import LEAST_PIECE, TURN, kept_length
+from texclass.features.phase_view import MIN_SEGMENT_SAMPLES, TURN, kept_length
 from texclass.features.plan import Plan
 from texclass.recognition.live.online_recogniser import Stretches
 from texclass.recognition.model import Model
@@ -159,17 +159,19 @@ def recording_of(model: Model, window: Samples) -> Recording:
 
 def _same_pieces(model: Model, n_samples: int) -> bool:
     """Return whether windows are too short to be cut, and all steps leave their equal pieces equal."""
-    n_pieces = model.classifier["columns"].shape[1] if model.classifier["does"] == "vote" else 1
-    given = [member.parameters.get("n_pieces", 1) for _, part in model.plan.parts for member in part.members]
-    cut = n_samples >= n_pieces * LEAST_PIECE
-    if n_pieces == 1 or cut or set(given) != {n_pieces} or len(model.columns) % n_pieces:
+    n_segments = model.classifier["columns"].shape[1] if model.classifier["does"] == "vote" else 1
+    given = [
+        member.parameters.get("n_segments", 1) for _, part in model.plan.parts for member in part.members
+    ]
+    cut = n_samples >= n_segments * MIN_SEGMENT_SAMPLES
+    if n_segments == 1 or cut or set(given) != {n_segments} or len(model.columns) % n_segments:
         return False
-    rows = np.random.default_rng(0).standard_normal((2, len(model.columns) // n_pieces))
+    rows = np.random.default_rng(0).standard_normal((2, len(model.columns) // n_segments))
     rows[1] = np.nan
-    prepared = model.prepare(np.repeat(rows, n_pieces, axis=1))
-    if prepared.shape[1] % n_pieces:
+    prepared = model.prepare(np.repeat(rows, n_segments, axis=1))
+    if prepared.shape[1] % n_segments:
         return False
-    pieces = prepared.reshape(2, -1, n_pieces)
+    pieces = prepared.reshape(2, -1, n_segments)
     return bool((pieces == pieces[:, :, :1]).all())
 
 
@@ -202,12 +204,12 @@ def feature_tensors(windows: Windows, x: Tensor) -> tuple[list[Tensor], list[str
         views = _movements(windows, rows, 1, is_axis)
         members = {member.name: member for _, part in apart for member in part.members}
         for member in members.values():
-            values = member_graph(views[member.without_hand], member)
+            values = member_graph(views[member.remove_hand_motion], member)
             tensors.append(values.reshape(-1, len(names) * len(member.all_columns)))
             places += [f"{name}/{column}" for name in names for column in member.all_columns]
     for part in (part for prefix, part in plan.parts if not prefix):
         views = _movements(windows, x, len(windows.channels))
-        tensors += [member_graph(views[member.without_hand], member) for member in part.members]
+        tensors += [member_graph(views[member.remove_hand_motion], member) for member in part.members]
         places += [column for member in part.members for column in member.all_columns]
     return tensors, places
 
@@ -223,7 +225,7 @@ def add_features(windows: Windows, x: Tensor) -> Tensor:
 def _movements(windows: Windows, x: Tensor, n_axes: int, is_axis: Any = True) -> dict[bool, GraphView]:
     """Add conditioned movements of windows (n, n_axes, n_samples): with (False) and without the hand (True).
 
-    See `Views.movement` and `Views.without_hand`.
+    See `Views.movement` and `Views.vibration`.
     """
     fs, n_samples = windows.fs, windows.n_samples
     n = kept_length(n_samples)
@@ -232,7 +234,7 @@ def _movements(windows: Windows, x: Tensor, n_axes: int, is_axis: Any = True) ->
     axes = kept - mean
     samples = axes.reshape(0, n) if n_axes == 1 else _dft321(axes, n_axes, n)
     movement = GraphView(samples, fs, n)
-    felt_by_hand = any(member.without_hand for _, part in windows.plan.parts for member in part.members)
+    felt_by_hand = any(member.remove_hand_motion for _, part in windows.plan.parts for member in part.members)
     if windows.unit != "m/s^2" or not felt_by_hand:
         return {False: movement, True: movement}
     if windows.without_level:  # then the mean is no gravity

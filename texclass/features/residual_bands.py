@@ -58,7 +58,7 @@ def level_tilt(view: PhaseView) -> Samples:
     ----------
     view : PhaseView
         Movement.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -70,7 +70,7 @@ def level_tilt(view: PhaseView) -> Samples:
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="b{n_bands}")
-def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
+def band_residual_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     """`band_level` minus twice (power of a magnitude) the `line` at the middle of each band.
 
     Parameters
@@ -79,7 +79,7 @@ def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
         Movement.
     n_bands : int
         Number of bands of equal width from 0 to fs/2.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -92,7 +92,9 @@ def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs=fraction_names)
-def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3) -> Samples:
+def octave_residual_level(
+    view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3
+) -> Samples:
     """`octave_level` minus twice the `line` at the middle of each fraction of an octave.
 
     Parameters
@@ -103,7 +105,7 @@ def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_oct
         First octave, and the one after the last, counted downwards from fs/2.
     per_octave : int
         Bands in an octave.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -117,7 +119,7 @@ def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_oct
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
-def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
+def slope_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """`slope_level` minus the `line` at fs/(2 lag): where the changes bend away from a straight line.
 
     Parameters
@@ -126,7 +128,7 @@ def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
         Movement.
     lags : tuple of int
         Spans, in samples.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
@@ -138,7 +140,7 @@ def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
-def curvature_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
+def curvature_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """`curvature_level` minus the `line` at fs/(2 lag), where a second difference lets most through.
 
     Parameters
@@ -147,7 +149,7 @@ def curvature_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Sample
         Movement.
     lags : tuple of int
         Half the spans of the curvatures, in samples.
-    n_pieces : int
+    n_segments : int
         Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises

@@ -8,7 +8,7 @@ from feature_signals import FS, noise, tone
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import signal
 
-from texclass.features.conditioning import (
+from texclass.features.movement_filters import (
     band_passed,
     banded,
     first_bins,

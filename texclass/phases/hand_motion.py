@@ -7,7 +7,7 @@ from texclass.phases.impulses import bin_means
 from texclass.recording import Recording, Samples, Tap
 
 
-def hand_start(axes: Samples, fs: float) -> int:
+def find_hand_start(axes: Samples, fs: float) -> int:
     """Return the sample from which the hand accelerates towards an impact right after the last sample.
 
     Parameters
@@ -30,7 +30,7 @@ def hand_start(axes: Samples, fs: float) -> int:
     return min(len(axes), (int(still[-1]) + 1 if len(still) else 0) * step)
 
 
-def lone_tap(recording: Recording) -> Tap | None:
+def find_single_tap(recording: Recording) -> Tap | None:
     """Return the tap of a short recording that starts or ends at rest; None if it does neither."""
     axes = recording.acceleration.reshape(recording.n_samples, -1)
     n_start, n_end = max(3, len(axes) // 50), len(axes) // 10

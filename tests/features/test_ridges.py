@@ -7,7 +7,7 @@ import pytest
 from feature_signals import noise, tone
 
 import texclass as tx
-from texclass.features.fineness import rib_density, rib_prominence
+from texclass.features.fineness import ridge_density, ridge_prominence
 from texclass.features.phase_view import UndefinedFeatureError, Views, views_of
 from texclass.recording import Phases, Recording
 from texclass.simulate.surfaces import Grating
@@ -33,12 +33,12 @@ def travel(recording):
 @pytest.mark.parametrize("per_mm", [0.06, 0.15, 0.4, 0.9, 1.7, 2.9])
 def test_ribs_are_found_at_any_speed_of_the_hand(per_mm):
     for speeds in ((40.0, 200.0), (80.0, 80.0), (20.0, 90.0)):
-        assert rib_density(travel(stroked(per_mm, speeds=speeds))) == pytest.approx(per_mm, rel=0.02)
+        assert ridge_density(travel(stroked(per_mm, speeds=speeds))) == pytest.approx(per_mm, rel=0.02)
 
 
 def test_ribs_are_found_whose_first_harmonic_is_weak_or_which_a_slow_sensor_felt():
-    assert rib_density(travel(stroked(0.5, weights=(0.3, 1, 1, 1, 1)))) == pytest.approx(0.5, rel=0.02)
-    assert rib_density(travel(stroked(0.5, fs=1000.0, level=0.5))) == pytest.approx(0.5, rel=0.02)
+    assert ridge_density(travel(stroked(0.5, weights=(0.3, 1, 1, 1, 1)))) == pytest.approx(0.5, rel=0.02)
+    assert ridge_density(travel(stroked(0.5, fs=1000.0, level=0.5))) == pytest.approx(0.5, rel=0.02)
 
 
 @pytest.mark.parametrize("wavelength_mm", [0.8, 2.0, 4.5])
@@ -50,19 +50,19 @@ def test_the_period_of_a_simulated_grating_comes_back(wavelength_mm):
     for operator in tx.simulate.operator_catalogue(2, seed=402):
         across = replace(operator, direction_deg=0.0)  # else the way from rib to rib is longer
         felt = tx.simulate.record_freehand(ribbed, across, duration_s=6.0, seed=1)
-        found = tx.extract([felt], "scales")["rib_density"].item()
+        found = tx.extract([felt], "scales")["ridge_density"].item()
         assert 1 / found == pytest.approx(wavelength_mm, rel=0.05)
 
 
 def test_ribs_of_a_frequency_that_does_not_follow_the_speed_are_none():
     humming = stroked(0.5, weights=(0,)).with_(acceleration=noise(60_000) + 0.2 * tone(60.0, 60_000))
     with pytest.raises(UndefinedFeatureError, match="no ribs"):
-        rib_density(travel(humming))
-    assert rib_prominence(travel(humming)) < 3.3
+        ridge_density(travel(humming))
+    assert ridge_prominence(travel(humming)) < 3.3
 
 
 def test_noise_has_no_ribs_and_stands_out_less_the_longer_the_way():
-    short, long = (rib_prominence(noise(n, 1), fs=20_000) for n in (8000, 200_000))
+    short, long = (ridge_prominence(noise(n, 1), fs=20_000) for n in (8000, 200_000))
     assert long < 1.5 < short < 5
 
 
@@ -92,14 +92,14 @@ def test_what_hinders_is_said():
         ({"acceleration": 0 * strokes.acceleration}, "silence"),
     ):
         with pytest.raises(UndefinedFeatureError, match=why):
-            rib_prominence(travel(strokes.with_(**changed)))
+            ridge_prominence(travel(strokes.with_(**changed)))
 
 
 def test_a_channel_kept_apart_has_its_own_way():
     both = stroked(0.5)
     both = both.with_(acceleration=np.column_stack([both.acceleration, noise(60_000)]), channels=("a", "b"))
     views = [Views(both, both.phases, channel) for channel in (0, 1)]
-    assert rib_density(views[0].travel) == pytest.approx(0.5, rel=0.02)
-    assert rib_prominence(views[1].travel) < 3.3
+    assert ridge_density(views[0].travel) == pytest.approx(0.5, rel=0.02)
+    assert ridge_prominence(views[1].travel) < 3.3
     each = tx.FeatureExtractor("scales", channels="each").fit([both])
-    assert {"a/rib_density", "b/rib_prominence"} <= set(each.plan_.columns)
+    assert {"a/ridge_density", "b/ridge_prominence"} <= set(each.plan_.columns)

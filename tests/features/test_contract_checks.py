@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
-from texclass.features.examination import behaviour, gain_law, scaled
+from texclass.features.contract_checks import behaviour, gain_law, scaled
 from texclass.features.phase_view import PhaseView, TapSignal, TapView
 
 RNG = np.random.default_rng(0)

@@ -16,7 +16,7 @@ from texclass import fourier
 from texclass.features.phase_view import (
     PhaseView,
     UndefinedFeatureError,
-    one_by_one,
+    segment_views,
     transform,
     undefined_if,
 )
@@ -48,7 +48,7 @@ def magnitude_of(samples: Samples) -> float:
 
 @transform
 def level(view: PhaseView) -> Any:
-    """Return the largest magnitude of the samples, in their unit; of pieces that of each, (n_pieces, 1).
+    """Return the largest magnitude of the samples, in their unit; of pieces that of each, (n_segments, 1).
 
     Raises
     ------
@@ -56,7 +56,7 @@ def level(view: PhaseView) -> Any:
         If there is no sample, one is NaN or infinite, or all are the same.
     """
     if view.samples.ndim > 1:
-        return np.array([[level(piece)] for piece in one_by_one(view)])
+        return np.array([[level(piece)] for piece in segment_views(view)])
     magnitude = magnitude_of(view.samples)
     if view.samples[0] == view.samples[-1] and np.ptp(view.samples) == 0:
         raise UndefinedFeatureError(f"silence: all {view.n_samples} samples are {view.samples[0]:g}")
