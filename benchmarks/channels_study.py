@@ -22,7 +22,7 @@ from texclass.baselines.worker_process import run_worker
 from texclass.evaluation import cached_table, cut_windows, load_pipeline
 from texclass.evaluation.pipeline import MatchedRow
 from texclass.evaluation.protocols import find_protocol
-from texclass.features.phase_view import channels_apart
+from texclass.features.phase_view import separate_channels
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.places import DataNotFoundError
@@ -69,7 +69,7 @@ def compared(name: str, n_baseline_draws: int, asked: Any) -> dict[str, Any]:
     protocol = find_protocol("grouped")
     runs = protocol.clusters(known.frame)
     recordings = [felt.load(entry) for entry in felt.entries]
-    apart = channels_apart(recordings[0], "all")
+    apart = separate_channels(recordings[0], "all")
     hits: dict[str, list[Any]] = {}
     ms: dict[str, float] = {}
     definitions = {row.name: row for row in pipeline.rows}

@@ -88,8 +88,8 @@ def test_the_page_of_the_new_feature_works_and_its_study_is_complete(folder, mon
     assert paired["test"].startswith(("corrected resampled t-test", "exact McNemar test"))
     assert paired["least"] > 0
     assert found["new_feature"]["gain_law"]["holds"]
-    assert all(answer["kept"] for answer in found["new_feature"]["behaviour"])
-    assert "17 of 17 answered as the contract asks" in capsys.readouterr().out
+    assert all(answer["is_valid"] for answer in found["new_feature"]["degenerate_inputs"])
+    assert "17 of 17 results meet the feature contract" in capsys.readouterr().out
     view = PhaseView(np.sin(np.arange(10_000.0)), 1000.0)
     assert load_feature("crest.py:crest").function(view) == pytest.approx(np.sqrt(2), rel=1e-3)
 

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import texclass as tx
-from texclass.features.contract_checks import behaviour
+from texclass.features.contract_checks import check_degenerate_inputs
 from texclass.reporting.figure_style import DPI, OURS, STYLE
 from texclass.shipped import names
 from texclass.simulate import Grating, Surface, operator_catalogue, record_freehand
@@ -134,8 +134,9 @@ def page(feature, alone_ms, sets):
         if alone_ms
         else "``texclass tradeoff`` measures it on your recordings",
     }
-    answers = [
-        (a["input"], "value" if a["answer"] == "value" else "NaN", a["detail"]) for a in behaviour(feature)
+    results = [
+        (result["input"], "value" if result["outcome"] == "value" else "NaN", result["detail"])
+        for result in check_degenerate_inputs(feature)
     ]
     drawn = "Dots: recordings; lines: medians"
     if len(columns) > 1:
@@ -155,7 +156,7 @@ def page(feature, alone_ms, sets):
             f".. autofunction:: {feature.function.__module__}.{feature.name}",
             "",
             *titled("Results for bad input", "-"),
-            *listed([("Input", "Result", "Value or reason"), *answers], widths="25 15 60", header=True),
+            *listed([("Input", "Result", "Value or reason"), *results], widths="25 15 60", header=True),
         ]
     )
 

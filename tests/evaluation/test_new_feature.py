@@ -47,7 +47,7 @@ def test_law_cost_and_repetition_are_measured(study):
     assert column["nearest"][0]["column"].startswith("peaks")
     assert column["nearest"][0]["rank_correlation"] > 0.9
     assert column["explained"] > 0.9
-    assert {a["input"]: a["answer"] for a in found["behaviour"]}["one NaN"] == "no reason"
+    assert {a["input"]: a["outcome"] for a in found["degenerate_inputs"]}["one NaN"] == "no reason"
 
 
 def test_a_study_is_written_beside_its_benchmark_without_pictures_of_its_own(study, tmp_path):

@@ -68,8 +68,9 @@ def test_one_channel_or_several_combined_have_no_pair_and_say_so():
     for recording, channels in ((turning(), ()), (Recording(noise(N), FS, channels=("x",)), ("x",))):
         values, reasons, *_ = Plan.of(of_pairs, channels).compute(recording)
         assert np.isnan(values).all()
-        assert reasons == (("lag_correlation", "one channel, or several combined. Expected two kept apart"),)
-    with pytest.raises(UndefinedFeatureError, match=r"two channels. Expected one for a movement"):
+        reason = "channels are combined or single. Expected two separate channels"
+        assert reasons == (("lag_correlation", reason),)
+    with pytest.raises(UndefinedFeatureError, match="Expected one channel for the phase movement"):
         views_of(turning(), ("x", "y", "z"))["x*y/"].of("movement")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
-from texclass.features.contract_checks import behaviour, gain_law, scaled
+from texclass.features.contract_checks import check_degenerate_inputs, measure_gain_law, scale_view
 from texclass.features.phase_view import PhaseView, TapSignal, TapView
 
 RNG = np.random.default_rng(0)
@@ -32,10 +32,10 @@ def made(function, gain=INVARIANT):
     ],
 )
 def test_the_true_law_is_recovered_whatever_is_declared(function, gain):
-    told = gain_law(made(function, gain), VIEWS)
+    told = measure_gain_law(made(function, gain), VIEWS)
     assert told["holds"]
     assert told["measured"] == pytest.approx(asdict(gain), abs=1e-6)
-    wrong = gain_law(made(function, Gain(power=3)), VIEWS)
+    wrong = measure_gain_law(made(function, Gain(power=3)), VIEWS)
     assert not wrong["holds"]
     assert wrong["measured"] == pytest.approx(asdict(gain), abs=1e-6)
     assert wrong["n_views"] == 3
@@ -45,14 +45,14 @@ def test_no_law_is_found_where_there_is_none_or_no_value():
     def never(view):
         raise UndefinedFeatureError("never")
 
-    law = gain_law(made(lambda view: (np.abs(view.samples) > 1).mean()), VIEWS)
+    law = measure_gain_law(made(lambda view: (np.abs(view.samples) > 1).mean()), VIEWS)
     assert not law["holds"]
     assert law["measured_deviation"] > 0.1
-    assert gain_law(made(never), VIEWS) is None
+    assert measure_gain_law(made(never), VIEWS) is None
 
 
 def test_a_scaled_tap_scales_hand_impulse_and_noise():
-    view = scaled(TapView((TapSignal(np.ones(2), np.ones(3)),), 10.0, 0.5), 4.0)
+    view = scale_view(TapView((TapSignal(np.ones(2), np.ones(3)),), 10.0, 0.5), 4.0)
     assert (view.taps[0].hand.max(), view.taps[0].impulse.max(), view.noise) == (4.0, 4.0, 2.0)
 
 
@@ -70,8 +70,8 @@ def test_each_way_to_break_the_contract_has_its_name():
                 warnings.warn("odd", RuntimeWarning, stacklevel=1)
         return x.max()
 
-    found = {a["input"]: a for a in behaviour(made(careless))}
-    told = {name: (a["answer"], a["kept"]) for name, a in found.items()}
+    found = {a["input"]: a for a in check_degenerate_inputs(made(careless))}
+    told = {name: (a["outcome"], a["is_valid"]) for name, a in found.items()}
     assert told["0 samples"] == ("reason", True)
     assert told["1 samples"] == ("error", False)
     assert "IndexError" in found["1 samples"]["detail"]

@@ -86,12 +86,12 @@ def test_a_reason_of_its_own_stays_a_reason(file):
 @pytest.mark.parametrize(
     ("named", "message"),
     [
-        ("mine.py", "Expected module:function or path/to/file.py:function"),
-        ("mine.py:", "Expected module:function"),
-        ("mine.py:plain", "plain is not decorated. Expected a function under @feature"),
-        ("mine.py:np", "np is not a function of it"),
-        ("mine.py:absent", "absent is not a function of it"),
-        ("mine.py:bare", "parameter 'share' has no default"),
+        ("mine.py", "must be module:function or path/to/file.py:function"),
+        ("mine.py:", "must be module:function"),
+        ("mine.py:plain", "plain is not decorated. Expected a function decorated with @feature"),
+        ("mine.py:np", "mine.py has no function np"),
+        ("mine.py:absent", "mine.py has no function absent"),
+        ("mine.py:bare", "every parameter must have a default, missing for share"),
         ("broken.py:x", r"broken.py cannot be imported \(SyntaxError"),
         ("taken.py:waviness", "'waviness' is already defined in texclass.features.roughness"),
         ("no_such_module:x", "no_such_module cannot be imported"),

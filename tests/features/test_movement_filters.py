@@ -9,8 +9,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import signal
 
 from texclass.features.movement_filters import (
+    band_limited,
     band_passed,
-    banded,
     first_bins,
     level,
     low_passed,
@@ -19,11 +19,11 @@ from texclass.features.movement_filters import (
 )
 from texclass.features.phase_view import PhaseView
 from texclass.features.spectra import (
+    evenly_spaced,
     frames_of,
     long_frames,
     mean_spectrum,
     spectral_moments,
-    spread,
     window_of,
 )
 from texclass.features.tap_modes import TAP_RATE, decimated
@@ -39,10 +39,10 @@ def test_band_pass_halves_the_amplitude_at_its_edges_at_any_rate():
 
 
 def test_banded_is_the_same_signal_at_another_rate():
-    slow, fs = banded(PhaseView(tone(210.0), FS), 1000.0)
+    slow, fs = band_limited(PhaseView(tone(210.0), FS), 1000.0)
     assert fs == 2000.0
     np.testing.assert_allclose(slow[50:-50], tone(210, slow.size, fs)[50:-50], atol=2e-3)
-    assert np.abs(banded(PhaseView(tone(1210.0), FS), 1000.0)[0][50:-50]).max() < 0.02
+    assert np.abs(band_limited(PhaseView(tone(1210.0), FS), 1000.0)[0][50:-50]).max() < 0.02
 
 
 def test_low_pass_of_corrected_features_is_that_of_printed_ones_to_rounding():
@@ -75,9 +75,9 @@ def test_a_movement_shorter_than_a_long_frame_is_one_frame():
 
 
 def test_starts_spread_from_the_first_to_the_last_and_no_closer_than_a_step():
-    assert spread(1000, 100, 64).tolist() == list(range(0, 1001, 100))
-    assert spread(1000, 1, 5).tolist() == [0, 250, 500, 750, 1000]
-    assert spread(0, 10, 64).tolist() == [0]
+    assert evenly_spaced(1000, 100, 64).tolist() == list(range(0, 1001, 100))
+    assert evenly_spaced(1000, 1, 5).tolist() == [0, 250, 500, 750, 1000]
+    assert evenly_spaced(0, 10, 64).tolist() == [0]
 
 
 def test_mean_spectrum_holds_all_power_of_a_slow_sensor_also_at_half_its_rate():

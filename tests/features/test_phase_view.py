@@ -12,9 +12,9 @@ from texclass.features.phase_view import (
     MIN_SEGMENT_SAMPLES,
     PhaseView,
     UndefinedFeatureError,
-    channels_apart,
-    kept_length,
+    separate_channels,
     transform,
+    trimmed_length,
     undefined_if,
     views_of,
 )
@@ -124,7 +124,7 @@ def test_a_piece_without_value_and_a_wrong_number_of_pieces_are_named():
     with pytest.raises(UndefinedFeatureError, match="segment 2: silence"):
         band_level(PhaseView(quiet, FS), n_segments=4)
     for n_segments in (0, -1, 1.5):
-        with pytest.raises(ValueError, match="Expected a whole number of at least 1"):
+        with pytest.raises(ValueError, match="n_segments must be a positive whole number"):
             band_level(PhaseView(X, FS), n_segments=n_segments)
 
 
@@ -168,11 +168,11 @@ def test_movement_is_the_combined_axes_and_the_hand_is_left_out_only_where_asked
 
 def test_of_a_long_movement_a_fast_length_is_kept():
     for n in (5001, 17_003, 40_000, 99_991):
-        kept = kept_length(n)
+        kept = trimmed_length(n)
         assert 0.93 * n <= kept <= n
         assert kept % 4 == 0
         assert fft.prev_fast_len(kept, real=True) == kept
-    assert kept_length(5000) == 5000
+    assert trimmed_length(5000) == 5000
 
 
 def test_values_as_printed_keep_what_lies_below_10_hz_and_do_not_depend_on_the_name_of_the_unit():
@@ -219,18 +219,18 @@ def test_auto_combines_the_axes_of_one_accelerometer_only():
     for channels, apart in (
         ((), ()), (("acc_x", "acc_y", "acc_z"), ()), (("c1", "c2", "c3"), ("c1", "c2", "c3"))
     ):  # fmt: skip
-        assert channels_apart(exploration(channels=channels), "auto") == apart
-    with pytest.raises(ValueError, match=r"channels is 'both'. Expected 'combine'"):
-        channels_apart(exploration(), "both")
+        assert separate_channels(exploration(channels=channels), "auto") == apart
+    with pytest.raises(ValueError, match=r"channels must be .combine"):
+        separate_channels(exploration(), "both")
 
 
 def test_all_adds_the_axes_of_the_turn_rate():
     recording = exploration(turn_rate=noise(3000).reshape(1000, 3), channels=("ax", "ay", "az"))
-    apart = channels_apart(recording, "all")
+    apart = separate_channels(recording, "all")
     assert apart == ("ax", "ay", "az", "turn_x", "turn_y", "turn_z")
     assert (
-        channels_apart(recording, "each")
-        == channels_apart(recording.with_(turn_rate=None), "all")
+        separate_channels(recording, "each")
+        == separate_channels(recording.with_(turn_rate=None), "all")
         == apart[:3]
     )
     views, turn = views_of(recording, apart), recording.turn_rate[400:, 1]

@@ -102,7 +102,7 @@ def test_an_override_changes_the_value_and_the_hash(load, views):
     [
         ("[features.friction]\nhopp = 1", r"mine\.toml: features\.friction: unknown key hopp"),
         ("[features.m]\nuse = 'mfcc'\nhopp_s = 1", "hopp_s.*hop_s"),
-        ("[features.frictoin]", "did you mean friction"),
+        ("[features.frictoin]", "Did you mean friction"),
         ("[features.m]\nuse = 'mfcc'\nhop_s = 'long'", r"features\.m: hop_s is 'long'"),
         ("[features.m]\nuse = 'mfcc'\nn_filters = true", r"features\.m: n_filters is True"),
         ("[features.m]\nuse = 'mfcc'\ncoefficients = ['a']", r"features\.m: coefficients\.1 is 'a'"),

@@ -31,7 +31,7 @@ def figure(told, name):
                        "mfcc.c1 100%", "significantly (corrected p below 0.05)", "exact McNemar test",
                        "not evaluated: no friction signal", "onerror"]),
         ("feature", ["crest", "2 ms per recording alone; 0.5 ms more", "mfcc.c1 -0.50", "R² = 0.20",
-                     "1 of 1 answered", "declared y(g x) = g y; measured the same", "+5.0"]),
+                     "1 of 1 results", "declared y(g x) = g y; measured the same", "+5.0"]),
         ("tradeoff", ["89.5", "of the 8 ms of the full set", "1 column of mfcc", "2.2 ms measured",
                       "deviates from the measured cost of 1 random subset by at most 5 %", "4 ms more"]),
         ("baselines", ["+5.0 points", "ours is better", "1 times as fast in all", "ours: All",
@@ -258,12 +258,12 @@ def test_a_gain_law_is_told_as_an_equation(law, said):
 
 def test_a_feature_that_breaks_the_contract_or_joins_nothing_is_told():
     data = result("feature")
-    data["new_feature"]["behaviour"].append(
-        {"input": "one NaN", "answer": "no reason", "detail": "nan", "kept": False}
+    data["new_feature"]["degenerate_inputs"].append(
+        {"input": "one NaN", "outcome": "no reason", "detail": "nan", "is_valid": False}
     )
     told, _ = everywhere(document("feature", data))
-    assert "1 of 2 answered as the contract asks" in told
-    assert "one NaN no reason nan BROKEN" in told
+    assert "1 of 2 results meet the feature contract" in told
+    assert "one NaN no reason nan INVALID" in told
     assert "there is no row that it can join" in everywhere(document("feature", data | {"gains": None}))[0]
 
 

@@ -24,7 +24,7 @@ from texclass.evaluation.splits import Split
 from texclass.evaluation.windows import overlapping
 from texclass.evaluation.workers import Progress
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.phase_view import Views, channels_apart, views_of
+from texclass.features.phase_view import Views, separate_channels, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.phases import find_phases
 from texclass.provenance import code_provenance
@@ -271,7 +271,10 @@ def _hand_over(
     entries = {entry.recording_id: entry for entry in dataset.entries}
     ordered = [entries[recording_id] for recording_id in table.frame["recording_id"]]
     first = dataset.load(ordered[0])
-    apart, remove_hand_motion = channels_apart(first, pipeline.channels), pipeline.features.remove_hand_motion
+    apart, remove_hand_motion = (
+        separate_channels(first, pipeline.channels),
+        pipeline.features.remove_hand_motion,
+    )
     recordings = map(dataset.load, ordered)
     signals = (
         every_channel(r) if given == "each" else same_signals(r, apart, remove_hand_motion=remove_hand_motion)

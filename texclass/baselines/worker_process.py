@@ -19,7 +19,7 @@ from texclass.evaluation.folds import Evaluation
 from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
 from texclass.evaluation.splits import Split
 from texclass.evaluation.workers import each
-from texclass.features.phase_view import channels_apart
+from texclass.features.phase_view import separate_channels
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
@@ -165,7 +165,7 @@ def _measure(
     nested: bool,
 ) -> dict[str, Any]:
     first = dataset.load(entries[0])
-    plan = Plan.of(features, channels_apart(first, channels))
+    plan = Plan.of(features, separate_channels(first, channels))
     _, first_s = timed(lambda: [plan.compute(first) for _ in range(2)])
     megabytes, seconds, segmentation = watch_memory(), [], []
     for recording in map(dataset.load, entries):

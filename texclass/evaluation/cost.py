@@ -22,7 +22,7 @@ from texclass.atomic_write import cache_root, write_if_possible
 from texclass.classifiers.fitting import quiet_fits
 from texclass.evaluation.workers import one_thread
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.phase_view import Channels, Views, channels_apart, views_of
+from texclass.features.phase_view import Channels, Views, separate_channels, views_of
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, Member, code_hash
 from texclass.loaders.dataset import Dataset
@@ -172,7 +172,7 @@ class CostMeter:
         with one_thread():
             runs = [[_timed(partial(find_phases, r))[1] for _ in range(3)] for r in loaded]
         ms = float(np.quantile(runs, QUARTILE, axis=1).mean())
-        return cls(recordings, channels_apart(recordings[0], channels), ms, dataset.input_hash)
+        return cls(recordings, separate_channels(recordings[0], channels), ms, dataset.input_hash)
 
     def milliseconds(self, feature_set: FeatureSet) -> float:
         """Return what a set takes, finding the phases included; see `CostModel`."""

@@ -30,7 +30,7 @@ from texclass.evaluation.parts import Part, read_part, write_part
 from texclass.evaluation.windows import Window, by_recording, parent_id
 from texclass.evaluation.workers import Progress, each
 from texclass.features.extractor import Reason, gaps
-from texclass.features.phase_view import Channels, channels_apart
+from texclass.features.phase_view import Channels, separate_channels
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
@@ -416,7 +416,7 @@ def _plan(dataset: Dataset, feature_set: FeatureSet, channels: Channels, skip_ba
     problem = "there is none. Expected at least one"
     for entry in dataset.entries:
         try:
-            apart = () if channels == "combine" else channels_apart(dataset.load(entry), channels)
+            apart = () if channels == "combine" else separate_channels(dataset.load(entry), channels)
             return Plan.of(feature_set, apart)
         except RecordingError as error:
             if not skip_bad:

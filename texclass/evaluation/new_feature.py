@@ -23,7 +23,7 @@ from texclass.evaluation.pipeline import PipelineDefinition
 from texclass.evaluation.result import classifier_title, over
 from texclass.evaluation.workers import one_thread
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
-from texclass.features.contract_checks import EXACT, behaviour, gain_law
+from texclass.features.contract_checks import EXACT, check_degenerate_inputs, measure_gain_law
 from texclass.features.phase_view import View, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Samples
@@ -39,7 +39,7 @@ class FeatureStudy(BenchmarkResult, kind="feature"):
 
     `data` is that of the benchmark, with a row for the feature alone and, as `gains`, what it adds to the
     best row; and `new_feature`: what it is, `ms_alone` and `ms_added` per recording, its `gain_law` as
-    declared and as measured, its `behaviour` on degenerate input, and its `redundancy` (see `redundancy`).
+    declared and as measured, its results for `degenerate_inputs`, and its `redundancy` (see `redundancy`).
     """
 
     @property
@@ -110,8 +110,8 @@ def study_feature(
         "ms_alone": meter.model(alone).total,
         # It may share transforms with the row that it is added to.
         "ms_added": joined and joined["ms_per_recording"] - gains["without"]["ms_per_recording"],
-        "gain_law": gain_law(feature, views),
-        "behaviour": behaviour(feature),
+        "gain_law": measure_gain_law(feature, views),
+        "degenerate_inputs": check_degenerate_inputs(feature),
         "redundancy": redundancy(table, table.matching(alone.column_names)),
     }
     return FeatureStudy({**result.data, "new_feature": found})
@@ -216,12 +216,15 @@ def _itself(new: Data, data: Data) -> Iterator[Block]:
         repeats.append(f"{found['column']}: rank correlation with {', '.join(kin) or 'nothing'}")
         if (explained := found["explained"]) is not None:
             repeats[-1] += f"; all columns together explain R\N{SUPERSCRIPT TWO} = {explained:.2f}"
-    answers = pd.DataFrame(
-        [(a["input"], a["answer"], a["detail"], "kept" if a["kept"] else "BROKEN") for a in new["behaviour"]],
-        columns=["Input", "Answer", "Detail", "Contract"],
+    results = pd.DataFrame(
+        [
+            (r["input"], r["outcome"], r["detail"], "valid" if r["is_valid"] else "INVALID")
+            for r in new["degenerate_inputs"]
+        ],
+        columns=["Input", "Result", "Detail", "Contract"],
     )
-    broken = answers[answers["Contract"] == "BROKEN"]
-    title = f"{len(answers) - len(broken)} of {len(answers)} answered as the contract asks"
+    invalid = results[results["Contract"] == "INVALID"]
+    title = f"{len(results) - len(invalid)} of {len(results)} results meet the feature contract"
     yield {
         "Feature": f"{new['name']}: {new.get('summary', '')} Phase {new['phase']}, unit {new['unit']}, "
         f"{new['reference']}.",
@@ -231,9 +234,9 @@ def _itself(new: Data, data: Data) -> Iterator[Block]:
         "Repeats": "; ".join(repeats) or "nothing: it does not vary",
         "Degenerate input": title,
     }
-    if len(broken):
-        yield Table(broken, "Answers that break the contract.", n_words=4)
-    yield Folded(f"Answers to degenerate input: {title}", [Table(answers, n_words=4)])
+    if len(invalid):
+        yield Table(invalid, "Results that violate the feature contract.", n_words=4)
+    yield Folded(f"Degenerate input: {title}", [Table(results, n_words=4)])
 
 
 def _law(law: Data | None) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.movement_filters import banded
+from texclass.features.movement_filters import band_limited
 from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.recording import Samples
 from texclass.vibration import autoregressive, line_spectrum
@@ -37,7 +37,7 @@ def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> t
     Frames follow each other without overlap; they hold four samples per coefficient at least, and a shorter
     movement is one frame, down to two samples per coefficient.
     """
-    x, fs = banded(view, band_hz)
+    x, fs = band_limited(view, band_hz)
     n = x.size
     if n < 2 * order:
         raise UndefinedFeatureError(f"{n} samples below {band_hz:g} Hz. Expected 2 x the order of {order}")

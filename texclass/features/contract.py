@@ -1,4 +1,4 @@
-"""What a feature is: one decorated function, and everything the rest of texclass derives from it."""
+"""Features: the decorator that registers a function as a feature, and the registry."""
 
 import difflib
 import functools
@@ -50,60 +50,82 @@ DIMENSIONS = (
     "autoregression", "bands", "cepstrum", "channels", "decaying_segments", "fineness", "friction",
     "hardness", "related_work", "residual_bands", "roughness", "slopes", "tap_modes",
 )  # fmt: skip
-"""The modules of this room that hold features."""
+"""Modules of this subpackage that define features."""
 OWN = "texclass_own_"
-"""Begins the name of every module loaded from a file, so that no file shadows an installed module."""
+"""Prefix of the names of modules loaded from files, so that no file shadows an installed module."""
 
 
 @dataclass(frozen=True)
 class Gain:
-    """What a feature becomes when its signal is multiplied by g > 0.
+    """Effect of a gain g > 0 on a feature: y(g x) = g**power * y(x) + shift * log10(g).
 
-    y(g x) = g**power * y(x) + shift * log10(g); `Gain()` is an invariant feature.
+    `Gain()` declares a feature that does not depend on the gain.
+
+    Attributes
+    ----------
+    power : float
+        Exponent of the gain (default 0).
+    shift : float
+        Change of the value per decade of gain (default 0).
+
+    Examples
+    --------
+    >>> print(Gain(power=2), "|", Gain(shift=1))  # a power, and a level in log10
+    g^2 y | y + log10 g
+    >>> float(Gain(shift=20).apply(-3.0, 10))
+    17.0
     """
 
     power: float = 0.0
     shift: float = 0.0
 
     def __str__(self) -> str:
-        """Return what y becomes: g^0.5 y + 20 log10 g."""
-        scaled = "y" if self.power == 0 else "g y" if self.power == 1 else f"g^{self.power:.3g} y"
-        times = "" if abs(self.shift) == 1 else f"{abs(self.shift):.3g} "
-        return f"{scaled} {'+' if self.shift > 0 else '-'} {times}log10 g" if self.shift else scaled
+        """Return the right side of the law, for example "g^0.5 y + 20 log10 g"."""
+        product = "y" if self.power == 0 else "g y" if self.power == 1 else f"g^{self.power:.3g} y"
+        factor = "" if abs(self.shift) == 1 else f"{abs(self.shift):.3g} "
+        return f"{product} {'+' if self.shift > 0 else '-'} {factor}log10 g" if self.shift else product
 
     def apply(self, value: Any, gain: float) -> Any:
-        """Return what `value` becomes under `gain`."""
+        """Return the value of the feature after multiplying the signal by `gain`."""
         return gain**self.power * np.asarray(value) + self.shift * np.log10(gain)
 
 
 @dataclass(frozen=True)
 class Feature:
-    """One registered feature: its function and what the decorator declared.
+    """A registered feature: the function, and the declaration in its decorator.
 
     Attributes
     ----------
-    name
-        The function's name; unique.
-    function
-        Takes a phase view and keyword parameters; returns a float or an array of shape (n_outputs,).
-    phase
-        Which view it reads.
-    unit
-        Of every output; "1" for a pure number.
-    reference
+    name : str
+        Name of the function; unique.
+    function : callable
+        Function of a phase view and keyword parameters; returns a float or an array of shape (n_outputs,).
+    phase : {"tap", "movement", "travel", "friction", "pair"}
+        View that the function reads.
+    unit : str
+        Unit of every output; "1" for a pure number.
+    reference : str
         Paper key and equation or section.
-    outputs
-        Names of the outputs of a vector feature. A parameter in one, "lag{lags}.b{n_bands}", stands for each
-        of its elements, or for 1 ... n of a whole number, the last one running fastest; what cannot be said
-        so is said by a function of the parameters. Empty for a scalar, whose one column bears the feature's
-        name.
-    gain
-        How it scales with the signal.
-    depends_on
-        What its value is known to depend on: "length" of the phase, sampling "rate", "sign" of the samples,
-        which a sensor mounted the other way round turns over.
-    divisible
-        Whether, and how, a parameter `n_segments` computes it of equal pieces of the movement; see `feature`.
+    outputs : str, tuple of str, or callable
+        Names of the outputs of a vector feature. Empty (the default) for a scalar: its only column has the
+        name of the feature. A parameter in braces, as in "lag{lags}.b{n_bands}", is replaced by each of its
+        elements, or by 1 ... n for a whole number n; the last one runs fastest. A function returns the names
+        from the parameters where a template cannot.
+    gain : Gain
+        Effect of a gain of the signal.
+    depends_on : frozenset of {"length", "rate", "sign"}
+        Properties of the signal that affect the value: length of the phase, sampling rate, and sign of the
+        samples (the mounting direction of the sensor).
+    divisible : bool or "at once"
+        Whether the function has a parameter `n_segments`; see `feature`.
+
+    Examples
+    --------
+    >>> waviness = list_features()["waviness"]
+    >>> waviness.phase, waviness.unit, waviness.reference
+    ('movement', 'log10(m/s^2)', 'strese2015, eq. 5, corrected')
+    >>> list_features()["slope_level"].columns("slope", {"lags": (1, 2)})
+    ('slope.lag1', 'slope.lag2')
     """
 
     name: str
@@ -118,43 +140,43 @@ class Feature:
 
     @property
     def summary(self) -> str:
-        """First line of the docstring."""
+        """First line of the docstring of the function."""
         return (inspect.getdoc(self.function) or "").split("\n", 1)[0]
 
     @property
     def parameters(self) -> list[inspect.Parameter]:
-        """What the function takes beside the view."""
+        """Parameters of the function after the view."""
         return list(inspect.signature(self.function).parameters.values())[1:]
 
     @property
     def defaults(self) -> dict[str, Any]:
-        """Parameters and their defaults, from the signature."""
+        """Default of each parameter, from the signature."""
         return {p.name: p.default for p in self.parameters}
 
     @property
     def source(self) -> Path:
-        """The file that defines the function."""
+        """File that defines the function."""
         return Path(inspect.getfile(inspect.unwrap(self.function)))
 
     def columns(self, name: str, parameters: Mapping[str, Any]) -> tuple[str, ...]:
-        """Return the column names under which a set that calls this feature `name` stores it."""
-        given = {**self.defaults, **parameters}
-        n_segments = given.pop("n_segments", 1) if self.divisible else 1
+        """Return the column names of this feature in a feature set that calls it `name`."""
+        arguments = {**self.defaults, **parameters}
+        n_segments = arguments.pop("n_segments", 1) if self.divisible else 1
         if callable(self.outputs):
-            outputs = self.outputs(**given)
+            outputs = self.outputs(**arguments)
         else:
             outputs = ()
             for template in (self.outputs,) if isinstance(self.outputs, str) else self.outputs:
                 keys = [key for _, key, _, _ in string.Formatter().parse(template) if key]
-                held = [given[key] for key in keys]
-                ways = itertools.product(*(h if isinstance(h, tuple) else range(1, h + 1) for h in held))
-                outputs += tuple(template.format(**dict(zip(keys, way, strict=True))) for way in ways)
+                values = [arguments[key] for key in keys]
+                rows = itertools.product(*(v if isinstance(v, tuple) else range(1, v + 1) for v in values))
+                outputs += tuple(template.format(**dict(zip(keys, row, strict=True))) for row in rows)
         if n_segments > 1:
             outputs = tuple(f"{output}.segment{i}" for output in outputs for i in range(1, n_segments + 1))
         return tuple(f"{name}.{output}" for output in outputs) or (name,)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        # A registered feature travels as where it is found: functions that name outputs cannot be pickled.
+        # A registered feature is pickled as its location, because functions that name outputs cannot be.
         module = self.function.__module__
         if module == "__main__" or getattr(_REGISTRY.get(self.name), "function", None) is not self.function:
             return super().__reduce_ex__(protocol)
@@ -174,10 +196,10 @@ def feature(
     depends_on: tuple[Dependence, ...] = (),
     divisible: Divisible = False,
 ) -> Callable[[Callable[..., R]], Callable[..., R]]:
-    """Register the decorated function as a feature; see `Feature` for what is declared.
+    """Register the decorated function as a feature.
 
-    The function returned takes a phase view, or an array and its rate: ``waviness(x, fs=10_000)``. Keywords
-    are those of the function, and with an array `fs` (Hz) and `unit`; see `view_of`.
+    The decorated function accepts a phase view, or an array with the keywords `fs` (sampling rate in Hz) and
+    `unit`, as in ``waviness(x, fs=10_000)``; see `texclass.features.phase_view.view_of`.
 
     Parameters
     ----------
@@ -187,19 +209,25 @@ def feature(
         Whether to add a keyword `n_segments` (default 1) that computes the feature on equal segments of the
         movement, for segment voting. The values are a flat array of shape (n_outputs * n_segments,): the
         segments of one output are adjacent, with the names b1.segment1, b1.segment2, b2.segment1. A movement
-        that is too short (see `cut_segments`) counts as n_segments equal segments. If the feature is
-        undefined for a segment, it is undefined; the reason names the segment. "at once" is for functions
-        that work along the last axis: they return (n_segments, n_outputs) for samples (n_segments, n), and
-        (n_outputs,) for samples (n,). This is almost as fast as one segment.
+        that is too short (see `texclass.features.phase_view.cut_segments`) counts as `n_segments` equal
+        segments. If the feature is undefined for a segment, it is undefined; the reason names the segment.
+        "at once" is for functions that work along the last axis: they return (n_segments, n_outputs) for
+        samples (n_segments, n), and (n_outputs,) for samples (n,). This is almost as fast as one segment.
+
+    Returns
+    -------
+    callable
+        Decorator.
 
     Raises
     ------
     ValueError
-        If the name is that of a feature of another module; by the feature returned, if it is given an array
-        without `fs`, or `n_segments` is not a whole number above 0.
+        If another module has a feature of this name. The decorated function raises it for an array without
+        `fs`, and if `n_segments` is not a positive whole number.
 
     Examples
     --------
+    >>> import numpy as np
     >>> from texclass.features.fineness import fineness
     >>> x = np.sin(2 * np.pi * 432.0 * np.arange(20_000) / 10_000)
     >>> round(fineness(x, fs=10_000))
@@ -208,12 +236,15 @@ def feature(
 
     def register(function: Callable[..., R]) -> Callable[..., R]:
         name = function.__name__
-        known = _REGISTRY.get(name)
-        if known is not None and known.function.__module__ != function.__module__:
-            raise ValueError(f"feature {name!r} is already defined in {known.function.__module__}")
+        namesake = _REGISTRY.get(name)
+        if namesake is not None and namesake.function.__module__ != function.__module__:
+            raise ValueError(
+                f"feature {name!r} is already defined in {namesake.function.__module__}. "
+                "Choose another name for the function"
+            )
 
         @functools.wraps(function)
-        def of_signal(
+        def compute(
             view: Any, /, *args: Any, fs: float | None = None, unit: str = "arbitrary", **parameters: Any
         ) -> Any:
             try:
@@ -232,24 +263,38 @@ def feature(
             return value
 
         if divisible:
-            own = inspect.signature(function)
-            added = inspect.Parameter("n_segments", inspect.Parameter.KEYWORD_ONLY, default=1, annotation=int)
-            signature = own.replace(parameters=[*own.parameters.values(), added])
-            of_signal.__signature__ = signature  # type: ignore[attr-defined]
+            signature = inspect.signature(function)
+            n_segments = inspect.Parameter(
+                "n_segments", inspect.Parameter.KEYWORD_ONLY, default=1, annotation=int
+            )
+            signature = signature.replace(parameters=[*signature.parameters.values(), n_segments])
+            compute.__signature__ = signature  # type: ignore[attr-defined]
         _REGISTRY[name] = Feature(
-            name, of_signal, phase, unit, reference, outputs, gain, frozenset(depends_on), divisible
+            name, compute, phase, unit, reference, outputs, gain, frozenset(depends_on), divisible
         )
-        return of_signal
+        return compute
 
     return register
 
 
 feature_in_samples = functools.partial(feature, "movement", depends_on=("rate",), divisible="at once")
-"""Like `feature`, of a movement whose spans or bands are counted in samples; also of its pieces."""
+"""As `feature`, for divisible features of the movement with lags or bands in samples."""
 
 
 def list_features() -> dict[str, Feature]:
-    """Return every registered feature by name, sorted by name."""
+    """Return all registered features by name, in alphabetical order.
+
+    Returns
+    -------
+    dict
+        Name -> `Feature`: those of texclass, of installed packages that add features, and of loaded files.
+
+    Examples
+    --------
+    >>> features = list_features()
+    >>> [name for name in features if features[name].phase == "friction"]
+    ['friction']
+    """
     for module in DIMENSIONS:
         importlib.import_module(f"texclass.features.{module}")
     for name in shipped.entry_point_modules("features"):
@@ -258,83 +303,104 @@ def list_features() -> dict[str, Feature]:
 
 
 def find_feature(name: str, module: str = "") -> Feature:
-    """Return the feature of that name; where its module is given, no other one of this room is loaded.
+    """Return the feature with this name.
+
+    Parameters
+    ----------
+    name : str
+        Name of a registered feature.
+    module : str, optional
+        Module that defines it; then no other module is imported.
+
+    Returns
+    -------
+    Feature
 
     Raises
     ------
     KeyError
-        If there is none; the message lists the nearest names.
+        If there is no such feature; the message lists the closest names.
+
+    Examples
+    --------
+    >>> find_feature("rib_density")
+    Traceback (most recent call last):
+    ...
+    KeyError: "there is no feature 'rib_density'. Did you mean ridge_density?"
     """
     if module.rpartition(".")[2] in DIMENSIONS:
         importlib.import_module(f"texclass.features.{module.rpartition('.')[2]}")
         if name in _REGISTRY:
             return _REGISTRY[name]
-    known = list_features()
-    if name not in known:
-        near = difflib.get_close_matches(name, known, n=3)
-        hint = f"; did you mean {', '.join(near)}?" if near else ""
-        raise KeyError(f"no feature is named {name!r}{hint}")
-    return known[name]
+    features = list_features()
+    if name not in features:
+        matches = difflib.get_close_matches(name, features, n=3)
+        hint = f"Did you mean {' or '.join(matches)}?" if matches else "'texclass features' lists all"
+        raise KeyError(f"there is no feature {name!r}. {hint}")
+    return features[name]
 
 
-def load_feature(named: str) -> Feature:
-    """Import the feature that a user names. This runs the code of its module.
+def load_feature(path: str) -> Feature:
+    """Import a feature from a user's module or file. This runs the code of the module.
 
     Parameters
     ----------
-    named : str
-        "module:function" with an importable module, or "path/to/file.py:function".
+    path : str
+        "module:function" for an importable module, or "path/to/file.py:function".
 
     Returns
     -------
     Feature
-        Ready for a `Member` of a feature set, in worker processes too.
+        The feature; worker processes can load it too.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     ValueError
-        If the name has another form, the module cannot be imported, or the function is not a decorated
-        feature whose parameters have defaults.
+        If `path` has another form, the module cannot be imported, or the function is not a decorated feature
+        with a default for each parameter.
+
+    Examples
+    --------
+    >>> load_feature("texclass.features.roughness:waviness").unit
+    'log10(m/s^2)'
     """
-    place, _, name = named.rpartition(":")
-    if not place or not name.isidentifier():
-        raise ValueError(
-            f"feature {named!r} not understood. Expected module:function or path/to/file.py:function"
-        )
+    source, _, name = path.rpartition(":")
+    if not source or not name.isidentifier():
+        raise ValueError(f"feature must be module:function or path/to/file.py:function, got {path!r}")
     try:
-        module = _module_of(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+        module = _module_of(Path(source)) if source.endswith(".py") else importlib.import_module(source)
     except OSError:
         raise
     except Exception as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ValueError(f"feature {named!r}: {place} cannot be imported ({reason})") from error
+        raise ValueError(f"feature {path!r}: {source} cannot be imported ({reason})") from error
     function = getattr(module, name, None)
-    found = next((f for f in _REGISTRY.values() if f.function is function), None)
-    if found is None:
-        what = "is not decorated" if callable(function) else "is not a function of it"
-        raise ValueError(f"feature {named!r}: {name} {what}. Expected a function under @feature(...)")
-    if bare := [key for key, value in found.defaults.items() if value is inspect.Parameter.empty]:
+    match = next((f for f in _REGISTRY.values() if f.function is function), None)
+    if match is None:
+        fault = f"{name} is not decorated" if callable(function) else f"{source} has no function {name}"
+        raise ValueError(f"feature {path!r}: {fault}. Expected a function decorated with @feature(...)")
+    if missing := [key for key, value in match.defaults.items() if value is inspect.Parameter.empty]:
         raise ValueError(
-            f"feature {named!r}: parameter {bare[0]!r} has no default. Expected a default for each parameter"
+            f"feature {path!r}: every parameter must have a default, missing for {', '.join(missing)}"
         )
-    return found
+    return match
 
 
 def _module_of(file: Path) -> ModuleType:
-    """Run a file as a module, once for each content; what lies beside it can be imported by it."""
+    """Import a file as a module, once per content. The file can import other files of its folder."""
     path = file.expanduser().resolve()
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     name = OWN + path.stem
-    known = sys.modules.get(name)
-    if known is not None and (known.__file__, known.__dict__.get("digest_")) == (str(path), digest):
-        return known
+    loaded = sys.modules.get(name)
+    if loaded is not None and (loaded.__file__, loaded.__dict__.get("digest_")) == (str(path), digest):
+        return loaded
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise ImportError(f"{path} is no Python source")
+        raise ImportError(f"{path} is not a Python source file")
     module = importlib.util.module_from_spec(spec)
     module.__dict__["digest_"] = digest
     sys.modules[name] = module
@@ -349,19 +415,19 @@ def _module_of(file: Path) -> ModuleType:
 def _compute_segments(
     function: Callable[..., Any], view: PhaseView, *, at_once: bool, n_segments: int = 1, **parameters: Any
 ) -> Samples:
-    """Return what a function gives for equal pieces of a movement; see `feature`."""
+    """Return the values of a function for equal segments of a movement; see `feature`."""
     if not isinstance(n_segments, int) or n_segments < 1:
-        raise ValueError(f"n_segments is {n_segments!r}. Expected a whole number of at least 1")
-    cut = cut_segments(view, n_segments)
-    if cut is view:
+        raise ValueError(f"n_segments must be a positive whole number, got {n_segments!r}")
+    segments = cut_segments(view, n_segments)
+    if segments is view:
         return np.repeat(function(view, **parameters), n_segments)
     if at_once:
-        with suppress(UndefinedFeatureError):  # which piece is undefined, they say one by one
-            return np.asarray(function(cut, **parameters)).T.reshape(-1)
-    found = []
-    for number, piece in enumerate(segment_views(cut), 1):
+        with suppress(UndefinedFeatureError):  # the loop below names the segment
+            return np.asarray(function(segments, **parameters)).T.reshape(-1)
+    values = []
+    for number, segment in enumerate(segment_views(segments), 1):
         try:
-            found.append(np.atleast_1d(function(piece, **parameters)))
+            values.append(np.atleast_1d(function(segment, **parameters)))
         except UndefinedFeatureError as undefined:
             raise UndefinedFeatureError(f"segment {number}: {undefined}") from None
-    return np.stack(found, axis=-1).reshape(-1)
+    return np.stack(values, axis=-1).reshape(-1)

@@ -1,4 +1,4 @@
-"""What a feature keeps of its contract: the declared gain law, and an answer to degenerate input."""
+"""Checks of the feature contract: the declared gain law, and a documented result for degenerate input."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -12,59 +12,70 @@ from texclass.features.phase_view import PairView, Phase, PhaseView, TapSignal, 
 from texclass.recording import Samples
 
 GAINS = (1e-2, 1e-1, 1e1, 1e2)
+"""Gains at which the law is measured."""
 EXACT = 1e-5
-"""Relative deviation up to which a gain law holds; rounding stays below it."""
+"""Largest relative deviation from a gain law that counts as rounding."""
 REFUSED = ("silence", "0 samples", "one NaN", "one infinite sample")
-"""Inputs that no feature may give a value for."""
+"""Degenerate inputs for which every feature must be undefined."""
 
 
-def scaled(view: View, gain: float) -> View:
-    """Return the view of the signal multiplied by a gain, with nothing remembered."""
+def scale_view(view: View, gain: float) -> View:
+    """Return a view of the signal multiplied by a gain, with an empty cache."""
     if isinstance(view, PhaseView):
         return PhaseView(gain * view.samples, view.fs)
     if isinstance(view, PairView):
-        one, other = (PhaseView(gain * side.samples, side.fs) for side in view.sides)
-        return PairView((one, other))
+        first, second = (PhaseView(gain * side.samples, side.fs) for side in view.sides)
+        return PairView((first, second))
     taps = tuple(TapSignal(gain * tap.hand, gain * tap.impulse, tap.quality) for tap in view.taps)
     return TapView(taps, view.fs, gain * view.noise)
 
 
-def gain_law(feature: Feature, views: Sequence[View]) -> dict[str, Any] | None:
-    """Measure how a feature follows the gain of real signals.
+def measure_gain_law(feature: Feature, views: Sequence[View]) -> dict[str, Any] | None:
+    """Measure how a feature changes with the gain of real signals, and compare it with the declared law.
 
     Parameters
     ----------
     feature : Feature
-        With its default parameters.
+        Feature with its default parameters.
     views : sequence of PhaseView, TapView or PairView
-        Of the phase that the feature reads.
+        Signals of the phase that the feature reads.
 
     Returns
     -------
     dict or None
-        None when the feature has no finite value for any of the views at every gain. Else `declared` and
-        `measured`, the fields of the law as declared and of the `Gain` that fits best; `deviation` and
-        `measured_deviation`, the largest of y(g x) from each, relative to the larger of the two magnitudes (a
-        large one of the measured law means that there is none); `holds`, whether the declared law is what was
-        measured; and `n_views`, the signals it was measured on.
+        None if the feature has no finite value for any of the views at every gain. Otherwise:
+
+        - `declared`, `measured`: fields of the declared `Gain` and of the one that fits best;
+        - `deviation`, `measured_deviation`: largest deviation of y(g x) from each, relative to the larger of
+          the two magnitudes (if the second is large, the feature follows no law);
+        - `holds`: whether `deviation` is at most `EXACT`;
+        - `n_views`: number of signals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from texclass.features.contract import list_features
+    >>> law = measure_gain_law(list_features()["variance"], [PhaseView(np.sin(np.arange(100.0)), fs=1000)])
+    >>> law["measured"], law["holds"]
+    ({'power': 2.0, 'shift': 0.0}, True)
     """
     pairs = []
     for view in views:
         try:
-            y = np.atleast_1d(np.asarray(feature.function(scaled(view, 1.0)), dtype=np.float64))
-            louder = {g: np.atleast_1d(feature.function(scaled(view, g))) for g in GAINS}
+            y = np.atleast_1d(np.asarray(feature.function(scale_view(view, 1.0)), dtype=np.float64))
+            y_of_gain = {g: np.atleast_1d(feature.function(scale_view(view, g))) for g in GAINS}
         except UndefinedFeatureError:
             continue
-        if np.isfinite([y, *louder.values()]).all():
-            pairs += [(g, y, np.asarray(y_g, dtype=np.float64)) for g, y_g in louder.items()]
+        if np.isfinite([y, *y_of_gain.values()]).all():
+            pairs += [(g, y, np.asarray(y_g, dtype=np.float64)) for g, y_g in y_of_gain.items()]
     if not pairs:
         return None
-    # y(g x) = g^power y(x): the median slope of log |y|; y(g x) = y(x) + shift log10 g: that of y.
+    # power = median of log |y(g x)/y(x)| / log g; shift = median of (y(g x) - y(x)) / log10 g.
     with np.errstate(divide="ignore", invalid="ignore"):
-        slopes = np.concatenate([np.log10(np.abs(y_g / y)) / np.log10(g) for g, y, y_g in pairs])
-    steps = np.concatenate([(y_g - y) / np.log10(g) for g, y, y_g in pairs])
-    slopes = slopes[np.isfinite(slopes)]
-    laws = (Gain(), Gain(power=_median(slopes)), Gain(shift=_median(steps)))
+        powers = np.concatenate([np.log10(np.abs(y_g / y)) / np.log10(g) for g, y, y_g in pairs])
+    shifts = np.concatenate([(y_g - y) / np.log10(g) for g, y, y_g in pairs])
+    powers = powers[np.isfinite(powers)]
+    laws = (Gain(), Gain(power=_median(powers)), Gain(shift=_median(shifts)))
     measured = min(laws, key=lambda law: round(_deviation(law, pairs), 6))
     deviation = _deviation(feature.gain, pairs)
     return {
@@ -77,36 +88,48 @@ def gain_law(feature: Feature, views: Sequence[View]) -> dict[str, Any] | None:
     }
 
 
-def behaviour(feature: Feature, fs: float = 10_000.0) -> list[dict[str, Any]]:
-    """Give a feature every degenerate input.
+def check_degenerate_inputs(feature: Feature, fs: float = 10_000.0) -> list[dict[str, Any]]:
+    """Compute a feature for every degenerate input, and check the results against the contract.
 
     Parameters
     ----------
     feature : Feature
-        With its default parameters.
+        Feature with its default parameters.
     fs : float
-        Sampling rate in Hz.
+        Sampling rate in Hz (default 10,000).
 
     Returns
     -------
     list of dict
-        For each input its name, `input`; the `answer`: "value", "reason" (an `UndefinedFeatureError`: NaN
-        with this reason), "no reason" (NaN or infinity without one) or "error"; the `detail`, that is the
-        value, the reason or the error, and warnings; and whether the contract is `kept`: a finite value or a
-        reason, no warning, and a reason for `REFUSED`.
+        For each input:
+
+        - `input`: its name;
+        - `outcome`: "value", "reason" (undefined, with a reason), "no reason" (NaN or infinity without one)
+          or "error";
+        - `detail`: the value, the reason or the error, and warnings;
+        - `is_valid`: whether the contract holds: a finite value or a reason, no warning, and a reason for
+          `REFUSED`.
+
+    Examples
+    --------
+    >>> from texclass.features.contract import list_features
+    >>> for result in check_degenerate_inputs(list_features()["friction"])[:2]:
+    ...     print(result["input"], "|", result["outcome"], "|", result["detail"])
+    silence | reason | silence: all 20000 samples are 0
+    constant | value | 0.1
     """
-    views = {name: bare_view(feature.phase, x, fs) for name, x in degenerate_inputs().items()}
+    views = {name: view_without_recording(feature.phase, x, fs) for name, x in degenerate_inputs().items()}
     if feature.phase == "tap":
         views["no tap"] = TapView((), fs)
-    answers = {name: _answer(feature, name, view) for name, view in views.items()}
+    results = {name: _check_input(feature, name, view) for name, view in views.items()}
     return [
-        {"input": name, "answer": answer, "detail": detail, "kept": kept}
-        for name, (answer, detail, kept) in answers.items()
+        {"input": name, "outcome": outcome, "detail": detail, "is_valid": is_valid}
+        for name, (outcome, detail, is_valid) in results.items()
     ]
 
 
 def degenerate_inputs() -> Mapping[str, Samples]:
-    """Return name -> samples of signals that recordings contain sooner or later, 2 s at 10 kHz."""
+    """Return name -> samples of signals that occur in practice, 2 s at 10 kHz."""
     noise = np.random.default_rng(0).standard_normal(20_000)
     time = np.arange(20_000) / 10_000
     impulse = (np.arange(20_000) == 9_000).astype(np.float64)
@@ -127,36 +150,37 @@ def degenerate_inputs() -> Mapping[str, Samples]:
     }
 
 
-def bare_view(phase: Phase, x: Samples, fs: float) -> View:
-    """Return samples (n,) as a phase, without a recording that would refuse them.
+def view_without_recording(phase: Phase, x: Samples, fs: float) -> View:
+    """Return samples (n,) as a phase, without a `Recording`, which would reject some of them.
 
-    A tap has its contact after a quarter; the second channel of a pair is the first one backwards.
+    A tap has its contact after a quarter of the samples. The second channel of a pair is the first one
+    reversed.
     """
     if phase == "tap":
         hand, impulse = np.split(x, [x.size // 4])
         return TapView((TapSignal(hand, impulse),), fs)
-    one = PhaseView(x, fs)
-    return PairView((one, PhaseView(x[::-1].copy(), fs))) if phase == "pair" else one
+    movement = PhaseView(x, fs)
+    return PairView((movement, PhaseView(x[::-1].copy(), fs))) if phase == "pair" else movement
 
 
-def _answer(feature: Feature, name: str, view: View) -> tuple[str, str, bool]:
-    """Return kind of answer, detail and whether the contract is kept; see `behaviour`."""
+def _check_input(feature: Feature, name: str, view: View) -> tuple[str, str, bool]:
+    """Return outcome, detail and whether the contract holds; see `check_degenerate_inputs`."""
     n_outputs = len(feature.columns(feature.name, {}))
-    with warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as messages:
         warnings.simplefilter("always")
         try:
             values = np.atleast_1d(np.asarray(feature.function(view), dtype=np.float64))
         except UndefinedFeatureError as undefined:
-            return "reason", str(undefined), not caught
+            return "reason", str(undefined), not messages
         except Exception as error:
             return "error", " ".join(f"{type(error).__name__}: {error}".split()), False
     if values.shape != (n_outputs,):
         return "error", f"shape {values.shape} instead of ({n_outputs},)", False
-    shown = ", ".join(f"{v:.4g}" for v in values[:3]) + (", ..." if values.size > 3 else "")
-    detail = "; ".join([shown, *dict.fromkeys(f"warns: {w.message}" for w in caught)])
+    first_values = ", ".join(f"{v:.4g}" for v in values[:3]) + (", ..." if values.size > 3 else "")
+    detail = "; ".join([first_values, *dict.fromkeys(f"warns: {w.message}" for w in messages)])
     if not np.isfinite(values).all():
         return "no reason", detail, False
-    return "value", detail, not caught and name not in REFUSED
+    return "value", detail, not messages and name not in REFUSED
 
 
 def _median(values: Samples) -> float:
@@ -164,11 +188,11 @@ def _median(values: Samples) -> float:
 
 
 def _deviation(law: Gain, pairs: Sequence[tuple[float, Samples, Samples]]) -> float:
-    """Return the largest deviation from a law, relative to the larger magnitude of expected and found."""
-    worst = 0.0
+    """Return the largest deviation from a law, relative to the larger of expected and measured magnitude."""
+    largest = 0.0
     for g, y, y_g in pairs:
         expected = law.apply(y, g)
         scale = max(float(np.abs(expected).max()), float(np.abs(y_g).max()))
         if scale > 0:
-            worst = max(worst, float(np.abs(y_g - expected).max()) / scale)
-    return worst
+            largest = max(largest, float(np.abs(y_g - expected).max()) / scale)
+    return largest

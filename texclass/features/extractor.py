@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from texclass.features.phase_view import Channels, channels_apart
+from texclass.features.phase_view import Channels, separate_channels
 from texclass.features.plan import Computed, Plan
 from texclass.features.sets import FeatureSet, load_feature_set
 from texclass.recording import Phases, Recording, RecordingError, Samples, axes_differ, describe_axes
@@ -151,7 +151,7 @@ class FeatureExtractor(_Values):
         recordings = self._recordings(X, reset=True)
         given = self.features
         self.feature_set_ = given if isinstance(given, FeatureSet) else load_feature_set(given)
-        self.plan_ = Plan.of(self.feature_set_, channels_apart(recordings[0], self.channels))
+        self.plan_ = Plan.of(self.feature_set_, separate_channels(recordings[0], self.channels))
         return self
 
     def transform(self, X: Sequence[Recording] | ArrayLike) -> Any:

@@ -1,8 +1,8 @@
-"""Conditioning of a movement that several features share: scale, checks, and filtered copies of its spectrum.
+"""Scaling, checks and filters of a movement that several features share.
 
-All of it works on `unit`, the samples divided by their largest magnitude, so that no gain overflows or
-underflows in between; a feature puts `level` back as its declared gain law says. What is made from windows of
-the movement, or is a power, stands in `spectra`.
+All functions work on `unit`, the samples divided by their largest magnitude, so that no gain causes overflow
+or underflow. A feature multiplies by `level` where its gain law requires it. Powers and framed transforms are
+in `texclass.features.spectra`.
 """
 
 import math
@@ -23,23 +23,30 @@ from texclass.features.phase_view import (
 from texclass.recording import Samples
 
 FINEST = 20
-"""Largest factor by which a low-passed movement is decimated."""
+"""Largest decimation factor of a low-passed movement."""
 
 
 def magnitude_of(samples: Samples) -> float:
-    """Return the largest magnitude.
+    """Return the largest magnitude of some samples.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no sample, one is NaN or infinite, or all are 0.
+        If there is no sample, a sample is NaN or infinite, or all are 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> magnitude_of(np.array([0.5, -2.0, 1.0]))
+    2.0
     """
     undefined_if(samples.size == 0, "0 samples. Expected at least one")
     largest = float(max(samples.max(), -samples.min()))  # NaN and infinity pass through
     if not math.isfinite(largest):
-        n_bad, first = int((~np.isfinite(samples)).sum()), int(np.argmin(np.isfinite(samples)))
+        is_finite = np.isfinite(samples)
         raise UndefinedFeatureError(
-            f"{n_bad} samples are NaN or infinite (first at {first}). Expected finite"
+            f"{int((~is_finite).sum())} samples are NaN or infinite (first at index "
+            f"{int(np.argmin(is_finite))}). Expected finite samples"
         )
     if largest == 0:
         raise UndefinedFeatureError(f"silence: all {samples.size} samples are 0")
@@ -48,15 +55,21 @@ def magnitude_of(samples: Samples) -> float:
 
 @transform
 def level(view: PhaseView) -> Any:
-    """Return the largest magnitude of the samples, in their unit; of pieces that of each, (n_segments, 1).
+    """Return the largest magnitude of the samples; for segments, one each, shape (n_segments, 1).
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no sample, one is NaN or infinite, or all are the same.
+        If there is no sample, a sample is NaN or infinite, or all are equal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> level(PhaseView(np.array([0.5, -2.0, 1.0]), fs=1000))
+    2.0
     """
     if view.samples.ndim > 1:
-        return np.array([[level(piece)] for piece in segment_views(view)])
+        return np.array([[level(segment)] for segment in segment_views(view)])
     magnitude = magnitude_of(view.samples)
     if view.samples[0] == view.samples[-1] and np.ptp(view.samples) == 0:
         raise UndefinedFeatureError(f"silence: all {view.n_samples} samples are {view.samples[0]:g}")
@@ -64,18 +77,25 @@ def level(view: PhaseView) -> Any:
 
 
 def unit(view: PhaseView) -> Samples:
-    """Return the samples divided by `level`, shape as given; made anew, for of an hour it is 0.3 GB."""
+    """Return the samples divided by `level`. The array is not cached, as one hour takes 0.3 GB.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> unit(PhaseView(np.array([0.5, -2.0, 1.0]), fs=1000)).tolist()
+    [0.25, -1.0, 0.5]
+    """
     return np.asarray(view.samples / level(view))
 
 
-def require(view: PhaseView, n_samples: int, why: str) -> None:
-    """Refuse a phase that is shorter than `n_samples`."""
-    if view.n_samples < n_samples:  # a message that nobody reads takes as long as a short feature
-        raise UndefinedFeatureError(f"{view.n_samples} samples. Expected at least {n_samples} ({why})")
+def require(view: PhaseView, n_samples: int, purpose: str) -> None:
+    """Raise `UndefinedFeatureError` if a phase has fewer than `n_samples`, needed for `purpose`."""
+    if view.n_samples < n_samples:  # no undefined_if: formatting the message takes as long as a short feature
+        raise UndefinedFeatureError(f"{view.n_samples} samples. Expected at least {n_samples} ({purpose})")
 
 
 def below_nyquist(view: PhaseView, frequency_hz: float) -> float:
-    """Return `frequency_hz`; refuse one that the sampling rate cannot hold."""
+    """Return `frequency_hz`; raise `UndefinedFeatureError` if it is not below fs/2."""
     if not frequency_hz < view.fs / 2:
         raise UndefinedFeatureError(f"fs is {view.fs:g} Hz. Expected fs/2 above {frequency_hz:g} Hz")
     return frequency_hz
@@ -86,22 +106,22 @@ def n_of(view: PhaseView, seconds: float) -> int:
     return max(1, round(seconds * view.fs))
 
 
-def log10_of(value: float, what: str) -> float:
-    """Return log10(value); refuse 0."""
+def log10_of(value: float, name: str) -> float:
+    """Return log10(value); raise `UndefinedFeatureError` if the value is not positive."""
     if not value > 0:
-        raise UndefinedFeatureError(f"{what} is {value:g}. Expected a positive value, for its logarithm")
+        raise UndefinedFeatureError(f"{name} must be positive to take its logarithm, got {value:g}")
     return math.log10(value)
 
 
 @transform
 def unit32(view: PhaseView) -> NDArray[np.float32]:
-    """Return `unit` in single precision, for transforms: half the memory, errors 130 dB below the signal."""
+    """Return `unit` in single precision for transforms: half the memory, errors 130 dB below the signal."""
     return unit(view).astype(np.float32)
 
 
 def padded_length(view: PhaseView) -> int:
-    """Return the length of `spectrum`: a fast multiple of `FINEST` that holds all samples of `unit`."""
-    level(view)  # refuses silence
+    """Return the length of the transform in `spectrum`: a fast multiple of `FINEST` of at least n samples."""
+    level(view)  # raises for silence
     return FINEST * int(fft.next_fast_len(-(-view.n_samples // FINEST)))
 
 
@@ -113,7 +133,7 @@ def spectrum(view: PhaseView) -> NDArray[np.complex64]:
 
 @transform
 def low_spectrum(view: PhaseView) -> NDArray[np.complex64]:
-    """Return the bins 0 ... N/4 of `spectrum` (up to fs/4); those above are never made."""
+    """Return the bins 0 ... N/4 of `spectrum` (up to fs/4), without computing the others."""
     return fourier.rfft(_padded(view), quarter=True)
 
 
@@ -124,19 +144,29 @@ def _padded(view: PhaseView) -> NDArray[np.float32]:
 
 
 def first_bins(view: PhaseView, n_bins: int) -> NDArray[np.complex64]:
-    """Return the bins 0 ... n_bins-1 of the spectrum, of `low_spectrum` if that suffices for all features."""
-    # From 6 kHz on, a fourth of the rate holds all that corrected features read from the spectrum.
-    enough = view.fs >= 6000 and n_bins <= padded_length(view) // fourier.LANES + 1
-    return (low_spectrum(view) if enough else spectrum(view))[:n_bins]
+    """Return the bins 0 ... n_bins-1 of the spectrum, from `low_spectrum` if all features can use it."""
+    # From fs = 6 kHz on, corrected features read no frequency above fs/4.
+    is_enough = view.fs >= 6000 and n_bins <= padded_length(view) // fourier.LANES + 1
+    return (low_spectrum(view) if is_enough else spectrum(view))[:n_bins]
 
 
 @transform
 def low_passed(view: PhaseView, cutoff_hz: float, *, shared: bool = False) -> tuple[Samples, int]:
-    """Return `unit` without what lies above `cutoff_hz`, and the factor its rate is lowered by.
+    """Return `unit` below `cutoff_hz`, and its decimation factor.
 
-    The new rate is 10 cut-offs or more. The spectrum (`first_bins`, which corrected features share, or
-    `spectrum`, which printed ones do) is multiplied by the response of a second-order Butterworth low-pass
-    run forwards and backwards, 1 / (1 + (f/cutoff)^4), and only its occupied part is transformed back.
+    The new rate is at least 10 cut-off frequencies. The spectrum is multiplied by the response of a
+    second-order Butterworth low-pass run forwards and backwards, 1 / (1 + (f/cutoff)^4), and only the bins of
+    the new band are transformed back.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    cutoff_hz : float
+        Cut-off frequency in Hz.
+    shared : bool
+        Whether to use the spectrum that corrected features share (`first_bins`), or that of the printed ones
+        (`spectrum`, default).
     """
     n_fft, rate = padded_length(view), below_nyquist(view, cutoff_hz) * 10
     factor = next((k for k in (FINEST, 10, 5, 4, 2) if view.fs / k >= rate), 1)
@@ -149,14 +179,14 @@ def low_passed(view: PhaseView, cutoff_hz: float, *, shared: bool = False) -> tu
 
 
 def high_passed(view: PhaseView, cutoff_hz: float) -> NDArray[np.float32]:
-    """Return `unit` after a linear-phase high-pass of half amplitude at `cutoff_hz`, single precision.
+    """Return `unit` after a linear-phase high-pass with half amplitude at `cutoff_hz`, single precision.
 
-    The amplitude rises as a raised cosine from half the cut-off to one and a half, as that of a windowed FIR
-    filter does, and is applied to `spectrum`, which is there already.
+    The amplitude rises as a raised cosine from half to one and a half of the cut-off frequency, as that of a
+    windowed FIR filter. It is applied to `spectrum`, which other features need too.
     """
     x = spectrum(view).copy()
     step = view.fs / (2 * (x.size - 1))
-    first, last = (int(part * below_nyquist(view, cutoff_hz) / step) for part in (0.5, 1.5))
+    first, last = (int(ratio * below_nyquist(view, cutoff_hz) / step) for ratio in (0.5, 1.5))
     rising = (np.arange(first, min(last, x.size)) * step / cutoff_hz - 0.5) * np.pi
     x[:first] = 0
     x[first:last] *= ((1 - np.cos(rising)) / 2).astype(np.float32)
@@ -165,31 +195,31 @@ def high_passed(view: PhaseView, cutoff_hz: float) -> NDArray[np.float32]:
 
 @transform
 def band_passed(view: PhaseView, low_hz: float, high_hz: float, rate_hz: float) -> NDArray[np.float32]:
-    """Return what of `unit` lies between two frequencies, kept at `rate_hz` or a little more (fs, if lower).
+    """Return `unit` between two frequencies, at a rate of at least `rate_hz` (fs, if that is lower).
 
     The spectrum is multiplied by the response of a second-order Butterworth band-pass run forwards and
     backwards, 1 / (1 + u^4) with u = (f^2 - low high) / (f (high - low)), and transformed back up to half the
-    rate. Nothing is delayed; the response is half the amplitude at both frequencies.
+    rate. The filter has no delay; its amplitude is one half at both frequencies.
     """
     below_nyquist(view, high_hz)
     n_fft = padded_length(view)
     n = min(n_fft, 2 * fft.next_fast_len(int(np.ceil(n_fft * rate_hz / view.fs / 2)), real=True))
     f = np.arange(n // 2 + 1, dtype=np.float32) * np.float32(view.fs / n_fft / np.sqrt(low_hz * high_hz))
     width = np.float32((high_hz - low_hz) / np.sqrt(low_hz * high_hz))
-    through, beside = (f * width) ** 2, (f * f - 1) ** 2
-    through, beside = through * through, beside * beside
-    slow = fft.irfft(first_bins(view, f.size) * (through / (through + beside)), n, overwrite_x=True)
+    passband, stopband = (f * width) ** 2, (f * f - 1) ** 2
+    passband, stopband = passband * passband, stopband * stopband
+    slow = fft.irfft(first_bins(view, f.size) * (passband / (passband + stopband)), n, overwrite_x=True)
     return np.asarray(slow[: view.n_samples * n // n_fft] * np.float32(n / n_fft))
 
 
 @transform
-def banded(view: PhaseView, band_hz: float) -> tuple[Samples, float]:
-    """Return `unit` at a rate of 2 `band_hz` (its own, if lower), the spectrum cut off there, and that rate.
+def band_limited(view: PhaseView, band_hz: float) -> tuple[Samples, float]:
+    """Return `unit` below `band_hz`, and its rate in Hz: 2 `band_hz`, or fs if that is lower.
 
     Raises
     ------
     UndefinedFeatureError
-        If the movement holds fewer than 64 samples.
+        If the movement has fewer than 64 samples.
     """
     require(view, 64, "a spectrum")
     if view.fs <= 2 * band_hz:
@@ -207,7 +237,7 @@ def details(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int) -> tupl
     Raises
     ------
     UndefinedFeatureError
-        If the movement is shorter than (filter length - 1) 2^depth samples: 544 for coif3 at depth 5.
+        If the movement has fewer than (filter length - 1) 2^depth samples: 544 for coif3 at depth 5.
     """
     import pywt
 
@@ -218,7 +248,7 @@ def details(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int) -> tupl
 
 
 def detail_band(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int, j: int) -> NDArray[np.float32]:
-    """Return detail j (1 = finest) rebuilt to the length of the movement, shape (n,), in single precision."""
+    """Return detail j (1 = finest) at the length of the movement, shape (n,), single precision."""
     import pywt
 
     levels = details(view, cutoff_hz, wavelet, depth)

@@ -1,4 +1,4 @@
-"""What a feature reads: one view per phase of a recording, its transforms computed once and when asked."""
+"""Phase views: the samples that a feature reads, with transforms that are computed once per view."""
 
 import functools
 import inspect
@@ -23,33 +23,41 @@ R = TypeVar("R")
 Phase = Literal["tap", "movement", "travel", "friction", "pair"]
 Channels = Literal["combine", "each", "auto", "all"]
 TURN = ("turn_x", "turn_y", "turn_z")
-"""Names of the channels of a turn rate, after those of the acceleration."""
+"""Names of the channels of the turn rate, which follow those of the acceleration."""
 LONG = 5000
-"""Movements of more samples are cut to a length that transforms take quickly; see `kept_length`."""
+"""Movements of more samples are shortened to a length with a fast Fourier transform; see `trimmed_length`."""
 MIN_SEGMENT_SAMPLES = 2048
-"""Samples that a piece must hold: with fewer, what is gained by voting is lost in each piece."""
+"""Minimum number of samples of a segment: in shorter ones, features lose more accuracy than voting gains."""
 
 
 class UndefinedFeatureError(ValueError):
-    """The feature has no value for this signal; the message is the reason (value and rule).
+    """A feature that is undefined for a signal; the message is the reason.
 
-    Extraction turns it into NaN and keeps the reason for the user.
+    Extraction catches it: the value becomes NaN, and the reason is reported to the user.
+
+    Examples
+    --------
+    >>> from texclass.features.fineness import fineness
+    >>> fineness([0.0] * 1000, fs=1000)
+    Traceback (most recent call last):
+    ...
+    texclass.features.phase_view.UndefinedFeatureError: silence: all 1000 samples are 0
     """
 
 
-def undefined_if(wrong: Any, reason: str) -> None:
-    """Raise `UndefinedFeatureError` with a reason (value and rule) if something is wrong."""
-    if wrong:
+def undefined_if(condition: Any, reason: str) -> None:
+    """Raise `UndefinedFeatureError` with `reason` if `condition` is true."""
+    if condition:
         raise UndefinedFeatureError(reason)
 
 
 class Memory(dict[Hashable, Any]):
-    """Results of the transforms of one view, by function and parameters.
+    """Cache of the transforms of one view, by function and parameters.
 
     Attributes
     ----------
     timed : callable, optional
-        Called as timed(key, compute) in place of compute() where a transform is computed, to measure it.
+        Called as timed(key, compute) in place of compute() to measure the time of a transform.
     """
 
     timed: Callable[[tuple[Any, ...], Callable[[], Any]], Any] | None = None
@@ -57,14 +65,24 @@ class Memory(dict[Hashable, Any]):
 
 @dataclass(frozen=True, eq=False)
 class PhaseView:
-    """One phase of one channel: samples, sampling rate, and a memory for shared transforms.
+    """One phase of one channel: samples, sampling rate, and a cache of transforms.
 
     Attributes
     ----------
-    samples : ndarray of shape (n,), or (n_segments, n) of pieces side by side
-        The movement's acceleration (without its mean) or the friction voltage during it.
+    samples : ndarray of shape (n,), or (n_segments, n) for segments
+        Acceleration during the movement (mean removed), or friction voltage during the movement.
     fs : float
-        Sampling rate in Hz; of a movement over its way, in samples per m.
+        Sampling rate in Hz. For a movement over the path of the tool, samples per m.
+    memory : Memory
+        Transforms that were computed before.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from texclass.features.slopes import vibration_level
+    >>> view = PhaseView(np.sin(np.arange(1000.0)), fs=1000)
+    >>> vibration_level(view).round(2).tolist()  # log10 of 0.71
+    [-0.15]
     """
 
     samples: Samples
@@ -73,7 +91,7 @@ class PhaseView:
 
     @property
     def n_samples(self) -> int:
-        """Number of samples, of a piece if there are pieces."""
+        """Number of samples; of one segment if there are segments."""
         return int(self.samples.shape[-1])
 
 
@@ -88,7 +106,7 @@ class TapSignal:
     impulse : ndarray of shape (m,)
         Impact and decay, from the contact on.
     quality : float
-        How surely it is a tap, 0 to 1; see `texclass.recording.Tap`.
+        Confidence that this is a tap, 0 to 1; see `texclass.recording.Tap`.
     """
 
     hand: Samples
@@ -107,7 +125,9 @@ class TapView:
     fs : float
         Sampling rate in Hz.
     noise : float
-        Root mean square of the quiet stretch (same unit as the samples); 0.0 when there is none.
+        RMS of the quiet start of the recording (in the unit of the samples); 0.0 without a quiet start.
+    memory : Memory
+        Transforms that were computed before.
     """
 
     taps: tuple[TapSignal, ...]
@@ -118,12 +138,14 @@ class TapView:
 
 @dataclass(frozen=True, eq=False)
 class PairView:
-    """The movements of two channels that are kept apart, side by side.
+    """The movements of two channels.
 
     Attributes
     ----------
     sides : tuple of two PhaseView
-        As long as each other; the transforms of one serve all of its pairs.
+        Movements of the same length; their transforms are shared by all pairs with this channel.
+    memory : Memory
+        Transforms of the pair that were computed before.
     """
 
     sides: tuple[PhaseView, PhaseView]
@@ -136,29 +158,29 @@ class PairView:
 
     @property
     def n_samples(self) -> int:
-        """Number of samples of either."""
+        """Number of samples of each side."""
         return self.sides[0].n_samples
 
 
 View = PhaseView | TapView | PairView
-"""What a feature reads."""
+"""View of any phase."""
 V = TypeVar("V", PhaseView, TapView, PairView)
 
 
 def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[V, P], R]:
-    """Remember the result of a transform of a view on the view, by the values of its (hashable) parameters.
+    """Cache the results of the decorated transform on the view, by the (hashable) parameters.
 
-    Whoever receives a remembered array must not write to it.
+    Callers must not write to a cached array.
     """
     parameters = list(inspect.signature(function).parameters.values())[1:]
     defaults: dict[str, Any] = {p.name: p.default for p in parameters}
     in_order: tuple[Any, ...] = tuple(defaults.values())
 
     @functools.wraps(function)
-    def remembered(view: V, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        if kwargs:  # by hand: what inspect offers takes as long as a short feature
-            given: dict[str, Any] = defaults | dict(zip(defaults, args, strict=False)) | kwargs
-            key = (function, *given.values())
+    def cached(view: V, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        if kwargs:  # not inspect.Signature.bind, which takes as long as a short feature
+            arguments: dict[str, Any] = defaults | dict(zip(defaults, args, strict=False)) | kwargs
+            key = (function, *arguments.values())
         else:
             key = (function, *args, *in_order[len(args) :])
         memory = view.memory
@@ -169,14 +191,26 @@ def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[
         result: R = memory[key]
         return result
 
-    return remembered
+    return cached
 
 
 def cut_segments(view: PhaseView, n_segments: int) -> PhaseView:
-    """Return the view of equal pieces of the movement side by side, or `view` where it is too short for them.
+    """Return the view of equal segments of the movement, or `view` itself if the movement is too short.
 
-    Too short is less than `n_segments` times `MIN_SEGMENT_SAMPLES` samples; at most n_segments - 1 samples at
-    the end are left out.
+    A movement needs at least `n_segments` times `MIN_SEGMENT_SAMPLES` samples. Up to n_segments - 1 samples
+    at the end are dropped.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement of shape (n,).
+    n_segments : int
+        Number of segments.
+
+    Returns
+    -------
+    PhaseView
+        Samples of shape (n_segments, n // n_segments).
     """
     return (
         view
@@ -188,46 +222,46 @@ def cut_segments(view: PhaseView, n_segments: int) -> PhaseView:
 @transform
 def _cut(view: PhaseView, n_segments: int) -> PhaseView:
     size, timed = view.n_samples // n_segments, view.memory.timed
-    cut = PhaseView(view.samples[: n_segments * size].reshape(n_segments, size), view.fs)
+    segments = PhaseView(view.samples[: n_segments * size].reshape(n_segments, size), view.fs)
     if timed is not None:
-        cut.memory.timed = lambda key, compute: timed((*key, f"{n_segments} segments"), compute)
-    return cut
+        segments.memory.timed = lambda key, compute: timed((*key, f"{n_segments} segments"), compute)
+    return segments
 
 
 @transform
 def segment_views(view: PhaseView) -> tuple[PhaseView, ...]:
-    """Return a view of each piece by itself."""
-    each, timed = tuple(PhaseView(samples, view.fs) for samples in view.samples), view.memory.timed
+    """Return one view per segment."""
+    segments, timed = tuple(PhaseView(samples, view.fs) for samples in view.samples), view.memory.timed
     if timed is not None:
-        for i, piece in enumerate(each, 1):
-            piece.memory.timed = lambda key, compute, i=i: timed((*key, f"segment {i}"), compute)
-    return each
+        for i, segment in enumerate(segments, 1):
+            segment.memory.timed = lambda key, compute, i=i: timed((*key, f"segment {i}"), compute)
+    return segments
 
 
-def kept_length(n: int) -> int:
-    """Return how many of n samples of a movement are kept: all, or, if `LONG`, at least 93 %.
+def trimmed_length(n: int) -> int:
+    """Return how many of the n samples of a movement are used: all up to `LONG`, and at least 93 % of more.
 
-    A multiple of four without prime factors above 5: with one, every Fourier transform takes several times
-    as long.
+    The length is four times a product of 2, 3 and 5: with a larger prime factor, Fourier transforms are
+    several times slower.
     """
     return int(LANES * fft.prev_fast_len(n // LANES, real=True)) if n > LONG else n
 
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """The phase views of one recording, for one channel or for all of them combined.
+    """The phase views of a recording, for one channel or all channels combined.
 
     Parameters
     ----------
     recording : Recording
         The recording.
     phases : Phases
-        Where its taps and its movement are.
+        Its taps and its movement.
     channel : int, optional
-        Column of the acceleration, or, counted on, of the turn rate; None combines the columns of the
-        acceleration by DFT321 [strese2015, section III].
+        Column of the acceleration, or, after those, of the turn rate. None (the default) combines the columns
+        of the acceleration by DFT321 [strese2015, section III].
     sides : tuple of two Views, optional
-        Of two channels: then there is the `pair` of them, and nothing else.
+        Views of two channels; then the only phase is "pair".
     """
 
     recording: Recording
@@ -236,12 +270,19 @@ class Views:
     sides: "tuple[Views, Views] | None" = None
 
     def of(self, phase: Phase, *, remove_hand_motion: bool = False) -> View:
-        """Return the view of a phase, the movement `remove_hand_motion` if that is asked for.
+        """Return the view of a phase.
+
+        Parameters
+        ----------
+        phase : {"tap", "movement", "travel", "friction", "pair"}
+            Phase.
+        remove_hand_motion : bool
+            Whether to remove hand motion from the movement (default False); see `vibration`.
 
         Raises
         ------
         UndefinedFeatureError
-            If the recording does not have it; the message is the reason.
+            If the recording does not have this phase; the message is the reason.
         """
         if phase == "pair" or self.sides is not None:
             return self._pair(phase, remove_hand_motion=remove_hand_motion)
@@ -250,31 +291,31 @@ class Views:
 
     def _pair(self, phase: Phase, *, remove_hand_motion: bool) -> PairView:
         if self.sides is None:
-            raise UndefinedFeatureError("one channel, or several combined. Expected two kept apart")
+            raise UndefinedFeatureError("channels are combined or single. Expected two separate channels")
         if phase != "pair":
-            raise UndefinedFeatureError(f"two channels. Expected one for a {phase}")
+            raise UndefinedFeatureError(f"two channels. Expected one channel for the phase {phase}")
         one, other = (side.vibration if remove_hand_motion else side.movement for side in self.sides)
         return PairView((one, other))
 
     @cached_property
     def movement(self) -> PhaseView:
-        """Acceleration during the movement, its mean removed and nothing else: the same in any unit.
+        """Acceleration during the movement, mean removed; does not depend on the unit.
 
-        What lies below 10 Hz is kept [strese2015, section IV-D].
+        Frequencies below 10 Hz are kept [strese2015, section IV-D].
         """
         return PhaseView(combine(self._moving, single=True), self.recording.fs)
 
     @cached_property
     def vibration(self) -> PhaseView:
-        """The movement without hand motion, where the sensor is known to have felt it.
+        """The movement without hand motion, if the sensor measures hand motion.
 
-        Known it is where the unit is one of acceleration and the mean is gravity's, above half of 9.81 m/s^2:
-        such a sensor feels how the hand turns and moves it, too, and `remove_hand_motion` subtracts a moving
-        average. One that does not (a microphone, an accelerometer behind a high-pass) has nothing to remove:
-        its low frequencies are the surface's.
+        This is the case if the unit is m/s^2 and the mean is above half of 9.81 m/s^2, that is, if the sensor
+        measures gravity: it then measures rotation and translation of the hand too, and `remove_hand_motion`
+        subtracts a moving average. Other sensors (a microphone, an accelerometer behind a high-pass filter)
+        measure no hand motion: their low frequencies belong to the surface.
         """
         axes = self._moving
-        mean = np.ones(len(axes)) @ axes / len(axes)  # numpy's mean of short rows takes ten times as long
+        mean = np.ones(len(axes)) @ axes / len(axes)  # ten times faster than np.mean for short rows
         if self.recording.unit != "m/s^2" or math.hypot(*np.atleast_1d(mean)) <= STANDARD_GRAVITY / 2:
             return self.movement
         vibration = remove_hand_motion(self.movement.samples, self.recording.fs)
@@ -282,11 +323,12 @@ class Views:
 
     @cached_property
     def travel(self) -> PhaseView:
-        """The movement `remove_hand_motion` over the way of the tool, where its speed was recorded.
+        """The movement without hand motion as a function of the path of the tool; needs a recorded speed.
 
-        Computed order tracking [Fyfe and Munck, Mech. Syst. Signal Process. 11, 1997], with the way
-        s(t) = integral of |v| dt in place of turns: samples are means over equal steps of s, of 0.05 mm, or
-        as many as there were in time. What lies so many mm apart comes so often, however fast the hand is.
+        Computed order tracking [Fyfe and Munck, Mech. Syst. Signal Process. 11, 1997], with the path s(t) =
+        integral of |v| dt in place of turns: samples are means over equal steps of s of 0.05 mm, or of more,
+        so that there are no more samples than in time. A structure with a period in mm then has a fixed
+        frequency at any speed of the hand.
         """
         speed = self.recording.speed
         if speed is None:
@@ -297,42 +339,42 @@ class Views:
         s, integral = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, x * steps))
         undefined_if(s[-1] == 0, "the speed is 0 throughout. Expected a tool that moves")
         undefined_if(np.ptp(x) == 0, f"silence: all {x.size} samples are {x[0]:g}")
-        step = max(5e-5, s[-1] / x.size)  # m; half of the shortest wave
+        step = max(5e-5, s[-1] / x.size)  # in m; 0.05 mm is half of the shortest wavelength of interest
         edges = step * np.arange(int(s[-1] / step) + 1)
         return PhaseView(np.diff(np.interp(edges, s, integral)) / step, 1 / step)
 
     @cached_property
     def tap(self) -> TapView:
-        """The taps, resting level removed, with the root mean square of the quiet stretch before them.
+        """The taps without resting level, with the RMS of the quiet start of the recording.
 
-        Single wild samples are interpolated, and a value that is held before the data begin is left out.
+        Single-sample glitches are interpolated, and padding before the data is dropped.
         """
         taps = self.phases.taps
         undefined_if(not taps, "no tap found")
-        # The quiet stretch, the taps and nothing of the movement: one signal, so that all share one level.
+        # Only the quiet start and the taps, as one signal: all taps then have the same resting level.
         axes = self._axes(0, taps[-1].end)
         columns = axes.reshape(len(axes), -1)
         first = min(find_data(columns, self.recording.fs).first, taps[0].start)
-        left_out = (len(axes) - first) - kept_length(len(axes) - first)
-        first += left_out if 2 * left_out <= taps[0].start - first else 0
-        together = self.channel is None  # then what the search for phases found will do
-        wild = get_glitches(self.recording, len(axes)) if together else find_glitches(columns)
-        axes = interpolate_glitches(columns, wild)[first:].reshape(-1, *axes.shape[1:])
-        quiet, signal = taps[0].start - first, combine(axes, single=True)
-        signal = signal - np.median(signal[:quiet] if quiet else signal)
-        parts = []
+        n_dropped = (len(axes) - first) - trimmed_length(len(axes) - first)
+        first += n_dropped if 2 * n_dropped <= taps[0].start - first else 0
+        is_combined = self.channel is None  # glitches of all channels are known from the search for phases
+        glitches = get_glitches(self.recording, len(axes)) if is_combined else find_glitches(columns)
+        axes = interpolate_glitches(columns, glitches)[first:].reshape(-1, *axes.shape[1:])
+        n_quiet, signal = taps[0].start - first, combine(axes, single=True)
+        signal = signal - np.median(signal[:n_quiet] if n_quiet else signal)
+        signals = []
         for tap in taps:
-            start, impact, end = (at - first for at in (tap.start, tap.impact, tap.end))
-            parts.append(TapSignal(signal[start:impact], signal[impact:end], tap.quality))
-        # On the axes, not on their combination: DFT321 leaks the taps into the quiet stretch.
-        at_rest = axes[:quiet].reshape(quiet, columns.shape[1]).T.copy()
-        at_rest -= (at_rest @ np.ones(quiet) / max(quiet, 1))[:, np.newaxis]
-        noise = math.sqrt(np.vdot(at_rest, at_rest) / quiet) if quiet else 0.0
-        return TapView(tuple(parts), self.recording.fs, noise)
+            start, impact, end = (index - first for index in (tap.start, tap.impact, tap.end))
+            signals.append(TapSignal(signal[start:impact], signal[impact:end], tap.quality))
+        # From the single axes: DFT321 would spread the taps over the quiet start.
+        quiet = axes[:n_quiet].reshape(n_quiet, columns.shape[1]).T.copy()
+        quiet -= (quiet @ np.ones(n_quiet) / max(n_quiet, 1))[:, np.newaxis]
+        noise = math.sqrt(np.vdot(quiet, quiet) / n_quiet) if n_quiet else 0.0
+        return TapView(tuple(signals), self.recording.fs, noise)
 
     @cached_property
     def friction(self) -> PhaseView:
-        """Friction voltage during the movement, or all of it when no movement was found."""
+        """Friction voltage during the movement; of the whole recording if it has no movement."""
         if self.recording.friction is None:
             raise UndefinedFeatureError("no friction signal")
         start, stop = self.phases.movement or (0, self.recording.n_samples)
@@ -340,11 +382,11 @@ class Views:
 
     @property
     def _moving(self) -> Samples:
-        """The axes during the movement."""
+        """Acceleration of shape (n, n_axes) or (n,) during the movement."""
         if self.phases.movement is None:
             raise UndefinedFeatureError("no movement found")
         start, stop = self.phases.movement
-        return self._axes(start, start + kept_length(stop - start))
+        return self._axes(start, start + trimmed_length(stop - start))
 
     def _axes(self, start: int, stop: int) -> Samples:
         axes, turn = self.recording.acceleration[start:stop], self.recording.turn_rate
@@ -355,24 +397,29 @@ class Views:
 
 
 def view_of(phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbitrary") -> View:
-    """Return the view of a signal without a recording: all of it is the movement or the friction.
+    """Return the view of an array: the whole array is the movement or the friction signal.
 
     Parameters
     ----------
     phase : {"movement", "travel", "tap", "friction", "pair"}
-        Of a signal of taps, those that `texclass.phases.find_phases` finds.
+        Phase; taps are located by `texclass.phases.find_phases`.
     signal : array_like of shape (n_samples,) or (n_samples, n_axes)
-        Axes are combined by DFT321; a pair has two.
+        Samples. Axes are combined by DFT321; a pair has two columns.
     fs : float
-        Sampling rate in Hz; of a movement over its way ("travel"), in samples per m.
+        Sampling rate in Hz. For a movement over the path of the tool ("travel"), samples per m.
     unit : str
-        See `Recording`. It changes no value of a movement: its mean is removed, the path of the hand is not
-        (see `texclass.signals.remove_hand_motion`).
+        Unit of the samples (default "arbitrary"), see `Recording`. It does not affect a movement: its mean is
+        removed, hand motion is not (see `texclass.signals.remove_hand_motion`).
 
     Raises
     ------
     RecordingError
         If `fs` is missing, or a sample is not finite.
+
+    Examples
+    --------
+    >>> view_of("movement", [[3.0, 1.0], [3.0, 5.0]], fs=100).n_samples
+    2
     """
     x = np.asarray(signal, dtype=np.float64)
     recording = Recording(x, fs=fs, unit=unit, friction=x if phase == "friction" else None)  # type: ignore[arg-type]
@@ -382,7 +429,7 @@ def view_of(phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbi
     if phase != "pair":
         return Views(recording, find_phases(recording) if phase == "tap" else whole).of(phase)
     if (n := len(recording.channels)) != 2:
-        raise RecordingError(f"a pair of {n} channels. Expected an array of shape (n_samples, 2)")
+        raise RecordingError(f"a pair must have 2 channels, got {n}. Pass an array of shape (n_samples, 2)")
     sides = Views(recording, whole, 0), Views(recording, whole, 1)
     return Views(recording, whole, sides=sides).of(phase)
 
@@ -393,42 +440,61 @@ def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Vi
     Parameters
     ----------
     recording : Recording
-        The recording; its phases are segmented unless they are declared.
+        The recording; phases are located unless they are declared.
     channels : sequence of str, optional
-        Names of channels to keep apart (prefix "x/" for channel x, "x*y/" for two); by default all are
+        Channels to keep separate (prefix "x/" for channel x, "x*y/" for a pair). By default all channels are
         combined (prefix "").
+
+    Returns
+    -------
+    dict
+        Prefix -> `Views`.
 
     Raises
     ------
-    ValueError
-        If the recording's channels are not the ones named.
+    RecordingError
+        If the recording has other channels.
+
+    Examples
+    --------
+    >>> from texclass.recording import Phases, Recording
+    >>> moving = Phases(movement=(0, 100))
+    >>> recording = Recording([[0.0, 1.0]] * 100, fs=100, phases=moving, channels=("a", "b"))
+    >>> list(views_of(recording, ("a", "b")))
+    ['', 'a/', 'b/', 'a*b/']
     """
     phases = find_phases(recording)
     if channels and tuple(channels) not in (recording.channels, _with_turn_rate(recording)):
-        present = ", ".join(_with_turn_rate(recording))
+        axes = ", ".join(_with_turn_rate(recording))
         raise RecordingError(
-            f"{recording.source or recording.recording_id}: axes are {present}. "
+            f"{recording.source or recording.recording_id}: axes are {axes}. "
             f"Expected {', '.join(channels)}, as in the first recording"
         )
     combined = {"": Views(recording, phases)}
-    apart = {f"{name}/": Views(recording, phases, i) for i, name in enumerate(channels)}
+    single = {f"{name}/": Views(recording, phases, i) for i, name in enumerate(channels)}
     pairs = {
-        pair_prefix(a, b): Views(recording, phases, sides=(apart[f"{a}/"], apart[f"{b}/"]))
+        pair_prefix(a, b): Views(recording, phases, sides=(single[f"{a}/"], single[f"{b}/"]))
         for a, b in combinations(channels, 2)
     }
-    return combined | apart | pairs
+    return combined | single | pairs
 
 
 def pair_prefix(one: str, other: str) -> str:
-    """Return what columns of two channels begin with: "x*turn_z/"."""
+    """Return the column prefix of a pair of channels, for example "x*turn_z/"."""
     return f"{one}*{other}/"
 
 
-def channels_apart(recording: Recording, channels: Channels) -> tuple[str, ...]:
-    """Return the channels to keep apart: every axis for "each", none for "combine".
+def separate_channels(recording: Recording, channels: Channels) -> tuple[str, ...]:
+    """Return the channels to keep separate.
 
-    "all" adds the axes of the turn rate, if there is one, to "each". "auto" combines the axes of one
-    accelerometer (channels named among x, y and z) and keeps others apart.
+    Parameters
+    ----------
+    recording : Recording
+        Recording with the names of its channels.
+    channels : {"combine", "each", "auto", "all"}
+        "combine" keeps none separate, "each" keeps all axes separate, "all" adds the axes of the turn rate.
+        "auto" combines the axes of one accelerometer (channel names ending in x, y or z) and keeps others
+        separate.
 
     Raises
     ------
@@ -436,7 +502,7 @@ def channels_apart(recording: Recording, channels: Channels) -> tuple[str, ...]:
         If `channels` is none of the four.
     """
     if channels not in ("combine", "each", "auto", "all"):
-        raise ValueError(f"channels is {channels!r}. Expected 'combine', 'each', 'auto' or 'all'")
+        raise ValueError(f"channels must be 'combine', 'each', 'auto' or 'all', got {channels!r}")
     if channels == "all":
         return _with_turn_rate(recording)
     names = recording.channels

@@ -12,8 +12,8 @@ from scipy import fft
 
 from texclass.features.contract import Gain, feature
 from texclass.features.movement_filters import (
+    band_limited,
     band_passed,
-    banded,
     detail_band,
     level,
     log10_of,
@@ -24,11 +24,11 @@ from texclass.features.movement_filters import (
 from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import (
     autocorrelation,
+    evenly_spaced,
     frames_of,
     magnitudes,
     mean_square,
     spectral_changes,
-    spread,
 )
 from texclass.recording import Samples
 from texclass.signals import moving_average
@@ -209,10 +209,10 @@ def regularity(
         For silence, fewer than 64 samples, frames of fewer than 32 below `band_hz`, or an autocorrelation
         without any rise.
     """
-    x, fs = banded(view, band_hz)
+    x, fs = band_limited(view, band_hz)
     length = min(max(1, round(frame_s * fs)), x.size)
     undefined_if(length < 32, f"{length} samples in a frame. Expected at least 32")
-    frames = frames_of(x.astype(np.float32), length)[spread(x.size - length, length // 2, n_frames)]
+    frames = frames_of(x.astype(np.float32), length)[evenly_spaced(x.size - length, length // 2, n_frames)]
     frames -= frames.mean(axis=1, keepdims=True)
     frames = frames[np.ptp(frames, axis=1) > 0]
     # Zeros for half the length keep lags up to there apart from those that wrap around; twice the rate,
@@ -402,11 +402,11 @@ def spectral_roughness(
     UndefinedFeatureError
         As `spectral_roughness_as_printed`.
     """
-    x, fs = banded(view, band_hz)
+    x, fs = band_limited(view, band_hz)
     length, shift = (max(1, round(seconds * fs)) for seconds in (frame_s, shift_s))
     last = x.size - length - shift
     undefined_if(last < 0, f"{x.size / fs:.3g} s. Expected frames of {frame_s:g} s, {shift_s:g} s apart")
-    frames, first, changes = frames_of(x.astype(np.float32), length), spread(last, shift, n_pairs), []
+    frames, first, changes = frames_of(x.astype(np.float32), length), evenly_spaced(last, shift, n_pairs), []
     for k in range(0, first.size, BLOCK_PAIRS):
         at = first[k : k + BLOCK_PAIRS]
         one, other = np.split(magnitudes(frames[np.concatenate([at, at + shift])]), 2)

@@ -1,4 +1,4 @@
-"""Power spectra of a movement, of the whole and of its frames, each computed once per view."""
+"""Power spectra of a movement and of its frames, each computed once per view."""
 
 import functools
 
@@ -11,35 +11,41 @@ from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.recording import Samples, make_read_only
 
 BAND_HZ = 2100.0
-"""End of `mean_spectrum` in Hz: half as much again as the band of the sensor."""
+"""Upper end of `mean_spectrum` in Hz: 1.5 times the bandwidth of the sensor of strese2015."""
 BLOCK = 128
-"""Frames transformed at a time, so that a block stays in the cache."""
+"""Frames per transform call, so that a block fits into the cache of the processor."""
 LONG_FRAME_S = 0.4096
-"""Frame of `long_frames`, in s: 4096 samples at the 10 kHz of strese2015."""
+"""Length of a frame of `long_frames` in s: 4096 samples at the 10 kHz of strese2015."""
 BLOCK_SAMPLES = 1 << 16
-"""Samples transformed at a time: 256 kB, so that a block of long frames stays in the cache, too."""
+"""Samples per transform call (256 kB), so that a block of long frames fits into the cache too."""
 
 
 @transform
 def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
     """Return frequency (Hz) and power density of `unit` (1/Hz), both of shape (n_bins,).
 
-    The periodogram of the whole movement up to `BAND_HZ`, or fs/2 and what lies at it, averaged over each
-    1 Hz from 0 on; of a movement shorter than 1 s, bin by bin.
+    The periodogram of the whole movement up to `BAND_HZ`, or up to and including fs/2 if that is lower,
+    averaged over intervals of 1 Hz. For a movement shorter than 1 s, the bins of the periodogram.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If the movement has fewer than 64 samples, or the spectrum fewer than 8 bins.
     """
     require(view, 64, "a spectrum")
     x = spectrum(view)
     step = view.fs / (2 * (x.size - 1))
     width = max(1.0, step)
-    whole = view.fs / 2 <= BAND_HZ
-    n_bins = (
-        int(BAND_HZ / width) if not whole else x.size if width == step else int(np.ceil(view.fs / 2 - 1e-6))
-    )
+    is_full_band = view.fs / 2 <= BAND_HZ
+    if is_full_band:
+        n_bins = x.size if width == step else int(np.ceil(view.fs / 2 - 1e-6))
+    else:
+        n_bins = int(BAND_HZ / width)
     undefined_if(n_bins < 8, f"fs is {view.fs:g} Hz. Expected a spectrum of 8 bins of {width:g} Hz")
     first = np.ceil(np.arange(n_bins + 1) * (width / step) - 1e-6).astype(np.intp)
-    first[-1] = x.size if whole else first[-1]
+    first[-1] = x.size if is_full_band else first[-1]
     power, n_in = x[: first[-1]].real ** 2 + x[: first[-1]].imag ** 2, np.diff(first).astype(np.float64)
-    if whole:  # the bin at fs/2 is its own mirror image, and ends the band
+    if is_full_band:  # the bin at fs/2 has no mirror image
         power[-1] /= 2
         n_in[-1] = max(n_in[-1] - 1, 1.0)
     power = np.add.reduceat(power, first[:-1], dtype=np.float64) / n_in
@@ -49,7 +55,7 @@ def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
 
 
 def frames_of(x: NDArray[np.float32], length: int, hop: int = 1) -> NDArray[np.float32]:
-    """Return the frames of contiguous samples, (n_frames, length), without copying: nobody may write to them.
+    """Return a view of the frames of contiguous samples, (n_frames, length); callers must not write to it.
 
     `numpy.lib.stride_tricks.sliding_window_view` takes as long as the transform of some frames.
     """
@@ -58,27 +64,27 @@ def frames_of(x: NDArray[np.float32], length: int, hop: int = 1) -> NDArray[np.f
 
 
 def autocorrelation(view: PhaseView) -> NDArray[np.float32]:
-    """Return r_k = sum_n x_n x_(n+k) of `unit` for k = 0 ... n-1, shape (n,), to about 1e-7 of r_0.
+    """Return r_k = sum_n x_n x_(n+k) of `unit` for k = 0 ... n-1, shape (n,), with an error of 1e-7 r_0.
 
-    The movement is cut into pieces of L samples, and the correlations of pieces d apart are the lags around
-    d L: short transforms in single precision, several at once, take a third of the time of one long one.
+    The movement is cut into blocks of L samples; the correlation of two blocks with distance d gives the lags
+    around d L. Several short transforms in single precision take a third of the time of one long transform.
     """
-    n, n_segments = view.n_samples, 8
-    length = -(-n // n_segments)
+    n, n_blocks = view.n_samples, 8
+    length = -(-n // n_blocks)
     n_fft = fft.next_fast_len(2 * length, real=True)
-    pieces = np.zeros((n_segments, n_fft), dtype=np.float32)
-    for i in range(n_segments):
-        part = unit32(view)[i * length : (i + 1) * length]
-        pieces[i, : part.size] = part
-    spectra = fft.rfft(pieces, axis=1)
-    del pieces  # of an hour at 10 kHz this and the spectra are 0.6 GB
+    blocks = np.zeros((n_blocks, n_fft), dtype=np.float32)
+    for i in range(n_blocks):
+        block = unit32(view)[i * length : (i + 1) * length]
+        blocks[i, : block.size] = block
+    spectra = fft.rfft(blocks, axis=1)
+    del blocks  # 0.6 GB with the spectra for one hour at 10 kHz
     cross = np.zeros_like(spectra)
-    for d in range(n_segments):
-        for i in range(n_segments - d):
+    for d in range(n_blocks):
+        for i in range(n_blocks - d):
             cross[d] += spectra[i].conj() * spectra[i + d]
     del spectra
     r = fft.irfft(cross, n_fft, axis=1, overwrite_x=True)
-    r[:-1, :length] += r[1:, n_fft - length :]  # lags before those of the next distance
+    r[:-1, :length] += r[1:, n_fft - length :]  # lags below d L
     return np.asarray(r[:, :length].reshape(-1)[:n])
 
 
@@ -86,20 +92,33 @@ def autocorrelation(view: PhaseView) -> NDArray[np.float32]:
 def power_frames(
     view: PhaseView, frame_s: float, hop_s: float, window: str, high_hz: float = np.inf
 ) -> tuple[NDArray[np.float32], Samples]:
-    """Return the power spectra of windowed frames, zero-padded to a power of two, up to `high_hz`.
+    """Return the power spectra of windowed frames up to `high_hz`.
+
+    Frames are zero-padded to a power of two.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    frame_s, hop_s : float
+        Length of a frame and distance between the starts of two frames, in s.
+    window : {"hann", "hamming"}
+        Window.
+    high_hz : float
+        Upper end of the band in Hz (default: fs/2).
 
     Returns
     -------
     power : ndarray of shape (n_frames, n_bins)
         One-sided power density of each frame of `unit`, in 1/Hz, single precision.
     frequency : ndarray of shape (n_bins,)
-        In Hz.
+        Frequencies in Hz.
 
     Raises
     ------
     UndefinedFeatureError
-        If a frame would hold fewer than 8 samples, the movement is shorter than one, or only the bin
-        at 0 Hz lies below `high_hz`.
+        If a frame has fewer than 8 samples, the movement is shorter than a frame, or only the bin at 0 Hz is
+        below `high_hz`.
     """
     length = n_of(view, frame_s)
     undefined_if(length < 8, f"fs is {view.fs:g} Hz. Expected at least 8 samples in a frame of {frame_s:g} s")
@@ -125,7 +144,7 @@ def power_frames(
 
 @functools.lru_cache(maxsize=32)
 def window_of(name: str, length: int) -> NDArray[np.float32]:
-    """Return a window, "hann" or "hamming", periodic, shape (length,); made once for each length."""
+    """Return a periodic window, "hann" or "hamming", shape (length,); cached by length."""
     constant = {"hann": 0.5, "hamming": 0.54}[name]
     window = constant + (1 - constant) * np.cos(np.linspace(-np.pi, np.pi, length + 1)[:-1])
     return make_read_only(window.astype(np.float32))
@@ -133,12 +152,12 @@ def window_of(name: str, length: int) -> NDArray[np.float32]:
 
 @transform
 def long_frames(view: PhaseView) -> tuple[NDArray[np.float32], Samples]:
-    """Return the power spectra of half-overlapping Hann frames of `LONG_FRAME_S`, at most the movement.
+    """Return the power spectra of half-overlapping Hann frames of `LONG_FRAME_S`, or of a shorter movement.
 
     Raises
     ------
     UndefinedFeatureError
-        If the movement holds fewer than 64 samples.
+        If the movement has fewer than 64 samples.
     """
     require(view, 64, "a spectrum")
     frame_s = min(LONG_FRAME_S, view.n_samples / view.fs)
@@ -147,32 +166,32 @@ def long_frames(view: PhaseView) -> tuple[NDArray[np.float32], Samples]:
 
 @transform
 def spectral_moments(view: PhaseView) -> tuple[Samples, Samples]:
-    """Return centroid and deviation (Hz) of the power spectrum of each of the `long_frames` that has energy.
+    """Return the spectral centroid and spread (Hz) of each non-silent frame of `long_frames`.
 
-    SC = sum f P / sum P and sqrt(sum (f - SC)^2 P / sum P), shape (n_frames,) each: the sums over f and f^2
-    are those around the middle of the band, so that little is lost where they are subtracted.
+    SC = sum f P / sum P, and the spread is sqrt(sum (f - SC)^2 P / sum P). Frequencies are taken relative to
+    the middle of the band to avoid cancellation.
     """
     power, frequency = long_frames(view)
     middle = frequency[-1] / 2
     f = frequency - middle
     total, first, second = (power.astype(np.float64) @ np.stack([f**0, f, f**2], axis=1)).T
-    heard = total > 0
-    centroid, square = first[heard] / total[heard], second[heard] / total[heard]
+    is_audible = total > 0
+    centroid, square = first[is_audible] / total[is_audible], second[is_audible] / total[is_audible]
     return centroid + middle, np.sqrt(np.maximum(square - centroid**2, 0))
 
 
 @transform
 def spectral_changes(view: PhaseView, length: int, shift: int) -> Samples:
-    """Return the mean over bins of D_k^2 for every frame k, shape (n_differences,).
+    """Return the mean over bins of D_k^2 for every pair of frames k, shape (n_pairs,).
 
     D_k = |X_k| - |X_(k+1)| with X_k the orthonormal DCT-II of frame k of `length` samples, frames `shift`
-    apart [strese2015, eq. 4]. Blocks of float32: neighbouring magnitudes differ by far more than 1e-7 of
-    them, and half the memory traffic is half the time.
+    apart [strese2015, eq. 4]. In single precision, which halves the time: adjacent magnitudes differ by much
+    more than 1e-7.
 
     Raises
     ------
     UndefinedFeatureError
-        If the movement does not hold two frames.
+        If the movement has fewer than two frames.
     """
     require(view, length + shift, f"two frames of {length} samples, {shift} apart")
     frames = frames_of(unit32(view), length, shift)
@@ -181,7 +200,7 @@ def spectral_changes(view: PhaseView, length: int, shift: int) -> Samples:
 
 
 def magnitudes(frames: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return |X_k|, X_k the orthonormal DCT-II of each frame, shape as given."""
+    """Return |X_k| with X_k the orthonormal DCT-II of each frame, shape (n_frames, length)."""
     magnitude: NDArray[np.float32] = fft.dct(frames, axis=1, norm="ortho")
     return np.abs(magnitude, out=magnitude)
 
@@ -191,7 +210,7 @@ def mean_square(change: NDArray[np.float32]) -> Samples:
     return np.asarray(np.einsum("kj,kj->k", change, change).astype(np.float64) / change.shape[1])
 
 
-def spread(last: int, step: int, n_most: int) -> NDArray[np.intp]:
-    """Return up to `n_most` starts of frames from 0 to `last`, evenly spread and `step` apart at least."""
-    n = min(n_most, last // step + 1)
+def evenly_spaced(last: int, step: int, n_max: int) -> NDArray[np.intp]:
+    """Return up to `n_max` integers from 0 to `last`, evenly spaced with a distance of at least `step`."""
+    n = min(n_max, last // step + 1)
     return np.arange(n) * last // max(1, n - 1)

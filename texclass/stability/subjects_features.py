@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from texclass.features.contract import Gain, UndefinedFeatureError, list_features
-from texclass.features.contract_checks import bare_view
+from texclass.features.contract_checks import view_without_recording
 from texclass.features.phase_view import Phase, Views
 from texclass.features.sets import FeatureSet, Member
 from texclass.recording import Phases, Recording, Samples, Tap
@@ -67,7 +67,7 @@ def one_feature(member: Member) -> Trial:
 
     def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
         if case.family == "broken":  # a recording would refuse it
-            view = bare_view(feature.phase, samples_of(x), case.fs)
+            view = view_without_recording(feature.phase, samples_of(x), case.fs)
             values = np.atleast_1d(np.asarray(feature.function(view), dtype=np.float64))
         else:
             values = member.values(views_of(x, case.fs, feature.phase))

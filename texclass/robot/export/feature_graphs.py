@@ -9,7 +9,7 @@ from texclass.features import autoregression, bands, cepstrum, roughness, slopes
 from texclass.features.residual_bands import octaves_of
 from texclass.features.spectra import LONG_FRAME_S, window_of
 from texclass.recording import Samples
-from texclass.robot.export.fourier_graphs import band_magnitude, banded, low_passed, power
+from texclass.robot.export.fourier_graphs import band_limited, band_magnitude, low_passed, power
 from texclass.robot.export.graph import Tensor
 from texclass.robot.export.graph_view import GraphView, graph_of, once
 from texclass.vibration.reflection import EXHAUSTED, LARGEST
@@ -415,7 +415,7 @@ def _log_area_ratios(view: GraphView, order: int, frame_s: float, band_hz: float
     Where a frame holds nothing but the ringing of a filter, the rounding of single precision is what the
     function finds that cannot be predicted; here there is none.
     """
-    x, n, fs = banded(view, band_hz)
+    x, n, fs = band_limited(view, band_hz)
     length = min(n, max(round(frame_s * fs), 4 * order))
     n_frames = n // length
     frames = x.cut(0, n_frames * length).reshape(-1, n_frames, length)

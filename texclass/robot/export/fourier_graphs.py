@@ -170,8 +170,8 @@ def band_magnitude(view: GraphView, band_hz: tuple[float, float], rate_hz: float
 
 
 @once
-def banded(view: GraphView, band_hz: float) -> tuple[Tensor, int, float]:
-    """Add the movement at twice the band, and say its length and rate; see `movement_filters.banded`."""
+def band_limited(view: GraphView, band_hz: float) -> tuple[Tensor, int, float]:
+    """Add the band-limited movement; return its length and rate too. See `movement_filters.band_limited`."""
     if view.fs <= 2 * band_hz:
         return view.unit, view.n_samples, view.fs
     n_fft = _padded(view)

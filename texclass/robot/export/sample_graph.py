@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from texclass.features.phase_view import MIN_SEGMENT_SAMPLES, TURN, kept_length
+from texclass.features.phase_view import MIN_SEGMENT_SAMPLES, TURN, trimmed_length
 from texclass.features.plan import Plan
 from texclass.recognition.live.online_recogniser import Stretches
 from texclass.recognition.model import Model
@@ -228,7 +228,7 @@ def _movements(windows: Windows, x: Tensor, n_axes: int, is_axis: Any = True) ->
     See `Views.movement` and `Views.vibration`.
     """
     fs, n_samples = windows.fs, windows.n_samples
-    n = kept_length(n_samples)
+    n = trimmed_length(n_samples)
     kept = x.cut(0, n) if n < n_samples else x
     mean = kept.mean(2)
     axes = kept - mean
