@@ -131,13 +131,15 @@ def compared(
             for name in names:
                 with suppress(ValueError):
                     said = pipeline.trial(row, name, features)(splits)
-                    rows.append({"row": f"{pipeline.name}: {definition.name}, {name}", **shares(said)})
+                    rows.append(
+                        {"row": f"{pipeline.name}: {definition.name}, {name}", **interpolation_weights(said)}
+                    )
     name = f"{offers[0][0].name}: {default.row}, {default.classifier_name}"
     best = max((row for row in rows if row["row"] != name), key=lambda row: row["mean"])
-    return {"default": {"row": name, **shares(own)}, "best": best, "rows": rows}
+    return {"default": {"row": name, **interpolation_weights(own)}, "best": best, "rows": rows}
 
 
-def shares(said: Evaluation) -> dict[str, float]:
+def interpolation_weights(said: Evaluation) -> dict[str, float]:
     """Return balanced mean and worst fold in per cent."""
     accuracy = said.accuracy
     mean = accuracy.mean if accuracy.balanced is None else accuracy.balanced

@@ -290,7 +290,7 @@ def scene() -> Any:
     taps, speed = okamura2001_taps.simulate_taps(okamura2001_taps.TABLE_I["wood"], rng, fs, n_taps=6)
     library, _ = okamura2001.fit_library({"wood": taps}, {"wood": speed}, fs)
     return results | {
-        "okamura2001": okamura2001.scale_into(library, okamura2001.ForceDevice(limit_n=50.0), 0.4)
+        "okamura2001": okamura2001.scale_to_device(library, okamura2001.ForceDevice(limit_n=50.0), 0.4)
     }
 
 

@@ -7,7 +7,7 @@ recordings are used where they are present (`TEXCLASS_DATA`).
 import abdulali2016_study as study
 import numpy as np
 import shared
-from abdulali2016_simulated import SURFACES, simulate_scan, surface
+from abdulali2016_simulated import SURFACES, get_surface, simulate_scan
 from matplotlib.figure import Figure as Drawing
 from scipy import signal
 from threadpoolctl import threadpool_limits
@@ -41,14 +41,14 @@ def main():
 
 def compute(seed, small):
     """Return what the chapter says: simulated and real surfaces, what was held out, sparsity, times."""
-    surfaces = (surface("S4"),) if small else SURFACES
+    surfaces = (get_surface("S4"),) if small else SURFACES
     orders, rates = ((20,), (FS,)) if small else ((20, 400), (FS, 10_000.0))
     n_seeds, n_steps = (1, 500) if small else (50, 4000)
     found, input_hash = ({}, "") if small else shared.recordings("stylus6")
     scans = [condition(Scan.from_recording(each)) for each in found.values()]
-    halves = [(scan.part(0, len(scan) // 2), scan.part(len(scan) // 2, len(scan))) for scan in scans]
+    halves = [(scan.crop(0, len(scan) // 2), scan.crop(len(scan) // 2, len(scan))) for scan in scans]
     runs = [study.study_held_out(SURFACES[i % len(SURFACES)], seed + i) for i in range(n_seeds)]
-    training, renders = simulate_scan(surface("S2"), 20.0, FS, np.random.default_rng(seed)), []
+    training, renders = simulate_scan(get_surface("S2"), 20.0, FS, np.random.default_rng(seed)), []
     for order in orders:
         network = model_scan(training, order=order).network()
         renders += [study.time_rendering(each, n_steps) for each in (network, bake(network, "S2"))]
@@ -65,7 +65,9 @@ def compute(seed, small):
 
 def tell(numbers, seed, shown):
     """Return the chapter: what the paper says, and ours beside it."""
-    scan, training = (simulate_scan(surface("S3"), s, FS, np.random.default_rng(seed)) for s in (10.0, 20.0))
+    scan, training = (
+        simulate_scan(get_surface("S3"), s, FS, np.random.default_rng(seed)) for s in (10.0, 20.0)
+    )
     return shared.document(
         "abdulali2016: anisotropic textures",
         [
@@ -283,7 +285,7 @@ def draw_spectra(seed, names, width):
     panels = figure.subplots(1, len(names), squeeze=False)[0]
     for letter, name, axes in zip("bcd", names, panels, strict=False):
         rng = np.random.default_rng(seed)
-        training, validation = (simulate_scan(surface(name), s, FS, rng) for s in (20.0, 10.0))
+        training, validation = (simulate_scan(get_surface(name), s, FS, rng) for s in (20.0, 10.0))
         made = study.rendered(model_scan(training).network(), validation, seed)
         for x, label, colour in ((validation.acceleration, "recorded", INK), (made, "rendered", OTHER)):
             f, power = signal.welch(x, FS, window="hamming", nperseg=250)

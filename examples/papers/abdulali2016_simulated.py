@@ -5,9 +5,9 @@ from scipy import signal
 
 from texclass.haptics.textures import Scan
 from texclass.haptics.textures.abdulali2016 import condition
-from texclass.haptics.textures.resonant_surfaces import SURFACES, ResonantSurface, surface
+from texclass.haptics.textures.resonant_surfaces import SURFACES, ResonantSurface, get_surface
 
-__all__ = ["SURFACES", "ResonantSurface", "hand_motion", "simulate_constant", "simulate_scan", "surface"]
+__all__ = ["SURFACES", "ResonantSurface", "get_surface", "hand_motion", "simulate_constant", "simulate_scan"]
 
 SPEEDS_MM_S, FORCES_N = (25.0, 200.0), (0.3, 2.5)
 """What a hand does; drawn geometrically."""

@@ -4,7 +4,7 @@ from time import perf_counter, thread_time_ns
 from typing import NamedTuple
 
 import numpy as np
-from abdulali2016_simulated import SURFACES, simulate_constant, simulate_scan, surface
+from abdulali2016_simulated import SURFACES, get_surface, simulate_constant, simulate_scan
 
 from texclass.haptics.textures.abdulali2016 import bake, model_scan, segment_input
 from texclass.haptics.textures.abdulali2016.model_points import limit_vibration
@@ -72,7 +72,7 @@ def study_surface(what, seed):
     again = limit_vibration(what.vibration(validation.velocity, validation.force, FS, rng), FS)
     found = study_scans(training, validation, isotropic=False)
     found["scores"]["the truth again"] = compare(validation.acceleration, again)
-    return found | {"kind": what.kind, "anisotropic": what.anisotropic}
+    return found | {"kind": what.kind, "anisotropic": what.is_anisotropic}
 
 
 def study_scans(training, validation, *, isotropic):
@@ -160,8 +160,8 @@ def study_bound(texture, peak, n_paths, seed):
 
 def time_fit(fs, order, seed=0):
     """Time segmentation, fit and baking of 20 s at a rate (Hz) and order; kernels are compiled before."""
-    scan = simulate_scan(surface("S2"), 20.0, fs, np.random.default_rng(seed))
-    model_scan(scan.part(0, len(scan) // 4), order=8)
+    scan = simulate_scan(get_surface("S2"), 20.0, fs, np.random.default_rng(seed))
+    model_scan(scan.crop(0, len(scan) // 4), order=8)
     start = perf_counter()
     segment_input(scan)
     segmented = perf_counter()

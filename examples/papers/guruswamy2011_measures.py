@@ -304,9 +304,9 @@ def held_out(scan: Scan, *, piece_s: float = 0.25) -> dict[str, Any]:
     that of the recorded), fit (of the spectra) and level_correlation (of the RMS in windows of 0.25 s).
     """
     n = len(scan) // 2
-    first, second = scan.part(0, n), scan.part(n, 2 * n)
+    first, second = scan.crop(0, n), scan.crop(n, 2 * n)
     size = int(piece_s * scan.fs)
-    level = fit_level_law([first.part(i, i + size) for i in range(0, n - size + 1, size)])
+    level = fit_level_law([first.crop(i, i + size) for i in range(0, n - size + 1, size)])
     resolution = RELATIVE_BIT * float(first.acceleration.std())
     fitted = fit_texture(first, level.law, resolution=resolution, course="travelled")
     rendered = fitted.texture.renderer().process(second.velocity, second.force, second.position)

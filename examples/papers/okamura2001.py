@@ -35,7 +35,7 @@ from texclass.haptics.textures.okamura2001 import (
     VirtualWall,
     find_onset,
     fit_aligned,
-    scale_into,
+    scale_to_device,
     slope_through_origin,
 )
 from texclass.loaders import DataNotFoundError, open_dataset
@@ -67,7 +67,7 @@ def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
         "seed": seed,
         "input_hash": {"taps5": digest} if digest else {},
     }
-    scaled = scale_into(TABLE_I, DEVICE, VELOCITIES_M_S[1])
+    scaled = scale_to_device(TABLE_I, DEVICE, VELOCITIES_M_S[1])
     numbers["scaled"] = {m: values.tolist() for m, values in zip(MATERIALS, scaled.table, strict=True)}
     blocks = [
         "**Neither its recordings nor its ratings are public. Everything below is simulated, with the "
@@ -535,7 +535,10 @@ def of_real_plates(numbers: dict[str, Any], taps: dict[str, list[Samples]]) -> l
     rows, explained = [], {}
     for m, found in fits.items():
         table = np.array(
-            [(f.model.decay_per_s, f.model.frequency_hz, f.explained) if f else (np.nan,) * 3 for f in found]
+            [
+                (f.model.decay_per_s, f.model.frequency_hz, f.explained_energy) if f else (np.nan,) * 3
+                for f in found
+            ]
         )
         quartiles = np.nanquantile(table, [0.25, 0.5, 0.75], axis=0).T
         names = ("decay_per_sample", "cycles_per_sample", "explained")

@@ -161,4 +161,4 @@ def test_real_taps_are_fitted_in_samples_and_what_cannot_be_is_left_out():
     for one in found:
         assert_allclose(one.model.decay_per_s, 0.02, rtol=1e-3)
         assert_allclose(one.model.frequency_hz, 0.05, rtol=1e-3)
-        assert_allclose(one.explained, 1, atol=1e-4)
+        assert_allclose(one.explained_energy, 1, atol=1e-4)

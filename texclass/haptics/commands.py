@@ -390,13 +390,13 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
 def _retouch(source: Path, target: Path, scales: dict[str, float], n_bytes: int | None) -> dict[str, str]:
     """Write a texture with other values on some perceptual scales; return all scales before and after."""
     from texclass.haptics import exchange
-    from texclass.haptics.textures import felt_scales, retouch
+    from texclass.haptics.textures import measure_scales, retouch
 
     texture = exchange.load_texture(source)
     unit = exchange.describe(source)["unit"]
     retouched = retouch(texture, 128 if n_bytes is None else n_bytes, unit=unit, **scales)
     exchange.save_texture(retouched, target)
-    before, after = felt_scales(texture), felt_scales(retouched)
+    before, after = measure_scales(texture), measure_scales(retouched)
     return {name: f"{before[name]:.1f} before, {after[name]:.1f} now" for name in after}
 
 

@@ -11,12 +11,12 @@ from safetensors.numpy import save
 from spoiling import GONE, put
 
 from texclass.haptics.exchange.texture_file import TEXTURES, Header, read_container, sealed
-from texclass.haptics.textures.contract import Stored
+from texclass.haptics.textures.contract import Serializable
 from texclass.haptics.textures.hatt import HattTexture
 
 
 @dataclass
-class Hum(Stored):
+class Hum(Serializable):
     """Plays a tone, as loud as the stroke is fast."""
 
     family: ClassVar[str] = "hum"

@@ -62,7 +62,7 @@ def test_taps_are_no_texture_to_stroke_and_no_texture_is_a_tap_library(path, tmp
         ({"unit": "furlong"}, "unit is 'furlong'. Expected one of m/s"),
         ({"parameters/fs": "fast"}, "fs is 'fast'. Expected"),
         ({"parameters/fs": 500.0}, r"describes .*1000.0.*, holds .*500.0.*. Expected the same"),
-        ({"parameters/tones": 3}, "array 'tones' has no place"),
+        ({"parameters/tones": 3}, "array 'tones' belongs to no parameter"),
         ({"name": "bell\x07"}, "printable"),
         ({"name": "x" * 300}, "printable"),
         ({"parameters": []}, "table"),
@@ -87,7 +87,7 @@ def test_arrays_that_break_a_rule_are_refused(path, forge):
     odd = [({"tones": np.array([[50.0, value]])}, "finite") for value in (np.nan, np.inf, -np.inf)]
     odd += [({"more": array}, "damaged") for array in (np.ones(2, np.float32), np.ones((1,) * 5))]
     odd += [
-        ({"more": np.ones(2)}, "'more' has no place"),
+        ({"more": np.ones(2)}, "'more' belongs to no parameter"),
         ({"tones": np.ones(2)}, r"tones have shape \(2,\)"),
     ]
     for arrays, match in odd:

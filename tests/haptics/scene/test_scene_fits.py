@@ -25,7 +25,7 @@ from texclass.haptics.scene.observations import (
     slopes,
 )
 from texclass.haptics.scene.proof import render_at
-from texclass.haptics.textures.grid import GridModel, mixed_power, shares
+from texclass.haptics.textures.grid import GridModel, interpolate_power, interpolation_weights
 from texclass.vibration.autoregressive import Autoregression
 
 DEVICE = Device(rate_hz=1000.0, band_hz=(20.0, 450.0), noise_floor=0.01, largest_output=50.0)
@@ -111,13 +111,13 @@ def test_a_model_that_loses_what_speed_does_is_outside_even_where_its_mean_is_wi
 def test_node_powers_need_no_node_within_a_power_law_and_are_unbiased_by_the_scatter_of_spectra():
     axes = np.array([40.0, 160.0]), np.ones(1)
     v = np.geomspace(40, 160, 9)
-    H = shares(axes, (v, np.ones(9)))
+    H = interpolation_weights(axes, (v, np.ones(9)))
     found = node_powers(H, v**1.6, axes)
     np.testing.assert_allclose(found, [40**1.6, 160**1.6], rtol=3e-3)
-    np.testing.assert_allclose(mixed_power(H, found), v**1.6, rtol=3e-3)
+    np.testing.assert_allclose(interpolate_power(H, found), v**1.6, rtol=3e-3)
     v = np.tile(np.geomspace(40, 160, 5), 400)
     drawn = np.random.default_rng(0).gamma(2.0, v / 2.0)
-    found = node_powers(shares(axes, (v, np.ones(v.size))), drawn, axes)
+    found = node_powers(interpolation_weights(axes, (v, np.ones(v.size))), drawn, axes)
     np.testing.assert_allclose(found, [40, 160], rtol=0.08)
 
 

@@ -175,7 +175,7 @@ def test_a_slider_ends_where_the_blend_to_the_next_value_would_change_another_sc
         return own | {"rough": own["rough"] - 1, "regular": own["regular"] - 1.4}
 
     monkeypatch.setattr(
-        pages, "felt_scales", lambda texture: {"rough": own["rough"], "regular": own["regular"]}
+        pages, "measure_scales", lambda texture: {"rough": own["rough"], "regular": own["regular"]}
     )
     monkeypatch.setattr(pages, "scales_halfway", halfway)
     monkeypatch.setattr(pages, "VALUES", (own["rough"] - 2,))
@@ -197,7 +197,7 @@ def test_the_command_writes_a_small_page_and_refuses_what_is_no_texture(
     assert page.stat().st_size < 300_000
     source = save_texture(texture, tmp_path / "wood.texture")
     monkeypatch.setattr(pages, "VALUES", (7.0, 60.0))
-    monkeypatch.setattr(pages, "felt_scales", lambda texture: {"rough": own["rough"]})
+    monkeypatch.setattr(pages, "measure_scales", lambda texture: {"rough": own["rough"]})
     code, _, err = command("texture", source, "--sliders", tmp_path / "wood.html")
     assert code == 0, err
     written = (tmp_path / "wood.html").read_text()

@@ -14,14 +14,14 @@ from texclass.haptics.textures.abdulali2016.model_points import (
     smooth_motion,
     straight_lines,
 )
-from texclass.haptics.textures.resonant_surfaces import SURFACES, surface
+from texclass.haptics.textures.resonant_surfaces import SURFACES, get_surface
 
 FS = 1000.0
 
 
 @pytest.fixture(scope="module")
 def scan():
-    return simulate_scan(surface("S7"), 12.0, FS, np.random.default_rng(1))
+    return simulate_scan(get_surface("S7"), 12.0, FS, np.random.default_rng(1))
 
 
 def _zigzag(speeds, corners, n=400):
@@ -115,16 +115,16 @@ def test_sensors_are_projected_on_the_plane():
 
 
 def test_surfaces_sound_at_the_level_and_resonance_they_declare_and_s4_alone_is_isotropic():
-    assert [s.name for s in SURFACES if not s.anisotropic] == ["S4"]
+    assert [s.name for s in SURFACES if not s.is_anisotropic] == ["S4"]
     assert len(SURFACES) == 9
-    level = surface("S4").truth([[80.0, 0.0], [0.0, 80.0]], [1.0, 1.0])[2]
+    level = get_surface("S4").true_spectrum([[80.0, 0.0], [0.0, 80.0]], [1.0, 1.0])[2]
     assert level[0] == level[1]
-    what, n = surface("S7"), 40_000
+    what, n = get_surface("S7"), 40_000
     velocity, force = np.tile([90.0, 0.0], (n, 1)), np.ones(n)
-    frequency, _, level = what.truth(velocity[:1], force[:1])
+    frequency, _, level = what.true_spectrum(velocity[:1], force[:1])
     x = what.vibration(velocity, force, FS, np.random.default_rng(0))
     assert_allclose(x.std(), level[0], rtol=0.1)
     power = np.abs(np.fft.rfft(x.reshape(-1, 500), axis=1)) ** 2
     assert abs(np.argmax(power.mean(axis=0)) * FS / 500 - frequency[0, 0]) < 6
     with pytest.raises(ValueError, match="S10"):
-        surface("S10")
+        get_surface("S10")

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from texclass.haptics.textures import Scan
 from texclass.haptics.textures.abdulali2016 import bake, condition, fit_texture, model_scan
 from texclass.haptics.textures.abdulali2016.model_points import growth_of, level_of
-from texclass.haptics.textures.resonant_surfaces import surface
+from texclass.haptics.textures.resonant_surfaces import get_surface
 from texclass.loaders import open_dataset
 from texclass.vibration import Autoregression
 
@@ -18,12 +18,12 @@ FS = 1000.0
 
 @pytest.fixture(scope="module")
 def training():
-    return simulate_scan(surface("S7"), 15.0, FS, np.random.default_rng(0))
+    return simulate_scan(get_surface("S7"), 15.0, FS, np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
 def validation():
-    return simulate_scan(surface("S7"), 6.0, FS, np.random.default_rng(1))
+    return simulate_scan(get_surface("S7"), 6.0, FS, np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_a_rendered_recording_has_the_spectrum_and_level_of_a_new_one(textures, 
 
 @pytest.mark.parametrize("name", ["S2", "S9"])
 def test_speed_force_and_direction_that_were_left_out_are_recovered(name):
-    assert all(gfc > 0.95 for gfc in study_held_out(surface(name), 0).values())
+    assert all(gfc > 0.95 for gfc in study_held_out(get_surface(name), 0).values())
 
 
 def test_direction_matters_to_the_anisotropic_variant_only(textures, training, validation):
@@ -129,7 +129,7 @@ def test_a_baked_texture_is_the_network_at_its_nodes(textures):
     for nodes in ((9, 9), (9, 9, 1)):
         with pytest.raises(ValueError, match="nodes are"):
             bake(network, "S7", nodes)
-    flat = fit_texture(simulate_scan(surface("S4"), 8.0, FS, np.random.default_rng(0)), isotropic=True)
+    flat = fit_texture(simulate_scan(get_surface("S4"), 8.0, FS, np.random.default_rng(0)), isotropic=True)
     n = 3000
     one, other = (
         each.renderer(seed=1).process(np.tile([60.0, 0.0], (n, 1)), np.ones(n))
@@ -151,14 +151,14 @@ def test_what_cannot_be_fitted_is_refused(training, modelled):
 
 def test_silence_extreme_gains_and_extreme_orders_are_modelled(training):
     for gain in (0.0, 1e-70, 1e70):
-        short = training.part(0, 6000)
+        short = training.crop(0, 6000)
         scan = Scan(gain * short.acceleration, short.position, short.velocity, short.force, FS)
         for texture in (fit_texture(scan), fit_as_published(scan)):
             y = texture.renderer().process(scan.velocity[:2000], scan.force[:2000])
             assert np.isfinite(y).all()
             assert (np.abs(y).max() > 0) == (gain > 0)
     for order in (1, 400):
-        texture = fit_texture(training.part(0, 6000), order=order)
+        texture = fit_texture(training.crop(0, 6000), order=order)
         assert np.abs(texture.models(training.velocity[::1000], training.force[::1000])[0]).max() < 1
         assert texture.order == order
 
@@ -166,7 +166,7 @@ def test_silence_extreme_gains_and_extreme_orders_are_modelled(training):
 def test_a_straight_stroke_can_be_modelled():
     speed = 60 + 30 * np.sin(np.arange(8000) / 700)
     velocity = np.column_stack([speed, np.zeros(8000)])
-    x = surface("S4").vibration(velocity, np.ones(8000), FS, np.random.default_rng(0))
+    x = get_surface("S4").vibration(velocity, np.ones(8000), FS, np.random.default_rng(0))
     scan = condition(Scan.along_line(x, speed, 1.0, FS))
     for isotropic in (False, True):
         assert cross_validate(fit_texture(scan, isotropic=isotropic), scan).gfc > 0.94
@@ -190,5 +190,5 @@ def test_stylus_recordings_are_modelled_from_their_first_half(data_root):
     for entry in dataset.entries[:2]:
         scan = condition(Scan.from_recording(dataset.load(entry)))
         half = len(scan) // 2
-        texture = fit_texture(scan.part(0, half), isotropic=True)
-        assert cross_validate(texture, scan.part(half, len(scan))).gfc > 0.96
+        texture = fit_texture(scan.crop(0, half), isotropic=True)
+        assert cross_validate(texture, scan.crop(half, len(scan))).gfc > 0.96

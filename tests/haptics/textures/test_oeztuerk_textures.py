@@ -1,4 +1,4 @@
-"""Textures between a few speeds, and how many signals stand for them."""
+"""Textures between a few speeds, and the number of signals that a surface needs."""
 
 from itertools import product
 
@@ -21,15 +21,15 @@ from oeztuerk2018_study import (
 from scipy import signal
 
 from texclass.haptics.textures.oeztuerk2018 import (
+    FADE_FRACTION,
     FRICTION,
     N_INTERVALS,
-    STILL,
     FrequencyTexture,
     LpcTexture,
     fit_frequencies,
     fit_lpc,
-    follow_lines,
     speed_intervals,
+    track_lines,
 )
 from texclass.vibration import Autoregression, MajorFrequencies, fit, interpolation, major_frequencies
 from texclass.vibration.major_frequencies import BEAT_THRESHOLDS_HZ
@@ -59,13 +59,13 @@ def texture(request):
     return TEXTURES[request.param]
 
 
-def test_output_is_finite_and_bounded_over_random_paths_and_speed_jumps_cause_no_click(texture):
-    found = render_check(texture, 0, 8)
-    assert found["finite"]
-    assert found["click"] < 1.3
+def test_output_is_bounded_over_random_paths_and_speed_jumps_do_not_click(texture):
+    check = render_check(texture, 0, 8)
+    assert check["finite"]
+    assert check["click"] < 1.3
 
 
-def test_without_contact_or_motion_it_falls_silent(texture):
+def test_without_contact_or_motion_the_texture_becomes_silent(texture):
     renderer = texture.renderer()
     moving = np.tile([100.0, 0.0], (3000, 1))
     assert np.abs(renderer.process(moving, np.ones(3000))[1000:]).max() > 0.1 * texture.peak
@@ -73,8 +73,8 @@ def test_without_contact_or_motion_it_falls_silent(texture):
     assert np.abs(renderer.process(0 * moving, np.ones(3000))[2000:]).max() < 1e-6 * texture.peak
 
 
-def test_below_the_slowest_speed_it_fades_in_proportion(texture):
-    v = STILL * SPEEDS[0] / 2
+def test_below_the_lowest_speed_the_texture_fades_in_proportion(texture):
+    v = FADE_FRACTION * SPEEDS[0] / 2
     n = 20_000
     loud, half = (
         texture.renderer(seed=2).process(np.tile([u, 0.0], (n, 1)), np.ones(n))[2000:] for u in (SPEEDS[0], v)
@@ -83,7 +83,7 @@ def test_below_the_slowest_speed_it_fades_in_proportion(texture):
 
 
 @pytest.mark.parametrize("speed", [50.0, 75.0, 160.0])
-def test_rendered_spectrum_is_that_of_the_model_at_the_speed(speed):
+def test_the_rendered_spectrum_is_that_of_the_model_at_the_speed(speed):
     texture = TEXTURES["lpc"]
     n = 100_000
     y = texture.renderer(seed=0).process(np.tile([0.0, speed], (n, 1)), np.ones(n))[2000:]
@@ -94,7 +94,7 @@ def test_rendered_spectrum_is_that_of_the_model_at_the_speed(speed):
     assert_allclose(y.std(), texture.at(speed).level, rtol=0.1)
 
 
-def test_lpc_at_a_recorded_speed_is_the_fit_and_between_the_interpolation():
+def test_lpc_models_equal_the_fit_at_recorded_speeds_and_the_interpolation_between_them():
     texture = TEXTURES["lpc"]
     slow, middle = (fit(x - x.mean(), 40) for x in RECORDINGS[:2])
     assert_allclose(texture.at(50.0).level, slow.level, rtol=1e-9)
@@ -105,14 +105,14 @@ def test_lpc_at_a_recorded_speed_is_the_fit_and_between_the_interpolation():
     assert_allclose(texture.at(900.0).reflection, texture.at(200.0).reflection)
 
 
-def test_tracks_between_speeds_are_the_interpolated_frequencies_and_oscillators_render_them():
+def test_tracks_equal_the_interpolated_frequencies_and_oscillators_render_them():
     texture = TEXTURES["frequencies"]
     for speed in (50.0, 60.0, 100.0, 170.0, 200.0, 300.0):
-        place = np.interp(speed, texture.speeds, [0, 1, 2])
-        i = min(int(place), 1)
-        expected = major_frequencies.interpolate(*texture.models[i : i + 2], place - i)
+        index = np.interp(speed, texture.speeds, [0, 1, 2])
+        i = min(int(index), 1)
+        expected = major_frequencies.interpolate(*texture.models[i : i + 2], index - i)
         assert_array_equal(texture.at(speed).phase, expected.phase)
-        f, A = ((1 - place + i) * table[i] + (place - i) * table[i + 1] for table in texture.tracks[:2])
+        f, A = ((1 - index + i) * table[i] + (index - i) * table[i + 1] for table in texture.tracks[:2])
         order = np.argsort(f[A > 0])
         assert_allclose(f[A > 0][order], expected.frequency_hz)
         assert_allclose(A[A > 0][order], expected.amplitude)
@@ -121,17 +121,17 @@ def test_tracks_between_speeds_are_the_interpolated_frequencies_and_oscillators_
     assert_allclose(y[3000:], texture.at(50.0).synthesize(n, FS)[3000:], atol=1e-6 * texture.peak)
 
 
-def test_a_line_that_pairs_glides_one_that_does_not_fades_and_all_have_the_recorded_peak():
+def test_paired_lines_move_unpaired_lines_fade_and_the_peak_is_that_of_the_recording():
     slow = MajorFrequencies([100.0, 300.0], [1.0, 2.0], [0.0, 0.0])
     fast = MajorFrequencies([104.0, 600.0], [3.0, 4.0], [0.0, 0.0])
-    frequency_hz, amplitude, _ = follow_lines([slow, fast])
+    frequency_hz, amplitude, _ = track_lines([slow, fast])
     assert_array_equal(frequency_hz, [[100, 300, 600], [104, 300, 600]])
     assert_array_equal(amplitude, [[1, 2, 0], [3, 0, 4]])
     for x, model in zip(RECORDINGS, TEXTURES["frequencies"].models, strict=True):
         assert_allclose(np.abs(model.synthesize(x.size, FS)).max(), np.abs(x - x.mean()).max(), rtol=1e-9)
 
 
-def test_broken_models_are_refused():
+def test_invalid_models_are_refused():
     lines = TEXTURES["frequencies"].models
     for call in (
         *(
@@ -151,7 +151,7 @@ def test_broken_models_are_refused():
             call()
 
 
-def test_bad_recordings_are_refused():
+def test_invalid_recordings_are_refused():
     for fit_texture, (signals, speeds) in product(
         (fit_lpc, fit_frequencies),
         (
@@ -167,28 +167,28 @@ def test_bad_recordings_are_refused():
             fit_texture(signals, speeds, FS)
 
 
-# What the thesis plays and counts ---------------------------------------------------------------------------
+# Displayed signals and intervals of the thesis --------------------------------------------------------------
 
 
 def _noise(n, seed=0):
     return np.random.default_rng(seed).standard_normal(n)
 
 
-def _largest_jump_at_joins(endless, n):
-    joins = np.arange(n, endless.size, n)
-    return np.abs(endless[joins] - endless[joins - 1]).max()
+def _largest_jump_at_joins(repeated, n):
+    joins = np.arange(n, repeated.size, n)
+    return np.abs(repeated[joins] - repeated[joins - 1]).max()
 
 
-def test_one_second_becomes_ten_of_five_mirrored_copies_that_join_without_a_jump():
+def test_one_second_is_repeated_for_ten_seconds_by_mirrored_copies_without_a_jump():
     x = _noise(10_000)
     assert_array_equal(seamless(x, FS), np.tile(mirrored(x), 5))
-    endless = seamless(x[:777], FS, duration_s=0.5, peak=2.5)
-    assert _largest_jump_at_joins(endless, 777) == 0
-    assert_allclose(np.abs(endless).max(), 2.5)
+    repeated = seamless(x[:777], FS, duration_s=0.5, peak=2.5)
+    assert _largest_jump_at_joins(repeated, 777) == 0
+    assert_allclose(np.abs(repeated).max(), 2.5)
     assert not seamless(np.zeros(10), FS, peak=1.0).any()
 
 
-def test_intervals_are_those_of_table_6_1_and_never_more_with_more_friction():
+def test_intervals_are_those_of_table_6_1_and_decrease_with_friction():
     assert str(speed_intervals(0.6)) == "0-4, 4-8, > 8 cm/s"
     assert str(speed_intervals(0.2)) == "0-4, 4-8, 8-12, 12-16, > 16 cm/s"
     assert str(speed_intervals(0.4)) == "0-4, 4-8, 8-12, > 12 cm/s"
@@ -199,37 +199,37 @@ def test_intervals_are_those_of_table_6_1_and_never_more_with_more_friction():
     assert tuple(speed_intervals(mu).n_intervals for mu in FRICTION) == N_INTERVALS
 
 
-def test_speeds_ask_for_intervals_up_to_the_last_notable_bin():
+def test_the_intervals_of_a_distribution_of_speeds_end_at_its_last_notable_bin():
     v = np.concatenate([np.full(60, 10.0), np.full(30, 90.0), np.full(8, 130.0), np.full(2, 300.0)])
     assert intervals_from_speeds(v).n_intervals == 4
     assert intervals_from_speeds(v, notable=0.1).n_intervals == 3
     assert intervals_from_speeds(np.linspace(1, 400, 100), notable=0.5).n_intervals == 1
 
 
-def test_simulated_speeds_ask_for_about_the_published_intervals():
+def test_simulated_speeds_need_about_the_published_number_of_intervals():
     for mu, n in zip(FRICTION, N_INTERVALS, strict=True):
         drawn = np.repeat(*np.array(list(enumerate(intervals_of(mu, 0)["simulated"]))).T)
         assert abs(np.median(drawn) - n) <= 1
     assert tuple(max(row) for row in TABLE_3_1) == BEAT_THRESHOLDS_HZ
 
 
-def test_impossible_frictions_are_refused():
+def test_invalid_frictions_are_refused():
     for mu in (-0.1, np.nan, np.inf):
         with pytest.raises(ValueError, match=r"Expected|must|contains"):
             speed_intervals(mu)
 
 
 @pytest.mark.parametrize("fit_texture", [fit_lpc, fit_frequencies])
-def test_one_seamless_signal_is_made_for_each_interval(fit_texture):
+def test_each_interval_gets_one_seamless_signal(fit_texture):
     signals = [a * _noise(2000, seed) for a, seed in ((1, 0), (3, 1))]
     texture = fit_texture(signals, [20.0, 180.0], FS, **({"order": 10} if fit_texture is fit_lpc else {}))
-    shown = displayed_signals(texture, 0.2, duration_s=1.0, peaks=(1.0, 2.0, 3.0, 4.0, 5.0))
-    assert [x.size for x in shown] == [10_000] * 5
-    assert_allclose([np.abs(x).max() for x in shown], [1, 2, 3, 4, 5])
-    assert [_largest_jump_at_joins(x, 1000) for x in shown] == [0] * 5
+    displayed = displayed_signals(texture, 0.2, duration_s=1.0, peaks=(1.0, 2.0, 3.0, 4.0, 5.0))
+    assert [x.size for x in displayed] == [10_000] * 5
+    assert_allclose([np.abs(x).max() for x in displayed], [1, 2, 3, 4, 5])
+    assert [_largest_jump_at_joins(x, 1000) for x in displayed] == [0] * 5
 
 
-def test_error_falls_with_the_order_to_what_the_true_model_keeps():
+def test_the_error_decreases_with_the_order_to_that_of_the_true_model():
     x = np.convolve(_noise(28_100), [1, 0.9, 0.5, 0.3])[50:28_050]
     curve = order_curves(x, largest=60)["curve"]
     assert curve[0] > curve[3] > curve[20]

@@ -1,4 +1,4 @@
-"""Textures that feel otherwise on one scale."""
+"""Changing one perceptual scale of a texture."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from texclass.features.extractor import FeatureExtractor
 from texclass.haptics import SCALES
 from texclass.haptics.exchange import load_texture, save_texture
 from texclass.haptics.scales import scale_values
-from texclass.haptics.textures import felt_scales, pack, retouch
+from texclass.haptics.textures import measure_scales, pack, retouch
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 from texclass.vibration.decaying_modes import NO_MODES, DecayingModes
 
@@ -21,76 +21,78 @@ def texture(request):
     pole = 0.93 * np.exp(2j * np.pi * request.param / FS)
     noise = np.random.default_rng(1).standard_normal(round(8 * FS))
     x = lfilter([1.0], np.poly([pole, np.conj(pole), 0.6]).real, noise)
-    return pack(1.5 * x / x.std(), 100, fs=FS).holding(tap=TAP, mu=0.5)
+    return pack(1.5 * x / x.std(), 100, fs=FS).with_contact(tap=TAP, mu=0.5)
 
 
 @pytest.mark.parametrize("scale", SCALES)
-def test_one_scale_follows_what_is_asked_and_the_others_stay(texture, scale):
-    before = felt_scales(texture)
-    asked = before[scale] + np.array([-0.8, 1.6])
-    felt = [felt_scales(retouch(texture, 128, **{scale: value}), seed=5) for value in asked]
-    assert felt[0][scale] < felt[1][scale]
-    np.testing.assert_allclose([one[scale] for one in felt], asked, atol=0.8)
-    for other in set(before) - {scale}:
-        assert np.abs([one[other] - before[other] for one in felt]).max() < 1.0, other
+def test_one_scale_reaches_its_target_and_the_others_stay(texture, scale):
+    original = measure_scales(texture)
+    targets = original[scale] + np.array([-0.8, 1.6])
+    results = [measure_scales(retouch(texture, 128, **{scale: target}), seed=5) for target in targets]
+    assert results[0][scale] < results[1][scale]
+    np.testing.assert_allclose([result[scale] for result in results], targets, atol=0.8)
+    for other in set(original) - {scale}:
+        assert np.abs([result[other] - original[other] for result in results]).max() < 1.0, other
 
 
 @pytest.mark.parametrize("fs", [10_000, 2000])
-def test_a_recording_is_packed_as_it_feels_and_retouched(fs):
+def test_a_packed_recording_keeps_its_scales_and_can_be_retouched(fs):
     surface, operator = (of(6, seed=6)[1] for of in (surface_catalogue, operator_catalogue))
     recording = record_freehand(surface, operator, duration_s=6.0, fs=fs, seed=30)
     texture = pack(recording, 128)
-    before = felt_scales(texture)
+    original = measure_scales(texture)
     if fs == 10_000:
-        told = scale_values(FeatureExtractor("scales").fit([recording]).extract([recording]).table).iloc[0]
+        table = FeatureExtractor("scales").fit([recording]).extract([recording]).table
+        recorded = scale_values(table).iloc[0]
         for scale in ("hard", "sticky"):
-            assert before[scale] == pytest.approx(told[scale], abs=0.4)
+            assert original[scale] == pytest.approx(recorded[scale], abs=0.4)
     changes = {
         10_000: [{"rough": 8.5, "hard": 3.0}],
-        2000: [{"regular": before["regular"] - 2}, {"regular": 9.0}],
+        2000: [{"regular": original["regular"] - 2}, {"regular": 9.0}],
     }
-    for asked in changes[fs]:
-        after = felt_scales(retouch(texture, **asked), seed=5)
-        for scale in before:
-            if scale in asked:
-                assert after[scale] == pytest.approx(asked[scale], abs=0.8)
+    for targets in changes[fs]:
+        result = measure_scales(retouch(texture, **targets), seed=5)
+        for scale in original:
+            if scale in targets:
+                assert result[scale] == pytest.approx(targets[scale], abs=0.8)
             else:
-                assert after[scale] == pytest.approx(before[scale], abs=1.0), scale
+                assert result[scale] == pytest.approx(original[scale], abs=1.0), scale
 
 
 COARSE = pytest.mark.parametrize("texture", [90.0], indirect=True, ids=["coarse"])
 
 
 @COARSE
-def test_what_a_texture_does_not_hold_and_what_is_out_of_reach_is_refused(texture):
-    for source, asked, why in (
+def test_scales_that_a_texture_lacks_and_targets_out_of_reach_are_refused(texture):
+    for source, targets, message in (
         (texture, {"soft": 3.0}, "one or more of hard, rough"),
-        (texture, {}, "asked for nothing"),
+        (texture, {}, "got none"),
         (texture, {"rough": 90.0}, "30 dB"),
         (texture, {"sticky": 90.0}, "0 to 2.55"),
         (texture, {"hard": 60.0}, "8 to 5000 Hz"),
-        (texture.holding(tap=NO_MODES), {"hard": 3.0}, "has no tap"),
-        (texture.holding(mu=0.0), {"sticky": 3.0}, "has no friction"),
+        (texture.with_contact(tap=NO_MODES), {"hard": 3.0}, "has no tap"),
+        (texture.with_contact(mu=0.0), {"sticky": 3.0}, "has no friction"),
     ):
-        with pytest.raises(ValueError, match=why):
-            retouch(source, **asked)
-    assert set(felt_scales(texture.holding(tap=NO_MODES, mu=0.0))) == set(SCALES) - {"hard", "sticky"}
+        with pytest.raises(ValueError, match=message):
+            retouch(source, **targets)
+    assert set(measure_scales(texture.with_contact(tap=NO_MODES, mu=0.0))) == set(SCALES) - {"hard", "sticky"}
 
 
 @COARSE
-def test_a_harder_tap_rings_higher_shorter_and_stronger_at_the_same_damping(texture):
+def test_a_harder_tap_is_higher_shorter_and_stronger_at_the_same_damping_ratio(texture):
     soft, hard = texture.tap, retouch(texture, hard=9.0).tap
     higher = hard.frequency_hz / soft.frequency_hz
     assert higher.min() > 1.2
-    np.testing.assert_allclose(hard.decay_per_s / soft.decay_per_s, higher, rtol=0.16)  # steps of 0.2 octaves
-    np.testing.assert_allclose(hard.amplitude / soft.amplitude, higher, rtol=0.35)  # of 2.5 dB
+    decay_step, amplitude_step = 0.16, 0.35  # quantization: 0.2 octaves and 2.5 dB
+    np.testing.assert_allclose(hard.decay_per_s / soft.decay_per_s, higher, rtol=decay_step)
+    np.testing.assert_allclose(hard.amplitude / soft.amplitude, higher, rtol=amplitude_step)
 
 
 @COARSE
-def test_a_texture_is_retouched_on_the_command_line(command, texture, tmp_path):
+def test_the_command_line_retouches_a_texture(command, texture, tmp_path):
     path, target = save_texture(texture, tmp_path / "cloth.texture"), tmp_path / "rougher.texture"
-    rough = felt_scales(texture)["rough"] + 2
+    rough = measure_scales(texture)["rough"] + 2
     code, out, err = command("convert", path, "-o", target, "--scale", f"rough={rough:.1f}")
     assert code == 0, err
     assert "rough" in out
-    assert felt_scales(load_texture(target))["rough"] == pytest.approx(rough, abs=0.6)
+    assert measure_scales(load_texture(target))["rough"] == pytest.approx(rough, abs=0.6)

@@ -1,4 +1,4 @@
-"""What is taken apart to be stored is put together again, by the rules of its own types."""
+"""Conversion of objects to JSON values and arrays, and back with all checks."""
 
 import json
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from texclass.haptics.textures.contract import Stored
+from texclass.haptics.textures.contract import Serializable
 from texclass.recording import Samples
 
 
@@ -19,11 +19,11 @@ class Partial:
 
     def __post_init__(self):
         if self.shape.ndim != 1:
-            raise ValueError(f"shape has {self.shape.ndim} axes. Expected 1")
+            raise ValueError(f"shape must have 1 axis, got {self.shape.ndim}")
 
 
 @dataclass(frozen=True, eq=False)
-class Chime(Stored):
+class Chime(Serializable):
     family = "chime"
     name: str
     partials: tuple[Partial, ...]
@@ -39,40 +39,40 @@ class Chime(Stored):
 CHIME = Chime("low", (Partial(50.0, np.ones(2)), Partial(np.float64(70), np.arange(3.0))), (1, 2.5), {"a": 3})
 
 
-def test_what_is_written_down_is_made_again():
-    told = json.loads(json.dumps(CHIME.parameters()))
-    assert told["partials"][1] == {"hz": 70.0, "shape": None}
+def test_parameters_and_arrays_restore_the_object():
+    parameters = json.loads(json.dumps(CHIME.parameters()))
+    assert parameters["partials"][1] == {"hz": 70.0, "shape": None}
     assert set(CHIME.arrays()) == {"partials.0.shape", "partials.1.shape"}
-    again = Chime.restore(told, CHIME.arrays())
-    assert again.parameters() == CHIME.parameters()
-    assert (again.range, again.loudest) == ((1.0, 2.5), 2.0)
-    np.testing.assert_array_equal(again.partials[1].shape, np.arange(3.0))
+    restored = Chime.restore(parameters, CHIME.arrays())
+    assert restored.parameters() == CHIME.parameters()
+    assert (restored.range, restored.loudest) == ((1.0, 2.5), 2.0)
+    np.testing.assert_array_equal(restored.partials[1].shape, np.arange(3.0))
 
 
-def test_what_is_of_another_kind_is_refused():
+def test_values_of_a_wrong_type_are_refused():
     for change, message in (
         ({"name": 3}, "chime: name is 3. Expected a valid string"),
         ({"name": None}, "name is None"),
-        ({"colour": 3}, "colour is 3. Expected no such key"),
+        ({"colour": 3}, "unknown key colour"),
         ({"range": [1.0]}, r"range\.1"),
         ({"range": [1.0, 10**400]}, r"range\.1 is 1000.*Expected a valid number"),
         ({"range": [1.0, float("inf")]}, "finite"),
-        ({"partials": []}, "array 'partials.0.shape' has no place"),
-        ({"partials": [{"hz": 1.0, "shape": [1.0]}, {"hz": 1.0, "shape": None}]}, "has no place"),
-        ({"partials": 7}, "has no place"),
+        ({"partials": []}, "array 'partials.0.shape' belongs to no parameter"),
+        ({"partials": [{"hz": 1.0, "shape": [1.0]}, {"hz": 1.0, "shape": None}]}, "belongs to no parameter"),
+        ({"partials": 7}, "belongs to no parameter"),
         ({"places": {"a": "x"}}, r"places\.a is 'x'"),
-        ({"places": {"a": "3"}}, "no text or true for one"),
-        ({"range": [True, 2.5]}, "no text or true for one"),
+        ({"places": {"a": "3"}}, "numbers instead of strings or booleans"),
+        ({"range": [True, 2.5]}, "numbers instead of strings or booleans"),
     ):
         with pytest.raises(ValueError, match=message):
             Chime.restore(CHIME.parameters() | change, CHIME.arrays())
 
 
-def test_arrays_that_are_missing_superfluous_or_break_a_rule_are_refused():
+def test_missing_unknown_and_invalid_arrays_are_refused():
     arrays: dict[str, Any] = CHIME.arrays()
     for change, message in (
-        ({"partials.0.shape": np.ones((2, 2))}, r"partials\.0: shape has 2 axes"),
-        ({"more": np.ones(2)}, "'more' has no place"),
+        ({"partials.0.shape": np.ones((2, 2))}, r"partials\.0: shape must have 1 axis"),
+        ({"more": np.ones(2)}, "'more' belongs to no parameter"),
     ):
         with pytest.raises(ValueError, match=message):
             Chime.restore(CHIME.parameters(), arrays | change)

@@ -29,7 +29,7 @@ from texclass.haptics.exchange.hjif import (
     play_hjif,
 )
 from texclass.haptics.exchange.rendition import Rendition, told_level
-from texclass.haptics.textures.contract import USUAL_MM_S, USUAL_N
+from texclass.haptics.textures.contract import NOMINAL_FORCE_N, NOMINAL_SPEED_MM_S
 from texclass.recording import UNITS, Samples
 from texclass.validation import check_positive
 
@@ -224,7 +224,7 @@ def rendition_of(haptics: Haptics) -> Rendition:
         raise ValueError("it holds no vibration. Expected a Vibrotactile perception")
     channel = felt[0].channels[0]
     told = _TOLD.fullmatch(felt[0].description)
-    name, speed, force, unit = haptics.description, USUAL_MM_S, USUAL_N, "arbitrary"
+    name, speed, force, unit = haptics.description, NOMINAL_SPEED_MM_S, NOMINAL_FORCE_N, "arbitrary"
     if told and told[4] in UNITS:
         name, speed, force, unit = told[1], float(told[2]), float(told[3] or 0), told[4]
     check_positive(speed=speed)

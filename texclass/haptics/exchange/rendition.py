@@ -17,7 +17,7 @@ from typing import Protocol
 
 import numpy as np
 
-from texclass.haptics.textures.contract import Renderer, Stored, constant_stroke
+from texclass.haptics.textures.contract import Renderer, Serializable, constant_stroke
 from texclass.haptics.textures.hatt import HattTexture
 from texclass.haptics.textures.oeztuerk2018 import FrequencyTexture
 from texclass.haptics.textures.okamura2001 import TapLibrary, tap_peak
@@ -202,7 +202,7 @@ def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
     return Rendition(name, known, TAP_FS, x, 1000 * velocity, 0.0, taps=struck, lost=lost)
 
 
-def texture_of(rendition: Rendition) -> tuple[Stored, dict[str, str]]:
+def texture_of(rendition: Rendition) -> tuple[Serializable, dict[str, str]]:
     """Return the texture, or the taps, of what is played, and what is lost.
 
     Parameters
@@ -272,7 +272,7 @@ def _played(texture: Playable, speed: float, force: float, seconds: float, seed:
     if length_mm := getattr(texture, "length_mm", 0.0):  # one whole turn, from its first feature on
         before = round(np.ceil(SETTLED_S * speed / length_mm) * length_mm / speed * texture.fs)
     direction = getattr(texture, "direction", (1.0, 0.0))
-    return constant_stroke(texture, speed, force, n, settled=before, direction=direction, seed=seed)
+    return constant_stroke(texture, speed, force, n, n_settling=before, direction=direction, seed=seed)
 
 
 def _change(texture: Playable, x: Samples, ends: list[tuple[float, float]], seed: int) -> str:

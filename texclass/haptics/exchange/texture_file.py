@@ -23,7 +23,7 @@ from texclass._version import __version__
 from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.exchange.foreign import printable, read_limited
 from texclass.haptics.exchange.hatt_xml import read_hatt
-from texclass.haptics.textures.contract import Stored, Texture
+from texclass.haptics.textures.contract import Serializable, Texture
 from texclass.haptics.textures.packed import MARK, PackedTexture
 from texclass.recording import Unit
 from texclass.validation import StrictModel, validate
@@ -31,7 +31,7 @@ from texclass.validation import StrictModel, validate
 if TYPE_CHECKING:
     from texclass.haptics.textures.okamura2001 import TapLibrary
 
-TEXTURES: dict[str, str | type[Stored]] = {
+TEXTURES: dict[str, str | type[Serializable]] = {
     "abdulali2016": "texclass.haptics.textures.abdulali2016:NetworkTexture",
     "abdulali2016-baked": "texclass.haptics.textures.abdulali2016:BakedTexture",
     "abdulali2016-delaunay": "texclass.haptics.textures.abdulali2016:DelaunayTexture",
@@ -42,7 +42,9 @@ TEXTURES: dict[str, str | type[Stored]] = {
     "oeztuerk2018-lpc": "texclass.haptics.textures.oeztuerk2018:LpcTexture",
 }
 """Family -> class: nothing else is ever made of a file."""
-TAPS: dict[str, str | type[Stored]] = {"okamura2001": "texclass.haptics.textures.okamura2001:TapLibrary"}
+TAPS: dict[str, str | type[Serializable]] = {
+    "okamura2001": "texclass.haptics.textures.okamura2001:TapLibrary"
+}
 SUFFIX = ".texture"
 VERSION = 2
 """Of the header. Files of version 1 were ZIP archives."""
@@ -51,7 +53,7 @@ LARGEST_FILE, LARGEST_HEADER = 64 << 20, 4 << 20
 _KEY = "texclass"
 
 
-def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) -> Path:
+def save_texture(texture: Serializable, path: str | Path, *, unit: str | None = None) -> Path:
     """Write a texture or a tap library; a file of that name is replaced at once, never left half written.
 
     Parameters
@@ -201,7 +203,7 @@ class Header(StrictModel):
     sha256: str = ""
 
 
-def header_of(stored: Stored, unit: str, where: object) -> Header:
+def header_of(stored: Serializable, unit: str, where: object) -> Header:
     """Return what a file of a texture, tap library or scene says of itself; `where` names it in messages."""
     try:
         parameters = json.loads(json.dumps(stored.parameters(), allow_nan=False, sort_keys=True))
@@ -212,7 +214,7 @@ def header_of(stored: Stored, unit: str, where: object) -> Header:
     return validate(Header, content | {"parameters": parameters}, where)
 
 
-def write_stored(stored: Stored, path: str | Path, *, unit: str) -> Path:
+def write_stored(stored: Serializable, path: str | Path, *, unit: str) -> Path:
     """Write a texture, a tap library or a scene; a file of that name is replaced at once, never half written.
 
     Raises
@@ -276,7 +278,7 @@ def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
     return header, arrays
 
 
-def read_stored(path: str | Path, families: Mapping[str, str | type[Stored]]) -> Any:
+def read_stored(path: str | Path, families: Mapping[str, str | type[Serializable]]) -> Any:
     """Return what a file holds, made again.
 
     Parameters

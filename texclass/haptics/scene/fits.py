@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from texclass.haptics.scene.observations import Judge, Observed, Points
-from texclass.haptics.textures.grid import GridModel, likeliest_logarithms, mixed_power, shares
+from texclass.haptics.textures.grid import (
+    GridModel,
+    fit_gamma_regression,
+    interpolate_power,
+    interpolation_weights,
+)
 from texclass.recording import Samples
 from texclass.vibration import recursions
 from texclass.vibration.autoregressive import from_autocorrelation
@@ -70,12 +75,12 @@ class LatticeGrid:
 
     def spectra(self, points: Points, judge: Judge, orders: NDArray[np.int64]) -> Samples:
         """Return what the models of some orders sound like at points: (n_points, n_orders, n_bins)."""
-        share = shares(self.axes, (points.speed, points.force))
+        share = interpolation_weights(self.axes, (points.speed, points.force))
         k, total = share @ self.reflection, self.noise[:, orders] + self.tones.sum(axis=1, keepdims=True)
         tonal = self.tones[:, np.newaxis] / np.where(total > 0, total, 1.0)[..., np.newaxis]
         tonal = np.tensordot(share, np.sqrt(tonal), axes=1) ** 2
         hz = np.multiply.outer(points.speed, self.per_mm)
-        return _mixed_spectra(k, orders, mixed_power(share, total), tonal, hz, judge)
+        return _mixed_spectra(k, orders, interpolate_power(share, total), tonal, hz, judge)
 
 
 def fit_lattices(
@@ -113,7 +118,7 @@ def fit_lattices(
     r = np.fft.irfft(S, axis=-1)[:, : order + 1]
     k = from_autocorrelation(r).reflection
     unit = np.stack([judge.power(unit_spectra(row, judge)) for row in k])
-    share = shares(axes, (noise.speed, noise.force))
+    share = interpolation_weights(axes, (noise.speed, noise.force))
     least = 1e-6 * max(float(tonal.max(initial=0.0)), 1e-200)
     tones = [node_powers(share, np.maximum(one, least), axes) for one in tonal.T]
     level = judge.power(X)[:, np.newaxis] / unit
@@ -235,12 +240,12 @@ def node_spectra(points: Points, axes: Axes, judge: Judge) -> Samples:
     # to half at 0.24 octaves of speed and force
     near = np.exp(-12.0 * (octaves - octaves.min(axis=1, keepdims=True)))
     shape = (near / near.sum(axis=1, keepdims=True)) @ (points.spectra[felt] / power[felt, np.newaxis])
-    share = shares(axes, (points.speed[felt], points.force[felt]))
+    share = interpolation_weights(axes, (points.speed[felt], points.force[felt]))
     return np.asarray(node_powers(share, power[felt], axes)[:, np.newaxis] * shape)
 
 
 def node_powers(share: Samples, power: Samples, axes: Axes) -> Samples:
-    """Return the powers of the nodes that make those of the points likeliest, see `likeliest_logarithms`.
+    """Return the powers of the nodes that make those of the points likeliest, see `fit_gamma_regression`.
 
     Between the nodes ln powers mix linearly, by the shares; T is tie D'D, with D the differences between
     neighbouring nodes.
@@ -249,7 +254,7 @@ def node_powers(share: Samples, power: Samples, axes: Axes) -> Samples:
     along = [one.T @ one for one in steps]
     D2 = np.kron(along[0], np.eye(axes[1].size)) + np.kron(np.eye(axes[0].size), along[1])
     # so weak a tie to the neighbours decides only where no point does
-    return np.asarray(np.exp(likeliest_logarithms(share, power, 1e-3 * D2)))
+    return np.asarray(np.exp(fit_gamma_regression(share, power, 1e-3 * D2)))
 
 
 def pattern_frequencies(points: Points, judge: Judge, most: int) -> Samples:

@@ -352,7 +352,7 @@ def _texture(path: Path, scene: SceneDefinition) -> Felt:
     def felt(speed: float, force: float, seed: int) -> Samples:
         settled = round(SAMPLING.settle_s * texture.fs)
         n = round((SAMPLING.seconds + SAMPLING.settle_s) * texture.fs)
-        x = constant_stroke(texture, speed, force, n - settled, settled=settled, seed=seed)
+        x = constant_stroke(texture, speed, force, n - settled, n_settling=settled, seed=seed)
         return at_rate(factor * x, texture.fs, scene.device.rate_hz)
 
     return felt
@@ -367,9 +367,9 @@ def _simulated(name: str, scene: SceneDefinition) -> Felt:
     if family != "abdulali2016":
         raise ValueError(f"simulated is {name!r}. Expected abdulali2016/S1 ... S9 or catalogue/0, 1, ...")
 
-    from texclass.haptics.textures.resonant_surfaces import surface
+    from texclass.haptics.textures.resonant_surfaces import get_surface
 
-    what, fs = surface(which), scene.device.rate_hz
+    what, fs = get_surface(which), scene.device.rate_hz
 
     def felt(speed: float, force: float, seed: int) -> Samples:
         n = round(SAMPLING.seconds * fs)

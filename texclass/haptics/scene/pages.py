@@ -21,9 +21,9 @@ from markupsafe import Markup
 from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.scales import SCALES
 from texclass.haptics.scene.renderer import PlannedScene, packed
-from texclass.haptics.textures import PackedTexture, Texture, felt_scales, retouch
+from texclass.haptics.textures import PackedTexture, Texture, measure_scales, retouch
 from texclass.haptics.textures.grid import GridModel
-from texclass.haptics.textures.packing import OF_SPECTRUM, scales_halfway
+from texclass.haptics.textures.packing import SPECTRAL_SCALES, scales_halfway
 from texclass.reporting.page import templates
 from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
@@ -155,7 +155,7 @@ def slider_page(
     n_bytes: int = 128,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> str:
-    """Return a texture as a page of HTML with a slider for each scale that it has (see `felt_scales`).
+    """Return a texture as a page of HTML with a slider for each scale that it has (see `measure_scales`).
 
     Parameters
     ----------
@@ -175,18 +175,18 @@ def slider_page(
     ValueError
         If the texture cannot be retouched at all. What is out of reach shortens a slider.
     """
-    felt = {name: round(value, 1) for name, value in felt_scales(texture).items()}
+    felt = {name: round(value, 1) for name, value in measure_scales(texture).items()}
     base = retouch(texture, n_bytes, unit=unit, rough=felt["rough"])
     models, scales = [base], dict[str, Any]()
     for done, (name, value) in enumerate(felt.items()):
         if progress is not None:
             progress(done, len(felt), name)
-        source = texture if name in OF_SPECTRUM else base
+        source = texture if name in SPECTRAL_SCALES else base
         found = _along(source, name, felt, base, n_bytes, unit)
         if len(found) == 1:  # nothing else is in reach
             continue
         scales[name] = {"value": value, "values": list(found), "end": SCALES[name].other_end}
-        if name in OF_SPECTRUM:
+        if name in SPECTRAL_SCALES:
             scales[name]["models"] = list(range(len(models), len(models) + len(found)))
             models += found.values()
         elif name == "hard":
@@ -279,12 +279,12 @@ def _along(
     above = [v for v in VALUES if v > value + APART]
     for beyond in (below, above):
         at = value
-        for v in beyond if name in OF_SPECTRUM else beyond[-1:]:
+        for v in beyond if name in SPECTRAL_SCALES else beyond[-1:]:
             try:
                 one = retouch(texture, n_bytes, unit=unit, **{name: v})
             except ValueError:
                 break
-            if name in OF_SPECTRUM:
+            if name in SPECTRAL_SCALES:
                 halfway = scales_halfway(found[at], one)
                 wanted = own | {name: (at + v) / 2}
                 if any(

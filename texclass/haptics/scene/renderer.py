@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from texclass.haptics.exchange.texture_file import read_stored, write_stored
 from texclass.haptics.scene import render_kernels as kernels
 from texclass.haptics.scene.render_kernels import NONE, Column, Fact, Phase, State
-from texclass.haptics.textures.contract import Stored
-from texclass.haptics.textures.grid import GridModel, renewal
+from texclass.haptics.textures.contract import Serializable
+from texclass.haptics.textures.grid import GridModel, update_interval
 from texclass.recording import Samples
 from texclass.signals import positive
 
@@ -27,7 +27,7 @@ PEAK_FACTOR = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class PlannedScene(Stored):
+class PlannedScene(Serializable):
     """What `plan_scene` chose, ready to be rendered.
 
     Parameters
@@ -125,7 +125,7 @@ def packed(scene: PlannedScene) -> tuple[Samples, NDArray[np.int64]]:
     """Return `bank` and `index` of a scene, as `render_kernels` tells: what a loop over samples plays."""
     facts = np.empty(len(Fact))
     facts[Fact.GLIDE] = -np.expm1(-1 / (0.01 * scene.fs))  # speed and force of the hand are followed in 10 ms
-    facts[Fact.HOP] = renewal(scene.fs)
+    facts[Fact.HOP] = update_interval(scene.fs)
     facts[Fact.FADE] = max(2, round(FADE_S * scene.fs))
     facts[Fact.STILL] = STILL
     facts[Fact.RADIANS] = 2 * np.pi / scene.fs

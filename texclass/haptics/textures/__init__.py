@@ -1,4 +1,4 @@
-"""From recordings to a surface that can be felt at any speed and force: a module or a folder per paper."""
+"""Textures: models of a surface that can be rendered at any speed and force; one module per paper."""
 
 import lazy_loader
 

@@ -4,11 +4,11 @@ from . import hatt as hatt
 from . import oeztuerk2018 as oeztuerk2018
 from . import okamura2001 as okamura2001
 from .contract import Renderer as Renderer
-from .contract import Stored as Stored
+from .contract import Serializable as Serializable
 from .contract import Texture as Texture
 from .grid import GridModel as GridModel
 from .packed import PackedTexture as PackedTexture
-from .packing import felt_scales as felt_scales
+from .packing import measure_scales as measure_scales
 from .packing import pack as pack
 from .packing import retouch as retouch
 from .scan import Scan as Scan

@@ -1,7 +1,4 @@
-"""What every texture offers, whichever paper it comes from: render, weigh, write down, make again.
-
-It is written down by its fields, arrays apart from what JSON knows.
-"""
+"""Base classes of all textures: rendering, cost, and conversion to JSON values and arrays for files."""
 
 import json
 from abc import ABC, abstractmethod
@@ -16,18 +13,18 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from texclass.recording import Samples
 from texclass.vibration.autoregressive import Autoregression
 
-USUAL_MM_S, USUAL_N = 100.0, 1.0
-"""Speed and force of a usual stroke, for textures that depend on neither."""
+NOMINAL_SPEED_MM_S, NOMINAL_FORCE_N = 100.0, 1.0
+"""Speed and force of a typical stroke, for textures that depend on neither (our choice)."""
 
 
 @runtime_checkable
 class Renderer(Protocol):
-    """A texture being felt: it keeps its state between calls, so that pieces join without a click.
+    """Play a texture block by block; the state is kept between calls, so that blocks join without a click.
 
     Attributes
     ----------
     fs : float
-        Rate of the samples it takes and returns, Hz.
+        Sampling rate of input and output in Hz.
     """
 
     fs: float
@@ -38,39 +35,39 @@ class Renderer(Protocol):
         Parameters
         ----------
         velocity : array_like of shape (n, 2)
-            Tangential, mm/s.
+            Tangential velocity in mm/s.
         force : array_like of shape (n,)
-            Normal force, N; 0 or less: no contact.
+            Normal force in N; 0 or less means no contact.
         position : array_like of shape (n, 2), optional
-            mm; by default the velocity is summed up. Textures without features in space do not use it.
+            Position in mm (default: the integral of the velocity), used by textures with spatial features.
 
         Returns
         -------
         ndarray of shape (n,)
-            In the unit of the recorded acceleration; however a path is cut into calls, the same samples.
+            Vibration in the unit of the recorded acceleration. It does not depend on the block lengths.
         """
 
     def reset(self) -> None:
-        """Return to rest, with the random numbers of the first sample."""
+        """Return to rest and restart the random numbers."""
 
 
-class Stored:
-    """What files can hold: a dataclass, of which what its fields hold is what is written.
+class Serializable:
+    """Convert a dataclass to JSON values and arrays, and back.
 
-    Fields may be numbers, texts, arrays, dataclasses, tuples and mappings of these; what is not an argument
-    of the constructor is left out. A stored object is made by its own types and its own `__post_init__`, so
-    that a file can hold nothing that a program could not make.
+    Fields may be numbers, strings, arrays, dataclasses, tuples and mappings of these. Only arguments of the
+    constructor are stored. Reading a file calls the constructor with its checks, so a file cannot contain an
+    object that a program could not create.
 
     Attributes
     ----------
     family : str
-        Which kind; the name under which files know it.
+        Name of the kind of object in files.
 
     Examples
     --------
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
-    ... class Hum(Stored):
+    ... class Hum(Serializable):
     ...     family = "hum"
     ...     name: str
     ...     tones: np.ndarray
@@ -87,59 +84,66 @@ class Stored:
     )
 
     def parameters(self) -> dict[str, Any]:
-        """Return what is not an array, as JSON knows it; None where an array belongs."""
-        return {name: _apart(value, name, {}) for name, value in _arguments(self).items()}
+        """Return the fields as JSON values, with None in the place of each array."""
+        return {name: _extract_arrays(value, name, {}) for name, value in _arguments(self).items()}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays; "mesh.speed" is that of the field `mesh`, "models.0.k" that of its first."""
-        found: dict[str, NDArray[Any]] = {}
+        """Return the arrays by their path, for example "mesh.speed" or "models.0.k"."""
+        arrays: dict[str, NDArray[Any]] = {}
         for name, value in _arguments(self).items():
-            _apart(value, name, found)
-        return found
+            _extract_arrays(value, name, arrays)
+        return arrays
 
     @classmethod
     def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """Return the object of what `parameters` and `arrays` returned.
+        """Return the object whose `parameters()` and `arrays()` are given.
 
         Raises
         ------
         ValueError
-            If something is missing, superfluous, of the wrong kind or shape, or breaks a rule of the object.
+            If a value is missing or unknown, has the wrong type or shape, or is refused by the constructor.
         """
-        left = dict(arrays)
-        tree = {name: _together(value, name, left) for name, value in parameters.items()}
-        if left:
-            raise ValueError(f"{cls.family}: array {min(left)!r:.80} has no place. Expected one for each")
+        unused = dict(arrays)
+        tree = {name: _insert_arrays(value, name, unused) for name, value in parameters.items()}
+        if unused:
+            raise ValueError(
+                f"{cls.family}: array {min(unused)!r:.80} belongs to no parameter. "
+                "Expected a parameter that is null for each array"
+            )
         try:
-            found = TypeAdapter(cls).validate_python(tree)
+            restored = TypeAdapter(cls).validate_python(tree)
         except ValidationError as error:
             first = error.errors()[0]
-            place, value = ".".join(map(str, first["loc"])), first["input"]
+            path, value = ".".join(map(str, first["loc"])), first["input"]
             if first["type"] == "value_error":
-                told = ": ".join(filter(None, [place, str(first["ctx"]["error"])]))
-                raise ValueError(f"{cls.family}: {told}") from None
-            rule = {
-                "unexpected_keyword_argument": "no such key", "missing_argument": "that each key is given"
-            }.get(first["type"], first["msg"].removeprefix("Input should be "))  # fmt: skip
-            raise ValueError(f"{cls.family}: {place} is {value!r:.80}. Expected {rule}") from None
-        if _in_words(found.parameters()) != _in_words(parameters):
-            rule = "each key once, numbers as numbers: no text or true for one"
-            raise ValueError(f"{cls.family}: would not be written so. Expected {rule}")
-        return found
+                message = ": ".join(filter(None, [path, str(first["ctx"]["error"])]))
+                raise ValueError(f"{cls.family}: {message}") from None
+            if first["type"] == "unexpected_keyword_argument":
+                raise ValueError(f"{cls.family}: unknown key {path}. Remove it") from None
+            if first["type"] == "missing_argument":
+                raise ValueError(f"{cls.family}: key {path} is missing. Add it") from None
+            expected = first["msg"].removeprefix("Input should be ")
+            raise ValueError(f"{cls.family}: {path} is {value!r:.80}. Expected {expected}") from None
+        if _canonical_json(restored.parameters()) != _canonical_json(parameters):
+            raise ValueError(
+                f"{cls.family}: the parameters differ from those of the restored object. "
+                "Expected each key once, and numbers instead of strings or booleans"
+            )
+        return restored
 
 
-class Texture(Stored, ABC):
-    """A surface that can be rendered at any speed and force.
+class Texture(Serializable, ABC):
+    """Base class of surfaces that can be rendered at any speed and force.
 
     Attributes
     ----------
     name : str
-        Of the surface.
+        Name of the surface.
     fs : float
-        Sampling rate of the vibration, Hz.
+        Sampling rate of the vibration in Hz.
     speeds, forces : ndarray
-        Rising speeds (mm/s) and forces (N), above 0, at which the surface is known: the first and the last
-        are the ends of its range. One value where the texture depends on no other.
+        Increasing speeds (mm/s) and forces (N), above 0, of the recordings; the first and the last bound the
+        range of the texture. One nominal value if the texture does not depend on speed or force.
     """
 
     name: str
@@ -155,23 +159,23 @@ class Texture(Stored, ABC):
     @property
     @abstractmethod
     def operations(self) -> float:
-        """Multiplications and additions per rendered sample, in the mean."""
+        """Mean number of multiplications and additions per rendered sample."""
 
     @abstractmethod
     def renderer(self, *, seed: int = 0) -> Renderer:
-        """Return a renderer at rest at the texture's rate; the seed is that of its noise, if it has any."""
+        """Return a renderer at rest, at the sampling rate of the texture; `seed` sets its noise, if any."""
 
     def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
-        """Return the AR models of strokes along +x at speeds (n,), mm/s, and forces (n,), N.
+        """Return the AR models of strokes along +x at speeds (n,) in mm/s and forces (n,) in N.
 
         Raises
         ------
         ValueError
-            If the texture holds no AR models.
+            If the texture contains no AR models.
         """
         raise ValueError(
-            f"texture {self.name!r} must hold AR models, got the family {self.family!r}; "
-            ".hjif, .ahap and .wav take every texture"
+            f"texture {self.name!r} must contain AR models, got the family {self.family!r}. "
+            "Write .hjif, .ahap or .wav, which take every texture"
         )
 
 
@@ -181,64 +185,79 @@ def constant_stroke(
     force: float,
     n: int,
     *,
-    settled: int = 0,
+    n_settling: int = 0,
     direction: ArrayLike = (1.0, 0.0),
     seed: int = 0,
 ) -> Samples:
-    """Return the vibration (n,) of what has a renderer, stroked at one speed (mm/s) and force (N).
+    """Return the vibration (n,) of a texture that is stroked at a constant speed (mm/s) and force (N).
 
-    What it plays in the first `settled` samples is thrown away; `direction` is a unit vector.
+    Parameters
+    ----------
+    texture : Texture or planned scene
+        Object with a method `renderer(seed=)`.
+    speed, force : float
+        Speed in mm/s and force in N.
+    n : int
+        Number of samples to return.
+    n_settling : int
+        Number of samples that are rendered before these and discarded (default 0).
+    direction : array_like of shape (2,)
+        Unit vector of the stroke (default +x).
+    seed : int
+        Seed of the noise.
     """
-    velocity = np.tile(speed * np.asarray(direction), (settled + n, 1))
-    return np.asarray(texture.renderer(seed=seed).process(velocity, np.full(settled + n, force))[settled:])
+    velocity = np.tile(speed * np.asarray(direction), (n_settling + n, 1))
+    vibration = texture.renderer(seed=seed).process(velocity, np.full(n_settling + n, force))
+    return np.asarray(vibration[n_settling:])
 
 
 def _arguments(value: Any) -> dict[str, Any]:
     return {each.name: getattr(value, each.name) for each in fields(value) if each.init}
 
 
-def _apart(value: Any, place: str, arrays: dict[str, NDArray[Any]]) -> Any:
-    """Return a value as JSON knows it, its arrays put among `arrays` under where they stand."""
+def _extract_arrays(value: Any, path: str, arrays: dict[str, NDArray[Any]]) -> Any:
+    """Return a value as JSON value and move its arrays into `arrays`, by their path."""
     if isinstance(value, np.ndarray):
-        arrays[place] = value
+        arrays[path] = value
         return None
     if is_dataclass(value) or isinstance(value, Mapping):
         inner = value if isinstance(value, Mapping) else _arguments(value)
-        return {name: _apart(each, f"{place}.{name}", arrays) for name, each in inner.items()}
+        return {name: _extract_arrays(each, f"{path}.{name}", arrays) for name, each in inner.items()}
     if isinstance(value, tuple | list):
-        return [_apart(each, f"{place}.{i}", arrays) for i, each in enumerate(value)]
+        return [_extract_arrays(each, f"{path}.{i}", arrays) for i, each in enumerate(value)]
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _together(value: Any, place: str, arrays: dict[str, NDArray[Any]]) -> Any:
-    """Return a value with its arrays where they belong, taken out of `arrays`."""
+def _insert_arrays(value: Any, path: str, arrays: dict[str, NDArray[Any]]) -> Any:
+    """Return a JSON value with its arrays inserted, and remove them from `arrays`."""
     if value is None:
-        return arrays.pop(place, None)
+        return arrays.pop(path, None)
     if isinstance(value, Mapping):
-        return {name: _together(each, f"{place}.{name}", arrays) for name, each in value.items()}
+        return {name: _insert_arrays(each, f"{path}.{name}", arrays) for name, each in value.items()}
     if isinstance(value, list):
-        return [_together(each, f"{place}.{i}", arrays) for i, each in enumerate(value)]
+        return [_insert_arrays(each, f"{path}.{i}", arrays) for i, each in enumerate(value)]
     return value
 
 
-def _in_words(parameters: Mapping[str, Any]) -> str:
-    """Return parameters as JSON of sorted keys, whole numbers as others."""
+def _canonical_json(parameters: Mapping[str, Any]) -> str:
+    """Return parameters as JSON with sorted keys; integers are written as floats."""
     return json.dumps(json.loads(json.dumps(parameters), parse_int=float), sort_keys=True)
 
 
 def freeze(owner: object, **shapes: tuple[int | str, ...]) -> None:
-    """Make fields of a frozen dataclass read-only arrays of float64.
+    """Replace fields of a frozen dataclass by read-only float64 arrays, after a check of their shapes.
 
     Parameters
     ----------
     owner : dataclass
+        Object whose fields are replaced.
     **shapes : tuple of int or str
-        Of each field; a length that has a name is the same wherever the name stands.
+        Shape of each field. A string names a length that must be the same wherever the name occurs.
 
     Raises
     ------
     ValueError
-        If a shape does not fit, or a value is NaN or infinite.
+        If a shape is wrong, or a value is NaN or infinite.
 
     Examples
     --------
@@ -246,7 +265,7 @@ def freeze(owner: object, **shapes: tuple[int | str, ...]) -> None:
     >>> path = SimpleNamespace(force=[1, 2], velocity=np.ones((3, 2)))
     >>> freeze(path, force=("n",), velocity=("n", 2))
     Traceback (most recent call last):
-    ValueError: velocity has shape (3, 2). Expected (2, 2), finite
+    ValueError: velocity must have shape (2, 2) and finite values, got shape (3, 2)
     """
     lengths: dict[int | str, int] = {}
     for name, shape in shapes.items():
@@ -256,7 +275,10 @@ def freeze(owner: object, **shapes: tuple[int | str, ...]) -> None:
             for size, length in zip(array.shape, shape, strict=True)
         )
         if not fits or not np.isfinite(array).all():
-            rule = ", ".join(str(lengths.get(length, length)) for length in shape)
-            raise ValueError(f"{name} has shape {array.shape}. Expected ({rule}), finite")
+            expected = ", ".join(str(lengths.get(length, length)) for length in shape)
+            expected += "," * (len(shape) == 1)
+            raise ValueError(
+                f"{name} must have shape ({expected}) and finite values, got shape {array.shape}"
+            )
         array.setflags(write=False)
         object.__setattr__(owner, name, array)

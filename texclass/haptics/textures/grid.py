@@ -1,4 +1,4 @@
-"""A vibration on a grid of speeds and forces: a model at each node, and what holds between the nodes."""
+"""Models on a grid of speeds and forces, and interpolation between the nodes."""
 
 import math
 from collections.abc import Sequence
@@ -15,27 +15,27 @@ from texclass.recording import Samples
 
 Kind = Literal["silence", "AR", "lines", "AR + lines"]
 Scale = Literal["log", "root"]
-LEAST_POWER = 1e-300
-"""A node without power counts as this, so that it has a logarithm."""
+MIN_POWER = 1e-300
+"""Smallest power of a node, so that its logarithm is finite."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Numbers at the nodes of a grid: multilinear over warped axes in between, held beyond the outermost.
+    """Multilinear interpolation of values over warped axes; constant beyond the outermost nodes.
 
     Parameters
     ----------
     axes : sequence of ndarray of shape (n_nodes,)
-        Of the nodes, rising; warped, see `warped`.
+        Increasing coordinates of the nodes, after `warp`.
     values : ndarray of shape (product of n_nodes, m)
-        The nodes of the last axis stand together.
+        Values at the nodes, in C order (the last axis varies fastest).
     """
 
     axes: tuple[Samples, ...]
     values: Samples
 
     def at_warped(self, points: Samples) -> Samples:
-        """Return the numbers (n, m) at warped points (n, n_axes); every row by itself, bit for bit."""
+        """Interpolate at warped points (n, n_axes); return values (n, m), row by row."""
         out = np.zeros((len(points), self.values.shape[1]))
         _mix(self.axes, np.ascontiguousarray(points), self.values, out)
         return out
@@ -43,46 +43,58 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class GridModel:
-    """A vibration at the nodes of a grid of speeds and forces, and between them.
+    """A vibration model at the nodes of a grid of speeds and forces, interpolated between them.
 
-    It is an autoregressive process, lines, both, or nothing::
+    The model is an autoregressive process, spectral lines, both, or silence::
 
         x = level (sqrt(1 - sum a_i^2 / 2) noise through the lattice + sum_i a_i cos(phase_i))
 
-    Between the nodes, k and a go linearly over w(speed) and w(force), and so does w(power), where w is the
-    logarithm or the (signed) square root. Over logarithms a power law of speed and force needs no node
-    between the ends; over square roots a grid reaches rest and, with two axes of velocity, all directions. A
-    mean of numbers below 1 in size is below 1 in size: between stable models a model is stable. Beyond the
-    outermost nodes, these hold.
+    Between the nodes, k and a are linear over w(speed) and w(force), and so is w(power). The warping w is the
+    logarithm or the signed square root:
+
+    - With logarithms, a power law of speed and force needs no node between the ends.
+    - With square roots, a grid includes rest and, with two axes of velocity, all directions.
+
+    Since |k| < 1 at all nodes, it is below 1 between them: interpolated models are stable. Beyond the
+    outermost nodes the model of the nearest node is used.
 
     Parameters
     ----------
     axes : sequence of array_like of shape (n_nodes,)
-        Of the nodes, rising: speed (mm/s) and force (N); or velocity along x and along y, and force.
-        Above 0 for "log".
+        Increasing coordinates of the nodes: speed (mm/s) and force (N), or velocity along x, velocity along
+        y, and force. Above 0 for "log".
     rows : array_like of shape (*n_nodes, order + n_lines)
         Reflection coefficients, |k| < 1, and amplitudes of lines, at least 0, of a vibration of unit RMS.
     power : array_like of shape n_nodes
         Mean square of the vibration, level^2.
     peak : float
-        Largest magnitude that was recorded.
+        Largest magnitude of the recorded vibration.
     frequency_hz, per_mm : array_like of shape (n_lines,), optional
-        frequency = frequency_hz + per_mm * speed: what rings keeps its frequency, what repeats along the
-        surface follows the speed. No lines by default.
+        frequency = frequency_hz + per_mm * speed: resonances have a constant frequency, spatial periods a
+        frequency proportional to the speed. No lines by default.
     scale : {"log", "root"}
-        Which w.
+        Warping w of the axes and of the power.
 
     Raises
     ------
     ValueError
-        If a shape does not fit or a value breaks its rule.
+        If a shape or a value is not valid.
 
     Notes
     -----
-    A texture that is dear to read becomes one by being read at the nodes: of the network of `abdulali2016`,
-    `k, level = network.models(velocity, force)` at all nodes, in the order of `meshgrid(*axes,
-    indexing="ij")`, is `GridModel(axes, k.reshape(*n_nodes, -1), level.reshape(n_nodes) ** 2, frame.peak,
-    scale="root")`.
+    A texture that is expensive to evaluate can be sampled at the nodes. For the network of `abdulali2016`,
+    let `k, level = network.models(velocity, force)` at all nodes, in the order of `meshgrid(*axes,
+    indexing="ij")`. Then the grid is `GridModel(axes, k.reshape(*n_nodes, -1), level.reshape(n_nodes) ** 2,
+    frame.peak, scale="root")`.
+
+    Examples
+    --------
+    An AR process of order 1 whose power is proportional to the speed, at 100 mm/s and 1 N:
+
+    >>> model = GridModel(([50.0, 200.0], [1.0]), [[[0.5]], [[0.3]]], [[1.0], [4.0]], peak=8.0)
+    >>> rows, power = model.at([100.0], [1.0])
+    >>> model.kind, rows.round(3).tolist(), power.round(3).tolist()
+    ('AR', [[0.4]], [2.0])
     """
 
     axes: tuple[Samples, ...]
@@ -96,165 +108,170 @@ class GridModel:
     def __post_init__(self) -> None:
         axes = tuple(np.array(axis, dtype=np.float64) for axis in self.axes)
         for axis in axes:
-            rising = axis.ndim == 1 and axis.size and np.isfinite(axis).all() and np.all(np.diff(axis) > 0)
-            if not rising or (self.scale == "log" and axis[0] <= 0):
-                above = ", above 0" if self.scale == "log" else ""
-                raise ValueError(f"an axis is {axis}. Expected rising{above}")
+            is_increasing = (
+                axis.ndim == 1 and axis.size and np.isfinite(axis).all() and np.all(np.diff(axis) > 0)
+            )
+            if not is_increasing or (self.scale == "log" and axis[0] <= 0):
+                bound = " and be above 0" if self.scale == "log" else ""
+                raise ValueError(f"the values of an axis must increase{bound}, got {axis}")
             axis.setflags(write=False)
         if len(axes) not in (2, 3):
-            raise ValueError(f"axes are {len(axes)}. Expected speed and force, or v_x, v_y and force")
+            raise ValueError(f"axes must be speed and force, or v_x, v_y and force, got {len(axes)} axes")
         object.__setattr__(self, "axes", axes)
         lines, size = ("n_lines",), self.n_nodes
         freeze(self, rows=(*size, "columns"), power=size, frequency_hz=lines, per_mm=lines)
         lowest = min(self.power.min(), self.peak, self.frequency_hz.min(initial=0.0))
         if lowest < 0 or not np.isfinite(self.peak):
-            raise ValueError(
-                f"power, peak or a frequency is {lowest}. Expected a finite number of at least 0"
-            )
+            raise ValueError(f"power, peak and frequency_hz must be finite and at least 0, got {lowest}")
         if self.order < 0:
-            raise ValueError(f"rows have {self.rows.shape[-1]} columns. Expected {self.n_lines} at least")
+            raise ValueError(
+                f"rows must have at least {self.n_lines} columns, one per line, got {self.rows.shape[-1]}"
+            )
         k, a = self.rows[..., : self.order], self.rows[..., self.order :]
         if np.abs(k).max(initial=0.0) >= 1:
-            raise ValueError(f"a reflection coefficient is {np.abs(k).max()}. Expected below 1 in size")
-        in_range = a.min(initial=0.0) >= 0 and a.max(initial=0.0) <= 2
-        if not in_range or (a**2).sum(axis=-1).max(initial=0.0) > 2 * (1 + 1e-9):
-            raise ValueError("amplitudes of lines. Expected at least 0, their squares 2 at most in sum")
+            raise ValueError(f"reflection coefficients must be below 1 in magnitude, got {np.abs(k).max()}")
+        is_valid = a.min(initial=0.0) >= 0 and a.max(initial=0.0) <= 2
+        if not is_valid or (a**2).sum(axis=-1).max(initial=0.0) > 2 * (1 + 1e-9):
+            raise ValueError("amplitudes of lines must be at least 0 and the sum of their squares at most 2")
 
     @classmethod
     def silence(cls) -> "GridModel":
-        """Return the model of a surface that the device cannot make felt."""
+        """Return the model of a surface that the device cannot display perceptibly."""
         return cls((np.ones(1), np.ones(1)), np.zeros((1, 1, 0)), np.zeros((1, 1)), 0.0)
 
     @property
     def kind(self) -> Kind:
-        """What it is made of."""
+        """Components of the model."""
         if not self.rows.shape[-1]:
             return "silence"
         return "lines" if not self.order else "AR + lines" if self.n_lines else "AR"
 
     @property
     def speeds(self) -> Samples:
-        """Nodes of the first axis, mm/s."""
+        """Nodes of the first axis in mm/s."""
         return self.axes[0]
 
     @property
     def forces(self) -> Samples:
-        """Nodes of the last axis, N."""
+        """Nodes of the last axis in N."""
         return self.axes[-1]
 
     @property
     def n_lines(self) -> int:
-        """Lines."""
+        """Number of spectral lines."""
         return int(self.frequency_hz.size)
 
     @property
     def order(self) -> int:
-        """Stages of the lattice."""
+        """Order of the lattice."""
         return int(self.rows.shape[-1]) - self.n_lines
 
     @property
     def n_nodes(self) -> tuple[int, ...]:
-        """Along each axis."""
+        """Number of nodes along each axis."""
         return tuple(axis.size for axis in self.axes)
 
     @property
     def n_bytes(self) -> int:
-        """Of its arrays."""
+        """Size of the arrays in bytes."""
         return sum(a.nbytes for a in (*self.axes, self.rows, self.power, self.frequency_hz, self.per_mm))
 
     @cached_property
     def nodes(self) -> Grid:
-        """Rows and w(power) over warped axes: what a renderer reads."""
-        power = np.maximum(self.power, LEAST_POWER) if self.scale == "log" else self.power
-        values = np.concatenate([self.rows, warped(power, self.scale)[..., np.newaxis]], axis=-1)
-        axes = tuple(warped(axis, self.scale) for axis in self.axes)
+        """Rows and w(power) over warped axes, as read by the renderers."""
+        power = np.maximum(self.power, MIN_POWER) if self.scale == "log" else self.power
+        values = np.concatenate([self.rows, warp(power, self.scale)[..., np.newaxis]], axis=-1)
+        axes = tuple(warp(axis, self.scale) for axis in self.axes)
         return Grid(axes, values.reshape(self.power.size, -1))
 
     def operations(self, fs: float) -> float:
-        """Return multiplications and additions per sample of one contact; see `operations`."""
+        """Return the multiplications and additions per sample of one contact; see `operations`."""
         return operations(self.order, self.n_lines, fs)
 
     def at(self, *points: ArrayLike) -> tuple[Samples, Samples]:
-        """Return rows (n, order + n_lines) and power (n,) at points, one array of shape (n,) an axis."""
-        found = self.nodes.at_warped(np.column_stack([warped(point, self.scale) for point in points]))
-        w = found[:, -1]
-        return found[:, :-1], np.exp(w) if self.scale == "log" else w**2
+        """Interpolate at points, one array (n,) per axis; return rows (n, order + n_lines) and power (n,)."""
+        values = self.nodes.at_warped(np.column_stack([warp(point, self.scale) for point in points]))
+        w = values[:, -1]
+        return values[:, :-1], np.exp(w) if self.scale == "log" else w**2
 
 
-def renewal(fs: float) -> int:
-    """Return the samples from one renewal of the parameters between the nodes to the next, 1000 a second.
+def update_interval(fs: float) -> int:
+    """Return the number of samples between two updates of the interpolated parameters (1000 per second).
 
-    The level is renewed at each sample.
+    The level is updated at each sample.
     """
     return max(1, round(fs / 1000))
 
 
 def operations(order: int, n_lines: int, fs: float) -> float:
-    """Return multiplications and additions per sample of one contact, renewals spread over the samples.
+    """Return the multiplications and additions per sample of one contact, updates included.
 
-    6 p for a lattice of order p and 21 p a renewal; 18 n for n lines and 12 n a renewal; 70 for speed, force,
-    level and noise of any that sounds. A logarithm, exponential, root or cosine counts 10.
+    A lattice of order p needs 6 p per sample and 21 p per update; n lines need 18 n and 12 n. Speed, force,
+    level and noise add 70 unless the model is silent. A logarithm, exponential, root or cosine counts as 10.
     """
     if order + n_lines == 0:
         return 0.0
-    return 70 + order * (6 + 21 / renewal(fs)) + n_lines * (18 + 12 / renewal(fs))
+    return 70 + order * (6 + 21 / update_interval(fs)) + n_lines * (18 + 12 / update_interval(fs))
 
 
-def warped(values: ArrayLike, scale: Scale = "log") -> Samples:
-    """Return w(values), over which what lies between nodes is linear: ln x, or sign(x) sqrt(|x|)."""
+def warp(values: ArrayLike, scale: Scale = "log") -> Samples:
+    """Return w(values), the scale on which interpolation is linear: ln x, or sign(x) sqrt(|x|)."""
     x = np.asarray(values, dtype=np.float64)
     return np.asarray(np.log(x) if scale == "log" else np.sign(x) * np.sqrt(np.abs(x)))
 
 
-def shares(axes: Sequence[ArrayLike], points: Sequence[ArrayLike], scale: Scale = "log") -> Samples:
-    """Return the shares of the nodes at points: multilinear over warped axes, held at the outermost nodes.
+def interpolation_weights(
+    axes: Sequence[ArrayLike], points: Sequence[ArrayLike], scale: Scale = "log"
+) -> Samples:
+    """Return the multilinear interpolation weights of all nodes at each point.
 
     Parameters
     ----------
     axes : sequence of array_like of shape (n_nodes,)
-        See `GridModel`.
+        Axes as in `GridModel`.
     points : sequence of array_like of shape (n,)
-        One array an axis.
+        Coordinates of the points, one array per axis.
     scale : {"log", "root"}
-        Which w.
+        Warping w of the axes (default "log").
 
     Returns
     -------
     ndarray of shape (n, product of n_nodes)
-        Rows sum to 1; the nodes of the last axis stand together.
+        Weights in C order of the nodes; each row sums to 1.
     """
-    nodes = Grid(tuple(warped(axis, scale) for axis in axes), np.eye(math.prod(map(np.size, axes))))
-    return nodes.at_warped(np.column_stack([warped(point, scale) for point in points]))
+    nodes = Grid(tuple(warp(axis, scale) for axis in axes), np.eye(math.prod(map(np.size, axes))))
+    return nodes.at_warped(np.column_stack([warp(point, scale) for point in points]))
 
 
-def mixed_power(share: Samples, power: ArrayLike) -> Samples:
-    """Return the powers at points, shares (n, n_nodes) of those of the nodes (n_nodes, ...): ln P mixes."""
-    return np.asarray(np.exp(np.tensordot(share, np.log(np.maximum(power, LEAST_POWER)), axes=1)))
+def interpolate_power(weights: Samples, power: ArrayLike) -> Samples:
+    """Interpolate the logarithm of node powers (n_nodes, ...) with weights (n, n_nodes); return powers."""
+    return np.asarray(np.exp(np.tensordot(weights, np.log(np.maximum(power, MIN_POWER)), axes=1)))
 
 
-def likeliest_logarithms(H: Samples, power: Samples, tie: ArrayLike = 0.0) -> Samples:
-    """Return the theta (n,) for which the powers P_i about exp(H theta) are likeliest.
+def fit_gamma_regression(H: Samples, power: Samples, penalty: ArrayLike = 0.0) -> Samples:
+    """Return the theta (n,) of a gamma regression with logarithmic link, E[P] = exp(H theta).
 
-    Estimates of a power scatter about it as gamma variables: a regression with logarithmic link, by scoring::
+    Estimates of a power follow a gamma distribution about its true value. Fisher scoring::
 
         theta <- theta + (H'H + T)^-1 (H' (P / M - 1) - T theta),    M = exp(H theta)
 
     Parameters
     ----------
     H : ndarray of shape (n_points, n)
+        Design matrix.
     power : ndarray of shape (n_points,)
-        P, above 0.
-    tie : array_like of shape (n, n) or ()
-        T, what holds theta where no point does.
+        Power P, above 0.
+    penalty : array_like of shape (n, n) or ()
+        Quadratic penalty T on theta (default 0).
 
     References
     ----------
     McCullagh, Nelder, "Generalized linear models", 1989, chapter 8.
     """
-    T = np.broadcast_to(tie, (H.shape[1], H.shape[1]))
+    T = np.broadcast_to(penalty, (H.shape[1], H.shape[1]))
     solve = np.linalg.pinv(H.T @ H + T)
     theta = solve @ (H.T @ np.log(power))
-    for _ in range(12):  # it has settled to 1e-3 after about 8
+    for _ in range(12):  # it converges to 1e-3 after about 8
         step = np.minimum(power * np.exp(-H @ theta) - 1, 2.0)
         theta = theta + solve @ (H.T @ step - T @ theta)
     return np.asarray(theta)
@@ -262,7 +279,7 @@ def likeliest_logarithms(H: Samples, power: Samples, tie: ArrayLike = 0.0) -> Sa
 
 @njit(cache=True, error_model="numpy")
 def cell(nodes, x):  # type: ignore[no-untyped-def]
-    """Return the node below x, the one above, and the share of the latter; held at both ends, all warped."""
+    """Return the nodes below and above x and the weight of the latter, all warped; constant at both ends."""
     last = nodes.size - 1
     if last == 0 or x <= nodes[0]:
         return 0, 0, 0.0
@@ -276,17 +293,17 @@ def cell(nodes, x):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _mix(axes, points, values, out):  # type: ignore[no-untyped-def]
-    """Add the values of the corners around each point, each with its share."""
+    """Add the values at the corners of the cell of each point, weighted by linear interpolation."""
     n = len(axes)
-    below, above, share = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
+    below, above, fraction = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
     for t in range(len(points)):
         for i in range(n):
-            below[i], above[i], share[i] = cell(axes[i], points[t, i])
+            below[i], above[i], fraction[i] = cell(axes[i], points[t, i])
         for corner in range(1 << n):
             weight, node = 1.0, 0
             for i in range(n):
                 up = (corner >> i) & 1
-                weight *= share[i] if up else 1.0 - share[i]
+                weight *= fraction[i] if up else 1.0 - fraction[i]
                 node = node * axes[i].size + (above[i] if up else below[i])
             if weight > 0.0:
                 for m in range(out.shape[1]):

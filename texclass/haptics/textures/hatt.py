@@ -1,4 +1,4 @@
-"""A texture of ARMA models, one at each node of a mesh of speeds and forces, and how it is rendered.
+"""Textures of ARMA models at the nodes of a triangulated mesh of speeds and forces (HaTT).
 
 With white noise e of unit variance the states b_m of the normalised lattice of A are uncorrelated and of unit
 variance, b_m = prod_{j > m} c_j Ã_m / A e, where Ã_m(z) = z^-m A_m(1/z). Expanding the MA part in them,
@@ -6,7 +6,7 @@ variance, b_m = prod_{j > m} c_j Ã_m / A e, where Ã_m(z) = z^-m A_m(1/z). Expa
     C(z) = sum_m nu_m prod_{j > m} c_j Ã_m(z),    C / A e = sum_m nu_m b_m,
 
 gives a filter (Gray and Markel, "Digital lattice and ladder filter synthesis", 1973) whose states stay
-bounded and whose output has the RMS |nu| at every sample, even while k and nu move.
+bounded and whose output has the RMS |nu| at every sample, even while k and nu change.
 """
 
 from dataclasses import dataclass
@@ -24,32 +24,32 @@ from texclass.recording import Samples
 from texclass.signals import positive
 from texclass.vibration import line_spectrum
 
-LIMIT = 8.0
-"""Rendered samples are held within this times the RMS of the loudest node."""
-LARGEST_ORDER = 1000
-MOST_WORK = 500_000_000
-"""Largest n_nodes (p^2 + q^2): a hostile file ends within seconds."""
-MOST_TRIANGLES = 20_000
-"""All are looked at for each point."""
+PEAK_FACTOR = 8.0
+"""Bound of rendered samples, as a multiple of the RMS of the loudest node."""
+MAX_ORDER = 1000
+MAX_WORK = 500_000_000
+"""Largest n_nodes (p^2 + q^2), so that the checks of any file end within seconds."""
+MAX_TRIANGLES = 20_000
+"""Largest number of triangles; all of them are searched for each point."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Nodes and triangles. Frozen; its arrays are read-only.
+    """A triangle mesh over speed and force. Frozen; its arrays are read-only.
 
     Parameters
     ----------
     speed : array_like of shape (n_nodes,)
-        mm/s, at least 0.
+        Speed of the nodes in mm/s, at least 0.
     force : array_like of shape (n_nodes,)
-        N, at least 0.
+        Force of the nodes in N, at least 0.
     triangles : array_like of shape (n_triangles, 3)
-        Nodes at the corners, counted from 0; at least one triangle, none without an area.
+        Indices of the nodes at the corners, from 0; at least one triangle, each with an area.
 
     Raises
     ------
     ValueError
-        If a shape does not fit or a rule is broken; the message names which.
+        If a shape or a value is not valid.
     """
 
     speed: Samples
@@ -60,78 +60,93 @@ class Mesh:
         freeze(self, speed=("n_nodes",), force=("n_nodes",), triangles=("n_triangles", 3))
         for name in ("speed", "force"):
             if np.any(getattr(self, name) < 0):
-                raise ValueError(f"{name} of a node is {getattr(self, name).min()}. Expected >= 0")
-        n, found = self.speed.size, self.triangles
-        if not 0 < len(found) <= MOST_TRIANGLES:
+                raise ValueError(f"{name} of the nodes must be at least 0, got {getattr(self, name).min()}")
+        n, indices = self.speed.size, self.triangles
+        if not 0 < len(indices) <= MAX_TRIANGLES:
             raise ValueError(
-                f"triangles have shape {found.shape}. Expected (n, 3), n in 1 ... {MOST_TRIANGLES}"
+                f"triangles must have shape (n, 3), n in 1 ... {MAX_TRIANGLES}, got {indices.shape}"
             )
-        wrong = ~((found >= 0) & (found < n) & (found == np.floor(found)))
-        if wrong.any():
-            raise ValueError(f"a corner is node {found[wrong][0]:g} of {n}. Expected one of them")
-        corners = found.astype(np.int64)
+        is_invalid = ~((indices >= 0) & (indices < n) & (indices == np.floor(indices)))
+        if is_invalid.any():
+            raise ValueError(f"triangles must index the {n} nodes from 0, got {indices[is_invalid][0]:g}")
+        corners = indices.astype(np.int64)
         corners.setflags(write=False)
         object.__setattr__(self, "triangles", corners)
         flat = np.flatnonzero(~(np.abs(_doubled_areas(self.points[corners])) > 1e-12))
         if flat.size:
-            raise ValueError(f"triangle {flat[0]} {corners[flat[0]].tolist()} has no area. Expected one")
+            raise ValueError(
+                f"triangles must have an area, got triangle {flat[0]} {corners[flat[0]].tolist()}"
+            )
 
     @cached_property
     def points(self) -> Samples:
-        """Nodes (n_nodes, 2) as shares of the largest speed and the largest force."""
+        """Nodes (n_nodes, 2) as fractions of the largest speed and the largest force."""
         return np.column_stack([self.speed, self.force]) / self.largest
 
     @cached_property
     def largest(self) -> tuple[float, float]:
-        """Largest speed (mm/s) and force (N) of a node; 1 where all are 0."""
+        """Largest speed (mm/s) and force (N) of the nodes; 1 where all are 0."""
         return float(self.speed.max(initial=0.0)) or 1.0, float(self.force.max(initial=0.0)) or 1.0
 
     def weights(self, speed: ArrayLike, force: ArrayLike) -> tuple[NDArray[np.int64], Samples]:
-        """Return three nodes and their barycentric coordinates (at least 0, 1 in sum) at each point.
+        """Return three nodes and their barycentric weights (at least 0, sum 1) at each point.
 
-        Outside all triangles they are those of the nearest point of an edge, in the plane of `points`.
+        Outside all triangles these belong to the nearest point on an edge, in the plane of `points`.
 
         Parameters
         ----------
         speed, force : array_like of shape (...)
-            mm/s and N.
+            Speed in mm/s and force in N.
 
         Returns
         -------
         nodes : ndarray of int, shape (..., 3)
         weights : ndarray of shape (..., 3)
         """
-        at = np.stack([np.ravel(speed), np.ravel(force)], axis=1) / self.largest
-        nodes, weights = np.zeros((len(at), 3), dtype=np.int64), np.zeros((len(at), 3))
-        _locate(at, self.points, self.triangles, nodes, weights)
+        query = np.stack([np.ravel(speed), np.ravel(force)], axis=1) / self.largest
+        nodes, weights = np.zeros((len(query), 3), dtype=np.int64), np.zeros((len(query), 3))
+        _locate(query, self.points, self.triangles, nodes, weights)
         shape = (*np.shape(speed), 3)
         return nodes.reshape(shape), weights.reshape(shape)
 
 
 def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.int64]]:
-    """Return the Delaunay triangulation of models and of the border around them, and whose model a node has.
+    """Triangulate models and a border around them; return the mesh and the index of the model of each node.
 
-    The border is the rectangle from rest to the largest speed and force, six nodes a side; each takes
-    the model of the nearest given point. The published files have it too: their renderer walks through the
-    triangles of that rectangle and leaves it nowhere.
+    The border is the rectangle from rest to the largest speed and force, six nodes per side. Each border node
+    takes the model of the nearest point. The published files have the same border: their renderer never
+    leaves this rectangle.
 
     Parameters
     ----------
     speed, force : array_like of shape (n,)
-        Of the models, mm/s and N, at least 0, the largest of each above 0; n at least 1.
+        Speed (mm/s) and force (N) of the models, at least 0, the largest of each above 0; n at least 1.
 
     Returns
     -------
     mesh : Mesh
-        The given points come first.
+        Mesh whose first n nodes are the given points.
     source : ndarray of int, shape (n_nodes,)
-        Whose model each node has.
+        Index of the model of each node.
 
     Raises
     ------
     ValueError
-        If a value is not finite, negative, or the largest speed or force is 0.
+        If a value is negative or not finite, or the largest speed or force is 0.
+
+    Examples
+    --------
+    >>> mesh, source = triangulate([50.0, 150.0], [1.0, 2.0])
+    >>> mesh.speed.size, source[:2].tolist()
+    (21, [0, 1])
     """
+    points = np.column_stack([np.ravel(speed), np.ravel(force)]).astype(np.float64)
+    top = points.max(axis=0, initial=0.0)
+    if not (np.all(np.isfinite(points) & (points >= 0)) and np.all(top > 0)):
+        raise ValueError(
+            f"speeds and forces must be finite and at least 0, the largest above 0, got maxima {top.tolist()}"
+        )
+    scaled = points / top
     given = np.column_stack([np.ravel(speed), np.ravel(force)]).astype(np.float64)
     top = given.max(axis=0, initial=0.0)
     if not (np.all(np.isfinite(given) & (given >= 0)) and np.all(top > 0)):
@@ -141,14 +156,14 @@ def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.in
     scaled = given / top
     side = np.linspace(0.0, 1.0, 6)
     border = np.array([(x, y) for x in side for y in side if x in (0.0, 1.0) or y in (0.0, 1.0)])
-    away = np.linalg.norm(border[:, np.newaxis] - scaled, axis=2)
-    new = away.min(axis=1) > 1e-6
-    source = np.concatenate([np.arange(len(given)), away[new].argmin(axis=1)])
-    points = np.concatenate([scaled, border[new]])
-    triangles = Delaunay(points).simplices
-    sound = np.abs(_doubled_areas(points[triangles])) > 1e-9
-    nodes = np.concatenate([given, border[new] * top])
-    return Mesh(nodes[:, 0], nodes[:, 1], triangles[sound].astype(np.int64)), source
+    distance = np.linalg.norm(border[:, np.newaxis] - scaled, axis=2)
+    is_new = distance.min(axis=1) > 1e-6
+    source = np.concatenate([np.arange(len(points)), distance[is_new].argmin(axis=1)])
+    scaled_nodes = np.concatenate([scaled, border[is_new]])
+    triangles = Delaunay(scaled_nodes).simplices
+    has_area = np.abs(_doubled_areas(scaled_nodes[triangles])) > 1e-9
+    nodes = np.concatenate([points, border[is_new] * top])
+    return Mesh(nodes[:, 0], nodes[:, 1], triangles[has_area].astype(np.int64)), source
 
 
 def _doubled_areas(corners: Samples) -> Samples:
@@ -157,10 +172,10 @@ def _doubled_areas(corners: Samples) -> Samples:
 
 
 @njit(cache=True, error_model="numpy")
-def _locate(at, points, triangles, nodes, weights):  # type: ignore[no-untyped-def]
-    """Write the nodes and weights at each place: inside a triangle, or on the nearest edge."""
-    for i in range(len(at)):
-        (x, y), nearest = at[i], np.inf
+def _locate(query, points, triangles, nodes, weights):  # type: ignore[no-untyped-def]
+    """Write the nodes and weights at each query point: inside a triangle, or on the nearest edge."""
+    for i in range(len(query)):
+        (x, y), nearest = query[i], np.inf
         for a, b, c in triangles:
             (ax, ay), (bx, by), (cx, cy) = points[a], points[b], points[c]
             area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
@@ -183,33 +198,33 @@ def _locate(at, points, triangles, nodes, weights):  # type: ignore[no-untyped-d
 
 @dataclass(frozen=True, eq=False)
 class HattTexture(Texture):
-    """ARMA models at nodes of speed and force; between them line spectra, variance and gain go linearly.
+    """ARMA models at nodes of speed and force; between them line spectra, variance and gain are linear.
 
-    At each node y = -sum_i a_i y[t-i] + gain (e[t] + sum_i c_i e[t-i]) with white noise e of its variance.
+    At each node y = -sum_i a_i y[t-i] + gain (e[t] + sum_i c_i e[t-i]), with white noise e.
 
     Parameters
     ----------
     mesh : Mesh
         Nodes in mm/s and N, and triangles.
     ar_lsf : array_like of shape (n_nodes, p)
-        Line spectral frequencies of A, rad per sample, strictly increasing, in (0, pi).
+        Line spectral frequencies of A in rad per sample, strictly increasing, in (0, pi).
     ma_lsf : array_like of shape (n_nodes, q)
-        Of C, the same rule; q may be 0.
+        Line spectral frequencies of C, in the same form; q may be 0.
     variance : array_like of shape (n_nodes,)
-        Of the noise e, (m/s^2)^2, at least 0.
+        Variance of the noise e in (m/s^2)^2, at least 0.
     gain : array_like of shape (n_nodes,)
-        Of the MA part, at least 0.
+        Gain of the MA part, at least 0.
     fs : float
-        Hz; the published textures have 1000 Hz.
+        Sampling rate in Hz (1000 in the published textures).
     name : str, optional
-        Of the surface.
+        Name of the surface.
     mu : float
-        Coefficient of kinetic friction, at least 0.
+        Coefficient of kinetic friction, at least 0 (default 0).
 
     Raises
     ------
     ValueError
-        If a shape does not fit or a rule is broken; the message names which.
+        If a shape or a value is not valid.
 
     References
     ----------
@@ -218,9 +233,19 @@ class HattTexture(Texture):
 
     Notes
     -----
-    Our readings: outside the triangles the nearest point of an edge holds; at rest and without contact it is
-    silent, whatever the nodes say; parameters glide from one aim to the next, 10 ms later; the lattice
-    replaces the direct form, whose changing coefficients are bounded by nothing.
+    Our readings:
+
+    - Outside the triangles the nearest point on an edge is used.
+    - At rest and without contact the texture is silent, whatever the models of the nodes.
+    - Parameters reach their new values linearly within 10 ms.
+    - The lattice replaces the direct form, whose output is not bounded while its coefficients change.
+
+    Examples
+    --------
+    >>> texture = HattTexture.from_models([100.0], [1.0], [[1.0, 2.0]], [0.25], fs=1000.0)
+    >>> k, taps = texture.at(100.0, 1.0)
+    >>> k.round(3).tolist(), texture.at(0.0, 1.0)[1].tolist()
+    ([-0.119, 0.044], [0.0])
     """
 
     family: ClassVar[str] = "hatt"
@@ -238,25 +263,30 @@ class HattTexture(Texture):
         freeze(self, ar_lsf=(*nodes, "p"), ma_lsf=(*nodes, "q"), variance=nodes, gain=nodes)
         positive(self.fs, "fs")
         p, q = self.order, self.ma_order
-        if not (1 <= p <= LARGEST_ORDER and q <= LARGEST_ORDER):
-            raise ValueError(f"orders are {p} (AR) and {q} (MA). Expected 1 ... and 0 ... {LARGEST_ORDER}")
-        if n * (p**2 + q**2) > MOST_WORK:
-            raise ValueError(f"{n} nodes of orders {p} and {q}. Expected n (p^2 + q^2) <= {MOST_WORK}")
+        if not (1 <= p <= MAX_ORDER and q <= MAX_ORDER):
+            raise ValueError(
+                f"the AR order must be 1 to {MAX_ORDER} and the MA order 0 to {MAX_ORDER}, got {p}, {q}"
+            )
+        if n * (p**2 + q**2) > MAX_WORK:
+            raise ValueError(
+                f"n_nodes (p^2 + q^2) must be at most {MAX_WORK}, got {n} nodes of orders {p} and {q}"
+            )
         for name in ("mu", "variance", "gain"):
             lowest = np.min(getattr(self, name))
             if not 0 <= lowest < np.inf:
-                raise ValueError(f"{name} is {lowest}. Expected a finite number of at least 0 (at each node)")
+                raise ValueError(f"{name} must be finite and at least 0, got {lowest}")
         for name in ("ar_lsf", "ma_lsf")[: 2 if q else 1]:
             gaps = np.diff(getattr(self, name), axis=1, prepend=0.0, append=np.pi)
             narrow = np.argwhere(gaps < line_spectrum.MIN_GAP)
             if narrow.size:
                 node, i = narrow[0]
                 raise ValueError(
-                    f"{name} of node {node} has a gap of {gaps[node, i]:.3g} at place {i}. Expected "
-                    f"rising in (0, pi), gaps of at least {line_spectrum.MIN_GAP:g} rad: a stable model"
+                    f"{name} of node {node} has a gap of {gaps[node, i]:.3g} rad at position {i}. Expected "
+                    f"values that increase in (0, pi) with gaps of at least {line_spectrum.MIN_GAP:g} rad, "
+                    "so that the model is stable"
                 )
         if not np.all(np.isfinite(self.levels)):
-            raise ValueError("the RMS of a node exceeds a float. Expected a finite one")
+            raise ValueError("the RMS of each node must be finite, got infinity")
 
     @classmethod
     def from_models(
@@ -272,24 +302,24 @@ class HattTexture(Texture):
         name: str = "",
         mu: float = 0.0,
     ) -> Self:
-        """Return the texture of models at any speeds and forces, triangulated, silent at rest.
+        """Return the texture of models at any speeds and forces, triangulated and silent at rest.
 
         Parameters
         ----------
         speed, force : array_like of shape (n,)
-            mm/s and N, of each model.
+            Speed (mm/s) and force (N) of each model.
         ar_lsf : array_like of shape (n, p)
-            Line spectral frequencies, rad per sample.
+            Line spectral frequencies in rad per sample.
         variance : array_like of shape (n,)
-            Of the innovation.
+            Variance of the innovation.
         fs : float
-            Hz.
+            Sampling rate in Hz.
         ma_lsf : array_like of shape (n, q), optional
-            None by default: AR models.
+            Line spectral frequencies of the MA part (default: pure AR models).
         gain : array_like of shape (n,), optional
-            Of the MA part, 1 by default.
+            Gain of the MA part (default 1).
         name, mu
-            As for the class.
+            Name and friction, as for the class.
 
         Raises
         ------
@@ -301,19 +331,23 @@ class HattTexture(Texture):
         ma = np.zeros((len(ar), 0)) if ma_lsf is None else np.asarray(ma_lsf, dtype=np.float64)
         g = np.ones(len(ar)) if gain is None else np.asarray(gain, dtype=np.float64)
         if {ar.shape[:1], ma.shape[:1], s2.shape, g.shape} != {np.shape(np.ravel(speed))}:
-            raise ValueError(f"ar_lsf has shape {ar.shape}, variance {s2.shape}. Expected one row a speed")
-        touching = (mesh.speed > 0) & (mesh.force > 0)
-        silent = np.where(touching, s2[source], 0.0)
+            raise ValueError(
+                "speed, ar_lsf, variance, ma_lsf and gain must have the same length, "
+                f"got {np.size(speed)} speeds, ar_lsf {ar.shape}, variance {s2.shape}, ma_lsf {ma.shape}, "
+                f"gain {g.shape}"
+            )
+        is_stroke = (mesh.speed > 0) & (mesh.force > 0)
+        silent = np.where(is_stroke, s2[source], 0.0)
         return cls(mesh, ar[source], ma[source], silent, g[source], fs, name, mu)
 
     @cached_property
     def speeds(self) -> Samples:
-        """Speeds of the nodes that move, mm/s."""
+        """Nonzero speeds of the nodes in mm/s, increasing."""
         return np.unique(self.mesh.speed[self.mesh.speed > 0])
 
     @cached_property
     def forces(self) -> Samples:
-        """Forces of the nodes in contact, N."""
+        """Nonzero forces of the nodes in N, increasing."""
         return np.unique(self.mesh.force[self.mesh.force > 0])
 
     @property
@@ -328,18 +362,18 @@ class HattTexture(Texture):
 
     @property
     def hop(self) -> int:
-        """Samples between two aims of the parameters: 10 ms, as in the toolkit."""
+        """Number of samples between two updates of the parameters: 10 ms, as in the toolkit."""
         return max(1, round(0.01 * self.fs))
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample: lattice, ladder, the glide, and each aim by its hop."""
+        """Multiplications and additions per sample: lattice, ladder, linear moves and updates."""
         p, q = max(self.order, self.ma_order), self.ma_order
         return 11.0 * p + 4.0 * (q + 1) + (4.0 * self.order**2 + 7.0 * q**2) / self.hop
 
     @cached_property
     def levels(self) -> Samples:
-        """RMS of the vibration at each node, m/s^2, shape (n_nodes,)."""
+        """RMS of the vibration at each node in m/s^2, shape (n_nodes,)."""
         with np.errstate(over="ignore", invalid="ignore"):
             level = self.gain * np.sqrt(self.variance)
             return np.asarray(np.linalg.norm(_filters(self.ar_lsf, self.ma_lsf, level)[1], axis=1))
@@ -350,50 +384,52 @@ class HattTexture(Texture):
         Returns
         -------
         reflection : ndarray of shape (max(p, q),)
-            Of A, zeros beyond p.
+            Reflection coefficients of A, zeros beyond p.
         taps : ndarray of shape (q + 1,)
-            nu_m in m/s^2; their norm is the RMS. Zeros at rest and without contact.
+            Weights nu_m in m/s^2; their norm is the RMS. Zeros at rest and without contact.
         """
-        k, taps = self._read(np.array([[speed, 0.0]]), np.array([force]))
+        k, taps = self._parameters(np.array([[speed, 0.0]]), np.array([force]))
         return k[0], taps[0]
 
-    def _read(self, velocity: Samples, force: Samples) -> tuple[Samples, Samples]:
+    def _parameters(self, velocity: Samples, force: Samples) -> tuple[Samples, Samples]:
         """Return reflection coefficients (n, max(p, q)) and taps (n, q + 1) at velocities and forces."""
         speed = np.hypot(velocity[:, 0], velocity[:, 1])
         nodes, weights = self.mesh.weights(speed, np.maximum(force, 0.0))
 
-        def mixed(values: Samples) -> Samples:
+        def interpolate(values: Samples) -> Samples:
             return np.asarray(np.einsum("ni,ni...->n...", weights, values[nodes]))
 
-        level = np.where((speed > 0) & (force > 0), mixed(self.gain) * np.sqrt(mixed(self.variance)), 0.0)
-        return _filters(mixed(self.ar_lsf), mixed(self.ma_lsf), level)
+        level = np.where(
+            (speed > 0) & (force > 0), interpolate(self.gain) * np.sqrt(interpolate(self.variance)), 0.0
+        )
+        return _filters(interpolate(self.ar_lsf), interpolate(self.ma_lsf), level)
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer at rest, silent there and without contact; the seed is that of the noise."""
+        """Return a renderer at rest, which is silent at rest and without contact; `seed` sets the noise."""
         return MotionRenderer(
-            lambda course: self._read(course[:, :2], course[:, 2]),
+            lambda motion: self._parameters(motion[:, :2], motion[:, 2]),
             fs=self.fs,
             order=max(self.order, self.ma_order),
             n_taps=self.ma_order + 1,
             hop=self.hop,
-            limit=LIMIT * float(self.levels.max()),
+            limit=PEAK_FACTOR * float(self.levels.max()),
             seed=seed,
         )
 
 
 def _filters(ar_lsf: Samples, ma_lsf: Samples, level: Samples) -> tuple[Samples, Samples]:
-    """Return k (n, max(p, q)) and nu (n, q + 1) of line spectra (n, p), (n, q) and noise of a level (n,)."""
+    """Return k (n, max(p, q)) and nu (n, q + 1) from line spectra (n, p), (n, q) and noise levels (n,)."""
     p, q = ar_lsf.shape[1], ma_lsf.shape[1]
     k, nu = np.zeros((level.size, max(p, q))), np.zeros((level.size, q + 1))
     k[:, :p] = line_spectrum.to_reflection(ar_lsf)
-    # of one kind of array with and without an MA part: another would be compiled for by itself
+    # the same memory layout with and without an MA part, because a second one would be compiled separately
     _ladder(k, line_spectrum.to_reflection(ma_lsf) if q else np.zeros((level.size, 0)), level, nu)
     return k, nu
 
 
 @njit(cache=True, error_model="numpy")
 def _ladder(k, numerator, level, nu):  # type: ignore[no-untyped-def]
-    """Write the taps nu (n, q + 1) of lattices k (n, q or more), MA parts (n, q) and levels of noise (n,)."""
+    """Write the taps nu (n, q + 1) of lattices k (n, q or more), MA parts (n, q) and noise levels (n,)."""
     q = numerator.shape[1]
     for row in range(level.size):
         A, rest = _polynomials(k[row], q), _polynomials(numerator[row], q)[q]
@@ -409,7 +445,7 @@ def _ladder(k, numerator, level, nu):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _polynomials(k, q):  # type: ignore[no-untyped-def]
-    """Return A_0 ... A_q of the reflection coefficients k, one a row: a_i + k_m a_{m-i}."""
+    """Return A_0 ... A_q of the reflection coefficients k, one per row: a_i + k_m a_{m-i}."""
     A = np.zeros((q + 1, q + 1))
     A[0, 0] = 1.0
     for m in range(1, q + 1):

@@ -1,11 +1,11 @@
-"""The renderer of every texture whose parameters are a function of the motion, and the kernels of a sample.
+"""Rendering of textures whose parameters are a function of the motion, and the kernels of one sample.
 
-A sample is the sum of a lattice filter's states and of oscillators::
+A sample is a weighted sum of the states of a lattice filter plus a sum of oscillators::
 
     y = sum_m nu_m b_m + sum_j a_j cos(phase_j)
 
-with b_m the states of a lattice of reflection coefficients k, driven by white noise. `lattice` and
-`oscillators` are also those of planned scenes (`texclass.haptics.scene.render_kernels`).
+with b_m the states of a lattice with reflection coefficients k, driven by white noise. Planned scenes use the
+same kernels `lattice` and `oscillators` (`texclass.haptics.scene.render_kernels`).
 """
 
 from collections.abc import Callable
@@ -18,20 +18,22 @@ from texclass.recording import Samples
 from texclass.vibration.lattice import turn
 
 SHRINK = 1 - 2 * float(np.finfo(np.float64).eps)
-"""Takes from each rotation more than its rounding may add."""
+"""Factor on each rotation of the lattice: it removes more than rounding adds, so that states stay bounded."""
+MAX_BLOCK = 4096
+"""Number of samples whose parameters are held in memory at a time."""
 
-Read = Callable[[Samples], tuple[Samples, Samples]]
+ParameterMap = Callable[[Samples], tuple[Samples, Samples]]
 
 
-def checked_path(velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
+def check_path(velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
     """Return a path as contiguous float64 arrays.
 
     Parameters
     ----------
     velocity : array_like of shape (n, 2)
-        mm/s.
+        Velocity in mm/s.
     force : array_like of shape (n,)
-        N.
+        Normal force in N.
 
     Raises
     ------
@@ -41,71 +43,83 @@ def checked_path(velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Sample
     v = np.ascontiguousarray(velocity, dtype=np.float64)
     f = np.ascontiguousarray(force, dtype=np.float64)
     if f.ndim != 1 or v.shape != (f.size, 2):
-        raise ValueError(f"velocity has shape {v.shape}, force {f.shape}. Expected (n, 2) and (n,)")
+        raise ValueError(f"velocity and force must have shapes (n, 2) and (n,), got {v.shape} and {f.shape}")
     if not _all_finite(v, f):
-        raise ValueError("the path holds NaN or infinity. Expected finite velocities and forces")
+        raise ValueError("velocity and force must be finite, got NaN or infinity")
     return v, f
 
 
 @njit(cache=True, error_model="numpy")
 def _all_finite(velocity: Samples, force: Samples) -> bool:
-    """Return whether neither holds NaN or infinity, in a tenth of NumPy's time for one sample."""
+    """Return whether all values are finite, ten times faster than NumPy for one sample."""
     for t in range(force.size):
         if not (np.isfinite(velocity[t, 0]) and np.isfinite(velocity[t, 1]) and np.isfinite(force[t])):
             return False
     return True
 
 
-def velocity_and_force(velocity: Samples, force: Samples) -> Samples:
-    """Return a path as (v_x, v_y, f) with f at least 0, shape (n, 3)."""
+def stack_motion(velocity: Samples, force: Samples) -> Samples:
+    """Return a path as (v_x, v_y, f), shape (n, 3), with negative forces replaced by 0."""
     return np.column_stack([velocity, np.maximum(force, 0.0)])
 
 
 class MotionRenderer:
-    """Plays a map from motion to the parameters of a lattice filter and of oscillators; see `Renderer`.
+    """Render a lattice filter and oscillators whose parameters are a function of the motion; see `Renderer`.
 
-    1. The motion is followed: the course moves towards it by a share of the difference at each sample.
-    2. Every `hop` samples the map is read on the course.
-    3. The parameters glide, sample by sample on a straight line, to what the map says by the next reading (a
-       change is felt one to two hops later), or jump there at once.
+    1. The motion is smoothed by a low-pass filter of first order (`motion_hz`).
+    2. Every `hop` samples the parameters are computed from the smoothed motion.
+    3. The parameters move linearly, sample by sample, to these values, which they reach at the next update (a
+       change of motion takes effect within one to two hops); or they jump at once (`glide=False`).
 
     Parameters
     ----------
-    read : callable
-        From the course (n, d) to `stages` (n, order + n_lines) and `taps` (n, n_taps + n_lines): reflection
-        coefficients k, then steps of the lines, radians per sample; weights nu of the lattice's states (a
-        single one is the level), then amplitudes of the lines.
+    parameter_map : callable
+        Map from the smoothed motion (n, d) to `stages` (n, order + n_lines) and `taps` (n, n_taps + n_lines).
+        Stages are reflection coefficients k, then phase steps of the lines in rad per sample. Taps are
+        weights nu of the lattice states (a single one is the level), then amplitudes of the lines.
     fs : float
-        Hz.
+        Sampling rate in Hz.
     hop : int
-        Samples between readings, at least 1.
+        Number of samples between updates, at least 1.
     limit : float
-        No sample exceeds it in size.
+        Bound of the magnitude of the output.
     seed : int
-        Of the noise that drives the lattice.
+        Seed of the noise that drives the lattice.
     order, n_taps : int
-        Of the lattice; n_taps at most order + 1.
+        Order and number of taps of the lattice; n_taps is at most order + 1.
     phase : array_like of shape (n_lines,)
-        Of the lines at the first sample, rad.
+        Phase of the lines at the first sample in rad.
     motion : callable
-        From velocity (n, 2) and force (n,) to what the course follows (n, d); see `velocity_and_force`.
+        Map from velocity (n, 2) and force (n,) to the motion (n, d) (default `stack_motion`).
     start : array_like of shape (d,)
-        Where the course begins; NaN: at the first motion.
+        Initial value of the smoothed motion; NaN starts at the first motion.
     motion_hz : float
-        Bandwidth (first order) with which the motion is followed, so that a jump of it cannot click;
-        infinite: the course is the motion.
+        Bandwidth of the smoothing in Hz, so that a jump of the motion cannot click (default: no smoothing).
     glide : bool
-        False: the parameters jump at each reading and stay until the next.
+        Whether the parameters move linearly between updates (default) instead of jumping.
     factor : callable, optional
-        From the course to what multiplies each sample (n,).
-    n_drawn : int
-        States that begin as those of a vibration that has gone on for ever; the coefficients then glide from
-        those of white noise. 0: it begins with empty states and the coefficients first read.
+        Map from the smoothed motion to a factor (n,) on the output.
+    n_stationary : int
+        Number of lattice states that start with the variance of a stationary vibration; the coefficients then
+        start from those of white noise. With 0 (default), the states start at 0 and the coefficients at their
+        first values.
+
+    Examples
+    --------
+    A tone whose frequency in Hz equals the speed in mm/s:
+
+    >>> def tone(motion):
+    ...     step = 2 * np.pi * motion[:, :1] / 1000
+    ...     return step, np.ones_like(step)
+    >>> renderer = MotionRenderer(tone, fs=1000, hop=1, limit=2, seed=0, n_taps=0, phase=[0.0])
+    >>> y = renderer.process([[250.0, 0.0]] * 4, [1.0] * 4)
+    >>> [round(abs(sample), 3) for sample in y.tolist()]
+    [1.0, 0.0, 1.0, 0.0]
     """
 
     def __init__(
         self,
-        read: Read,
+        parameter_map: ParameterMap,
         *,
         fs: float,
         hop: int,
@@ -114,71 +128,75 @@ class MotionRenderer:
         order: int = 0,
         n_taps: int = 1,
         phase: ArrayLike = (),
-        motion: Callable[[Samples, Samples], Samples] = velocity_and_force,
+        motion: Callable[[Samples, Samples], Samples] = stack_motion,
         start: ArrayLike = (0.0, 0.0, 0.0),
         motion_hz: float = np.inf,
         glide: bool = True,
         factor: Callable[[Samples], Samples] | None = None,
-        n_drawn: int = 0,
+        n_stationary: int = 0,
     ) -> None:
-        self.fs, self._read, self._motion, self._factor = fs, read, motion, factor
+        self.fs, self._parameter_map, self._motion, self._factor = fs, parameter_map, motion, factor
         self._hop, self._limit, self._glide = hop, limit, glide
-        self._share = 1 - float(np.exp(-2 * np.pi * motion_hz / fs))
-        self._rest = seed, n_drawn, np.array(phase, dtype=np.float64), np.array(start, dtype=np.float64)
-        self._order, n_lines = order, self._rest[2].size
+        self._smoothing = 1 - float(np.exp(-2 * np.pi * motion_hz / fs))
+        self._initial = (
+            seed,
+            n_stationary,
+            np.array(phase, dtype=np.float64),
+            np.array(start, dtype=np.float64),
+        )
+        self._order, n_lines = order, self._initial[2].size
         self._stages, self._taps = np.zeros((2, order + n_lines)), np.zeros((2, n_taps + n_lines))
         self._turns, self._b = np.zeros((2, order)), np.zeros(order + 1)
-        self._phase, self._course = self._rest[2].copy(), self._rest[3].copy()
+        self._phase, self._smoothed = self._initial[2].copy(), self._initial[3].copy()
         self.reset()
 
     def reset(self) -> None:
         """Return to rest, with the random numbers and the phases of the first sample."""
-        seed, n_drawn, phase, start = self._rest
+        seed, n_stationary, phase, start = self._initial
         self._rng = np.random.default_rng(seed)
         for state in (self._stages, self._taps, self._b):
             state[...] = 0.0
-        self._b[:n_drawn] = self._rng.standard_normal(n_drawn)
-        self._phase[:], self._course[:] = phase, start
-        self._place, self._has_begun = 0, n_drawn > 0
+        self._b[:n_stationary] = self._rng.standard_normal(n_stationary)
+        self._phase[:], self._smoothed[:] = phase, start
+        self._index, self._has_begun = 0, n_stationary > 0
 
     def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
-        """Return the vibration for the next samples of a path; the position is not used."""
-        v, f = checked_path(velocity, force)
-        at_once = 4096  # samples of a path for which readings are held at a time
-        pieces = [slice(i, i + at_once) for i in range(0, max(f.size, 1), at_once)]
-        played = [self._process(v[piece], f[piece]) for piece in pieces]
-        return played[0] if len(played) == 1 else np.concatenate(played)
+        """Return the vibration for the next samples of a path; the position is ignored."""
+        v, f = check_path(velocity, force)
+        blocks = [slice(i, i + MAX_BLOCK) for i in range(0, max(f.size, 1), MAX_BLOCK)]
+        output = [self._process(v[block], f[block]) for block in blocks]
+        return output[0] if len(output) == 1 else np.concatenate(output)
 
     def _process(self, velocity: Samples, force: Samples) -> Samples:
-        n, place, hop = force.size, self._place, self._hop
-        course = self._motion(velocity, force)
-        _follow(course, self._share, self._course)
-        # of one layout: another one would be compiled for by itself, at the first sample that has it
-        stages, taps = map(np.ascontiguousarray, self._read(course[-place % hop :: hop]))
+        n, index, hop = force.size, self._index, self._hop
+        smoothed = self._motion(velocity, force)
+        _smooth(smoothed, self._smoothing, self._smoothed)
+        # contiguous, because another memory layout would be compiled at the first sample that has it
+        stages, taps = map(np.ascontiguousarray, self._parameter_map(smoothed[-index % hop :: hop]))
         if len(stages) and not self._has_begun:
             self._stages[1], self._has_begun = stages[0], True
         noise = self._rng.standard_normal(n) if self._order else np.zeros(n)
-        factor, out = np.ones(n) if self._factor is None else self._factor(course), np.empty(n)
+        factor, out = np.ones(n) if self._factor is None else self._factor(smoothed), np.empty(n)
         state = self._stages, self._taps, self._turns, self._b, self._phase
-        _play(noise, stages, taps, factor, place, hop, self._glide, *state, self._limit, out)
-        self._place = (place + n) % hop
+        _play(noise, stages, taps, factor, index, hop, self._glide, *state, self._limit, out)
+        self._index = (index + n) % hop
         return out
 
 
 @njit(cache=True, error_model="numpy")
-def _follow(course, share, state):  # type: ignore[no-untyped-def]
-    """Let the state approach each target of the course, and put itself in its place: s += share (x - s)."""
-    for t in range(course.shape[0]):
-        for i in range(course.shape[1]):
+def _smooth(motion, smoothing, state):  # type: ignore[no-untyped-def]
+    """Replace the motion by its low-pass filtered course: s += smoothing (x - s)."""
+    for t in range(motion.shape[0]):
+        for i in range(motion.shape[1]):
             if np.isnan(state[i]):
-                state[i] = course[t, i]
-            state[i] += share * (course[t, i] - state[i])
-            course[t, i] = state[i]
+                state[i] = motion[t, i]
+            state[i] += smoothing * (motion[t, i] - state[i])
+            motion[t, i] = state[i]
 
 
 @njit(cache=True, error_model="numpy")
 def lattice(f, k, c, b):  # type: ignore[no-untyped-def]
-    """Pass a sample f of the noise through a lattice of k and c = sqrt(1 - k^2); return its state b_0."""
+    """Pass one noise sample f through a lattice with k and c = sqrt(1 - k^2); return its state b_0."""
     for m in range(k.size - 1, -1, -1):
         f, b[m + 1] = turn(f, b[m], k[m], c[m])
     b[0] = f
@@ -187,7 +205,7 @@ def lattice(f, k, c, b):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def oscillators(x, amplitude, step, phase):  # type: ignore[no-untyped-def]
-    """Return x + sum_j a_j cos(phase_j), and move the phases; a step of pi is beyond fs / 2, and silent."""
+    """Return x + sum_j a_j cos(phase_j) and advance the phases; lines with a step of pi are silent."""
     for j in range(phase.size):
         if step[j] < np.pi:
             x += amplitude[j] * np.cos(phase[j])
@@ -198,29 +216,29 @@ def oscillators(x, amplitude, step, phase):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _play(  # type: ignore[no-untyped-def]
-    noise, read_stages, read_taps, factor, place, hop, glide, stages, taps, turns, b, phase, limit, out
+    noise, next_stages, next_taps, factor, index, hop, glide, stages, taps, turns, b, phase, limit, out
 ):
-    """Fill `out` while stages and taps move from their first row to their second."""
+    """Render into `out` while stages and taps move from their first row to their second."""
     p, q, row = turns.shape[1], taps.shape[1] - phase.size, 0
-    now_stages, now_taps = stages[1].copy(), taps[1].copy()
+    current_stages, current_taps = stages[1].copy(), taps[1].copy()
     for t in range(noise.size):
-        since = (place + t) % hop
-        if since == 0:
-            stages[0], taps[0] = (stages[1], taps[1]) if glide else (read_stages[row], read_taps[row])
-            stages[1], taps[1] = read_stages[row], read_taps[row]
+        n_since = (index + t) % hop
+        if n_since == 0:
+            stages[0], taps[0] = (stages[1], taps[1]) if glide else (next_stages[row], next_taps[row])
+            stages[1], taps[1] = next_stages[row], next_taps[row]
             row += 1
-        if glide or since == 0 or t == 0:
-            w = (since + 1) / hop if glide else 1.0
-            for m in range(now_stages.size):
-                now_stages[m] = (1.0 - w) * stages[0, m] + w * stages[1, m]
-            for m in range(now_taps.size):
-                now_taps[m] = (1.0 - w) * taps[0, m] + w * taps[1, m]
+        if glide or n_since == 0 or t == 0:
+            w = (n_since + 1) / hop if glide else 1.0
+            for m in range(current_stages.size):
+                current_stages[m] = (1.0 - w) * stages[0, m] + w * stages[1, m]
+            for m in range(current_taps.size):
+                current_taps[m] = (1.0 - w) * taps[0, m] + w * taps[1, m]
             for m in range(p):
-                k = now_stages[m] * SHRINK
+                k = current_stages[m] * SHRINK
                 turns[0, m], turns[1, m] = k, np.sqrt((1.0 - k) * (1.0 + k)) * SHRINK
         lattice(noise[t], turns[0], turns[1], b)
         y = 0.0
         for m in range(q):
-            y += now_taps[m] * b[m]
-        y = factor[t] * oscillators(y, now_taps[q:], now_stages[p:], phase)
+            y += current_taps[m] * b[m]
+        y = factor[t] * oscillators(y, current_taps[q:], current_stages[p:], phase)
         out[t] = min(max(y, -limit), limit)

@@ -1,6 +1,6 @@
-"""Textures of oeztuerk2018, between recordings at a few speeds: LPC models, or major frequencies.
+"""Textures of oeztuerk2018: LPC models or major frequencies at a few speeds, interpolated between them.
 
-How many speeds a surface needs, its friction tells: `speed_intervals`.
+`speed_intervals` returns the number of speeds that a surface needs, from its friction.
 """
 
 from abc import abstractmethod
@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texclass import vibration
-from texclass.haptics.textures.contract import USUAL_N, Texture
+from texclass.haptics.textures.contract import NOMINAL_FORCE_N, Texture
 from texclass.haptics.textures.grid import Grid
-from texclass.haptics.textures.motion_renderer import MotionRenderer, Read
+from texclass.haptics.textures.motion_renderer import MotionRenderer, ParameterMap
 from texclass.recording import Samples
 from texclass.signals import one_channel, positive
 from texclass.vibration import Autoregression, MajorFrequencies, ModelBlend
@@ -24,30 +24,31 @@ from texclass.vibration.interpolation import Loudness
 from texclass.vibration.major_frequencies import interpolate, pairs_closer_than_beats
 
 ORDER = 400
-"""`oeztuerk2018`, figure 3.2: beyond it additional coefficients have minimal benefit."""
+"""Order of the LPC models. `oeztuerk2018`, figure 3.2: more coefficients have minimal benefit."""
 N_FREQUENCIES = 13
-"""`oeztuerk2018`, sections 5.3 and 7: 12 to 14 are enough."""
-STILL = 0.25
-"""Below this part of the slowest recorded speed a texture fades linearly to silence at rest."""
+"""Number of major frequencies. `oeztuerk2018`, sections 5.3 and 7: 12 to 14 are enough."""
+FADE_FRACTION = 0.25
+"""Fraction of the lowest recorded speed below which a texture fades linearly to silence (our choice)."""
 PEAK_FACTOR = 3.0
-"""No rendered sample exceeds this times the largest recorded one: ours, to bound Gaussian noise."""
+"""Bound of rendered samples, as a multiple of the recorded peak: it limits Gaussian noise (our choice)."""
 N_SUB = 16
-"""LPC models laid out between two recorded speeds; between these k moves linearly."""
+"""Number of LPC models computed between two recorded speeds; between these k is linear."""
 BIN_MM_S = 40.0
-"""`oeztuerk2018`, figure 4.2: bins of 4 cm/s."""
+"""Width of a speed interval in mm/s: `oeztuerk2018`, figure 4.2."""
 FRICTION = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 N_INTERVALS = (7, 5, 4, 3, 2, 2)
-"""`oeztuerk2018`, section 4.2: intervals at each of these coefficients."""
-EXTREME = 1.2
-"""From here on 1 interval. The thesis calls its seventh coefficient extreme and does not print it."""
+"""Number of intervals at each of these friction coefficients: `oeztuerk2018`, section 4.2."""
+EXTREME_FRICTION = 1.2
+"""Friction from which one interval is enough. The thesis calls its seventh value extreme and does not
+print it."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpeedTexture(Texture):
-    """A model of one surface at each of a few speeds, and what lies between them.
+    """Models of one surface at a few speeds, with interpolation between them.
 
-    Slower than the slowest and faster than the fastest recording, that one holds (nothing is extrapolated);
-    below `STILL` of the slowest speed the vibration fades to silence at rest. Both are our readings.
+    Outside the range of recorded speeds the nearest recording is used (no extrapolation). Below
+    `FADE_FRACTION` of the lowest speed the vibration fades to silence. Both are our readings.
     """
 
     family: ClassVar[str]
@@ -58,36 +59,36 @@ class SpeedTexture(Texture):
     name: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "speeds", _rising(self.speeds))
+        object.__setattr__(self, "speeds", _check_speeds(self.speeds))
         positive(self.fs, "fs")
         positive(self.peak, "peak")
 
     @cached_property
     def forces(self) -> Samples:
-        """One usual force, N: the models depend on none."""
-        return np.array([USUAL_N])
+        """Nominal force in N; the models do not depend on the force."""
+        return np.array([NOMINAL_FORCE_N])
 
-    def place(self, speed: ArrayLike) -> Samples:
-        """Return where speeds (mm/s) lie among the recorded ones, 0 ... n_speeds - 1, held at both ends."""
+    def fractional_index(self, speed: ArrayLike) -> Samples:
+        """Return the fractional index of speeds (mm/s) among the recorded ones, 0 ... n_speeds - 1."""
         v = np.asarray(speed, dtype=np.float64)
         if not np.all(np.isfinite(v) & (v >= 0)):
-            raise ValueError(f"speed is {speed!r}. Expected a finite number of at least 0")
+            raise ValueError(f"speed must be finite and at least 0 mm/s, got {speed!r}")
         return np.asarray(np.interp(v, self.speeds, np.arange(self.speeds.size)))
 
     @abstractmethod
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
-        """Return the vibration at a constant speed (mm/s), shape (n_samples,); the seed is that of noise."""
+        """Return the vibration at a constant speed (mm/s), shape (n_samples,); `seed` sets the noise."""
 
-    def _rendered(self, read: Read, seed: int, **options: Any) -> MotionRenderer:
-        """Return a renderer that follows (place, loudness): among the speeds, and 0 without contact ... 1."""
+    def _make_renderer(self, parameter_map: ParameterMap, seed: int, **options: Any) -> MotionRenderer:
+        """Return a renderer whose motion is (fractional index of the speed, loudness from 0 to 1)."""
 
         def motion(velocity: Samples, force: Samples) -> Samples:
             speed = np.hypot(velocity[:, 0], velocity[:, 1])
-            loudness = np.minimum(speed / (STILL * self.speeds[0]), 1.0) * (force > 0)
+            loudness = np.minimum(speed / (FADE_FRACTION * self.speeds[0]), 1.0) * (force > 0)
             return np.column_stack([np.interp(speed, self.speeds, np.arange(self.speeds.size)), loudness])
 
         return MotionRenderer(
-            read,
+            parameter_map,
             fs=self.fs,
             limit=PEAK_FACTOR * self.peak,
             seed=seed,
@@ -101,26 +102,34 @@ class SpeedTexture(Texture):
 
 @dataclass(frozen=True, eq=False)
 class LpcTexture(SpeedTexture):
-    """LPC models of one surface at rising speeds; between them line spectra and log gain go linearly.
+    """LPC models of one surface at increasing speeds; line spectra and log gain are interpolated linearly.
 
     Parameters
     ----------
     speeds : array_like of shape (n_speeds,)
-        Recorded speeds, mm/s, two or more.
+        Recorded speeds in mm/s, two or more, increasing.
     models : Autoregression
-        Of leading shape (n_speeds,) and one order, in the unit of the recordings.
+        Models of leading shape (n_speeds,) and equal order, in the unit of the recordings.
     peak : float
         Largest magnitude of the recordings.
     fs : float
-        Sampling rate, Hz.
+        Sampling rate in Hz.
     name : str, optional
-        Of the surface.
+        Name of the surface.
     loudness : {"gain", "level"}
-        What is mixed beside the line spectra, see `ModelBlend`.
+        Quantity that is interpolated besides the line spectra, see `ModelBlend`.
 
     References
     ----------
     `oeztuerk2018`, section 3.1.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> slow, fast = rng.standard_normal((2, 4000)) * [[1.0], [2.0]]
+    >>> texture = fit_lpc([slow, fast], [50.0, 150.0], fs=1000, order=4)
+    >>> texture.at([50.0, 100.0, 150.0]).level.round(1).tolist()
+    [1.0, 1.4, 2.0]
     """
 
     family: ClassVar[str] = "oeztuerk2018-lpc"
@@ -132,12 +141,13 @@ class LpcTexture(SpeedTexture):
         k = self.models.reflection
         if k.ndim != 2 or k.shape[0] != self.speeds.size or k.shape[1] < 1:
             raise ValueError(
-                f"models have reflection {k.shape}. Expected ({self.speeds.size}, order), one a speed"
+                f"models must have reflection coefficients of shape ({self.speeds.size}, order), one row per "
+                f"speed, got {k.shape}"
             )
         with np.errstate(over="ignore"):
             if not np.all(np.isfinite(self.models.level)):
-                raise ValueError(f"levels are {self.models.level}. Expected finite ones")
-        _ = self._blend  # refuses an unknown loudness
+                raise ValueError(f"levels of the models must be finite, got {self.models.level}")
+        _ = self._blend  # checks `loudness`
 
     @cached_property
     def _blend(self) -> ModelBlend:
@@ -145,22 +155,22 @@ class LpcTexture(SpeedTexture):
 
     @property
     def order(self) -> int:
-        """The order of the models."""
+        """Order of the models."""
         return self.models.order
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample: 6 a stage, and 6 a stage each time k is renewed."""
+        """Multiplications and additions per sample: 6 per stage, and 6 per stage at each update of k."""
         return 6.0 * self.order + 6.0 * self.order / self.update_samples
 
     @property
     def update_samples(self) -> int:
-        """Samples between two renewals of k, 1000 a second."""
+        """Number of samples between two updates of k (1000 per second)."""
         return max(1, round(self.fs / 1000))
 
     def at(self, speed: ArrayLike) -> Autoregression:
-        """Return the models at speeds (mm/s), of their shape."""
-        return self._at_places(self.place(speed))
+        """Return the models at speeds (mm/s), with the shape of `speed`."""
+        return self._at_index(self.fractional_index(speed))
 
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
         """Return the vibration at a constant speed (mm/s), shape (n_samples,)."""
@@ -168,69 +178,76 @@ class LpcTexture(SpeedTexture):
 
     @cached_property
     def grid(self) -> tuple[Samples, Samples]:
-        """Reflection coefficients (n_rows, p) and levels (n_rows,) at `N_SUB` places an interval."""
+        """Reflection coefficients (n_rows, p) and levels (n_rows,), `N_SUB` rows per interval of speed."""
         n_rows = (self.speeds.size - 1) * N_SUB + 1
-        models = self._at_places(np.arange(n_rows) / N_SUB)
+        models = self._at_index(np.arange(n_rows) / N_SUB)
         return np.ascontiguousarray(models.reflection), np.ascontiguousarray(models.level)
 
     def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
-        """Return the models at speeds (n,), whatever the force."""
+        """Return the models at speeds (n,); they do not depend on the force."""
         return self.at(speed)
 
-    def _at_places(self, place: ArrayLike) -> Autoregression:
-        """Return the models at places (...) among the speeds, 0 ... n_speeds - 1: of two neighbours."""
-        distance = np.abs(np.asarray(place)[..., np.newaxis] - np.arange(self.speeds.size))
+    def _at_index(self, index: ArrayLike) -> Autoregression:
+        """Return the models at fractional indices (...), blended from the two nearest speeds."""
+        distance = np.abs(np.asarray(index)[..., np.newaxis] - np.arange(self.speeds.size))
         return self._blend.at(np.maximum(1 - distance, 0.0))
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer at rest; the seed is that of the noise."""
+        """Return a renderer at rest; `seed` sets the noise."""
         rows, levels = self.grid
-        places = np.arange(levels.size) / N_SUB
-        nodes = Grid((places,), rows)
-        return self._rendered(
-            lambda course: (nodes.at_warped(course[:, :1]), np.ones((len(course), 1))),
+        indices = np.arange(levels.size) / N_SUB
+        nodes = Grid((indices,), rows)
+        return self._make_renderer(
+            lambda motion: (nodes.at_warped(motion[:, :1]), np.ones((len(motion), 1))),
             seed,
             order=self.order,
             hop=self.update_samples,
-            factor=lambda course: course[:, 1] * np.interp(course[:, 0], places, levels),
-            n_drawn=self.order,
+            factor=lambda motion: motion[:, 1] * np.interp(motion[:, 0], indices, levels),
+            n_stationary=self.order,
         )
 
     def parameters(self) -> dict[str, Any]:
-        """Return what is not an array; of the models all follows from reflection coefficients and gains."""
+        """Return the fields that are not arrays; models are stored as reflection coefficients and gains."""
         return super().parameters() | {"models": {"reflection": None, "gain": None}}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return speeds (mm/s), reflection coefficients and gains."""
-        kept = ("speeds", "models.reflection", "models.gain")
-        return {name: array for name, array in super().arrays().items() if name in kept}
+        stored = ("speeds", "models.reflection", "models.gain")
+        return {name: array for name, array in super().arrays().items() if name in stored}
 
 
 @dataclass(frozen=True, eq=False)
 class FrequencyTexture(SpeedTexture):
-    """Major frequencies of one surface at rising speeds; between them amplitudes go linearly.
+    """Major frequencies of one surface at increasing speeds; amplitudes are interpolated linearly.
 
     Parameters
     ----------
     speeds : array_like of shape (n_speeds,)
-        Recorded speeds, mm/s, two or more.
+        Recorded speeds in mm/s, two or more, increasing.
     models : sequence of MajorFrequencies
-        One a speed, in the unit of the recordings.
+        One model per speed, in the unit of the recordings.
     peak : float
         Largest magnitude of the recordings.
     fs : float
-        Sampling rate, Hz.
+        Sampling rate in Hz.
     name : str, optional
-        Of the surface.
+        Name of the surface.
 
-    Notes
-    -----
-    A frequency that has a partner closer than the beat threshold (Table 3.2) at the next speed glides to it;
-    one that has none fades out.
+    Notes ----- If two lines of neighbouring speeds are closer than the beat threshold (Table 3.2), the line
+    moves from one frequency to the other. A line without such a partner fades out.
 
     References
     ----------
     `oeztuerk2018`, section 3.2.
+
+    Examples
+    --------
+    >>> t = np.arange(1000) / 1000
+    >>> slow, fast = np.sin(2 * np.pi * 100 * t), 2 * np.sin(2 * np.pi * 104 * t)
+    >>> texture = fit_frequencies([slow, fast], [50.0, 150.0], fs=1000, n_frequencies=1)
+    >>> middle = texture.at(100.0)
+    >>> middle.frequency_hz.round(1).tolist(), middle.amplitude.round(1).tolist()
+    ([102.0], [1.5])
     """
 
     family: ClassVar[str] = "oeztuerk2018-frequencies"
@@ -241,45 +258,47 @@ class FrequencyTexture(SpeedTexture):
         object.__setattr__(self, "models", tuple(self.models))
         if len(self.models) != self.speeds.size or not any(m.frequency_hz.size for m in self.models):
             raise ValueError(
-                f"there are {len(self.models)} models for speeds {self.speeds}. Expected one for each, "
-                "with a frequency in one of them at least"
+                f"models must have one entry per speed and at least one frequency, got {len(self.models)} "
+                f"models for speeds {self.speeds}"
             )
         with np.errstate(over="ignore"):
             largest = max(float(m.amplitude.sum()) for m in self.models)
         if not np.isfinite(largest):
-            raise ValueError(f"amplitudes add up to {largest}. Expected a finite sum")
+            raise ValueError(f"the sum of the amplitudes must be finite, got {largest}")
 
     @cached_property
     def tracks(self) -> tuple[Samples, Samples, Samples]:
-        """The lines followed through the speeds, see `follow_lines`."""
-        return follow_lines(self.models)
+        """Lines tracked over the speeds, see `track_lines`."""
+        return track_lines(self.models)
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample: 8 a line (its cosine counted as one)."""
+        """Multiplications and additions per sample: 8 per line (a cosine counts as one)."""
         return 8.0 * self.tracks[2].size
 
     def at(self, speed: float) -> MajorFrequencies:
-        """Return the frequencies at a speed (mm/s): between those of the two nearest recordings."""
-        place = float(self.place(speed))
-        below = min(int(place), len(self.models) - 2)
-        return interpolate(self.models[below], self.models[below + 1], place - below)
+        """Return the frequencies at a speed (mm/s), interpolated between the two nearest recordings."""
+        index = float(self.fractional_index(speed))
+        below = min(int(index), len(self.models) - 2)
+        return interpolate(self.models[below], self.models[below + 1], index - below)
 
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
-        """Return the vibration at a constant speed (mm/s), shape (n_samples,); nothing in it is random."""
+        """Return the vibration at a constant speed (mm/s), shape (n_samples,); it is deterministic."""
         return self.at(speed).synthesize(n_samples, self.fs)
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer at rest, whose oscillators' phases never jump; nothing is random in it."""
+        """Return a renderer at rest with continuous phases; it is deterministic."""
         f, A, phase = self.tracks
         omega, amplitude = 2 * np.pi * np.minimum(f / self.fs, 0.5), np.where(f < self.fs / 2, A, 0.0)
         nodes = Grid((np.arange(float(self.speeds.size)),), np.hstack([omega, amplitude]))
 
-        def read(course: Samples) -> tuple[Samples, Samples]:
-            found = nodes.at_warped(course[:, :1])
-            return found[:, : phase.size], found[:, phase.size :]
+        def parameter_map(motion: Samples) -> tuple[Samples, Samples]:
+            values = nodes.at_warped(motion[:, :1])
+            return values[:, : phase.size], values[:, phase.size :]
 
-        return self._rendered(read, seed, hop=1, n_taps=0, phase=phase, factor=lambda course: course[:, 1])
+        return self._make_renderer(
+            parameter_map, seed, hop=1, n_taps=0, phase=phase, factor=lambda motion: motion[:, 1]
+        )
 
 
 def fit_lpc(
@@ -296,29 +315,36 @@ def fit_lpc(
     Parameters
     ----------
     signals : sequence of array_like, each of shape (n_samples,)
-        One recording a speed, any one unit; lengths may differ. Means are removed.
+        One recording per speed, in any common unit; lengths may differ. Means are removed.
     speeds : array_like of shape (n_speeds,)
-        mm/s, rising.
+        Speeds in mm/s, increasing.
     fs : float
-        Sampling rate, Hz.
+        Sampling rate in Hz.
     order : int
-        Of the models.
+        Order of the models (default 400).
     name, loudness
         As for `LpcTexture`.
 
     Raises
     ------
     ValueError
-        If there is not one recording for each speed, one holds NaN, infinity or no change, the speeds do not
-        rise from above 0, or as `texclass.vibration.fit`.
+        If the numbers of recordings and speeds differ, a recording is constant or not finite, the speeds are
+        not positive and increasing, or as `texclass.vibration.fit`.
 
     References
     ----------
-    `oeztuerk2018`, section 3.1; the thesis solves the Wiener-Hopf equations by Levinson's recursion, Burg's
-    method smears the ends of short recordings less.
+    `oeztuerk2018`, section 3.1. The thesis solves the Wiener-Hopf equations by Levinson's recursion; Burg's
+    method needs no window and is more accurate for short recordings.
+
+    Examples
+    --------
+    >>> slow, fast = np.random.default_rng(0).standard_normal((2, 2000))
+    >>> texture = fit_lpc([slow, 3 * fast], [50.0, 150.0], fs=1000, order=4, name="noise")
+    >>> texture.order, texture.signal(100.0, 500).shape
+    (4, (500,))
     """
-    v, found, peak = _checked(signals, speeds)
-    models = [vibration.fit(x, order) for x in found]
+    v, recordings, peak = _check_recordings(signals, speeds)
+    models = [vibration.fit(x, order) for x in recordings]
     stack = Autoregression(np.stack([m.reflection for m in models]), np.stack([m.gain for m in models]))
     return LpcTexture(v, stack, peak, fs, name, loudness)
 
@@ -333,15 +359,15 @@ def fit_frequencies(
 ) -> FrequencyTexture:
     """Fit major frequencies to recordings of one surface at two or more speeds.
 
-    The sum of the lines of each recording is scaled to its largest magnitude, as in the thesis: a few lines
-    alone would be too weak.
+    The sum of the lines of each recording is scaled to its peak, as in the thesis, because a few lines have
+    less power than the recording.
 
     Parameters
     ----------
     signals, speeds, fs, name
         As for `fit_lpc`.
     n_frequencies : int
-        Lines per recording, at most.
+        Largest number of lines per recording (default 13).
 
     Raises
     ------
@@ -351,57 +377,75 @@ def fit_frequencies(
     References
     ----------
     `oeztuerk2018`, eqs. (3.13) to (3.16), Table 3.2.
+
+    Examples
+    --------
+    >>> t = np.arange(1000) / 1000
+    >>> tones = [np.sin(2 * np.pi * 100 * t), 2 * np.sin(2 * np.pi * 200 * t)]
+    >>> texture = fit_frequencies(tones, [50.0, 150.0], fs=1000, n_frequencies=1)
+    >>> [model.frequency_hz.round(1).tolist() for model in texture.models]
+    [[100.0], [200.0]]
     """
-    v, found, peak = _checked(signals, speeds)
+    v, recordings, peak = _check_recordings(signals, speeds)
     models = []
-    for x in found:
+    for x in recordings:
         model = vibration.fit_major_frequencies(x, fs, n_frequencies=n_frequencies)
-        made = np.abs(model.synthesize(x.size, fs)).max()
-        gain = np.abs(x).max() / made if made > 0 else 1.0
+        largest = np.abs(model.synthesize(x.size, fs)).max()
+        gain = np.abs(x).max() / largest if largest > 0 else 1.0
         models.append(replace(model, amplitude=gain * model.amplitude))
     return FrequencyTexture(v, tuple(models), peak, fs, name)
 
 
-def _rising(speeds: ArrayLike) -> Samples:
+def _check_speeds(speeds: ArrayLike) -> Samples:
     v = np.array(one_channel(speeds, "speeds"))
     if v.size < 2 or v[0] <= 0 or np.any(np.diff(v) <= 0):
-        raise ValueError(f"speeds are {v}. Expected two or more, above 0 and rising")
+        raise ValueError(f"speeds must be two or more, positive and increasing, got {v}")
     v.setflags(write=False)
     return v
 
 
-def _checked(signals: Sequence[ArrayLike], speeds: ArrayLike) -> tuple[Samples, list[Samples], float]:
-    """Return speeds, recordings without their means, and the largest magnitude of these; or a ValueError."""
-    v = _rising(speeds)
+def _check_recordings(
+    signals: Sequence[ArrayLike], speeds: ArrayLike
+) -> tuple[Samples, list[Samples], float]:
+    """Return speeds, recordings without their means, and the largest magnitude of the recordings."""
+    v = _check_speeds(speeds)
     if len(signals) != v.size:
-        raise ValueError(f"there are {len(signals)} recordings and {v.size} speeds. Expected one for each")
-    found = [one_channel(x, f"recording at speed {u:g}", at_least=3) for x, u in zip(signals, v, strict=True)]
-    found = [x - x.mean() for x in found]
-    for x, u in zip(found, v, strict=True):
+        raise ValueError(f"signals and speeds must have the same length, got {len(signals)} and {v.size}")
+    recordings = []
+    for signal, speed in zip(signals, v, strict=True):
+        x = one_channel(signal, f"recording at speed {speed:g}", at_least=3)
+        x = x - x.mean()
         if not np.any(x):
-            raise ValueError(f"the recording at speed {u:g} is constant. Expected a vibration")
-    return v, found, max(float(np.abs(x).max()) for x in found)
+            raise ValueError(f"the recording at speed {speed:g} is constant. Expected a vibration")
+        recordings.append(x)
+    return v, recordings, max(float(np.abs(x).max()) for x in recordings)
 
 
-def follow_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, Samples]:
-    """Follow every line to its partner at the next speed, as `interpolate` pairs them.
+def track_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, Samples]:
+    """Connect each line with its partner at the next speed, with the pairs of `interpolate`.
 
-    A track without a line at some speed has amplitude 0 there and keeps the frequency of its nearest line, so
-    that linear interpolation between two speeds is that of `interpolate`.
+    Where a track has no line, its amplitude is 0 and its frequency that of its nearest line, so that linear
+    interpolation between two speeds equals `interpolate`.
+
+    Parameters
+    ----------
+    models : sequence of MajorFrequencies
+        Models at increasing speeds.
 
     Returns
     -------
     frequency_hz, amplitude : ndarray of shape (n_speeds, n_tracks)
+        Frequency in Hz and amplitude of each track.
     phase : ndarray of shape (n_tracks,)
-        At the first speed that has the line, rad.
+        Phase in rad at the first speed with a line.
     """
-    tracks: list[dict[int, int]] = []  # each: speed -> line
-    track_of: dict[int, int] = {}  # of the lines of one speed
+    tracks: list[dict[int, int]] = []  # of each track: index of the speed -> index of the line
+    track_of: dict[int, int] = {}  # at one speed: index of the line -> index of the track
     for i, model in enumerate(models):
-        before, track_of = track_of, {}
+        previous, track_of = track_of, {}
         if i:
             slower, faster = pairs_closer_than_beats(models[i - 1].frequency_hz, model.frequency_hz)
-            track_of = {line: before[partner] for partner, line in zip(slower, faster, strict=True)}
+            track_of = {line: previous[partner] for partner, line in zip(slower, faster, strict=True)}
         for line in range(model.frequency_hz.size):
             if line not in track_of:
                 track_of[line] = len(tracks)
@@ -410,41 +454,43 @@ def follow_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, 
     f, A = np.zeros((2, len(models), len(tracks)))
     phase = np.zeros(len(tracks))
     for j, lines in enumerate(tracks):
-        known = list(lines)
-        f[:, j] = np.interp(np.arange(len(models)), known, [models[i].frequency_hz[lines[i]] for i in known])
-        A[known, j] = [models[i].amplitude[lines[i]] for i in known]
-        phase[j] = models[known[0]].phase[lines[known[0]]]
+        present = list(lines)
+        f[:, j] = np.interp(
+            np.arange(len(models)), present, [models[i].frequency_hz[lines[i]] for i in present]
+        )
+        A[present, j] = [models[i].amplitude[lines[i]] for i in present]
+        phase[j] = models[present[0]].phase[lines[present[0]]]
     return f, A, phase
 
 
-# How many signals a surface needs ---------------------------------------------------------------------------
+# Number of signals that a surface needs ---------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class SpeedIntervals:
-    """Speeds for each of which one signal is displayed.
+    """Intervals of speed, with one signal for each.
 
     Attributes
     ----------
     bounds_mm_s : tuple of float
-        Rising, from 0 to infinity: n_intervals + 1 of them.
+        n_intervals + 1 increasing bounds in mm/s, from 0 to infinity.
     """
 
     bounds_mm_s: tuple[float, ...]
 
     @classmethod
     def equal(cls, n: int) -> "SpeedIntervals":
-        """Return n intervals of 40 mm/s, the last one open."""
+        """Return n intervals of 40 mm/s; the last one has no upper bound."""
         return cls((*(i * BIN_MM_S for i in range(n)), np.inf))
 
     @property
     def n_intervals(self) -> int:
-        """How many signals are needed."""
+        """Number of intervals."""
         return len(self.bounds_mm_s) - 1
 
     @property
     def centres_mm_s(self) -> tuple[float, ...]:
-        """A speed for each interval: its middle, for the last that of its first 40 mm/s."""
+        """Centre of each interval in mm/s; for the last one, the centre of its first 40 mm/s."""
         bounds = [*self.bounds_mm_s[:-1], self.bounds_mm_s[-2] + BIN_MM_S]
         return tuple((a + b) / 2 for a, b in pairwise(bounds))
 
@@ -454,15 +500,15 @@ class SpeedIntervals:
 
 
 def speed_intervals(friction: float) -> SpeedIntervals:
-    """Return the intervals for a friction coefficient: 40 mm/s each, the last one open.
+    """Return the intervals for a friction coefficient: 40 mm/s each, the last one without upper bound.
 
-    At the coefficients of the thesis their number is its own; between two of them the larger one, so that
-    never a signal is lacking; 1 from `EXTREME` on.
+    The thesis gives their number at a few coefficients. Between two of them the larger number is used, so
+    that no signal is missing. From `EXTREME_FRICTION` on the number is 1.
 
     Parameters
     ----------
     friction : float
-        Kinetic friction coefficient.
+        Coefficient of kinetic friction.
 
     Raises
     ------
@@ -479,6 +525,6 @@ def speed_intervals(friction: float) -> SpeedIntervals:
     0-4, 4-8, 8-12, > 12 cm/s
     """
     if not (np.isfinite(friction) and friction >= 0):
-        raise ValueError(f"friction is {friction}. Expected a finite number of at least 0")
-    known = int(np.searchsorted(FRICTION, friction + 1e-9, side="right")) - 1
-    return SpeedIntervals.equal(1 if friction >= EXTREME else N_INTERVALS[known])
+        raise ValueError(f"friction must be finite and at least 0, got {friction}")
+    row = int(np.searchsorted(FRICTION, friction + 1e-9, side="right")) - 1
+    return SpeedIntervals.equal(1 if friction >= EXTREME_FRICTION else N_INTERVALS[row])

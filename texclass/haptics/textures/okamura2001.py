@@ -1,7 +1,7 @@
-"""Taps of okamura2001: a library of tap models by material, and the virtual wall that makes them felt.
+"""Tap models of okamura2001: fit, library by material, scaling to a device, and a virtual wall.
 
-Taps that do not begin at their first sample are fitted together; `scale_into` brings a library into what a
-device can display; a `VirtualWall` adds the vibration of a tap to the force of a spring, sample by sample.
+The onsets of taps are fitted together with their shape. `scale_to_device` moves a library into the range that
+a device can display. A `VirtualWall` adds the vibration of a tap to the force of a spring, sample by sample.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 from scipy import optimize
 
-from texclass.haptics.textures.contract import Stored
+from texclass.haptics.textures.contract import Serializable
 from texclass.recording import Samples
 from texclass.signals import one_channel, positive, to_unit_scale
 from texclass.vibration.decaying_sinusoid import (
@@ -24,79 +24,85 @@ from texclass.vibration.decaying_sinusoid import (
     fit_tap_model,
 )
 
-LOW, HIGH = 0.1, 0.3
-"""Parts of the largest magnitude through which the first rise is followed back to zero."""
-LEAST_DECAY, LARGEST_DECAY = 1e-6, 3.0
-"""Bounds of B / fs."""
+RISE_START, RISE_END = 0.1, 0.3
+"""Fractions of the peak between which the first rise is extrapolated back to zero (our choice)."""
+MIN_DECAY, MAX_DECAY = 1e-6, 3.0
+"""Bounds of B / fs in the fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class AlignedTaps:
-    """Taps of one material fitted together.
+    """Result of a joint fit of the taps of one material.
 
     Attributes
     ----------
     model : TapModel
         Amplitude slope, decay rate and frequency.
     amplitude : ndarray of shape (n_taps,)
-        A v of each tap by itself, in the unit of the taps.
+        Amplitude A v of each tap, in the unit of the taps.
     onset : ndarray of shape (n_taps,)
-        Where each tap strikes, in samples, with fractions; below 0 if the recording begins later.
+        Onset of each tap in samples, with fractions; negative if the recording begins after it.
     r_squared : float
-        Of the regression of the amplitudes on the velocities through the origin (figure 4); NaN for one
-        velocity.
-    explained : float
-        Part of the energy of the taps that the decaying sinusoids account for, at most 1.
+        R^2 of the regression of the amplitudes on the velocities through the origin (figure 4); NaN if there
+        is only one velocity.
+    explained_energy : float
+        Fraction of the energy of the taps in the fitted decaying sinusoids, at most 1.
     """
 
     model: TapModel
     amplitude: Samples
     onset: Samples
     r_squared: float
-    explained: float
+    explained_energy: float
 
 
 def find_onset(tap: ArrayLike) -> float:
-    """Return where a tap leaves rest, in samples: the line through its first rise, followed back to zero.
+    """Return the onset of a tap in samples: the line through its first rise, extrapolated back to zero.
 
     Parameters
     ----------
     tap : array_like of shape (n_samples,)
-        At rest (noise about 0) or in the tap at its beginning.
+        Tap, with or without rest (noise about 0) before the impact.
 
     Raises
     ------
     ValueError
-        If the tap has fewer than 4 samples, is all zero, or holds NaN or infinity.
+        If the tap has fewer than 4 samples, is all zero, or contains NaN or infinity.
+
+    Examples
+    --------
+    >>> round(find_onset([0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 2.0, 1.0]), 3)
+    2.0
     """
     x, _ = to_unit_scale(one_channel(tap, "tap", at_least=4))
     peak = int(np.argmax(np.abs(x)))
     if x[peak] == 0:
-        raise ValueError("tap is all zero. Expected at least one sample that is not")
+        raise ValueError("tap must contain a nonzero sample, got only zeros")
     magnitude = np.abs(x[: peak + 1])
     noise = np.median(magnitude[: max(peak // 2, 1)])
-    clear = 8.0 * noise  # 5.4 deviations of Gaussian noise
-    low = max(LOW * magnitude[peak], min(clear, 0.5 * magnitude[peak]))
-    high = min(low * HIGH / LOW, 0.9 * magnitude[peak])
+    clear = 8.0 * noise  # 5.4 standard deviations of Gaussian noise
+    low = max(RISE_START * magnitude[peak], min(clear, 0.5 * magnitude[peak]))
+    high = min(low * RISE_END / RISE_START, 0.9 * magnitude[peak])
     first, later = _crossing(magnitude, low), _crossing(magnitude, high)
     return float(first - (later - first) * low / (high - low))
 
 
 def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> AlignedTaps:
-    """Fit A, B, w to taps of one material that strike at different, unknown samples.
+    """Fit A, B and w to taps of one material with unknown onsets.
 
-    Minimises sum_i |x_i(t) - a_i h(t - t_i)|^2, h(t) = exp(-B t) sin(w t) for t >= 0 and 0 before, over B, w
-    and the onsets t_i, with the amplitudes a_i eliminated (variable projection); A is the regression of the
-    a_i on the velocities through the origin. It starts from `find_onset` and `fit_okamura`.
+    Minimises sum_i |x_i(t) - a_i h(t - t_i)|^2 over B, w and the onsets t_i, where h(t) = exp(-B t) sin(w t)
+    for t >= 0 and 0 otherwise. The amplitudes a_i are eliminated (variable projection). A is the slope of the
+    regression of the a_i on the velocities through the origin. The fit starts from `find_onset` and
+    `fit_okamura`.
 
     Parameters
     ----------
     taps : sequence of array_like, each of shape (n_samples,)
-        Without offset, each with rest before the impact or not; lengths may differ. Any one unit.
+        Taps without offset, with or without rest before the impact. Lengths may differ; any common unit.
     velocity : array_like of shape (n_taps,)
-        Impact velocities, m/s, not all zero; ones, if they are unknown.
+        Impact velocities in m/s, not all zero; ones if they are unknown.
     fs : float
-        Sampling rate, Hz.
+        Sampling rate in Hz.
 
     Raises
     ------
@@ -105,24 +111,32 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
 
     References
     ----------
-    `okamura2001`, section II-B, which takes amplitude, decay and frequency one after the other.
+    `okamura2001`, section II-B, which estimates amplitude, decay and frequency one after the other.
+
+    Examples
+    --------
+    >>> t = np.arange(300) / 10_000
+    >>> tap = np.concatenate([np.zeros(20), np.exp(-90 * t) * np.sin(2 * np.pi * 300 * t)])
+    >>> fit = fit_aligned([1.5 * tap, 3 * tap], [0.1, 0.2], fs=10_000)
+    >>> round(fit.model.amplitude_slope, 2), round(fit.model.decay_per_s, 1), round(fit.model.frequency_hz, 1)
+    (15.0, 90.0, 300.0)
     """
     positive(fs, "fs")
     x, v, exponent = checked_taps(taps, velocity, at_least=4)
-    start = [find_onset(one) for one in x]
-    cut = [one[min(max(round(t), 0), one.size - 4) :] for one, t in zip(x, start, strict=True)]
+    start = [find_onset(tap) for tap in x]
+    cut = [tap[min(max(round(t), 0), tap.size - 4) :] for tap, t in zip(x, start, strict=True)]
     try:
         first = fit_okamura(cut, v, fs)
-    except ValueError:  # no peaks are seen: the strongest tap's beginning
+    except ValueError:  # without peaks, start from the beginning of the strongest tap
         strongest = max(cut, key=lambda tap: float(tap @ tap))
         first = fit_tap_model([strongest[:400]], [1.0], fs)
     problem = TapShapes(x)
     beta, omega = first.decay_per_s / fs, 2 * np.pi * first.frequency_hz / fs
-    reach = max(2.0, np.pi / (2 * omega))
-    p = np.array([np.clip(beta, 2 * LEAST_DECAY, LARGEST_DECAY / 2), min(omega, 3.1), *start])
-    lower = np.array([LEAST_DECAY, p[1] / 3, *(np.array(start) - reach)])
-    upper = np.array([LARGEST_DECAY, min(3 * p[1], np.pi), *(np.array(start) + reach)])
-    end = optimize.least_squares(
+    max_shift = max(2.0, np.pi / (2 * omega))
+    p = np.array([np.clip(beta, 2 * MIN_DECAY, MAX_DECAY / 2), min(omega, 3.1), *start])
+    lower = np.array([MIN_DECAY, p[1] / 3, *(np.array(start) - max_shift)])
+    upper = np.array([MAX_DECAY, min(3 * p[1], np.pi), *(np.array(start) + max_shift)])
+    solution = optimize.least_squares(
         problem.residual,
         p,
         problem.jacobian,
@@ -132,27 +146,31 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
         ftol=1e-10,
         max_nfev=60,
     )
-    a, rest = problem.amplitudes(problem.shapes(end.x)[1]), problem.residual(end.x)
+    a, rest = problem.amplitudes(problem.shapes(solution.x)[1]), problem.residual(solution.x)
     A, r_squared = slope_through_origin(v, a)
     return AlignedTaps(
-        TapModel(float(np.ldexp(A, exponent)), float(end.x[0] * fs), float(end.x[1] * fs / (2 * np.pi))),
+        TapModel(
+            float(np.ldexp(A, exponent)),
+            float(solution.x[0] * fs),
+            float(solution.x[1] * fs / (2 * np.pi)),
+        ),
         np.ldexp(a, exponent),
-        end.x[2:].copy(),
+        solution.x[2:].copy(),
         r_squared,
         float(1 - rest @ rest / (problem.x @ problem.x)),
     )
 
 
 def slope_through_origin(velocity: Samples, amplitude: Samples) -> tuple[float, float]:
-    """Return A = v a / v v and the R^2 of a = A v; NaN where all velocities or amplitudes are equal."""
+    """Return A = v a / v v and R^2 of a = A v; R^2 is NaN if all velocities or all amplitudes are equal."""
     A = float(velocity @ amplitude / (velocity @ velocity))
     spread = float(np.sum((amplitude - amplitude.mean()) ** 2))
-    left = float(np.sum((amplitude - A * velocity) ** 2))
-    return A, 1 - left / spread if spread > 0 and np.ptp(velocity) > 0 else float("nan")
+    residual = float(np.sum((amplitude - A * velocity) ** 2))
+    return A, 1 - residual / spread if spread > 0 and np.ptp(velocity) > 0 else float("nan")
 
 
 def _crossing(magnitude: Samples, level: float) -> float:
-    """Return where the magnitude first reaches the level, between samples."""
+    """Return the position, between samples, at which the magnitude first reaches the level."""
     i = int(np.argmax(magnitude >= level))
     if i == 0:
         return 0.0
@@ -160,29 +178,35 @@ def _crossing(magnitude: Samples, level: float) -> float:
     return i - 1 + float((level - below) / (above - below))
 
 
-# The library -----------------------------------------------------------------------------------------------
+# Library ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class TapLibrary(Stored, Mapping[str, TapModel]):
+class TapLibrary(Serializable, Mapping[str, TapModel]):
     """Tap models by material: a(t) = A v exp(-B t) sin(w t) at impact velocity v.
 
-    It is written and read like a `Texture`, but is none: a tap is not a stroke, it has a velocity once and
-    then runs by itself. A `VirtualWall` makes one of its materials felt.
+    A library is saved and loaded like a `Texture`, but it is not a texture: a tap is no stroke; it has one
+    velocity and then decays. A `VirtualWall` renders one of its materials.
 
     Parameters
     ----------
     materials : sequence of str
-        Different names.
+        Names of the materials, all different.
     models : sequence of TapModel
-        One for each.
+        One model per material.
     unit : str
-        Of the accelerations per velocity times m/s; "m/s^2" unless the sensor's scale is unknown.
+        Unit of the accelerations (default "m/s^2"; another one if the scale of the sensor is unknown).
 
     Raises
     ------
     ValueError
-        If there is no material, names repeat, or there is not one model for each.
+        If there is no material, names repeat, or the number of models differs.
+
+    Examples
+    --------
+    >>> library = TapLibrary(("wood", "rubber"), (TapModel(1500.0, 90.0, 100.0), TapModel(300.0, 60.0, 30.0)))
+    >>> library["wood"].frequency_hz, list(library)
+    (100.0, ['wood', 'rubber'])
     """
 
     family: ClassVar[str] = "okamura2001"
@@ -196,8 +220,8 @@ class TapLibrary(Stored, Mapping[str, TapModel]):
         n = len(self.materials)
         if not n or len(set(self.materials)) != n or len(self.models) != n:
             raise ValueError(
-                f"{len(self.models)} models for materials {self.materials}. Expected one for each name, "
-                "names that differ, one at least"
+                f"materials must be one or more different names with one model each, got {self.materials} "
+                f"and {len(self.models)} models"
             )
 
     def __getitem__(self, material: str) -> TapModel:
@@ -211,7 +235,7 @@ class TapLibrary(Stored, Mapping[str, TapModel]):
 
     @property
     def table(self) -> Samples:
-        """A (1/s), B (1/s) and w (Hz) of each material, shape (n_materials, 3)."""
+        """Return A (1/s), B (1/s) and w (Hz) of each material, shape (n_materials, 3)."""
         return np.array([(m.amplitude_slope, m.decay_per_s, m.frequency_hz) for m in self.models])
 
 
@@ -222,61 +246,81 @@ def fit_library(
     *,
     unit: str = "m/s^2",
 ) -> tuple[TapLibrary, dict[str, AlignedTaps]]:
-    """Fit one tap model per material, and return what was found beside it.
+    """Fit one tap model per material; return the library and the details of each fit.
 
     Parameters
     ----------
     taps : mapping of str to sequence of array_like, each of shape (n_samples,)
-        Taps of each material at several velocities; they need not begin with the impact.
+        Taps of each material at several velocities, with or without rest before the impact.
     velocity : mapping of str to array_like of shape (n_taps,)
-        Impact velocities, m/s.
+        Impact velocities in m/s.
     fs : float
-        Sampling rate, Hz.
+        Sampling rate in Hz.
     unit : str
-        Of the accelerations.
+        Unit of the accelerations.
+
+    Returns
+    -------
+    library : TapLibrary
+        Models of all materials.
+    fits : dict of str to AlignedTaps
+        Amplitudes, onsets and goodness of fit by material.
 
     Raises
     ------
     ValueError
-        If the materials differ between the two mappings, or as `fit_aligned`.
+        If the materials of the two mappings differ, or as `fit_aligned`.
+
+    Examples
+    --------
+    >>> t = np.arange(300) / 10_000
+    >>> tap = np.exp(-90 * t) * np.sin(2 * np.pi * 300 * t)
+    >>> library, fits = fit_library({"wood": [tap, 2 * tap]}, {"wood": [0.1, 0.2]}, fs=10_000)
+    >>> library.table.round(1).tolist(), round(fits["wood"].explained_energy, 2)
+    ([[10.0, 90.0, 300.0]], 1.0)
     """
     if set(taps) != set(velocity):
-        raise ValueError(f"materials are {sorted(taps)} and {sorted(velocity)}. Expected the same ones")
-    found = {material: fit_aligned(taps[material], velocity[material], fs) for material in taps}
-    return TapLibrary(tuple(found), tuple(one.model for one in found.values()), unit), found
+        raise ValueError(
+            f"taps and velocity must have the same materials, got {sorted(taps)} and {sorted(velocity)}"
+        )
+    fits = {material: fit_aligned(taps[material], velocity[material], fs) for material in taps}
+    return TapLibrary(tuple(fits), tuple(fit.model for fit in fits.values()), unit), fits
 
 
 def tap_peak(model: TapModel) -> Samples:
-    """Return max_t exp(-B t) sin(w t): at t = arctan(w / B) / w, sin is w / sqrt(w^2 + B^2)."""
+    """Return max_t exp(-B t) sin(w t), reached at t = arctan(w / B) / w, where sin = w / sqrt(w^2 + B^2)."""
     w, B = 2 * np.pi * model.frequency_hz, model.decay_per_s
     return np.asarray(np.exp(-B * np.arctan2(w, B) / w) * w / np.hypot(w, B))
 
 
-# A wall that is felt to be of a material --------------------------------------------------------------------
+# Virtual wall with the taps of a material -------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class ForceDevice:
-    """A force-feedback device that taps are displayed on.
+    """A force-feedback device that displays taps.
 
     Attributes
     ----------
     band_hz : (float, float)
-        Frequencies it shall display: felt well, and not yet swallowed by its inertia.
+        Frequency range in Hz that is perceived well and not attenuated by the inertia of the device.
     force_n : (float, float)
-        Least peak force that is felt, and the largest for the vibration.
+        Smallest perceptible peak force, and largest force of the vibration, in N.
     limit_n : float
-        Largest force of its motors, wall and vibration together.
+        Largest force of the motors in N, wall and vibration together.
     mass_kg : float
-        What the motors have to shake: force = mass * acceleration.
+        Mass that the motors shake in kg: force = mass * acceleration.
     rate_hz : float
-        Of its loop.
+        Rate of the control loop in Hz.
 
-    Notes
-    -----
-    `okamura2001`, section III: the response of the 3GM is printed as a curve only (figure 6), its force limit
-    not at all. The defaults are ours: a band from 30 Hz to a little above the peak of human sensitivity at
-    250 Hz, as its Table II, and forces of a desktop device.
+    Notes ----- `okamura2001`, section III, shows the response of its device (3GM) only as a curve (figure 6),
+    and no force limit. The defaults are ours: a band from 30 Hz to a little above the peak of human
+    sensitivity at 250 Hz, as in Table II, and the forces of a desktop device.
+
+    Examples
+    --------
+    >>> round(ForceDevice().peak_force(TapModel(1500.0, 90.0, 100.0), velocity=0.2), 2)
+    12.1
     """
 
     band_hz: tuple[float, float] = (30.0, 300.0)
@@ -291,57 +335,67 @@ class ForceDevice:
         for name in ("band_hz", "force_n"):
             low, high = getattr(self, name)
             if not 0 < low < high < np.inf:
-                raise ValueError(f"{name} is {(low, high)}. Expected 0 < low < high")
-        if self.band_hz[1] >= self.rate_hz / 2 or self.force_n[1] > self.limit_n:
-            raise ValueError(f"{self}. Expected a band below half the rate, and a vibration within the limit")
+                raise ValueError(f"{name} must satisfy 0 < low < high, got {(low, high)}")
+        if self.band_hz[1] >= self.rate_hz / 2:
+            raise ValueError(
+                f"band_hz must end below rate_hz / 2 = {self.rate_hz / 2:g} Hz, got {self.band_hz}"
+            )
+        if self.force_n[1] > self.limit_n:
+            raise ValueError(f"force_n must not exceed limit_n = {self.limit_n:g} N, got {self.force_n}")
 
     def peak_force(self, model: TapModel, velocity: float) -> float:
-        """Return the largest force (N) that a tap at this velocity (m/s) asks for."""
+        """Return the peak force (N) of a tap at an impact velocity (m/s)."""
         return float(self.mass_kg * abs(model.amplitude_slope * velocity) * tap_peak(model))
 
 
-def scale_into(library: TapLibrary, device: ForceDevice, largest_velocity: float) -> TapLibrary:
+def scale_to_device(library: TapLibrary, device: ForceDevice, largest_velocity: float) -> TapLibrary:
     """Return the library with frequencies, decay rates and slopes that the device can display.
 
-    - Frequencies: the smallest and the largest are put on the band's bounds if they lie outside; those
-      between keep their places on a logarithmic scale, so that materials stay apart and in order.
-    - Decay rates go with the frequency, B' = B w'/w: as many oscillations are left, the shape stays.
-    - Slopes: the peak forces at the largest velocity are brought between the device's least and largest in
-      the same way; signs stay.
+    - Frequencies: if the smallest or the largest is outside the band, it is moved to its bound; the others
+      keep their relative positions on a logarithmic scale, so that materials stay different and in order.
+    - Decay rates scale with the frequency, B' = B w'/w: the number of oscillations and the shape stay.
+    - Slopes: the peak forces at the largest velocity are moved into the force range of the device in the same
+      way; signs stay.
 
     Parameters
     ----------
     library : TapLibrary
-        As measured, m/s^2.
+        Library as measured, in m/s^2.
     device : ForceDevice
-        What displays it.
+        Device that displays it.
     largest_velocity : float
-        m/s, above 0.
+        Largest impact velocity in m/s, above 0.
 
     Returns
     -------
     TapLibrary
-        Itself where it fits already.
+        Scaled library; equal to the argument if it fits already.
 
     Notes
     -----
-    The paper scales by the judgement of expert users, each material by another factor, "while maintaining a
-    difference between materials"; this is a rule with the same aims, a start for such judgements.
+    In the paper expert users choose a factor for each material, "while maintaining a difference between
+    materials". This function has the same aims and gives a start for such adjustments.
 
     References
     ----------
     `okamura2001`, section III-A and Table II.
+
+    Examples
+    --------
+    >>> library = TapLibrary(("steel", "rubber"), (TapModel(900.0, 90.0, 600.0), TapModel(300.0, 60.0, 30.0)))
+    >>> [round(model.frequency_hz) for model in scale_to_device(library, ForceDevice(), 0.3).models]
+    [300, 30]
     """
     v = positive(largest_velocity, "largest_velocity")
-    f = _into([m.frequency_hz for m in library.models], device.band_hz)
+    f = _scale_into([m.frequency_hz for m in library.models], device.band_hz)
     shaped = [
-        TapModel(m.amplitude_slope, float(m.decay_per_s * to / m.frequency_hz), float(to))
-        for m, to in zip(library.models, f, strict=True)
+        TapModel(m.amplitude_slope, float(m.decay_per_s * target / m.frequency_hz), float(target))
+        for m, target in zip(library.models, f, strict=True)
     ]
     forces = [device.peak_force(m, v) for m in shaped]
     if min(forces) == 0:
-        raise ValueError(f"peak forces are {forces} N. Expected amplitude slopes other than 0")
-    gains = _into(forces, device.force_n) / forces
+        raise ValueError(f"amplitude slopes must not be 0, got peak forces {forces} N")
+    gains = _scale_into(forces, device.force_n) / forces
     models = [
         TapModel(float(m.amplitude_slope * g), m.decay_per_s, m.frequency_hz)
         for m, g in zip(shaped, gains, strict=True)
@@ -349,8 +403,8 @@ def scale_into(library: TapLibrary, device: ForceDevice, largest_velocity: float
     return TapLibrary(library.materials, tuple(models), library.unit)
 
 
-def _into(values: ArrayLike, bounds: tuple[float, float]) -> Samples:
-    """Return ln y = a + b ln x with the extremes of x clipped to the bounds; x itself if none is outside."""
+def _scale_into(values: ArrayLike, bounds: tuple[float, float]) -> Samples:
+    """Return y, ln y = a + b ln x, with the extremes of x clipped to the bounds; x if all are inside."""
     x = np.log(np.asarray(values, dtype=np.float64))
     low, high = np.clip([x.min(), x.max()], *np.log(bounds))
     if low == x.min() and high == x.max():
@@ -362,27 +416,31 @@ def _into(values: ArrayLike, bounds: tuple[float, float]) -> Samples:
 
 @dataclass(frozen=True)
 class VirtualWall:
-    """A wall of a stiffness, with the tap of a material on top.
+    """A stiff virtual wall with the tap transient of a material.
 
     Parameters
     ----------
     tap : TapModel
-        In the device's range, see `scale_into`.
+        Tap in the range of the device, see `scale_to_device`.
     device : ForceDevice
-        Gives rate, mass and force limit.
+        Device, with its rate, mass and force limit.
     stiffness_n_mm : float
-        k, N/mm; the paper takes one for all materials.
+        Stiffness k in N/mm (default 0.5); the paper uses one value for all materials.
 
-    Notes
-    -----
-    Outside the wall the force is 0 but for what fades in 2 ms (ours); inside it is
-    k x - m A v exp(-B t) sin(w t), positive out of the wall: x is the depth, v the velocity at the last
-    impact and t the time since; a negative A first pushes outwards, as an impact does. The sum is cut at the
-    device's limit. An impact before the last vibration has died away adds to it.
+    Notes ----- Inside the wall the force is k x - m A v exp(-B t) sin(w t), positive out of the wall, with
+    depth x, velocity v at the last impact and time t since then. With negative A the vibration first pushes
+    outwards, as an impact does. Outside the wall the vibration fades out within 2 ms (our choice). The sum is
+    clipped at the limit of the device. An impact during the vibration of the previous one adds to it.
 
     References
     ----------
     `okamura2001`, section II-B and figure 5.
+
+    Examples
+    --------
+    >>> wall = VirtualWall(TapModel(-300.0, 90.0, 100.0), ForceDevice())
+    >>> wall.renderer().process([0.0, 0.1, 0.2], [100.0, 100.0, 100.0]).round(3).tolist()
+    [0.0, 0.05, 0.193]
     """
 
     tap: TapModel
@@ -393,12 +451,13 @@ class VirtualWall:
         positive(self.stiffness_n_mm, "stiffness_n_mm")
         if self.tap.frequency_hz >= self.device.rate_hz / 2:
             raise ValueError(
-                f"frequency is {self.tap.frequency_hz} Hz. Expected below half of {self.device.rate_hz} Hz"
+                f"the frequency of the tap must be below half the rate of the device, "
+                f"{self.device.rate_hz / 2:g} Hz, got {self.tap.frequency_hz} Hz"
             )
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample: one complex product, the spring, gate and sum."""
+        """Multiplications and additions per sample: one complex product, spring, gate and sum."""
         return 12.0
 
     def renderer(self) -> "WallRenderer":
@@ -407,12 +466,12 @@ class VirtualWall:
 
 
 class WallRenderer:
-    """A virtual wall being tapped; it keeps its state between calls, however a path is cut into them.
+    """Renderer of a virtual wall; the state is kept between calls, so that blocks of any length join.
 
     Attributes
     ----------
     fs : float
-        Rate of the samples, Hz.
+        Sampling rate in Hz.
     """
 
     def __init__(self, wall: VirtualWall) -> None:
@@ -434,15 +493,15 @@ class WallRenderer:
         Parameters
         ----------
         depth_mm : array_like of shape (n,)
-            Depth of the tip below the wall's surface, mm; 0 and less is outside.
+            Depth of the tip below the surface of the wall in mm; 0 or less is outside.
         velocity_mm_s : array_like of shape (n,)
-            Its rate, mm/s, positive into the wall; counts at the first sample inside, where a negative one is
-            taken for 0.
+            Velocity in mm/s, positive into the wall. Only the value at the first sample inside is used;
+            negative values are replaced by 0.
 
         Returns
         -------
         ndarray of shape (n,)
-            N, positive out of the wall, never beyond the device's limit.
+            Force in N, positive out of the wall, clipped at the limit of the device.
 
         Raises
         ------
@@ -453,7 +512,10 @@ class WallRenderer:
         v = np.ascontiguousarray(velocity_mm_s, dtype=np.float64)
         fits = np.ndim(depth_mm) == 1 and x.shape == v.shape
         if not (fits and np.isfinite([x, v]).all()):
-            raise ValueError(f"depth {x.shape} and velocity {v.shape}. Expected (n,) finite values each")
+            raise ValueError(
+                "depth_mm and velocity_mm_s must be finite with the same shape (n,), "
+                f"got {x.shape} and {v.shape}"
+            )
         out = np.empty(x.size)
         p = self._pole
         _press(x, v, self._push, p.real, p.imag, self._release, self._k, self._limit, self._state, out)
@@ -462,9 +524,9 @@ class WallRenderer:
 
 @njit(cache=True, error_model="numpy")
 def _press(x, v, push, re, im, release, k, limit, state, out):  # type: ignore[no-untyped-def]
-    """Turn the phasor z by its pole at each sample; Im z is the vibration, and does not jump at an impact.
+    """Multiply the phasor z by its pole at each sample; its imaginary part is the vibration, without jumps.
 
-    state: z, the gate that closes outside the wall, and whether the tip is inside.
+    `state` contains z (two values), the gate that closes outside the wall, and whether the tip is inside.
     """
     z_re, z_im, gate, was_inside = state
     for t in range(x.size):

@@ -1,4 +1,4 @@
-"""How a surface becomes a texture of so many bytes, as it feels, or as it shall feel on the six scales."""
+"""Fit packed textures of a given size to a surface, measure their perceptual scales, and change them."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -17,7 +17,7 @@ from texclass.features.sets import load_feature_set
 from texclass.haptics.scales import SCALES
 from texclass.haptics.textures import packed
 from texclass.haptics.textures.contract import Renderer, Texture, constant_stroke
-from texclass.haptics.textures.grid import likeliest_logarithms, shares
+from texclass.haptics.textures.grid import fit_gamma_regression, interpolation_weights
 from texclass.haptics.textures.packed import PackedTexture, grid_renderer
 from texclass.haptics.textures.scan import Scan
 from texclass.phases import find_phases
@@ -28,13 +28,18 @@ from texclass.vibration.autoregressive import from_autocorrelation
 from texclass.vibration.decaying_modes import NO_MODES, DecayingModes
 from texclass.vibration.scores import BAND_EDGES_HZ
 
-LEAST_BYTES = 8
-"""That may be asked for; a file may be shorter by what no coefficient needs."""
-MOST_ORDER, MOST_BITS = 127, 8
+MIN_BYTES = 8
+"""Smallest size that `pack` accepts. The file may be smaller if further coefficients do not help."""
+MAX_ORDER, MAX_BITS = 127, 8
+"""Largest order, and largest number of bits per coefficient, that the format can store."""
 FRAME_S, LOWEST_HZ = 0.125, 20.0
-"""Pieces in which speed and force hold; below, it is the hand that is recorded, not the surface."""
-FELT = np.geomspace(40.0, 200.0, 5), np.geomspace(0.4, 2.0, 3)
-"""Speeds and forces at which another texture is felt."""
+"""Length of a frame with constant speed and force in s; frequency below which hand motion dominates, in
+Hz."""
+SAMPLED_MM_S, SAMPLED_N = np.geomspace(40.0, 200.0, 5), np.geomspace(0.4, 2.0, 3)
+"""Speeds and forces at which other textures are sampled."""
+
+Frame = tuple[Samples, float, float]
+"""Vibration, mean speed (mm/s) and mean force (N) of a frame; speed and force are 0 if unknown."""
 
 
 def pack(
@@ -45,133 +50,153 @@ def pack(
     unit: str = "m/s^2",
     name: str = "",
     gain_db: Callable[[Any], Any] | None = None,
-    most_hz: float = np.inf,
+    max_hz: float = np.inf,
 ) -> PackedTexture:
-    """Return the texture of at most so many bytes that comes closest to a surface.
+    """Return the packed texture of at most `n_bytes` bytes that is closest to a surface.
 
-    Order and bits of the coefficients are searched for: the goodness of fit of the amplitudes and the
-    energies of nine bands (`texclass.vibration.scores`) decide, in the mean over slowest and fastest. A
-    tap takes three bytes in sixteen, twelve at most, friction one.
+    Order and bits of the coefficients are searched. The criterion is the goodness of fit of the amplitudes
+    plus the error of the energies of nine bands (`texclass.vibration.scores`), averaged over the spectra at
+    the lowest and the highest speed. A tap takes three bytes for every 16 bytes, at most twelve; the friction
+    takes one byte.
 
     Parameters
     ----------
     source : Recording, Scan, Texture or array_like of shape (n_samples,)
-        A scan tells spectra and level over speed and force; a texture is felt at 15 speeds and forces; a
-        vibration alone has one spectrum and one level, whatever the speed. Of a recording it is the movement,
-        a scan if it has speed and force; and the tap that is neither the hardest nor the softest, and the
-        mean friction, up to 2.55.
+        Source of the texture:
+
+        - a recording: its movement (a scan if it has speed and force), the tap of median hardness, and the
+          mean friction up to 2.55;
+        - a scan: spectra and level as a function of speed and force;
+        - a texture: the same, sampled at 15 speeds and forces;
+        - a vibration: one spectrum and one level for all speeds.
     n_bytes : int
-        Of the file, 8 to 512.
+        Largest size of the file in bytes, 8 to 512 (default 64).
     fs : float, optional
-        Of a vibration, Hz: a whole number up to 131,071.
+        Sampling rate of a vibration in Hz: an integer up to 131,071.
     unit : str
-        Of the vibration; a recording has its own.
+        Unit of the vibration (default "m/s^2"); recordings have their own.
     name : str, optional
-        Of the surface; by default that of the source.
+        Name of the surface (default: the name of the source).
     gain_db : callable, optional
-        Frequencies (Hz) -> dB by which the spectrum is raised; see `retouch`.
-    most_hz : float
-        The rate at most: what lies above half of it is left out.
+        Map from frequencies (Hz) to a gain of the spectrum in dB; see `retouch`.
+    max_hz : float
+        Largest sampling rate of the result in Hz; frequencies above half of it are removed.
 
     Raises
     ------
     ValueError
-        If a rule is broken, the source is silent, or shorter than a piece of 0.125 s.
+        If an argument is not valid, or the source is silent or shorter than a frame of 0.125 s.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal(4000)
+    >>> texture = pack(noise, n_bytes=32, fs=1000, name="noise")
+    >>> len(texture.to_bytes()) <= 32, texture.name
+    (True, 'noise')
     """
-    if not LEAST_BYTES <= n_bytes <= packed.MOST_BYTES:
-        raise ValueError(f"bytes are {n_bytes}. Expected {LEAST_BYTES} to {packed.MOST_BYTES}")
+    if not MIN_BYTES <= n_bytes <= packed.MAX_BYTES:
+        raise ValueError(f"n_bytes must be {MIN_BYTES} to {packed.MAX_BYTES}, got {n_bytes}")
     if unit not in UNITS:
-        raise ValueError(f"unit is {unit!r}. Expected one of {', '.join(UNITS)}")
-    # a mode for each 16 bytes that may be used
-    most, name = min(n_bytes // 16, packed.MOST_MODES), name or str(getattr(source, "name", ""))
-    tap = source.tap.strongest(most) if isinstance(source, PackedTexture) else NO_MODES
+        raise ValueError(f"unit must be one of {', '.join(UNITS)}, got {unit!r}")
+    # one mode of the tap for each 16 bytes
+    max_modes, name = min(n_bytes // 16, packed.MAX_MODES), name or str(getattr(source, "name", ""))
+    tap = source.tap.strongest(max_modes) if isinstance(source, PackedTexture) else NO_MODES
     mu = float(getattr(source, "mu", 0.0))
     if isinstance(source, Recording):
-        source, fs, unit, tap, mu = _felt_of(source, most)
-    pieces, rate = _pieces(source, fs)
-    if rate != round(rate) or not 40 <= min(rate, most_hz) < 1 << 17:
-        raise ValueError(f"fs is {rate} Hz. Expected a whole number, 40 to 131,071")
-    seen = _seen(pieces, rate, gain_db, most_hz)
-    facts: dict[str, Any] = {"unit": unit, "modes": packed.mode_codes(tap), "mu": min(mu, packed.MOST_MU)}
-    facts |= {key: seen[key] for key in ("fs", "level_db", "slopes_db", "ends")}
-    k = from_autocorrelation(np.fft.irfft(seen["spectra"], axis=-1)[:, : min(MOST_ORDER, seen["most"]) + 1])
-    if not _allocations(8 * n_bytes, facts, k.order):  # the spectrum comes first
+        source, fs, unit, tap, mu = _contents_of(source, max_modes)
+    frames, rate = _cut_frames(source, fs)
+    if rate != round(rate) or not 40 <= min(rate, max_hz) < 1 << 17:
+        raise ValueError(f"fs must be an integer of 40 to 131,071 Hz, got {rate} Hz")
+    target = _estimate_target(frames, rate, gain_db, max_hz)
+    facts: dict[str, Any] = {"unit": unit, "modes": packed.encode_modes(tap), "mu": min(mu, packed.MAX_MU)}
+    facts |= {key: target[key] for key in ("fs", "level_db", "slopes_db", "ends")}
+    autocorrelation = np.fft.irfft(target["spectra"], axis=-1)
+    k = from_autocorrelation(autocorrelation[:, : min(MAX_ORDER, target["max_order"]) + 1])
+    if not _allocations(8 * n_bytes, facts, k.order):  # the spectrum has priority over tap and friction
         facts |= {"modes": [], "mu": 0.0}
-    best, least = b"", np.inf
+    best, lowest_cost = b"", np.inf
     for bits in _allocations(8 * n_bytes, facts, k.order):
-        steps, share = 2 ** np.array(bits), np.arcsin(k.reflection[:, : len(bits)]) / np.pi + 0.5
-        codes = np.clip(np.floor(share * steps), 0, steps - 1).astype(np.int64)
-        cost = _cost(packed.reflection_of(codes, bits), seen, facts["fs"])
-        if cost < least:
-            best, least = packed.encode(facts | {"bits": bits, "codes": codes.tolist()}), cost
+        steps, fraction = 2 ** np.array(bits), np.arcsin(k.reflection[:, : len(bits)]) / np.pi + 0.5
+        codes = np.clip(np.floor(fraction * steps), 0, steps - 1).astype(np.int64)
+        cost = _cost(packed.decode_reflection(codes, bits), target, facts["fs"])
+        if cost < lowest_cost:
+            best, lowest_cost = packed.encode(facts | {"bits": bits, "codes": codes.tolist()}), cost
     if not best:
-        raise ValueError(f"bytes are {n_bytes}. Expected more of them for several speeds: 16 at least")
+        raise ValueError(f"n_bytes must be at least 16 for a source with several speeds, got {n_bytes}")
     return PackedTexture.from_bytes(best, name)
 
 
-def _felt_of(recording: Recording, most: int) -> tuple[Scan | Samples, float, str, DecayingModes, float]:
-    """Return the movement of a recording, rate, unit, at most so many modes of its middle tap, friction."""
+def _contents_of(
+    recording: Recording, max_modes: int
+) -> tuple[Scan | Samples, float, str, DecayingModes, float]:
+    """Return movement, sampling rate, unit, modes of the tap of median hardness, and friction."""
     phases = recording.phases or find_phases(recording)
     begin, end = phases.movement or (0, recording.n_samples)
     combined = combine(recording.acceleration[begin:end])
-    felt: Scan | Samples = combined
+    movement: Scan | Samples = combined
     if recording.speed is not None and recording.normal_force is not None:
         tracks = recording.speed[begin:end], recording.normal_force[begin:end]
-        felt = Scan.along_line(combined, *tracks, recording.fs)
+        movement = Scan.along_line(combined, *tracks, recording.fs)
     mu = 0.0 if recording.friction is None else float(np.abs(recording.friction[begin:end]).mean())
     modes = NO_MODES
-    with suppress(UndefinedFeatureError):  # no tap whose hardness is defined
+    with suppress(UndefinedFeatureError):  # no tap has a defined hardness
         taps = Views(recording, phases).tap.taps
         hardness = [damping(TapView((tap,), recording.fs)) for tap in taps]
         middle = taps[int(np.argsort(hardness)[(len(taps) - 1) // 2])].impulse
-        modes = _ringing(middle[:1024], recording.fs, most)
-    return felt, recording.fs, recording.unit, modes, mu
+        modes = _fit_modes(middle[:1024], recording.fs, max_modes)
+    return movement, recording.fs, recording.unit, modes, mu
 
 
-def _ringing(x: Samples, fs: float, most: int) -> DecayingModes:
-    """Return the modes that explain most of a tap (n,), one after another, then each again beside the others.
+def _fit_modes(x: Samples, fs: float, max_modes: int) -> DecayingModes:
+    """Fit modes to a tap (n,) by matching pursuit; each is fitted again twice with the others fixed.
 
-    A mode is Re(s exp((2 pi i f - B) t)); of all f and B that can be written, that whose best s leaves least.
+    A mode is Re(s exp((2 pi i f - B) t)). Of all f and B that have a code, the pair with the smallest
+    residual at the best s is selected.
     """
-    f, B = (2.0 ** steps.number(np.arange(1 << steps.bits)) for steps in packed.MODES[:2])
+    f, B = (2.0 ** q.decode(np.arange(1 << q.bits)) for q in packed.MODES[:2])
     t = np.arange(x.size) / fs
     turns = np.exp(-2j * np.pi * np.outer(f[f < fs / 2], t))
     fades = np.exp(-np.outer(t, B))
     g, h = (fades**2).sum(axis=0), turns**2 @ fades**2
     codes: list[list[int]] = []
-    for _ in range(3 * most):
-        others = codes if len(codes) < most else codes[1:]
-        left = x - packed.modes_of(others).synthesize(x.size, fs)
-        c = turns @ (left[:, np.newaxis] * fades)
+    for _ in range(3 * max_modes):
+        others = codes if len(codes) < max_modes else codes[1:]
+        residual = x - packed.decode_modes(others).synthesize(x.size, fs)
+        c = turns @ (residual[:, np.newaxis] * fades)
         s = 2 * (c * g - np.conj(c) * h) / np.maximum(g**2 - np.abs(h) ** 2, 1e-9 * g**2)
         j, k = np.unravel_index(np.argmax((np.conj(s) * c).real), s.shape)
         best = DecayingModes(f[j], B[k], np.abs(s[j, k]), np.angle(s[j, k]))
-        codes = [*others, *packed.mode_codes(best)]
-    return packed.modes_of(codes).strongest(most)
+        codes = [*others, *packed.encode_modes(best)]
+    return packed.decode_modes(codes).strongest(max_modes)
 
 
-def _pieces(source: Any, fs: float | None) -> tuple[list[tuple[Samples, float, float]], float]:
-    """Return pieces of 0.125 s with their speed and force (0 where unknown), and the rate."""
+def _cut_frames(source: Any, fs: float | None) -> tuple[list[Frame], float]:
+    """Return the frames of a source and its sampling rate in Hz."""
     if isinstance(source, Texture):
-        n, settled = round(1.25 * source.fs), round(0.25 * source.fs)
-        pieces = []
-        for seed, (v, f) in enumerate(product(*FELT)):
-            x = constant_stroke(source, v, f, n - settled, settled=settled, seed=seed)
-            pieces += [(one, float(v), float(f)) for one in _cut(x, source.fs)]
-        return pieces, source.fs
+        n, n_settling = round(1.25 * source.fs), round(0.25 * source.fs)
+        frames = []
+        for seed, (v, f) in enumerate(product(SAMPLED_MM_S, SAMPLED_N)):
+            x = constant_stroke(source, v, f, n - n_settling, n_settling=n_settling, seed=seed)
+            frames += [(frame, float(v), float(f)) for frame in _cut(x, source.fs)]
+        return frames, source.fs
     if isinstance(source, Scan):
         tracks = [_cut(x, source.fs) for x in (source.acceleration, source.speed, source.force)]
         means = [(x, float(v.mean()), float(f.mean())) for x, v, f in zip(*tracks, strict=True)]
-        moved = [piece for piece in means if piece[1] >= packed.REST_MM_S and piece[2] >= packed.LIGHT_N]
-        if len(moved) < 8:
-            raise ValueError(f"scan has {len(moved)} pieces of {FRAME_S} s in motion. Expected at least 8")
-        return moved, source.fs
+        moving = [frame for frame in means if frame[1] >= packed.REST_MM_S and frame[2] >= packed.LIGHT_N]
+        if len(moving) < 8:
+            raise ValueError(
+                f"the scan must have at least 8 frames of {FRAME_S} s with motion and contact, "
+                f"got {len(moving)}"
+            )
+        return moving, source.fs
     if fs is None:
-        raise ValueError("fs is missing. Expected a rate in Hz for a vibration alone")
+        raise ValueError("fs is missing. Pass the sampling rate of the vibration in Hz")
     x = np.asarray(source, dtype=np.float64)
     if x.ndim != 1 or x.size < FRAME_S * fs or not np.isfinite(x).all():
-        raise ValueError(f"vibration has shape {x.shape}. Expected one axis, finite, {FRAME_S} s at least")
-    return [(one, 0.0, 0.0) for one in _cut(x, fs, overlap=2)], fs
+        raise ValueError(
+            f"the vibration must be one finite axis of at least {FRAME_S} s, got shape {x.shape} at {fs:g} Hz"
+        )
+    return [(frame, 0.0, 0.0) for frame in _cut(x, fs, overlap=2)], fs
 
 
 def _cut(x: Samples, fs: float, overlap: int = 1) -> list[Samples]:
@@ -179,21 +204,21 @@ def _cut(x: Samples, fs: float, overlap: int = 1) -> list[Samples]:
     return [x[i : i + n] for i in range(0, x.size - n + 1, n // overlap)]
 
 
-def _seen(
-    pieces: Sequence[tuple[Samples, float, float]],
+def _estimate_target(
+    frames: Sequence[Frame],
     fs: float,
     gain_db: Callable[[Any], Any] | None,
-    most_hz: float,
+    max_hz: float,
 ) -> dict[str, Any]:
-    """Return the spectra to be kept (of the slowest and the fastest, or of all), and the law of the level."""
-    samples, speed, force = (np.array(each) for each in zip(*pieces, strict=True))
+    """Return the spectra to pack (at the lowest and highest speed, or the mean) and the law of the level."""
+    samples, speed, force = (np.array(column) for column in zip(*frames, strict=True))
     n = samples.shape[1]
     window = np.hanning(n + 2)[1:-1]
     centred = (samples - samples.mean(axis=1, keepdims=True)) * window
     f = np.fft.rfftfreq(2 * n, 1 / fs)
-    kept = f <= most_hz / 2  # power is the mean over all frequencies
-    S = np.abs(np.fft.rfft(centred, 2 * n))[:, kept] ** 2 / (window @ window) * kept.mean()
-    f = f[kept]
+    is_in_band = f <= max_hz / 2  # the factor below keeps power the mean over all frequencies
+    S = np.abs(np.fft.rfft(centred, 2 * n))[:, is_in_band] ** 2 / (window @ window) * is_in_band.mean()
+    f = f[is_in_band]
     if gain_db is not None:
         S *= 10 ** (gain_db(f) / 10)
     low = int(np.searchsorted(f, LOWEST_HZ))
@@ -201,292 +226,320 @@ def _seen(
     power = np.fft.irfft(S, axis=-1)[:, 0]
     if not power.max() > 0:
         raise ValueError("the source is silent. Expected a vibration")
-    heard = power > 1e-9 * power.max()
-    S, power, speed, force = S[heard], power[heard], speed[heard], force[heard]
-    known = bool(speed.min() > 0 and np.ptp(np.log2(speed)) >= 0.5)
-    if not known:
+    is_audible = power > 1e-9 * power.max()
+    S, power, speed, force = S[is_audible], power[is_audible], speed[is_audible], force[is_audible]
+    has_range = bool(speed.min() > 0 and np.ptp(np.log2(speed)) >= 0.5)
+    if not has_range:
         spectra = S.mean(axis=0, keepdims=True)
         law = {"level_db": 10 * np.log10(power.mean()), "slopes_db": None, "ends": None}
     else:
-        law = _law(power, speed, force)
+        law = _fit_level_law(power, speed, force)
         slow, fast, *_ = 2.0 ** np.asarray(law["ends"])
-        share = shares((np.array([slow, fast]),), (speed,))
-        spectra = share.T @ (S / power[:, np.newaxis])
+        weights = interpolation_weights((np.array([slow, fast]),), (speed,))
+        spectra = weights.T @ (S / power[:, np.newaxis])
     spectra = spectra / np.fft.irfft(spectra, axis=-1)[:, :1]
-    return law | {"spectra": spectra, "hz": f, "most": f.size - 2, "fs": round(2 * f[-1])}
+    return law | {"spectra": spectra, "hz": f, "max_order": f.size - 2, "fs": round(2 * f[-1])}
 
 
-def _law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
-    """Return level (dB at the geometric middle), slopes at twice speed and force, ends in octaves."""
-    at = np.log2([speed, force])
-    ends = [float(q) for axis in at for q in np.quantile(axis, [0.05, 0.95])]
-    ends = [packed.ENDS.number(packed.ENDS.code(e)) for e in ends]
+def _fit_level_law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
+    """Fit level (dB at the geometric mean), slopes in dB per octave, and ends in octaves."""
+    octaves = np.log2([speed, force])
+    ends = [float(q) for axis in octaves for q in np.quantile(axis, [0.05, 0.95])]
+    ends = [packed.ENDS.decode(packed.ENDS.encode(e)) for e in ends]
     middle = np.array([(ends[0] + ends[1]) / 2, (ends[2] + ends[3]) / 2])
-    H = np.column_stack([np.ones(speed.size), (at - middle[:, np.newaxis]).T])
+    H = np.column_stack([np.ones(speed.size), (octaves - middle[:, np.newaxis]).T])
     H[:, 2] *= ends[3] - ends[2] >= 0.5
-    db = 10 / np.log(10) * likeliest_logarithms(H, power)
+    db = 10 / np.log(10) * fit_gamma_regression(H, power)
     return {"level_db": float(db[0]), "slopes_db": [float(db[1]), float(db[2])], "ends": ends}
 
 
-def _allocations(n_bits: int, facts: dict[str, Any], most: int) -> list[tuple[int, ...]]:
-    """Return bits of each coefficient, falling from the first to the last, that fit into so many bits."""
+def _allocations(n_bits: int, facts: dict[str, Any], max_order: int) -> list[tuple[int, ...]]:
+    """Return candidates for the bits of each coefficient, non-increasing, that fit into `n_bits` bits."""
     n_nodes = 1 if facts["ends"] is None else 2
-    left = n_bits // 8 * 8 - 8 * len(packed.held(facts)) - 16 - len(packed.header(facts, [1]))
-    found = []
-    for first, last in product(range(2, MOST_BITS + 1), range(2, MOST_BITS + 1)):
+    n_contact = 8 * len(packed.encode_contact(facts))
+    n_available = n_bits // 8 * 8 - n_contact - 16 - len(packed.encode_header(facts, [1]))
+    candidates = []
+    for first, last in product(range(2, MAX_BITS + 1), range(2, MAX_BITS + 1)):
         fits = [
             bits
-            for order in range(1, min(MOST_ORDER, most) + 1)
-            if sum(bits := packed.falling(first, last, order)) * n_nodes <= left
+            for order in range(1, min(MAX_ORDER, max_order) + 1)
+            if sum(bits := packed.bit_allocation(first, last, order)) * n_nodes <= n_available
         ]
         if first >= last and fits:
-            chosen = {round(len(fits) * part) for part in (1.0, 0.85, 0.7, 0.5, 0.35, 0.2)}
-            found += [fits[max(i, 1) - 1] for i in sorted(chosen)]
-    return found
+            counts = {round(len(fits) * fraction) for fraction in (1.0, 0.85, 0.7, 0.5, 0.35, 0.2)}
+            candidates += [fits[max(i, 1) - 1] for i in sorted(counts)]
+    return candidates
 
 
-def _cost(k: Samples, seen: dict[str, Any], fs: float) -> float:
-    """Return 1 - GFC of the amplitudes and a hundredth of the RMS difference in dB of the nine bands."""
-    f = seen["hz"]
-    within = (f >= LOWEST_HZ) & (f <= min(1000.0, fs / 2))
-    edges = np.searchsorted(f[within], BAND_EDGES_HZ[fs / 2 >= BAND_EDGES_HZ])[:-1]
+def _cost(k: Samples, target: dict[str, Any], fs: float) -> float:
+    """Return 1 - GFC of the amplitudes plus a hundredth of the RMS error in dB of the nine bands."""
+    f = target["hz"]
+    is_in_band = (f >= LOWEST_HZ) & (f <= min(1000.0, fs / 2))
+    edges = np.searchsorted(f[is_in_band], BAND_EDGES_HZ[fs / 2 >= BAND_EDGES_HZ])[:-1]
     cost = 0.0
-    for row, S in zip(k, seen["spectra"], strict=True):
-        ln_a = recursions.log_magnitude(np.ascontiguousarray(row), 2 * np.pi * f[within] / fs)
+    for row, S in zip(k, target["spectra"], strict=True):
+        ln_a = recursions.log_magnitude(np.ascontiguousarray(row), 2 * np.pi * f[is_in_band] / fs)
         M = np.exp(np.log1p(-(row**2)).sum() - 2 * ln_a)
-        T = np.maximum(S[within], 1e-12 * S.max())
+        T = np.maximum(S[is_in_band], 1e-12 * S.max())
         gfc = np.sqrt(M * T).sum() / np.sqrt(M.sum() * T.sum())
         bands = [np.add.reduceat(P, np.unique(np.minimum(edges, T.size - 1))) for P in (M, T)]
         cost += 1 - gfc + 0.01 * np.sqrt(np.mean((10 * np.log10(bands[0] / bands[1])) ** 2))
     return float(cost)
 
 
-# To feel otherwise on some scales, and else the same --------------------------------------------------------
+# Change some perceptual scales and keep the others ----------------------------------------------------------
 
-OF_SPECTRUM = ("rough", "bumpy", "fine", "regular")
-"""Scales that hang on the spectrum; `hard` hangs on a tap, `sticky` on friction, where a texture has them."""
+SPECTRAL_SCALES = ("rough", "bumpy", "fine", "regular")
+"""Scales that depend on the spectrum; `hard` depends on the tap and `sticky` on the friction, if there is
+one."""
 
 
 @dataclass(frozen=True)
 class RetouchSettings:
-    """How textures are felt and changed.
+    """Settings of the measurement and the change of perceptual scales.
 
     Attributes
     ----------
     nodes_hz : tuple[float, ...]
-        Where the spectrum is raised; linear in between over the logarithm, constant beyond.
+        Frequencies of the gains in Hz; between them the gain is linear over log frequency, beyond constant.
     sharpness : tuple[float, float, float]
-        Nepers of frequency over which dB are smoothed, dB above that which count 1, and the most that counts.
-    most_rate_hz : float
-        Rate of the result at most: a finger feels up to 1 kHz, and few bytes hold the more below it.
+        Width over which the spectrum is smoothed (nepers of frequency), excess over the smoothed spectrum
+        that counts as 1 (dB), and largest value that counts.
+    max_rate_hz : float
+        Largest sampling rate of the result in Hz: touch perceives vibration up to 1 kHz, and few bytes
+        describe a smaller band better.
     probe_s, speed_mm_s, force_n : float
         Duration (s), mean speed (mm/s) and force (N) of the stroke to and fro that is measured.
     tap_fs : float
-        Rate of the tap that is measured, Hz.
-    most_db : float
-        Largest gain at a node, dB.
-    near : float
+        Sampling rate of the tap that is measured in Hz.
+    max_db : float
+        Largest gain in dB.
+    tolerance : float
         Largest error of a scale.
-    eager : float
-        Part of an error by which the next aim is moved.
+    step : float
+        Fraction of an error by which the next target is moved.
     """
 
     nodes_hz: tuple[float, ...] = (25.0, 60.0, 120.0, 300.0)
     sharpness: tuple[float, float, float] = (0.35, 6.0, 2.0)
-    most_rate_hz: float = 2000.0
+    max_rate_hz: float = 2000.0
     probe_s: float = 20.0
     speed_mm_s: float = 110.0
     force_n: float = 1.0
     tap_fs: float = 10_000.0
-    most_db: float = 30.0
-    near: float = 0.5
-    eager: float = 0.6
+    max_db: float = 30.0
+    tolerance: float = 0.5
+    step: float = 0.6
 
 
 RETOUCH = RetouchSettings()
 
 
-def felt_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
-    """Return how a texture feels: see `texclass.haptics.scales`.
+def measure_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
+    """Return the perceptual scales of a texture, see `texclass.haptics.scales`.
 
-    It is stroked to and fro for 20 s, by 1 N and 110 mm/s in the mean.
+    The texture is stroked to and fro for 20 s, with a force of 1 N and a mean speed of 110 mm/s.
 
     Parameters
     ----------
     texture : Texture
-        Of a vibration in m/s^2, at more than 300 Hz.
+        Texture of a vibration in m/s^2, with a sampling rate above 300 Hz.
     seed : int
-        Of its noise.
+        Seed of its noise (default 0).
 
     Returns
     -------
     dict of str to float
-        `rough`, `bumpy`, `fine` and `regular`; `hard` if it has a `tap`, `sticky` if it has friction (`mu`).
+        Values of `rough`, `bumpy`, `fine` and `regular`; `hard` if the texture has a `tap`, `sticky` if it
+        has friction (`mu`).
 
     Raises
     ------
     ValueError
-        If the texture is silent, or its rate is too low for the scales.
+        If the texture is silent, or its sampling rate is too low for the scales.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal(4000)
+    >>> sorted(measure_scales(pack(noise, n_bytes=16, fs=1000)))
+    ['bumpy', 'fine', 'regular', 'rough']
     """
-    of_spectrum = _felt(_probe(texture.renderer(seed=seed), texture.fs), texture.fs)
-    return dict(zip(OF_SPECTRUM, of_spectrum.tolist(), strict=True)) | _touched(*_held(texture))
+    values = _spectral_scales(_probe(texture.renderer(seed=seed), texture.fs), texture.fs)
+    return dict(zip(SPECTRAL_SCALES, values.tolist(), strict=True)) | _contact_scales(*_contact(texture))
 
 
 def scales_halfway(one: PackedTexture, other: PackedTexture) -> dict[str, float]:
-    """Return the scales of the spectrum of the model halfway between those of two textures of equal rate.
+    """Return the spectral scales of the model halfway between two textures of equal sampling rate.
 
-    Reflection coefficients are averaged as their inverse hyperbolic tangent, powers as their logarithm.
+    The mean is taken over arctanh of the reflection coefficients and over the logarithm of the powers.
     """
     models, order = (one.model, other.model), max(one.order, other.order)
     rows = [np.arctanh(np.pad(m.rows, [(0, 0), (0, 0), (0, order - m.order)])) for m in models]
     power = np.sqrt(one.model.power * other.model.power)
     model = replace(one.model, rows=np.tanh(np.mean(rows, axis=0)), power=power)
-    values = _felt(_probe(grid_renderer(model, one.fs), one.fs), one.fs)
-    return dict(zip(OF_SPECTRUM, values.tolist(), strict=True))
+    values = _spectral_scales(_probe(grid_renderer(model, one.fs), one.fs), one.fs)
+    return dict(zip(SPECTRAL_SCALES, values.tolist(), strict=True))
 
 
-def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **asked: float) -> PackedTexture:
-    """Return a texture that feels as asked on some scales, and as before on the others.
+def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targets: float) -> PackedTexture:
+    """Return a texture with new values on some perceptual scales and the same values on the others.
 
-    The spectrum is raised around 25, 60, 120 and 300 Hz, and sharpened or flattened, by the same at every
-    speed and force: by the least gains, found on a rendered stroke, with which it measures so. What lies
-    above 1 kHz is left out, and its level made up for below. A harder tap rings higher and shorter, at the
-    same damping, and is as much stronger: that of a stiffer spring.
+    Spectrum: gains around 25, 60, 120 and 300 Hz and a sharpening of the peaks, equal at all speeds and
+    forces. The smallest gains with which a rendered stroke measures the targets are used. Frequencies above 1
+    kHz are removed and their level is compensated below. Tap: a harder tap has a higher frequency and a
+    shorter decay at the same damping ratio, and a proportionally larger amplitude, as for a stiffer spring.
 
     Parameters
     ----------
     texture : Texture
-        As for `felt_scales`.
+        Texture as for `measure_scales`.
     n_bytes : int
-        Of the result; see `pack`.
+        Largest size of the result in bytes (default 128), see `pack`.
     unit : str
-        Of the vibration.
-    **asked : float
-        Scale -> where on it, usually 0 to 10. `hard` needs a texture with a `tap`, `sticky` one with
+        Unit of the vibration (default "m/s^2").
+    **targets : float
+        New value of each scale, usually 0 to 10. `hard` needs a texture with a `tap`, `sticky` one with
         friction (`mu`).
 
     Raises
     ------
     ValueError
-        If another scale is asked for, none is, the texture lacks what it hangs on, or what is asked is out of
-        reach: the result is more than half a point off.
+        If there is no target or an unknown scale, if the texture has no tap or friction to change, or if the
+        result would miss a target by more than half a point.
+
+    Examples
+    --------
+    Here only the friction changes:
+
+    >>> noise = np.random.default_rng(0).standard_normal(4000)
+    >>> texture = pack(noise, n_bytes=32, fs=1000).with_contact(mu=0.4)
+    >>> round(retouch(texture, sticky=7.0).mu, 2), round(retouch(texture, sticky=3.0).mu, 2)
+    (0.6, 0.4)
     """
-    if not asked or not set(asked) <= set(SCALES):
-        told = ", ".join(asked) or "nothing"
-        raise ValueError(f"asked for {told}. Expected one or more of {', '.join(SCALES)}")
-    tap, mu = _held(texture)
-    for name, what, lacks in (("hard", "tap", not tap.n_modes), ("sticky", "friction", not mu)):
-        if name in asked and lacks:
-            raise ValueError(f"asked for {name}, and the texture has no {what}. Expected one with a {what}")
-    if "hard" in asked:  # a stiffer spring: a ~ v w sin(w t)
-        c = SCALES["hard"].measured(asked["hard"]) / SCALES["hard"].measured(_touched(tap, mu)["hard"])
+    if not targets or not set(targets) <= set(SCALES):
+        names = ", ".join(targets) or "none"
+        raise ValueError(f"scales must be one or more of {', '.join(SCALES)}, got {names}")
+    tap, mu = _contact(texture)
+    for name, part, is_missing in (("hard", "tap", not tap.n_modes), ("sticky", "friction", not mu)):
+        if name in targets and is_missing:
+            raise ValueError(f"{name} needs a texture with a {part}, and the texture has no {part}")
+    if "hard" in targets:  # a stiffer spring: a ~ v w sin(w t)
+        hard = _contact_scales(tap, mu)["hard"]
+        c = SCALES["hard"].measured(targets["hard"]) / SCALES["hard"].measured(hard)
         higher = np.minimum(c * tap.frequency_hz, 0.49 * RETOUCH.tap_fs)
         tap = DecayingModes(higher, c * tap.decay_per_s, c * tap.amplitude, tap.phase)
-    mu = SCALES["sticky"].measured(asked["sticky"]) if "sticky" in asked else mu
-    if isinstance(texture, PackedTexture) and not set(asked) & set(OF_SPECTRUM):
-        found = texture.holding(tap=tap, mu=mu)
+    mu = SCALES["sticky"].measured(targets["sticky"]) if "sticky" in targets else mu
+    if isinstance(texture, PackedTexture) and not set(targets) & set(SPECTRAL_SCALES):
+        result = texture.with_contact(tap=tap, mu=mu)
     else:
-        found = _reshaped(texture, asked, n_bytes, unit).holding(tap=tap, mu=mu)
-    hard = _touched(found.tap, mu).get("hard", 0.0)
-    if abs(hard - asked.get("hard", hard)) > RETOUCH.near:
-        raise ValueError(f"asked for {asked}. Expected what a tap of 8 to 5000 Hz holds: hard {hard:.1f}")
-    return found
-
-
-def _reshaped(texture: Texture, asked: dict[str, float], n_bytes: int, unit: str) -> PackedTexture:
-    """Return the texture with the least gains with which it feels as asked, packed."""
-    x = _probe(texture.renderer(), texture.fs)
-    before = _felt(x, texture.fs)
-    wanted = np.array([asked.get(name, value) for name, value in zip(OF_SPECTRUM, before, strict=True)])
-    f = np.fft.rfftfreq(x.size, 1 / texture.fs)
-    f = f[f <= RETOUCH.most_rate_hz / 2]
-    spectrum = np.fft.rfft(x)[: f.size] * (2 * (f.size - 1) / x.size)
-    columns = _columns(f, np.abs(spectrum) ** 2)
-
-    def felt(gains: Samples) -> Samples:
-        return _felt(np.fft.irfft(spectrum * 10 ** (columns(f) @ gains / 20)), 2 * f[-1])
-
-    gains, aim, least = np.zeros(len(RETOUCH.nodes_hz) + 1), wanted, np.inf
-    for _ in range(6):  # what packing changes is asked for beforehand
-        gains = _gains(felt, gains, aim)
-        shape = partial(lambda gains, f: columns(f) @ gains, gains)
-        one = pack(texture, n_bytes, unit=unit, gain_db=shape, most_hz=RETOUCH.most_rate_hz)
-        found = _felt(_probe(one.renderer(), one.fs), one.fs)
-        if (missed := np.abs(found - wanted).max()) < least:
-            nearest, least, at = one, missed, found
-        if least < RETOUCH.near / 2:
-            break
-        aim = aim + RETOUCH.eager * (wanted - found)
-    if least > RETOUCH.near:
-        near = ", ".join(f"{name} {value:.1f}" for name, value in zip(OF_SPECTRUM, at, strict=True))
+        result = _reshape(texture, targets, n_bytes, unit).with_contact(tap=tap, mu=mu)
+    hard = _contact_scales(result.tap, mu).get("hard", 0.0)
+    if abs(hard - targets.get("hard", hard)) > RETOUCH.tolerance:
         raise ValueError(
-            f"asked for {asked}. Expected what {RETOUCH.most_db:g} dB and {n_bytes} bytes hold: {near}"
+            f"targets {targets} are out of reach: a tap of 8 to 5000 Hz reaches hard {hard:.1f}. "
+            "Use a target closer to it"
+        )
+    return result
+
+
+def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: str) -> PackedTexture:
+    """Return the packed texture with the smallest gains that reach the targets."""
+    x = _probe(texture.renderer(), texture.fs)
+    present = _spectral_scales(x, texture.fs)
+    wanted = np.array(
+        [targets.get(name, value) for name, value in zip(SPECTRAL_SCALES, present, strict=True)]
+    )
+    f = np.fft.rfftfreq(x.size, 1 / texture.fs)
+    f = f[f <= RETOUCH.max_rate_hz / 2]
+    spectrum = np.fft.rfft(x)[: f.size] * (2 * (f.size - 1) / x.size)
+    basis = _gain_basis(f, np.abs(spectrum) ** 2)
+
+    def scales_with(gains: Samples) -> Samples:
+        return _spectral_scales(np.fft.irfft(spectrum * 10 ** (basis(f) @ gains / 20)), 2 * f[-1])
+
+    gains, aim, smallest_error = np.zeros(len(RETOUCH.nodes_hz) + 1), wanted, np.inf
+    for _ in range(6):  # the aim compensates the changes by packing
+        gains = _solve_gains(scales_with, gains, aim)
+        shape = partial(lambda gains, f: basis(f) @ gains, gains)
+        candidate = pack(texture, n_bytes, unit=unit, gain_db=shape, max_hz=RETOUCH.max_rate_hz)
+        values = _spectral_scales(_probe(candidate.renderer(), candidate.fs), candidate.fs)
+        if (error := np.abs(values - wanted).max()) < smallest_error:
+            nearest, smallest_error, nearest_values = candidate, error, values
+        if smallest_error < RETOUCH.tolerance / 2:
+            break
+        aim = aim + RETOUCH.step * (wanted - values)
+    if smallest_error > RETOUCH.tolerance:
+        pairs = zip(SPECTRAL_SCALES, nearest_values, strict=True)
+        reached = ", ".join(f"{name} {value:.1f}" for name, value in pairs)
+        raise ValueError(
+            f"targets {targets} are out of reach with {RETOUCH.max_db:g} dB and {n_bytes} bytes: "
+            f"the nearest texture has {reached}. Use targets closer to it"
         )
     return nearest
 
 
-def _gains(felt: Callable[[Samples], Samples], gains: Samples, aim: Samples) -> Samples:
-    """Return the gains (dB) with which a vibration measures so, by Newton's method, steps may shrink."""
-    at = felt(gains)
+def _solve_gains(scales_with: Callable[[Samples], Samples], gains: Samples, aim: Samples) -> Samples:
+    """Return the gains (dB) with which the scales reach the aim, by Newton's method with step control."""
+    values = scales_with(gains)
     for _ in range(12):
-        if np.abs(at - aim).max() < 0.05:
+        if np.abs(values - aim).max() < 0.05:
             break
-        slopes = np.column_stack([felt(gains + step) - at for step in np.eye(gains.size)])
-        step = np.clip(np.linalg.pinv(slopes, rcond=1e-2) @ (at - aim), -4.0, 4.0)
-        tried = [np.clip(gains - share * step, -RETOUCH.most_db, RETOUCH.most_db) for share in (1.0, 0.4)]
-        found = [felt(one) for one in tried]
-        best = int(np.argmin([np.abs(one - aim).max() for one in found]))
-        gains, at = tried[best], found[best]
+        slopes = np.column_stack([scales_with(gains + unit) - values for unit in np.eye(gains.size)])
+        step = np.clip(np.linalg.pinv(slopes, rcond=1e-2) @ (values - aim), -4.0, 4.0)
+        trials = [np.clip(gains - part * step, -RETOUCH.max_db, RETOUCH.max_db) for part in (1.0, 0.4)]
+        trial_values = [scales_with(trial) for trial in trials]
+        best = int(np.argmin([np.abs(trial - aim).max() for trial in trial_values]))
+        gains, values = trials[best], trial_values[best]
     return gains
 
 
-def _columns(f: Any, power: Any) -> Callable[[Any], Samples]:
-    """Return what makes the columns of gains at frequencies: of each node, and of what stands out by 6 dB."""
+def _gain_basis(f: Any, power: Any) -> Callable[[Any], Samples]:
+    """Return a map from frequencies to basis functions of the gain: one per node, and one for the peaks."""
     grid = np.geomspace(10.0, f[-1], 300)
-    within = np.abs(np.log(f[1:] / grid[:, np.newaxis])) < np.maximum(0.03, 2.0 / grid)[:, np.newaxis]
-    db = 10 * np.log10(within @ power[1:] / within.sum(axis=1) + 1e-300)
-    width, scale, most = RETOUCH.sharpness
-    near = np.exp(-0.5 * (np.log(grid / grid[:, np.newaxis]) / width) ** 2)
-    above = np.clip((db - near @ db / near.sum(axis=1)) / scale, -most, most)
+    is_near = np.abs(np.log(f[1:] / grid[:, np.newaxis])) < np.maximum(0.03, 2.0 / grid)[:, np.newaxis]
+    db = 10 * np.log10(is_near @ power[1:] / is_near.sum(axis=1) + 1e-300)
+    width, unit_db, largest = RETOUCH.sharpness
+    kernel = np.exp(-0.5 * (np.log(grid / grid[:, np.newaxis]) / width) ** 2)
+    peaks = np.clip((db - kernel @ db / kernel.sum(axis=1)) / unit_db, -largest, largest)
 
-    def columns(f: Any) -> Samples:
+    def basis(f: Any) -> Samples:
         ln_f = np.log(np.maximum(f, 1.0))
-        raised = [np.interp(ln_f, np.log(RETOUCH.nodes_hz), one) for one in np.eye(len(RETOUCH.nodes_hz))]
-        return np.column_stack([*raised, np.interp(ln_f, np.log(grid), above)])
+        nodes = [np.interp(ln_f, np.log(RETOUCH.nodes_hz), row) for row in np.eye(len(RETOUCH.nodes_hz))]
+        return np.column_stack([*nodes, np.interp(ln_f, np.log(grid), peaks)])
 
-    return columns
+    return basis
 
 
 def _probe(renderer: Renderer, fs: float) -> Samples:
-    """Return the vibration of 20 strokes of a second to and fro, without the first tenth."""
+    """Return the vibration of 20 strokes of 1 s to and fro, without the first 0.1 s."""
     t = np.arange(round((RETOUCH.probe_s + 0.1) * fs)) / fs
     speed = RETOUCH.speed_mm_s * (0.55 + 0.45 * np.pi / 2 * np.abs(np.sin(np.pi * t)))
     velocity = np.column_stack([speed * np.sign(np.sin(np.pi * t) + 1e-12), np.zeros(t.size)])
-    felt = renderer.process(velocity, np.full(t.size, RETOUCH.force_n))
-    return np.asarray(felt[round(0.1 * fs) :])
+    vibration = renderer.process(velocity, np.full(t.size, RETOUCH.force_n))
+    return np.asarray(vibration[round(0.1 * fs) :])
 
 
-def _felt(x: Samples, fs: float) -> Samples:
-    """Return what the scales of the spectrum, `OF_SPECTRUM`, say of a movement in m/s^2."""
+def _spectral_scales(x: Samples, fs: float) -> Samples:
+    """Return the values of `SPECTRAL_SCALES` for a movement in m/s^2."""
     stroke = Recording(x, fs, "m/s^2", "stroke", phases=Phases(movement=(0, x.size)))
-    return np.array(list(_told(stroke, OF_SPECTRUM, f"texture at {fs:g} Hz").values()))
+    return np.array(list(_scales_of(stroke, SPECTRAL_SCALES, f"texture at {fs:g} Hz").values()))
 
 
-def _held(texture: Texture) -> tuple[DecayingModes, float]:
-    """Return the tap, of no mode where there is none, and the friction, 0 where there is none."""
+def _contact(texture: Texture) -> tuple[DecayingModes, float]:
+    """Return the tap (without modes if there is none) and the friction (0 if there is none)."""
     return getattr(texture, "tap", NO_MODES), float(getattr(texture, "mu", 0.0))
 
 
-def _touched(tap: DecayingModes, mu: float) -> dict[str, float]:
-    """Return what the scales of a tap and of friction say, where there is one."""
-    found: dict[str, float] = {}
+def _contact_scales(tap: DecayingModes, mu: float) -> dict[str, float]:
+    """Return the scales of the tap and of the friction, as far as they exist."""
+    values: dict[str, float] = {}
     if tap.n_modes:
         x = np.concatenate([np.zeros(500), tap.synthesize(4000, RETOUCH.tap_fs)])
-        struck = Phases(taps=(Tap(0, 500, x.size),))
-        found |= _told(Recording(x, RETOUCH.tap_fs, "m/s^2", "tap", phases=struck), ("hard",), "tap")
+        phases = Phases(taps=(Tap(0, 500, x.size),))
+        values |= _scales_of(Recording(x, RETOUCH.tap_fs, "m/s^2", "tap", phases=phases), ("hard",), "tap")
     if mu:
-        found["sticky"] = SCALES["sticky"].told(mu)
-    return found
+        values["sticky"] = SCALES["sticky"].told(mu)
+    return values
 
 
 @cache
@@ -494,11 +547,11 @@ def _plan(names: tuple[str, ...]) -> Plan:
     return Plan.of(load_feature_set("scales")).restricted_to(SCALES[name].column for name in names)
 
 
-def _told(recording: Recording, names: tuple[str, ...], what: str) -> dict[str, float]:
-    """Return what scales say of a recording; all of them have to be defined."""
+def _scales_of(recording: Recording, names: tuple[str, ...], source: str) -> dict[str, float]:
+    """Return scales of a recording; all of them must be defined."""
     plan = _plan(names)
-    found = plan.compute(recording)
-    for _, reason in found.reasons:
-        raise ValueError(f"{what}: {reason}")
-    measured = dict(zip(plan.columns, found.values.tolist(), strict=True))
+    computed = plan.compute(recording)
+    for _, reason in computed.reasons:
+        raise ValueError(f"{source}: {reason}")
+    measured = dict(zip(plan.columns, computed.values.tolist(), strict=True))
     return {name: SCALES[name].told(measured[SCALES[name].column]) for name in names}

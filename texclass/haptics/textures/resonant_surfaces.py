@@ -1,10 +1,10 @@
-"""Nine simulated surfaces whose vibration is known at every direction, speed and force.
+"""Nine simulated surfaces with a known spectrum at every direction, speed and force.
 
-The recordings of `abdulali2016` are not public. These surfaces stand in for S1 ... S9: each vibrates as an
-autoregressive process whose resonances, widths and level vary smoothly with the tool's velocity and force;
-all but S4 with the direction too (period pi, as a grain has). Frequencies and levels are ours: the paper
-prints none. Fabric (S4-S6) is broad and quiet, wood (S7-S9) lower and narrower, plastic (S1-S3) has one
-resonance more; S1 has the widest range of frequencies.
+The recordings of `abdulali2016` are not public. These surfaces replace its S1 ... S9: each vibrates as an
+autoregressive process whose resonances, bandwidths and level vary smoothly with velocity and force; all but
+S4 also vary with the direction (period pi, like a grain). Frequencies and levels are our choice, because the
+paper prints none. Fabric (S4-S6) is broadband and quiet, wood (S7-S9) lower and narrower, plastic (S1-S3) has
+one more resonance; S1 has the widest range of frequencies.
 """
 
 from dataclasses import dataclass
@@ -17,34 +17,40 @@ from texclass.vibration import LatticeSynthesis
 from texclass.vibration.autoregressive import Autoregression, from_direct_form
 
 SPEED_MM_S, FORCE_N = 90.0, 1.0
-"""Where the resonances have their nominal frequencies and the level is nominal."""
+"""Nominal speed and force, at which resonances and level have their nominal values (our choice)."""
 SLOW_MM_S = 20.0
-"""Below about this speed direction and speed matter less and less."""
+"""Speed below which direction and speed matter less and less."""
 LIGHT_N = 0.1
-"""Below about this force, force does."""
+"""Force below which the force matters less and less."""
 GROWTH = (0.8, 0.5)
-"""Exponents of speed and force in the level."""
+"""Exponents of speed and force in the law of the level."""
 
 
 @dataclass(frozen=True)
 class ResonantSurface:
-    """A surface and what its vibration does.
+    """A simulated surface with known resonances.
 
     Parameters
     ----------
     name : str
-        As in the paper.
+        Name as in the paper.
     kind : str
-        Its group.
+        Group of surfaces.
     resonances : tuple of tuple of float
-        Of each: frequency and half-power width (Hz) at nominal speed and force; change of the logarithm of
-        the frequency per e-fold of speed and of force, and its amplitude over directions.
+        For each resonance: frequency and half-power bandwidth (Hz) at nominal speed and force; exponents of
+        speed and of force in the frequency; and amplitude of ln(frequency) over directions.
     grain_rad : float
-        Direction of the grain.
+        Direction of the grain in rad.
     level : float
-        RMS at nominal speed and force, m/s^2.
-    level_with_direction : float
-        Amplitude of the logarithm of the level over directions.
+        RMS at nominal speed and force in m/s^2.
+    level_anisotropy : float
+        Amplitude of ln(level) over directions.
+
+    Examples
+    --------
+    >>> frequency, bandwidth, level = get_surface("S4").true_spectrum([[90.0, 0.0]], [1.0])
+    >>> frequency.tolist(), level.tolist()
+    ([[70.0, 220.0]], [1.0])
     """
 
     name: str
@@ -52,51 +58,51 @@ class ResonantSurface:
     resonances: tuple[tuple[float, float, float, float, float], ...]
     grain_rad: float
     level: float
-    level_with_direction: float
+    level_anisotropy: float
 
     @property
-    def anisotropic(self) -> bool:
-        """Whether the direction matters."""
-        return any(moves[-1] for moves in self.resonances) or self.level_with_direction != 0
+    def is_anisotropic(self) -> bool:
+        """Whether the spectrum or the level depends on the direction."""
+        return any(exponents[-1] for exponents in self.resonances) or self.level_anisotropy != 0
 
-    def truth(self, velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples, Samples]:
-        """Return frequencies and widths (n, n_resonances), Hz, and levels (n,), at velocities and forces.
+    def true_spectrum(self, velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples, Samples]:
+        """Return frequencies and bandwidths (n, n_resonances) in Hz and levels (n,) in m/s^2.
 
         Parameters
         ----------
         velocity : array_like of shape (n, 2)
-            mm/s.
+            Velocity in mm/s.
         force : array_like of shape (n,)
-            N.
+            Normal force in N.
         """
         vx, vy = np.asarray(velocity, dtype=np.float64).T
         f, v = np.maximum(np.asarray(force, dtype=np.float64), 0.0), np.hypot(vx, vy)
-        faster = np.log((v + SLOW_MM_S) / (SPEED_MM_S + SLOW_MM_S))
-        harder = np.log((f + LIGHT_N) / (FORCE_N + LIGHT_N))
-        across = np.cos(2 * (np.arctan2(vy, vx) - self.grain_rad)) * v / (v + SLOW_MM_S)
-        frequency, width, *moves = np.array(self.resonances).T
-        change = np.exp(np.stack([faster, harder, across], axis=-1) @ np.array(moves))
+        ln_speed = np.log((v + SLOW_MM_S) / (SPEED_MM_S + SLOW_MM_S))
+        ln_force = np.log((f + LIGHT_N) / (FORCE_N + LIGHT_N))
+        direction = np.cos(2 * (np.arctan2(vy, vx) - self.grain_rad)) * v / (v + SLOW_MM_S)
+        frequency, width, *exponents = np.array(self.resonances).T
+        change = np.exp(np.stack([ln_speed, ln_force, direction], axis=-1) @ np.array(exponents))
         level = self.level * (v / SPEED_MM_S) ** GROWTH[0] * (f / FORCE_N) ** GROWTH[1]
-        level = level * np.exp(self.level_with_direction * across)
+        level = level * np.exp(self.level_anisotropy * direction)
         return frequency * change, width * np.sqrt(change), level
 
     def models(self, velocity: ArrayLike, force: ArrayLike, fs: float) -> tuple[Samples, Samples]:
-        """Return the true reflection coefficients (n, p) and levels (n,) at a rate in Hz."""
-        frequency, width, level = self.truth(velocity, force)
+        """Return the true reflection coefficients (n, p) and levels (n,) at a sampling rate `fs` in Hz."""
+        frequency, width, level = self.true_spectrum(velocity, force)
         theta = 2 * np.pi * np.minimum(frequency, 0.45 * fs) / fs
         radius = np.exp(-np.pi * width / fs)
         a = np.zeros((len(theta), 2 * theta.shape[1] + 1))
         a[:, 0] = 1.0
         for i in range(theta.shape[1]):
-            before = a.copy()
-            a[:, 1:] -= 2 * (radius[:, i] * np.cos(theta[:, i]))[:, np.newaxis] * before[:, :-1]
-            a[:, 2:] += (radius[:, i] ** 2)[:, np.newaxis] * before[:, :-2]
+            previous = a.copy()
+            a[:, 1:] -= 2 * (radius[:, i] * np.cos(theta[:, i]))[:, np.newaxis] * previous[:, :-1]
+            a[:, 2:] += (radius[:, i] ** 2)[:, np.newaxis] * previous[:, :-2]
         return from_direct_form(a, np.ones(len(a))).reflection, level
 
     def vibration(
         self, velocity: ArrayLike, force: ArrayLike, fs: float, rng: np.random.Generator
     ) -> Samples:
-        """Return the vibration (n,) along a motion, m/s^2, with sensor noise of 1 % of the nominal level."""
+        """Return the vibration (n,) along a path in m/s^2, with sensor noise of 1 % of the nominal level."""
         k, level = self.models(velocity, force, fs)
         lattice = LatticeSynthesis(Autoregression(k[0], np.ones(())), level=float(level[0])).settle(rng)
         noise = rng.standard_normal((2, len(level)))
@@ -120,12 +126,12 @@ SURFACES = (
     ResonantSurface("S8", "wood", ((60, 22, 0.25, 0.0, -0.3), (150, 40, 0.15, 0.08, 0.2)), 1.6, 1.8, 0.4),
     ResonantSurface("S9", "wood", ((50, 20, 0.2, 0.05, 0.2), (180, 50, 0.25, 0.0, -0.25)), 2.6, 2.2, 0.45),
 )  # fmt: skip
-"""S1 ... S9; S4 alone is isotropic."""
+"""Surfaces S1 ... S9; only S4 is isotropic."""
 
 
-def surface(name: str) -> ResonantSurface:
-    """Return the surface of a name, S1 ... S9."""
-    known = {each.name: each for each in SURFACES}
-    if name not in known:
-        raise ValueError(f"surface is {name!r}. Expected one of {', '.join(known)}")
-    return known[name]
+def get_surface(name: str) -> ResonantSurface:
+    """Return the surface with a name, S1 ... S9."""
+    surfaces = {surface.name: surface for surface in SURFACES}
+    if name not in surfaces:
+        raise ValueError(f"unknown surface {name!r}. Expected one of {', '.join(surfaces)}")
+    return surfaces[name]

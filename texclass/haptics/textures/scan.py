@@ -1,4 +1,4 @@
-"""A scan: the vibration of a tool that strokes a surface, and where, how fast and how hard it does."""
+"""Scans: vibration, position, velocity and force of a tool that strokes a surface."""
 
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -13,27 +13,34 @@ from texclass.signals import positive
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """What was recorded while a tool stroked one surface. Frozen; its arrays are read-only float64.
+    """Record of a tool that strokes one surface. Frozen; its arrays are read-only float64.
 
     Parameters
     ----------
     acceleration : array_like of shape (n_samples,)
-        Vibration of the tool, one axis or combined to one, m/s^2 (or a unit of its own, kept throughout).
+        Vibration of the tool in m/s^2 (or another unit, which is kept throughout): one axis, or several
+        combined into one.
     position : array_like of shape (n_samples, 2)
-        Of the tool's tip on the surface, mm.
+        Position of the tip on the surface in mm.
     velocity : array_like of shape (n_samples, 2)
-        Tangential, mm/s.
+        Tangential velocity in mm/s.
     force : array_like of shape (n_samples,)
-        Normal force, N, pressing is positive.
+        Normal force in N; pressing is positive.
     fs : float
-        Sampling rate of all signals, Hz.
+        Sampling rate of all signals in Hz.
     name : str, optional
-        Of the surface.
+        Name of the surface.
 
     Raises
     ------
     ValueError
-        If a shape does not fit, a value is NaN or infinite, or `fs` is not positive; the message names which.
+        If a shape does not fit, a value is NaN or infinite, or `fs` is not positive.
+
+    Examples
+    --------
+    >>> scan = Scan.along_line(np.zeros(500), speed=80.0, force=1.0, fs=1000.0, name="felt")
+    >>> len(scan), round(float(scan.distance_mm[-1]), 2), len(scan.crop(100, 200))
+    (500, 39.92, 100)
     """
 
     acceleration: Samples
@@ -50,23 +57,23 @@ class Scan:
         object.__setattr__(self, "speed", np.hypot(*self.velocity.T))
         freeze(self, speed=("n",))
         if not len(self):
-            raise ValueError(f"scan {self.name!r} holds no sample. Expected at least one")
+            raise ValueError(f"scan {self.name!r} is empty. Expected at least one sample")
 
     def __len__(self) -> int:
         return int(self.acceleration.size)
 
     @property
     def time_s(self) -> Samples:
-        """Time of each sample from the first, s, shape (n_samples,)."""
+        """Time of each sample since the first in s, shape (n_samples,)."""
         return np.arange(len(self)) / self.fs
 
     @property
     def distance_mm(self) -> Samples:
-        """Length of the path up to each sample, mm, shape (n_samples,)."""
+        """Length of the path up to each sample in mm, shape (n_samples,)."""
         steps = np.hypot(*np.diff(self.position, axis=0).T)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
-    def part(self, start: int, stop: int) -> Self:
+    def crop(self, start: int, stop: int) -> Self:
         """Return the samples [start, stop) as a scan."""
         names = ("acceleration", "position", "velocity", "force")
         return replace(self, **{name: getattr(self, name)[start:stop] for name in names})
@@ -75,18 +82,18 @@ class Scan:
     def along_line(
         cls, acceleration: ArrayLike, speed: ArrayLike, force: ArrayLike, fs: float, name: str = ""
     ) -> Self:
-        """Return the scan of a straight stroke along x, of which only the speed is known.
+        """Return the scan of a straight stroke along x, from its speed.
 
         Parameters
         ----------
         acceleration : array_like of shape (n_samples,)
-            m/s^2.
+            Vibration in m/s^2.
         speed, force : array_like of shape (n_samples,) or ()
-            mm/s and N; one value holds throughout.
+            Speed in mm/s and force in N; a single value is constant over the stroke.
         fs : float
-            Hz.
+            Sampling rate in Hz.
         name : str, optional
-            Of the surface.
+            Name of the surface.
         """
         a = np.asarray(acceleration, dtype=np.float64)
         v = np.broadcast_to(np.asarray(speed, dtype=np.float64), a.shape)
@@ -97,27 +104,30 @@ class Scan:
 
     @classmethod
     def from_recording(cls, recording: Recording, acceleration: ArrayLike | None = None) -> Self:
-        """Return the scan of a recording that carries speed and normal force, as a straight stroke.
+        """Return the scan of a recording with speed and normal force, as a straight stroke.
 
         Parameters
         ----------
         recording : Recording
-            With `speed` (mm/s) and `normal_force` (N).
+            Recording with `speed` (mm/s) and `normal_force` (N).
         acceleration : array_like of shape (n_samples,), optional
-            Its axes combined to one; by default the only one.
+            Axes combined into one (default: the only axis of the recording).
 
         Raises
         ------
         ValueError
-            If speed or force are missing or there are several axes and none was chosen.
+            If speed or force is missing, or if there are several axes and no `acceleration`.
         """
         a = np.asarray(recording.acceleration if acceleration is None else acceleration)
         where = recording.source or recording.recording_id
         if recording.speed is None or recording.normal_force is None:
-            raise ValueError(f"{where}: no speed or normal force. Expected a recording with both")
+            raise ValueError(f"{where} has no speed or no normal force. Expected a recording with both")
         if a.ndim == 2 and a.shape[1] == 1:
             a = a[:, 0]
         if a.ndim != 1:
-            raise ValueError(f"{where}: acceleration has shape {a.shape}. Expected one axis: combine them")
+            raise ValueError(
+                f"{where}: acceleration must have one axis, got shape {a.shape}. Combine the axes, "
+                "for example with texclass.signals.combine"
+            )
         name = recording.surface or recording.recording_id
         return cls.along_line(a, recording.speed, recording.normal_force, recording.fs, name)

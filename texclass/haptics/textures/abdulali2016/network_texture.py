@@ -255,7 +255,7 @@ class MapTexture(FramedTexture):
             seed=seed,
             motion_hz=MOTION_HZ,
             glide=self.glide,
-            n_drawn=self.order + 1,
+            n_stationary=self.order + 1,
         )
 
 
@@ -435,7 +435,7 @@ class BakedTexture(FramedTexture):
             limit=LIMIT * frame.peak,
             seed=seed,
             motion_hz=MOTION_HZ,
-            n_drawn=self.order + 1,
+            n_stationary=self.order + 1,
         )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from texclass.haptics.textures.contract import USUAL_N, Texture, freeze
+from texclass.haptics.textures.contract import NOMINAL_FORCE_N, Texture, freeze
 from texclass.recording import Samples
 
 Course = Literal["line", "travelled"]
@@ -216,7 +216,7 @@ class SpatialTexture(Texture):
     @cached_property
     def forces(self) -> Samples:
         """Half and twice the force of the scan, N; about a usual one where the scan has none."""
-        return (self.scaling.force or USUAL_N) * np.array([0.5, 2.0])
+        return (self.scaling.force or NOMINAL_FORCE_N) * np.array([0.5, 2.0])
 
     @property
     def n_features(self) -> int:
