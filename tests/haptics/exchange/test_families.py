@@ -199,7 +199,7 @@ def test_every_renderer_takes_a_path_in_any_pieces_and_kinds_and_refuses_bad_one
     renderer.reset()
     broken = [(v[:3], f[:2]), (v[0], f[:2]), (v[:2] * np.nan, f[:2]), (v[:2], [1.0, np.inf])]
     for velocity, force in broken:
-        with pytest.raises(ValueError, match="Expected|must"):
+        with pytest.raises(ValueError, match=r"Expected|must"):
             renderer.process(velocity, force)
     assert_array_equal(renderer.process(v[:99], f[:99]), whole[:99])  # as if nothing had been asked
     narrow = np.asfortranarray(v[:200].astype(np.float32))

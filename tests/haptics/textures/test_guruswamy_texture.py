@@ -62,7 +62,7 @@ def test_what_breaks_a_rule_is_refused(rubber_fit):
         {"amplitude": arrays["amplitude"][:-1]}, {"amplitude": 1e300 * arrays["amplitude"]},
         {"phase": np.nan * arrays["phase"]},
     ):  # fmt: skip
-        with pytest.raises(ValueError, match="Expected|must"):
+        with pytest.raises(ValueError, match=r"Expected|must"):
             replace(texture, **change)
 
 
@@ -87,7 +87,7 @@ def test_operations_count_the_modes_that_ring(rubber_fit):
 @pytest.mark.parametrize(("speed", "level"), [(0.0, 1.0), (20.0, 0.01)])
 def test_a_scan_that_rests_or_is_silent_is_refused(speed, level):
     noise = level * np.random.default_rng(0).standard_normal(500)
-    with pytest.raises(ValueError, match="Expected|must"):
+    with pytest.raises(ValueError, match=r"Expected|must"):
         fit_texture(Scan.along_line(noise, speed, 0.5, 500.0, "nothing"))
 
 
