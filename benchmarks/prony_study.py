@@ -152,7 +152,7 @@ def real_segments() -> dict[str, Samples]:
 def recorded(name: str, x: Samples) -> dict[str, object]:
     """Fit a recorded segment by all methods; Prony's resolution is 1 % of the largest sample."""
     published = fit_prony(x, 0.01)
-    reflected, projected = fit_matrix_pencil(x, FS), fit_matrix_pencil(x, FS, outside="project")
+    reflected, projected = fit_matrix_pencil(x, FS), fit_matrix_pencil(x, FS, unstable_poles="project")
     return {
         "segment": name,
         "Prony order": published.order,

@@ -19,7 +19,7 @@ x = np.diff(movement - movement.mean())  # reduces hand motion
 # %%
 # Burg's method returns reflection coefficients, so the model is stable. Select the order:
 
-selection = tx.vibration.select_order(x, largest=100)
+selection = tx.vibration.select_order(x, max_order=100)
 model = tx.vibration.fit(x, selection.order)
 print(f"order {model.order}, largest |k| {np.abs(model.reflection).max():.3f}")
 

@@ -102,7 +102,7 @@ def compute(
     """Compute what the chapter says; return it with the figures, not drawn yet."""
     scans = {o.name: repeated_scans(o, stream(seed, 1, i), duration_s) for i, o in enumerate(OBJECTS)}
     fitted = {o.name: fit_texture(scans[o.name][0], o.law) for o in OBJECTS}
-    piece = fitted[SHOWN].profile.segmentation.pieces(fitted[SHOWN].profile.samples)[SEGMENT]
+    piece = fitted[SHOWN].profile.segmentation.split(fitted[SHOWN].profile.samples)[SEGMENT]
     orders = fits_by_order(piece, fitted[SHOWN].scan.fs, RESOLUTION)
     laws = {
         o.name: fit_level_law(level_scans(o, stream(seed, 2, i)), o.law.k_c) for i, o in enumerate(OBJECTS)

@@ -100,7 +100,7 @@ def published_row(scan: Scan, law: LevelLaw, resolution: float = RESOLUTION) -> 
     scaling = _amplitude(scan, law)
     a = normalised(scan, scaling)
     profile = profile_of(a, scan.fs, resolution=resolution)
-    filters = fit_published(profile.segmentation.pieces(profile.samples), resolution)
+    filters = fit_published(profile.segmentation.split(profile.samples), resolution)
     bounds = profile.segmentation.bounds
     model = np.concatenate([f.synthesize(n)[:n] for f, n in zip(filters, np.diff(bounds), strict=True)])
     total = np.zeros_like(model)

@@ -48,7 +48,7 @@ def order_curves(x, largest=LARGEST):
     with the other, mean of both ways; "floor", "floor_of_half": what the true model would keep; orders chosen
     by "aicc", beyond which "little" is gained, and the first with an error "at_most" 0.4, if any has.
     """
-    little, met = select_order(x, largest), select_order(x, largest, at_most=AT_MOST)
+    little, met = select_order(x, largest), select_order(x, largest, max_error=AT_MOST)
     halves = np.array_split(x, 2)
     both_ways = [spectral_error(b, fit(a, largest)) for a, b in (halves, halves[::-1])]
     return {
@@ -58,7 +58,7 @@ def order_curves(x, largest=LARGEST):
         "floor_of_half": floor(x.size // 2 // N_DFT),
         "aicc": select_order(x, largest, criterion="aicc").order,
         "little": little.order,
-        "at_most": met.order if met.met else None,
+        "at_most": met.order if met.is_met else None,
     }
 
 

@@ -1,4 +1,4 @@
-"""Surfaces of the catalogue overlap in every single property; operators are persons with habits."""
+"""Tests of the catalogues of surfaces and operators."""
 
 from dataclasses import astuple
 from itertools import pairwise
@@ -31,8 +31,8 @@ def test_surface_depends_on_its_index_alone():
     assert surface_catalogue(10, 2016) != SURFACES[:10]
 
 
-def test_no_single_property_tells_surfaces_or_categories_apart():
-    """In any one property, half of the surfaces have another within 5 %, mostly of another category."""
+def test_no_single_property_separates_surfaces_or_categories():
+    """In each property, half of the surfaces have a neighbour within 5 %, mostly of another category."""
     for name in PROPERTIES:
         ordered = sorted(SURFACES, key=lambda surface, name=name: getattr(surface, name))
         values = np.log([getattr(surface, name) for surface in ordered])
@@ -45,13 +45,13 @@ def test_static_friction_exceeds_kinetic_friction():
     assert all(surface.static_friction > surface.kinetic_friction > 0 for surface in SURFACES)
 
 
-def test_occasions_vary_around_the_habits_of_the_person():
+def test_recordings_vary_around_the_habits_of_the_operator():
     operator = operator_catalogue(3, 1)[1]
     rng = np.random.default_rng(0)
-    speeds = [operator.redrawn(rng).speed_mm_s for _ in range(400)]
+    speeds = [operator.vary(rng).speed_mm_s for _ in range(400)]
     assert np.median(speeds) == pytest.approx(operator.speed_mm_s, rel=0.05)
     assert 0.05 < np.std(np.log(speeds)) < 0.3
-    assert {operator.redrawn(rng).name} == {operator.name}
+    assert {operator.vary(rng).name} == {operator.name}
 
 
 def test_operators_differ_from_each_other():

@@ -1,4 +1,4 @@
-"""Controlled runs change one condition and show what that does; gestures are what their names say."""
+"""Tests of the simulation of controlled recordings and gestures."""
 
 from dataclasses import replace
 
@@ -21,8 +21,8 @@ from texclass.simulate import (
 
 OPERATOR = replace(operator_catalogue(1, 1)[0], direction_deg=0.0)
 ROUGH = replace(surface_catalogue(1, 1)[0], gratings=(), bumps=None, rms_um=2.0, stiffness_n_m=6e4)
-FELT = surface_catalogue(3, 6)[2]
-RIBBED = replace(ROUGH, rms_um=0.1, gratings=(Grating(wavelength_mm=2.0, depth_um=8.0),))
+SURFACE = surface_catalogue(3, 6)[2]
+GROOVED = replace(ROUGH, rms_um=0.1, gratings=(Grating(wavelength_mm=2.0, depth_um=8.0),))
 
 
 def peak_hz(recording, low=15.0):
@@ -33,7 +33,7 @@ def peak_hz(recording, low=15.0):
 
 @pytest.mark.parametrize("speed", [60.0, 120.0, 200.0])
 def test_grating_gives_a_line_at_speed_over_wavelength(speed):
-    recording = record_rising_speed(RIBBED, OPERATOR, duration_s=5.0, seed=1, speed_mm_s=(speed, speed))
+    recording = record_rising_speed(GROOVED, OPERATOR, duration_s=5.0, seed=1, speed_mm_s=(speed, speed))
     assert peak_hz(recording) == pytest.approx(speed / 2.0, abs=1.0)
 
 
@@ -44,8 +44,8 @@ def test_rising_speed_rises_and_moves_the_spectrum_up():
     assert recording.speed[-2000:].mean() == pytest.approx(200.0, rel=0.05)
     early, late = recording.acceleration[5000:25000, 2], recording.acceleration[60000:, 2]
     share = []
-    for part in (early, late):
-        frequency, power = signal.welch(part, recording.fs, nperseg=4096)
+    for window in (early, late):
+        frequency, power = signal.welch(window, recording.fs, nperseg=4096)
         share.append(power[(frequency > 150)].sum() / power[frequency > 15].sum())
     assert share[1] > share[0]
     assert late.std() > 2 * early.std()
@@ -56,10 +56,10 @@ def test_rising_force_rises_at_constant_speed_and_raises_the_contact_resonance()
     assert recording.normal_force[6000:9000].mean() < 0.6
     assert recording.normal_force[-5000:].mean() == pytest.approx(3.0, rel=0.15)
     assert recording.speed[6000:].reshape(-1, 2000).mean(axis=1).std() < 10.0
-    parts = recording.acceleration[5000:25000, 2], recording.acceleration[-20000:, 2]
+    windows = recording.acceleration[5000:25000, 2], recording.acceleration[-20000:, 2]
     centroids = []
-    for part in parts:
-        frequency, power = signal.welch(part, recording.fs, nperseg=4096)
+    for window in windows:
+        frequency, power = signal.welch(window, recording.fs, nperseg=4096)
         band = (frequency > 100) & (frequency < 1500)
         centroids.append((frequency * power)[band].sum() / power[band].sum())
     assert centroids[1] > centroids[0]
@@ -73,7 +73,7 @@ def test_level_rises_with_force():
     assert levels[1] > 1.1 * levels[0]
 
 
-def test_rising_taps_hit_harder_and_harder():
+def test_rising_taps_have_rising_peak_forces():
     soft = replace(ROUGH, stiffness_n_m=8e3)
     recording = record_rising_taps(soft, OPERATOR, n_taps=6, seed=5)
     assert recording.phases.kind == "taps only"
@@ -83,43 +83,54 @@ def test_rising_taps_hit_harder_and_harder():
 
 
 @pytest.mark.parametrize("fs", [1000.0, 10_000.0, 50_000.0])
-def test_controlled_runs_take_any_rate(fs):
-    recording = record_rising_speed(RIBBED, OPERATOR, duration_s=3.0, seed=1, fs=fs, speed_mm_s=(80.0, 80.0))
+def test_controlled_recordings_support_any_sampling_rate(fs):
+    recording = record_rising_speed(GROOVED, OPERATOR, duration_s=3.0, seed=1, fs=fs, speed_mm_s=(80.0, 80.0))
     assert recording.n_samples == round(3.0 * fs)
     assert recording.speed[recording.n_samples // 2 :].mean() == pytest.approx(80.0, rel=0.02)
 
 
-def test_impossible_taps_are_refused():
-    for wrong in ({"n_taps": 0}, {"tap_speed_mm_s": (0.0, 10.0)}):
+def test_invalid_taps_raise_a_value_error():
+    for options in ({"n_taps": 0}, {"tap_speed_mm_s": (0.0, 10.0)}):
         with pytest.raises(ValueError, match="must be positive"):
-            record_rising_taps(ROUGH, OPERATOR, seed=1, **wrong)
+            record_rising_taps(ROUGH, OPERATOR, seed=1, **options)
 
 
-def made(gesture, seed=1):
-    return record_gesture(gesture, FELT, OPERATOR, seed=seed)
+def gesture_recording(gesture, seed=1):
+    return record_gesture(gesture, SURFACE, OPERATOR, seed=seed)
 
 
-def test_a_tap_is_one_tap_and_a_stroke_a_movement():
-    assert (made("tap").phases.kind, len(made("tap").phases.taps)) == ("taps only", 1)
-    assert {made(name).phases.kind for name in GESTURES if name != "tap"} == {"movement only"}
+def test_the_gesture_tap_has_one_tap_and_strokes_have_a_movement():
+    assert (gesture_recording("tap").phases.kind, len(gesture_recording("tap").phases.taps)) == (
+        "taps only",
+        1,
+    )
+    assert {gesture_recording(name).phases.kind for name in GESTURES if name != "tap"} == {"movement only"}
 
 
-def test_strokes_are_slow_fast_or_hard():
-    felt = {name: [made(name, seed) for seed in range(4)] for name in GESTURES if name != "tap"}
-    speed = {name: np.median([r.speed[r.phases.onset :].mean() for r in some]) for name, some in felt.items()}
-    force = {name: np.median([r.normal_force.mean() for r in some]) for name, some in felt.items()}
+def test_strokes_have_the_speed_and_force_of_their_name():
+    recordings = {
+        name: [gesture_recording(name, seed) for seed in range(4)] for name in GESTURES if name != "tap"
+    }
+    speed = {
+        name: np.median([r.speed[r.phases.onset :].mean() for r in group])
+        for name, group in recordings.items()
+    }
+    force = {name: np.median([r.normal_force.mean() for r in group]) for name, group in recordings.items()}
     assert 2 * speed["slow stroke"] < speed["hard stroke"]
     assert 1.5 * speed["hard stroke"] < speed["fast stroke"]
     assert force["hard stroke"] == pytest.approx(2.5 * force["fast stroke"], rel=0.2)
 
 
-def test_taps_of_one_hand_differ_in_strength_and_are_the_same_again():
-    peaks = [np.abs(made("tap", seed).acceleration).max() for seed in range(5)]
+def test_taps_vary_in_strength_between_seeds_and_are_reproducible():
+    peaks = [np.abs(gesture_recording("tap", seed).acceleration).max() for seed in range(5)]
     assert np.std(peaks) > 0.03 * np.mean(peaks)
-    assert made("tap", 3).acceleration.tobytes() == made("tap", 3).acceleration.tobytes()
+    assert (
+        gesture_recording("tap", 3).acceleration.tobytes()
+        == gesture_recording("tap", 3).acceleration.tobytes()
+    )
 
 
-def test_a_dataset_of_a_gesture_has_the_people_of_its_recipe_and_withholds_the_phases():
+def test_a_dataset_of_a_gesture_has_the_operators_of_its_recipe_and_no_phases():
     recipe = Recipe(n_surfaces=2, n_recordings=4, n_operators=2, duration_s=5, fs=8000, seed=6)
     taps, strokes = open_gestures(recipe, "tap"), open_gestures(recipe, "fast stroke")
     assert taps.input_hash != strokes.input_hash

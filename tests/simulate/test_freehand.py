@@ -1,4 +1,4 @@
-"""A simulated recording behaves as mechanics says, and its truth agrees with its signals."""
+"""Tests of simulated freehand recordings against mechanics and of their true phases."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def recordings():
 
 
 def vibration(recording):
-    """Acceleration without gravity and without what is slower than 20 Hz."""
+    """Return the acceleration above 20 Hz, without gravity."""
     sos = signal.butter(4, 20.0, "highpass", fs=recording.fs, output="sos")
     return signal.sosfiltfilt(sos, recording.acceleration, axis=0)
 
@@ -35,13 +35,13 @@ def level(x):
     return float(np.sqrt((x**2).sum(axis=1).mean()))
 
 
-def test_same_arguments_give_the_same_samples_whatever_was_made_before():
+def test_equal_arguments_give_equal_samples_after_other_recordings():
     first = record()
     record(SURFACES[4], OPERATORS[2], seed=99)
-    again = record()
-    np.testing.assert_array_equal(first.acceleration, again.acceleration)
-    np.testing.assert_array_equal(first.friction, again.friction)
-    assert first.phases == again.phases
+    second = record()
+    np.testing.assert_array_equal(first.acceleration, second.acceleration)
+    np.testing.assert_array_equal(first.friction, second.friction)
+    assert first.phases == second.phases
 
 
 def test_masses_and_mode_of_the_tool_enter_the_equations_of_motion():
@@ -56,7 +56,7 @@ def test_masses_and_mode_of_the_tool_enter_the_equations_of_motion():
     assert abs(np.corrcoef(own.acceleration[-20000:, 2], default.acceleration[-20000:, 2])[0, 1]) < 0.99
 
 
-def test_another_seed_is_another_recording():
+def test_another_seed_gives_another_recording():
     a, b = record(seed=(1, 2)).acceleration, record(seed=(2, 1)).acceleration
     assert abs(np.corrcoef(a[-20000:, 2], b[-20000:, 2])[0, 1]) < 0.1
 
@@ -78,15 +78,15 @@ def test_recording_starts_quiet_for_at_least_300_ms(recordings):
         assert np.linalg.norm(recording.acceleration[:2000].mean(axis=0)) == pytest.approx(9.8, abs=0.8)
 
 
-def test_nothing_touches_before_the_impact_and_the_impact_is_where_the_energy_begins(recordings):
+def test_contact_force_and_vibration_begin_at_the_impact(recordings):
     for recording in recordings:
         power = (vibration(recording) ** 2).sum(axis=1)
         for tap in recording.phases.taps:
             assert not recording.normal_force[tap.start : tap.impact].any()
             assert recording.normal_force[tap.impact] > 0
             n = round(0.02 * recording.fs)
-            before = power[tap.impact - n : tap.impact - 20].mean()
-            assert power[tap.impact : tap.impact + n].mean() > 5 * before
+            rest = power[tap.impact - n : tap.impact - 20].mean()
+            assert power[tap.impact : tap.impact + n].mean() > 5 * rest
 
 
 def test_onset_is_where_the_tip_starts_to_slide(recordings):
@@ -127,11 +127,11 @@ def test_motion_does_not_depend_on_the_sampling_rate(fs):
 
 
 def first_contact_s(recording, tap):
-    """Time from the first touch to the first rebound."""
+    """Return the time from the first contact to the first rebound."""
     return np.argmin(recording.normal_force[tap.impact : tap.end] > 0) / recording.fs
 
 
-def test_impact_shortens_with_stiffness_as_hertz_says():
+def test_contact_time_falls_with_stiffness_as_in_hertz_theory():
     """Contact time ~ K^-0.4 and K ~ stiffness^1.5: four times as stiff is 4^0.6 = 2.3 times as short."""
     times, loose = [], replace(OPERATORS[0], grip_damping=0.1, tap_speed_mm_s=40.0)
     for stiffness in (4e4, 1.6e5):
@@ -153,7 +153,7 @@ def test_dissipation_shortens_the_decay():
     assert rebound(40.0) < 0.8 * rebound(1.0)
 
 
-def test_tip_rests_with_the_force_the_hand_presses_with():
+def test_contact_force_at_rest_equals_the_force_of_the_hand():
     """At rest spring, contact and the declared force balance: F = K d^1.5."""
     n = 1200
     force = 0.8
@@ -174,7 +174,7 @@ def test_friction_voltage_grows_with_the_coefficient():
     assert voltages[0] < 0.75 * voltages[1] < 0.6 * voltages[2]
 
 
-def test_breaking_static_friction_jerks_the_tool():
+def test_the_onset_of_sliding_accelerates_the_tool():
     surface = replace(PLAIN, rms_um=0.05, static_friction=0.9, kinetic_friction=0.3)
     recording = record(surface, with_taps=False, duration_s=2.0)
     onset, power = recording.phases.onset, (vibration(recording) ** 2).sum(axis=1)
@@ -197,7 +197,7 @@ def test_requested_signal_to_noise_ratio_is_met():
     assert noisy.phases == clean.phases
 
 
-def test_firmer_damping_of_the_grip_quietens_the_tool():
+def test_a_grip_with_more_damping_reduces_the_vibration():
     levels = []
     for damping in (0.3, 1.5):
         recording = record(operator=replace(OPERATORS[0], grip_damping=damping))
@@ -205,19 +205,19 @@ def test_firmer_damping_of_the_grip_quietens_the_tool():
     assert levels[1] < levels[0]
 
 
-def test_impossible_requests_name_the_rule():
-    for change, rule in (
+def test_invalid_duration_and_rate_raise_a_value_error():
+    for change, message in (
         ({"duration_s": 2.0}, "at least 3"),
         ({"duration_s": float("nan")}, "at least 3"),
         ({"duration_s": 0.5, "with_taps": False}, "at least 1"),
-        ({"fs": 0.0}, "1,000 to 50,000"),
-        ({"fs": 96_000.0}, "1,000 to 50,000"),
+        ({"fs": 0.0}, "between 1,000 and 50,000"),
+        ({"fs": 96_000.0}, "between 1,000 and 50,000"),
     ):
-        with pytest.raises(ValueError, match=rule):
+        with pytest.raises(ValueError, match=message):
             record(**change)
 
 
-def test_grating_is_felt_in_freehand_strokes_as_amplitude_that_follows_speed():
+def test_vibration_of_a_grating_follows_the_speed_of_freehand_strokes():
     surface = replace(PLAIN, rms_um=0.2, gratings=(Grating(2.0, 12.0),))
     recording = record(surface, duration_s=10.0)
     x = vibration(recording)
@@ -227,7 +227,7 @@ def test_grating_is_felt_in_freehand_strokes_as_amplitude_that_follows_speed():
     assert level(x[slide][fast]) > 2 * level(x[slide][slow])
 
 
-def test_going_around_the_ends_of_strokes_spares_the_hand_the_jerk_of_stopping_dead():
+def test_round_ends_of_strokes_reduce_the_acceleration_at_the_turns():
     smooth = replace(PLAIN, rms_um=0.01)
 
     def low_frequency_level(roundness):

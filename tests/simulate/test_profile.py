@@ -1,4 +1,4 @@
-"""The height profile has the statistics and the structures its surface declares."""
+"""Tests of the statistics and structures of height profiles."""
 
 from dataclasses import replace
 
@@ -55,7 +55,7 @@ def test_grating_gives_a_line_at_its_wavelength_seen_along_the_stroke(direction_
     assert frequency[np.argmax(power)] == pytest.approx(1 / expected_mm, rel=1e-3)
 
 
-def test_sharper_gratings_hold_more_harmonics():
+def test_sharper_gratings_have_more_harmonics():
     def harmonics(sharpness):
         surface = replace(PLAIN, rms_um=1e-3, gratings=(Grating(3.0, 20.0, sharpness),))
         frequency, power = spectrum(lines(surface))
@@ -64,7 +64,7 @@ def test_sharper_gratings_hold_more_harmonics():
     assert harmonics(0.0) < 1e-3 < harmonics(0.4) < harmonics(0.8)
 
 
-def test_neighbouring_lines_share_what_is_wide_and_differ_in_what_is_fine():
+def test_neighbouring_lines_share_wide_structures_and_differ_in_fine_ones():
     heights, step_m = lines(PLAIN, n=2, drift_mm=0.3)
     first, second = np.fft.rfft(heights, axis=1)
     frequency = np.fft.rfftfreq(heights.shape[1], 1e3 * step_m)
@@ -78,7 +78,7 @@ def test_neighbouring_lines_share_what_is_wide_and_differ_in_what_is_fine():
     assert coherence(4.0, 6.0) < 0.4
 
 
-def test_a_line_closes_on_itself():
+def test_a_line_is_periodic():
     heights = lines(replace(PLAIN, gratings=(Grating(2.3, 30.0, 0.5, 0.3),)), n=1)[0][0]
     seam = abs(heights[0] - heights[-1])
     assert seam <= 1.5 * np.abs(np.diff(heights)).max()

@@ -1,4 +1,4 @@
-"""A recipe's recordings can be made alone, in any order, by any process."""
+"""Tests of recipes, whose recordings do not depend on order and process."""
 
 import hashlib
 import os
@@ -23,7 +23,7 @@ def changed(**changes):
     return Recipe(**{**dict(SMALL), **changes})
 
 
-def test_operators_take_turns():
+def test_operators_alternate():
     entries = changed(n_recordings=10, n_operators=5).entries()
     first = [operator for _, _, operator, _ in entries[:10]]
     assert sorted(first.count(name) for name in set(first)) == [2] * 5
@@ -43,7 +43,7 @@ def test_recording_is_the_same_in_another_process_with_another_hash_seed():
     assert theirs.stdout.strip() == ours
 
 
-def test_a_larger_dataset_holds_the_smaller_one():
+def test_a_larger_dataset_contains_the_smaller_one():
     larger = changed(n_surfaces=6, n_recordings=8)
     np.testing.assert_array_equal(SMALL.record(1, 2).acceleration, larger.record(1, 2).acceleration)
 
@@ -53,13 +53,13 @@ def test_fingerprint_changes_with_the_recipe():
     assert SMALL.fingerprint() != changed(seed=6).fingerprint()
 
 
-def test_recordings_outside_the_recipe_are_refused():
+def test_recordings_outside_the_recipe_raise_an_index_error():
     for surface, repetition in ((-1, 1), (3, 1), (0, 0), (0, 5)):
-        with pytest.raises(IndexError, match=r"surface 0\.\.2, repetition 1\.\.4"):
+        with pytest.raises(IndexError, match=r"between 0 and 2 and repetition between 1 and 4"):
             SMALL.record(surface, repetition)
 
 
 def test_fingerprint_changes_with_the_code_of_the_simulation(monkeypatch):
-    before = SMALL.fingerprint()
+    fingerprint = SMALL.fingerprint()
     monkeypatch.setattr("texclass.simulate.recipe.code_hash", lambda *places, words: "edited")
-    assert SMALL.fingerprint() != before
+    assert SMALL.fingerprint() != fingerprint

@@ -1,4 +1,4 @@
-"""The electronics limit, quantise and add the noise they declare."""
+"""Tests of saturation, quantisation and noise of the simulated electronics."""
 
 import numpy as np
 import pytest
@@ -15,8 +15,8 @@ def rng():
 
 
 def test_read_values_are_multiples_of_the_quantum_within_the_range():
-    wild = 200.0 * rng().standard_normal((5000, 3))
-    read = SENSOR.read(wild, 10_000.0, rng())
+    acceleration = 200.0 * rng().standard_normal((5000, 3))
+    read = SENSOR.read(acceleration, 10_000.0, rng())
     steps = read / SENSOR.quantum_m_s2
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-4)
     assert np.abs(read).max() <= SENSOR.range_g * STANDARD_GRAVITY + SENSOR.quantum_m_s2

@@ -58,7 +58,7 @@ def test_one_sine_mode_is_the_filter_of_guruswamy2011_eq_4():
     assert_allclose(section[0], 0.0, atol=1e-15)
 
 
-def test_modes_above_half_the_rate_are_left_out_and_the_strongest_within_a_duration_kept():
+def test_modes_above_nyquist_are_omitted_and_strongest_depends_on_the_duration():
     low = DecayingModes(*THREE.table[:2].T)
     assert_array_equal(THREE.synthesize(50, 1000.0), low.synthesize(50, 1000.0))
     assert THREE.sections(1000.0).shape == (2, 6)
@@ -71,19 +71,19 @@ def test_modes_above_half_the_rate_are_left_out_and_the_strongest_within_a_durat
 
 
 def test_the_pencil_recovers_three_modes_from_noise_free_samples():
-    found = fit_matrix_pencil(THREE.synthesize(300, FS), FS)
-    order = np.argsort(found.frequency_hz)
+    model = fit_matrix_pencil(THREE.synthesize(300, FS), FS)
+    order = np.argsort(model.frequency_hz)
     for name in ("frequency_hz", "decay_per_s", "amplitude", "phase"):
-        assert_allclose(getattr(found, name)[order], getattr(THREE, name), rtol=1e-8)
+        assert_allclose(getattr(model, name)[order], getattr(THREE, name), rtol=1e-8)
 
 
-def test_real_poles_are_found_at_zero_and_at_half_the_rate():
+def test_real_poles_are_modes_at_zero_and_at_half_the_sampling_rate():
     n = np.arange(60)
-    found = fit_matrix_pencil(3 * 0.9**n - 2 * (-0.8) ** n, FS)
-    assert_array_equal(np.sort(found.frequency_hz), [0.0, FS / 2])
-    assert_allclose(np.exp(-found.decay_per_s / FS)[np.argsort(found.frequency_hz)], [0.9, 0.8], rtol=1e-9)
-    assert_allclose(found.synthesize(60, FS), 3 * 0.9**n - 2 * (-0.8) ** n, atol=1e-9)
-    assert_allclose(found.filter(np.eye(1, 60)[0], FS), found.synthesize(60, FS), atol=1e-9)
+    model = fit_matrix_pencil(3 * 0.9**n - 2 * (-0.8) ** n, FS)
+    assert_array_equal(np.sort(model.frequency_hz), [0.0, FS / 2])
+    assert_allclose(np.exp(-model.decay_per_s / FS)[np.argsort(model.frequency_hz)], [0.9, 0.8], rtol=1e-9)
+    assert_allclose(model.synthesize(60, FS), 3 * 0.9**n - 2 * (-0.8) ** n, atol=1e-9)
+    assert_allclose(model.filter(np.eye(1, 60)[0], FS), model.synthesize(60, FS), atol=1e-9)
 
 
 def test_error_at_20_db_lies_within_1_5_times_the_cramer_rao_bound():
@@ -124,7 +124,7 @@ def test_a_growing_mode_is_reflected_with_its_frequency_and_rate():
     t = np.arange(300) / FS
     x = np.exp(80 * t) * np.cos(2 * np.pi * 250 * t)
     reflected = fit_matrix_pencil(x, FS)
-    projected = fit_matrix_pencil(x, FS, outside="project")
+    projected = fit_matrix_pencil(x, FS, unstable_poles="project")
     assert_allclose([reflected.frequency_hz[0], reflected.decay_per_s[0]], [250.0, 80.0], rtol=1e-8)
     assert_allclose(projected.frequency_hz[0], 250.0, rtol=1e-8)
     assert 0 < projected.decay_per_s[0] < 1e-6
@@ -138,17 +138,17 @@ def test_a_growing_mode_is_reflected_with_its_frequency_and_rate():
 def test_degenerate_segments_give_stable_and_finite_modes(outside):
     segments = [case.x[:300] for case in in_families("silent", "impulse", "sine", "offset", "clipped")]
     for x in (*segments, np.arange(50.0) ** 2, [1.0, 2.0, 3.0, 4.0]):
-        modes = fit_matrix_pencil(x, FS, outside=outside)
+        modes = fit_matrix_pencil(x, FS, unstable_poles=outside)
         assert _is_stable(modes.sections(FS))
         assert np.all(np.isfinite(modes.synthesize(1000, FS)))
-    assert fit_matrix_pencil(np.zeros(20), FS, outside=outside).n_modes == 0
+    assert fit_matrix_pencil(np.zeros(20), FS, unstable_poles=outside).n_modes == 0
 
 
-def test_a_long_segment_costs_no_precision():
+def test_a_long_segment_is_fitted_as_precisely():
     truth = DecayingModes([100.0, 300.0], [3.0, 5.0], [1.0, 2.0], [0.0, 1.0])
-    found = fit_matrix_pencil(truth.synthesize(12_000, FS), FS, order=4)
-    assert_allclose(found.frequency_hz, [300.0, 100.0], rtol=1e-9)
-    assert_allclose(found.decay_per_s, [5.0, 3.0], rtol=1e-6)
+    model = fit_matrix_pencil(truth.synthesize(12_000, FS), FS, order=4)
+    assert_allclose(model.frequency_hz, [300.0, 100.0], rtol=1e-9)
+    assert_allclose(model.decay_per_s, [5.0, 3.0], rtol=1e-6)
 
 
 # Prony ------------------------------------------------------------------------------------------------------
@@ -163,11 +163,11 @@ def _noisy_decay(n=120, noise=0.1):
 def test_prony_recovers_the_filter_of_its_order():
     B, A = [1.0, 0.4, 0.2, 0.1], [1.0, -1.5, 0.8, -0.1]
     H = signal.lfilter(B, A, np.eye(1, 200)[0])
-    found = prony(H, 3)
-    assert_allclose(found.a, A, atol=1e-10)
-    assert_allclose(found.b, B, atol=1e-10)
-    assert_allclose(found.synthesize(200), H, atol=1e-10)
-    assert found.is_stable
+    model = prony(H, 3)
+    assert_allclose(model.a, A, atol=1e-10)
+    assert_allclose(model.b, B, atol=1e-10)
+    assert_allclose(model.synthesize(200), H, atol=1e-10)
+    assert model.is_stable
 
 
 def test_the_numerator_makes_the_first_samples_exact_and_the_denominator_fits_the_rest():
@@ -180,23 +180,23 @@ def test_the_numerator_makes_the_first_samples_exact_and_the_denominator_fits_th
 
 def test_the_order_grows_from_the_extrema_until_the_error_is_below_the_resolution():
     x = _noisy_decay()
-    found = fit_prony(x, 0.05)
-    assert found.resolved
-    assert found.error < 0.05
-    assert found.order >= n_extrema(x)
-    tried = [prony(x, order) for order in range(n_extrema(x), found.order)]
+    model = fit_prony(x, 0.05)
+    assert model.is_resolved
+    assert model.error < 0.05
+    assert model.order >= n_extrema(x)
+    tried = [prony(x, order) for order in range(n_extrema(x), model.order)]
     assert all(fit.error >= 0.05 for fit in tried)
-    assert_allclose(found.error, np.mean(np.abs(found.synthesize(x.size) - x)), rtol=1e-9)
-    best = fit_prony(x, 1e-9, max_order=n_extrema(x) + 11)  # out of reach: the least error, and it says so
-    assert not best.resolved
+    assert_allclose(model.error, np.mean(np.abs(model.synthesize(x.size) - x)), rtol=1e-9)
+    best = fit_prony(x, 1e-9, max_order=n_extrema(x) + 11)
+    assert not best.is_resolved
     assert best.error == min(prony(x, n_extrema(x) + i).error for i in range(12))  # of the last but one
 
 
-def test_an_unstable_fit_is_returned_and_called_unstable():
+def test_an_unstable_prony_filter_is_returned_and_marked_unstable():
     growing = np.cumprod(np.full(60, 1.05))
-    found = prony(growing, 1)
-    assert_allclose(found.pole_radius, 1.05, rtol=1e-9)
-    assert not found.is_stable
+    model = prony(growing, 1)
+    assert_allclose(model.pole_radius, 1.05, rtol=1e-9)
+    assert not model.is_stable
 
 
 def test_extrema_are_counted_once_per_plateau_and_not_at_the_ends():
@@ -206,9 +206,9 @@ def test_extrema_are_counted_once_per_plateau_and_not_at_the_ends():
 
 
 @pytest.mark.parametrize("n_modes", [1, 2, 3])
-def test_four_samples_for_each_mode_are_enough(n_modes):
+def test_four_samples_per_mode_are_enough(n_modes):
     truth = DecayingModes(*THREE.table[:n_modes].T)
-    found = fit_matrix_pencil(truth.synthesize(4 * n_modes, 2500.0), 2500.0, order=2 * n_modes)
-    order = np.argsort(found.frequency_hz)
-    assert_allclose(found.frequency_hz[order], truth.frequency_hz, rtol=1e-6)
-    assert_allclose(found.decay_per_s[order], truth.decay_per_s, rtol=1e-4)
+    model = fit_matrix_pencil(truth.synthesize(4 * n_modes, 2500.0), 2500.0, order=2 * n_modes)
+    order = np.argsort(model.frequency_hz)
+    assert_allclose(model.frequency_hz[order], truth.frequency_hz, rtol=1e-6)
+    assert_allclose(model.decay_per_s[order], truth.decay_per_s, rtol=1e-4)

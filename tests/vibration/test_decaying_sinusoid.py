@@ -22,21 +22,21 @@ def _values(model):
     return [model.amplitude_slope, model.decay_per_s, model.frequency_hz]
 
 
-def test_a_tap_is_the_printed_equation():
+def test_a_tap_equals_the_printed_equation():
     t = np.arange(300) / FS
     printed = -1500 * 0.2 * np.exp(-600 * t) * np.sin(2 * np.pi * 592 * t)
     assert_allclose(WOOD.synthesize(0.2, 300, FS), printed, atol=1e-11)
     assert_allclose(WOOD.synthesize(-0.2, 300, FS), -printed, atol=1e-11)
 
 
-def test_maximum_likelihood_recovers_noise_free_taps_and_the_published_way_roughly():
+def test_maximum_likelihood_recovers_noise_free_taps_and_fit_okamura_roughly():
     """The maximum of the spectrum lies near sqrt(w^2 - B^2); a parabola is a little lower than a sine."""
     for truth in (RUBBER, WOOD, ALUMINIUM):
         assert_allclose(_values(fit_tap_model(_taps(truth), SPEEDS, FS)), _values(truth), rtol=1e-8)
-        found = fit_okamura(_taps(truth), SPEEDS, FS)
-        assert_allclose([found.amplitude_slope, found.decay_per_s], _values(truth)[:2], rtol=0.03)
+        fitted = fit_okamura(_taps(truth), SPEEDS, FS)
+        assert_allclose([fitted.amplitude_slope, fitted.decay_per_s], _values(truth)[:2], rtol=0.03)
         w = np.sqrt(truth.frequency_hz**2 - (truth.decay_per_s / (2 * np.pi)) ** 2)
-        assert_allclose(found.frequency_hz, w, rtol=0.02)
+        assert_allclose(fitted.frequency_hz, w, rtol=0.02)
     alone = fit_tap_model([WOOD.synthesize(1.0, 200, FS)], [1.0], FS)
     assert_allclose(_values(alone), _values(WOOD), rtol=1e-8)
 
@@ -44,15 +44,15 @@ def test_maximum_likelihood_recovers_noise_free_taps_and_the_published_way_rough
 @pytest.mark.parametrize(
     ("noise_db", "within"), [(-34, (0.03, 0.03, 0.03)), (-30, (0.04, 0.05, 0.04)), (-20, (0.1, 0.2, 0.08))]
 )
-def test_the_published_way_ends_its_envelope_before_the_noise_however_long_the_recording(noise_db, within):
+def test_fit_okamura_ends_the_envelope_before_the_noise_at_any_recording_length(noise_db, within):
     for truth in (WOOD, ALUMINIUM):
         errors = []
         for seed in range(12):
             rng, n = np.random.default_rng(seed), int(60 / truth.decay_per_s * FS)
             clean = [truth.synthesize(v, n, FS) for v in SPEEDS]
             noise = [10 ** (noise_db / 20) * np.max(np.abs(tap)) * rng.standard_normal(n) for tap in clean]
-            found = fit_okamura([tap + e for tap, e in zip(clean, noise, strict=True)], SPEEDS, FS)
-            errors.append(np.divide(_values(found), _values(truth)) - 1)
+            fitted = fit_okamura([tap + e for tap, e in zip(clean, noise, strict=True)], SPEEDS, FS)
+            errors.append(np.divide(_values(fitted), _values(truth)) - 1)
         assert np.all(np.sqrt(np.mean(np.square(errors), axis=0)) < within)
 
 
@@ -83,7 +83,7 @@ def _noisy(model, noise_db, duration_s, seed):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("duration_s", [0.05, 0.5])
 @pytest.mark.parametrize("model", [RUBBER, WOOD, ALUMINIUM], ids=["rubber", "wood", "aluminium"])
-def test_the_published_way_keeps_its_stated_limit_or_refuses(model, duration_s):
+def test_fit_okamura_is_within_its_documented_error_or_raises(model, duration_s):
     for noise_db, off_f, off_B in (
         (-30, 0.1, 0.1),
         (-20, 0.15, 0.3),
@@ -92,13 +92,13 @@ def test_the_published_way_keeps_its_stated_limit_or_refuses(model, duration_s):
     ):
         for seed in range(6):
             try:
-                found = fit_okamura(_noisy(model, noise_db, duration_s, seed), SPEEDS, FS)
+                fitted = fit_okamura(_noisy(model, noise_db, duration_s, seed), SPEEDS, FS)
             except ValueError:
                 assert noise_db > -30
                 continue
-            assert np.isfinite(_values(found)).all()
-            assert abs(found.frequency_hz / model.frequency_hz - 1) <= max(off_f, 0.2 * (model is RUBBER))
-            assert abs(found.decay_per_s / model.decay_per_s - 1) <= off_B
+            assert np.isfinite(_values(fitted)).all()
+            assert abs(fitted.frequency_hz / model.frequency_hz - 1) <= max(off_f, 0.2 * (model is RUBBER))
+            assert abs(fitted.decay_per_s / model.decay_per_s - 1) <= off_B
 
 
 @pytest.mark.parametrize("model", [RUBBER, WOOD, ALUMINIUM], ids=["rubber", "wood", "aluminium"])
@@ -106,9 +106,9 @@ def test_the_published_way_keeps_its_stated_limit_or_refuses(model, duration_s):
 def test_maximum_likelihood_fits_no_worse_than_the_truth(model, noise_db):
     for seed in range(2):
         taps = _noisy(model, noise_db, 0.5, seed)
-        found = fit_tap_model(taps, SPEEDS, FS)
+        fitted = fit_tap_model(taps, SPEEDS, FS)
         of_fit, of_truth = (
             sum(np.sum((x - m.synthesize(v, x.size, FS)) ** 2) for x, v in zip(taps, SPEEDS, strict=True))
-            for m in (found, model)
+            for m in (fitted, model)
         )
         assert of_fit <= of_truth * (1 + 1e-9)

@@ -30,7 +30,7 @@ def test_inverse_filter_is_the_prediction_error_of_the_model():
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-def test_parameters_of_each_sample_equal_constant_ones_when_they_are_constant_and_the_last_stay(dtype):
+def test_process_varying_with_constant_parameters_equals_process_and_keeps_the_last(dtype):
     model, e = _model(200), _noise(2000)
     rows = np.broadcast_to(model.reflection, (2000, 200))
     levels = np.full(2000, model.level)
@@ -44,18 +44,18 @@ def test_parameters_of_each_sample_equal_constant_ones_when_they_are_constant_an
 
 @given(st.integers(0, 1000), st.sampled_from(DTYPES), st.sampled_from([0.5, 1e-3, 1e-9, 1e-15]))
 @settings(deadline=None, max_examples=40)
-def test_states_never_gain_energy_however_the_parameters_change(seed, dtype, gap):
+def test_states_never_gain_energy_for_any_change_of_the_parameters(seed, dtype, gap):
     rng = np.random.default_rng(seed)
     lattice = LatticeSynthesis(_model(20), dtype=dtype).settle(rng)
     for _ in range(20):
-        before = np.sum(lattice._b[:20].astype(np.float64) ** 2)
+        initial = np.sum(lattice._b[:20].astype(np.float64) ** 2)
         k = rng.choice([-1, 1], (50, 20)) * (1 - gap * rng.uniform(0.1, 1, (50, 20)))
         lattice.process_varying(np.zeros(50), k, np.ones(50))
-        assert np.sum(lattice._b[:20].astype(np.float64) ** 2) <= before
+        assert np.sum(lattice._b[:20].astype(np.float64) ** 2) <= initial
 
 
-def test_level_is_exact_at_every_sample_while_parameters_glide():
-    """Orthogonal stages: states and excitation of unit variance stay so, as each output's response shows."""
+def test_level_is_exact_at_every_sample_while_parameters_change():
+    """Orthogonal stages turn states and excitation of unit variance into an output of unit variance."""
     p, n = 6, 40
     out = np.empty((p + n, n))
     k = np.linspace(_model(p).reflection, _model(p, seed=4).reflection, 30)
@@ -86,7 +86,7 @@ def test_a_pole_at_radius_1_minus_1e_9_agrees_with_sixty_digits():
     assert_allclose(LatticeInverse(model).process(expected), e, atol=1e-6)
 
 
-def test_reset_forgets_the_past_and_empty_pieces_change_nothing():
+def test_reset_clears_the_state_and_empty_blocks_change_nothing():
     lattice, e = LatticeSynthesis(_model(5)), _noise(100)
     first = lattice.process(e)
     lattice.reset()

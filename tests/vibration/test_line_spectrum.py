@@ -61,16 +61,16 @@ def test_a_frequency_close_to_zero_keeps_its_relative_accuracy():
 
 @pytest.mark.parametrize("distance", [1e-3, 1e-6, 1e-9, 1e-12])
 @pytest.mark.parametrize("p", [2, 33, 400])
-def test_a_resonance_of_any_sharpness_keeps_its_height_as_far_as_conditioning_says(distance, p):
+def test_the_height_of_a_resonance_is_preserved_within_the_conditioning(distance, p):
     radius = 1 - distance
     k = np.append([-2 * radius * np.cos(0.7) / (1 + radius**2), radius**2], _random_k(p - 2, 0.05))
     lsf = from_reflection(k)
-    known = float(conditioning(lsf))
+    condition = float(conditioning(lsf))
     i = np.argmin(np.diff(lsf))
     at_peak = [(lsf[i] + lsf[i + 1]) / 2]
-    assert known < 1e-3
+    assert condition < 1e-3
     error = _log_spectrum(to_reflection(lsf), at_peak) - _log_spectrum(k, at_peak)
-    assert abs(error[0]) < 40 * 20 * np.log10(1 + known) + 1e-11
+    assert abs(error[0]) < 40 * 20 * np.log10(1 + condition) + 1e-11
     assert _rms_db(k, to_reflection(lsf)) < 1e-10
 
 
@@ -86,18 +86,18 @@ def test_extreme_coefficients_give_stable_models_of_the_same_spectrum(p, size):
     assert np.abs(_log_spectrum(back) - _log_spectrum(k)).max() < 1e-5  # of thousands of dB
 
 
-def test_conditioning_tells_where_k_cannot_come_back():
-    fine, lost = np.full(128, 0.9), 0.9 * (-1.0) ** np.arange(128)
-    for k in (fine, lost, -fine):
+def test_conditioning_is_large_where_k_cannot_be_recovered():
+    constant, alternating = np.full(128, 0.9), 0.9 * (-1.0) ** np.arange(128)
+    for k in (constant, alternating, -constant):
         lsf = from_reflection(k)
         comes_back = np.abs(to_reflection(lsf) - k).max() < 1e-6
         assert comes_back == (conditioning(lsf) < 0.1)
-    assert conditioning(from_reflection(fine)) < 1e-9
+    assert conditioning(from_reflection(constant)) < 1e-9
 
 
 @given(arrays(np.float64, st.integers(1, 60), elements=st.floats(-BELOW_ONE, BELOW_ONE)))
 @settings(deadline=None, max_examples=60)
-def test_any_reflection_coefficients_interlace_and_return_stable(k):
+def test_any_reflection_coefficients_give_interlacing_frequencies_and_a_stable_model(k):
     lsf = from_reflection(k)
     back = to_reflection(lsf)
     assert _is_interlaced(lsf)
@@ -106,7 +106,7 @@ def test_any_reflection_coefficients_interlace_and_return_stable(k):
 
 
 @pytest.mark.parametrize("p", [1, 8])
-def test_stacks_of_any_layout_and_dtype_give_what_each_model_gives(p):
+def test_stacks_of_any_layout_and_dtype_equal_single_models(p):
     k = _random_k(24 * p).reshape(2, 3, 4, p).astype(np.float32)[:, ::2, ::-1]
     k.setflags(write=False)
     lsf = from_reflection(k)
@@ -123,7 +123,7 @@ def test_stacks_of_any_layout_and_dtype_give_what_each_model_gives(p):
 # The nearest frequencies of a stable model ------------------------------------------------------------------
 
 
-def test_frequencies_that_keep_the_rule_stay_as_they_are():
+def test_valid_frequencies_are_not_changed_by_spread():
     lsf = from_reflection(_random_k(18))
     assert_array_equal(spread(lsf), lsf)
     assert_array_equal(spread(np.stack([lsf, lsf[::-1]]))[0], lsf)
@@ -141,8 +141,8 @@ def test_any_numbers_become_increasing_frequencies_with_the_gap(p, share, seed):
     assert np.isfinite(_log_spectrum(k)).all()
 
 
-def test_spread_frequencies_are_the_nearest_in_least_squares():
-    """Against a general solver of the constrained problem."""
+def test_spread_returns_the_nearest_valid_frequencies():
+    """The reference is a general solver of the constrained least-squares problem."""
     lsf, gap = np.random.default_rng(3).normal(1.5, 1.2, 7), 0.1
     ends = {"type": "ineq", "fun": lambda x: np.diff(x, prepend=0.0, append=np.pi) - gap}
     best = optimize.minimize(lambda x: np.sum((x - lsf) ** 2), np.linspace(0.3, 2.8, 7), constraints=ends)

@@ -14,19 +14,19 @@ def _process(n=50_000, seed=0):
     return signal.lfilter([1.0], a, np.random.default_rng(seed).standard_normal(n))
 
 
-def test_order_of_a_known_process_is_found():
+def test_order_of_an_autoregressive_process_is_recovered():
     x = _process()
     for method in ("burg", "autocorrelation"):
         model = fit(x, 60, method=method)
         for criterion in ("spectral_error", "aicc"):
-            chosen = select_order(x, 60, criterion=criterion, method=method)
-            assert 4 <= chosen.order <= 6
-            assert chosen.met
-            assert chosen.values.shape == (61,)
-            assert_array_equal(chosen.model.reflection, model.reflection[: chosen.order])
+            selection = select_order(x, 60, criterion=criterion, method=method)
+            assert 4 <= selection.order <= 6
+            assert selection.is_met
+            assert selection.values.shape == (61,)
+            assert_array_equal(selection.model.reflection, model.reflection[: selection.order])
 
 
-def test_spectral_error_refuses_one_bad_sample():
+def test_spectral_error_rejects_nan_and_unequal_shapes():
     with pytest.raises(ValueError, match="finite samples"):
         spectral_error(np.array([1.0, np.nan, 2.0]), fit([1.0, 2.0, 3.0, 1.0], 1))
     with pytest.raises(ValueError, match="equal leading shapes"):
@@ -38,24 +38,24 @@ def test_spectral_error_is_the_printed_ratio_of_magnitudes():
     model = fit(x, 10)
     measured = np.abs(np.fft.fft(x, N_DFT))
     for m in (0, 4, 10):
-        response = signal.freqz([model.residual[m]], model.truncated(m).direct_form(), N_DFT, whole=True)[1]
+        response = signal.freqz([model.residual[m]], model.truncate(m).direct_form(), N_DFT, whole=True)[1]
         error = np.sqrt(np.mean((measured - np.abs(response) * np.sqrt(N_DFT)) ** 2) / np.mean(measured**2))
         assert_allclose(spectral_error(x, model)[m], error, rtol=1e-10)
 
 
-def test_smallest_order_that_meets_an_error_is_taken_or_the_one_of_the_least():
+def test_smallest_order_within_max_error_is_selected_or_the_best_if_none_is():
     x = _process()
-    chosen = select_order(x, 60, at_most=0.2)
-    assert chosen.met
-    assert np.all(chosen.values[: chosen.order] > 0.2)
-    assert chosen.values[chosen.order] <= 0.2
-    assert select_order(x, 60, at_most=10.0).order == 0
-    unmet = select_order(x, 30, at_most=1e-6)
-    assert not unmet.met
-    assert unmet.order == np.argmin(unmet.values)
+    selection = select_order(x, 60, max_error=0.2)
+    assert selection.is_met
+    assert np.all(selection.values[: selection.order] > 0.2)
+    assert selection.values[selection.order] <= 0.2
+    assert select_order(x, 60, max_error=10.0).order == 0
+    best = select_order(x, 30, max_error=1e-6)
+    assert not best.is_met
+    assert best.order == np.argmin(best.values)
 
 
-def test_aicc_is_its_equation():
+def test_aicc_equals_its_formula():
     x = _process(200)
     model = fit(x, 198)
     m = np.arange(198)
@@ -64,7 +64,7 @@ def test_aicc_is_its_equation():
     assert np.isposinf(aicc(model, 200)[198])
 
 
-def test_silence_has_order_zero_and_a_constant_one_at_most():
+def test_silence_has_order_zero_and_a_constant_order_one():
     for criterion in ("spectral_error", "aicc"):
         assert select_order(np.zeros(500), 20, criterion=criterion).order == 0
         assert select_order(np.full(500, 2.0), 20, criterion=criterion).order == 1
@@ -72,7 +72,7 @@ def test_silence_has_order_zero_and_a_constant_one_at_most():
 
 def test_frames_share_one_order():
     frames = np.stack([_process(5000, seed) for seed in range(4)])
-    chosen = select_order(frames, 30, criterion="aicc")
-    assert 4 <= chosen.order <= 8
-    assert chosen.model.reflection.shape == (4, chosen.order)
-    assert_allclose(chosen.values, np.mean([aicc(fit(f, 30), 5000) for f in frames], axis=0))
+    selection = select_order(frames, 30, criterion="aicc")
+    assert 4 <= selection.order <= 8
+    assert selection.model.reflection.shape == (4, selection.order)
+    assert_allclose(selection.values, np.mean([aicc(fit(f, 30), 5000) for f in frames], axis=0))

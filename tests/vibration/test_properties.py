@@ -38,8 +38,8 @@ def examples(n):
     return settings(max_examples=DRAWN or n, derandomize=not DRAWN, database=None, deadline=None)
 
 
-def _vectors(elements, least, most):
-    return st.integers(least, most).flatmap(lambda n: arrays(np.float64, n, elements=elements))
+def _vectors(elements, min_size, max_size):
+    return st.integers(min_size, max_size).flatmap(lambda n: arrays(np.float64, n, elements=elements))
 
 
 NEXT_TO_ONE = st.sampled_from([1 - 1e-3, 1 - 1e-6, 1 - 1e-9, 1 - 1e-12, BELOW_ONE]).flatmap(
@@ -49,17 +49,17 @@ ANY_K = st.floats(-BELOW_ONE, BELOW_ONE) | NEXT_TO_ONE
 
 
 @st.composite
-def reflections(draw, size=1.0, most=40):
+def reflections(draw, size=1.0, max_order=40):
     """Reflection coefficients, some of them next to 1."""
     if size == 1.0 and draw(st.booleans()):
         return draw(_vectors(ANY_K, 1, 12))
-    p = draw(st.integers(1, most))
+    p = draw(st.integers(1, max_order))
     return np.random.default_rng(draw(SEEDS)).uniform(-size, size, p)
 
 
 @st.composite
 def textures(draw, n=400):
-    """Noise with a resonance and an offset: what a model is fitted to."""
+    """Noise with a resonance and an offset, as a signal to fit."""
     rng = np.random.default_rng(draw(SEEDS))
     k = np.array([draw(st.floats(-0.99, 0.99)), draw(st.floats(-0.9, 0.99))])
     lattice = LatticeSynthesis(Autoregression(k, 1.0), level=1.0).settle(rng)
@@ -76,7 +76,7 @@ def taps(draw):
 
 @st.composite
 def blockings(draw, n=600):
-    """Pieces of a signal, empty ones among them, and where the parameters begin to move."""
+    """Lengths of blocks, some of them empty, and the block in which the parameters start to change."""
     cuts = draw(st.lists(st.integers(0, n), max_size=12))
     return [slice(i, j) for i, j in zip([0, *sorted(cuts)], [*sorted(cuts), n], strict=True)]
 
@@ -87,7 +87,7 @@ def blockings(draw, n=600):
 @given(reflections(), st.sampled_from([np.float64, np.float32]))
 @examples(100)
 def test_impulse_response_of_every_lattice_is_bounded_by_its_level(k, dtype):
-    """Its energy is the power of the process, the square of the level, less what is still to come."""
+    """The energy of the response is at most the power of the process, the square of the level."""
     impulse = np.eye(1, 1000)[0]
     h = LatticeSynthesis(Autoregression(k, 1.0), level=1.0, dtype=dtype).process(impulse).astype(np.float64)
     energy = np.cumsum(h**2)
@@ -107,7 +107,7 @@ def test_fit_of_any_finite_signal_is_stable_and_its_gain_below_the_signal(x, ord
 
 
 def _parameters(model, names, level):
-    """The parameters that a gain leaves alone, and those it multiplies."""
+    """Return the parameters that do not depend on a gain, and those that are proportional to it."""
     return [np.asarray(getattr(model, name)) for name in names], np.asarray(getattr(model, level))
 
 
@@ -129,7 +129,7 @@ TAP_FITS = {
     "pencil": lambda x, g: _parameters(
         fit_matrix_pencil(x, 1e4, order=4), ["frequency_hz", "decay_per_s", "phase"], "amplitude"
     ),
-    "prony": lambda x, g: _parameters(fit_prony(x, 0.02 * g), ["a", "resolved"], "b"),
+    "prony": lambda x, g: _parameters(fit_prony(x, 0.02 * g), ["a", "is_resolved"], "b"),
     "okamura": lambda x, g: _parameters(
         fit_okamura([x], [2.0], 1e4), ["frequency_hz", "decay_per_s"], "amplitude_slope"
     ),
@@ -163,7 +163,7 @@ def test_power_of_two_scales_every_model_exactly(signals, parameters, n_examples
 @given(reflections(), blockings(), SEEDS, st.sampled_from([np.float64, np.float32]))
 @pytest.mark.parametrize("kind", [LatticeSynthesis, LatticeInverse])
 @examples(60)
-def test_lattice_gives_the_same_in_any_pieces(kind, k, pieces, seed, dtype):
+def test_lattice_output_does_not_depend_on_the_blocks(kind, k, pieces, seed, dtype):
     if kind is LatticeInverse:
         k = 0.9 * k
     rng = np.random.default_rng(seed)
@@ -179,9 +179,9 @@ def test_lattice_gives_the_same_in_any_pieces(kind, k, pieces, seed, dtype):
     assert_array_equal(run(pieces), run([slice(0, 600)]))
 
 
-@given(reflections(size=0.9, most=24), reflections(size=0.9, most=24), SEEDS)
+@given(reflections(size=0.9, max_order=24), reflections(size=0.9, max_order=24), SEEDS)
 @examples(60)
-def test_inverse_filter_undoes_synthesis_while_parameters_move(k, other, seed):
+def test_inverse_filter_inverts_synthesis_while_parameters_change(k, other, seed):
     e = np.random.default_rng(seed).standard_normal(400)
     size = max(k.size, other.size)
     start, end = (np.pad(each, (0, size - each.size)) for each in (k, other))

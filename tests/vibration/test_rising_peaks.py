@@ -12,15 +12,15 @@ from texclass.vibration.rising_peaks import segment_rising_peaks, vibration_band
 FS = 10_000.0
 
 
-def as_written(x: Samples, d: float, alpha: float, beta: float) -> list[int]:
-    """The criterion peak by peak, with scipy's peaks."""
+def bounds_as_printed(x: Samples, d: float, alpha: float, beta: float) -> list[int]:
+    """Return the bounds by the criterion as printed, peak by peak."""
     magnitude = np.abs(x)
     peaks = signal.find_peaks(np.pad(magnitude, 1))[0] - 1
     bounds, j = [0], 1
-    for before, here in pairwise(peaks):
-        rise = magnitude[here] - magnitude[before]
-        if rise > d and rise > alpha * np.exp(-beta * j) * magnitude[before]:
-            bounds.append(int(before + np.argmin(magnitude[before:here])))
+    for previous, current in pairwise(peaks):
+        rise = magnitude[current] - magnitude[previous]
+        if rise > d and rise > alpha * np.exp(-beta * j) * magnitude[previous]:
+            bounds.append(int(previous + np.argmin(magnitude[previous:current])))
             j = 0
         j += 1
     return [*bounds, x.size]
@@ -29,14 +29,14 @@ def as_written(x: Samples, d: float, alpha: float, beta: float) -> list[int]:
 @pytest.mark.parametrize(
     ("d", "alpha", "beta"), [(0.0, 0.0, 0.0), (0.3, 1.0, 0.05), (0.1, 0.5, 0.5), (0.0, 1.0, 0.0)]
 )
-def test_bounds_are_those_of_the_criterion_as_written(d: float, alpha: float, beta: float) -> None:
+def test_bounds_equal_those_of_the_criterion_as_printed(d: float, alpha: float, beta: float) -> None:
     x = signal.sosfilt(
         signal.butter(2, (100, 400), "bandpass", fs=FS, output="sos"),
         np.random.default_rng(0).standard_normal(20_000),
     )
     x /= x.std()
-    found = segment_rising_peaks(x, d, threshold=alpha, decay=beta)
-    assert found.bounds.tolist() == as_written(x, d, alpha, beta)
+    segmentation = segment_rising_peaks(x, d, threshold=alpha, decay=beta)
+    assert segmentation.bounds.tolist() == bounds_as_printed(x, d, alpha, beta)
 
 
 @settings(max_examples=50, deadline=None)
@@ -46,18 +46,18 @@ def test_bounds_are_those_of_the_criterion_as_written(d: float, alpha: float, be
     st.floats(0, 3),
     st.floats(0, 2),
 )
-def test_segments_tile_the_signal_and_no_gain_moves_them(
+def test_segments_cover_the_signal_and_do_not_depend_on_the_gain(
     values: list[int], exponent: int, d: float, alpha: float
 ) -> None:
     x = np.array(values, dtype=np.float64)
-    found = segment_rising_peaks(x, d, threshold=alpha)
-    np.testing.assert_array_equal(np.concatenate(found.pieces(x)), x)
-    assert np.all(np.diff(found.bounds) > 0)
+    segmentation = segment_rising_peaks(x, d, threshold=alpha)
+    np.testing.assert_array_equal(np.concatenate(segmentation.split(x)), x)
+    assert np.all(np.diff(segmentation.bounds) > 0)
     d_scaled = float(np.ldexp(d, exponent))
     if d == 0 or d_scaled >= np.finfo(float).tiny:
         scaled = segment_rising_peaks(np.ldexp(x, exponent), d_scaled, threshold=alpha)
-        np.testing.assert_array_equal(scaled.bounds, found.bounds)
-        np.testing.assert_array_equal(scaled.n_peaks, found.n_peaks)
+        np.testing.assert_array_equal(scaled.bounds, segmentation.bounds)
+        np.testing.assert_array_equal(scaled.n_peaks, segmentation.n_peaks)
 
 
 def test_a_signal_without_a_rise_is_one_segment() -> None:
@@ -66,7 +66,7 @@ def test_a_signal_without_a_rise_is_one_segment() -> None:
 
 
 @pytest.mark.parametrize("pedestal", [0.0, 0.05])  # above it the floor decides, with it the share
-def test_cut_off_meets_both_conditions_and_is_the_lowest_that_does(pedestal: float) -> None:
+def test_cut_off_is_the_lowest_frequency_that_satisfies_both_conditions(pedestal: float) -> None:
     f = np.arange(1000.0)
     Y = 1 / (1 + ((f - 120) / 30) ** 2) + pedestal
     Y += (0.0 if pedestal else 0.3) * np.exp(-(((f - 500) / 20) ** 2))
@@ -89,7 +89,7 @@ def test_band_does_not_depend_on_the_level() -> None:
         assert vibration_band(f, gain * Y, smoothing_hz=10.0) == vibration_band(f, Y, smoothing_hz=10.0)
 
 
-def test_smoothing_lets_a_broad_hump_win_over_one_high_bin() -> None:
+def test_smoothing_prefers_a_broad_hump_to_one_high_bin() -> None:
     f = np.arange(500.0)
     Y = np.exp(-(((f - 200) / 40) ** 2))
     Y[20] = 2.0
@@ -98,7 +98,7 @@ def test_smoothing_lets_a_broad_hump_win_over_one_high_bin() -> None:
 
 
 @pytest.mark.parametrize("step_hz", [0.25, 1.0])
-def test_smoothing_is_of_hertz_whatever_the_bins_are(step_hz: float) -> None:
+def test_smoothing_is_in_hertz_at_any_bin_width(step_hz: float) -> None:
     f = np.arange(0.0, 400.0, step_hz)
     band = vibration_band(f, (f == 200.0).astype(float), smoothing_hz=10.0)
     assert band.upper_hz == pytest.approx(200 + 10 * np.sqrt(2 * np.log(10)), abs=1.0)  # a tenth of the peak

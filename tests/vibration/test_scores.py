@@ -46,7 +46,7 @@ def test_silent_windows_count_as_documented():
 
 
 @pytest.mark.parametrize("gain", [0.1, 2.0])
-def test_a_gain_is_its_decibels_in_both_logarithmic_distances(gain):
+def test_a_gain_gives_its_decibels_in_both_logarithmic_distances(gain):
     a = np.random.default_rng(0).standard_normal(20_000)
     decibels = abs(20 * np.log10(gain))
     assert_allclose(log_spectral_distance(a, gain * a), decibels, rtol=1e-9)
@@ -54,7 +54,7 @@ def test_a_gain_is_its_decibels_in_both_logarithmic_distances(gain):
 
 
 def test_band_energies_sum_to_the_power_in_the_range():
-    """There are nine of one ratio: a change of one alone by 10 dB is 10 / sqrt(9) dB."""
+    """A change of one of the nine bands by 10 dB gives 10 / sqrt(9) dB."""
     assert_allclose(BAND_EDGES_HZ[1:] / BAND_EDGES_HZ[:-1], np.full(9, 50 ** (1 / 9)))
     t = np.arange(50_000) / FS
     centres = np.sqrt(BAND_EDGES_HZ[1:] * BAND_EDGES_HZ[:-1])
@@ -64,19 +64,19 @@ def test_band_energies_sum_to_the_power_in_the_range():
     assert_allclose(band_energy_distance(tones.sum(axis=0), louder.sum(axis=0), FS), 10 / 3, rtol=1e-3)
 
 
-def test_what_lies_outside_the_felt_range_does_not_count():
+def test_vibration_outside_the_perceptible_range_is_ignored():
     t = np.arange(50_000) / FS
     a = _texture(0, 50_000)
     slow = a + 0.5 * np.sin(2 * np.pi * 3 * t) + 0.1 * np.sin(2 * np.pi * 4000 * t)
     assert band_energy_distance(a, slow, FS) < 0.01
 
 
-def test_bands_above_half_the_rate_are_left_out():
+def test_bands_above_half_the_sampling_rate_are_ignored():
     a = np.random.default_rng(0).standard_normal(3000)
     assert_allclose(band_energy_distance(a, 2 * a, 500.0), 20 * np.log10(2))
 
 
-def test_silence_lies_at_the_floor_and_not_at_infinity():
+def test_a_silent_synthesis_has_a_finite_distance():
     a = np.random.default_rng(0).standard_normal(5000)
     assert 100 < log_spectral_distance(a, 0 * a) <= 120
     assert 90 < band_energy_distance(a, 0 * a, FS) <= 120

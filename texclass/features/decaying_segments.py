@@ -205,7 +205,7 @@ def segment_order(
         As `upper_cutoff`, and if no segment has two samples.
     """
     samples, _ = kept(view, lower_hz, smoothing_hz)
-    pieces = segmentation(view, lower_hz, smoothing_hz, dead_band, threshold).pieces(samples)
+    pieces = segmentation(view, lower_hz, smoothing_hz, dead_band, threshold).split(samples)
     pieces = [piece for piece in pieces if piece.size >= 2]
     undefined_if(not pieces, "0 segments of two samples. Expected at least one")
     chosen = np.unique(np.linspace(0, len(pieces) - 1, n_fitted).round().astype(np.intp))

@@ -1,4 +1,4 @@
-"""Freehand recordings of simulated surfaces: physically motivated, deterministic, the truth known."""
+"""Simulation of freehand recordings: a physical model of tool, hand and surface with known ground truth."""
 
 import lazy_loader
 

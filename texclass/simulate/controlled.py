@@ -1,7 +1,7 @@
-"""What a hand does as it is told: controlled runs, and single gestures.
+"""Simulation of controlled recordings and of single gestures.
 
-In the controlled runs of `strese2015` (Sec. III) one condition rises linearly and the others stay; a gesture
-is a tap, a slow, a fast or a hard stroke, each from a rest of its own.
+In the controlled recordings of `strese2015` (section III), one condition rises linearly and the others are
+constant. A gesture is a tap or a slow, fast or hard stroke that starts from rest.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ GESTURES: Mapping[str, tuple[float, float, float] | None] = MappingProxyType(
         "hard stroke": (1.0, 2.5, 1.2),
     }
 )
-"""Gestures by name; of a stroke, factors of the operator's speed and force, and its seconds with a rest."""
+"""Gestures by name. For strokes: factors of the operator's speed and force, and the duration in s."""
 
 
 def record_rising_speed(
@@ -46,22 +46,35 @@ def record_rising_speed(
     force_n: float = 1.0,
     sensor: Sensor | None = None,
 ) -> Recording:
-    """Simulate a rotary plate that turns faster and faster under a constant normal force.
+    """Simulate a recording on a rotating plate whose speed rises, under a constant normal force.
 
     Parameters
     ----------
     surface, operator, fs, seed, sensor
-        As in `record_freehand`; the operator gives grip and pose, without variation.
+        As in `record_freehand`. The grip and the pose of the operator are used without variation.
     duration_s : float
-        The first 0.3 s the plate stands still.
+        Duration in s (default 10). The plate does not move in the first 0.3 s.
     speed_mm_s : (float, float)
-        First and last speed.
+        First and last speed in mm/s (default 20 and 200).
     force_n : float
-        Normal force.
+        Normal force in N (default 1).
+
+    Returns
+    -------
+    Recording
+        Simulated recording, as of `record_freehand`.
+
+    Examples
+    --------
+    >>> from texclass.simulate import operator_catalogue, surface_catalogue
+    >>> (surface,), (operator,) = surface_catalogue(1, seed=0), operator_catalogue(1, seed=0)
+    >>> recording = record_rising_speed(surface, operator, duration_s=1.0, fs=2_000.0, seed=0)
+    >>> recording.recording_id, recording.acceleration.shape
+    ('stone-01, rising speed', (2000, 3))
     """
-    told = f"{surface.name}, rising speed"
+    recording_id = f"{surface.name}, rising speed"
     return _record_plate(
-        surface, operator, duration_s, fs, seed, speed_mm_s, (force_n, force_n), sensor, told
+        surface, operator, duration_s, fs, seed, speed_mm_s, (force_n, force_n), sensor, recording_id
     )
 
 
@@ -76,10 +89,33 @@ def record_rising_force(
     speed_mm_s: float = 100.0,
     sensor: Sensor | None = None,
 ) -> Recording:
-    """Simulate a rotary plate at constant speed under a rising normal force; see `record_rising_speed`."""
-    told = f"{surface.name}, rising force"
+    """Simulate a recording on a rotating plate of constant speed, under a rising normal force.
+
+    Parameters
+    ----------
+    surface, operator, duration_s, fs, seed, sensor
+        As in `record_rising_speed`.
+    force_n : (float, float)
+        First and last normal force in N (default 0.4 and 2.5).
+    speed_mm_s : float
+        Speed in mm/s (default 100).
+
+    Returns
+    -------
+    Recording
+        Simulated recording, as of `record_freehand`.
+
+    Examples
+    --------
+    >>> from texclass.simulate import operator_catalogue, surface_catalogue
+    >>> (surface,), (operator,) = surface_catalogue(1, seed=0), operator_catalogue(1, seed=0)
+    >>> recording = record_rising_force(surface, operator, duration_s=1.0, fs=2_000.0, seed=0)
+    >>> recording.recording_id, recording.fs
+    ('stone-01, rising force', 2000.0)
+    """
+    recording_id = f"{surface.name}, rising force"
     return _record_plate(
-        surface, operator, duration_s, fs, seed, (speed_mm_s, speed_mm_s), force_n, sensor, told
+        surface, operator, duration_s, fs, seed, (speed_mm_s, speed_mm_s), force_n, sensor, recording_id
     )
 
 
@@ -93,16 +129,29 @@ def record_rising_taps(
     tap_speed_mm_s: tuple[float, float] = (10.0, 45.0),
     sensor: Sensor | None = None,
 ) -> Recording:
-    """Simulate taps of rising strength and nothing else; see `record_rising_speed`.
+    """Simulate a recording of taps with rising strength.
 
     Parameters
     ----------
     surface, operator, fs, seed, sensor
-        As in `record_freehand`.
+        As in `record_rising_speed`.
     n_taps : int
-        Number of taps.
+        Number of taps (default 8).
     tap_speed_mm_s : (float, float)
-        Speed of the hand at the contact of the first and the last.
+        Speed of the hand at the contact of the first and the last tap, in mm/s (default 10 and 45).
+
+    Returns
+    -------
+    Recording
+        Simulated recording, as of `record_freehand`.
+
+    Examples
+    --------
+    >>> from texclass.simulate import operator_catalogue, surface_catalogue
+    >>> (surface,), (operator,) = surface_catalogue(1, seed=0), operator_catalogue(1, seed=0)
+    >>> recording = record_rising_taps(surface, operator, n_taps=2, fs=2_000.0, seed=0)
+    >>> len(recording.phases.taps)
+    2
     """
     if n_taps < 1 or min(tap_speed_mm_s) <= 0:
         raise ValueError(
@@ -115,8 +164,8 @@ def record_rising_taps(
     depth = float(pressing_depth(surface, operator, 0.3 * operator.force_n))
     normal, times = hand.tap_path(taps, 0.4, depth, stay=False)
     n = len(normal)
-    still = np.zeros(n)
-    path = hand.Gesture(normal + hand.tremor(operator, n, rngs[0]), still, still, still, times)
+    zeros = np.zeros(n)
+    path = hand.Gesture(normal + hand.tremor(operator, n, rngs[0]), zeros, zeros, zeros, times)
     return perform(
         path,
         surface,
@@ -132,40 +181,55 @@ def record_rising_taps(
 def record_gesture(
     gesture: str, surface: Surface, operator: Operator, *, seed: Seed, fs: float = 10_000.0
 ) -> Recording:
-    """Simulate one gesture of a tool that comes to a surface, explores it once, and no more.
+    """Simulate a recording of one gesture.
 
     Parameters
     ----------
     gesture : str
-        One of `GESTURES`.
-    surface, operator
-        What is explored, by whom: habits are drawn anew around the operator's, as in `record_freehand`.
+        Name of the gesture, one of `GESTURES`.
+    surface : Surface
+        Explored surface.
+    operator : Operator
+        Person who explores it. As in `record_freehand`, the habits vary around the typical values.
     seed : int or sequence of int
-        Of everything that is random in it.
+        Seed of all random numbers.
     fs : float
-        Sampling rate in Hz.
+        Sampling rate in Hz (default 10,000).
+
+    Returns
+    -------
+    Recording
+        Simulated recording, as of `record_freehand`.
 
     Raises
     ------
     ValueError
-        If there is no such gesture.
+        If the gesture is unknown.
 
     References
     ----------
     Fishel, Loeb: Bayesian exploration for intelligent identification of textures, Frontiers in Neurorobotics
-    6:4, 2012: gestures that are made on demand, of which the next is chosen by what is known.
+    6:4, 2012: single gestures, of which the next is selected from the results so far.
+
+    Examples
+    --------
+    >>> from texclass.simulate import operator_catalogue, surface_catalogue
+    >>> (surface,), (operator,) = surface_catalogue(1, seed=0), operator_catalogue(1, seed=0)
+    >>> recording = record_gesture("tap", surface, operator, fs=2_000.0, seed=0)
+    >>> recording.recording_id, recording.phases.kind
+    ('tap on stone-01 by operator-1', 'taps only')
     """
     if gesture not in GESTURES:
         raise ValueError(f"gesture must be one of {', '.join(GESTURES)}, got {gesture!r}")
     if (stroke := GESTURES[gesture]) is None:
-        person = operator.redrawn(generators(seed)[0])
-        met = (person.tap_speed_mm_s, person.tap_speed_mm_s)
-        made = record_rising_taps(surface, person, n_taps=1, fs=fs, seed=seed, tap_speed_mm_s=met)
+        person = operator.vary(generators(seed)[0])
+        speeds = (person.tap_speed_mm_s, person.tap_speed_mm_s)
+        recording = record_rising_taps(surface, person, n_taps=1, fs=fs, seed=seed, tap_speed_mm_s=speeds)
     else:
         speed, force, seconds = stroke
         person = replace(operator, speed_mm_s=speed * operator.speed_mm_s, force_n=force * operator.force_n)
-        made = record_freehand(surface, person, duration_s=seconds, fs=fs, seed=seed, with_taps=False)
-    return made.with_(recording_id=f"{gesture} on {surface.name} by {operator.name}")
+        recording = record_freehand(surface, person, duration_s=seconds, fs=fs, seed=seed, with_taps=False)
+    return recording.with_(recording_id=f"{gesture} on {surface.name} by {operator.name}")
 
 
 def _record_plate(
@@ -179,17 +243,17 @@ def _record_plate(
     sensor: Sensor | None,
     recording_id: str,
 ) -> Recording:
-    """Return what is felt of a plate that turns after a rest; speed and force then rise linearly."""
+    """Simulate a recording on a plate that rests at first; speed and force then rise linearly."""
     check_duration_and_rate(duration_s, fs, shortest_s=1.0)
     n_knots = int(np.ceil(duration_s * hand.CONTROL_RATE)) + 2
     rest_s = 0.3
     begin = int(rest_s * hand.CONTROL_RATE)
-    since = np.maximum(np.arange(n_knots) - begin, 0) / hand.CONTROL_RATE
-    rising = since / since[-1]
-    velocity = 1e-3 * (speed[0] + (speed[1] - speed[0]) * rising) * np.minimum(since / 0.05, 1.0)
-    normal = -pressing_depth(surface, operator, force[0] + (force[1] - force[0]) * rising)
-    straight = np.zeros(n_knots)
-    path = hand.Gesture(normal, velocity, straight, straight, strokes_s=rest_s)
+    time = np.maximum(np.arange(n_knots) - begin, 0) / hand.CONTROL_RATE
+    ramp = time / time[-1]
+    velocity = 1e-3 * (speed[0] + (speed[1] - speed[0]) * ramp) * np.minimum(time / 0.05, 1.0)
+    normal = -pressing_depth(surface, operator, force[0] + (force[1] - force[0]) * ramp)
+    zeros = np.zeros(n_knots)
+    path = hand.Gesture(normal, velocity, zeros, zeros, strokes_s=rest_s)
     return perform(
         path,
         surface,

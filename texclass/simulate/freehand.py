@@ -1,4 +1,4 @@
-"""A freehand recording: quiet, taps, rest, static friction breaks, free strokes."""
+"""Simulation of a freehand recording: rest, taps, pressing, onset of sliding and free strokes."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ from texclass.simulate.tool import Mechanics, Motion, Sensor, Tool, move_tool, s
 
 Seed = int | Sequence[int]
 Generators = tuple[np.random.Generator, np.random.Generator, np.random.Generator]
-"""Of the hand and its pose, of the profile, of the electronics."""
+"""Random generators of the hand and its pose, the height profile, and the electronics."""
 
 
 def record_freehand(
@@ -32,62 +32,80 @@ def record_freehand(
     recording_id: str | None = None,
     repetition: int | None = None,
 ) -> Recording:
-    """Simulate one freehand recording; the same arguments give the same samples, whatever was made before.
+    """Simulate one freehand recording. Equal arguments give equal samples.
 
     Parameters
     ----------
-    surface, operator
-        What is explored, by whom.
+    surface : Surface
+        Explored surface.
+    operator : Operator
+        Person who explores it. The habits of each recording vary around the typical values.
     duration_s : float
-        Duration; at least 3 s with taps, 1 s without.
+        Duration in s: at least 3 with taps, 1 without.
     fs : float
-        Sampling rate in Hz, 1,000 to 50,000. The motion does not depend on it.
+        Sampling rate in Hz, 1,000 to 50,000 (default 10,000). The motion does not depend on it.
     seed : int or sequence of int
-        Of everything that is random in this recording.
+        Seed of all random numbers.
     with_taps : bool
-        Whether the recording begins with taps (3 to 6); else the tip rests on the surface from the start.
+        Whether the recording begins with 3 to 6 taps (default True). Otherwise the tip rests on the surface
+        from the start.
     snr_db : float, optional
-        Adds white noise to every axis so that the strokes' vibration stands so far above it.
+        Ratio of the vibration of the strokes to white noise that is added to every axis, in dB (default: no
+        noise is added).
     tool : Tool, optional
-        Masses and mode of the tool.
+        Masses and structural mode of the tool (default `Tool()`).
     sensor : Sensor, optional
-        The electronics; the default is an LIS344ALH-like one.
-    recording_id, repetition
-        For the record.
+        Electronics (default `Sensor()`, similar to an LIS344ALH).
+    recording_id : str, optional
+        Name of the recording (default: surface and operator).
+    repetition : int, optional
+        Repetition number of the recording.
 
     Returns
     -------
     Recording
-        Three axes in m/s^2, friction (V), normal force (N), speed (mm/s), and the true phases.
+        Three axes in m/s^2, friction in V, normal force in N, speed in mm/s, and the true phases.
 
     Raises
     ------
     ValueError
-        If duration or rate break their rule.
+        If the duration or the sampling rate is out of range.
+
+    Examples
+    --------
+    >>> from texclass.simulate import operator_catalogue, surface_catalogue
+    >>> (surface,), (operator,) = surface_catalogue(1, seed=0), operator_catalogue(1, seed=0)
+    >>> recording = record_freehand(surface, operator, duration_s=3.0, fs=1_000.0, seed=0)
+    >>> recording.recording_id, recording.unit, len(recording.phases.taps)
+    ('stone-01 by operator-1', 'm/s^2', 3)
     """
     check_duration_and_rate(duration_s, fs, shortest_s=3.0 if with_taps else 1.0)
     rngs = generators(seed)
     rng = rngs[0]
-    person = operator.redrawn(rng)
+    person = operator.vary(rng)
     n_knots = int(np.ceil(duration_s * hand.CONTROL_RATE)) + 2
     force = person.force_n * np.exp(person.force_spread * hand.smooth_noise(n_knots, 1.2, rng))
     normal = -pressing_depth(surface, person, force)
     quiet_s = rng.uniform(0.32, 0.5)
     times: tuple[tuple[float, float], ...] = ()
-    begin = int(quiet_s * hand.CONTROL_RATE)
+    stroke_start = int(quiet_s * hand.CONTROL_RATE)
     if with_taps:
-        most = 6 if duration_s >= 5.0 else 3
-        taps = hand.draw_taps(person, int(rng.integers(3, most + 1)), rng)
+        max_taps = 6 if duration_s >= 5.0 else 3
+        taps = hand.draw_taps(person, int(rng.integers(3, max_taps + 1)), rng)
         depth = float(pressing_depth(surface, person, 0.3 * person.force_n))
         tapping, times = hand.tap_path(taps, quiet_s, depth, stay=True)
-        begin = len(tapping) + int(rng.uniform(0.2, 0.4) * hand.CONTROL_RATE)
+        stroke_start = len(tapping) + int(rng.uniform(0.2, 0.4) * hand.CONTROL_RATE)
         normal[: len(tapping)] = tapping
-        normal[len(tapping) : begin] = hand.least_jerk(-depth, float(normal[begin]), begin - len(tapping))
+        normal[len(tapping) : stroke_start] = hand.minimum_jerk(
+            -depth, float(normal[stroke_start]), stroke_start - len(tapping)
+        )
     velocity, lateral, line = np.zeros(n_knots), np.zeros(n_knots), np.zeros(n_knots)
-    velocity[begin:], lateral[begin:], line[begin:] = hand.draw_strokes(person, n_knots - begin, rng)
-    tremble = [hand.tremor(person, n_knots, rng) for _ in range(2)]
-    velocity += np.gradient(tremble[1]) * hand.CONTROL_RATE
-    path = hand.Gesture(normal + tremble[0], velocity, lateral, line, times, begin / hand.CONTROL_RATE)
+    velocity[stroke_start:], lateral[stroke_start:], line[stroke_start:] = hand.draw_strokes(
+        person, n_knots - stroke_start, rng
+    )
+    tremor = [hand.tremor(person, n_knots, rng) for _ in range(2)]
+    velocity += np.gradient(tremor[1]) * hand.CONTROL_RATE
+    path = hand.Gesture(normal + tremor[0], velocity, lateral, line, times, stroke_start / hand.CONTROL_RATE)
     return perform(
         path,
         surface,
@@ -104,9 +122,9 @@ def record_freehand(
 
 
 def generators(seed: Seed) -> Generators:
-    """Return independent generators; motion and profile stay the same whatever the electronics draw."""
-    of_hand, of_profile, of_sensor = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
-    return of_hand, of_profile, of_sensor
+    """Return independent generators of hand, profile and electronics, so that one does not affect another."""
+    hand_rng, profile_rng, sensor_rng = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
+    return hand_rng, profile_rng, sensor_rng
 
 
 def perform(
@@ -123,7 +141,7 @@ def perform(
     recording_id: str,
     repetition: int | None = None,
 ) -> Recording:
-    """Return what is recorded when the hand follows `path`; `rngs` draw pose, profile and electronics."""
+    """Simulate the recording of a hand that follows `path`; `rngs` draw pose, profile and electronics."""
     sensor = sensor or Sensor()
     pose_rng, profile_rng, sensor_rng = rngs
     profile = synthesize_profile(surface, path.n_lines, profile_rng, direction_deg=person.direction_deg)
@@ -136,11 +154,11 @@ def perform(
     if snr_db is not None and phases.movement is not None:
         vibration = motion.acceleration[slice(*phases.movement)]
         noise = float(np.sqrt(vibration.var(axis=0).mean()) * 10.0 ** (-snr_db / 20.0))
-    _pose(motion.acceleration, person, fs, pose_rng)
+    _rotate_to_sensor(motion.acceleration, person, fs, pose_rng)
     acceleration = sensor.read(motion.acceleration, fs, sensor_rng, extra_noise=noise)
-    # as a position tracker of 20 Hz reports it, without the tip's own vibration
+    # like the speed from a position tracker with a bandwidth of 20 Hz, without the vibration of the tip
     speed = lowpass(motion.speed, 20.0, fs, order=2)
-    _to_mm_s(speed, path.lateral_m_s, hand.CONTROL_RATE / fs)
+    _planar_speed_mm_s(speed, path.lateral_m_s, hand.CONTROL_RATE / fs)
     return Recording(
         acceleration=make_read_only(acceleration),
         fs=fs,
@@ -158,7 +176,7 @@ def perform(
 
 
 def mechanics(surface: Surface, person: Operator, tool: Tool) -> Mechanics:
-    """Return the constants of this hand, holding the tool on this surface."""
+    """Return the mechanical constants of a person who holds a tool on a surface."""
     grip = person.grip_stiffness_n_m
     return Mechanics(
         mass=tool.tip_mass_kg,
@@ -179,15 +197,15 @@ def mechanics(surface: Surface, person: Operator, tool: Tool) -> Mechanics:
 
 
 def pressing_depth(surface: Surface, person: Operator, force_n: float | Samples) -> Samples:
-    """Return how far below the surface (m) the hand must be to press with `force_n`."""
+    """Return the depth (m) of the hand below the surface at which it presses with `force_n`."""
     return np.asarray(surface.indentation_m(force_n) + force_n / person.grip_stiffness_n_m)
 
 
 def true_phases(path: hand.Gesture, motion: Motion, constants: Mechanics, fs: float) -> Phases:
-    """Return the phases from the hand's intention and from what the tip felt.
+    """Return the true phases from the path of the hand and the motion of the tip.
 
-    The impact of a tap is the first touch; its decay ends when the vibration of 5 ms stays below 3 % of its
-    peak, or when the hand does something else.
+    The impact of a tap is the first contact. Its decay ends when the RMS vibration over 5 ms stays below 3 %
+    of its peak, or when the hand starts its next motion.
     """
     taps = []
     for start, stop in (np.round(np.multiply(span, fs)).astype(int).tolist() for span in path.taps_s):
@@ -195,29 +213,32 @@ def true_phases(path: hand.Gesture, motion: Motion, constants: Mechanics, fs: fl
         power = (motion.acceleration[impact:stop] ** 2).sum(axis=1)
         n = max(round(0.005 * fs), 1)
         envelope = np.sqrt(np.convolve(power, np.ones(n) / n)[: power.size])
-        loud = np.flatnonzero(envelope > 0.03 * np.sqrt(power.max()))
-        taps.append(Tap(start, impact, impact + int(loud[-1]) + 1))
+        vibrating = np.flatnonzero(envelope > 0.03 * np.sqrt(power.max()))
+        taps.append(Tap(start, impact, impact + int(vibrating[-1]) + 1))
     if path.strokes_s is None:
         return Phases(taps=tuple(taps))
     start = round(path.strokes_s * fs)
     limit = constants.static_friction * max(float(motion.contact_force[start]), 0.1)
-    travelled = np.abs(np.cumsum(motion.speed[start:])) / fs
-    onset = start + int(np.argmax(travelled > 1.5 * limit / constants.bristle))
+    distance = np.abs(np.cumsum(motion.speed[start:])) / fs
+    onset = start + int(np.argmax(distance > 1.5 * limit / constants.bristle))
     return Phases(taps=tuple(taps), movement=(onset, motion.speed.size), onset=onset)
 
 
-def _pose(acceleration: Samples, person: Operator, fs: float, rng: np.random.Generator) -> None:
-    """Turn (normal, along, across) in place into the axes of the sensor, with gravity; the pose drifts."""
+def _rotate_to_sensor(acceleration: Samples, person: Operator, fs: float, rng: np.random.Generator) -> None:
+    """Rotate (normal, along, across) in place into the axes of the sensor, with gravity; the pose drifts."""
     n_knots = int(np.ceil(len(acceleration) / fs * hand.CONTROL_RATE)) + 2
     tilt = np.deg2rad(person.tilt_deg + 2.0 * hand.smooth_noise(n_knots, 0.4, rng))
     azimuth = np.deg2rad(person.azimuth_deg + 3.0 * hand.smooth_noise(n_knots, 0.4, rng))
-    turn = np.stack([f(angle) for angle in (tilt, azimuth) for f in (np.cos, np.sin)], axis=1)
-    _turn(acceleration, turn, hand.CONTROL_RATE / fs)
+    knots = np.stack([f(angle) for angle in (tilt, azimuth) for f in (np.cos, np.sin)], axis=1)
+    _rotate(acceleration, knots, hand.CONTROL_RATE / fs)
 
 
 @njit(cache=True, error_model="numpy")
-def _to_mm_s(speed, lateral, knots_per_sample):  # type: ignore[no-untyped-def]
-    """Turn velocities along the stroke into speeds in the plane; those across are linear between knots."""
+def _planar_speed_mm_s(speed, lateral, knots_per_sample):  # type: ignore[no-untyped-def]
+    """Convert velocities along the stroke to speeds in the plane, in place.
+
+    The velocity across the stroke is interpolated linearly between knots.
+    """
     last = len(lateral) - 1
     for i in range(len(speed)):
         position = min(i * knots_per_sample, last)
@@ -227,15 +248,15 @@ def _to_mm_s(speed, lateral, knots_per_sample):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _turn(acceleration, knots, knots_per_sample):  # type: ignore[no-untyped-def]
-    """Rotate sample by sample; cosine and sine of tilt and azimuth are linear between knots."""
+def _rotate(acceleration, knots, knots_per_sample):  # type: ignore[no-untyped-def]
+    """Rotate each sample in place; the cosines and sines of the angles are linear between knots."""
     for i in range(len(acceleration)):
         position = i * knots_per_sample
         knot = int(position)
         w = position - knot
-        now, then = knots[knot], knots[knot + 1]
-        cos_tilt, sin_tilt = now[0] + w * (then[0] - now[0]), now[1] + w * (then[1] - now[1])
-        cos_azimuth, sin_azimuth = now[2] + w * (then[2] - now[2]), now[3] + w * (then[3] - now[3])
+        a, b = knots[knot], knots[knot + 1]
+        cos_tilt, sin_tilt = a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1])
+        cos_azimuth, sin_azimuth = a[2] + w * (b[2] - a[2]), a[3] + w * (b[3] - a[3])
         normal, along, across = acceleration[i, 0] + STANDARD_GRAVITY, acceleration[i, 1], acceleration[i, 2]
         forward = cos_azimuth * along + sin_azimuth * across
         acceleration[i, 0] = cos_tilt * forward - sin_tilt * normal
@@ -244,8 +265,8 @@ def _turn(acceleration, knots, knots_per_sample):  # type: ignore[no-untyped-def
 
 
 def check_duration_and_rate(duration_s: float, fs: float, *, shortest_s: float) -> None:
-    """Raise ValueError if either breaks its rule."""
+    """Raise ValueError if the duration or the sampling rate is out of range."""
     if not (np.isfinite(duration_s) and duration_s >= shortest_s):
         raise ValueError(f"duration_s must be at least {shortest_s} s, got {duration_s}")
     if not 1_000 <= fs <= 50_000:
-        raise ValueError(f"fs must be 1,000 to 50,000 Hz, got {fs}")
+        raise ValueError(f"fs must lie between 1,000 and 50,000 Hz, got {fs}")

@@ -1,4 +1,4 @@
-"""The hand that moves the tool: the habits of operators, and the path of a gesture made with them."""
+"""Model of the hand that moves the tool: habits of operators, and the paths of their gestures."""
 
 import functools
 from dataclasses import dataclass, replace
@@ -8,37 +8,45 @@ import numpy as np
 from texclass.recording import Samples
 
 CONTROL_RATE = 1000.0
-"""Knots per second of the hand's path (Hz); no hand moves faster than that resolves."""
+"""Knots of the hand's path per second, in Hz: far above the bandwidth of a hand."""
 
 
 @dataclass(frozen=True)
 class Operator:
-    """A person's habits; one recording is made with values drawn around them (`redrawn`).
+    """Habits of a person. The values of one recording vary around them, see `vary`.
 
     Attributes
     ----------
     name
-        Of the person.
+        Name of the person.
     speed_mm_s
-        Typical mean speed of a stroke.
+        Typical mean speed of a stroke in mm/s.
     force_n
-        Typical normal force while stroking.
+        Typical normal force during a stroke in N.
     stroke_mm
-        Typical length of a stroke.
+        Typical length of a stroke in mm.
     roundness
-        Speed around the end of a stroke over the speed in its middle: 0 stops dead, 1 draws circles.
+        Ratio of the speed at the end of a stroke to the speed in its middle: with 0 the hand stops, with 1 it
+        draws circles.
     speed_spread, force_spread
-        Deviation of the logarithm of speed (stroke to stroke) and force (all the time) within a recording.
+        Standard deviations of the logarithms of speed (between strokes) and force (continuously) within a
+        recording.
     grip_stiffness_n_m, grip_damping
-        Of the hand that holds the tool: stiffness along the tool's axis, damping ratio.
+        Stiffness of the grip along the axis of the tool in N/m, and damping ratio.
     tilt_deg, azimuth_deg
-        Of the tool against the surface normal, and about it.
+        Angle of the tool to the surface normal, and its direction, in degrees.
     direction_deg
-        Of the strokes against the surface's own direction (normal to its gratings).
+        Angle of the strokes to the normal of the gratings of the surface, in degrees.
     tap_speed_mm_s
-        Typical speed at which a tap meets the surface.
+        Typical speed at the contact of a tap in mm/s.
     tremor_m_s2, tremor_hz
-        Root mean square and centre frequency of the hand's physiological tremor.
+        RMS acceleration (m/s^2) and centre frequency (Hz) of the physiological tremor.
+
+    Examples
+    --------
+    >>> (operator,) = operator_catalogue(1, seed=0)
+    >>> operator.name, round(operator.vary(np.random.default_rng(0)).speed_mm_s)
+    ('operator-1', 113)
     """
 
     name: str
@@ -57,38 +65,48 @@ class Operator:
     tremor_m_s2: float
     tremor_hz: float
 
-    def redrawn(self, rng: np.random.Generator) -> "Operator":
-        """Return the same person on one occasion: every habit drawn anew around its typical value."""
+    def vary(self, rng: np.random.Generator) -> "Operator":
+        """Return the person in one recording, with all habits drawn at random around their typical values."""
 
-        def around(value: float, spread: float) -> float:
-            return value * _factor(spread, rng, most=2.5)
+        def vary(value: float, spread: float) -> float:
+            return value * _factor(spread, rng, max_deviations=2.5)
 
         return replace(
             self,
-            speed_mm_s=around(self.speed_mm_s, 0.10),
-            force_n=around(self.force_n, 0.12),
-            stroke_mm=around(self.stroke_mm, 0.15),
-            grip_stiffness_n_m=around(self.grip_stiffness_n_m, 0.12),
-            grip_damping=around(self.grip_damping, 0.12),
+            speed_mm_s=vary(self.speed_mm_s, 0.10),
+            force_n=vary(self.force_n, 0.12),
+            stroke_mm=vary(self.stroke_mm, 0.15),
+            grip_stiffness_n_m=vary(self.grip_stiffness_n_m, 0.12),
+            grip_damping=vary(self.grip_damping, 0.12),
             tilt_deg=self.tilt_deg + 4.0 * rng.standard_normal(),
             azimuth_deg=self.azimuth_deg + 8.0 * rng.standard_normal(),
             direction_deg=self.direction_deg + 6.0 * rng.standard_normal(),
-            tap_speed_mm_s=around(self.tap_speed_mm_s, 0.15),
-            tremor_m_s2=around(self.tremor_m_s2, 0.2),
+            tap_speed_mm_s=vary(self.tap_speed_mm_s, 0.15),
+            tremor_m_s2=vary(self.tremor_m_s2, 0.2),
             tremor_hz=float(np.clip(self.tremor_hz + 0.4 * rng.standard_normal(), 7.5, 12.5)),
         )
 
 
 @functools.lru_cache(maxsize=8)
 def operator_catalogue(n: int, seed: int) -> tuple[Operator, ...]:
-    """Return n operators; operator i depends on the seed and on i alone.
+    """Return n operators. Operator i depends only on the seed and on i.
 
     Parameters
     ----------
     n : int
-        How many.
+        Number of operators.
     seed : int
-        Of the catalogue.
+        Seed of the catalogue.
+
+    Returns
+    -------
+    tuple of Operator
+        Operators ``operator-1`` ... ``operator-n``.
+
+    Examples
+    --------
+    >>> [operator.name for operator in operator_catalogue(2, seed=0)]
+    ['operator-1', 'operator-2']
     """
     operators = []
     for index in range(n):
@@ -117,22 +135,22 @@ def operator_catalogue(n: int, seed: int) -> tuple[Operator, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Gesture:
-    """Path of the hand on knots 1 / CONTROL_RATE apart, and the times of what it does.
+    """Path of the hand at knots that are 1 / CONTROL_RATE apart, with the times of taps and strokes.
 
     Attributes
     ----------
     normal_m, normal_m_s : ndarray of shape (n_knots,)
-        Height of the hand above the place where the tip would just touch, and its velocity.
+        Height of the hand above the height of first contact in m, and its velocity in m/s.
     tangential_m_s : ndarray of shape (n_knots,)
-        Velocity along the stroke.
+        Velocity along the stroke in m/s.
     lateral_m_s : ndarray of shape (n_knots,)
-        Velocity across the stroke, which carries the tip around the turns; 0 for straight strokes.
+        Velocity across the stroke in m/s, which moves the tip around the turns; 0 for straight strokes.
     line : ndarray of shape (n_knots,)
-        Line of the profile under the tip; fractional while a stroke turns.
+        Index of the profile line under the tip; fractional while a stroke turns.
     taps_s : tuple of (float, float)
-        For each tap the start of the hand's acceleration, and the time at which the hand does something else.
+        Start of the hand's acceleration and end of the tap motion, in s, for each tap.
     strokes_s : float or None
-        Start of the first stroke.
+        Start of the first stroke in s.
     """
 
     normal_m: Samples
@@ -144,65 +162,66 @@ class Gesture:
 
     @property
     def normal_m_s(self) -> Samples:
-        """Velocity of the hand along the normal."""
+        """Velocity of the hand along the normal in m/s."""
         return np.gradient(self.normal_m) * CONTROL_RATE
 
     @property
     def n_lines(self) -> int:
-        """Lines of the profile it needs."""
+        """Number of profile lines under the path."""
         return int(np.ceil(self.line.max())) + 1
 
 
 def draw_taps(operator: Operator, n: int, rng: np.random.Generator) -> Samples:
-    """Return n taps of different strength, each in the operator's rhythm, as `tap_path` takes them."""
+    """Return n taps of different strength in the operator's rhythm, as rows for `tap_path`."""
     strengths = rng.permutation(np.linspace(0.55, 1.6, n)) * np.exp(0.08 * rng.standard_normal(n))
     speed = 1e-3 * operator.tap_speed_mm_s * strengths
-    least, most = (0.05, 0.08, 0.22, 0.02), (0.08, 0.12, 0.30, 0.08)
-    return np.column_stack([speed, rng.uniform(least, most, (n, 4))])
+    min_s, max_s = (0.05, 0.08, 0.22, 0.02), (0.08, 0.12, 0.30, 0.08)
+    return np.column_stack([speed, rng.uniform(min_s, max_s, (n, 4))])
 
 
 def tap_path(
     taps: Samples, quiet_s: float, depth: float, *, stay: bool
 ) -> tuple[Samples, tuple[tuple[float, float], ...]]:
-    """Return the hand's height while it waits and taps, and the times of the taps.
+    """Return the height of the hand during the taps and the pauses, and the times of the taps.
 
     Parameters
     ----------
     taps : ndarray of shape (n_taps, 5)
-        Of each, at least one: speed at contact (m/s), and the seconds of acceleration towards the surface,
-        of pressing, of retreat, and of waiting for the next.
+        At least one row per tap: speed at contact (m/s), and the durations (s) of the approach, of pressing,
+        of the retreat, and of the pause before the next tap.
     quiet_s : float
-        Time before the first.
+        Time before the first tap in s.
     depth : float
-        How far below the surface the hand goes to press after contact (m).
+        Depth of the hand below the surface while it presses, in m.
     stay : bool
         Whether the hand stays on the surface after the last tap.
     """
-    height_m = 0.5 * taps[:, 0] * taps[:, 1]  # the velocity rises as half a cosine from 0 to the speed
-    pieces = [np.full(_knots(quiet_s), height_m[0])]
+    height_m = 0.5 * taps[:, 0] * taps[:, 1]  # the velocity rises from 0 to the speed as half a cosine
+    sections = [np.full(_knots(quiet_s), height_m[0])]
     times = []
     for i, (speed, approach_s, hold_s, lift_s, pause_s) in enumerate(taps.tolist()):
-        start = sum(map(len, pieces)) / CONTROL_RATE
+        start = sum(map(len, sections)) / CONTROL_RATE
         approach, press = _tau(approach_s), _tau(2.0 * depth / speed)
-        pieces += [
+        sections += [
             height_m[i] * (1.0 - approach + np.sin(np.pi * approach) / np.pi),
             -depth * (press + np.sin(np.pi * press) / np.pi),
             np.full(_knots(hold_s), -depth),
         ]
-        times.append((start, sum(map(len, pieces)) / CONTROL_RATE))
+        times.append((start, sum(map(len, sections)) / CONTROL_RATE))
         if i + 1 < len(taps) or not stay:
             following = float(height_m[min(i + 1, len(taps) - 1)])
-            pieces += [least_jerk(-depth, following, _knots(lift_s)), np.full(_knots(pause_s), following)]
-    return np.concatenate(pieces), tuple(times)
+            sections += [minimum_jerk(-depth, following, _knots(lift_s)), np.full(_knots(pause_s), following)]
+    return np.concatenate(sections), tuple(times)
 
 
 def draw_strokes(
     operator: Operator, n_knots: int, rng: np.random.Generator
 ) -> tuple[Samples, Samples, Samples]:
-    """Return velocity along and across (m/s) and line of back-and-forth strokes that fill `n_knots`.
+    """Return velocities along and across (m/s) and profile lines of back-and-forth strokes over `n_knots`.
 
-    A stroke's speed is half a sine, modulated by some tens of per cent; strokes differ in speed and length.
-    Its ends are round: the hand does not stop there but goes around, `operator.roundness` as fast as along.
+    The speed of a stroke is half a sine, modulated by some tens of per cent; strokes differ in speed and
+    length. At the ends of a stroke the hand does not stop, but moves across at `operator.roundness` times the
+    peak speed.
     """
     velocity, lateral, line = np.zeros(n_knots), np.zeros(n_knots), np.zeros(n_knots)
     start, stroke, sign = 0, 0, rng.choice([-1.0, 1.0])
@@ -213,28 +232,28 @@ def draw_strokes(
         tau = np.arange(n) / n
         stop = min(start + n, n_knots)
         peak = sign * speed * 0.5 * np.pi
-        around = np.cos(np.pi * tau) if stroke else np.minimum(np.cos(np.pi * tau), 0.0)  # begins from rest
+        turn = np.cos(np.pi * tau) if stroke else np.minimum(np.cos(np.pi * tau), 0.0)  # starts from rest
         velocity[start:stop] = (peak * np.sin(np.pi * tau))[: stop - start]
-        lateral[start:stop] = (operator.roundness * peak * around)[: stop - start]
+        lateral[start:stop] = (operator.roundness * peak * turn)[: stop - start]
         seconds_to_turn = (np.arange(n_knots) - (start + n)) / CONTROL_RATE
-        line += np.clip(seconds_to_turn / 0.06 + 0.5, 0.0, 1.0)  # turning takes 0.06 s
+        line += np.clip(seconds_to_turn / 0.06 + 0.5, 0.0, 1.0)  # a turn takes 0.06 s
         start, stroke, sign = start + n, stroke + 1, -sign
-    unsteady = np.exp(0.12 * smooth_noise(n_knots, 2.5, rng))
-    return velocity * unsteady, lateral * unsteady, line
+    modulation = np.exp(0.12 * smooth_noise(n_knots, 2.5, rng))
+    return velocity * modulation, lateral * modulation, line
 
 
 def smooth_noise(n_knots: int, cutoff_hz: float, rng: np.random.Generator) -> Samples:
-    """Return noise of about unit deviation with content up to about `cutoff_hz`."""
+    """Return noise with a standard deviation of about 1 and frequencies up to about `cutoff_hz`."""
     n = int(np.ceil(n_knots / CONTROL_RATE * 2 * cutoff_hz)) + 4
     support = (np.arange(n) - 1.5) / (2 * cutoff_hz)
     noise = np.clip(rng.standard_normal(n), -2.5, 2.5)
-    from scipy.interpolate import CubicSpline  # not to say what a dataset holds
+    from scipy.interpolate import CubicSpline  # not needed to list the recordings of a dataset
 
     return np.asarray(CubicSpline(support, noise)(np.arange(n_knots) / CONTROL_RATE))
 
 
 def tremor(operator: Operator, n_knots: int, rng: np.random.Generator) -> Samples:
-    """Return the displacement of the trembling hand (m): a few close lines about the centre frequency."""
+    """Return the displacement of the hand by tremor in m: four lines close to the centre frequency."""
     time = np.arange(n_knots) / CONTROL_RATE
     omega = 2 * np.pi * (operator.tremor_hz + np.linspace(-1.0, 1.0, 4) + 0.2 * rng.standard_normal(4))
     phase = rng.uniform(0, 2 * np.pi, 4)
@@ -242,9 +261,9 @@ def tremor(operator: Operator, n_knots: int, rng: np.random.Generator) -> Sample
     return np.asarray(operator.tremor_m_s2 / np.sqrt(2) * sum(lines))
 
 
-def _factor(spread: float, rng: np.random.Generator, most: float = 2.0) -> float:
-    """Return a log-normal factor about 1; nobody strays by more than `most` deviations from a habit."""
-    return float(np.exp(spread * np.clip(rng.standard_normal(), -most, most)))
+def _factor(spread: float, rng: np.random.Generator, max_deviations: float = 2.0) -> float:
+    """Return a log-normal factor with the median 1, within `max_deviations` standard deviations."""
+    return float(np.exp(spread * np.clip(rng.standard_normal(), -max_deviations, max_deviations)))
 
 
 def _knots(seconds: float) -> int:
@@ -256,7 +275,7 @@ def _tau(seconds: float) -> Samples:
     return np.arange(n) / n
 
 
-def least_jerk(low: float, high: float, n_knots: int) -> Samples:
-    """Return the path of least jerk from `low` to `high`."""
+def minimum_jerk(low: float, high: float, n_knots: int) -> Samples:
+    """Return the minimum-jerk path from `low` to `high`."""
     tau = np.arange(n_knots) / n_knots
     return low + (high - low) * tau**3 * (10.0 - 15.0 * tau + 6.0 * tau**2)

@@ -1,4 +1,4 @@
-"""Recipes of whole simulated datasets: every recording can be made alone, in any order, by any process."""
+"""Recipes of simulated datasets, whose recordings can be simulated in any order and by any process."""
 
 import hashlib
 from typing import Self
@@ -13,24 +13,32 @@ from texclass.validation import StrictModel
 
 
 class Recipe(StrictModel):
-    """A simulated dataset: surfaces x recordings, the operators taking turns.
+    """Recipe of a simulated dataset with a fixed number of recordings of each surface.
 
     Parameters
     ----------
     n_surfaces, n_recordings, n_operators : int
-        Surfaces, recordings of each surface, operators; 1 to 1000 each. Recording r of a surface is made by
-        operator (r - 1) mod n_operators.
+        Numbers of surfaces, of recordings of each surface, and of operators; 1 to 1000 each. Operator
+        (r - 1) mod n_operators makes recording r of a surface.
     duration_s : float
-        Duration of each recording.
+        Duration of each recording in s.
     fs : float
         Sampling rate in Hz.
     seed : int
-        Seed of catalogues and recordings.
+        Seed of the catalogues and the recordings.
 
     Raises
     ------
     ValueError
-        If a number breaks its rule, or a recording has more samples than a machine can hold.
+        If a number is out of range, or a recording would have more than 1e9 samples.
+
+    Examples
+    --------
+    >>> recipe = Recipe(n_surfaces=2, n_recordings=2, n_operators=2, duration_s=3.0, fs=1_000.0, seed=0)
+    >>> recipe.entries()[:2]
+    (('stone-01-01', 'stone-01', 'operator-1', 1), ('stone-01-02', 'stone-01', 'operator-2', 2))
+    >>> recipe.record(surface_index=0, repetition=1).acceleration.shape
+    (3000, 3)
     """
 
     n_surfaces: int = Field(ge=1, le=1000)
@@ -43,22 +51,23 @@ class Recipe(StrictModel):
     @model_validator(mode="after")
     def _fits_a_machine(self) -> Self:
         if self.duration_s * self.fs > 1e9:
-            found = f"{self.duration_s:g} s at {self.fs:g} Hz"
-            raise ValueError(f"a recording must have at most 1e+09 samples, got {found}")
+            raise ValueError(
+                f"a recording must have at most 1e+09 samples, got {self.duration_s:g} s at {self.fs:g} Hz"
+            )
         return self
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
-        """The surfaces, in order."""
+        """Surfaces of the dataset."""
         return surface_catalogue(self.n_surfaces, self.seed)
 
     @property
     def operators(self) -> tuple[Operator, ...]:
-        """The operators, in order."""
+        """Operators of the dataset."""
         return operator_catalogue(self.n_operators, self.seed)
 
     def entries(self) -> tuple[tuple[str, str, str, int], ...]:
-        """Return id, surface, operator and repetition (from 1) of each recording, surface by surface."""
+        """Return name, surface, operator and repetition (from 1) of each recording, ordered by surface."""
         operators = self.operators
         return tuple(
             (f"{surface.name}-{k:02d}", surface.name, operators[(k - 1) % self.n_operators].name, k)
@@ -67,14 +76,19 @@ class Recipe(StrictModel):
         )
 
     def record(self, surface_index: int, repetition: int) -> Recording:
-        """Return one recording of the dataset, the true phases included.
+        """Return one recording of the dataset, with its true phases.
 
         Parameters
         ----------
         surface_index : int
-            From 0.
+            Index of the surface, from 0.
         repetition : int
-            From 1.
+            Repetition, from 1.
+
+        Returns
+        -------
+        Recording
+            Simulated recording.
 
         Raises
         ------
@@ -83,10 +97,10 @@ class Recipe(StrictModel):
         """
         if not (0 <= surface_index < self.n_surfaces and 1 <= repetition <= self.n_recordings):
             raise IndexError(
-                f"no recording (surface {surface_index}, repetition {repetition}). Expected surface "
-                f"0..{self.n_surfaces - 1}, repetition 1..{self.n_recordings}"
+                f"surface_index must lie between 0 and {self.n_surfaces - 1} and repetition between 1 and "
+                f"{self.n_recordings}, got {surface_index} and {repetition}"
             )
-        from texclass.simulate.freehand import record_freehand  # numba: not to say what a dataset holds
+        from texclass.simulate.freehand import record_freehand  # loads numba, which `entries` does not need
 
         operator_index = (repetition - 1) % self.n_operators
         return record_freehand(
@@ -100,5 +114,5 @@ class Recipe(StrictModel):
         )
 
     def fingerprint(self) -> str:
-        """Return a hex digest that changes with the recipe and with the code of the simulation."""
+        """Return a hex digest of the recipe and the code of the simulation."""
         return hashlib.sha256(f"{self!r} {code_hash('simulate', words=False)}".encode()).hexdigest()

@@ -1,6 +1,6 @@
-"""Surfaces: what of a surface the tool can feel, and a catalogue of everyday ones.
+"""Models of simulated surfaces, and a catalogue of everyday ones.
 
-The catalogue is drawn from families whose single properties overlap.
+The catalogue is drawn at random from categories that overlap in every single property.
 """
 
 import functools
@@ -15,18 +15,24 @@ from texclass.recording import Samples
 
 @dataclass(frozen=True)
 class Grating:
-    """A repeating structure: ribs, threads, the bars of a mesh.
+    """Periodic structure of a surface, such as ridges, threads or the bars of a mesh.
 
     Attributes
     ----------
     wavelength_mm
-        Period.
+        Spatial period in mm.
     depth_um
-        Peak to valley.
+        Peak-to-valley depth in um.
     sharpness
-        0 is a sine; towards 1 the crests narrow and harmonics grow.
+        Shape of the ridges: 0 is a sine; the crests narrow towards 1, which adds harmonics.
     jitter
-        Deviation of the phase from a perfect repetition, in radians per square root of a period.
+        Standard deviation of the phase from exact periodicity, in rad per square root of a period.
+
+    Examples
+    --------
+    >>> grating = Grating(wavelength_mm=1.0, depth_um=20.0)
+    >>> grating.sharpness
+    0.0
     """
 
     wavelength_mm: float
@@ -37,16 +43,21 @@ class Grating:
 
 @dataclass(frozen=True)
 class Bumps:
-    """Sparse grains, pits' rims or knots that stand out of the profile.
+    """Sparse bumps of a surface, such as grains, rims of pits or knots.
 
     Attributes
     ----------
     density_per_mm
-        Mean number along a line.
+        Mean number of bumps along a line, per mm.
     height_um
-        Mean of their gamma-distributed heights (shape 3: few are much higher than the rest).
+        Mean height in um; the heights have a gamma distribution of shape 3.
     width_mm
-        Full width at half height.
+        Full width at half height in mm.
+
+    Examples
+    --------
+    >>> Bumps(density_per_mm=0.1, height_um=8.0, width_mm=0.7)
+    Bumps(density_per_mm=0.1, height_um=8.0, width_mm=0.7)
     """
 
     density_per_mm: float
@@ -56,35 +67,41 @@ class Bumps:
 
 @dataclass(frozen=True)
 class Surface:
-    """A simulated surface.
+    """Simulated surface: height statistics, contact, friction and the lowest mode of the object.
 
-    The spectrum of its heights along a line is S(f) ~ (1 + (f * corner_mm)^2)^(-slope / 2), f in 1/mm, cut at
-    small scales by the tip of the tool; gratings and bumps are added. The contact is F = K d^1.5 (1 + D d'),
-    Hertz's law with the dissipation of Hunt and Crossley, d the indentation.
+    The power spectrum of the heights along a line is S(f) ~ (1 + (f * corner_mm)^2)^(-slope / 2) with f in
+    1/mm. The tip of the tool attenuates small structures; gratings and bumps are added. The contact force is
+    F = K d^1.5 (1 + D d') at the indentation d: Hertz's law with the dissipation of Hunt and Crossley.
 
     Attributes
     ----------
     name, category
-        Label, and the family it was drawn from.
+        Label, and the category of the catalogue.
     rms_um
-        Root mean square of the random heights before the tip's cut.
+        RMS of the random heights in um, before the attenuation by the tip.
     slope
-        Fall of the power spectrum above the corner (power of the spatial frequency).
+        Negative exponent of the spatial frequency in the power spectrum above the corner.
     corner_mm
-        Wavelength above which the spectrum is flat.
+        Wavelength in mm above which the spectrum is flat.
     gratings, bumps
-        Repeating structures; sparse ones (None: there are none).
+        Periodic structures, and sparse bumps or None.
     stiffness_n_m
-        Tangent stiffness of the contact at a normal force of 1 N.
+        Tangent stiffness of the contact in N/m at a normal force of 1 N.
     dissipation_s_m
-        D of Hunt and Crossley.
+        Dissipation coefficient D of Hunt and Crossley in s/m.
     static_friction, kinetic_friction
-        Coefficients.
+        Friction coefficients.
     stribeck_mm_s
-        Speed over which static becomes kinetic friction.
+        Speed in mm/s over which static becomes kinetic friction.
     body_hz, body_damping, body_mass_kg
-        The lowest mode of the explored object itself, where it is touched: natural frequency, damping ratio,
-        effective mass. It is what a plate "sounds" like, whatever the speed.
+        Lowest mode of the explored object at the contact: natural frequency in Hz, damping ratio and
+        effective mass in kg. It does not depend on the speed.
+
+    Examples
+    --------
+    >>> (surface,) = surface_catalogue(1, seed=0)
+    >>> surface.name, surface.category, bool(1e6 * surface.indentation_m(1.0) < 100)
+    ('stone-01', 'stone', True)
     """
 
     name: str
@@ -105,18 +122,18 @@ class Surface:
 
     @property
     def hertz_n_m15(self) -> float:
-        """K in N / m^1.5, from dF/dd = 1.5 K^(2/3) F^(1/3) at F = 1 N."""
+        """Hertz's constant K in N / m^1.5, from dF/dd = 1.5 K^(2/3) F^(1/3) at F = 1 N."""
         return float((self.stiffness_n_m / 1.5) ** 1.5)
 
     def indentation_m(self, force_n: ArrayLike) -> Samples:
-        """Return how deep a resting tip sinks in under `force_n`."""
+        """Return the indentation in m of a resting tip under the normal force `force_n`."""
         return np.asarray((np.asarray(force_n) / self.hertz_n_m15) ** (2.0 / 3.0))
 
 
-# Of every category: median and deviation of the logarithm of each property, and how often it has a structure.
-# Heights as a ball-ended tip feels them, not as a profilometer would: it rides on the crests, and the cusps
-# between two crests give a spectrum that falls as the fourth power. The contact spans 4 kN/m (foam) to
-# 200 kN/m, where the compliance of the tip itself ends the scale.
+# Median and standard deviation of the logarithm of each property for every category, and probabilities of
+# gratings and bumps. The heights are those of the centre of a spherical tip, not of a profilometer: the tip
+# moves along the crests, and the cusps between two crests give a spectrum that falls with the fourth power.
+# The contact stiffness covers 4 kN/m (foam) to 200 kN/m, which is limited by the compliance of the tip.
 _PROPERTIES = (
     "rms_um", "slope", "corner_mm", "stiffness_n_m", "dissipation_s_m", "kinetic_friction",
     "body_hz", "body_damping", "body_mass_kg",
@@ -166,37 +183,47 @@ _ORDER = ("stone", "metal", "wood", "foam", "mesh", "textile", "paper", "rubber"
 
 @functools.lru_cache(maxsize=8)
 def surface_catalogue(n: int, seed: int) -> tuple[Surface, ...]:
-    """Return n surfaces; surface i depends on the seed and on i alone.
+    """Return n surfaces. Surface i depends only on the seed and on i.
 
-    Categories take turns. Within a category every property is log-normal, wide enough to reach into its
-    neighbours, so that a surface is told by the combination of its properties.
+    The categories alternate. Within a category every property has a log-normal distribution that overlaps
+    with those of other categories, so that only the combination of several properties identifies a surface.
 
     Parameters
     ----------
     n : int
-        How many.
+        Number of surfaces.
     seed : int
-        Of the catalogue.
+        Seed of the catalogue.
+
+    Returns
+    -------
+    tuple of Surface
+        Surfaces with unique names.
+
+    Examples
+    --------
+    >>> [surface.name for surface in surface_catalogue(4, seed=0)]
+    ['stone-01', 'metal-02', 'wood-03', 'foam-04']
     """
     surfaces = []
     for index in range(n):
         rng = np.random.default_rng(np.random.SeedSequence((seed, 0, index)))
         category = _ORDER[index % len(_ORDER)]
         family = dict(zip(_PROPERTIES, _FAMILIES[category], strict=True))
-        drawn = {"kinetic_friction": _draw(rng, family["kinetic_friction"])}
-        drawn |= {name: _draw(rng, family[name]) for name in ("rms_um", "slope", "corner_mm")}
+        properties = {"kinetic_friction": _draw(rng, family["kinetic_friction"])}
+        properties |= {name: _draw(rng, family[name]) for name in ("rms_um", "slope", "corner_mm")}
         gratings, bumps = _structures(family, rng)
-        drawn |= {name: _draw(rng, family[name]) for name in ("stiffness_n_m", "dissipation_s_m")}
-        drawn["static_friction"] = drawn["kinetic_friction"] * rng.uniform(1.1, 1.5)
-        drawn["stribeck_mm_s"] = rng.uniform(3.0, 10.0)
-        drawn |= {name: _draw(rng, family[name]) for name in ("body_hz", "body_damping", "body_mass_kg")}
+        properties |= {name: _draw(rng, family[name]) for name in ("stiffness_n_m", "dissipation_s_m")}
+        properties["static_friction"] = properties["kinetic_friction"] * rng.uniform(1.1, 1.5)
+        properties["stribeck_mm_s"] = rng.uniform(3.0, 10.0)
+        properties |= {name: _draw(rng, family[name]) for name in ("body_hz", "body_damping", "body_mass_kg")}
         name = f"{category}-{index + 1:02d}"
-        surfaces.append(Surface(name=name, category=category, gratings=gratings, bumps=bumps, **drawn))
+        surfaces.append(Surface(name=name, category=category, gratings=gratings, bumps=bumps, **properties))
     return tuple(surfaces)
 
 
 def _structures(family: dict[str, Any], rng: np.random.Generator) -> tuple[tuple[Grating, ...], Bumps | None]:
-    """Draw what stands out of the random heights: gratings, bumps, both or neither."""
+    """Draw the structures that are added to the random heights: gratings, bumps, both or neither."""
     gratings: tuple[Grating, ...] = ()
     if rng.random() < family["grating_chance"]:
         first = Grating(
@@ -216,6 +243,6 @@ def _structures(family: dict[str, Any], rng: np.random.Generator) -> tuple[tuple
 
 
 def _draw(rng: np.random.Generator, median_and_spread: tuple[float, float]) -> float:
-    """Draw a log-normal value; nothing strays by more than two deviations."""
+    """Draw a log-normal value within two standard deviations."""
     median, spread = median_and_spread
     return float(median * np.exp(spread * np.clip(rng.standard_normal(), -2.0, 2.0)))

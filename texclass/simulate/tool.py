@@ -1,16 +1,17 @@
-"""The tool in the hand: contact, friction and one structural mode, stepped in time; and its electronics.
+"""Simulation in time of the tool in the hand (contact, friction, one structural mode), and its electronics.
 
-The tip (mass m) hangs on the hand's spring and damper along the normal (z) and along the stroke (x):
+The tip (mass m) is coupled to the hand by a spring and a damper along the normal (z) and along the stroke
+(x):
 
     m z'' = F + k (z_hand - z) + c (z_hand' - z')
     m x'' = T + k (x_hand - x) + c (x_hand' - x')
-    q'' + 2 zeta w q' + w^2 q = (F + T) / m_mode          the shaft bends
-    b'' + 2 zeta_b w_b b' + w_b^2 b = -F / m_body         the explored object gives way and rings
+    q'' + 2 zeta w q' + w^2 q = (F + T) / m_mode          bending of the shaft
+    b'' + 2 zeta_b w_b b' + w_b^2 b = -F / m_body         lowest mode of the explored object
     F = K d^1.5 (1 + D d'),  d = h(x) + b - z             Hertz, with the dissipation of Hunt and Crossley
-    T = -LuGre friction(x', F) - s F h'(x)                Stribeck's curve; slopes push back
+    T = -LuGre friction(x', F) - s F h'(x)                Stribeck's curve, and the force of the slopes
 
-Friction acts against the whole velocity in the plane: while the hand goes around at the end of a stroke, the
-part of it along x turns over smoothly.
+Friction opposes the whole velocity in the plane, so its component along x changes sign smoothly while the
+hand turns at the end of a stroke.
 """
 
 from dataclasses import dataclass
@@ -26,14 +27,19 @@ from texclass.simulate.hand import CONTROL_RATE, Gesture
 
 @dataclass(frozen=True)
 class Tool:
-    """The tool: a tip on a shaft with one structural mode.
+    """Tool with a tip on a shaft with one structural mode.
 
     Attributes
     ----------
     tip_mass_kg
-        Mass that the hand's spring carries.
+        Mass of the tip in kg, coupled to the hand.
     mode_mass_kg, mode_hz
-        Effective mass and natural frequency of the bending shaft, in a grip of 700 N/m.
+        Effective mass in kg and natural frequency in Hz of the bending shaft, in a grip of 700 N/m.
+
+    Examples
+    --------
+    >>> Tool(tip_mass_kg=0.05)
+    Tool(tip_mass_kg=0.05, mode_mass_kg=0.06, mode_hz=420.0)
     """
 
     tip_mass_kg: float = 0.030
@@ -47,9 +53,9 @@ class Mechanics(NamedTuple):
     Attributes
     ----------
     bristle, bristle_damping
-        Stiffness of the contact along the stroke before it slides, and its damping ratio.
+        Stiffness of the contact along the stroke before sliding, and its damping ratio.
     asperity_slope
-        How much steeper the crests that touch the tip are than the smoothed profile its ball follows (s
+        Ratio of the slopes of the asperities at the contact to those of the profile smoothed by the tip (s
         above).
     """
 
@@ -73,16 +79,17 @@ class Mechanics(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What happened at the tool, one row per sample.
+    """Simulated motion and forces of the tool, one row per sample.
 
     Attributes
     ----------
     acceleration : ndarray of shape (n, 3)
-        Along the normal, along the stroke, and across, behind the analogue filter (m/s^2, no gravity).
+        Acceleration along the normal, along and across the stroke, after the analogue filter, in m/s^2
+        without gravity.
     contact_force, grip_force : ndarray of shape (n,)
-        Normal force of the contact, lateral force of the hand: mean over the sample (N).
+        Normal force of the contact and lateral force of the hand, mean over each sample, in N.
     speed : ndarray of shape (n,)
-        Of the tip along the stroke, signed: mean over the sample (m/s).
+        Signed velocity of the tip along the stroke, mean over each sample, in m/s.
     """
 
     acceleration: Samples
@@ -93,22 +100,30 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class Sensor:
-    """An LIS344ALH-like accelerometer on a data acquisition board, and two FSRs in a Wheatstone bridge.
+    """Accelerometer (similar to an LIS344ALH) on a data acquisition board, and two FSRs in a bridge circuit.
 
     Attributes
     ----------
     range_g
-        The accelerometer saturates at plus and minus this.
+        Range of the accelerometer in g; it saturates at plus and minus this value.
     bandwidth_hz
-        Of its second-order low-pass.
+        Cut-off frequency in Hz of its second-order low-pass filter.
     noise_ug_rt_hz
-        Density of its noise, micro-g per root hertz.
+        Noise density in micro-g per root hertz.
     offset_mg
-        Deviation of the zero-g level of each axis.
+        Standard deviation of the zero-g level of each axis in mg.
     converter_bits, converter_range_g
-        Resolution and span (plus and minus) of the converter.
+        Resolution in bits and range (plus and minus) in g of the converter.
     bridge_v, bridge_noise_v, bridge_drift_v
-        Bridge: voltage at full imbalance, deviation of its noise, size of its drift.
+        Voltage of the bridge at full imbalance, standard deviation of its noise and size of its drift, in V.
+
+    Examples
+    --------
+    >>> sensor = Sensor(range_g=2.0)
+    >>> still = np.zeros((1000, 3))
+    >>> still[:, 2] = 30.0
+    >>> float(sensor.read(still, 1_000.0, np.random.default_rng(0)).max().round(1))
+    19.6
     """
 
     range_g: float = 6.0
@@ -123,11 +138,11 @@ class Sensor:
 
     @property
     def quantum_m_s2(self) -> float:
-        """One step of the converter."""
+        """Quantisation step of the converter in m/s^2."""
         return float(2 * self.converter_range_g * STANDARD_GRAVITY / 2**self.converter_bits)
 
     def analogue_filter(self, fs: float, internal_rate: float) -> Samples:
-        """Return second-order sections: the sensor's low-pass, then one against aliases of `fs`."""
+        """Return second-order sections of the low-pass filters of the sensor and against aliasing at `fs`."""
         highest = min(self.bandwidth_hz, 0.49 * internal_rate)
         sensor = butterworth("lowpass", highest, internal_rate, order=2)
         return np.vstack([sensor, butterworth("lowpass", 0.4 * fs, internal_rate)])
@@ -135,31 +150,31 @@ class Sensor:
     def read(
         self, acceleration: Samples, fs: float, rng: np.random.Generator, *, extra_noise: float = 0.0
     ) -> Samples:
-        """Return what the converter stores of the true acceleration.
+        """Return the digitised acceleration, with offset, noise, saturation and quantisation.
 
         Parameters
         ----------
         acceleration : ndarray of shape (n, 3)
-            In the sensor's axes, gravity included (m/s^2).
+            True acceleration in the axes of the sensor, including gravity, in m/s^2.
         fs : float
             Sampling rate in Hz.
         rng : numpy.random.Generator
-            Of offset and noise.
+            Generator of offset and noise.
         extra_noise : float
-            Deviation of further white noise (m/s^2).
+            Standard deviation of additional white noise in m/s^2 (default 0).
 
         Returns
         -------
         ndarray of shape (n, 3)
-            In m/s^2, clipped and quantised.
+            Digitised acceleration in m/s^2.
         """
-        bandwidth = min(1.11 * self.bandwidth_hz, 0.41 * fs)  # of the noise, behind both filters
+        bandwidth = min(1.11 * self.bandwidth_hz, 0.41 * fs)  # noise bandwidth after both filters, in Hz
         density = 1e-6 * self.noise_ug_rt_hz * STANDARD_GRAVITY
         noise = np.hypot(density * np.sqrt(bandwidth), extra_noise)
         offset = 1e-3 * self.offset_mg * STANDARD_GRAVITY * rng.standard_normal(3)
         read = rng.standard_normal(acceleration.shape, dtype=np.float32) * noise
         read += acceleration
-        for i, level in enumerate(offset):  # axis by axis: half the time of all at once
+        for i, level in enumerate(offset):  # axis by axis takes half the time
             read[:, i] += level
         limit = self.range_g * STANDARD_GRAVITY
         np.clip(read, -limit, limit, out=read)
@@ -169,9 +184,10 @@ class Sensor:
         return np.asarray(read, dtype=np.float64)
 
     def read_bridge(self, lateral_force_n: Samples, fs: float, rng: np.random.Generator) -> Samples:
-        """Return the bridge's voltage for the lateral force of the grip (N); odd, saturating, drifting.
+        """Return the voltage of the bridge for the lateral force of the grip in N.
 
-        The two FSRs of one tool are never alike: gain and balance change with every grip.
+        The characteristic is odd and saturates, and the zero drifts. Gain and balance change with every grip,
+        because the two FSRs of a tool always differ.
         """
         gain = 0.6 * np.exp(0.08 * rng.standard_normal())  # 1/N
         smooth = lateral_force_n.copy()
@@ -195,7 +211,7 @@ class Sensor:
 
 
 def steps_per_sample(fs: float) -> int:
-    """Return how many time steps one sample at `fs` takes: at least four, and 40,000 in a second."""
+    """Return the number of time steps per sample: at least 4, and at least 40,000 per second."""
     return max(4, int(np.ceil(40_000.0 / fs - 1e-9)))
 
 
@@ -208,22 +224,22 @@ def move_tool(
     fs: float,
     sos: Samples,
 ) -> Motion:
-    """Let the hand carry the tool through `gesture` over `profile`.
+    """Simulate the motion of the tool when the hand follows `gesture` over `profile`.
 
     Parameters
     ----------
     gesture : Gesture
         Path of the hand.
     profile : (ndarray of shape (n_lines, n_points), float)
-        Heights under the tip and distance of two points along a line (m).
+        Heights under the tip and distance of two points along a line, in m.
     mechanics : Mechanics
-        Constants.
+        Constants of tool, hand, contact and object.
     n_samples : int
-        Length of the result.
+        Number of samples.
     fs : float
-        Its sampling rate in Hz.
+        Sampling rate of the result in Hz.
     sos : ndarray of shape (n_sections, 6)
-        Analogue filter in front of the converter, designed at `fs * steps_per_sample(fs)`.
+        Analogue filter before the converter, designed for the rate `fs * steps_per_sample(fs)`.
     """
     acceleration, other = np.empty((n_samples, 3)), np.empty((3, n_samples)).T
     path = np.column_stack([gesture.normal_m_s, gesture.tangential_m_s, gesture.lateral_m_s, gesture.line])
@@ -240,22 +256,22 @@ def move_tool(
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _height_and_slope(row, per_m, x):  # type: ignore[no-untyped-def]
-    """Catmull-Rom interpolation: smooth enough that the grid is not heard as a line at speed over step."""
-    last = row.shape[0] - 1  # the number of points is a power of two: "& last" wraps
+    """Interpolate by a Catmull-Rom spline, so that the grid adds no spectral line at speed / step."""
+    last = row.shape[0] - 1  # the number of points is a power of two, so "& last" wraps around
     position = x * per_m
     whole = np.floor(position)
     t = position - whole
     i = int(whole)
-    before, at, after, beyond = row[(i - 1) & last], row[i & last], row[(i + 1) & last], row[(i + 2) & last]
-    b = 0.5 * (after - before)
-    c = before - 2.5 * at + 2.0 * after - 0.5 * beyond
-    d = 1.5 * (at - after) + 0.5 * (beyond - before)
-    return at + t * (b + t * (c + t * d)), (b + t * (2.0 * c + 3.0 * d * t)) * per_m
+    h0, h1, h2, h3 = row[(i - 1) & last], row[i & last], row[(i + 1) & last], row[(i + 2) & last]
+    b = 0.5 * (h2 - h0)
+    c = h0 - 2.5 * h1 + 2.0 * h2 - 0.5 * h3
+    d = 1.5 * (h1 - h2) + 0.5 * (h3 - h0)
+    return h1 + t * (b + t * (c + t * d)), (b + t * (2.0 * c + 3.0 * d * t)) * per_m
 
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _under_tip(heights, per_m, x, line):  # type: ignore[no-untyped-def]
-    """Height and slope between two lines (`line` is fractional only while the stroke turns)."""
+    """Interpolate height and slope between two lines; `line` is fractional only while a stroke turns."""
     first = int(line)
     weight = line - first
     h, slope = _height_and_slope(heights[first], per_m, x)
@@ -268,21 +284,24 @@ def _under_tip(heights, per_m, x, line):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _friction(p, force, along, across, bristle, dt):  # type: ignore[no-untyped-def]
-    """One implicit step of s' = v_x - bristle |v| s / g(|v|), which no step length makes unstable."""
+    """Return friction and bristle state after one implicit step of s' = v_x - bristle |v| s / g(|v|).
+
+    An implicit step is stable for every step length.
+    """
     if force <= 0.0:
         return 0.0, 0.0
     speed = np.sqrt(along * along + across * across)
     sliding = (speed / p.stribeck) ** 2
-    stuck = np.exp(-sliding) if sliding < 40.0 else 0.0  # less than a rounding
-    limit = (p.kinetic_friction + (p.static_friction - p.kinetic_friction) * stuck) * force
-    moved = (bristle + along * dt) * limit / (limit + p.bristle * speed * dt)
+    stick = np.exp(-sliding) if sliding < 40.0 else 0.0  # beyond 40 it is smaller than the rounding
+    limit = (p.kinetic_friction + (p.static_friction - p.kinetic_friction) * stick) * force
+    deflection = (bristle + along * dt) * limit / (limit + p.bristle * speed * dt)
     damping = 2.0 * p.bristle_damping * np.sqrt(p.bristle * p.mass)
-    return p.bristle * moved + damping * (moved - bristle) * (1.0 / dt), moved
+    return p.bristle * deflection + damping * (deflection - bristle) * (1.0 / dt), deflection
 
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _ring(p, modes, force, lateral, dt):  # type: ignore[no-untyped-def]
-    """One step of the modes of the shaft and of the object; return the acceleration of the shaft."""
+    """Advance the modes of shaft and object by one step; return the acceleration of the shaft, and modes."""
     q, vq, b, vb = modes
     w_q, w_b = 2.0 * np.pi * p.mode_hz, 2.0 * np.pi * p.body_hz
     aq = (force + lateral) / p.mode_mass - 2.0 * p.mode_damping * w_q * vq - w_q * w_q * q
@@ -294,7 +313,7 @@ def _ring(p, modes, force, lateral, dt):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _advance(p, state, hand, surface, dt):  # type: ignore[no-untyped-def]
-    """One step (semi-implicit Euler); return accelerations z, x, q, contact and grip force, next state."""
+    """Return accelerations z, x, q, contact and grip force, and the next state (semi-implicit Euler step)."""
     v_hand_z, v_hand_x, v_across, line = hand
     (z, vz, x, vx), modes, (bristle, z_hand, x_hand) = state
     z_hand += v_hand_z * dt
@@ -319,7 +338,7 @@ def _advance(p, state, hand, surface, dt):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _filter(sos, memory, values):  # type: ignore[no-untyped-def]
-    """Second-order sections on each row in place, transposed direct form II; `memory` in and out."""
+    """Filter each row in place with second-order sections (transposed direct form II); update `memory`."""
     for row in range(values.shape[0]):
         for s in range(sos.shape[0]):
             b0, b1, b2, a1, a2 = sos[s, 0], sos[s, 1], sos[s, 2], sos[s, 4], sos[s, 5]
@@ -339,29 +358,29 @@ def _run(p, drive, sos, clock, out):  # type: ignore[no-untyped-def]
     n_substeps, dt = clock
     acceleration, other = out
     memory = np.zeros((sos.shape[0], 3, 2))
-    under = surface[0], 1.0 / surface[1]
-    height += _under_tip(under[0], under[1], 0.0, path[0, 3])[0]
+    profile = surface[0], 1.0 / surface[1]
+    height += _under_tip(profile[0], profile[1], 0.0, path[0, 3])[0]
     state = (height, path[0, 0], 0.0, path[0, 1]), (0.0, 0.0, 0.0, 0.0), (0.0, height, 0.0)
     other[:] = 0.0
-    felt = np.empty((3, n_substeps))
+    axes = np.empty((3, n_substeps))
     k = 0
     for i in range(acceleration.shape[0]):
         sums = other[i]
         for j in range(n_substeps):
             knot_time = k * dt * CONTROL_RATE
             knot = min(int(knot_time), path.shape[0] - 2)
-            w, now, then = knot_time - knot, path[knot], path[knot + 1]
+            w, a, b = knot_time - knot, path[knot], path[knot + 1]
             hand = (  # velocities and line, linear between knots
-                now[0] + w * (then[0] - now[0]),
-                now[1] + w * (then[1] - now[1]),
-                now[2] + w * (then[2] - now[2]),
-                now[3] + w * (then[3] - now[3]),
+                a[0] + w * (b[0] - a[0]),
+                a[1] + w * (b[1] - a[1]),
+                a[2] + w * (b[2] - a[2]),
+                a[3] + w * (b[3] - a[3]),
             )
-            az, ax, aq, force, grip, state = _advance(p, state, hand, under, dt)
-            felt[0, j], felt[1, j], felt[2, j] = az + 0.4 * aq, ax + 0.6 * aq, 0.4 * aq + 0.1 * az
+            az, ax, aq, force, grip, state = _advance(p, state, hand, profile, dt)
+            axes[0, j], axes[1, j], axes[2, j] = az + 0.4 * aq, ax + 0.6 * aq, 0.4 * aq + 0.1 * az
             sums[0] += force / n_substeps
             sums[1] += grip / n_substeps
             sums[2] += state[0][3] / n_substeps
             k += 1
-        _filter(sos, memory, felt)
-        acceleration[i] = felt[:, -1]
+        _filter(sos, memory, axes)
+        acceleration[i] = axes[:, -1]

@@ -117,7 +117,7 @@ def _fit_both_ways(x: Any, case: Case) -> Attempt:
     yield from _reflection(signal, case, model, "modified_covariance")
     most = 1.01 * math.hypot(*signal)  # 0 for silence
     yield rules.holds("a gain no larger than the signal", model.gain <= most)
-    if model.fallback:
+    if model.is_fallback:
         burg = vibration.fit(signal, case.order, method="burg")
         yield rules.close("the fallback is Burg's fit", model.reflection, burg.reflection, 0.0)
         yield "fallback: modified covariance is unstable or undetermined here, Burg's fit returned"
@@ -324,7 +324,7 @@ def _prony(x: Any, case: Case) -> Attempt:
         yield rules.close("the error it states", fitted.error / size, error, 1e-6, scale=1e-9)
     if not fitted.is_stable:
         yield "is_stable is False: the published method found an unstable filter"
-    elif not fitted.resolved:
+    elif not fitted.is_resolved:
         yield "resolved is False: no order met the resolution"
     if fitted.order <= 20 and abs(fitted.pole_radius - 1) > 1e-6:
         stable = np.all(np.isfinite(exact.step_down(fitted.a)))

@@ -1,4 +1,4 @@
-"""Models of a vibration: fit -> parameters -> synthesize -> score."""
+"""Models of one vibration signal: fit, parameters, synthesis and scores."""
 
 import lazy_loader
 

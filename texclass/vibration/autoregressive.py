@@ -1,9 +1,9 @@
 """Autoregressive models (LPC) of orders 1 to 1000 and beyond: x[t] = -sum_i a_i x[t-i] + gain e[t].
 
-A(z) = 1 + sum_i a_i z^-i, where a_m of the model of order m is its last reflection coefficient k_m. A model
-is stored as reflection coefficients and gain: all |k_m| < 1 is the whole test of stability, and the fits end
-in the k_m, never in the a_i. Each frame is first divided by a power of two: no gain under- or overflows, and
-k does not depend on it.
+A(z) = 1 + sum_i a_i z^-i. The last coefficient a_m of the model of order m is its reflection coefficient k_m.
+A model is stored as reflection coefficients and gain: it is stable if all |k_m| < 1. The fits compute the k_m
+directly, never the a_i. Each frame is first divided by a power of two, so that no gain under- or overflows
+and k does not depend on the unit of the signal.
 """
 
 import sys
@@ -17,15 +17,15 @@ from scipy import fft
 
 from texclass.recording import Samples
 from texclass.signals import angular_frequencies
-from texclass.vibration.reflection import EXHAUSTED, LARGEST, log_cosines, residual_of
+from texclass.vibration.reflection import MAX_REFLECTION, MIN_RELATIVE_RESIDUAL, log_cosines, residual_levels
 
 Method = Literal["autocorrelation", "burg", "modified_covariance"]
 Variance = Literal["residual", "yule_walker"]
 
 DIRECT_FORM_ERROR = 1e-6
-"""Largest change of a reflection coefficient that direct-form coefficients may bring."""
-WORTH_LOADING = 1e7
-"""Samples times order from which on it takes less time to load numba than to do without."""
+"""Largest error of a reflection coefficient that is accepted from rounded direct-form coefficients."""
+MIN_NUMBA_WORK = 1e7
+"""Samples times order above which loading numba takes less time than working without it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,47 +39,56 @@ class Autoregression:
     gain : array_like of shape (...)
         Standard deviation of the innovation, in the unit of the signal, at least 0.
     residual : array_like of shape (..., p + 1), optional
-        Standard deviation of what the orders 0 ... p leave unpredicted, in the unit of the signal. By default
-        what k and `gain` say: gain / prod_{i > m} sqrt(1 - k_i^2).
+        Standard deviation of the prediction residual of the orders 0 ... p, in the unit of the signal
+        (default: gain / prod_{i > m} sqrt(1 - k_i^2)).
     fitted_order : array_like of int, shape (...), optional
-        Orders the signal gave; beyond it k = 0. p by default.
-    fallback : array_like of bool, shape (...), optional
-        Whether the method asked for was unstable and Burg's took its place.
+        Highest order that could be fitted to the signal (default p); beyond it k = 0.
+    is_fallback : array_like of bool, shape (...), optional
+        Whether Burg's method replaced the requested method, because that was unstable (default False).
 
     Raises
     ------
     ValueError
-        If a |k| is not below 1, a gain is negative or not finite, or the shapes do not fit.
+        If a |k| is not below 1, a gain is negative or not finite, or the shapes do not match.
 
     Notes
     -----
     The arrays are copied and read-only. A gain of 0 is the model of silence: its log spectrum is -inf.
+
+    Examples
+    --------
+    >>> model = Autoregression([-0.9, 0.5], gain=1.0)
+    >>> model.order, float(model.level.round(3))
+    (2, 2.649)
+    >>> model.direct_form()
+    array([ 1.  , -1.35,  0.5 ])
     """
 
     reflection: Samples
     gain: Samples
     residual: Samples = None  # type: ignore[assignment]
     fitted_order: NDArray[np.int64] = None  # type: ignore[assignment]
-    fallback: NDArray[np.bool_] = None  # type: ignore[assignment]
+    is_fallback: NDArray[np.bool_] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         k, gain = np.asarray(self.reflection, dtype=np.float64), np.asarray(self.gain, dtype=np.float64)
         if k.ndim < 1 or k.shape[:-1] != gain.shape:
             raise ValueError(
-                f"reflection {k.shape} and gain {gain.shape}. Expected shapes (..., p) and (...)"
+                f"reflection and gain must have the shapes (..., p) and (...), got {k.shape} and {gain.shape}"
             )
-        if not np.all(np.abs(k) < 1):
-            raise ValueError(f"a reflection coefficient is {k[~(np.abs(k) < 1)][0]}. Expected |k| < 1")
-        if not np.all((gain >= 0) & np.isfinite(gain)):
-            wrong = gain[~((gain >= 0) & np.isfinite(gain))][0]
-            raise ValueError(f"a gain is {wrong}. Expected a finite number of at least 0")
+        is_stable = np.abs(k) < 1
+        if not np.all(is_stable):
+            raise ValueError(f"reflection coefficients must lie between -1 and 1, got {k[~is_stable][0]}")
+        is_valid = (gain >= 0) & np.isfinite(gain)
+        if not np.all(is_valid):
+            raise ValueError(f"gain must be finite and not negative, got {gain[~is_valid][0]}")
         lead, p = k.shape[:-1], k.shape[-1]
         self._store("reflection", k, k.shape, np.float64)
         self._store("gain", gain, lead, np.float64)
-        residual = residual_of(k, gain) if self.residual is None else self.residual
+        residual = residual_levels(k, gain) if self.residual is None else self.residual
         self._store("residual", residual, (*lead, p + 1), np.float64)
         self._store("fitted_order", p if self.fitted_order is None else self.fitted_order, lead, np.int64)
-        self._store("fallback", self.fallback is not None and self.fallback, lead, np.bool_)
+        self._store("is_fallback", self.is_fallback is not None and self.is_fallback, lead, np.bool_)
 
     def _store(self, name: str, value: ArrayLike, shape: tuple[int, ...], dtype: Any) -> None:
         array = np.empty(shape, dtype=dtype)
@@ -89,13 +98,13 @@ class Autoregression:
 
     @property
     def order(self) -> int:
-        """The order p."""
+        """Order p of the model."""
         return int(self.reflection.shape[-1])
 
     @property
-    def clipped(self) -> NDArray[np.bool_]:
-        """Whether a |k| of 1 was cut to the last number below 1, shape (...)."""
-        return np.asarray(np.abs(self.reflection).max(axis=-1, initial=0.0) == LARGEST)
+    def is_clipped(self) -> NDArray[np.bool_]:
+        """Whether a |k| of 1 was clipped to the last number below 1, shape (...)."""
+        return np.asarray(np.abs(self.reflection).max(axis=-1, initial=0.0) == MAX_REFLECTION)
 
     @property
     def log_gain(self) -> Samples:
@@ -106,31 +115,35 @@ class Autoregression:
     @property
     def level(self) -> Samples:
         """RMS of the process, gain / prod sqrt(1 - k^2), in the unit of the signal, shape (...)."""
-        return residual_of(self.reflection, self.gain)[..., 0]
+        return residual_levels(self.reflection, self.gain)[..., 0]
 
     @property
     def prediction_gain_db(self) -> Samples:
-        """Power of the process over power of its innovation, -10 sum log10(1 - k^2) in dB, shape (...)."""
+        """Ratio of the powers of process and innovation, -10 sum log10(1 - k^2), in dB, shape (...)."""
         return np.asarray(-20.0 / np.log(10.0) * log_cosines(self.reflection).sum(axis=-1))
 
     @property
     def log_area_ratios(self) -> Samples:
-        """ln((1 + k) / (1 - k)) = 2 artanh k, shape (..., p)."""
+        """Log area ratios ln((1 + k) / (1 - k)) = 2 artanh k, shape (..., p)."""
         return np.asarray(np.log1p(self.reflection) - np.log1p(-self.reflection))
 
-    def truncated(self, order: int) -> "Autoregression":
+    def truncate(self, order: int) -> "Autoregression":
         """Return the model of the first `order` reflection coefficients, with the gain of that order.
 
-        For the autocorrelation method and Burg's this is the fit at that order.
+        For the autocorrelation method and Burg's method, this equals a fit of that order.
         """
         if not 0 <= order <= self.order:
-            raise ValueError(f"order is {order}. Expected 0 ... {self.order}, the order of the model")
-        kept = self.residual[..., : order + 1]
+            raise ValueError(
+                f"order must lie between 0 and {self.order}, the order of the model, got {order}"
+            )
+        residual = self.residual[..., : order + 1]
         fitted = np.minimum(self.fitted_order, order)
-        return Autoregression(self.reflection[..., :order], kept[..., -1], kept, fitted, self.fallback)
+        return Autoregression(
+            self.reflection[..., :order], residual[..., -1], residual, fitted, self.is_fallback
+        )
 
     def direct_form(self) -> Samples:
-        """Return the coefficients 1, a_1 ... a_p, where they still describe the model.
+        """Return the direct-form coefficients 1, a_1 ... a_p.
 
         a_i^(m) = a_i^(m-1) + k_m a_{m-i}^(m-1), and a_m^(m) = k_m.
 
@@ -141,32 +154,32 @@ class Autoregression:
         Raises
         ------
         ValueError
-            If the way back from the rounded coefficients misses a k by more than `DIRECT_FORM_ERROR`, or by
-            more than half of what |k| has left to 1: such coefficients are another, maybe unstable, filter.
-            Use the lattice there.
+            If a k computed back from the rounded coefficients differs by more than `DIRECT_FORM_ERROR`, or by
+            more than half of 1 - |k|: such coefficients describe another, possibly unstable filter. Use the
+            lattice (`LatticeSynthesis`) instead.
         """
         from texclass.vibration import recursions
 
         k = self.reflection.reshape(self.gain.size, self.order)
         a = recursions.step_up(k)
-        allowed = np.minimum(DIRECT_FORM_ERROR, (1 - np.abs(k)) / 2)
-        excess = (np.abs(recursions.step_down(a) - k) / allowed).max(axis=1, initial=0.0)
-        if not np.all(excess <= 1):
-            worst = int(np.argmax(np.where(np.isnan(excess), np.inf, excess)))
+        tolerance = np.minimum(DIRECT_FORM_ERROR, (1 - np.abs(k)) / 2)
+        relative_error = (np.abs(recursions.step_down(a) - k) / tolerance).max(axis=1, initial=0.0)
+        if not np.all(relative_error <= 1):
+            worst = int(np.argmax(np.where(np.isnan(relative_error), np.inf, relative_error)))
             raise ValueError(
-                f"direct form of order {self.order} changes a reflection coefficient of frame {worst} by "
-                f"{excess[worst]:.2g} times what is allowed. Expected at most {DIRECT_FORM_ERROR:g} and "
-                "half of what |k| has left to 1: use the lattice"
+                f"rounding of the direct form of order {self.order} changes a reflection coefficient of "
+                f"frame {worst} by {relative_error[worst]:.2g} times the tolerance, which is the smaller of "
+                f"{DIRECT_FORM_ERROR:g} and (1 - |k|) / 2: use the lattice (LatticeSynthesis)"
             )
         return np.asarray(a.reshape(*self.gain.shape, self.order + 1))
 
     def poles(self) -> NDArray[np.complex128]:
-        """Return the p poles, the zeros of z^p A(z), in the z-plane; shape (..., p), in no particular order.
+        """Return the p poles (the zeros of z^p A(z)) in the z-plane, shape (..., p), in no particular order.
 
         They are the eigenvalues of the Hessenberg matrix H_ij = -k_{i-1} k_j c_i ... c_{j-1}, H_{j+1,j} = c_j
-        with c = sqrt(1 - k^2) and k_0 = 1. Its norm is 1, so that they are right where the coefficients a_i
-        are not; the direct form is never built. What rounding puts on the unit circle or beyond is returned
-        at the radius 1 - 2^-52.
+        with c = sqrt(1 - k^2) and k_0 = 1. The matrix has the norm 1, so that the poles are accurate even
+        where the coefficients a_i are not. A pole that rounding moves to the unit circle or beyond is
+        returned at the radius 1 - 2^-52.
         """
         k, p = self.reflection, self.order
         c = np.sqrt((1 - k) * (1 + k))
@@ -183,22 +196,23 @@ class Autoregression:
         return poles * (outermost / np.maximum(np.abs(poles), outermost))
 
     def cepstrum(self, n: int) -> Samples:
-        """Return c_0 = ln(gain) and c_1 ... c_{n-1} of ln |H(e^jw)| = c_0 + sum_i c_i cos(i w), H = gain / A.
+        """Return the first n cepstral coefficients of the spectrum of the model.
 
-        c_i = (1/i) sum_j p_j^i over the poles p_j: power sums do not suffer where poles crowd, and neither
-        the direct form nor aliasing gets in.
+        ln |H(e^jw)| = c_0 + sum_i c_i cos(i w) with H = gain / A, c_0 = ln(gain) and c_i = (1/i) sum_j p_j^i
+        over the poles p_j. Sums of powers stay accurate where poles lie close together, and there is no
+        aliasing.
 
         Parameters
         ----------
         n : int
-            Number of coefficients, at least 1; may exceed the order.
+            Number of coefficients, at least 1. It may exceed the order.
 
         Returns
         -------
         ndarray of shape (..., n)
         """
         if n < 1:
-            raise ValueError(f"n is {n}. Expected at least 1 coefficient")
+            raise ValueError(f"n must be at least 1 coefficient, got {n}")
         poles, i = self.poles(), np.arange(1, n)
         powers = np.ones_like(poles)
         c = np.empty((*self.gain.shape, n))
@@ -209,12 +223,14 @@ class Autoregression:
         return c
 
     def log_spectrum_db(self, omega: ArrayLike) -> Samples:
-        """Return 20 log10(gain / |A(e^jw)|) by the lattice recursion on the unit circle, in dB.
+        """Return the log spectrum 20 log10(gain / |A(e^jw)|) in dB.
+
+        It is computed by the lattice recursion on the unit circle.
 
         Parameters
         ----------
         omega : array_like of shape (n_frequencies,)
-            Angular frequency, radians per sample: 2 pi f / fs.
+            Angular frequencies 2 pi f / fs in rad per sample.
 
         Returns
         -------
@@ -232,48 +248,57 @@ class Autoregression:
 def fit(
     x: ArrayLike, order: int, *, method: Method = "burg", variance: Variance = "residual"
 ) -> Autoregression:
-    """Fit an autoregressive model to a signal or to each of a stack of frames.
+    """Fit an autoregressive model to a signal or to each of several frames.
 
     Parameters
     ----------
     x : array_like of shape (n,) or (n_frames, n)
-        Any unit and real dtype. No mean is removed and no window applied: both are the caller's.
+        Signal or frames, of any unit and real dtype. The mean is not removed, and no window is applied.
     order : int
-        p, at least 1; may reach or exceed n, see Notes.
+        Order p, at least 1. It may reach or exceed n, see Notes.
     method : {"burg", "autocorrelation", "modified_covariance"}
-        Burg's minimises the forward and backward residual order by order, always stable, no window needed.
-        The autocorrelation method solves the Yule-Walker equations of the biased autocorrelation: stable, the
-        fastest, its spectrum smeared by the ends of the signal. The modified covariance method minimises both
-        residuals over all coefficients at once: no bias on sinusoids; O(n p^2); it can be unstable,
-        undetermined (2 (n - p) <= p, or Burg's residual ends before order p) or lost to rounding on the way
-        from coefficients to k (a residual above Burg's shows it), and then Burg's result is returned and
-        `fallback` says so.
+        Method of estimation (default "burg"), see Notes.
     variance : {"residual", "yule_walker"}
-        The gain is the RMS of the residual, or ``rms(x) * prod sqrt(1 - k^2)``, with which the model has the
-        power of the signal. They are the same number for the autocorrelation method.
+        The gain is the RMS of the residual (default), or ``rms(x) * prod sqrt(1 - k^2)``, which gives the
+        model the power of the signal. Both are equal for the autocorrelation method.
 
     Returns
     -------
     Autoregression
-        With leading shape () or (n_frames,).
+        Model with the leading shape () or (n_frames,).
 
     Raises
     ------
     ValueError
-        If a sample is NaN or infinite, the signal empty or not one- or two-dimensional, the order below 1.
+        If a sample is NaN or infinite, the signal is empty or not one- or two-dimensional, the order is below
+        1, or the method is unknown.
 
     Notes
     -----
-    - Zeros: k = 0, gain 0, whatever the method; `fitted_order` is 0 (p for modified covariance).
-    - A constant (Burg): k_1 = -(1 - 2^-53), `clipped`, k = 0 beyond, and a gain of 1.1e-16 of the constant
-      (1.5e-8 of it with "yule_walker"). Autocorrelation: k_1 = -(n-1)/n, the ends being steps to 0.
-    - Burg's recursion ends where the residual is rounding noise (below 9e-16 of the signal) or has no sample
-      left (order n and more); `fitted_order` says where, and k = 0 beyond. The autocorrelation method has no
-      such end.
+    The methods differ as follows:
 
-    Burg's residual energy is summed anew at each order: updated by (1 - k^2) it is lost to rounding in
-    sinusoids and oversampled signals. Levinson's recursion is checked: where it would magnify the rounding of
-    the autocorrelation by more than 1e8, the same k are computed on the zero-padded signal.
+    - Burg's method minimises the forward and backward residuals order by order. The model is always stable,
+      and no window is needed.
+    - The autocorrelation method solves the Yule-Walker equations of the biased autocorrelation. It is stable
+      and the fastest method, but the ends of the signal smear the spectrum.
+    - The modified covariance method minimises both residuals over all coefficients at once. It has no bias on
+      sinusoids and costs O(n p^2). Burg's result replaces it, marked by `is_fallback`, if the model is
+      unstable, if it is underdetermined (2 (n - p) <= p, or Burg's recursion ends before order p), or if
+      rounding spoils the conversion from coefficients to k (its residual exceeds Burg's).
+
+    Special cases:
+
+    - Silence: k = 0 and gain 0 with every method; `fitted_order` is 0 (p for modified covariance).
+    - A constant, Burg's method: k_1 = -(1 - 2^-53), `is_clipped` is True, all other k = 0, and the gain is
+      1.1e-16 times the constant (1.5e-8 times with "yule_walker"). Autocorrelation method: k_1 = -(n-1)/n,
+      because the signal steps to 0 at its ends.
+    - Burg's recursion ends where the residual is rounding noise (below 9e-16 of the signal) or has no sample
+      left (order n and more). `fitted_order` is the last order, and k = 0 beyond. The autocorrelation method
+      has no such end.
+
+    Burg's residual energy is summed again at each order, because an update by (1 - k^2) loses all digits for
+    sinusoids and oversampled signals. Where Levinson's recursion would magnify the rounding of the
+    autocorrelation by more than 1e8, the same k are computed from the zero-padded signal.
 
     References
     ----------
@@ -286,68 +311,79 @@ def fit(
     >>> model.reflection.shape, bool(abs(model.reflection).max() < 1)
     ((2,), True)
     """
-    if method not in get_args(Method) or variance not in get_args(Variance):
-        allowed = (*get_args(Method), *get_args(Variance))
-        raise ValueError(f"method is {method!r} and variance {variance!r}. Expected one of {allowed}")
+    if method not in get_args(Method):
+        raise ValueError(f"method must be one of {get_args(Method)}, got {method!r}")
+    if variance not in get_args(Variance):
+        raise ValueError(f"variance must be one of {get_args(Variance)}, got {variance!r}")
     if order < 1:
-        raise ValueError(f"order is {order}. Expected at least 1")
+        raise ValueError(f"order must be at least 1, got {order}")
     frames, exponent, lead = _scaled(x)
     if method == "autocorrelation":
         k, deviation, fitted = _autocorrelation(frames, order)
     else:
         k, deviation, fitted = _burg(frames, order)
-    fallback = np.zeros(len(frames), dtype=np.bool_)
+    is_fallback = np.zeros(len(frames), dtype=np.bool_)
     for row, each in enumerate(frames if method == "modified_covariance" else ()):
         from texclass.vibration import recursions
 
-        a, gain = _both_ways(each, order)
-        found = recursions.step_down(a[np.newaxis])[0]
-        # The least residual of all can only exceed Burg's where k is lost on the way from the coefficients.
-        loosest = 1.001 * deviation[row, -1] + EXHAUSTED * deviation[row, 0]
-        stable = np.isfinite(gain) and np.all(np.abs(found) < 1)
-        # Where Burg's residual ends before the last order, many coefficients do; rounding would choose.
-        determined = fitted[row] in {0, order}
-        if determined and stable and recursions.residual(each, found) <= loosest:
-            k[row], deviation[row], fitted[row] = found, residual_of(found, np.asarray(gain)), order
+        a, gain = _modified_covariance(each, order)
+        candidate = recursions.step_down(a[np.newaxis])[0]
+        # The residual of this method is the smallest possible. If it exceeds Burg's, rounding spoiled k.
+        max_residual = 1.001 * deviation[row, -1] + MIN_RELATIVE_RESIDUAL * deviation[row, 0]
+        is_stable = np.isfinite(gain) and np.all(np.abs(candidate) < 1)
+        # If Burg's recursion ends before the last order, the solution is not unique, and rounding would
+        # choose.
+        is_unique = fitted[row] in {0, order}
+        if is_unique and is_stable and recursions.residual(each, candidate) <= max_residual:
+            k[row], fitted[row] = candidate, order
+            deviation[row] = residual_levels(candidate, np.asarray(gain))
         else:
-            fallback[row] = True
+            is_fallback[row] = True
     if variance == "yule_walker":
         deviation[:, 0] = np.sqrt(np.mean(frames**2, axis=1))
         deviation[:, 1:] = deviation[:, :1] * np.exp(np.cumsum(log_cosines(k), axis=1))
     deviation = np.ldexp(deviation, exponent)
     residual = deviation.reshape(*lead, order + 1)
     return Autoregression(
-        k.reshape(*lead, order), residual[..., -1], residual, fitted.reshape(lead), fallback.reshape(lead)
+        k.reshape(*lead, order), residual[..., -1], residual, fitted.reshape(lead), is_fallback.reshape(lead)
     )
 
 
 def from_autocorrelation(r: ArrayLike) -> Autoregression:
-    """Return the model whose autocorrelation begins with r_0 ... r_p, by Levinson's and Durbin's recursion.
+    """Return the model whose autocorrelation starts with r_0 ... r_p, by the Levinson-Durbin recursion.
 
     Parameters
     ----------
     r : array_like of shape (..., p + 1)
-        Lag 0 first, in the squared unit of the signal; r_0 = 0 only with all others 0.
+        Autocorrelation from lag 0 on, in the squared unit of the signal. r_0 may be 0 only if all lags are 0.
 
     Returns
     -------
     Autoregression
-        Where a |k| comes out at or above 1 (no positive definite sequence, or one lost to rounding) the
-        recursion ends before it, k = 0 from there, and `fitted_order` says where.
+        The recursion ends before the first |k| that is not below 1 (the sequence is not positive definite, or
+        rounding spoiled it). `fitted_order` is the last order, and k = 0 beyond.
 
     Raises
     ------
     ValueError
-        If a value is not finite, r_0 negative, or r_0 = 0 with others not 0.
+        If a value is not finite, r_0 is negative, or r_0 is 0 while other lags are not.
+
+    Examples
+    --------
+    >>> model = from_autocorrelation([2.0, 1.0, 0.5])
+    >>> model.reflection, float(model.gain.round(4))
+    (array([-0.5, -0. ]), 1.2247)
     """
     from texclass.vibration import recursions
 
     lags = np.asarray(r, dtype=np.float64)
     if lags.ndim < 1 or lags.shape[-1] < 1 or not np.all(np.isfinite(lags)):
-        raise ValueError(f"autocorrelation has shape {lags.shape}. Expected (..., p + 1), all finite")
+        raise ValueError(
+            f"autocorrelation must be finite and have the shape (..., p + 1), got the shape {lags.shape}"
+        )
     r0 = lags[..., :1]
     if np.any(r0 < 0) or np.any((r0 == 0) & (lags != 0)):
-        raise ValueError(f"r_0 is {r0.min()}. Expected r_0 > 0, or silence: all lags 0")
+        raise ValueError(f"r_0 must be positive, or 0 if all lags are 0, got {r0.min()}")
     unit = np.where(r0 == 0, np.eye(1, lags.shape[-1]), lags / np.where(r0 == 0, 1.0, r0))
     lead = lags.shape[:-1]
     k, energy, _, fitted = recursions.levinson(unit.reshape(-1, lags.shape[-1]))
@@ -356,14 +392,14 @@ def from_autocorrelation(r: ArrayLike) -> Autoregression:
 
 
 def from_direct_form(a: ArrayLike, gain: ArrayLike) -> Autoregression:
-    """Return the model of the coefficients 1, a_1 ... a_p, by the step-down recursion.
+    """Return the model with the direct-form coefficients 1, a_1 ... a_p, by the step-down recursion.
 
     Parameters
     ----------
     a : array_like of shape (..., p + 1)
-        The first one is 1.
+        Coefficients of A(z); the first is 1.
     gain : array_like of shape (...)
-        Standard deviation of the innovation.
+        Standard deviation of the innovation, in the unit of the signal.
 
     Returns
     -------
@@ -373,18 +409,25 @@ def from_direct_form(a: ArrayLike, gain: ArrayLike) -> Autoregression:
     ------
     ValueError
         If a_0 is not 1 or the model is not stable.
+
+    Examples
+    --------
+    >>> from_direct_form([1.0, -1.35, 0.5], gain=1.0).reflection
+    array([-0.9,  0.5])
     """
     from texclass.vibration import recursions
 
     direct = np.asarray(a, dtype=np.float64)
     if direct.ndim < 1 or direct.size == 0 or not np.all(direct[..., 0] == 1):
-        raise ValueError(f"coefficients have shape {direct.shape}. Expected (..., p + 1), the first one 1")
+        raise ValueError(
+            f"coefficients must have the shape (..., p + 1) and start with 1, got the shape {direct.shape}"
+        )
     k = recursions.step_down(direct.reshape(-1, direct.shape[-1]))
     return Autoregression(k.reshape(*direct.shape[:-1], -1), np.asarray(gain, dtype=np.float64))
 
 
 def autocorrelation(frames: Samples, n_lags: int) -> Samples:
-    """Return sum_t x[t] x[t+i] of each row for i = 0 ... n_lags, (rows, n_lags + 1), by FFT."""
+    """Return sum_t x[t] x[t+i] of each row for i = 0 ... n_lags, shape (rows, n_lags + 1), by FFT."""
     size = fft.next_fast_len(frames.shape[-1] + n_lags, real=True)  # lags beyond n_lags may wrap around
     spectrum = fft.rfft(frames, size, axis=-1)
     power = spectrum.real**2 + spectrum.imag**2
@@ -392,27 +435,30 @@ def autocorrelation(frames: Samples, n_lags: int) -> Samples:
 
 
 def _autocorrelation(frames: Samples, order: int) -> tuple[Samples, Samples, NDArray[np.int64]]:
-    """Return k, the residual deviations of the orders 0 ... p and the orders fitted, one row per frame."""
+    """Return k, the residual deviations of the orders 0 ... p, and the fitted order of each frame."""
     from texclass.vibration import recursions
 
     r = autocorrelation(frames, order)
     silent = ~frames.any(axis=1)
     r[silent] = np.eye(1, order + 1)
-    k, energy, loss, fitted = recursions.levinson(r / r[:, :1])
+    k, energy, magnification, fitted = recursions.levinson(r / r[:, :1])
     rms = np.where(silent, 0.0, np.sqrt(r[:, 0] / frames.shape[1]))
     deviation = rms[:, np.newaxis] * np.sqrt(energy)
-    lost = loss > 1e8  # by so much the rounding of r is magnified
-    if lost.any():
-        k[lost], deviation[lost], fitted[lost] = recursions.burg(frames[lost], order, order)
+    is_inaccurate = magnification > 1e8  # of the rounding errors of r: half of the digits are lost
+    if is_inaccurate.any():
+        k[is_inaccurate], deviation[is_inaccurate], fitted[is_inaccurate] = recursions.burg(
+            frames[is_inaccurate], order, order
+        )
     fitted[silent] = 0
     return k, deviation, fitted
 
 
-def _both_ways(x: Samples, order: int) -> tuple[Samples, float]:
+def _modified_covariance(x: Samples, order: int) -> tuple[Samples, float]:
     """Minimise |x[t] + sum_i a_i x[t-i]|^2 + |x[t-p] + sum_i a_i x[t-p+i]|^2 over t = p ... n-1.
 
-    Returns 1, a_1 ... a_p and the RMS of the residual, NaN where there are too few equations. A triangle
-    gathers the equations block by block (QR), which does not square their condition.
+    The results are 1, a_1 ... a_p and the RMS of the residual, which is NaN if there are too few equations.
+    The equations are reduced block by block to a triangular matrix (QR), which does not square their
+    condition.
     """
     a = np.eye(1, order + 1)[0]
     if 2 * (x.size - order) <= order:
@@ -427,16 +473,16 @@ def _both_ways(x: Samples, order: int) -> tuple[Samples, float]:
 
 
 def _scaled(x: ArrayLike) -> tuple[Samples, NDArray[np.int64], tuple[int, ...]]:
-    """Return the frames divided by 2^exponent, that exponent (n_frames, 1), and the leading shape."""
+    """Return the frames divided by 2^exponent, the exponent (n_frames, 1), and the leading shape."""
     samples = np.asarray(x)
     if samples.ndim not in (1, 2) or samples.shape[-1] == 0:
-        raise ValueError(f"signal has shape {samples.shape}. Expected (n,) or (n_frames, n), n at least 1")
+        raise ValueError(f"x must have the shape (n,) or (n_frames, n) with n >= 1, got {samples.shape}")
     if np.iscomplexobj(samples):
-        raise ValueError(f"signal is {samples.dtype}. Expected real samples")
+        raise ValueError(f"x must contain real samples, got {samples.dtype}")
     frames = np.ascontiguousarray(np.atleast_2d(samples), dtype=np.float64)
     if not np.all(np.isfinite(frames)):
-        at = np.argwhere(~np.isfinite(frames))[0]
-        raise ValueError(f"sample {at[-1]} is {frames[tuple(at)]}. Expected finite samples")
+        index = np.argwhere(~np.isfinite(frames))[0]
+        raise ValueError(f"x must contain finite samples, got {frames[tuple(index)]} at sample {index[-1]}")
     _, exponent = np.frexp(np.abs(frames).max(axis=1, keepdims=True))
     return np.ldexp(frames, -exponent), exponent, samples.shape[:-1]
 
@@ -444,31 +490,32 @@ def _scaled(x: ArrayLike) -> tuple[Samples, NDArray[np.int64], tuple[int, ...]]:
 def _burg(frames: Samples, order: int) -> tuple[Samples, Samples, NDArray[np.int64]]:
     """Fit each row by Burg's method as `recursions.burg` does, without padding.
 
-    A little work is done in numpy: below `WORTH_LOADING` that is fast enough, and spares answers of `texclass
-    predict` the second that loading numba takes.
+    Below `MIN_NUMBA_WORK` the computation runs in numpy. This is fast enough, and a prediction by `texclass
+    predict` then does not wait a second for numba to load.
     """
-    if "numba" in sys.modules or frames.size * order > WORTH_LOADING:
+    if "numba" in sys.modules or frames.size * order > MIN_NUMBA_WORK:
         from texclass.vibration import recursions
 
         return recursions.burg(frames, order, 0)
     n, f, b = frames.shape[1], frames, frames
     deviation = np.repeat(np.sqrt(np.mean(frames**2, axis=1, keepdims=True)), order + 1, axis=1)
     k, fitted = np.zeros((len(frames), order)), np.zeros(len(frames), np.int64)
-    going, least = np.ones(len(frames), np.bool_), 2 * (EXHAUSTED * deviation[:, 0]) ** 2
+    is_active = np.ones(len(frames), np.bool_)
+    min_energy = 2 * (MIN_RELATIVE_RESIDUAL * deviation[:, 0]) ** 2
     total = _energy(f[:, 1:]) + _energy(b[:, :-1])
     for m in range(1, min(order, n - 1) + 1):
-        going &= total > (n - m) * least
-        if not going.any():
+        is_active &= total > (n - m) * min_energy
+        if not is_active.any():
             break
         f, b = f[:, 1:], b[:, :-1]
-        step = -2.0 * np.einsum("kt,kt->k", f, b) / np.where(going, total, 1.0)
-        step = np.where(going, np.clip(step, -LARGEST, LARGEST), 0.0)
+        step = -2.0 * np.einsum("kt,kt->k", f, b) / np.where(is_active, total, 1.0)
+        step = np.where(is_active, np.clip(step, -MAX_REFLECTION, MAX_REFLECTION), 0.0)
         f, b = f + step[:, None] * b, b + step[:, None] * f
         total = _energy(f[:, 1:]) + _energy(b[:, :-1])
-        left = total + f[:, 0] ** 2 + b[:, -1] ** 2  # the next stage pairs all but these two
+        energy = total + f[:, 0] ** 2 + b[:, -1] ** 2  # the sum for the next stage omits these two samples
         k[:, m - 1] = step
-        fitted[going] = m
-        deviation[going, m:] = np.sqrt(left / (2 * (n - m)))[going, np.newaxis]
+        fitted[is_active] = m
+        deviation[is_active, m:] = np.sqrt(energy / (2 * (n - m)))[is_active, np.newaxis]
     return k, deviation, fitted
 
 

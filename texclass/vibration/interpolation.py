@@ -1,10 +1,10 @@
-"""Between autoregressive models: a model for every point between those that were fitted, always stable.
+"""Interpolation between autoregressive models that always gives a stable model.
 
-Line spectral frequencies and log gain are mixed linearly::
+Line spectral frequencies and log gains are mixed linearly::
 
     theta = sum_i w_i theta_i,    ln gain = sum_i w_i ln gain_i,    w_i >= 0, sum_i w_i = 1
 
-A mean of increasing sequences increases, and every increasing sequence in (0, pi) is a stable model.
+The mean of increasing sequences increases, and every increasing sequence in (0, pi) is a stable model.
 """
 
 from collections.abc import Sequence
@@ -22,24 +22,24 @@ Models = Sequence[Autoregression] | Autoregression
 
 
 class ModelBlend:
-    """Models of one order, ready to be mixed with any weights: their line spectra are computed once.
+    """Weighted mixture of several models of one order, whose line spectra are computed once.
 
     Parameters
     ----------
     models : sequence of Autoregression of leading shape (), or one of leading shape (n_models,)
-        Of one order, at least 1, and one unit.
+        Models of one order, at least 1, and one unit.
     loudness : {"gain", "level"}
-        Whose logarithm is mixed: the gain's, as in the papers, or that of the RMS of the vibration. Sharp
-        resonances of two models lie between different frequencies, so that none remains halfway, and the
-        gain alone does not make up for it: between two tones in noise (60 dB, order 6) the middle is 49 dB
-        too quiet. The level stays that of the models.
+        Quantity whose logarithm is mixed: the gain (default, as in the papers), or the RMS level of the
+        vibration. Two models with sharp resonances at different frequencies have no resonance halfway, and
+        the gain does not compensate for it: between two tones in noise (60 dB, order 6) the middle is 49 dB
+        too quiet. Mixing the level avoids this.
 
     Attributes
     ----------
     frequencies : ndarray of shape (n_models, p)
-        Line spectral frequencies, rad per sample.
+        Line spectral frequencies in rad per sample.
     amplitude : ndarray of shape (n_models,)
-        Gain or level of each model, as `loudness` says.
+        Gain or level of each model, according to `loudness`.
 
     Raises
     ------
@@ -48,9 +48,9 @@ class ModelBlend:
 
     Notes
     -----
-    Frequencies that come closer than `line_spectrum.MIN_GAP` are moved apart, those of the models too, so
-    that the path is continuous up to its ends. A model of silence (gain 0) has no spectrum: it takes its
-    share of the amplitude, linearly, and leaves the frequencies to the others.
+    Frequencies that come closer than `line_spectrum.MIN_GAP` are moved apart, also those of the models, so
+    that the mixture is continuous up to its ends. A model of silence (gain 0) has no spectrum: it reduces the
+    amplitude linearly by its weight and does not affect the frequencies.
 
     References
     ----------
@@ -65,51 +65,53 @@ class ModelBlend:
 
     def __init__(self, models: Models, *, loudness: Loudness = "gain") -> None:
         if loudness not in get_args(Loudness):
-            raise ValueError(f"loudness is {loudness!r}. Expected one of {get_args(Loudness)}")
+            raise ValueError(f"loudness must be one of {get_args(Loudness)}, got {loudness!r}")
         rows = [models] if isinstance(models, Autoregression) else list(models)
         shapes = [m.reflection.shape for m in rows]
         n_axes = 2 if isinstance(models, Autoregression) else 1
         if len(set(shapes)) != 1 or len(shapes[0]) != n_axes or 0 in shapes[0]:
-            raise ValueError(f"models have reflection {shapes}. Expected single models of one order, p >= 1")
+            raise ValueError(
+                f"models must be single models of one order p >= 1, got reflection of the shapes {shapes}"
+            )
         k = np.concatenate([np.atleast_2d(m.reflection) for m in rows])
         self.amplitude = np.concatenate([np.atleast_1d(getattr(m, loudness)) for m in rows])
         if not np.all(np.isfinite(self.amplitude)):
-            raise ValueError(f"{loudness} of a model is {self.amplitude.max()}. Expected a finite one")
+            raise ValueError(f"the {loudness} of each model must be finite, got {self.amplitude.max()}")
         self.loudness = loudness
         self.frequencies = line_spectrum.spread(line_spectrum.from_reflection(k))
 
     def at(self, weights: ArrayLike) -> Autoregression:
-        """Return the model at the weights.
+        """Return the mixture for given weights.
 
         Parameters
         ----------
         weights : array_like of shape (..., n_models)
-            Each at least 0, their sum 1: nothing is extrapolated.
+            Weights of at least 0 with the sum 1. Extrapolation is not possible.
 
         Returns
         -------
         Autoregression
-            Of leading shape (...), stable for every weight.
+            Stable model with the leading shape (...).
 
         Raises
         ------
         ValueError
-            If a weight is negative, NaN, the sum is not 1 (both within 1e-9), or the shape is wrong.
+            If a weight is negative or NaN, the sum is not 1 (both within 1e-9), or the shape does not match.
         """
         w, n = np.asarray(weights, dtype=np.float64), len(self.amplitude)
         if w.ndim < 1 or w.shape[-1] != n:
-            raise ValueError(f"weights have shape {w.shape}. Expected (..., {n}), one for each model")
+            raise ValueError(f"weights must have the shape (..., {n}), one per model, got {w.shape}")
         total = w.sum(axis=-1, keepdims=True)
-        rounding = 1e-9  # as of barycentric coordinates
+        rounding = 1e-9  # barycentric coordinates are rounded to about this
         if not (np.all(w >= -rounding) and np.all(np.abs(total - 1) <= rounding)):
-            raise ValueError(f"weights are {w}. Expected at least 0 each, and 1 in sum: no extrapolation")
+            raise ValueError(f"weights must not be negative and their sum must be 1, got {w}")
         w = np.maximum(w, 0.0)
         w = w / w.sum(axis=-1, keepdims=True)
-        sounding = self.amplitude > 0
-        share = np.sum(w, axis=-1, where=sounding, keepdims=True)
-        v = np.where(share > 0, np.where(sounding, w, 0.0) / np.where(share > 0, share, 1.0), w)
-        mean = np.prod(np.where(sounding, self.amplitude, 1.0) ** v, axis=-1)
-        mixed = np.einsum("...i,ij->...j", v, self.frequencies)  # bit for bit alike for one row and for many
+        is_audible = self.amplitude > 0
+        share = np.sum(w, axis=-1, where=is_audible, keepdims=True)
+        v = np.where(share > 0, np.where(is_audible, w, 0.0) / np.where(share > 0, share, 1.0), w)
+        mean = np.prod(np.where(is_audible, self.amplitude, 1.0) ** v, axis=-1)
+        mixed = np.einsum("...i,ij->...j", v, self.frequencies)  # one row and many rows give identical bits
         theta = line_spectrum.spread(mixed)
         k, amplitude = line_spectrum.to_reflection(theta), np.asarray(share[..., 0] * mean)
         if self.loudness == "level":  # gain = level prod sqrt(1 - k^2)
@@ -120,26 +122,29 @@ class ModelBlend:
 def interpolate(
     a: Autoregression, b: Autoregression, weight: ArrayLike, *, loudness: Loudness = "gain"
 ) -> Autoregression:
-    """Return the model between two of one order: theta = (1 - w) theta_a + w theta_b, and so the log gain.
+    """Interpolate between two models of one order.
+
+    Line spectral frequencies and log gain are interpolated linearly: theta = (1 - w) theta_a + w theta_b.
 
     Parameters
     ----------
     a, b : Autoregression
-        Of leading shape (), of one order and unit.
+        Models of leading shape (), of one order and unit.
     weight : array_like of shape (...)
-        0 gives `a`, 1 gives `b`; in [0, 1], nothing is extrapolated.
-    loudness
-        As for `ModelBlend`, which is faster for many weights one after the other.
+        Weight of `b` in [0, 1]: 0 gives `a`, 1 gives `b`.
+    loudness : {"gain", "level"}
+        Quantity whose logarithm is mixed (default "gain"), as in `ModelBlend`. That class is faster for many
+        calls with the same models.
 
     Returns
     -------
     Autoregression
-        Of leading shape (...), stable for every weight.
+        Stable model with the leading shape (...).
 
     Raises
     ------
     ValueError
-        As `ModelBlend`, and for a weight outside [0, 1].
+        As `ModelBlend`, and if a weight lies outside [0, 1].
 
     Examples
     --------
@@ -149,5 +154,5 @@ def interpolate(
     """
     w = np.asarray(weight, dtype=np.float64)
     if not np.all((w >= 0) & (w <= 1)):
-        raise ValueError(f"weight is {w[~((w >= 0) & (w <= 1))][0]}. Expected 0 to 1")
+        raise ValueError(f"weight must lie between 0 and 1, got {w[~((w >= 0) & (w <= 1))][0]}")
     return ModelBlend([a, b], loudness=loudness).at(np.stack([1 - w, w], axis=-1))

@@ -1,4 +1,4 @@
-"""Major frequencies: a vibration as the few strongest lines of its spectrum that cause no beats."""
+"""Major frequencies: the few strongest spectral lines of a vibration that cause no perceptible beats."""
 
 from dataclasses import dataclass
 
@@ -12,35 +12,42 @@ from texclass.vibration.decaying_modes import Sinusoids
 
 BEAT_BOUNDS_HZ = (50.0, 100.0, 150.0, 250.0, 500.0)
 BEAT_THRESHOLDS_HZ = (6.0, 7.0, 9.0, 9.0, 15.0, 80.0)
-"""`oeztuerk2018`, Table 3.2: least distance of two frequencies up to each bound, and above the last one."""
+"""Smallest distance of two frequencies up to each bound, and above the last; `oeztuerk2018`, Table 3.2."""
 
 
 @dataclass(frozen=True, eq=False)
 class MajorFrequencies(Sinusoids):
-    """A vibration as x(t) = sum_i A_i cos(2 pi f_i t + phi_i).
+    """Vibration model x(t) = sum_i A_i cos(2 pi f_i t + phi_i).
 
     Attributes
     ----------
     frequency_hz : ndarray of shape (n_frequencies,)
-        f_i, rising.
+        Frequencies f_i in Hz, increasing.
     amplitude : ndarray of shape (n_frequencies,)
-        A_i >= 0, in the unit of the vibration.
+        Amplitudes A_i >= 0 in the unit of the vibration.
     phase : ndarray of shape (n_frequencies,)
-        phi_i at the first sample, in rad.
+        Phases phi_i at the first sample in rad.
+
+    Examples
+    --------
+    >>> model = MajorFrequencies([80.0, 300.0], [2.0, 1.0], [0.0, 0.0])
+    >>> model.synthesize(n_samples=3, fs=10_000.0).round(3)
+    array([3.  , 2.98, 2.92])
     """
 
     amplitude: Samples
     phase: Samples
 
     def synthesize(self, n_samples: int, fs: float) -> Samples:
-        """Return the vibration, shape (n_samples,): eq. (3.16) in the time domain, at any length and rate.
+        """Return the vibration, shape (n_samples,), by eq. (3.16) in the time domain.
 
         Parameters
         ----------
         n_samples : int
-            Any length. At the length and rate of the fit it is the inverse transform of the chosen lines.
+            Number of samples. With the length and rate of the fit, the result is the inverse transform of the
+            selected lines.
         fs : float
-            Sampling rate in Hz. Frequencies of fs/2 and above are left out.
+            Sampling rate in Hz. Frequencies of fs/2 and above are omitted.
         """
         t = np.arange(n_samples) / fs
         x = np.zeros(n_samples)
@@ -51,63 +58,71 @@ class MajorFrequencies(Sinusoids):
 
 
 def beat_threshold_hz(frequency_hz: ArrayLike) -> Samples:
-    """Return how far (Hz) a second frequency must lie from each of these not to be felt as beats.
+    """Return the smallest distance (Hz) to a second frequency at which no beats are perceived.
 
-    Table 3.2 of `oeztuerk2018`; a bound belongs to the lower interval, and 80 Hz hold above 1400 Hz too.
+    The values are those of `oeztuerk2018`, Table 3.2. A bound belongs to the lower interval, and 80 Hz is
+    used above 1400 Hz as well.
+
+    Examples
+    --------
+    >>> beat_threshold_hz([40.0, 200.0, 600.0])
+    array([ 6.,  9., 80.])
     """
-    which = np.searchsorted(BEAT_BOUNDS_HZ, np.asarray(frequency_hz, dtype=np.float64), side="left")
-    return np.asarray(np.array(BEAT_THRESHOLDS_HZ)[which])
+    interval = np.searchsorted(BEAT_BOUNDS_HZ, np.asarray(frequency_hz, dtype=np.float64), side="left")
+    return np.asarray(np.array(BEAT_THRESHOLDS_HZ)[interval])
 
 
 def strongest_lines(
-    values: Samples, f: Samples, most: int, *, least: float = 0.0, width: float = 0.0
+    magnitude: Samples, f: Samples, max_lines: int, *, min_magnitude: float = 0.0, width: float = 0.0
 ) -> list[int]:
-    """Return the places of the largest values above `least`, `most` of them or fewer, the largest first.
+    """Return the indices of the strongest spectral lines above `min_magnitude`, the strongest first.
 
-    No two are closer than the beat threshold of the lower one, nor than twice `width` of the stronger one.
+    There are at most `max_lines`. The distance of two lines is at least the beat threshold of the lower one,
+    and twice the relative `width` of the stronger one.
     """
-    found: list[int] = []
-    left = values.copy()
-    while len(found) < most and left.max(initial=0.0) > least:
-        found.append(int(np.argmax(left)))
-        g = f[found[-1]]
-        left[np.abs(f - g) < np.maximum(beat_threshold_hz(np.minimum(f, g)), 2 * width * g)] = 0.0
-    return found
+    lines: list[int] = []
+    remaining = magnitude.copy()
+    while len(lines) < max_lines and remaining.max(initial=0.0) > min_magnitude:
+        lines.append(int(np.argmax(remaining)))
+        g = f[lines[-1]]
+        remaining[np.abs(f - g) < np.maximum(beat_threshold_hz(np.minimum(f, g)), 2 * width * g)] = 0.0
+    return lines
 
 
 def fit_major_frequencies(
     x: ArrayLike, fs: float, *, n_frequencies: int = 13, upper_hz: float = 1400.0
 ) -> MajorFrequencies:
-    """Choose the lines of largest amplitude that keep the beat threshold from each other.
+    """Select the spectral lines with the largest amplitudes that are farther apart than the beat threshold.
 
-    Of the discrete Fourier transform X of the signal, lines are taken from the largest |X| downwards; one
-    that lies closer to a line already taken than the threshold of the lower of the two is skipped.
+    Lines of the discrete Fourier transform X of the signal are selected in the order of decreasing |X|. A
+    line is skipped if it is closer to a selected line than the beat threshold of the lower of the two.
 
     Parameters
     ----------
     x : array_like of shape (n_samples,)
-        Any unit. The constant part is left out.
+        Signal in any unit. The mean is removed.
     fs : float
         Sampling rate in Hz.
     n_frequencies : int
-        How many at most. The thesis tries 2 to 30 and finds 12 to 14 enough.
+        Largest number of lines (default 13). The thesis compares 2 to 30 and recommends 12 to 14.
     upper_hz : float
-        Highest frequency in Hz (default 1400, where Table 3.2 and what is felt end).
+        Highest frequency in Hz (default 1400, the end of Table 3.2 and of the perceptible range).
 
     Returns
     -------
     MajorFrequencies
-        Fewer than `n_frequencies` where the band has no more lines, or the rest of them is 0.
+        Fewer than `n_frequencies` lines if the band has no more, or all others are 0.
 
     Raises
     ------
     ValueError
-        For fewer than 3 samples, NaN or infinity, `n_frequencies` below 1, or `fs` or `upper_hz` not above 0.
+        If `x` has fewer than 3 samples, NaN or infinity, or `n_frequencies`, `fs` or `upper_hz` is not
+        positive.
 
     Notes
     -----
-    Table 3.2 gives one threshold per interval and says nothing of two frequencies in different ones. The
-    threshold of the lower frequency is our reading: it is the smaller one, and the table holds inside.
+    Table 3.2 states one threshold per interval, but not for two frequencies in different intervals. We use
+    that of the lower frequency, which is the smaller one.
 
     References
     ----------
@@ -123,30 +138,30 @@ def fit_major_frequencies(
     samples, exponent = to_unit_scale(one_channel(x, "signal", at_least=3))
     if n_frequencies < 1 or not (fs > 0 and upper_hz > 0):
         raise ValueError(
-            f"n_frequencies, fs, upper_hz are {n_frequencies}, {fs}, {upper_hz}. Expected all above 0"
+            f"n_frequencies, fs and upper_hz must be positive, got {n_frequencies}, {fs} Hz and {upper_hz} Hz"
         )
     n = samples.size
     f = np.asarray(np.arange(1, (n + 1) // 2) * (fs / n), dtype=np.float64)
-    within = f <= upper_hz
-    X = fft.rfft(samples - samples.mean())[1 : f.size + 1][within]
-    f = f[within]
-    taken = sorted(strongest_lines(np.abs(X), f, n_frequencies))
-    return MajorFrequencies(f[taken], np.ldexp(np.abs(X[taken]) * 2 / n, exponent), np.angle(X[taken]))
+    is_in_band = f <= upper_hz
+    X = fft.rfft(samples - samples.mean())[1 : f.size + 1][is_in_band]
+    f = f[is_in_band]
+    lines = sorted(strongest_lines(np.abs(X), f, n_frequencies))
+    return MajorFrequencies(f[lines], np.ldexp(np.abs(X[lines]) * 2 / n, exponent), np.angle(X[lines]))
 
 
 def interpolate(slow: MajorFrequencies, fast: MajorFrequencies, weight: float) -> MajorFrequencies:
-    """Return the vibration between two recordings of one surface: linear interpolation of the amplitudes.
+    """Interpolate linearly between the models of two recordings of one surface.
 
-    A frequency that only one of them has fades towards the other. A frequency of `slow` and one of `fast`
-    that are closer than the beat threshold count as one line, nearest pairs first: frequency and amplitude go
-    linearly from one to the other, the phase the shorter way round. Nothing jumps anywhere between them.
+    The amplitude of a line that only one model has fades to 0 towards the other model. A line of `slow` and a
+    line of `fast` that are closer than the beat threshold become one line, the nearest pairs first: its
+    frequency and amplitude change linearly, and its phase along the shorter arc. The result is continuous.
 
     Parameters
     ----------
     slow, fast : MajorFrequencies
-        Of one unit.
+        Models in one unit.
     weight : float
-        0 gives `slow`, 1 gives `fast`.
+        Weight of `fast` between 0 and 1: 0 gives `slow`, 1 gives `fast`.
 
     Returns
     -------
@@ -159,35 +174,43 @@ def interpolate(slow: MajorFrequencies, fast: MajorFrequencies, weight: float) -
 
     Notes
     -----
-    The thesis interpolates amplitudes and leaves open what close frequencies do; both kept, they would beat.
-    Lines left over from the pairing may still come closer than the threshold while they fade.
+    The thesis interpolates amplitudes and does not treat close frequencies, which would beat. Lines without a
+    partner may still come closer than the threshold while they fade.
 
     References
     ----------
     `oeztuerk2018`, section 3.2 and Fig. 3.9.
+
+    Examples
+    --------
+    >>> slow = MajorFrequencies([80.0, 300.0], [2.0, 1.0], [0.0, 0.0])
+    >>> fast = MajorFrequencies([84.0], [4.0], [0.0])
+    >>> middle = interpolate(slow, fast, 0.5)
+    >>> middle.frequency_hz, middle.amplitude
+    (array([ 82., 300.]), array([3. , 0.5]))
     """
     if not 0 <= weight <= 1:
-        raise ValueError(f"weight is {weight}. Expected 0 <= weight <= 1")
-    i, j = pairs_closer_than_beats(slow.frequency_hz, fast.frequency_hz)
-    turn = np.angle(np.exp(1j * (fast.phase[j] - slow.phase[i])))
+        raise ValueError(f"weight must lie between 0 and 1, got {weight}")
+    i, j = match_close_frequencies(slow.frequency_hz, fast.frequency_hz)
+    rotation = np.angle(np.exp(1j * (fast.phase[j] - slow.phase[i])))
     rows = [
         (
             (1 - weight) * slow.frequency_hz[i] + weight * fast.frequency_hz[j],
             (1 - weight) * slow.amplitude[i] + weight * fast.amplitude[j],
-            slow.phase[i] + weight * turn,
+            slow.phase[i] + weight * rotation,
         )
     ]
     for lines, paired, share in ((slow, i, 1 - weight), (fast, j, weight)):
-        alone = np.setdiff1d(np.arange(lines.frequency_hz.size), paired)
-        rows.append((lines.frequency_hz[alone], share * lines.amplitude[alone], lines.phase[alone]))
+        single = np.setdiff1d(np.arange(lines.frequency_hz.size), paired)
+        rows.append((lines.frequency_hz[single], share * lines.amplitude[single], lines.phase[single]))
     f, A, phi = (np.concatenate(column) for column in zip(*rows, strict=True))
     order = np.argsort(f, kind="stable")
     order = order[A[order] > 0]
     return MajorFrequencies(f[order], A[order], phi[order])
 
 
-def pairs_closer_than_beats(f: Samples, g: Samples) -> tuple[list[int], list[int]]:
-    """Return indices of frequencies of `f` and `g` that are closer than the beat threshold, one to one."""
+def match_close_frequencies(f: Samples, g: Samples) -> tuple[list[int], list[int]]:
+    """Return the indices of pairs of `f` and `g` that are closer than the beat threshold, one to one."""
     gap = np.abs(f[:, np.newaxis] - g)
     gap[gap >= beat_threshold_hz(np.minimum(f[:, np.newaxis], g))] = np.inf
     i, j = [], []

@@ -1,4 +1,4 @@
-"""The order of an autoregressive model, chosen among 0 ... p from one fit at p, which holds them all."""
+"""Selection of the order of an autoregressive model from one fit, which contains all lower orders."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -17,124 +17,147 @@ Criterion = Literal["spectral_error", "aicc"]
 
 @dataclass(frozen=True, eq=False)
 class OrderSelection:
-    """What `select_order` chose.
+    """Result of `select_order`.
 
     Parameters
     ----------
     order : int
-        The order chosen, one for all frames.
-    met : bool
-        Whether the error asked for was met; True where none was.
-    values : ndarray of shape (largest + 1,)
-        The criterion at the orders 0 ... largest.
+        Selected order, one for all frames.
+    is_met : bool
+        Whether the error is at most `max_error`; True without such a limit.
+    values : ndarray of shape (max_order + 1,)
+        Criterion at the orders 0 ... max_order.
     model : Autoregression
-        The model of that order.
+        Model of the selected order.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).standard_normal(2000)
+    >>> selection = select_order(np.convolve(x, [1.0, 0.9])[:-1], 12, criterion="aicc")
+    >>> selection.order, selection.is_met, selection.values.shape
+    (12, True, (13,))
     """
 
     order: int
-    met: bool
+    is_met: bool
     values: Samples
     model: Autoregression
 
 
 def select_order(
     x: ArrayLike,
-    largest: int,
+    max_order: int,
     *,
     criterion: Criterion = "spectral_error",
-    at_most: float | None = None,
+    max_error: float | None = None,
     method: Literal["burg", "autocorrelation"] = "burg",
 ) -> OrderSelection:
-    """Choose an order from one fit at the largest.
+    """Select an order between 0 and `max_order` from one fit at `max_order`.
 
     Parameters
     ----------
     x : array_like of shape (n,) or (n_frames, n)
-        Any unit. Frames share one order: their criteria are averaged.
-    largest : int
-        Largest order looked at, at least 1.
+        Signal or frames in any unit. Frames get one common order: their criteria are averaged.
+    max_order : int
+        Largest order, at least 1.
     criterion : {"spectral_error", "aicc"}
-        `spectral_error` or `aicc`.
-    at_most : float, optional
-        Take the smallest order with a spectral error of at most this. If none has, the one of the smallest
-        error is taken and `met` is False. Without it, "spectral_error" takes the smallest order beyond which
-        little is gained (5 % of the way from order 0 to the best), as the paper reads its figure 3.2,
-        and "aicc" that of the smallest AICc.
+        Criterion (default "spectral_error"). By default, "spectral_error" selects the smallest order whose
+        error is within 5 % of the range from order 0 to the best, as in figure 3.2 of the paper. "aicc"
+        selects the order with the smallest AICc.
+    max_error : float, optional
+        Largest spectral error. The smallest order with at most this error is selected. If there is none, the
+        order with the smallest error is selected and `is_met` is False.
     method : {"burg", "autocorrelation"}
-        The methods whose fit at one order contains those at all lower ones.
+        Method of the fit (default "burg"). With these methods, a fit contains the fits of all lower orders.
 
     Returns
     -------
     OrderSelection
-        Order 0 for silence.
+        Selected order and its model; order 0 for silence.
 
     Raises
     ------
     ValueError
-        For an unknown criterion or method, `at_most` with AICc or below 0, and for what `fit` refuses.
+        If the criterion or method is unknown, `max_error` is negative or combined with AICc, or `fit` raises.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).standard_normal(4000)
+    >>> for i in range(2, x.size):  # an autoregressive process of order 2
+    ...     x[i] += 1.35 * x[i - 1] - 0.5 * x[i - 2]
+    >>> select_order(x, 20).order, select_order(x, 20, criterion="aicc").order
+    (2, 2)
     """
-    if criterion not in get_args(Criterion) or method not in ("burg", "autocorrelation"):
-        raise ValueError(
-            f"criterion is {criterion!r}, method {method!r}. "
-            f"Expected one of {get_args(Criterion)} and of ('burg', 'autocorrelation')"
-        )
-    if at_most is not None and not (criterion == "spectral_error" and at_most >= 0):
-        raise ValueError(f"at_most is {at_most} for {criterion}. Expected a spectral error, at least 0")
-    model = fit(x, largest, method=method)
+    if criterion not in get_args(Criterion):
+        raise ValueError(f"criterion must be one of {get_args(Criterion)}, got {criterion!r}")
+    if method not in ("burg", "autocorrelation"):
+        raise ValueError(f"method must be 'burg' or 'autocorrelation', got {method!r}")
+    if max_error is not None and criterion != "spectral_error":
+        raise ValueError(f"max_error must be used with criterion='spectral_error', got {criterion!r}")
+    if max_error is not None and not max_error >= 0:
+        raise ValueError(f"max_error must not be negative, got {max_error}")
+    model = fit(x, max_order, method=method)
     curve = aicc(model, np.shape(x)[-1]) if criterion == "aicc" else spectral_error(x, model)
     values = curve if curve.ndim == 1 else curve.mean(axis=0)
     best = int(np.argmin(values))
     limit = values[best]
     if criterion == "spectral_error":
-        limit = limit + 0.05 * (values[0] - limit) if at_most is None else max(at_most, limit)
+        limit = limit + 0.05 * (values[0] - limit) if max_error is None else max(max_error, limit)
     order = int(np.argmax(values <= limit))
     return OrderSelection(
-        order, at_most is None or bool(values[order] <= at_most), values, model.truncated(order)
+        order, max_error is None or bool(values[order] <= max_error), values, model.truncate(order)
     )
 
 
 def spectral_error(x: ArrayLike, model: Autoregression) -> Samples:
-    """Return the RMS spectral error of the orders 0 ... p of a model, relative to the spectrum of the signal.
+    """Return the relative RMS error of the magnitude spectra of the orders 0 ... p of a model.
 
-    C = RMS(|X| - |G|) / RMS(|X|), the RMS taken over the N = `N_DFT` bins of the DFT.
+    C = RMS(|X| - |G|) / RMS(|X|), with the RMS over the N = `N_DFT` bins of the DFT.
 
     Parameters
     ----------
     x : array_like of shape (n,) or (n_frames, n)
-        The signal, in the unit of the model.
+        Signal or frames, in the unit of the model.
     model : Autoregression
-        Fitted to it by Burg's or the autocorrelation method; one of the same leading shape.
+        Model of the same leading shape, fitted to `x` by Burg's or the autocorrelation method.
 
     Returns
     -------
     ndarray of shape (..., p + 1)
-        0 for silence.
+        Error of each order; 0 for silence.
 
     Raises
     ------
     ValueError
-        If the leading shapes differ, or the signal is empty or holds NaN or infinity.
+        If the leading shapes differ, or the signal is empty or contains NaN or infinity.
 
     Notes
     -----
-    Printed is RMS(DFT{a} - DFT{a_g}) of the signal a and one synthesised sound a_g. With phases, two sounds
-    of the same spectrum but different noise would differ by sqrt(2), so magnitudes are compared. |X| is the
-    RMS over the signal's segments of N samples (the printed fft(x, N) takes the first; a shorter signal is
-    padded), and |G| = residual_m sqrt(N) / |A_m| what all sounds of the model have on average, so that no
-    noise is drawn.
-    Even the true model keeps an error of about 0.5 / sqrt(number of segments), the variance of |X|.
+    The printed formula is RMS(DFT{a} - DFT{a_g}) for the signal a and one synthesised signal a_g. Including
+    the phases, two signals with equal spectra from different noise would differ by sqrt(2), so magnitudes are
+    compared. |X| is the RMS over all segments of N samples of the signal; the printed fft(x, N) uses only the
+    first. A shorter signal is padded with zeros. |G| = residual_m sqrt(N) / |A_m| is the expected magnitude
+    of the model, so no noise is drawn. Even the true model has an error of about 0.5 / sqrt(number of
+    segments), because of the variance of |X|.
 
     References
     ----------
     `oeztuerk2018`, eq. (3.11), (3.12), figure 3.2.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).standard_normal(28_000)
+    >>> spectral_error(x, fit(x, 2)).round(2)
+    array([0.16, 0.16, 0.16])
     """
     samples = np.asarray(x, dtype=np.float64)
     if samples.ndim not in (1, 2) or samples.shape[:-1] != model.gain.shape or samples.shape[-1] == 0:
         raise ValueError(
-            f"signal {samples.shape} for models {model.gain.shape}. Expected equal leading shapes"
+            f"x and model must have equal leading shapes, got x of the shape {samples.shape} and models of "
+            f"the shape {model.gain.shape}"
         )
     if not np.all(np.isfinite(samples)):
-        raise ValueError("the signal holds NaN or infinity. Expected finite samples")
+        raise ValueError("x must contain finite samples, got NaN or infinity")
     omega, length = 2 * np.pi * fft.rfftfreq(N_DFT), min(N_DFT, samples.shape[-1])
     rows = np.atleast_2d(samples), np.atleast_2d(model.reflection), np.atleast_2d(model.residual)
     curves = np.zeros(rows[2].shape)
@@ -149,29 +172,35 @@ def spectral_error(x: ArrayLike, model: Autoregression) -> Samples:
 
 
 def aicc(model: Autoregression, n: int) -> Samples:
-    """Return Akaike's information criterion, corrected for short signals, of the orders 0 ... p.
+    """Return Akaike's information criterion with the correction for short signals, for the orders 0 ... p.
 
     AICc_m = n ln(residual_m^2) + 2 n (m + 1) / (n - m - 2)
 
     Parameters
     ----------
     model : Autoregression
-        Fitted to `n` samples by Burg's or the autocorrelation method.
+        Model fitted to `n` samples by Burg's or the autocorrelation method.
     n : int
-        Samples of the signal or of each frame.
+        Number of samples of the signal or of each frame.
 
     Returns
     -------
     ndarray of shape (..., p + 1)
-        -inf where nothing is left unpredicted, else inf where m > n - 3.
+        Criterion of each order: -inf if the residual is 0, otherwise inf for m > n - 3.
 
     References
     ----------
     Hurvich and Tsai, "Regression and time series model selection in small samples", 1989.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).standard_normal(100)
+    >>> aicc(fit(x, 2), 100).round(1)
+    array([-5. , -4.2, -2.5])
     """
     m = np.arange(model.order + 1)
-    room = n - m - 2
-    penalty = np.where(room > 0, 2.0 * n * (m + 1) / np.maximum(room, 1), np.inf)
+    n_free = n - m - 2
+    penalty = np.where(n_free > 0, 2.0 * n * (m + 1) / np.maximum(n_free, 1), np.inf)
     with np.errstate(divide="ignore"):
         fitted = 2.0 * n * np.log(model.residual)
     return np.where(np.isneginf(fitted), -np.inf, np.maximum(fitted, -np.finfo(np.float64).max) + penalty)

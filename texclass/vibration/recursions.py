@@ -1,6 +1,7 @@
-"""Compiled loops of the fits, loaded where they are called: numba takes half a second.
+"""Compiled loops of the fits. Callers import this module late, because loading numba takes half a second.
 
-Sign convention of the whole package: A(z) = 1 + sum_i a_i z^-i, and a_m of order m is k_m.
+Sign convention of the whole package: A(z) = 1 + sum_i a_i z^-i. The last coefficient a_m of the model of
+order m is the reflection coefficient k_m.
 """
 
 import numpy as np
@@ -8,23 +9,24 @@ from numba import njit
 from numpy.typing import NDArray
 
 from texclass.recording import Samples
-from texclass.vibration.reflection import EXHAUSTED, LARGEST, SMALLEST_ANGLE
+from texclass.vibration.reflection import MAX_REFLECTION, MIN_ANGLE, MIN_RELATIVE_RESIDUAL
 
 Indices = NDArray[np.int64]
 
 
 @njit(cache=True, error_model="numpy")
 def levinson(r: Samples) -> tuple[Samples, Samples, Samples, Indices]:
-    """Solve the Yule-Walker equations of each row of autocorrelations, lag 0 first and positive.
+    """Solve the Yule-Walker equations of each row of autocorrelations by Levinson's recursion.
 
     k_m = -(r_m + sum_i a_i r_{m-i}) / E_{m-1},    E_m = E_{m-1} (1 - k_m^2)
 
-    with r_0 = 1. Returns reflection coefficients (n, p), energies E_m (n, p + 1), by how much the rounding of
-    r is magnified in E, max_m |a|^2 / E_m (n,), and the orders solved (n,). Where some |k_m| is not below 1
-    the recursion ends before it: k = 0 from there, the magnification is infinite.
+    Each row of `r` starts with r_0 = 1. The results are the reflection coefficients (n, p), the energies E_m
+    (n, p + 1), the magnification of the rounding errors of r in E, max_m |a|^2 / E_m (n,), and the number of
+    orders that were solved (n,). The recursion ends before the first |k_m| that is not below 1; from there on
+    k = 0, and the magnification is infinite.
     """
     n_frames, p = r.shape[0], r.shape[1] - 1
-    k, energy, loss = np.zeros((n_frames, p)), np.ones((n_frames, p + 1)), np.ones(n_frames)
+    k, energy, magnification = np.zeros((n_frames, p)), np.ones((n_frames, p + 1)), np.ones(n_frames)
     solved = np.full(n_frames, p)
     a, previous = np.zeros(p + 1), np.zeros(p + 1)
     for row in range(n_frames):
@@ -36,7 +38,7 @@ def levinson(r: Samples) -> tuple[Samples, Samples, Samples, Indices]:
                 numerator += a[i] * r[row, m - i]
             step = -numerator / energy[row, m - 1]
             if not abs(step) < 1.0:
-                loss[row], solved[row], energy[row, m:] = np.inf, m - 1, energy[row, m - 1]
+                magnification[row], solved[row], energy[row, m:] = np.inf, m - 1, energy[row, m - 1]
                 break
             previous[: m + 1] = a[: m + 1]
             norm = 0.0
@@ -45,8 +47,8 @@ def levinson(r: Samples) -> tuple[Samples, Samples, Samples, Indices]:
                 norm += a[i] * a[i]
             k[row, m - 1] = step
             energy[row, m] = energy[row, m - 1] * (1.0 - step) * (1.0 + step)
-            loss[row] = max(loss[row], norm / energy[row, m])
-    return k, energy, loss, solved
+            magnification[row] = max(magnification[row], norm / energy[row, m])
+    return k, energy, magnification, solved
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
@@ -61,7 +63,7 @@ def _sums(f: Samples, b: Samples) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _cross(f: Samples, b: Samples, k: float) -> None:
-    """Let both residuals pass one stage: f, b = f + k b, b + k f."""
+    """Apply one lattice stage to both residuals in place: f, b = f + k b, b + k f."""
     for i in range(f.size):
         forward = f[i]
         f[i] = forward + k * b[i]
@@ -70,16 +72,17 @@ def _cross(f: Samples, b: Samples, k: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def burg(x: Samples, order: int, padding: int) -> tuple[Samples, Samples, Indices]:
-    """Fit each row by Burg's method, the residual energy summed anew at each order.
+    """Fit each row by Burg's method.
 
     k_m = -2 sum_t f[t] b[t-1] / sum_t (f[t]^2 + b[t-1]^2),    t = m ... n-1
 
-    With `order` zeros of `padding` at both ends nothing is lost there, and the same formula is the
-    autocorrelation method.
+    The residual energy is summed again at each order. With a `padding` of `order` zeros at both ends no
+    product is lost there, and the same formula is the autocorrelation method.
 
-    Returns reflection coefficients (rows, order), residual deviations (rows, order + 1), and the number of
-    orders fitted (rows,): |k| that reaches 1 is cut to `LARGEST`; a residual that is `EXHAUSTED` or has no
-    sample left ends the recursion. Beyond it k = 0 and the deviation stays.
+    The results are the reflection coefficients (rows, order), the residual deviations (rows, order + 1), and
+    the number of fitted orders (rows,). A |k| that reaches 1 is clipped to `MAX_REFLECTION`. The recursion
+    ends where the residual falls below `MIN_RELATIVE_RESIDUAL` or has no sample left; beyond it k = 0, and
+    the deviation is constant.
     """
     rows, n = x.shape[0], x.shape[1] + 2 * padding
     k, deviation, fitted = np.zeros((rows, order)), np.zeros((rows, order + 1)), np.zeros(rows, np.int64)
@@ -91,20 +94,22 @@ def burg(x: Samples, order: int, padding: int) -> tuple[Samples, Samples, Indice
         product, total = _sums(f[1:], b[:-1])
         for m in range(1, min(order, n - 1) + 1):
             count = x.shape[1] if padding else n - m
-            if total <= 2 * count * (EXHAUSTED * deviation[row, 0]) ** 2:
+            if total <= 2 * count * (MIN_RELATIVE_RESIDUAL * deviation[row, 0]) ** 2:
                 break
-            step = min(max(-2.0 * product / total, -LARGEST), LARGEST)
+            step = min(max(-2.0 * product / total, -MAX_REFLECTION), MAX_REFLECTION)
             _cross(f[m:], b[: n - m], step)
             product, total = _sums(f[m + 1 :], b[: n - m - 1])
-            left = total + f[m] ** 2 + b[n - m - 1] ** 2  # the next stage pairs all but these two
+            energy = (
+                total + f[m] ** 2 + b[n - m - 1] ** 2
+            )  # the sum for the next stage omits these two samples
             k[row, m - 1], fitted[row] = step, m
-            deviation[row, m:] = np.sqrt(left / (2 * count))
+            deviation[row, m:] = np.sqrt(energy / (2 * count))
     return k, deviation, fitted
 
 
 @njit(cache=True, error_model="numpy")
 def residual(x: Samples, k: Samples) -> float:
-    """Return the RMS of forward and backward residual that k (order,) leaves of x (n,), n above the order."""
+    """Return the RMS of the forward and backward residuals of `x` (n,) under `k` (order,), for n > order."""
     f, b, n = x.copy(), x.copy(), x.size
     for m in range(1, k.size + 1):
         _cross(f[m:], b[: n - m], k[m - 1])
@@ -114,7 +119,7 @@ def residual(x: Samples, k: Samples) -> float:
 
 @njit(cache=True, error_model="numpy")
 def step_up(k: Samples) -> Samples:
-    """Return the coefficients 1, a_1 ... a_p of each row of reflection coefficients (n, p)."""
+    """Return the direct-form coefficients 1, a_1 ... a_p of each row of reflection coefficients (n, p)."""
     n, p = k.shape
     a, previous = np.zeros((n, p + 1)), np.zeros(p + 1)
     a[:, 0] = 1.0
@@ -130,33 +135,34 @@ def step_up(k: Samples) -> Samples:
 def step_down(a: Samples) -> Samples:
     """Return the reflection coefficients (n, p) of each row 1, a_1 ... a_p.
 
-    Of an unstable row the recursion stops at the first |k| that is not below 1 and leaves 0 below it.
+    For an unstable row the recursion stops at the first |k| that is not below 1; all lower k are 0.
     """
     n, p = a.shape[0], a.shape[1] - 1
-    k, now, lower = np.zeros((n, p)), np.zeros(p + 1), np.zeros(p + 1)
+    k, current, lower = np.zeros((n, p)), np.zeros(p + 1), np.zeros(p + 1)
     for row in range(n):
-        now[:] = a[row]
+        current[:] = a[row]
         for m in range(p, 0, -1):
-            step = now[m]
+            step = current[m]
             k[row, m - 1] = step
             if not abs(step) < 1.0:
                 break
             for i in range(m):
-                lower[i] = (now[i] - step * now[m - i]) / ((1.0 - step) * (1.0 + step))
-            now[:m] = lower[:m]
+                lower[i] = (current[i] - step * current[m - i]) / ((1.0 - step) * (1.0 + step))
+            current[:m] = lower[:m]
     return k
 
 
 @njit(cache=True, error_model="numpy")
 def log_magnitudes(k: Samples, omega: Samples) -> Samples:
-    """Return ln |A_m(e^jw)| of the orders m = 0 ... p of one model (p,) as (p + 1, n_frequencies).
+    """Return ln |A_m(e^jw)| for the orders m = 0 ... p of one model (p,), shape (p + 1, n_frequencies).
 
-    On the unit circle the ratio of backward to forward residual is e^jt, and stage m maps it by
-    tan(t/2) -> (1-k)/(1+k) tan(t/2), then a delay turns it by -w; |f| grows by |1 + k e^jt|. So::
+    On the unit circle the ratio of the backward to the forward residual is e^jt. Stage m maps it by tan(t/2)
+    -> (1-k)/(1+k) tan(t/2), and |f| grows by |1 + k e^jt|; a delay then rotates the ratio by -w. So::
 
         |A_m(e^jw)| = | D(k_m) R D(k_m-1) R ... D(k_1) R (1, 0) |,    D(k) = diag(1+k, 1-k)
 
-    with R the rotation by -w/2: real, nothing cancels, and the length is taken out at each stage.
+    where R is the rotation by -w/2. All numbers are real, nothing cancels, and the vector is normalised after
+    each stage.
     """
     p = k.size
     out = np.zeros((p + 1, omega.size))
@@ -175,10 +181,10 @@ def log_magnitudes(k: Samples, omega: Samples) -> Samples:
 
 @njit(cache=True, error_model="numpy")
 def log_magnitude(k: Samples, omega: Samples) -> Samples:
-    """Return ln |A_p(e^jw)| of one model (p,) as (n_frequencies,), the last row of `log_magnitudes`.
+    """Return ln |A_p(e^jw)| of one model (p,), shape (n_frequencies,): the last row of `log_magnitudes`.
 
-    The length is taken out at every sixteenth stage only, until when nothing overflows: what needs no lower
-    orders takes far less time by it.
+    Faster than `log_magnitudes`, because the vector is normalised only at every sixteenth stage. Nothing
+    overflows within sixteen stages.
     """
     out = np.zeros(omega.size)
     for j in range(omega.size):
@@ -195,24 +201,24 @@ def log_magnitude(k: Samples, omega: Samples) -> Samples:
 
 @njit(cache=True, error_model="numpy")
 def paths_from_angles(lsf):  # type: ignore[no-untyped-def]
-    """Return the paths of cos(theta/2) and sin(theta/2), theta the roots of P, each from its end backwards.
+    """Return the reversed paths of cos(theta/2) and sin(theta/2) for the angles theta of the roots of P.
 
     Parameters
     ----------
     lsf : ndarray of shape (n_frames, p)
-        Increasing, in (0, pi): roots of P at even places, of Q at odd ones.
+        Line spectral frequencies, increasing, in (0, pi): roots of P at even indices, of Q at odd ones.
 
     Returns
     -------
     cosines : ndarray of shape (n_frames, p)
         u_j v_{j+1} for j = p - 1, ..., 0, where u = (1 + k)/2, v = (1 - k)/2, k_0 = 1.
     sines : ndarray of shape (n_frames, p)
-        u_j u_{j+1} and v_j v_{j+1} in turn, v for j = p - 2; the last is 0 when p is even.
+        Alternately u_j u_{j+1} and v_j v_{j+1}, where j = p - 2 has v; the last entry is 0 if p is even.
     """
     n_frames, p = lsf.shape
     cosines, sines = np.zeros((n_frames, p)), np.zeros((n_frames, p))
     for row in range(n_frames):
-        P, Q = np.maximum(lsf[row, 0::2], SMALLEST_ANGLE), np.maximum(lsf[row, 1::2], SMALLEST_ANGLE)
+        P, Q = np.maximum(lsf[row, 0::2], MIN_ANGLE), np.maximum(lsf[row, 1::2], MIN_ANGLE)
         m = P.size
         s2, c2 = np.sin(P / 2) ** 2, np.cos(P / 2) ** 2
         gaps = _gap(P[1:], P[:-1])
@@ -230,21 +236,23 @@ def paths_from_angles(lsf):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _residues(P, Q):  # type: ignore[no-untyped-def]
-    """Return prod_j |x_i - y_j| / prod_{j != i} |x_i - x_j| with x, y = cos^2(theta/2) at the roots of P, Q.
+    """Return prod_j |x_i - y_j| / prod_{j != i} |x_i - x_j|.
 
-    Interlacing keeps every partial product between the narrowest gap and its inverse. Of
+    x and y are cos^2(theta/2) at the roots of P and Q.
+
+    Because the roots interlace, every partial product stays between the narrowest gap and its inverse. In
 
         x_i - x_j = sin((theta_j - theta_i)/2) sin((theta_j + theta_i)/2)
 
-    the first factor is taken from the difference of the angles where that is small, j = i - 1, i, i + 1, the
-    second never from their sum, which rounds what is left to 2 pi.
+    the first factor is computed from the difference of the angles where it is small (j = i - 1, i, i + 1).
+    The second factor is never computed from the sum of the angles, which loses precision near 2 pi.
     """
     m = P.size
     s, c = np.sin(P / 2), np.cos(P / 2)
     b = np.ones(m)
     for j in range(m):
         sj, cj = s[j], c[j]
-        if j == Q.size:  # one root of P more than of Q
+        if j == Q.size:  # P has one root more than Q
             for i in range(m - 1):
                 b[i] /= _gap(P[j], P[i])
             break
@@ -272,21 +280,21 @@ def _gap(a, b):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _path(gaps, weights, out):  # type: ignore[no-untyped-def]
-    """Write to `out` the path whose squared singular values are given, with their weights at its start.
+    """Write to `out` the path with the squared singular values of `gaps` and the weights `weights`.
 
-    Values enter from the largest, x_1, to the smallest, x_m. `gaps` holds x_1 - x_2, ..., x_{m-1} - x_m, x_m.
-    With the q_i, e_i of what is already there, less its smallest value, one more value at 0 of weight w
-    (W: the weights so far) does
+    The values are added from the largest, x_1, to the smallest, x_m; `gaps` contains x_1 - x_2, ...,
+    x_{m-1} - x_m, x_m. Let q_i, e_i describe the values added so far, shifted so that the smallest is 0, and
+    let W be the sum of their weights. Adding one value at 0 with the weight w gives
 
         d_1 = q_1 w / (W + w),    q'_1 = q_1 W / (W + w),
         e'_i = e_i + d_i,    q'_{i+1} = e_i q_{i+1} / e'_i,    d_{i+1} = q_{i+1} d_i / e'_i
 
-    and moving all up by t_1 = tau to the next value (stationary qd) then does
+    and shifting all values by t_1 = tau, the next gap (stationary qd), gives
 
         Q_i = q'_i + t_i,  E_i = e'_i q'_i / Q_i,  t_{i+1} = tau + e'_i t_i / Q_i.
 
-    Both run in one loop. This is Laurie, "Accurate recovery of recursion coefficients from Gaussian
-    quadrature formulas", 1999, in the form that subtracts nothing.
+    Both steps run in one loop without any subtraction (Laurie, "Accurate recovery of recursion coefficients
+    from Gaussian quadrature formulas", 1999).
     """
     m = weights.size
     q, e = np.zeros(m + 1), np.zeros(m + 1)

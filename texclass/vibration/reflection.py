@@ -1,18 +1,18 @@
-"""Reflection coefficients k of autoregressive models: how near to 1 they come, what they say of levels.
+"""Limits of reflection coefficients k, and the levels that follow from them.
 
-Nothing here loads numba, which `recursions` needs.
+This module does not load numba; `recursions` does.
 """
 
 import numpy as np
 
 from texclass.recording import Samples
 
-LARGEST = float(np.nextafter(1.0, 0.0))
-"""The largest |k| that is returned: the last number below 1."""
-EXHAUSTED = 4 * float(np.finfo(np.float64).eps)
-"""A residual below this part of the signal (RMS) is rounding noise: the recursion ends."""
-SMALLEST_ANGLE = 1e-60
-"""Angles in rad below this one are taken as this one, so that no square of a product underflows."""
+MAX_REFLECTION = float(np.nextafter(1.0, 0.0))
+"""Largest |k| that is returned: the last float64 below 1."""
+MIN_RELATIVE_RESIDUAL = 4 * float(np.finfo(np.float64).eps)
+"""RMS of the residual, relative to the signal, below which it is rounding noise and the recursion ends."""
+MIN_ANGLE = 1e-60
+"""Lower limit of angles in rad. Smaller angles are raised to it, so that no squared product underflows."""
 
 
 def log_cosines(k: Samples) -> Samples:
@@ -20,8 +20,11 @@ def log_cosines(k: Samples) -> Samples:
     return np.asarray((np.log1p(k) + np.log1p(-k)) / 2)
 
 
-def residual_of(k: Samples, gain: Samples) -> Samples:
-    """Return gain / prod_{i > m} sqrt(1 - k_i^2) for m = 0 ... p; inf where that exceeds a float64."""
+def residual_levels(k: Samples, gain: Samples) -> Samples:
+    """Return the residual RMS of the orders m = 0 ... p: gain / prod_{i > m} sqrt(1 - k_i^2).
+
+    Values that exceed the range of float64 are infinite.
+    """
     below = np.zeros((*k.shape[:-1], k.shape[-1] + 1))
     below[..., :-1] = -np.cumsum(log_cosines(k)[..., ::-1], axis=-1)[..., ::-1]
     with np.errstate(over="ignore", invalid="ignore"):

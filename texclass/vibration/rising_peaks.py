@@ -1,7 +1,8 @@
-"""A stroke cut into decaying pieces, and the band that holds it, as [guruswamy2011, section IV] does it.
+"""Segmentation of a stroke into decaying segments, and the band of a vibration.
 
-The passage over each feature of a surface makes the tool ring: a segment begins where the vibration grows and
-lasts while it decays, so that one decaying filter can stand for it.
+The methods are those of `guruswamy2011`, section IV. Each element of a surface that the tool passes excites a
+decaying vibration. A segment begins where the vibration grows and lasts while it decays, so that one decaying
+filter can model it.
 """
 
 import math
@@ -17,19 +18,26 @@ from texclass.signals import one_channel, to_unit_scale
 Indices = NDArray[np.int64]
 
 THRESHOLD = 1.0
-"""alpha of `guruswamy2011`, section IV-B: the rise over the peak before that begins a segment."""
+"""Relative rise over the previous peak that begins a segment: alpha of `guruswamy2011`, section IV-B."""
 
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """Consecutive segments that together are the whole signal.
+    """Consecutive segments that cover the whole signal.
 
     Attributes
     ----------
     bounds : ndarray of shape (n_segments + 1,)
-        Segment i holds the samples bounds[i] ... bounds[i + 1] - 1; the first bound is 0, the last n_samples.
+        Segment i contains the samples bounds[i] ... bounds[i + 1] - 1. The first bound is 0, the last
+        n_samples.
     n_peaks : ndarray of shape (n_segments,)
-        Maxima of the magnitude in each; 0 only for a signal without any.
+        Number of maxima of the magnitude in each segment; 0 only for a signal without maxima.
+
+    Examples
+    --------
+    >>> segmentation = Segmentation(bounds=np.array([0, 3, 5]), n_peaks=np.array([1, 1]))
+    >>> segmentation.n_segments, segmentation.split([4, 2, 1, 5, 3])
+    (2, [array([4., 2., 1.]), array([5., 3.])])
     """
 
     bounds: Indices
@@ -37,24 +45,30 @@ class Segmentation:
 
     @property
     def n_segments(self) -> int:
-        """How many segments there are."""
+        """Number of segments."""
         return int(self.n_peaks.size)
 
-    def pieces(self, x: ArrayLike) -> list[Samples]:
-        """Return the segments of a signal of that length, as views of it."""
+    def split(self, x: ArrayLike) -> list[Samples]:
+        """Return the segments of a signal of the same length, as views of it."""
         return np.split(np.asarray(x, dtype=np.float64), self.bounds[1:-1])
 
 
 @dataclass(frozen=True)
 class VibrationBand:
-    """Where a vibration lies in frequency.
+    """Major frequency and upper cut-off of a vibration, the result of `vibration_band`.
 
     Attributes
     ----------
     major_hz : float
-        Frequency of the highest peak of the smoothed power spectrum.
+        Frequency of the highest peak of the smoothed power spectrum, in Hz.
     upper_hz : float
-        Cut-off above which nothing worth keeping lies.
+        Cut-off frequency in Hz; the power above it is negligible.
+
+    Examples
+    --------
+    >>> band = VibrationBand(major_hz=80.0, upper_hz=140.0)
+    >>> band.upper_hz
+    140.0
     """
 
     major_hz: float
@@ -64,42 +78,43 @@ class VibrationBand:
 def segment_rising_peaks(
     x: ArrayLike, dead_band: float, *, threshold: float = THRESHOLD, decay: float = 0.05
 ) -> Segmentation:
-    """Cut a signal where a peak of its magnitude is larger than the one before.
+    """Split a signal where a peak of its magnitude is larger than the previous peak.
 
-    Of two neighbouring peaks p and q, q begins a segment if it rises by more than the dead band and by more
-    than a part of p, which falls with the number j of peaks that the segment already has::
+    Of two neighbouring peaks p and q, q begins a segment if it exceeds p by more than the dead band and by
+    more than a fraction of p. This fraction decreases with the number j of peaks in the segment::
 
         |q| - |p| > d,    |q| - |p| > err(j) |p|,    err(j) = alpha exp(-beta j)
 
-    It begins at the minimum of the magnitude between the two.
+    The segment begins at the minimum of the magnitude between the two peaks.
 
     Parameters
     ----------
     x : array_like of shape (n_samples,)
-        Zero-centred (band-passed) signal, at least 1 sample. Any unit.
+        Zero-mean (band-passed) signal, at least 1 sample, in any unit.
     dead_band : float
-        d, at least 0, in the unit of `x`; the paper's is two bits of the sensor, 0.3066 m/s^2.
+        Dead band d, at least 0, in the unit of `x`. The paper uses two bits of its sensor, 0.3066 m/s^2.
     threshold : float
-        alpha, at least 0 (default 1.0, as published). With 0 the dead band decides alone.
+        Factor alpha, at least 0 (default 1.0, as published). With 0, only the dead band matters.
     decay : float
-        beta per peak, at least 0 (default 0.05, as published).
+        Decay beta per peak, at least 0 (default 0.05, as published).
 
     Returns
     -------
     Segmentation
-        One segment for silence.
+        Segments of the signal; one segment for silence.
 
     Raises
     ------
     ValueError
-        For an empty signal, more than one channel, NaN or infinity, or a parameter below 0.
+        If the signal is empty, has more than one channel, NaN or infinity, or a parameter is negative.
 
     Notes
     -----
-    Printed is |q| > err(j) |p|; with alpha = 1 and beta = 0.05 that is never stricter than |q| > |p| + d and
-    would change nothing. The threshold is said to keep a too low first peak in one segment with what follows
-    and to make segments overly long when it does not decay: a relative *rise* does both. A plateau is one
-    peak, and the ends of the signal count as peaks if the magnitude falls from there.
+    The printed condition is |q| > err(j) |p|. With alpha = 1 and beta = 0.05 it is never stricter than
+    |q| > |p| + d, so it would have no effect. According to the text, the threshold keeps a low first peak in
+    the same segment as the next peaks, and segments become too long if the threshold does not decay: this is
+    true for a relative *rise*. A plateau is one peak. An end of the signal is a peak if the magnitude falls
+    from there.
 
     References
     ----------
@@ -115,13 +130,13 @@ def segment_rising_peaks(
     samples = one_channel(x, "signal", at_least=1)
     if not (dead_band >= 0 and threshold >= 0 and decay >= 0):
         raise ValueError(
-            f"dead band, threshold, decay are {dead_band}, {threshold}, {decay}. Expected all at least 0"
+            f"dead_band, threshold and decay must not be negative, got {dead_band}, {threshold} and {decay}"
         )
     magnitude = np.abs(samples)
     peaks = signal.find_peaks(np.pad(magnitude, 1), plateau_size=1)[1]["right_edges"] - 1
     height = magnitude[peaks]
     rise = np.diff(height)
-    first_peaks = [0]  # of each segment
+    first_peaks = [0]  # index of the first peak of each segment
     for i in np.flatnonzero(rise > dead_band).tolist():
         j = i + 1 - first_peaks[-1]
         if rise[i] > threshold * math.exp(-decay * j) * height[i]:
@@ -139,24 +154,25 @@ def vibration_band(
     share: float = 0.75,
     floor: float = 0.1,
 ) -> VibrationBand:
-    """Return the major frequency of a power spectrum and its automatic upper cut-off.
+    """Return the major frequency and the upper cut-off frequency of a power spectrum.
 
-    With Y the smoothed spectrum, the cut-off is the lowest frequency of the grid with both ::
+    With Y the smoothed spectrum, the cut-off is the lowest frequency of the grid that satisfies both ::
 
         sum_(f <= f_upper) Y / sum Y > share,    Y(f) < floor Y(f_major)  for all f > f_upper
 
     Parameters
     ----------
     frequency_hz : array_like of shape (n_bins,)
-        Evenly spaced, rising. Where it begins is the lower limit of the band (0.122 Hz in the paper).
+        Frequencies in Hz, evenly spaced and increasing. The first is the lower limit of the band (0.122 Hz in
+        the paper).
     power : array_like of shape (n_bins,)
-        Power (density) at these frequencies, not negative, not all 0. Any unit.
+        Power (density) at these frequencies, not negative, not all 0, in any unit.
     smoothing_hz : float
-        Standard deviation of the Gaussian that low-passes the spectrum, at least 0.
+        Standard deviation in Hz of the Gaussian that smooths the spectrum, at least 0.
     share : float
-        Part of the whole power (default 0.75, as published).
+        Fraction of the total power below the cut-off (default 0.75, as published).
     floor : float
-        Part of the highest power (default 0.1, as published).
+        Fraction of the highest power that is not exceeded above the cut-off (default 0.1, as published).
 
     Returns
     -------
@@ -170,8 +186,8 @@ def vibration_band(
 
     Notes
     -----
-    Y is read as the power spectrum: the text speaks of power in both conditions and of the peak of the power
-    spectrum, where eq. (6) and (7) print abs(Y(f)).
+    Eq. (6) and (7) print abs(Y(f)). Y is read as the power spectrum, because the text mentions power in both
+    conditions and the peak of the power spectrum.
 
     References
     ----------
@@ -187,11 +203,13 @@ def vibration_band(
     f = one_channel(frequency_hz, "frequency", at_least=2)
     P, _ = to_unit_scale(one_channel(power, "power", at_least=2))
     if f.shape != P.shape or np.any(P < 0) or not np.any(P):
-        raise ValueError(f"power is {P} at {f} Hz. Expected one for each frequency, >= 0 and not all 0")
+        raise ValueError(
+            f"power must contain one value per frequency, not negative and not all 0, got {P} at {f} Hz"
+        )
     if not smoothing_hz >= 0:
-        raise ValueError(f"smoothing is {smoothing_hz} Hz. Expected at least 0")
+        raise ValueError(f"smoothing_hz must not be negative, got {smoothing_hz} Hz")
     Y = ndimage.gaussian_filter1d(P, smoothing_hz / (f[1] - f[0])) if smoothing_hz > 0 else P
-    running = np.cumsum(Y)
-    enough = int(np.argmax(running > share * running[-1]))
-    high = int(np.flatnonzero(floor * Y.max() <= Y)[-1])
-    return VibrationBand(float(f[np.argmax(Y)]), float(f[max(enough, high)]))
+    cumulative = np.cumsum(Y)
+    share_bin = int(np.argmax(cumulative > share * cumulative[-1]))
+    floor_bin = int(np.flatnonzero(floor * Y.max() <= Y)[-1])
+    return VibrationBand(float(f[np.argmax(Y)]), float(f[max(share_bin, floor_bin)]))

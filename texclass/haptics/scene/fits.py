@@ -273,7 +273,7 @@ def pattern_frequencies(points: Points, judge: Judge, most: int) -> Samples:
     middling = np.zeros(s.size)
     middling[often] = np.nanmedian(excess[:, often], axis=0)
     # 1.8 dB out of the noise at half of the speeds and forces: what keeps its frequency is so at few
-    return s[strongest_lines(middling, s * middle, most, least=np.log(1.5), width=WIDTH)]
+    return s[strongest_lines(middling, s * middle, most, min_magnitude=np.log(1.5), width=WIDTH)]
 
 
 def smoothed(spectrum: Samples, judge: Judge) -> Samples:

@@ -11,7 +11,7 @@ from numba import njit
 
 from texclass.haptics.textures.grid import cell
 from texclass.haptics.textures.motion_renderer import lattice, oscillators
-from texclass.vibration.reflection import LARGEST
+from texclass.vibration.reflection import MAX_REFLECTION
 
 
 class Fact(IntEnum):
@@ -110,7 +110,7 @@ def sound(bank, index, state, phase, contact, model, voice, renew):  # type: ign
         for m in range(row):
             x = w00 * bank[a00 + m] + w01 * bank[a01 + m] + w10 * bank[a10 + m] + w11 * bank[a11 + m]
             if m < p:
-                x = min(max(x, -LARGEST), LARGEST)
+                x = min(max(x, -MAX_REFLECTION), MAX_REFLECTION)
                 here[c + m] = np.sqrt((1.0 - x) * (1.0 + x))
             else:
                 course = parts[Column.AT_COURSE] + m - p

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
-from texclass.vibration.lattice import turn
+from texclass.vibration.lattice import rotate
 
 SHRINK = 1 - 2 * float(np.finfo(np.float64).eps)
 """Factor on each rotation of the lattice: it removes more than rounding adds, so that states stay bounded."""
@@ -198,7 +198,7 @@ def _smooth(motion, smoothing, state):  # type: ignore[no-untyped-def]
 def lattice(f, k, c, b):  # type: ignore[no-untyped-def]
     """Pass one noise sample f through a lattice with k and c = sqrt(1 - k^2); return its state b_0."""
     for m in range(k.size - 1, -1, -1):
-        f, b[m + 1] = turn(f, b[m], k[m], c[m])
+        f, b[m + 1] = rotate(f, b[m], k[m], c[m])
     b[0] = f
     return f
 

@@ -21,7 +21,7 @@ from texclass.recording import Samples
 from texclass.signals import one_channel, positive
 from texclass.vibration import Autoregression, MajorFrequencies, ModelBlend
 from texclass.vibration.interpolation import Loudness
-from texclass.vibration.major_frequencies import interpolate, pairs_closer_than_beats
+from texclass.vibration.major_frequencies import interpolate, match_close_frequencies
 
 ORDER = 400
 """Order of the LPC models. `oeztuerk2018`, figure 3.2: more coefficients have minimal benefit."""
@@ -444,7 +444,7 @@ def track_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, S
     for i, model in enumerate(models):
         previous, track_of = track_of, {}
         if i:
-            slower, faster = pairs_closer_than_beats(models[i - 1].frequency_hz, model.frequency_hz)
+            slower, faster = match_close_frequencies(models[i - 1].frequency_hz, model.frequency_hz)
             track_of = {line: previous[partner] for partner, line in zip(slower, faster, strict=True)}
         for line in range(model.frequency_hz.size):
             if line not in track_of:

@@ -12,7 +12,7 @@ from texclass.recording import Samples
 from texclass.robot.export.fourier_graphs import band_limited, band_magnitude, low_passed, power
 from texclass.robot.export.graph import Tensor
 from texclass.robot.export.graph_view import GraphView, graph_of, once
-from texclass.vibration.reflection import EXHAUSTED, LARGEST
+from texclass.vibration.reflection import MAX_REFLECTION, MIN_RELATIVE_RESIDUAL
 
 # Slopes and curvatures.
 
@@ -431,7 +431,7 @@ def _burg(x: Tensor, n: int, order: int) -> list[Tensor]:
     """Add ln((1 + k) / (1 - k)) of each order, (n_frames, 1), of frames (n_frames, n), by Burg's method."""
     add = x.graph.add
     f, b = x.cut(1, n), x.cut(0, n - 1)
-    least = (x * x).mean() * (2 * EXHAUSTED**2)
+    least = (x * x).mean() * (2 * MIN_RELATIVE_RESIDUAL**2)
     goes_on, found = None, []
     for m in range(1, order + 1):
         product = (f * b).sum()
@@ -439,7 +439,7 @@ def _burg(x: Tensor, n: int, order: int) -> list[Tensor]:
         left = total > least * float(n - m)
         goes_on = left if goes_on is None else add("And", goes_on, left)
         k = product * -2.0 / total
-        k = add("Max", add("Min", k, LARGEST), -LARGEST).where(goes_on, 0.0)
+        k = add("Max", add("Min", k, MAX_REFLECTION), -MAX_REFLECTION).where(goes_on, 0.0)
         found.append(add("Log", (k + 1.0) / (1.0 - k)))
         if m < order:
             ahead, behind = f + b * k, b + f * k

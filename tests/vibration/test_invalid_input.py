@@ -1,4 +1,4 @@
-"""What no model, score or conversion can take is refused by a message that names the rule."""
+"""Models, scores and conversions reject invalid input with a message that states what was expected."""
 
 import numpy as np
 import pytest
@@ -27,10 +27,10 @@ THREE = Autoregression([0.5, -0.2, 0.1], 1.0)
 ENDLESS = Autoregression(np.full(1000, 0.9), 1.0)
 SLOW = MajorFrequencies([40.0], [1.0], [0.1])
 ONES = np.ones(600)
-BAD_K = ([1.0], [0.5, -1.0], [NAN, 0.0], [INF], [], 0.5)
-BAD_LSF = ([0.0, 1.0], [1.0, np.pi], [1.0, 1.0], [2.0, 1.0], [NAN], [], 0.5)
-BAD_SIGNAL = ([], [1.0, NAN], [INF, 0], np.ones((2, 2, 2)), [1j, 2], 3.0)
-BAD_TAPS = (
+INVALID_K = ([1.0], [0.5, -1.0], [NAN, 0.0], [INF], [], 0.5)
+INVALID_LSF = ([0.0, 1.0], [1.0, np.pi], [1.0, 1.0], [2.0, 1.0], [NAN], [], 0.5)
+INVALID_SIGNAL = ([], [1.0, NAN], [INF, 0], np.ones((2, 2, 2)), [1j, 2], 3.0)
+INVALID_TAPS = (
     ([], []),
     ([ONES], [1.0, 2.0]),
     ([ONES], [0.0]),
@@ -42,9 +42,9 @@ SCORES = (
     scores.log_spectral_distance, lambda a, b: scores.band_energy_distance(a, b, 1e4),
 )  # fmt: skip
 
-REFUSED = {
+INVALID_CALLS = {
     "fit": [
-        *(lambda x=x: ar.fit(x, 1) for x in BAD_SIGNAL),
+        *(lambda x=x: ar.fit(x, 1) for x in INVALID_SIGNAL),
         lambda: ar.fit([1.0], 0),
         lambda: ar.fit(ONES, 1, method="magic"),
         lambda: ar.fit(ONES, 1, variance="magic"),
@@ -57,7 +57,7 @@ REFUSED = {
     "Autoregression": [
         *(lambda k=k, g=g: Autoregression(k, g) for k, g in (([1.0], 1.0), ([NAN], 1.0), ([0.5], -1.0))),
         *(lambda k=k, g=g: Autoregression(k, g) for k, g in (([0.5], INF), ([0.5], [1.0, 2.0]), (0.5, 1.0))),
-        lambda: THREE.truncated(4),
+        lambda: THREE.truncate(4),
         lambda: THREE.cepstrum(0),
         lambda: THREE.log_spectrum_db([[0.1]]),
     ],
@@ -74,9 +74,9 @@ REFUSED = {
         lambda: LatticeSynthesis(THREE).process_varying(np.ones(2), np.zeros((2, 3)), np.array([1.0, -1.0])),
     ],
     "line spectrum": [
-        *(lambda k=k: ls.from_reflection(k) for k in BAD_K),
-        *(lambda x=x: ls.to_reflection(x) for x in BAD_LSF),
-        *(lambda x=x: ls.conditioning(x) for x in BAD_LSF),
+        *(lambda k=k: ls.from_reflection(k) for k in INVALID_K),
+        *(lambda x=x: ls.to_reflection(x) for x in INVALID_LSF),
+        *(lambda x=x: ls.conditioning(x) for x in INVALID_LSF),
         *(lambda x=x, g=g: ls.spread(x, g) for x, g in (([1, NAN], 0), ([], 0), ([1.0], 2), ([1.0], -0.1))),
     ],
     "interpolation": [
@@ -91,10 +91,10 @@ REFUSED = {
     ],
     "order": [
         *(
-            lambda wrong=wrong: select_order(NOISE, **{"largest": 5, **wrong})
-            for wrong in ({"criterion": "bic"}, {"method": "modified_covariance"}, {"at_most": -1.0})
+            lambda options=options: select_order(NOISE, **{"max_order": 5, **options})
+            for options in ({"criterion": "bic"}, {"method": "modified_covariance"}, {"max_error": -1.0})
         ),
-        lambda: select_order(NOISE, 5, at_most=0.1, criterion="aicc"),
+        lambda: select_order(NOISE, 5, max_error=0.1, criterion="aicc"),
         lambda: select_order(NOISE, 0),
     ],
     "modes": [
@@ -110,8 +110,8 @@ REFUSED = {
     ],
     "taps": [
         *(lambda m=m: TapModel(*m) for m in ((NAN, 1, 1), (1, 0, 1), (1, 1, 0), (1, INF, 1))),
-        *(lambda t=t, v=v: fit_okamura(t, v, 1e4) for t, v in BAD_TAPS),
-        *(lambda t=t, v=v: fit_tap_model(t, v, 1e4) for t, v in BAD_TAPS),
+        *(lambda t=t, v=v: fit_okamura(t, v, 1e4) for t, v in INVALID_TAPS),
+        *(lambda t=t, v=v: fit_tap_model(t, v, 1e4) for t, v in INVALID_TAPS),
         lambda: fit_okamura([[1.0]], [1.0], 1e4),
         lambda: fit_okamura([TapModel(-1500, 600, 592).synthesize(1.0, 200, 25e3)[::-1]], [1.0], 25e3),
     ],
@@ -128,8 +128,8 @@ REFUSED = {
         *(
             lambda s=s, pair=pair: s(*pair)
             for s in SCORES
-            for bad in (np.full(600, NAN), np.ones((600, 2)), np.zeros(0))
-            for pair in ((bad, ONES), (ONES, bad))
+            for invalid in (np.full(600, NAN), np.ones((600, 2)), np.zeros(0))
+            for pair in ((invalid, ONES), (ONES, invalid))
         ),
         *(lambda s=s: s(0 * ONES, ONES) for s in SCORES if s not in SCORES[1:3]),
         *(lambda s=s: s(ONES, np.ones(700)) for s in SCORES[1:3]),
@@ -149,8 +149,8 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("what", REFUSED)
-def test_what_breaks_a_rule_is_refused_by_its_name(what):
-    for call in REFUSED[what]:
+@pytest.mark.parametrize("area", INVALID_CALLS)
+def test_invalid_input_raises_a_value_error_with_the_expectation(area):
+    for call in INVALID_CALLS[area]:
         with pytest.raises(ValueError, match=r"Expected|must|contains"):
             call()
