@@ -45,6 +45,12 @@ class Plan:
         Range of the rest after the last stroke.
     noise
         Range of the sensor's own noise (rms of an axis, m/s^2).
+    quiet_s
+        Range of the rest before the first tap.
+    rebound_s
+        Range of the time from a hit to a second one of 0.85 to 1.1 times its strength; None for single hits.
+    reverberation_s
+        Range of the time in which the echo of a room decays by 60 dB; None for none.
     """
 
     n_taps: tuple[int, int] = (2, 6)
@@ -59,6 +65,9 @@ class Plan:
     pause_s: tuple[float, float] | None = None
     late_s: tuple[float, float] = (0.0, 0.0)
     noise: tuple[float, float] = (0.01, 0.04)
+    quiet_s: tuple[float, float] = (0.3, 0.8)
+    rebound_s: tuple[float, float] | None = None
+    reverberation_s: tuple[float, float] | None = None
 
 
 FAMILIES = {
@@ -77,6 +86,17 @@ FAMILIES = {
     "late quiet": Plan(late_s=(0.05, 1.0)),
     "strokes only": Plan(n_taps=(0, 0)),
     "ringing taps only": Plan(strokes_s=None, decay_s=(0.04, 0.12), peak=(15.0, 60.0), gap_s=(0.3, 0.8)),
+    "double hits": Plan(rebound_s=(0.04, 0.075), decay_s=(0.01, 0.025), peak=(10.0, 60.0)),
+    "double hits only": Plan(
+        rebound_s=(0.04, 0.075), decay_s=(0.01, 0.025), peak=(10.0, 60.0), n_taps=(1, 3), strokes_s=None
+    ),
+    "reverberation": Plan(reverberation_s=(0.1, 1.0), strokes_s=None, peak=(10.0, 60.0), gap_s=(0.5, 0.9)),
+    "quiet start": Plan(quiet_s=(0.2, 0.5)),
+    "automatic gain": Plan(peak=(10.0, 60.0)),
+    "taps in a tail": Plan(
+        strokes_s=None, n_taps=(2, 2), decay_s=(0.04, 0.07), gap_s=(0.14, 0.25), peak=(30.0, 60.0)
+    ),
+    "short strokes": Plan(strokes_s=(1.0, 1.6)),
 }
 
 
@@ -84,7 +104,7 @@ def make(family: str, seed: int, fs: float | None = None) -> Recording:
     """Return recording `seed` of a family, true phases included; at one of `RATES_HZ` by chance."""
     rng = np.random.default_rng([seed, list(FAMILIES).index(family)])
     plan, fs = FAMILIES[family], fs or float(rng.choice(RATES_HZ))
-    quiet_s = rng.uniform(0.3, 0.8)
+    quiet_s = rng.uniform(*plan.quiet_s)
     n_taps = int(rng.integers(plan.n_taps[0], plan.n_taps[1] + 1))
     impacts = quiet_s + np.cumsum(rng.uniform(*plan.gap_s, n_taps)) - plan.gap_s[0]
     last = impacts[-1] if n_taps else quiet_s
@@ -98,6 +118,11 @@ def make(family: str, seed: int, fs: float | None = None) -> Recording:
     taps = []
     for impact in impacts:
         vibration, taken_s = _tap(t - impact, plan, fs, rng)
+        if plan.rebound_s:
+            later = round(rng.uniform(*plan.rebound_s) * fs)
+            vibration[later:] += rng.uniform(0.85, 1.1) * _without_pull(vibration, t - impact)[:-later]
+        if plan.reverberation_s:
+            vibration = vibration + _echo(vibration, t, plan, fs, rng)
         axes += np.outer(vibration, normal + 0.2 * rng.standard_normal(n_axes))
         first = int(np.ceil(impact * fs))
         taps.append(Tap(max(0, first - round(0.1 * fs)), first, min(len(t), first + round(taken_s * fs) + 1)))
@@ -137,6 +162,17 @@ def _tap(after, plan, fs, rng):
         before = np.clip(-after / pull_s, 0.0, 1.0)
         x -= rng.uniform(0.3, 2.0) * np.sin(np.pi * before) ** 2
     return x, contact_s + 3.5 * decay_s
+
+
+def _without_pull(vibration, after):
+    return np.where(after >= 0, vibration, 0.0)
+
+
+def _echo(vibration, t, plan, fs, rng):
+    """Return the echo of a room: noise that decays by 60 dB, at most as loud as what it follows."""
+    decay = 10 ** (-3 * t / rng.uniform(*plan.reverberation_s)) * rng.standard_normal(len(t))
+    echo = signal.oaconvolve(vibration, decay)[: len(t)]
+    return rng.uniform(0.1, 0.5) * echo * np.abs(vibration).max() / np.abs(echo).max()
 
 
 def _plan_strokes(begin, plan, rng):
@@ -198,6 +234,13 @@ def _spoil(family, axes, phases, fs, rng):
             if rng.random() < 0.5:
                 ramp = np.sin(0.5 * np.pi * ramp) ** 2
             axes = axes * ramp[:, None]
+        case "automatic gain":  # of a phone: 15 dB less for a tap of 60 m/s^2, and back within a second
+            level = np.sqrt(np.square(axes - np.median(axes, axis=0)).sum(axis=1))
+            falling = signal.lfilter([1 / (0.01 * fs)], [1, 1 / (0.01 * fs) - 1], level)
+            rising = np.exp(-1 / fs)
+            for i in range(1, n):
+                falling[i] = max(falling[i], rising * falling[i - 1])
+            axes = (axes - np.median(axes, axis=0)) / np.sqrt(1.0 + falling / 2)[:, None]
         case "glitches":
             axes = axes.copy()
             for at in rng.integers(5, n - 5, int(rng.integers(1, 5))):

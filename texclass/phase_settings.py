@@ -18,6 +18,8 @@ class PhaseSettings:
         What recordings contain: "taps and strokes", or any number of "taps" alone.
     tap_spacing_s
         Impulses closer than this are one tap and its rebounds.
+    rebound_db
+        A tap begins with its first hit, even if a later one is stronger by up to this.
 
     hand_hz
         Motion below this frequency (Hz) belongs to hand, tremor and gravity, not to the contact.
@@ -61,8 +63,9 @@ class PhaseSettings:
         An impulse that exceeds the peaks of the strokes (95 % of bins) by this is none of them.
     first_gap_s
         Impulses weaker than the strokes, so soon before them, are the first of a slow stroke.
-    echo_db, echo_s
-        Vibration after taps that is shorter, and weaker than they are by this, is their echo, no movement.
+    echo_db, echo_s, between_s
+        Vibration that is weaker than the strongest tap by this is no movement if it is shorter than `echo_s`
+        after all taps, or than `between_s` before or between taps.
     soft_db
         An impulse whose level in all bands is lower is visible in the soft band only.
     pull_s, pull_db
@@ -107,6 +110,9 @@ class PhaseSettings:
         `noisy_contrast`, so that intermittent noise of a room or machine is not taken for strokes.
     noisy_weight
         Factor applied to the level of strokes where the noise is intermittent.
+    opening_ratio
+        The level at the start is noise if its fifths differ by at most this ratio; an automatic gain lowers
+        it after the first tap.
 
     Examples
     --------
@@ -118,6 +124,7 @@ class PhaseSettings:
 
     contents: Contents = "taps and strokes"
     tap_spacing_s: float = 0.08
+    rebound_db: float = 6.0
 
     hand_hz: float = 60.0
     hand_s: float = 0.25
@@ -144,8 +151,9 @@ class PhaseSettings:
     ring_db: float = 18.0
     strong_db: float = 6.0
     first_gap_s: float = 0.1
-    echo_db: float = 25.0
+    echo_db: float = 20.0
     echo_s: float = 0.7
+    between_s: float = 1.2
     soft_db: float = 16.0
     pull_s: float = 0.15
     pull_db: float = 6.0
@@ -175,9 +183,10 @@ class PhaseSettings:
     steady_ratio: float = 2.5
     steady_samples: float = 60.0
     quiet_spread: float = 1.6
-    noisy_spread: float = 6.0
+    noisy_spread: float = 10.0
     noisy_contrast: float = 1000.0
     noisy_weight: float = 0.75
+    opening_ratio: float = 1.5
 
     def __post_init__(self) -> None:
         if not 0 < self.tap_spacing_s < float("inf"):

@@ -22,6 +22,8 @@ NEAR = 4
 FADE_DB = 2.5
 """Least rise of the level, each time as much time has passed again, while a volume is turned up."""
 FADE_MOST_DB, FADE_TOTAL_DB = 25.0, 12.0
+FADE_FASTER_DB = 6.0
+"""A fade slows down: a rise that exceeds the one before by more than this is a tap."""
 LONGEST_FADE_S = 0.6
 BLOCK = 1 << 13
 """Rows looked at at a time, so few that they stay near the processor."""
@@ -147,12 +149,13 @@ def fade(power: Callable[[int, int], float], n_bins: int, bin_s: float) -> int:
     if n_bins < edge:
         return 0
     first = last = level_db(start, edge)
+    step_db = FADE_MOST_DB
     while 2 * edge <= n_bins and edge * bin_s < LONGEST_FADE_S:
         start, edge = edge, 2 * edge
         now = level_db(start, edge)
-        if not FADE_DB <= now - last <= FADE_MOST_DB:
+        if not FADE_DB <= now - last <= min(FADE_MOST_DB, step_db + FADE_FASTER_DB):
             break
-        last = now
+        last, step_db = now, now - last
     else:
         return 0
     return start if last - first >= FADE_TOTAL_DB else 0

@@ -158,13 +158,19 @@ def prominence_over_past(smooth: SmoothLevels, settings: PhaseSettings) -> Sampl
 
 
 def candidate_peaks(smooth: SmoothLevels, rise_db: Samples, settings: PhaseSettings) -> list[int]:
-    """Return the bins that are maxima within `tap_spacing_s`, loud as a tap, and stand out from the past."""
-    size = 2 * smooth.n_bins(settings.tap_spacing_s) - 1
+    """Return the bins of hits: local maxima that stand out from the past and are loud as a tap.
+
+    Of the hits within `tap_spacing_s` the strongest counts. It is compared with hits only: a later rebound
+    that is stronger by up to `rebound_db` does not stand out from the first hit, and must not hide it.
+    """
+    spacing, rise = (2 * smooth.n_bins(seconds) - 1 for seconds in (settings.tap_spacing_s, settings.rise_s))
+    loud_db = 10 * np.log10(settings.tap_ratio)
     is_peak = np.zeros(len(rise_db), dtype=bool)
     for level in (smooth.sharp, smooth.broadband):
-        is_maximum = level == ndimage.maximum_filter1d(level, size, mode="constant")
-        is_peak |= is_maximum & (level >= 10 * np.log10(settings.tap_ratio))
-    return np.flatnonzero(is_peak & (rise_db >= settings.stand_out_db)).tolist()
+        is_hit = (rise_db >= settings.stand_out_db) & (level >= loud_db) & (level == _maximum(level, rise))
+        is_highest = level == _maximum(np.where(is_hit, level, 0.0), spacing)
+        is_peak |= is_hit & is_highest & (level >= _maximum(level, spacing) - settings.rebound_db)
+    return np.flatnonzero(is_peak).tolist()
 
 
 def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings: PhaseSettings) -> Impulse:
@@ -173,8 +179,13 @@ def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings
     quiet_db = 10 * np.log10(settings.active_ratio)
     top = float(sharp[peak])
 
-    onset = max(0, peak - n_bins(settings.before_s))
-    below = np.flatnonzero(sharp[onset:peak] < max(quiet_db, top - settings.onset_db))
+    hit = first_hit(smooth, peak, settings)
+    onset = max(0, hit - n_bins(settings.before_s))
+    before, top_of_hit = sharp[onset:hit], float(sharp[hit])
+    # In the tail of another impulse the level may nowhere be 20 dB lower.
+    lowest_db = float(before.min(initial=top_of_hit))
+    onset_db = max(quiet_db, top_of_hit - settings.onset_db, lowest_db + (top_of_hit - lowest_db) / 3)
+    below = np.flatnonzero(before < onset_db)
     start = onset + (int(below[-1]) + 1 if below.size else 0)
 
     gone, lowest = decay_end(smooth, peak, stop, settings)
@@ -188,6 +199,26 @@ def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings
         start, peak, max(end, start + 1), max(gone, start + 1), width,
         combined_db=top, broadband_db=broadband_db, prominence_db=min(rise_db, fall_db), fall_db=fall_db,
     )  # fmt: skip
+
+
+def first_hit(smooth: SmoothLevels, peak: int, settings: PhaseSettings) -> int:
+    """Return the bin of the first hit of a tap whose strongest hit is in bin `peak`.
+
+    The first hit is less than `tap_spacing_s` earlier, and weaker by at most `rebound_db`. It rises by
+    `stand_out_db` within `rise_s`, unlike the tail of an earlier tap, and falls by `rebound_db` after it.
+    """
+    sharp, n_rise = smooth.sharp, smooth.n_bins(settings.rise_s)
+    begin = max(0, peak - smooth.n_bins(settings.tap_spacing_s) + 1)
+    (strong,) = np.nonzero(sharp[begin:peak] >= sharp[peak] - settings.rebound_db)
+    if not strong.size:
+        return peak
+    first = begin + int(strong[0])
+    hit = first + int(sharp[first : min(peak, first + n_rise)].argmax())
+    before, after = (
+        float(part.min(initial=np.inf)) for part in (sharp[max(0, hit - n_rise) : hit], sharp[hit:peak])
+    )
+    is_hit = before < sharp[hit] - settings.stand_out_db and after < sharp[hit] - settings.rebound_db
+    return hit if is_hit else peak
 
 
 def decay_end(smooth: SmoothLevels, peak: int, stop: int, settings: PhaseSettings) -> tuple[int, float]:
@@ -238,15 +269,20 @@ def find_movement(
 
 
 def split_taps_and_movement(
-    levels: Levels, impulses: Sequence[Impulse], settings: PhaseSettings, begins: int | None = None
+    levels: Levels,
+    impulses: Sequence[Impulse],
+    settings: PhaseSettings,
+    begins: int | None = None,
+    opening: Sequence[Impulse] = (),
 ) -> tuple[list[Impulse], tuple[int, int] | None]:
     """Return the taps among the impulses, and the bins of the movement (None if there is none).
 
     Impulses inside the movement belong to the texture, and so do those connected with its start, or within a
     pause after it, unless they are far stronger than the strokes. Where vibration `begins` with the
-    data, in that bin, and fills a third of the time up to lasting strokes, so does the movement.
+    data, in that bin, and fills a third of the time up to lasting strokes, so does the movement. The decay
+    of `opening` impulses, which are no taps, is no movement either.
     """
-    span = find_movement(levels, impulses, settings)
+    span = find_movement(levels, [*opening, *impulses], settings)
     if span is None or _is_echo(levels, impulses, span, settings):
         return select_taps(impulses, levels, settings), None
     first, last = span
@@ -270,11 +306,17 @@ def split_taps_and_movement(
 def _is_echo(
     levels: Levels, impulses: Sequence[Impulse], span: tuple[int, int], settings: PhaseSettings
 ) -> bool:
-    if span[1] - span[0] >= levels.n_bins(settings.echo_s):
-        return False
-    strongest = max((i.broadband_db for i in impulses if i.start < span[0]), default=0.0)
-    left = remove_impulses(levels.broadband, impulses, settings.lasting_db)[slice(*span)]
-    return bool(np.quantile(decibels(left), 0.75) < strongest - settings.echo_db)
+    """Return whether short, weak vibration is an echo of impulses, or noise before or between them."""
+    n_bins = span[1] - span[0]
+    strongest_db = 0.0
+    for impulse in impulses:
+        is_before, is_after = impulse.start < span[0], impulse.start >= span[1]
+        longest_s = settings.echo_s if is_before else settings.between_s
+        is_tap = is_before or is_after or impulse.fall_db >= settings.clear_db
+        if is_tap and n_bins < levels.n_bins(longest_s):
+            strongest_db = max(strongest_db, impulse.broadband_db)
+    rest = remove_impulses(levels.broadband, impulses, settings.lasting_db)[slice(*span)]
+    return bool(np.quantile(decibels(rest), 0.75) < strongest_db - settings.echo_db)
 
 
 def select_taps(impulses: Sequence[Impulse], levels: Levels, settings: PhaseSettings) -> list[Impulse]:
@@ -344,6 +386,11 @@ def _tail_length(level: Samples, quiet_db: float, rise_db: float, *, is_last: bo
     if rise < n:
         return int(np.argmin(level[: rise + 1]))
     return n if is_last else 0
+
+
+def _maximum(x: Samples, n: int) -> Samples:
+    """Return the maximum of the n bins around each bin."""
+    return ndimage.maximum_filter1d(x, n, mode="constant")
 
 
 def _trailing_max(x: Samples, n: int) -> Samples:

@@ -81,7 +81,7 @@ def find_phases(recording: Recording, settings: PhaseSettings | None = None) -> 
         taps = _taps(recording, measured, select_taps(impulses, measured.levels, settings), settings)
         return Phases(taps, notes=() if taps else (NO_TAPS,))
     begins = measured.data[0] if _opens_in_movement(measured, opening, settings) else None
-    impulses, span = split_taps_and_movement(measured.levels, impulses, settings, begins)
+    impulses, span = split_taps_and_movement(measured.levels, impulses, settings, begins, opening)
     if span is not None and _are_of_strokes(impulses, measured, span, settings):
         impulses = []
     taps = _taps(recording, measured, impulses, settings)

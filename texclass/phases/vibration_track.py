@@ -161,14 +161,14 @@ def noise_floor(
 
     The noise is averaged over the quietest stretch and over all stretches up to 4 dB above the current
     estimate, four times; the range is narrow unless vibration is far above it, as intermittent noise may be
-    strokes.
+    strokes. Intermittent noise is as loud as the loudest of its stretches, and a steady start is noise: an
+    automatic gain lowers it later.
     """
     n = min(n, len(level))
     means = moving_mean(level, n)[n // 2 : len(level) - (n - 1) // 2]
     start = int(np.argmin(means))
     stretch = level[start : start + n]
-    fifths = [part.mean() for part in np.array_split(stretch, min(5, n))]
-    tolerance = settings.steady_ratio * (1 + settings.steady_samples / (n * samples_per_bin))
+    tolerance = 1 + settings.steady_samples / (n * samples_per_bin)
     noise = quietest = float(stretch.mean())
     stretches = means[:: max(1, n // 5)]
     is_noisy = stretches.max() > settings.noisy_contrast * quietest
@@ -176,7 +176,23 @@ def noise_floor(
     for _ in range(4):
         at_rest = stretches[stretches <= min(2.5 * noise, highest)]
         noise = max(quietest, float(at_rest.mean()) if at_rest.size else 0.0)
-    return noise, max(fifths) <= tolerance * min(fifths), noise > settings.quiet_spread * quietest
+    opening = level[: 2 * n]
+    if (
+        is_noisy
+        and noise < opening.mean() <= highest
+        and _is_steady(opening, tolerance * settings.opening_ratio)
+    ):
+        noise = float(opening.mean())
+    is_intermittent = noise > settings.quiet_spread * quietest
+    if is_intermittent:
+        noise = max(noise, float(np.quantile(stretches[stretches <= highest], 0.95)))
+    return noise, _is_steady(stretch, tolerance * settings.steady_ratio), is_intermittent
+
+
+def _is_steady(level: Samples, tolerance: float) -> bool:
+    """Return whether the fifths of a level differ by at most a ratio."""
+    fifths = [part.mean() for part in np.array_split(level, min(5, len(level)))]
+    return bool(max(fifths) <= tolerance * min(fifths))
 
 
 def _quantisation_noise(axes: Samples) -> float:
