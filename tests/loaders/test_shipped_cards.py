@@ -22,6 +22,8 @@ PUBLISHED = [name for name in shipped.names("datasets") if getattr(read_card(nam
         ("lmt_excerpts", (11, 10), (10_000, "arbitrary", 1, "movement only")),
         ("stylus6", (6, 6), (1000, "m/s^2", 1, "movement only")),
         ("knocks30", (30, 3), (48_000, "arbitrary", 1, "taps only")),
+        ("knocks9", (9, 3), (48_000, "arbitrary", 1, "taps only")),
+        ("floors10", (349, 10), (100, "m/s^2", 3, "movement only")),
         ("dogsurf", (45, 5), (50, "counts", 3, "movement only")),
         ("fabric_speeds", (16, 4), (10_000, "arbitrary", 1, "movement only")),
     ],
