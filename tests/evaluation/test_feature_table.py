@@ -265,7 +265,7 @@ def test_notes_of_a_dataset_are_told_whether_it_becomes_one_file_or_several(comm
     for options in (("-o", "table.parquet"), ("-o", "parts", "--partition", 1)):
         code, out, err = command("extract", *read, *options)
         assert code == 0, err
-        assert out.count("note: 1 files of other kinds are ignored") == 1
+        assert out.count("note: 1 file of other formats ignored") == 1
 
 
 @pytest.mark.parametrize(

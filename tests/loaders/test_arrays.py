@@ -35,20 +35,20 @@ class Hostile:
         return open, (self.path, "w")
 
 
-def refused(path, said, **options):
-    with pytest.raises(RecordingError, match=said):
+def assert_refused(path, message, **options):
+    with pytest.raises(RecordingError, match=message):
         load_recording(path, **{"fs": 500, "unit": "V"} | options)
 
 
 def test_a_pickle_in_npz_or_named_so_is_refused_and_not_executed(tmp_path):
     victim, path = tmp_path / "executed", tmp_path / "r.npz"
     np.savez(path, acceleration=np.array([Hostile(victim)], dtype=object))
-    refused(path, r"it contains 'acceleration \(object\)'. Expected an array of real numbers")
+    assert_refused(path, r"it contains 'acceleration \(object\)'. Expected an array of real numbers")
     np.save(tmp_path / "r.npy", np.array([Hostile(victim)], dtype=object))
-    refused(tmp_path / "r.npy", r"it contains 'acceleration \(object\)'")
+    assert_refused(tmp_path / "r.npy", r"it contains 'acceleration \(object\)'")
     for suffix in ("npz", "npy"):
         (tmp_path / f"r.{suffix}").write_bytes(pickle.dumps(Hostile(victim)))
-        refused(tmp_path / f"r.{suffix}", rf"not a readable {suffix.upper()} file")
+        assert_refused(tmp_path / f"r.{suffix}", rf"not a readable {suffix.upper()} file")
     assert not victim.exists()
 
 
@@ -59,14 +59,14 @@ def test_more_values_than_the_limit_are_refused_before_they_are_read(tmp_path, m
         archive.writestr("acceleration.npy", member.getvalue())
     (tmp_path / "r.npy").write_bytes(member.getvalue())
     for name in ("r.npz", "r.npy"):
-        refused(tmp_path / name, rf"{name}: announces 1000000000000 values")
+        assert_refused(tmp_path / name, rf"{name}: announces 1000000000000 values")
     monkeypatch.setattr(readers, "MAX_VALUES", 399)
     np.savez_compressed(tmp_path / "r.npz", acceleration=SIGNAL)
     with h5py.File(tmp_path / "r.h5", "w") as file:
         file["acceleration"] = SIGNAL
     np.save(tmp_path / "r.npy", SIGNAL)
     for name in ("r.npz", "r.h5", "r.npy"):
-        refused(tmp_path / name, r"announces 4\d\d values. Expected at most 399")
+        assert_refused(tmp_path / name, r"announces 4\d\d values. Expected at most 399")
 
 
 def test_a_dataset_in_a_group_is_found_by_its_path_and_another_is_asked_for(tmp_path):
@@ -75,7 +75,7 @@ def test_a_dataset_in_a_group_is_found_by_its_path_and_another_is_asked_for(tmp_
     recording = load_recording(tmp_path / "r.h5", unit="V", column="run/one/acc")
     np.testing.assert_array_equal(recording.acceleration, SIGNAL)
     assert recording.fs == 500
-    refused(tmp_path / "r.h5", "column 'right' occurs 0 times; its columns are 'run/one/acc'", column="right")
+    assert_refused(tmp_path / "r.h5", "no column 'right'; the columns are 'run/one/acc'", column="right")
 
 
 def test_hdf5_that_keeps_its_values_elsewhere_is_not_followed(tmp_path):
@@ -86,17 +86,17 @@ def test_hdf5_that_keeps_its_values_elsewhere_is_not_followed(tmp_path):
         place = [(str(tmp_path / "secret.bin"), 0, SIGNAL.nbytes)]
         file.create_dataset("acceleration", SIGNAL.shape, SIGNAL.dtype, external=place)
         file["linked"] = h5py.ExternalLink("secret.h5", "/acceleration")
-    refused(tmp_path / "r.h5", "kept in another file")
-    refused(tmp_path / "r.h5", "occurs 0 times", column="linked")
+    assert_refused(tmp_path / "r.h5", "kept in another file")
+    assert_refused(tmp_path / "r.h5", "no column 'linked'", column="linked")
 
 
 def test_what_is_not_a_signal_is_refused(tmp_path):
     for array in (np.zeros((5, 4, 3)), SIGNAL + 1j, np.array(["a", "b"])):
         np.savez(tmp_path / "r.npz", acceleration=array)
-        refused(tmp_path / "r.npz", "Expected")
+        assert_refused(tmp_path / "r.npz", "Expected")
     for variable in ({"a": 1}, np.array([SIGNAL, "x"], dtype=object), SIGNAL + 1j, "text"):
         scipy.io.savemat(tmp_path / "r.mat", {"acc": variable})
-        refused(tmp_path / "r.mat", r"it contains 'acc \(|Expected once", column="acc")
+        assert_refused(tmp_path / "r.mat", r"it contains 'acc \(|no column 'acc'", column="acc")
 
 
 def matlab_73(path, **variables):
@@ -127,7 +127,7 @@ def test_matlab_has_vectors_in_version_5_and_time_along_the_first_axis_in_7_3(tm
 def test_an_unreadable_matlab_file_is_refused(tmp_path):
     for content in (b"not matlab", b"MATLAB 5.0 MAT-file".ljust(128, b"\0"), bytes(300)):
         (tmp_path / "r.mat").write_bytes(content)
-        refused(tmp_path / "r.mat", r"r\.mat")
+        assert_refused(tmp_path / "r.mat", r"r\.mat")
 
 
 @contextlib.contextmanager
@@ -155,7 +155,7 @@ def test_files_of_a_few_kilobytes_cannot_announce_gigabytes_but_what_deflate_can
     for name, n in (("r.h5", 900_000_000), ("r.parquet", 20_000_000)):
         assert (tmp_path / name).stat().st_size < 100_000
         with bounded():
-            refused(tmp_path / name, rf"{name}: announces {n} values in \d+ bytes")
+            assert_refused(tmp_path / name, rf"{name}: announces {n} values in \d+ bytes")
     ticks = np.zeros(2_000_000)
     ticks[::1000] = 1.0
     np.savez_compressed(tmp_path / "r.npz", acceleration=ticks)
@@ -172,7 +172,7 @@ def test_a_checksummed_chunk_without_data_does_not_end_the_process(tmp_path):
     data = path.read_bytes()
     assert data.count(key) == 1
     path.write_bytes(data.replace(key, bytes(4) + key[4:]))
-    refused(path, r"r\.h5: acceleration has a chunk without data")
+    assert_refused(path, r"r\.h5: acceleration has a chunk without data")
 
 
 def write_mat(path, kind, order, compressed, name=b"x"):
@@ -193,15 +193,15 @@ def test_numbers_of_an_unknown_type_do_not_end_the_process(tmp_path):
         assert load_recording(path, fs=100.0, unit="g").n_samples == 4
         for kind in (0, 8, 14, 20, 41, 256, 4105, 0xFFFF):
             write_mat(path, kind, byte_order, compressed)
-            refused(path, rf"r\.mat: .*the numbers of x are of type {kind}")
+            assert_refused(path, rf"r\.mat: .*the numbers of x are of type {kind}")
     write_mat(path, 0, "<", compressed=False, name=b"")  # scipy takes it for what MATLAB keeps for itself
-    refused(path, r"r\.mat")
+    assert_refused(path, r"r\.mat")
 
 
 def test_a_rate_that_is_complex_and_a_byte_order_that_scipy_only_guesses_are_refused(tmp_path):
     path = tmp_path / "r.mat"
     scipy.io.savemat(path, {"acceleration": np.arange(5.0), "fs": 100.0 + 1j})
-    refused(path, r"r\.mat: fs is missing", fs=None)
+    assert_refused(path, r"r\.mat: fs is missing", fs=None)
     scipy.io.savemat(path, {"x": np.arange(5.0)}, format="4")
     cray = (4000).to_bytes(4, "little") + path.read_bytes()[4:]
     assert judged("mat", cray, tmp_path)[0] == "refused"

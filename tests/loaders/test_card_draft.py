@@ -1,4 +1,4 @@
-"""A drafted card opens the folder it describes; what the folder leaves open is a question."""
+"""A drafted card opens its folder; facts that the files do not state become questions."""
 
 import json
 from pathlib import Path
@@ -25,9 +25,9 @@ def write(path, n=400, level=(0.0,), header="", times_s=None):
     np.savetxt(path, columns, delimiter=",", header=header, comments="", fmt="%.6f")
 
 
-def drafted(folder, card, **facts):
-    """Write the card of a folder; return the dataset it opens, and its questions."""
-    text = draft_card(folder, card.parent, **facts)
+def draft_and_open(folder, card, **options):
+    """Write a card of a folder; return the dataset of the card, and its questions."""
+    text = draft_card(folder, card.parent, **options)
     card.write_text(text, encoding="utf-8")
     questions = [line for line in text.splitlines() if line.startswith(QUESTION)]
     return open_dataset(card), questions
@@ -51,7 +51,7 @@ def groups(dataset):
 def test_surfaces_and_repetitions_are_read_from_subfolders_and_names(tmp_path, names, expected):
     for name in names:
         write(tmp_path / "own" / f"{name}.csv")
-    dataset, questions = drafted(tmp_path / "own", tmp_path / "own.toml", fs=1000.0, unit="g")
+    dataset, questions = draft_and_open(tmp_path / "own", tmp_path / "own.toml", fs=1000.0, unit="g")
     assert {(surface, repetition) for surface, _, repetition in groups(dataset)} == expected
     assert (len(dataset), dataset[0].n_samples, dataset[0].fs, dataset[0].unit) == (4, 400, 1000.0, "m/s^2")
     assert questions == []
@@ -71,7 +71,7 @@ def test_sessions_are_read_from_folders_and_names(tmp_path, name):
         for session in (1, 2):
             for n in (1, 2):
                 write(tmp_path / "own" / name.format(surface=surface, session=session, n=n))
-    dataset, questions = drafted(tmp_path / "own", tmp_path / "own.toml", fs=1000.0, unit="g")
+    dataset, questions = draft_and_open(tmp_path / "own", tmp_path / "own.toml", fs=1000.0, unit="g")
     assert dataset.surfaces == ("oak", "wool")
     assert len({session for _, session, _ in groups(dataset)}) == 2
     assert {repetition for *_, repetition in groups(dataset)} == {1, 2}
@@ -81,7 +81,7 @@ def test_sessions_are_read_from_folders_and_names(tmp_path, name):
 def test_a_card_inside_its_folder_names_no_folder(tmp_path):
     for name in ("oak_1", "oak_2", "wool_1", "wool_2"):
         write(tmp_path / f"{name}.csv")
-    dataset, _ = drafted(tmp_path, tmp_path / "card.toml", fs=1000.0, unit="g")
+    dataset, _ = draft_and_open(tmp_path, tmp_path / "card.toml", fs=1000.0, unit="g")
     assert dataset.surfaces == ("oak", "wool")
     assert "\nfolder" not in (tmp_path / "card.toml").read_text()
 
@@ -92,7 +92,7 @@ def test_columns_rate_and_unit_are_read_from_the_files(tmp_path):
         for n in (1, 2):
             path = tmp_path / "own" / f"{surface}_{n}.csv"
             write(path, level=(0, 0, 9.81, 0, 0, 0), header="time,ax,ay,az,gx,gy,gz", times_s=times)
-    dataset, questions = drafted(tmp_path / "own", tmp_path / "own.toml")
+    dataset, questions = draft_and_open(tmp_path / "own", tmp_path / "own.toml")
     recording = dataset[0]
     assert (recording.fs, recording.unit, recording.channels) == (200.0, "m/s^2", ("ax", "ay", "az"))
     assert recording.turn_rate.shape == (400, 3)
@@ -105,19 +105,19 @@ def test_whole_numbers_are_counts_and_one_file_per_axis_is_one_recording(tmp_pat
             for axis in "XYZ":
                 codes = np.random.default_rng([n, ord(axis)]).integers(-900, 900, 400)
                 np.savetxt(tmp_path / f"{surface}_{n}_{axis}.txt", codes, fmt="%d")
-    dataset, questions = drafted(tmp_path, tmp_path / "card.toml", fs=500.0)
+    dataset, questions = draft_and_open(tmp_path, tmp_path / "card.toml", fs=500.0)
     assert (len(dataset), dataset[0].unit, dataset[0].acceleration.shape) == (4, "counts", (400, 3))
     assert questions == []
 
 
-def test_what_the_folder_leaves_open_is_a_question(tmp_path):
+def test_unknown_rate_unit_and_columns_are_questions(tmp_path):
     for name in ("oak/1", "oak/2", "wool/1", "wool/2"):
         write(tmp_path / "own" / f"{name}.csv", level=(0.0, 1.0, 2.0), header="p,q,r")
     write(tmp_path / "own" / "labels.csv")
     text = draft_card(tmp_path / "own", tmp_path)
     questions = " ".join(line for line in text.splitlines() if line.startswith(QUESTION))
-    for asked in ("sampling rate", "unit of the acceleration", "which columns"):
-        assert asked in questions
+    for subject in ("sampling rate", "unit of the acceleration", "which columns"):
+        assert subject in questions
     (tmp_path / "own.toml").write_text(text)
     with pytest.raises(CardError, match="missing key fs_hz"):
         open_dataset(tmp_path / "own.toml")
@@ -139,7 +139,7 @@ def test_left_out_unreadable_and_single_files_are_questions(tmp_path):
 def test_files_of_several_rates_are_resampled_to_the_lowest_and_reported(tmp_path):
     for k, name in enumerate(("oak_1", "oak_2", "wool_1", "wool_2")):
         soundfile.write(tmp_path / f"{name}.wav", 0.1 * np.sin(np.arange(4000) / 9), (8000, 16000)[k == 3])
-    dataset, questions = drafted(tmp_path, tmp_path / "card.toml")
+    dataset, questions = draft_and_open(tmp_path, tmp_path / "card.toml")
     assert {recording.fs for recording in dataset} == {8000.0}
     assert "several rates (8000, 16000 Hz)" in " ".join(questions)
 
@@ -150,7 +150,7 @@ def test_one_folder_per_recording_with_a_file_per_sensor_takes_the_accelerometer
             for sensor in ("Accelerometer", "Gyroscope"):
                 path = tmp_path / "own" / surface / f"rec{n}" / f"{sensor}.csv"
                 write(path, level=(0, 0, 1.0), header="seconds_elapsed,x,y,z", times_s=np.arange(400) / 100)
-    dataset, _ = drafted(tmp_path / "own", tmp_path / "own.toml")
+    dataset, _ = draft_and_open(tmp_path / "own", tmp_path / "own.toml")
     assert (len(dataset), dataset.surfaces) == (4, ("oak", "wool"))
     assert all(entry.paths[0].endswith("Accelerometer.csv") for entry in dataset.entries)
 
@@ -158,7 +158,7 @@ def test_one_folder_per_recording_with_a_file_per_sensor_takes_the_accelerometer
 def test_names_with_quotes_and_patterns_stay_valid_toml(tmp_path):
     for name in ("it's [1]/a_1", "it's [1]/a_2", "b+/a_1", "b+/a_2"):
         write(tmp_path / "o'wn" / f"{name}.csv", header="a'c")
-    dataset, _ = drafted(tmp_path / "o'wn", tmp_path / "own.toml", fs=1000.0, unit="g")
+    dataset, _ = draft_and_open(tmp_path / "o'wn", tmp_path / "own.toml", fs=1000.0, unit="g")
     assert dataset.surfaces == ("b+", "it's [1]")
     assert dataset[0].n_samples == 400
 
@@ -192,15 +192,17 @@ def test_the_command_writes_a_card_that_benchmark_reads(command, tmp_path, monke
     assert "own.toml exists already" in err
     code, out, err = command("card", "own", "--unit", "g", "--fs", "1000", "-o", "new.toml")
     assert (code, err, "question" in out) == (0, "", False)
-    asked = "benchmark new.toml --folds 2 --jobs 1 -o results --json result.json --confusion confusion.csv"
-    code, _, err = command(*asked.split())
+    arguments = (
+        "benchmark new.toml --folds 2 --jobs 1 -o results --json result.json --confusion confusion.csv"
+    )
+    code, _, err = command(*arguments.split())
     assert code == 0, err
     assert json.loads(Path("result.json").read_text(encoding="utf-8"))["dataset"]["n_recordings"] == 12
     assert Path("confusion.csv").read_text(encoding="utf-8").startswith("true label,oak,wool\n")
 
 
 @pytest.mark.parametrize(
-    ("name", "facts", "n_recordings", "n_surfaces"),
+    ("name", "options", "n_recordings", "n_surfaces"),
     [
         ("knocks30", {}, 30, 3), ("biotac20", {"unit": "counts"}, 800, 20), ("borealtc", {}, 68, 5),
         ("dogsurf", {"fs": 50.0}, 45, 5), ("floors10", {"fs": 100.0, "unit": "m/s^2"}, 349, 10),
@@ -208,10 +210,10 @@ def test_the_command_writes_a_card_that_benchmark_reads(command, tmp_path, monke
         ("stylus6", {"fs": 1000.0, "unit": "m/s^2"}, 6, 6),
     ],
 )  # fmt: skip
-def test_public_folders_get_a_card_that_opens(tmp_path, data_root, name, facts, n_recordings, n_surfaces):
+def test_public_folders_get_a_card_that_opens(tmp_path, data_root, name, options, n_recordings, n_surfaces):
     if not (data_root / name).is_dir():
         pytest.skip(f"no recordings of {name} in {data_root}")
-    dataset, _ = drafted(data_root / name, tmp_path / "card.toml", **facts)
+    dataset, _ = draft_and_open(data_root / name, tmp_path / "card.toml", **options)
     assert (len(dataset), len(dataset.surfaces)) == (n_recordings, n_surfaces)
     assert dataset[0].n_samples > 100
     assert dataset[-1].fs == dataset[0].fs

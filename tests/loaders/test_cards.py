@@ -25,7 +25,7 @@ def card(tmp_path, content):
     return read_card(path)
 
 
-def test_a_valid_card_says_what_it_says(tmp_path):
+def test_values_of_a_valid_card_are_read(tmp_path):
     channels = {"acceleration": ["a", "b"], "friction": "f"}
     read = card(tmp_path, FILES | {"channels": channels, "notes": ["n"], "scale": 2})
     assert (read.name, read.fs_hz, read.unit, read.notes, read.scale) == ("mine", 1000.0, "g", ("n",), 2)
@@ -33,19 +33,19 @@ def test_a_valid_card_says_what_it_says(tmp_path):
     assert read.channels == {"acceleration": ("a", "b"), "friction": ("f",)}
 
 
-def refused(tmp_path, content):
-    with pytest.raises(CardError) as caught:
+def card_error(tmp_path, content):
+    with pytest.raises(CardError) as error:
         card(tmp_path, content)
-    return str(caught.value).removeprefix(f"{tmp_path}/")
+    return str(error.value).removeprefix(f"{tmp_path}/")
 
 
 def test_a_missing_key_is_named(tmp_path):
     for key in ("fs_hz", "unit", "files"):
-        said = refused(tmp_path, {k: v for k, v in FILES.items() if k != key})
-        assert said == f"mine.toml: missing key {key}"
+        message = card_error(tmp_path, {k: v for k, v in FILES.items() if k != key})
+        assert message == f"mine.toml: missing key {key}"
     for key in RECIPE:
-        said = refused(tmp_path, SIMULATED | {"recipe": {k: v for k, v in RECIPE.items() if k != key}})
-        assert said == f"mine.toml: missing key recipe.{key}"
+        message = card_error(tmp_path, SIMULATED | {"recipe": {k: v for k, v in RECIPE.items() if k != key}})
+        assert message == f"mine.toml: missing key recipe.{key}"
 
 
 def test_what_can_be_inferred_is_optional(tmp_path):
@@ -57,7 +57,7 @@ def test_what_can_be_inferred_is_optional(tmp_path):
     assert card(tmp_path, rows).format == "rows"
 
 
-def test_a_card_without_folder_reads_the_recordings_beside_it(tmp_path, monkeypatch):
+def test_a_card_without_folder_reads_the_recordings_in_its_own_folder(tmp_path, monkeypatch):
     elsewhere, own = tmp_path / "data", tmp_path / "own"
     elsewhere.mkdir()
     own.mkdir()
@@ -69,22 +69,22 @@ def test_a_card_without_folder_reads_the_recordings_beside_it(tmp_path, monkeypa
     assert (dataset.surfaces, dataset[0].n_samples, dataset.notes) == (("oak",), 400, ())
 
 
-def test_published_files_need_a_folder_of_their_own(tmp_path):
-    published = {"url": "https://example.org/", "sha256": "0" * 64}
+def test_a_download_needs_a_folder(tmp_path):
+    download = {"url": "https://example.org/", "sha256": "0" * 64}
     content = {key: value for key, value in FILES.items() if key != "folder"}
-    assert "missing key folder" in refused(tmp_path, content | {"published": published})
+    assert "missing key folder" in card_error(tmp_path, content | {"download": download})
 
 
 def test_all_missing_and_unknown_keys_are_listed_at_once(tmp_path):
-    said = refused(tmp_path, {"fs": 1000, "units": "g", "file": FILES["files"]})
+    message = card_error(tmp_path, {"fs": 1000, "units": "g", "file": FILES["files"]})
     for key, near in {"units": "unit", "file": "files"}.items():
-        assert f"unknown key {key} (did you mean {near}?)" in said
-    assert "unknown key fs (" in said
-    assert all(f"missing key {key}" in said for key in ("fs_hz", "unit", "files"))
+        assert f"unknown key {key} (did you mean {near}?)" in message
+    assert "unknown key fs (" in message
+    assert all(f"missing key {key}" in message for key in ("fs_hz", "unit", "files"))
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("changes", "message"),
     [
         ({"fs": 3}, "unknown key fs (expected one of fs_hz, unit, files, "),
         ({"label_column": "plate"}, "unknown key label_column ("),
@@ -95,12 +95,15 @@ def test_all_missing_and_unknown_keys_are_listed_at_once(tmp_path):
         ({"scale": 0}, "scale is 0. Expected a finite factor other than 0"),
         ({"turn_rate_scale": 0}, "turn_rate_scale is 0. Expected a finite factor other than 0"),
         ({"files": []}, "files is []. Expected text or a list of text"),
-        ({"files": "(?P<surface>"}, "files holds '(?P<surface>', not a regular expression"),
+        ({"files": "(?P<surface>"}, "files contains '(?P<surface>'. Expected a valid regular expression"),
         (
             {"files": "(?P<colour>.*)"},
-            "files defines groups ['colour']. Expected some of recording, surface, ",
+            "files defines unknown groups ['colour']. Expected some of recording, surface, ",
         ),
-        ({"files": r".*\.txt"}, "files and labels do not define the group (?P<surface>...)"),
+        (
+            {"files": r".*\.txt"},
+            "neither files nor labels define the surface. Expected the group (?P<surface>...) in files",
+        ),
         ({"delimiter": "ab"}, "delimiter is 'ab'. Expected one character, no quote"),
         ({"channels": {"smell": "s"}}, "unknown key channels.smell (expected one of acceleration, fric"),
         ({"labels": {"file": "l.csv"}}, "missing key labels.recording"),
@@ -110,12 +113,12 @@ def test_all_missing_and_unknown_keys_are_listed_at_once(tmp_path):
         ),
     ],
 )
-def test_a_broken_rule_is_named_with_file_key_and_value(tmp_path, wrong, said):
-    assert refused(tmp_path, FILES | wrong).startswith(f"mine.toml: {said}")
+def test_an_invalid_value_is_named_with_file_and_key(tmp_path, changes, message):
+    assert card_error(tmp_path, FILES | changes).startswith(f"mine.toml: {message}")
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("changes", "message"),
     [
         ({"n_operators": 0}, "recipe.n_operators is 0. Expected a number of at least 1"),
         (
@@ -124,8 +127,8 @@ def test_a_broken_rule_is_named_with_file_key_and_value(tmp_path, wrong, said):
         ),
     ],
 )
-def test_an_impossible_recipe_is_refused(tmp_path, wrong, said):
-    assert refused(tmp_path, SIMULATED | {"recipe": RECIPE | wrong}) == f"mine.toml: {said}"
+def test_an_invalid_recipe_is_a_card_error(tmp_path, changes, message):
+    assert card_error(tmp_path, SIMULATED | {"recipe": RECIPE | changes}) == f"mine.toml: {message}"
 
 
 def test_a_card_that_is_not_toml_is_a_card_error(tmp_path):
@@ -134,57 +137,55 @@ def test_a_card_that_is_not_toml_is_a_card_error(tmp_path):
         read_card(tmp_path / "mine.toml")
 
 
-def test_the_facts_of_a_card_change_with_what_changes_recordings_only(tmp_path):
-    facts = card(tmp_path, FILES).facts
-    assert card(tmp_path, FILES | {"title": "other", "notes": ["new"]}).facts == facts
-    assert card(tmp_path, FILES | {"fs_hz": 2000}).facts != facts
-    assert card(tmp_path, FILES | {"remove_resting_level": True}).facts != facts
+def test_the_hash_input_of_a_card_changes_only_with_keys_that_change_recordings(tmp_path):
+    text = card(tmp_path, FILES).hash_input
+    assert card(tmp_path, FILES | {"title": "other", "notes": ["new"]}).hash_input == text
+    assert card(tmp_path, FILES | {"fs_hz": 2000}).hash_input != text
+    assert card(tmp_path, FILES | {"remove_resting_level": True}).hash_input != text
 
 
 HATT = {"title": "mine", "source": "shelf", "licence": "CC0", "format": "hatt-models", "folder": "mine"}
 
 
-def test_models_make_ten_recordings_of_ten_seconds_at_1_khz_unless_the_card_says_otherwise(tmp_path):
+def test_models_give_ten_recordings_of_ten_seconds_at_1_khz_by_default(tmp_path):
     read = card(tmp_path, HATT)
     assert (read.fs_hz, read.n_recordings, read.duration_s, read.seed) == (1000.0, 10, 10.0, 0)
     assert read.phases == "movement"
 
 
 @pytest.mark.parametrize(
-    ("key", "least", "most", "below", "above"),
+    ("key", "minimum", "maximum", "too_small", "too_large"),
     [
         ("n_recordings", 1, 1000, 0, 1001),
         ("duration_s", 0.1, 600, 0.09, 601),
         ("seed", 0, 2**62, -1, None),
     ],
 )
-def test_the_limits_of_a_card_of_models_are_allowed_and_what_exceeds_them_is_named(
-    tmp_path, key, least, most, below, above
-):
-    for value in (least, most):
+def test_the_limits_of_a_card_of_models_are_inclusive(tmp_path, key, minimum, maximum, too_small, too_large):
+    for value in (minimum, maximum):
         assert getattr(card(tmp_path, HATT | {key: value}), key) == value
-    for value in (below, above):
+    for value in (too_small, too_large):
         if value is not None:
-            assert f"{key} is {value}" in refused(tmp_path, HATT | {key: value})
+            assert f"{key} is {value}" in card_error(tmp_path, HATT | {key: value})
 
 
 @pytest.mark.parametrize(
-    "changed",
+    "changes",
     [
         {"files": r"(?P<surface>\w+)\.xml"}, {"fs_hz": 2000}, {"n_recordings": 3}, {"duration_s": 2.0},
         {"seed": 4}, {"phases": "detect"},
     ],
 )  # fmt: skip
-def test_the_facts_of_a_card_of_models_change_with_what_changes_recordings_only(tmp_path, changed):
-    facts = card(tmp_path, HATT).facts
-    assert card(tmp_path, HATT | {"title": "other"}).facts == facts
-    assert card(tmp_path, HATT | changed).facts != facts
+def test_the_hash_input_of_models_changes_only_with_keys_that_change_recordings(tmp_path, changes):
+    text = card(tmp_path, HATT).hash_input
+    assert card(tmp_path, HATT | {"title": "other"}).hash_input == text
+    assert card(tmp_path, HATT | changes).hash_input != text
 
 
 @pytest.mark.parametrize(
-    ("given", "key"), [({"delimiter": ";"}, "delimiter"), ({"time_column": "t"}, "time_column")]
+    ("options", "key"), [({"delimiter": ";"}, "delimiter"), ({"time_column": "t"}, "time_column")]
 )
-def test_what_a_card_has_to_say_is_refused_beside_it(tmp_path, given, key):
+def test_reader_options_are_refused_together_with_a_card(tmp_path, options, key):
     (tmp_path / "mine.toml").write_bytes(toml_of(SIMULATED))
-    with pytest.raises(RecordingError, match=rf"mine\.toml: {next(iter(given.values()))!r} .*{key}"):
-        open_dataset(tmp_path / "mine.toml", **given)
+    with pytest.raises(RecordingError, match=rf"mine\.toml: {key} = .* dataset card\. .*{key}"):
+        open_dataset(tmp_path / "mine.toml", **options)

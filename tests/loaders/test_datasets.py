@@ -1,4 +1,4 @@
-"""A card of files, a card of rows and a folder become datasets; what does not fit is named."""
+"""Datasets from cards of files, cards of rows and folders, with errors for files that do not match."""
 
 import os
 import pickle
@@ -13,7 +13,7 @@ import pytest
 from texclass.atomic_write import cache_root
 from texclass.features import FeatureExtractor, load_feature_set
 from texclass.loaders import CardError, DataNotFoundError, find_recording, open_dataset
-from texclass.loaders.filesets import contact
+from texclass.loaders.filesets import find_contact
 from texclass.loaders.places import data_roots
 from texclass.recording import RecordingError
 
@@ -54,24 +54,24 @@ def mine(tmp_path, monkeypatch, axes, write):
     for number, surface in enumerate(("wood", "steel")):
         write(root / f"{surface}_AB_2.csv", axes + 50 + number)
 
-    def opened(more="", card=CARD, **options):
+    def open_card(more="", card=CARD, **options):
         (tmp_path / "card.toml").write_text(card + more)
         return open_dataset(tmp_path / "card.toml", **options)
 
-    opened.root = root
-    return opened
+    open_card.root = root
+    return open_card
 
 
-def test_names_tell_surface_and_groups(mine):
+def test_surface_and_groups_are_read_from_file_names(mine):
     dataset = mine()
-    for told in (dataset.entries[0], dataset[0]):
-        facts = (told.recording_id, told.surface, told.operator, told.repetition)
-        assert facts == ("steel_AB_2", "steel", "AB", 2)
+    for item in (dataset.entries[0], dataset[0]):
+        labels = (item.recording_id, item.surface, item.operator, item.repetition)
+        assert labels == ("steel_AB_2", "steel", "AB", 2)
     assert dataset[0].phases.movement == (0, 500)
     assert repr(dataset) == "<Dataset 'card': 2 recordings, 2 surfaces, 1 operator>"
 
 
-def test_the_table_says_what_scikit_learn_is_given(mine):
+def test_the_table_has_labels_and_groups_for_scikit_learn(mine):
     (mine.root / "wood_AB_2.csv").rename(mine.root / "wood_CD_1.csv")
     dataset = mine(card=CARD.replace('"mine"', '"mine <1>"', 1))
     assert dataset.table.index.tolist() == ["steel_AB_2", "wood_CD_1"]
@@ -79,26 +79,26 @@ def test_the_table_says_what_scikit_learn_is_given(mine):
     assert dataset.table["repetition"].tolist() == [2, 1]
     assert dataset.table["session"].isna().all()
     assert dataset.labels.to_dict() == {"steel_AB_2": "steel", "wood_CD_1": "wood"}
-    shown = dataset._repr_html_()
-    assert "mine &lt;1&gt;" in shown
-    assert "wood_CD_1" in shown
+    html = dataset._repr_html_()
+    assert "mine &lt;1&gt;" in html
+    assert "wood_CD_1" in html
 
 
-def test_a_table_of_labels_tells_what_names_do_not(mine):
+def test_a_label_table_states_labels_that_file_names_lack(mine):
     (mine.root / "l.csv").write_text("id,what\nwood_AB_2,oak\nsteel_AB_2,brushed\nglass_AB_1,glass\n")
     dataset = mine(LABELS)
     assert [entry.surface for entry in dataset.entries] == ["brushed", "oak"]
-    assert dataset.notes == ("glass_AB_1 is in the table of labels, but has no file",)
+    assert dataset.notes == ("glass_AB_1 is in the label table, but has no file",)
 
 
-def test_a_table_of_labels_that_does_not_fit_is_refused(mine):
+def test_an_invalid_label_table_is_an_error(mine):
     with pytest.raises(CardError, match=r"l\.csv.*cannot be read"):
         mine(LABELS)
     for table, message in (
         ("id,what\nwood_AB_2,oak\n", r"no row for 'steel_AB_2' \(steel_AB_2.csv\), the closest is"),
         ("id,name\nwood_AB_2,oak\n", r"missing columns \['what'\]"),
         ("", "no rows. Expected a header"),
-        ("id,what\nwood_AB_2,oak\nwood_AB_2,oak\n", "rows 2 and 3 are both of 'wood_AB_2'"),
+        ("id,what\nwood_AB_2,oak\nwood_AB_2,oak\n", "rows 2 and 3 both describe 'wood_AB_2'"),
         ("id,what\nwood_AB_2,\n", "row 2 has a blank 'what'"),
         ("id,what\n,oak\n", "row 2 has a blank 'id'"),
         ("id,what\nwood_AB_2,oak,1\n", "row 2 has 3 cells. Expected 2"),
@@ -145,20 +145,22 @@ def test_currents_of_wheels_are_channels_and_degrees_per_second_become_radians(t
     assert stored.input_hash != rover.input_hash
     pairs = load_feature_set("coarse").restricted_to(["vibration_level", "lag_correlation"])
     extractor = FeatureExtractor(pairs, channels="all").set_output(transform="pandas")
-    found = extractor.fit_transform(rover)
+    features = extractor.fit_transform(rover)
     expected = np.corrcoef(rows[0, :, 3], rows[0, :, 5])[0, 1]
-    assert found["current_left*turn_x/lag_correlation.lag0"].iloc[0] == pytest.approx(expected)
-    assert found["current_right/vibration_level.rms"].iloc[1] == pytest.approx(np.log10(rows[1, :, 4].std()))
+    assert features["current_left*turn_x/lag_correlation.lag0"].iloc[0] == pytest.approx(expected)
+    assert features["current_right/vibration_level.rms"].iloc[1] == pytest.approx(
+        np.log10(rows[1, :, 4].std())
+    )
 
 
-def test_companions_join_change_the_hash_and_absent_ones_are_flagged(mine):
-    before = mine(COMPANIONS).input_hash
+def test_companions_join_change_the_hash_and_missing_ones_are_flagged(mine):
+    hash_without = mine(COMPANIONS).input_hash
     np.savetxt(mine.root / "wood_Friction_2.txt", np.arange(500.0))
     steel, wood = mine(COMPANIONS)
     assert steel.friction is None
-    assert steel.flags == ("absent: no file with the friction",)
+    assert steel.flags == ("missing: no file with the friction",)
     np.testing.assert_array_equal(wood.friction, np.arange(500.0))
-    assert mine(COMPANIONS).input_hash != before
+    assert mine(COMPANIONS).input_hash != hash_without
 
 
 def test_signals_of_different_length_are_refused_unless_the_card_trims(mine):
@@ -170,15 +172,15 @@ def test_signals_of_different_length_are_refused_unless_the_card_trims(mine):
     assert trimmed.flags[0].startswith("trimmed")
 
 
-def test_facts_that_contradict_a_card_are_refused(mine):
-    for given, message in (
+def test_a_rate_or_unit_that_contradicts_a_card_is_refused(mine):
+    for options, message in (
         ({"fs": 8000}, "fs is 10000 Hz, but 8000 Hz was given"),
         ({"unit": "g"}, "'g' was given"),
     ):
         with pytest.raises(RecordingError, match=message):
-            mine(**given)
+            mine(**options)
         with pytest.raises(RecordingError, match=message):
-            open_dataset("simulated", **given)
+            open_dataset("simulated", **options)
     assert mine(fs=10_000, unit="counts")[0].fs == 10_000
 
 
@@ -189,7 +191,7 @@ def test_the_contact_is_found_whatever_the_channel_reads_at_rest(impact, level):
     t = np.arange(200 - impact)
     tap = rng.normal(scale=0.5, size=(200, 2)) + level
     tap[impact:] += np.outer(100 * np.exp(-t / 30) * np.cos(t / 2), [1, -0.4])
-    assert contact(tap) == impact
+    assert find_contact(tap) == impact
 
 
 @pytest.fixture
@@ -199,27 +201,27 @@ def taps(tmp_path):
     (tmp_path / "card.toml").write_text(ROWS)
     values = np.random.default_rng(0).normal(size=(2, 3, 50))
 
-    def opened(plates=(("oak", "oak", "tin"),) * 2, values=values, **options):
+    def open_card(plates=(("oak", "oak", "tin"),) * 2, values=values, **options):
         for name, labels, channel in zip(("one", "two"), plates, values, strict=True):
             pd.DataFrame(channel).assign(plate=labels).to_csv(tmp_path / "taps" / f"{name}.csv", index=False)
         return open_dataset(tmp_path / "card.toml", **options)
 
-    opened.root = tmp_path / "taps"
-    opened.written = values
-    return opened
+    open_card.root = tmp_path / "taps"
+    open_card.channels = values
+    return open_card
 
 
 def test_a_row_of_each_file_is_a_recording(taps):
     dataset = taps()
     assert dataset.table.index.tolist() == ["oak_01", "oak_02", "tin_01"]
-    np.testing.assert_allclose(dataset[1].acceleration, taps.written[:, 1].T)
+    np.testing.assert_allclose(dataset[1].acceleration, taps.channels[:, 1].T)
     assert dataset[1].channels == ("c1", "c2")
     (tap,) = dataset[1].phases.taps
     assert (tap.start, tap.end) == (0, 50)
 
 
 def test_a_gap_in_a_row_spoils_that_row_only(taps):
-    values = taps.written.copy()
+    values = taps.channels.copy()
     values[1, 2, 7] = np.nan
     dataset = taps(values=values, skip_bad=True)
     results = [dataset.attempt(entry) for entry in dataset.entries]
@@ -230,12 +232,12 @@ def test_a_gap_in_a_row_spoils_that_row_only(taps):
 def test_rows_that_do_not_fit_are_refused(taps):
     with pytest.raises(RecordingError, match=r"two\.csv.*the same rows and labels"):
         taps(plates=(("oak", "oak", "tin"), ("oak", "tin", "tin")))
-    for content, message in (("a,b\n1,2\n", "lacks the column 'plate'"), ("a,plate\nx,oak\n", "not a table")):
+    for content, message in (("a,b\n1,2\n", "no column 'plate'"), ("a,plate\nx,oak\n", "not a table")):
         (taps.root / "one.csv").write_text(content)
         with pytest.raises(RecordingError, match=message):
             open_dataset(taps.root.parent / "card.toml")
     (taps.root / "one.csv").unlink()
-    with pytest.raises(RecordingError, match=r"one\.csv: is missing"):
+    with pytest.raises(RecordingError, match=r"one\.csv: the file is missing"):
         open_dataset(taps.root.parent / "card.toml")
 
 
@@ -255,28 +257,28 @@ def test_subfolders_are_surfaces_and_files_recordings(folder, axes):
     dataset = open_dataset(folder, fs=FS, unit="g")
     assert (dataset.name, len(dataset), dataset.surfaces) == ("mine", 6, ("steel", "wood"))
     assert [entry.recording_id for entry in dataset.entries[:3]] == ["steel/r1", "steel/r2", "steel/r10"]
-    assert dataset.notes == ("1 files of other kinds are ignored",)
-    for opened in (dataset, pickle.loads(pickle.dumps(dataset))):
-        recording = opened[1]
+    assert dataset.notes == ("1 file of other formats ignored",)
+    for copy in (dataset, pickle.loads(pickle.dumps(dataset))):
+        recording = copy[1]
         assert (recording.surface, recording.fs, recording.phases) == ("steel", FS, None)
         np.testing.assert_allclose(recording.acceleration, (axes + 4) * 9.80665)
 
 
-def test_a_bad_recording_is_bad_only_when_loaded_and_can_be_left_out(folder):
+def test_an_invalid_recording_is_an_error_on_access_and_can_be_left_out(folder):
     (folder / "wood" / "r2.csv").write_text("ax,ay,az\n1,2,x\n")
     dataset = open_dataset(folder, fs=FS, unit="g")
     assert len(dataset) == 6
     for load in (lambda: list(dataset), lambda: list(map(dataset.attempt, dataset.entries))):
         with pytest.raises(RecordingError, match=r"wood/r2\.csv"):
             load()
-    able = open_dataset(folder, fs=FS, unit="g", skip_bad=True)
-    results = {entry.recording_id: able.attempt(entry) for entry in able.entries}
-    bad = {name: error for name, error in results.items() if isinstance(error, RecordingError)}
-    assert (list(bad), len(results)) == (["wood/r2"], 6)
-    assert "line 2 is '1,2,x'" in str(bad["wood/r2"])
+    tolerant = open_dataset(folder, fs=FS, unit="g", skip_bad=True)
+    results = {entry.recording_id: tolerant.attempt(entry) for entry in tolerant.entries}
+    errors = {name: error for name, error in results.items() if isinstance(error, RecordingError)}
+    assert (list(errors), len(results)) == (["wood/r2"], 6)
+    assert "line 2 is '1,2,x'" in str(errors["wood/r2"])
 
 
-def test_facts_that_neither_files_nor_user_state_are_asked_for(folder):
+def test_a_missing_rate_or_unit_is_an_error(folder):
     with pytest.raises(RecordingError, match="unit is missing"):
         open_dataset(folder, fs=FS)
     with pytest.raises(RecordingError, match="fs is missing"):
@@ -306,7 +308,9 @@ def test_a_folder_without_recordings_or_with_one_twice_is_refused(tmp_path, fold
     for content in (None, "wood/readme.md", "r.csv"):
         if content:
             (tmp_path / "none" / content).write_text("a\n1\n")
-        with pytest.raises(RecordingError, match=r"none: no recording\. Expected one subfolder per surface"):
+        with pytest.raises(
+            RecordingError, match=r"none contains no recordings\. Expected one subfolder per surface"
+        ):
             open_dataset(tmp_path / "none", fs=FS, unit="g")
 
 
@@ -370,64 +374,64 @@ def patterned(pattern, card=CARD):
     return re.sub("(?m)^files = .*$", lambda _: f"files = '{pattern}'", card)
 
 
-def test_a_pattern_of_a_card_that_takes_for_ever_is_an_error_within_seconds(mine):
+def test_a_pattern_that_takes_too_long_is_an_error_within_seconds(mine):
     (mine.root / f"{'a' * 60}!.csv").touch()
-    began = time.process_time()
-    with pytest.raises(CardError, match=r"takes over 0.2 s on 'aaa.*no repetition inside a repetition"):
+    start_s = time.process_time()
+    with pytest.raises(CardError, match=r"takes more than 0.2 s for 'aaa.*without nested repetitions"):
         mine(card=patterned(r"(?P<surface>(\w|\w)+)\.csv"))
-    assert time.process_time() - began < 2
+    assert time.process_time() - start_s < 2
 
 
-def test_a_card_that_does_not_fit_its_folder_says_what_is_there_or_where_it_was_looked_for(mine, axes, write):
-    (mine.root / "again").mkdir()
-    write(mine.root / "again" / "wood_AB_2.csv", axes)
-    unlike = r"holds no recording: 'again/wood_AB_2.csv' is not like '\(\?P<surface>x\)"
-    absent = r"(?s)data/elsewhere.*https://example\.org/mine.*TEXCLASS_DATA"
-    for error, said, card in (
+def test_a_card_that_does_not_match_its_folder_is_an_error_with_an_example(mine, axes, write):
+    (mine.root / "copy").mkdir()
+    write(mine.root / "copy" / "wood_AB_2.csv", axes)
+    unmatched = r"contains no recordings: 'copy/wood_AB_2.csv' does not match '\(\?P<surface>x\)"
+    missing = r"(?s)data/elsewhere.*https://example\.org/mine.*TEXCLASS_DATA"
+    for error, message, card in (
         (RecordingError, "'wood_AB_2' occurs twice", CARD.replace("files = '", "files = '(?:.*/)?")),
-        (RecordingError, unlike, patterned(r"(?P<surface>x)\.csv")),
-        (DataNotFoundError, absent, CARD.replace('folder = "mine"', 'folder = "elsewhere"')),
+        (RecordingError, unmatched, patterned(r"(?P<surface>x)\.csv")),
+        (DataNotFoundError, missing, CARD.replace('folder = "mine"', 'folder = "elsewhere"')),
     ):
-        with pytest.raises(error, match=said):
+        with pytest.raises(error, match=message):
             mine(card=card)
 
 
-def test_files_that_are_left_out_though_others_like_them_are_taken_are_counted(mine, folder, axes, write):
+def test_unmatched_files_of_the_same_format_are_counted(mine, folder, axes, write):
     for k, name in enumerate(("wood-AB-9.csv", "b.csv", "notes.md")):
         write(mine.root / name, axes + k)
-    (told,) = mine().notes
-    assert told.startswith("2 files left out, 'b.csv' first: widen `files`, '(?P<recording>")
+    (note,) = mine().notes
+    assert note.startswith("2 files left out, 'b.csv' first: change `files`, '(?P<recording>")
     write(folder / "stray.csv", axes)
-    (told,) = open_dataset(folder, fs=FS, unit="g").notes
-    assert told == "1 file left out, 'stray.csv' first: put it into the folder of a surface, to take it in"
+    (note,) = open_dataset(folder, fs=FS, unit="g").notes
+    assert note == "1 file left out, 'stray.csv' first: move it to the folder of a surface to include it"
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("options", "message"),
     [
         ({"fs": 0}, "fs is 0 Hz"),
         ({"resample": -1}, "resample is -1 Hz"),
         ({"resample": np.inf}, "resample is inf Hz"),
         ({"delimiter": ";;"}, "delimiter is ';;'. Expected one character"),
-        ({"unit": "furlong"}, "unit is 'furlong'"),
+        ({"unit": "furlong"}, "unknown unit 'furlong'"),
     ],
 )
-def test_options_that_cannot_be_are_refused_in_one_line_for_a_folder_and_a_file(folder, wrong, said):
+def test_invalid_options_are_refused_in_one_line_for_a_folder_and_a_file(folder, options, message):
     for find, path in ((open_dataset, folder), (find_recording, folder / "wood" / "r1.csv")):
-        with pytest.raises(RecordingError, match=rf"^{re.escape(str(path))}: {said}") as error:
-            find(path, **({"fs": FS, "unit": "g"} | wrong))
+        with pytest.raises(RecordingError, match=rf"^{re.escape(str(path))}: {message}") as error:
+            find(path, **({"fs": FS, "unit": "g"} | options))
         assert "\n" not in str(error.value)
 
 
-def test_a_card_that_leaves_its_folder_says_so(mine, tmp_path_factory):
+def test_a_folder_or_label_table_outside_the_folder_of_the_card_is_noted(mine, tmp_path_factory):
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     (elsewhere / "oak.csv").write_text("ax\n1\n2\n")
     card = patterned(r"(?P<surface>oak)\.csv")
     for folder in (str(elsewhere), os.path.relpath(elsewhere, mine.root.parent)):
-        (told,) = mine(card=card.replace('folder = "mine"', f"folder = '{folder}'")).notes
-        assert told.startswith(f"the card's folder {folder!r} is outside of the card's own")
+        (note,) = mine(card=card.replace('folder = "mine"', f"folder = '{folder}'")).notes
+        assert note.startswith(f"the folder {folder!r} of the card is outside the card's own folder")
     (elsewhere / "l.csv").write_text("id,what\nwood_AB_2,oak\nsteel_AB_2,brushed\n")
     labels = LABELS.replace("l.csv", f"{elsewhere}/l.csv")
-    (told,) = mine(labels, patterned(r"(?P<recording>\w+)\.csv")).notes
-    assert told.endswith("is outside of the folder of the recordings")
+    (note,) = mine(labels, patterned(r"(?P<recording>\w+)\.csv")).notes
+    assert note.endswith("is outside the folder of the recordings")
     assert mine().notes == ()

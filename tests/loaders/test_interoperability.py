@@ -72,7 +72,7 @@ def test_times_of_xarray_may_be_differences_and_further_dimensions_are_refused()
     x = xarray.DataArray(AXES[0, 0], {"time": times}, name="x")
     assert recordings_of(x)[0].fs == FS
     for wrong in (x.expand_dims(["a", "b"]), x.rename(time="t")):
-        with pytest.raises(RecordingError, match=r"x: its dimensions are .* `time`, and at most one"):
+        with pytest.raises(RecordingError, match=r"x: its dimensions are .* Expected `time` and at most one"):
             recordings_of(wrong)
 
 

@@ -1,4 +1,4 @@
-"""Tables of labels: texts as written, one row per recording, found by id, path, name or stem."""
+"""Label tables: text as written, one row per recording, matched by id, path, name or stem."""
 
 import json
 
@@ -11,13 +11,13 @@ from texclass.loaders import draft_card, open_dataset
 from texclass.loaders.cards import CardError
 from texclass.recording import RecordingError
 
-STATED = {"fs": 1000.0, "unit": "m/s^2"}
+OPTIONS = {"fs": 1000.0, "unit": "m/s^2"}
 NAMES = ("rec001.txt", "rec002.txt", "more/rec003.txt")
 
 
 @pytest.fixture
 def mine(tmp_path):
-    """Folder of three recordings whose names tell no surface."""
+    """Folder of three recordings whose names contain no surface."""
     root = tmp_path / "mine"
     for k, name in enumerate(NAMES):
         (root / name).parent.mkdir(parents=True, exist_ok=True)
@@ -25,10 +25,10 @@ def mine(tmp_path):
     return root
 
 
-def opened(root, table, **options):
+def open_labelled(root, table, **options):
     path = root.parent / "labels.csv"
     path.write_bytes(table if isinstance(table, bytes) else table.encode())
-    return open_dataset(root, labels=path, **STATED, **options)
+    return open_dataset(root, labels=path, **OPTIONS, **options)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def opened(root, table, **options):
 def test_files_are_found_with_or_without_path_and_suffix(mine, names, mark):
     surfaces = ("001", "1", "NA")
     rows = "".join(f"{name}{mark}{surface}\n" for name, surface in zip(names, surfaces, strict=True))
-    dataset = opened(mine, f"file{mark}surface\n{rows}")
+    dataset = open_labelled(mine, f"file{mark}surface\n{rows}")
     assert dict(zip(dataset.table.index, dataset.table["surface"], strict=True)) == {
         "rec001": "001",
         "rec002": "1",
@@ -61,7 +61,7 @@ def test_groups_are_read_and_blank_groups_are_unknown(mine):
     table = (
         "Name,Label,Subject,session,repetition\nrec001,None,A,1,1\nrec002,1.0,,2,2\nrec003,1,B,2,3\n\n,,,,\n"
     )
-    dataset = opened(mine, table.encode("utf-16"))
+    dataset = open_labelled(mine, table.encode("utf-16"))
     by_id = {entry.recording_id: entry for entry in dataset.entries}
     assert [by_id[name].surface for name in ("rec001", "rec002", "more/rec003")] == ["None", "1.0", "1"]
     assert by_id["rec001"].operator == "A"
@@ -73,36 +73,36 @@ def test_groups_are_read_and_blank_groups_are_unknown(mine):
     ("table", "message"),
     [
         ("file,surface\nrec001,a\nrec002,b\n", r"labels\.csv: no row for 'more/rec003' \(more/rec003\.txt\)"),
-        ("file,surface\nrec001,a\nrec002,b\nrec003,c\nrec001,d\n", "rows 2 and 5 are both of 'rec001'"),
+        ("file,surface\nrec001,a\nrec002,b\nrec003,c\nrec001,d\n", "rows 2 and 5 both describe 'rec001'"),
         (
             "file,surface\nrec001,a\nrec002,b\nrec003,c\nrec001.txt,d\n",
-            r"'rec001' \(row 2\), 'rec001\.txt' \(row 5\) are all of 'rec001'",
+            r"'rec001' \(row 2\), 'rec001\.txt' \(row 5\) all match 'rec001'",
         ),
         ("file,surface\nrec001,a\nrec002,b\nrec003,c\nmine/rec001.txt,a\n", r"'mine/rec001\.txt' \(row 5\)"),
         (
             "file,surface\nrec001,a\nrec002,b\nrec003.wav,c\nrec003.flac,c\n",
-            r"'rec003\.wav' \(row 4\), 'rec003\.flac' \(row 5\) are all of 'more/rec003'",
+            r"'rec003\.wav' \(row 4\), 'rec003\.flac' \(row 5\) all match 'more/rec003'",
         ),
         ("file,surface\nrec001,a\nrec002, \nrec003,c\n", "row 3 has a blank 'surface'"),
         ("file,surface\nrec001,a,b\n", "row 2 has 3 cells. Expected 2"),
-        ("file,what\nrec001,a\n", r"columns 'file', 'what' for the surface\. Expected one column `file`"),
-        ("file,surface,label\nrec001,a,b\n", "columns 'surface', 'label' for the surface"),
+        ("file,what\nrec001,a\n", r"no column for the surface: 'file', 'what'\. Expected one column `file`"),
+        ("file,surface,label\nrec001,a,b\n", "several columns for the surface: 'surface', 'label'"),
         ("", "no rows. Expected a header"),
         (b"file,surface\n\xff\xfa\x80,a\n", "cannot be read"),
         ('file,surface\n"rec001,a\n', "cannot be read"),
     ],
 )
-def test_a_table_that_is_wrong_is_refused_with_its_row(mine, table, message):
+def test_an_invalid_table_is_an_error_with_its_row(mine, table, message):
     with pytest.raises((CardError, RecordingError), match=message):
-        opened(mine, table)
+        open_labelled(mine, table)
 
 
 def test_a_name_of_two_files_is_refused(mine):
     np.savetxt(mine / "more/rec001.txt", np.random.default_rng(9).normal(size=2000))
     table = "file,surface\nrec001,a\nrec002,b\nrec003,c\n"
-    with pytest.raises(CardError, match=r"'rec001' is both .*Expected the path of the file"):
-        opened(mine, table)
-    assert len(opened(mine, f"{table}more/rec001,d\n")) == 4
+    with pytest.raises(CardError, match=r"'rec001' matches both .*Expected the path of the file"):
+        open_labelled(mine, table)
+    assert len(open_labelled(mine, f"{table}more/rec001,d\n")) == 4
 
 
 def test_files_of_axes_have_a_row_each_or_one(tmp_path):
@@ -112,16 +112,16 @@ def test_files_of_axes_have_a_row_each_or_one(tmp_path):
         np.savetxt(root / f"rec_{axis}.txt", np.random.default_rng(k).normal(size=2000))
     rows = "".join(f"rec_{axis}.txt,a\n" for axis in "XYZ")
     for table in (rows, "rec,a\n", "rec.txt,a\n"):
-        dataset = opened(root, f"file,surface\n{table}")
+        dataset = open_labelled(root, f"file,surface\n{table}")
         assert (dataset.surfaces, dataset.notes) == (("a",), ())
-    with pytest.raises(CardError, match=r"'rec_X\.txt' \(row 2\).* are all of 'rec'"):
-        opened(root, f"file,surface\n{rows.replace('Y.txt,a', 'Y.txt,b')}")
+    with pytest.raises(CardError, match=r"'rec_X\.txt' \(row 2\).* all match 'rec'"):
+        open_labelled(root, f"file,surface\n{rows.replace('Y.txt,a', 'Y.txt,b')}")
 
 
 def test_files_without_a_row_are_left_out_on_request_and_rows_without_a_file_reported(mine):
-    dataset = opened(mine, "file,surface\nrec001,a\nrec002,b\nrec004,c\n", skip_bad=True)
+    dataset = open_labelled(mine, "file,surface\nrec001,a\nrec002,b\nrec004,c\n", skip_bad=True)
     assert dataset.surfaces == ("a", "b")
-    assert "rec004 is in the table of labels, but has no file" in dataset.notes
+    assert "rec004 is in the label table, but has no file" in dataset.notes
     assert any("no row for 'more/rec003'" in note for note in dataset.notes)
 
 
@@ -130,21 +130,23 @@ def test_a_table_within_the_folder_is_no_recording_and_changes_the_hash(mine):
     hashes = set()
     for surface in "ab":
         inside.write_text(f"file,surface\nrec001,{surface}\nrec002,b\nrec003,c\n")
-        dataset = open_dataset(mine, labels=inside, **STATED)
+        dataset = open_dataset(mine, labels=inside, **OPTIONS)
         assert len(dataset) == 3
         hashes.add(dataset.input_hash)
     assert len(hashes) == 2
-    card = draft_card(mine, mine, **STATED)
+    card = draft_card(mine, mine, **OPTIONS)
     (mine / "card.toml").write_text(card)
     assert "QUESTION: is" not in card
     assert open_dataset(mine / "card.toml").labels.to_dict() == dataset.labels.to_dict()
 
 
-def test_a_card_states_its_labels_itself(mine):
+def test_a_card_and_an_option_for_labels_are_not_combined(mine):
     inside = mine / "labels.csv"
     inside.write_text("file,surface\nrec001,a\nrec002,b\nrec003,c\n")
-    (mine / "card.toml").write_text(draft_card(mine, mine, **STATED))
-    with pytest.raises(RecordingError, match=r"was given beside a card.*\[labels\]"):
+    (mine / "card.toml").write_text(draft_card(mine, mine, **OPTIONS))
+    with pytest.raises(
+        RecordingError, match=r"labels = .* cannot be combined with a dataset card.*\[labels\]"
+    ):
         open_dataset(mine / "card.toml", labels=inside)
 
 
@@ -165,12 +167,12 @@ def test_commands_take_labels_of_folders(mine, tmp_path, monkeypatch):
         np.savetxt(mine / f"rec{k:03d}.txt", (1 + k % 3) * np.random.default_rng(k).normal(size=2000))
     rows = "".join(f"rec{k:03d},{'abc'[k % 3]}\n" for k in range(1, 13))
     (tmp_path / "labels.csv").write_text(f"file,surface\n{rows}")
-    stated = ("--labels", "labels.csv", "--fs", "1000", "--unit", "m/s^2")
+    options = ("--labels", "labels.csv", "--fs", "1000", "--unit", "m/s^2")
 
-    def run(*words):
-        done = CliRunner().invoke(app, [*words, *stated])
-        assert done.exit_code == 0, (done.output, done.exception)
-        return done.output
+    def run(*arguments):
+        result = CliRunner().invoke(app, [*arguments, *options])
+        assert result.exit_code == 0, (result.output, result.exception)
+        return result.output
 
     assert "12 recordings" in run("extract", "mine", "-o", "t.csv", "--features", "scales", "--jobs", "1")
     run("card", "mine", "-o", "card.toml")
@@ -179,6 +181,6 @@ def test_commands_take_labels_of_folders(mine, tmp_path, monkeypatch):
     run("predict", "m.skops", "mine", "--json", "p.json")
     answers = json.loads((tmp_path / "p.json").read_text())
     assert len([one for one in answers if one["true_surface"] in "abc"]) == 12
-    done = CliRunner().invoke(app, ["predict", "m.skops", "mine/rec001.txt", *stated])
-    assert done.exit_code == 1
-    assert "labels are given" in done.output
+    result = CliRunner().invoke(app, ["predict", "m.skops", "mine/rec001.txt", *options])
+    assert result.exit_code == 1
+    assert "labels are given" in result.output

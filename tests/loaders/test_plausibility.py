@@ -1,4 +1,4 @@
-"""What cannot be is refused, what is unlikely is told, what is usual passes without a word."""
+"""Invalid values are errors, implausible ones are flagged, usual ones give no flag."""
 
 import numpy as np
 import pytest
@@ -12,67 +12,65 @@ RNG = np.random.default_rng(3)
 AT_REST = np.array([3.0, -4.0, 8.44]) + RNG.normal(size=(4000, 3))  # 9.8 m/s^2 through strong vibration
 
 
-def found(acceleration, unit="m/s^2", **how):
-    return plausibility_flags({"acceleration": acceleration}, FS, unit, **how)
+def flags_of(acceleration, unit="m/s^2", **options):
+    return plausibility_flags({"acceleration": acceleration}, FS, unit, **options)
 
 
 @pytest.mark.parametrize(
-    ("factor", "unit", "said"),
+    ("factor", "unit", "message"),
     [
-        (1 / 9.81, "m/s^2", "rests at 1 m/s^2, gravity is 9.81: is it in g?"),
-        (1000 / 9.81, "m/s^2", "is it in mg?"),
-        (1.0, "g", "gravity is 1: is it in m/s^2?"),
-        (0.55, "m/s^2", "or none: are unit, scale and columns right"),
-        (2.0, "m/s^2", "or none: are unit, scale and columns right"),
+        (1 / 9.81, "m/s^2", "level at rest is 1 m/s^2, but gravity is 9.81 m/s^2. If the data are in g, set"),
+        (1000 / 9.81, "m/s^2", "If the data are in mg, set --unit mg"),
+        (1.0, "g", "gravity is 1 g. If the data are in m/s^2, set --unit m/s^2"),
+        (0.55, "m/s^2", "Check unit, scale and columns"),
+        (2.0, "m/s^2", "Check unit, scale and columns"),
     ],
 )
-def test_a_level_at_rest_that_is_no_gravity_is_told_with_the_unit_it_would_be_in(factor, unit, said):
-    (told,) = found(factor * AT_REST, unit)
-    assert said in told
-    assert found(AT_REST, unit, scale=factor) == found(factor * AT_REST, unit)
-    assert found(factor * AT_REST, unit, said=("unit: the bag said so",)) == ()
+def test_a_level_at_rest_other_than_gravity_is_flagged_with_the_likely_unit(factor, unit, message):
+    (flag,) = flags_of(factor * AT_REST, unit)
+    assert message in flag
+    assert flags_of(AT_REST, unit, scale=factor) == flags_of(factor * AT_REST, unit)
+    assert flags_of(factor * AT_REST, unit, flags=("unit: as in the bag",)) == ()
 
 
-def test_gravity_none_of_it_any_axis_and_units_without_scale_pass_without_a_word():
+def test_gravity_on_any_axis_or_none_and_units_without_scale_give_no_flag():
     turn = np.linspace(0, 1, 4000)[:, None]
     turning = 9.81 * np.hstack([np.sin(turn), np.cos(turn), 0 * turn]) + RNG.normal(size=(4000, 3))
     for acceleration in (AT_REST, turning, AT_REST - AT_REST.mean(axis=0), AT_REST[:, 0]):
-        assert found(acceleration) == ()
+        assert flags_of(acceleration) == ()
     for unit in ("counts", "V", "arbitrary"):
-        assert found(AT_REST / 9.81, unit) == ()
+        assert flags_of(AT_REST / 9.81, unit) == ()
 
 
-def test_turn_rates_at_their_rails_are_told():
+def test_clipped_turn_rates_are_flagged():
     turn = np.clip(30_000 * np.sin(np.arange(4000) / 20)[:, None] * [1, 2, 0.1], -32768, 32767)
-    (told,) = plausibility_flags({"acceleration": AT_REST, "turn_rate": turn}, FS, "m/s^2")
-    assert told.startswith("clipped: ")
-    assert "of the turn_rate at full scale" in told
+    (flag,) = plausibility_flags({"acceleration": AT_REST, "turn_rate": turn}, FS, "m/s^2")
+    assert flag.startswith("clipped: ")
+    assert "of the turn_rate at full scale" in flag
 
 
 @pytest.mark.parametrize(
-    ("scale", "fs", "said"),
+    ("scale", "fs", "message"),
     [
-        (1e300, FS, r"holds a value of 4e\+300. Expected at most 1e\+30"),
+        (1e300, FS, r"contains a value of 4e\+300. Expected at most 1e\+30"),
         (1.0, 1e12, r"fs is 1e\+12 Hz. Expected"),
     ],
 )
-def test_values_and_rates_of_no_sensor_are_refused(tmp_path, scale, fs, said):
+def test_values_and_rates_beyond_any_sensor_are_errors(tmp_path, scale, fs, message):
     np.savetxt(tmp_path / "r.txt", scale * np.array([1.0, -4.0, 2.0, 3.0]))
-    with pytest.raises(RecordingError, match=rf"r\.txt: {said}"):
+    with pytest.raises(RecordingError, match=rf"r\.txt: {message}"):
         load_recording(tmp_path / "r.txt", fs=fs, unit="counts")
 
 
-def test_folders_that_differ_in_case_and_labels_that_are_sessions_are_told_where_the_folder_is_opened(
-    tmp_path,
-):
+def test_similar_folder_names_and_labels_that_are_sessions_are_noted(tmp_path):
     for session in ("day 1", "day 2"):
         for k, surface in enumerate(("wood", "Wood", "steel")):
             (tmp_path / session / surface).mkdir(parents=True)
             np.savetxt(tmp_path / session / surface / "r.txt", AT_REST[k:, 0] + (session == "day 1"))
-    (told,) = open_dataset(tmp_path, fs=FS, unit="m/s^2").notes
-    assert told.startswith("the labels are day 1, day 2, and each of these folders holds Wood, steel, wood")
-    (told,) = open_dataset(tmp_path / "day 1", fs=FS, unit="m/s^2").notes
-    assert told == "surfaces 'Wood' and 'wood' differ in case or blanks only: are they one surface?"
+    (note,) = open_dataset(tmp_path, fs=FS, unit="m/s^2").notes
+    assert note.startswith("the labels are day 1, day 2, and each of these folders contains Wood, steel")
+    (note,) = open_dataset(tmp_path / "day 1", fs=FS, unit="m/s^2").notes
+    assert note.startswith("surfaces 'Wood' and 'wood' differ only in case or blanks: rename them if")
     assert similar_label_notes(["oak", "beech"]) == []
     for usual in (
         ["wood/one/r.txt", "steel/one/r.txt"],
@@ -84,15 +82,13 @@ def test_folders_that_differ_in_case_and_labels_that_are_sessions_are_told_where
     assert folder_level_notes(train_and_test) == []
 
 
-def test_g_taken_for_metres_is_said_once_and_loudly_by_every_command_that_reads_a_dataset(
-    command, tmp_path, monkeypatch
-):
+def test_a_wrong_unit_is_reported_once_for_all_recordings(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for surface in ("wood", "steel"):
-        (tmp_path / "felt" / surface).mkdir(parents=True)
+        (tmp_path / "own" / surface).mkdir(parents=True)
         for i in range(3):
-            np.savetxt(tmp_path / "felt" / surface / f"{i}.csv", AT_REST / 9.81, delimiter=",")
-    told = "felt --fs 1000 --unit m/s^2 --column 1,2,3 --jobs 1 --features coarse -o t.parquet"
-    said = "6 of 6 recordings: unit: rests at 1 m/s^2, gravity is 9.81: is it in g?"
-    code, out, _ = command("extract", *told.split())
-    assert (code, out.count(said)) == (0, 1)
+            np.savetxt(tmp_path / "own" / surface / f"{i}.csv", AT_REST / 9.81, delimiter=",")
+    arguments = "own --fs 1000 --unit m/s^2 --column 1,2,3 --jobs 1 --features coarse -o t.parquet"
+    message = "6 of 6 recordings: unit: the level at rest is 1 m/s^2, but gravity is 9.81 m/s^2"
+    code, out, _ = command("extract", *arguments.split())
+    assert (code, out.count(message)) == (0, 1)

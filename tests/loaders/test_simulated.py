@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from texclass.loaders import open_dataset, write_sample
-from texclass.loaders.simulated import FACTS, SIGNALS, load_simulated, read_cached
+from texclass.loaders.simulated import ATTRIBUTES, SIGNALS, load_simulated, read_cached
 from texclass.phases import find_phases
 from texclass.recording import Recording
 from texclass.simulate.recipe import Recipe
@@ -30,11 +30,11 @@ def assert_same(one: Recording, other: Recording):
         assert (a is None) == (b is None)
         if a is not None:
             np.testing.assert_array_equal(a, b)
-    for name in (*FACTS, "session"):
+    for name in (*ATTRIBUTES, "session"):
         assert getattr(one, name) == getattr(other, name)
 
 
-def test_entries_say_what_the_recordings_are_and_true_phases_are_withheld(small):
+def test_entries_have_the_labels_of_the_recordings_and_true_phases_are_removed(small):
     assert len(small) == 4
     for entry, recording in zip(small.entries, small, strict=True):
         for name in ("recording_id", "surface", "operator", "repetition"):
@@ -44,14 +44,14 @@ def test_entries_say_what_the_recordings_are_and_true_phases_are_withheld(small)
     assert small[0].phases is None, "nor are they in the cache"
 
 
-def test_a_remembered_recording_is_the_fresh_one_to_the_last_bit(small, tmp_path):
+def test_a_cached_recording_equals_a_new_one_to_the_last_bit(small, tmp_path):
     recipe, remembered = small.load.args
     fresh = load_simulated(recipe, tmp_path / "elsewhere", small.entries[1])
     assert_same(small[1], fresh)
     assert_same(read_cached(remembered / f"{small.entries[1].recording_id}.npz"), fresh)
 
 
-def test_a_damaged_cache_file_is_made_again(small):
+def test_a_damaged_cache_file_is_simulated_again(small):
     expected = small[0]
     path = small.load.args[1] / f"{small.entries[0].recording_id}.npz"
     for damaged in (path.read_bytes()[:1000], b"", b"rubbish" * 99):
@@ -75,14 +75,14 @@ def test_the_hash_follows_the_recipe(small, tmp_path):
 
 
 @pytest.mark.parametrize(("name", "n", "duration_s"), [("simulated", 240, 6.0), ("simulated69", 690, 25.0)])
-def test_the_shipped_recipes_have_the_promised_size(name, n, duration_s):
+def test_the_shipped_recipes_have_the_documented_size(name, n, duration_s):
     dataset = open_dataset(name)
     assert len(dataset) == n
     assert dataset.load.args[0].duration_s == duration_s
     assert len({entry.operator for entry in dataset.entries}) == 5
 
 
-def test_a_sample_is_a_folder_that_goes_on_with_others_and_writes_over_nothing_else(tmp_path, monkeypatch):
+def test_a_sample_continues_with_further_recordings_and_overwrites_no_other_file(tmp_path, monkeypatch):
     monkeypatch.setattr(Recipe, "record", cache(Recipe.record))
     *_, last = write_sample(tmp_path)
     assert write_sample(tmp_path)[-1] == last
@@ -94,6 +94,8 @@ def test_a_sample_is_a_folder_that_goes_on_with_others_and_writes_over_nothing_e
         "taps and movement"
     }
     last.write_text("mine\n")
-    with pytest.raises(ValueError, match=r"mesh_06.txt: contains something else. Expected a new folder"):
+    with pytest.raises(
+        ValueError, match=r"mesh_06.txt exists with other content. Expected a new or empty folder"
+    ):
         write_sample(tmp_path)
     assert last.read_text() == "mine\n"

@@ -356,7 +356,7 @@ def test_a_suggested_option_works_as_typed(tmp_path, kind):
 )
 def test_a_unit_of_something_else_is_refused_whatever_is_given(tmp_path, above, column):
     path = write(tmp_path, ".csv", text(timed()[:, :3], above=above))
-    with pytest.raises(RecordingError, match=r"in another unit than an acceleration.*convert its values"):
+    with pytest.raises(RecordingError, match=r"not supported for an acceleration.*convert the values"):
         load(path, fs=None, column=column, unit="V", time_unit="s")
 
 

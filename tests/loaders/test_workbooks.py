@@ -233,7 +233,7 @@ def test_a_rate_that_contradicts_the_time_channel_of_tdms_is_refused(tmp_path):
     channels = {"Time": (T, {}), "x": (A[:, 0].copy(), {"wf_increment": 1.0})}
     path = tdms(tmp_path / "a.tdms", channels)
     with pytest.raises(
-        RecordingError, match="--time-column none uses the stated one, --time-column Time the"
+        RecordingError, match="--time-column none uses the sampling rate, --time-column Time the"
     ):
         load_recording(path, unit="g")
     assert load_recording(path, unit="g", time_column="Time").fs == pytest.approx(100)
@@ -265,7 +265,10 @@ def test_units_of_tdms_that_are_unknown_or_contradict_the_name_are_reported(tmp_
     facts = {"wf_increment": 0.01, "unit_string": "lbf"}
     path = tdms(tmp_path / "a.tdms", {"x": (A[:, 0].copy(), facts)})
     assert "unit: 'lbf' in the file is not known" in load_recording(path, unit="g").flags
-    for name, unit, message in (("x (mg)", "g", "in g and mg"), ("x", "rad/s", "another unit")):
+    for name, unit, message in (
+        ("x (mg)", "g", "in g and mg"),
+        ("x", "rad/s", "is not supported for an acceleration"),
+    ):
         facts = {"wf_increment": 0.01, "unit_string": unit}
         tdms(path, {name: (A[:, 0].copy(), facts)})
         with pytest.raises(RecordingError, match=message):

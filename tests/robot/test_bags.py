@@ -120,7 +120,7 @@ def test_rate_and_unit_may_not_be_contradicted(tmp_path, values):
     assert load_recording(path, fs=200, unit="m/s^2").fs == 200
     with pytest.raises(RecordingError, match="fs is 200 Hz by its header stamps, but 250 Hz was given"):
         load_recording(path, fs=250)
-    with pytest.raises(RecordingError, match=r"unit is 'm/s\^2' there, 'g' was given"):
+    with pytest.raises(RecordingError, match=r"its unit is 'm/s\^2', but 'g' was given"):
         load_recording(path, unit="g")
 
 

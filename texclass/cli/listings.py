@@ -23,7 +23,7 @@ def datasets_document() -> Document:
             try:
                 find_folder(card)
             except DataNotFoundError:
-                available = "download" if card.published else "no"
+                available = "download" if card.download else "no"
         rows.append((card.path.stem, card.title, f"{fs:g} Hz", available))
     frame = pd.DataFrame(rows, columns=["dataset", "title", "rate", "available"])
     return Document("Shipped datasets", [Table(frame, n_words=4)])

@@ -1,4 +1,4 @@
-"""Draft a dataset card from a folder of recordings; what the folder leaves open becomes a question."""
+"""Drafts of dataset cards for folders of recordings, with open questions as comments."""
 
 import json
 import os
@@ -31,30 +31,30 @@ from texclass.recording import AUXILIARY_UNITS, RecordingError, Samples
 from texclass.reporting.wording import counted
 
 QUESTION = "# QUESTION: "
-"""Start of a line about something that the folder leaves open."""
+"""Start of a comment line about a fact that the files do not state."""
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How names become recordings: the pattern, what it matches (name -> groups), and what is open."""
+    """Pattern of the file names, groups of each matching file, and open questions."""
 
     pattern: str
-    named: Mapping[str, Mapping[str, str]]
+    groups: Mapping[str, Mapping[str, str]]
     questions: tuple[str, ...] = ()
 
     @property
     def surfaces(self) -> Counter[str]:
         """Number of files of each surface."""
-        return Counter(groups["surface"] for groups in self.named.values())
+        return Counter(groups["surface"] for groups in self.groups.values())
 
 
 @dataclass(frozen=True)
 class _Signals:
-    """What was read of the sampled files: columns, unit, rates, and what is open."""
+    """Columns, unit and sampling rates of the inspected files, and open questions."""
 
     channels: Mapping[str, Sequence[str]]
     unit: str
-    unit_from: str
+    unit_source: str
     rates: Mapping[str, float | None]
     has_gravity: bool
     questions: tuple[str, ...] = ()
@@ -62,7 +62,7 @@ class _Signals:
 
 def draft_card(
     folder: str | Path,
-    beside: str | Path,
+    card_folder: str | Path,
     *,
     fs: float | None = None,
     unit: str | None = None,
@@ -70,26 +70,38 @@ def draft_card(
     labels: str | Path | None = None,
     **reading: Any,
 ) -> str:
-    """Return the text of a dataset card for a folder.
+    """Draft a dataset card for a folder.
 
     Parameters
     ----------
     folder : str or Path
         Folder of recordings: one subfolder per surface, or files named by surface and number.
-    beside : str or Path
+    card_folder : str or Path
         Folder in which the card will be written.
     fs, unit, resample, **reading : optional
-        Facts of the files, as `open_dataset` takes them.
+        Arguments of `open_dataset`.
     labels : str or Path, optional
         Table with the surface of each file (default: a CSV in the folder with the columns `file` and
         `surface`, if there is one).
+
+    Returns
+    -------
+    str
+        Content of the card (TOML). Lines that start with `QUESTION` are open questions.
 
     Raises
     ------
     RecordingError
         If the folder does not exist or contains no file of a known format.
     CardError
-        If the given table of labels cannot be used.
+        If the label table is invalid.
+
+    Examples
+    --------
+    >>> from texclass.loaders import write_sample
+    >>> files = write_sample("recordings")
+    >>> print(draft_card("recordings", ".", fs=10_000, unit="m/s^2").splitlines()[3])
+    # 4 surfaces, with number of files: foam (6), mesh (6), oak (6), slate (6)
     """
     root = Path(folder).expanduser()
     settings = ReaderSettings(fs=fs, unit=unit, resample=resample, **reading)
@@ -106,72 +118,78 @@ def draft_card(
         raise RecordingError(f"{root} contains no file of a known format. Expected one file per recording")
     exports = find_exports(path.relative_to(root).as_posix() for path in data_files(root))
     if table and columns:
-        layout = _labelled(names, Labels.read(table, columns), root, exports)
+        layout = _label_layout(names, Labels.read(table, columns), root, exports)
     else:
-        layout = _of_exports(names, exports) if exports else _layout(names)
+        layout = _export_layout(names, exports) if exports else _name_layout(names)
     signals = _signals(root, layout, settings)
     rates = sorted({rate for rate in signals.rates.values() if rate is not None})
     surfaces = [f"{surface} ({n})" for surface, n in sorted(layout.surfaces.items())]
-    left_out = sorted(set(names) - set(layout.named))
+    unmatched = sorted(set(names) - set(layout.groups))
     environment = Environment(
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined
     )
     environment.filters |= {"toml": _toml, "printable": _printable}
     template = environment.from_string(Path(__file__).with_suffix(".toml.j2").read_text("utf-8"))
     return template.render(
-        folder=_folder_in_card(root.resolve(), Path(beside).resolve()),
+        folder=_folder_key(root.resolve(), Path(card_folder).resolve()),
         n_surfaces=counted(len(surfaces), "surface"),
         surfaces=f"{', '.join(surfaces[:20])}{' ...' if len(surfaces) > 20 else ''}",
         groups={
-            group: len({groups[group] for groups in layout.named.values() if group in groups})
+            group: len({groups[group] for groups in layout.groups.values() if group in groups})
             for group in ("session", "repetition")
         },
         layout=layout,
-        n_left_out=counted(len(left_out), "file") if left_out else "",
-        left_out=left_out[0] if left_out else "",
+        n_unmatched=counted(len(unmatched), "file") if unmatched else "",
+        first_unmatched=unmatched[0] if unmatched else "",
         settings=settings,
         rates=rates,
-        several_rates=", ".join(f"{rate:g}" for rate in rates),
+        rate_list=", ".join(f"{rate:g}" for rate in rates),
         signals=signals,
         labels=columns,
         companions=export_companions(exports),
-        export_facts=exports[0].facts if exports else "",
+        export_summary=exports[0].summary if exports else "",
     )
 
 
-def _folder_in_card(root: Path, beside: Path) -> str:
-    """Return the folder as a card beside it states it; "" for the folder of the card."""
-    if root == beside:
+def _folder_key(root: Path, card_folder: Path) -> str:
+    """Return the value of the card key `folder`; "" for the folder of the card itself."""
+    if root == card_folder:
         return ""
-    return (root.relative_to(beside) if root.is_relative_to(beside) else root).as_posix()
+    return (root.relative_to(card_folder) if root.is_relative_to(card_folder) else root).as_posix()
 
 
-def _labelled(names: Sequence[str], labels: Labels, root: Path, exports: Sequence[Export]) -> _Layout:
-    """Return how names become recordings if a table states their surfaces."""
+def _label_layout(names: Sequence[str], labels: Labels, root: Path, exports: Sequence[Export]) -> _Layout:
+    """Return the layout of files whose surfaces a label table states."""
     pattern = rf"(?:.+/)?[^/]+?{_axis(names)}\.(?i:{_suffixes(names)})"
-    pattern = export_pattern(exports, labelled=True) if exports else pattern
-    named: dict[str, Mapping[str, str]] = {}
-    problems = []
+    pattern = export_pattern(exports, is_labelled=True) if exports else pattern
+    file_groups: dict[str, Mapping[str, str]] = {}
+    errors = []
     for name in names:
-        if found := match_name((pattern,), name):
+        if match := match_name((pattern,), name):
+            groups, name_without_axis = match
             try:
-                stem = PurePosixPath(found[1]).with_suffix("").as_posix()
-                named[name] = labels.of(found[0].get("recording", stem), [name], root.name)
+                stem = PurePosixPath(name_without_axis).with_suffix("").as_posix()
+                file_groups[name] = labels.groups_of(groups.get("recording", stem), [name], root.name)
             except RecordingError as error:
-                problems.append(str(error))
-    questions = (f"{counted(len(problems), 'file')} without a label: {problems[0]}",) if problems else ()
-    return _Layout(pattern, named, questions)
+                errors.append(str(error))
+    questions = (f"{counted(len(errors), 'file')} without a label: {errors[0]}",) if errors else ()
+    return _Layout(pattern, file_groups, questions)
 
 
-def _of_exports(names: Sequence[str], exports: Sequence[Export]) -> _Layout:
-    """Return how names become recordings if folders are exports of sensor apps."""
+def _export_layout(names: Sequence[str], exports: Sequence[Export]) -> _Layout:
+    """Return the layout of folders that sensor apps exported."""
     pattern = export_pattern(exports)
-    named = {name: found[0] for name in names if (found := match_name((pattern,), name))}
-    return _Layout(pattern, named)
+    return _Layout(pattern, _match_names(pattern, names))
+
+
+def _match_names(pattern: str, names: Sequence[str]) -> dict[str, Mapping[str, str]]:
+    """Return the groups of the names that match a pattern."""
+    matches = {name: match_name((pattern,), name) for name in names}
+    return {name: match[0] for name, match in matches.items() if match}
 
 
 def _axis(names: Sequence[str]) -> str:
-    """Return the pattern of an axis if most names have one."""
+    """Return the pattern of the axis in file names; "" if at most half of the names have one."""
     has_axes = sum(AXIS.search(name) is not None for name in names) > len(names) / 2
     return r"_(?P<axis>[XYZxyz])(?:_[^/]*)?" if has_axes else ""
 
@@ -180,15 +198,15 @@ def _suffixes(names: Sequence[str]) -> str:
     return "|".join(sorted({PurePosixPath(name).suffix[1:].lower() for name in names}))
 
 
-def _layout(names: Sequence[str]) -> _Layout:
-    """Return how names become recordings: by subfolders if there are any, else by the names of the files."""
+def _name_layout(names: Sequence[str]) -> _Layout:
+    """Return the layout by subfolders if there are any, otherwise by the names of the files."""
     session = r"(?P<session>(?i:s|sess|session)[_-]?\d+)[_\- ]+"
     repetition = r"[A-Za-z]*(?P<repetition>\d+)"
-    below = [name for name in names if "/" in name]
+    names_in_subfolders = [name for name in names if "/" in name]
     questions: list[str] = []
-    # names without axis and suffix, the most specific pattern first; the last one fits all
-    if below:
-        heads, names = _folders(below), below
+    # Patterns of names without axis and suffix, the most specific one first; the last one matches all names.
+    if names_in_subfolders:
+        heads, names = _folder_patterns(names_in_subfolders), names_in_subfolders
         stems = [rf"(?:[^/]*[_\- ])?{session}{repetition}", r"[^/]*?(?P<repetition>\d+)", r"[^/]+?"]
         candidates = [(head, stem) for head in heads for stem in stems]
     else:
@@ -196,24 +214,23 @@ def _layout(names: Sequence[str]) -> _Layout:
         stems = [rf"{surface}[_\- ]+{session}{repetition}", rf"{surface}[_\- ]+{repetition}"]
         stems += [r"(?P<surface>[^/]*[^\d/_\- ])(?P<repetition>\d+)", surface]
         candidates = [("", stem) for stem in stems]
-    kinds, axis = _suffixes(names), _axis(names)
+    suffixes, axis = _suffixes(names), _axis(names)
     for head, stem in candidates:
-        pattern = rf"{head}{stem}{axis}\.(?i:{kinds})"
-        matched = {name: found[0] for name in names if (found := match_name((pattern,), name))}
-        layout = _Layout(pattern, matched)
-        if len(matched) > len(names) / 2 and (len(layout.surfaces) > 1 or below):
+        pattern = rf"{head}{stem}{axis}\.(?i:{suffixes})"
+        layout = _Layout(pattern, _match_names(pattern, names))
+        if len(layout.groups) > len(names) / 2 and (len(layout.surfaces) > 1 or names_in_subfolders):
             break
     if len(layout.surfaces) < 2:
-        questions.append("only one surface was found. Which part of a file's path names the surface?")
+        questions.append("there is only one surface. Which part of a file's path is the surface?")
     elif min(layout.surfaces.values()) < 2:
         questions.append(
-            "some surfaces have only one recording. Is it `surface` that names the surface in `files`?"
+            "some surfaces have only one recording. Does the group `surface` in `files` match the surface?"
         )
-    return _Layout(layout.pattern, layout.named, tuple(questions))
+    return _Layout(layout.pattern, layout.groups, tuple(questions))
 
 
-def _folders(names: Sequence[str]) -> list[str]:
-    """Return patterns of the folders of files, the more specific first: a surface, and sessions if any."""
+def _folder_patterns(names: Sequence[str]) -> list[str]:
+    """Return patterns of the folders with surface and session, the more specific one first."""
     parts = [PurePosixPath(name).parts for name in names]
     shared = ""
     while len({part[0] for part in parts}) == 1 and min(map(len, parts)) > 2:
@@ -228,40 +245,40 @@ def _folders(names: Sequence[str]) -> list[str]:
 
 
 def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
-    """Read files of all surfaces: columns and unit of the first one, rates of all."""
-    firsts: dict[str, str] = {}
-    for name, groups in layout.named.items():
-        firsts.setdefault(groups["surface"], name)
-    files = list(dict.fromkeys([*firsts.values(), *layout.named]))[:100]  # enough to know them all
+    """Read up to 100 files, of all surfaces: columns and unit of the first one, sampling rates of all."""
+    first_files: dict[str, str] = {}
+    for name, groups in layout.groups.items():
+        first_files.setdefault(groups["surface"], name)
+    files = list(dict.fromkeys([*first_files.values(), *layout.groups]))[:100]
     unit, column = settings.unit, as_column_names(settings.column)
-    settings = ReaderSettings(unit=unit, **settings.of_a_card)
+    settings = ReaderSettings(unit=unit, **settings.card_keys)
     channels: dict[str, Sequence[str]] = {}
     questions: list[str] = []
     rates: dict[str, float | None] = {}
-    read: ReadSignals | None = None
+    first_signals: ReadSignals | None = None
     errors: list[RecordingError] = []
     for name in files:
         try:
-            if read is None:
+            if first_signals is None:
                 channels, questions = _channels(root / name, settings, column)
             signals = read_signals(axis_files(root / name), channels, settings)
         except RecordingError as error:
             errors.append(error)
             continue
         rates[name] = signals.fs
-        read = read or signals
+        first_signals = first_signals or signals
     if errors:
         questions.append(f"{len(errors)} of {counted(len(files), 'file')} cannot be read: {errors[0]}")
-    if read is None:
+    if first_signals is None:
         return _Signals(channels, unit or "arbitrary", "", rates, False, tuple(questions))
-    acceleration = read.named[ACCELERATION]
+    acceleration = first_signals.signals[ACCELERATION]
     gravity = _gravity_at_rest(acceleration)
-    if unit or read.unit:
-        source = "given" if unit else "from the names of the columns or the messages"
-        unit = unit or read.unit
+    if unit or first_signals.unit:
+        source = "given" if unit else "from the column names or the messages"
+        unit = unit or first_signals.unit
     elif gravity:
         unit, level = gravity
-        source = f"the level at rest, {level:.4g}, is gravity in {unit}"
+        source = f"the level at rest is {level:.4g}, which is gravity in {unit}"
     elif np.abs(acceleration).max() > 100 and np.all(acceleration == np.rint(acceleration)):
         unit, source = "counts", "all values are whole numbers"
     else:
@@ -271,42 +288,41 @@ def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
 
 
 def _gravity_at_rest(acceleration: Samples) -> tuple[str, float] | None:
-    """Return the unit in which the median of three axes has the magnitude of gravity, and that magnitude."""
+    """Return the unit in which the median of three axes equals gravity, and its magnitude; None if none."""
     if acceleration.shape[1:] != (3,):
         return None
     level = float(np.linalg.norm(np.median(acceleration, axis=0)))
     gravities = {"m/s^2": 9.81, "g": 1.0, "mg": 1000.0}
-    return next(((u, level) for u, size in gravities.items() if abs(level / size - 1) < 0.06), None)
+    return next(((unit, level) for unit, g in gravities.items() if abs(level / g - 1) < 0.06), None)
 
 
 def _channels(
     path: Path, settings: ReaderSettings, column: tuple[str, ...]
 ) -> tuple[dict[str, Sequence[str]], list[str]]:
-    """Return the columns of each signal of a file, and what is open; none for a file of one column."""
-    present = column_names(path, settings)
-    others = [name for name in present if not is_time(name)]
-    if len(others) < 2:
+    """Return the columns of each signal of a file (none if it has only one), and open questions."""
+    names = column_names(path, settings)
+    candidates = [name for name in names if not is_time(name)]
+    if len(candidates) < 2:
         return ({ACCELERATION: column} if column else {}), []
     channels: dict[str, Sequence[str]] = {}
     for field in AUXILIARY_UNITS:
-        if (found := [name for name in others if normalize_column(name) == normalize_column(field)]) and len(
-            found
-        ) == 1:
-            channels[field] = found
+        matches = [name for name in candidates if normalize_column(name) == normalize_column(field)]
+        if len(matches) == 1:
+            channels[field] = matches
     for stem in ("w", "g", "gyro ", "gyroscope "):
-        if axes := match_convention([f"{stem}{axis}" for axis in "xyz"], others):
+        if axes := match_convention([f"{stem}{axis}" for axis in "xyz"], candidates):
             channels.setdefault("turn_rate", axes)
-    taken = {name for names in channels.values() for name in names}
+    assigned = {name for columns in channels.values() for name in columns}
+    candidates = [name for name in candidates if name not in assigned]
     questions = list[str]()
     acceleration: Sequence[str]
     try:
-        acceleration = column or choose_acceleration([name for name in others if name not in taken], path)
+        acceleration = column or choose_acceleration(candidates, path)
     except RecordingError:
-        acceleration = [name for name in others if name not in taken][:3]
+        acceleration = candidates[:3]
         questions = [
-            f"which columns are the acceleration? {quote_names(acceleration)} is a guess; "
-            f"the columns are {quote_names(present)}. "
-            "If each row is a recording, see `format = 'rows'`."
+            f"which columns are the acceleration? {quote_names(acceleration)} is a guess; the columns are "
+            f"{quote_names(names)}. If each row is a recording, set `format = 'rows'`."
         ]
     return {ACCELERATION: acceleration, **channels}, questions
 

@@ -1,4 +1,4 @@
-"""Dataset cards: what a TOML file says of a dataset, one model for each format of datasets."""
+"""Dataset cards: models of the TOML files that describe datasets, one model per format."""
 
 import re
 from dataclasses import fields
@@ -17,16 +17,16 @@ from texclass.simulate.recipe import Recipe
 from texclass.validation import StrictModel, read_toml, validate
 
 PATTERN_GROUPS = ("recording", *GROUPS, "axis")
-"""Groups of a pattern of file names, and (but for the axis) of a table of labels."""
+"""Names of groups in the patterns of file names, and (except the axis) of columns in a label table."""
 MAX_MAGNITUDE = 1e100
-"""Rates and factors beyond it are no measurement's."""
+"""Largest rate and scale factor that a card may state; measurements stay far below it."""
 Convert = Literal["", "frames", "rounded", "counts", "sheets"]
 DeclaredPhases = Literal["detect", "movement", "tap", "taps"]
 if TYPE_CHECKING:
     Signal = str
     Role = str
     TimeUnit = str
-else:  # each is listed once, elsewhere
+else:  # the values are listed once, in the modules that use them
     Signal = Literal[*AUXILIARY_UNITS]
     TimeUnit = Literal[*TIME_UNITS]
     Role = Literal["acceleration", *AUXILIARY_UNITS]
@@ -34,17 +34,19 @@ else:  # each is listed once, elsewhere
 
 Texts = Annotated[
     tuple[str, ...],
-    BeforeValidator(lambda given: (given,) if isinstance(given, str) else given),
-    BeforeValidator(lambda given: tuple(given) if isinstance(given, list) else given),
+    BeforeValidator(lambda value: (value,) if isinstance(value, str) else value),
+    BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value),
     Field(min_length=1, description="text or a list of text"),
 ]
-"""One text, or several."""
+"""One string or several."""
 
 
-def _as_column_texts(given: Any) -> Any:
-    """Return columns as text, also those that are told by number."""
-    listed = given if isinstance(given, list | tuple) else [given]
-    return tuple(str(one) if isinstance(one, int) and one is not True else one for one in listed)
+def _as_column_texts(value: Any) -> Any:
+    """Return columns by name or number as strings."""
+    columns = value if isinstance(value, list | tuple) else [value]
+    return tuple(
+        str(column) if isinstance(column, int) and column is not True else column for column in columns
+    )
 
 
 Factor = Annotated[
@@ -57,24 +59,30 @@ Columns = Annotated[
     BeforeValidator(_as_column_texts),
     Field(min_length=1, description="a column or a list of columns, by name or by number from 1"),
 ]
-"""Columns of a file."""
+"""Columns of a file, by name or number."""
 
 
 class CardError(ValueError):
-    """A dataset card breaks a rule; the message names the file, the key and the rule."""
+    """Invalid dataset card; the message names the file, the key and what was expected."""
 
 
 class Card(StrictModel):
-    """What every card says; each format has a class of its own.
+    """Keys that all dataset cards have; each format has a subclass.
 
     Attributes
     ----------
-    title, source, licence, citation
-        Title (default: the name of the card), where to get it, terms of use, publication to cite.
+    title
+        Title of the dataset (default: the name of the card).
+    source
+        Where to get the recordings.
+    licence
+        Terms of use.
+    citation
+        Publication to cite.
     notes
-        What a report must say: quirks, assumptions.
+        Remarks shown in every report, such as known defects and assumptions.
     phase_settings
-        Settings by which phases are found; see `PhaseSettings`.
+        Settings of the segmentation into taps and movement; see `PhaseSettings`.
     """
 
     title: str = ""
@@ -97,25 +105,25 @@ class Card(StrictModel):
 
 
 class Reading(StrictModel):
-    """How the values of files become recordings.
+    """Keys that convert the values in files to recordings.
 
     Attributes
     ----------
     fs_hz
-        Sampling rate in Hz; the one a file states must agree.
+        Sampling rate in Hz. Files that state a rate must agree.
     unit
-        Of the acceleration.
+        Unit of the acceleration.
     files
-        Which files there are.
+        Names or patterns of the files.
     scale
-        Factor from what is stored to `unit`.
+        Factor from stored values to `unit`.
     turn_rate_scale
-        Factor from what is stored to rad/s, of a turn rate: 0.0174533 of degrees per second.
+        Factor from stored values of a turn rate to rad/s; 0.0174533 for degrees per second.
     phases
-        What every recording holds: to "detect"; "movement" only (always in contact); one "tap"; or "taps"
-        only, as many as are found, however long they ring.
+        Content of every recording: "detect" finds taps and movement; "movement" means contact all the time;
+        "tap" means one tap; "taps" means taps only, in any number and of any length.
     remove_resting_level
-        Subtract each channel's median.
+        Subtract the median of each channel.
     """
 
     fs_hz: float = Field(gt=0, le=MAX_MAGNITUDE, description="a rate in Hz above 0")
@@ -127,27 +135,27 @@ class Reading(StrictModel):
     remove_resting_level: bool = False
 
     @property
-    def facts(self) -> str:
-        """What changes a recording, as text for a digest."""
+    def hash_input(self) -> str:
+        """Keys that change the recordings, as text for the hash of the dataset."""
         return _hash_input(self)
 
 
 def _hash_input(card: StrictModel) -> str:
-    """Return the keys that are set, without those that change no recording: titles, notes, places."""
+    """Return the keys that are set, without those that do not change recordings (title, notes, folder)."""
     return card.model_dump_json(exclude={*StoredCard.model_fields}, exclude_defaults=True)
 
 
 class LabelTable(StrictModel):
-    """A CSV beside the recordings, one row per recording.
+    """Label table: a CSV with one row per recording.
 
     Attributes
     ----------
     file
-        Relative to the dataset's folder.
+        Path of the CSV relative to the dataset's folder.
     recording
-        Column of the ids by which rows are found.
+        Column of the recording ids or file names.
     surface, operator, session, repetition
-        Columns of what the names of files do not tell.
+        Columns of labels and groups that the file names do not contain.
     """
 
     file: str
@@ -159,45 +167,45 @@ class LabelTable(StrictModel):
 
     @property
     def columns(self) -> dict[str, str]:
-        """Of `PATTERN_GROUPS`, which one is in which column."""
+        """Column of each group of `PATTERN_GROUPS` that the table states."""
         return {group: column for group, column in self if group != "file" and column is not None}
 
 
 class FileReading(Reading):
-    """How files become recordings if one is a file, or a file per axis, whose name tells what it is.
+    """Keys that convert files to recordings, with one file per recording or per axis.
 
     Attributes
     ----------
     files
-        Patterns of relative file names, with the named groups of `PATTERN_GROUPS`.
+        Patterns (regular expressions) of relative file names, with the named groups of `PATTERN_GROUPS`.
     surfaces
-        What the names tell of the surface -> what it is called; those that are not in it keep theirs.
+        Surface in the file name -> surface in the dataset; other names are unchanged.
     labels
-        Table with labels and groups that the names do not tell.
+        Label table with labels and groups that the file names do not contain.
     channels
-        Which columns are acceleration and auxiliary signals, by name or by number from 1.
+        Columns of the acceleration and of auxiliary signals, by name or by number from 1.
     companions
-        Auxiliary signal -> names its file may have, with {group} in place of groups.
+        Auxiliary signal -> names of the file with it, where {group} stands for a group of `files`.
     delimiter
-        Of text files.
+        Column delimiter of text files.
     skip_rows
-        Number of lines at the beginning of text files that are not read (default 0).
+        Number of lines to skip at the start of text files (default 0).
     comment
-        Beginning of comment lines in text files (default: #, % and //).
+        Start of comment lines in text files (default: #, % and //).
     drop_incomplete
-        Leave out lines of text files without a number in each column (default: they are an error).
+        Drop lines of text files that lack a number in a column (default false: they are an error).
     time_column
         Column of the time stamps, by name or number; "none" ignores all time stamps.
     time_unit
-        Unit of the time stamps, by default inferred: s, ms, us, ns, min, h or days.
+        Unit of the time stamps: s, ms, us, ns, min, h or days (default: inferred).
     resample_hz
-        Rate to which recordings are brought, band-limited; then each file may state its own, and `fs_hz` is
-        that of files which state none.
+        Target sampling rate in Hz of a band-limited resampling. The files may then have different rates, and
+        `fs_hz` is the rate of files that state none.
     topic
-        Of bags: name of a topic, or a pattern of names with groups of `PATTERN_GROUPS`; each topic that
-        matches is then a recording.
+        Topic of a bag, or a pattern of topics with groups of `PATTERN_GROUPS`; every matching topic is then a
+        recording.
     trim
-        Cut signals of different lengths to the shortest.
+        Cut signals of different lengths to the shortest one.
     """
 
     surfaces: dict[str, str] = Field(default_factory=dict)
@@ -213,7 +221,7 @@ class FileReading(Reading):
     )
     drop_incomplete: bool = False
     time_column: Annotated[
-        str | None, BeforeValidator(lambda given: given and _as_column_texts(given)[0])
+        str | None, BeforeValidator(lambda value: value and _as_column_texts(value)[0])
     ] = None
     time_unit: TimeUnit | None = None
     resample_hz: float | None = Field(
@@ -222,14 +230,14 @@ class FileReading(Reading):
     topic: str | None = None
     trim: bool = False
     _rate_of: str = PrivateAttr(default="")
-    """File whose rate `fs_hz` is, where neither user nor card state one."""
+    """File from which `fs_hz` was taken; "" if the user or the card states it."""
 
     @property
     def settings(self) -> ReaderSettings:
-        """How its files are read."""
-        shared = {field.name for field in fields(ReaderSettings)} & set(FileReading.model_fields)
+        """Options for reading the files."""
+        names = {field.name for field in fields(ReaderSettings)} & set(FileReading.model_fields)
         fs = self.fs_hz if self.resample_hz is None else None
-        return ReaderSettings(fs=fs, rate_of=self._rate_of, **{name: getattr(self, name) for name in shared})
+        return ReaderSettings(fs=fs, rate_of=self._rate_of, **{name: getattr(self, name) for name in names})
 
     @model_validator(mode="after")
     def _has_surface(self) -> "FileReading":
@@ -237,77 +245,84 @@ class FileReading(Reading):
         if self.topic is not None:
             groups |= _groups("topic", (self.topic,))
         if "surface" not in groups:
-            raise ValueError("files and labels do not define the group (?P<surface>...)")
+            raise ValueError(
+                "neither files nor labels define the surface. Expected the group (?P<surface>...) in files, "
+                "or the key surface in [labels]"
+            )
         return self
 
 
 def _groups(key: str, patterns: tuple[str, ...]) -> set[str]:
-    """Return the groups of patterns; raise ValueError for an invalid pattern or an unknown group."""
+    """Return the groups of patterns after checking them."""
     groups: set[str] = set()
     for pattern in patterns:
         try:
             groups |= set(re.compile(pattern).groupindex)
         except (re.error, OverflowError, RecursionError) as error:
-            raise ValueError(f"{key} holds {pattern!r:.200}, not a regular expression ({error})") from error
+            raise ValueError(
+                f"{key} contains {pattern!r:.200}. Expected a valid regular expression ({error})"
+            ) from error
     if unknown := groups - set(PATTERN_GROUPS):
         raise ValueError(
-            f"{key} defines groups {sorted(unknown)}. Expected some of {', '.join(PATTERN_GROUPS)}"
+            f"{key} defines unknown groups {sorted(unknown)}. Expected some of {', '.join(PATTERN_GROUPS)}"
         )
     return groups
 
 
 class Download(StrictModel):
-    """Where the files are published that `NAME.sha256`, beside the card, lists with their digests.
+    """Address of published recordings.
+
+    A file `NAME.sha256` in the folder of the card lists the files with their SHA-256.
 
     Attributes
     ----------
     url
-        What stands before their names there; of one commit or record that does not change.
+        Base address of the files, of a commit or record that does not change.
     convert
-        What is done to each of them (`published.converted`); by default nothing.
+        Conversion of each file, see `places.convert_files` (default: none).
     sha256
-        Over the names and digests of the files that come of it, those that the card reads.
+        SHA-256 over names and SHA-256 of all converted files.
     """
 
-    url: str = Field(pattern=r"^https?://.+/$", description="an address that ends in /")
+    url: str = Field(pattern=r"^https?://.+/$", description="an address that ends with /")
     convert: Convert = ""
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits")
 
 
 class StoredCard(Card):
-    """A card of recordings that are stored.
+    """Card of recordings in files.
 
     Attributes
     ----------
     folder
         Folder under the data root (default: the folder of the card itself).
-    published
-        From where `texclass datasets get` fetches them.
+    download
+        Source for `texclass datasets get`.
     """
 
     folder: str = ""
-    published: Download | None = None
+    download: Download | None = None
 
     @model_validator(mode="after")
-    def _published_has_folder(self) -> "StoredCard":
-        if self.published and not self.folder:
-            raise ValueError("missing key folder. Expected a folder into which [published] is fetched")
+    def _download_has_folder(self) -> "StoredCard":
+        if self.download and not self.folder:
+            raise ValueError("missing key folder. Expected the folder into which [download] writes")
         return self
 
 
 class FileCard(StoredCard, FileReading):
-    """A card of recordings that are files."""
+    """Card of recordings in one file each, or in one file per axis."""
 
     format: Literal["files"]
 
 
 class RowCard(StoredCard, Reading):
-    """A card of recordings that are rows of CSV files, one file (of `files`) per channel.
+    """Card of recordings in the rows of CSV files, with one file per channel.
 
     Attributes
     ----------
     label_column
-        The column with the surface.
+        Column of the surface.
     """
 
     format: Literal["rows"]
@@ -315,18 +330,20 @@ class RowCard(StoredCard, Reading):
 
 
 class ModelsCard(StoredCard):
-    """A card of recordings that models of textures make: those of the Penn Haptic Texture Toolkit.
+    """Card of recordings synthesized by texture models of the Penn Haptic Texture Toolkit.
 
     Attributes
     ----------
     files
-        Patterns of relative file names, one file a texture, that tell its surface.
+        Patterns of relative file names with the group `surface`, one file per texture.
     fs_hz
-        Of the models; the one that a file states must agree.
-    n_recordings, duration_s
-        Of each texture: how many, and seconds of each.
+        Sampling rate in Hz of the models. Files that state a rate must agree.
+    n_recordings
+        Number of recordings per texture.
+    duration_s
+        Duration of a recording in s.
     seed
-        Of speeds, forces and noise.
+        Seed of speeds, forces and noise.
     """
 
     format: Literal["hatt-models"]
@@ -340,18 +357,18 @@ class ModelsCard(StoredCard):
     @model_validator(mode="after")
     def _has_surface(self) -> "ModelsCard":
         if (groups := _groups("files", self.files)) != {"surface"}:
-            found = ", ".join(sorted(groups)) or "no group"
-            raise ValueError(f"files must define the group (?P<surface>...) and no other, got {found}")
+            names = ", ".join(sorted(groups)) or "no group"
+            raise ValueError(f"files must define the group (?P<surface>...) and no other, got {names}")
         return self
 
     @property
-    def facts(self) -> str:
-        """What changes a recording, as text for a digest."""
+    def hash_input(self) -> str:
+        """Keys that change the recordings, as text for the hash of the dataset."""
         return _hash_input(self)
 
 
 class SimulatedCard(Card):
-    """A card of recordings that a recipe makes."""
+    """Card of simulated recordings."""
 
     format: Literal["simulated"]
     recipe: Recipe
@@ -361,25 +378,43 @@ AnyCard = FileCard | RowCard | ModelsCard | SimulatedCard
 
 
 class _Content(RootModel[Annotated[AnyCard, Field(discriminator="format")]]):
-    """What a file of a card may hold."""
+    """Content of a card file: a card of any format."""
 
 
 def read_card(name_or_path: str | Path) -> AnyCard:
-    """Read a shipped card by name, or a user's own TOML file.
+    """Read a dataset card.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a shipped card, or path of a TOML file.
+
+    Returns
+    -------
+    FileCard, RowCard, ModelsCard or SimulatedCard
+        Card of the format that it states (default: "files").
 
     Raises
     ------
     FileNotFoundError
-        If there is neither; the message lists the shipped names.
+        If there is no such card; the message lists the shipped names.
     CardError
-        If it breaks a rule: unknown or missing key, wrong type or value.
+        If a key is missing or unknown, or a value is invalid.
+
+    Examples
+    --------
+    >>> card = read_card("taps5")
+    >>> card.format, card.phases
+    ('rows', 'tap')
     """
     path = shipped.locate("datasets", name_or_path)
     try:
         content = read_toml(path)
-        implied = "simulated" if "recipe" in content else "rows" if "label_column" in content else "files"
-        by_default = {"title": path.stem, "format": implied}
-        card = validate(_Content, by_default | content, path).root
+        default_format = (
+            "simulated" if "recipe" in content else "rows" if "label_column" in content else "files"
+        )
+        defaults = {"title": path.stem, "format": default_format}
+        card = validate(_Content, defaults | content, path).root
     except ValueError as error:
         raise CardError(str(error)) from error
     card._path = path

@@ -1,4 +1,4 @@
-"""Names of columns: units in them, conventions for time and acceleration, how people refer to them."""
+"""Names of columns: units, conventions for time and acceleration, and selection by name or number."""
 
 import math
 import re
@@ -9,11 +9,11 @@ from pathlib import Path
 from texclass.loaders.readers import TIME_UNITS, quote_names, reader_error
 
 TURN_RATE = ("wx", "wy", "wz")
-"""Columns of a turn rate in a bag, rad/s."""
+"""Columns of the turn rate in a bag, in rad/s."""
 ACCELERATION = "acceleration"
-"""Name of the only column of a format that does not name its columns."""
+"""Signal of a recording, and name of the only column in formats without column names."""
 ROW_NUMBER = "index"
-"""Name of the column that numbers the rows of a table, if it has none."""
+"""Name of an unnamed column that numbers the rows of a table."""
 _CONVENTIONAL = (
     (ACCELERATION,),
     *(tuple(f"{stem}{axis}" for axis in "xyz") for stem in ("", "a", "a ", "acc ", "accel ")),
@@ -22,20 +22,20 @@ _CONVENTIONAL = (
         for stem in ("accelerometer", ACCELERATION, f"linear {ACCELERATION}")
     ),
 )
-"""Columns that are the acceleration unless others are given, see `plain`."""
+"""Conventional columns of the acceleration, as `normalize_column` returns their names."""
 _TIME_SUFFIXES = {
     **{unit: unit for unit in TIME_UNITS},
     **dict.fromkeys(("sec", "second", "seconds"), "s"),
     **dict.fromkeys(("millis", "milliseconds"), "ms"),
     **dict.fromkeys(("µs", "micros", "microseconds"), "us"),
 }
-"""End of a column's name -> its unit."""
+"""Unit of time by the end of a column name."""
 _BRACKETED = {
     **dict.fromkeys(("m/s^2", "m/s2", "m/s²", "m/s/s", "m s-2", "ms-2", "m/(s^2)", "m/sec^2"), "m/s^2"),
     **dict.fromkeys(("volt", "volts"), "V"),
     **{unit.lower(): unit for unit in ("g", "mg", "counts", "V")},
 }
-"""Unit in brackets after the name of a column -> unit of an acceleration."""
+"""Unit of an acceleration by the text in brackets after a column name."""
 _OTHER_UNITS = (
     *(
         "mm/s^2",
@@ -72,9 +72,9 @@ _OTHER_UNITS = (
         "lsb",
     ),
 )
-"""Units of other signals, or of another scale."""
+"""Units of other signals, or of accelerations in an unsupported scale."""
 _AXIS_OR_UNIT = ("n", "c")
-"""Newton and Celsius, which in brackets can also be the names of axes."""
+"""Newton and Celsius, which in brackets may also be names of axes."""
 _UNIT = re.compile(
     rf"[(\[]\s*({'|'.join(map(re.escape, (*_BRACKETED, *_TIME_SUFFIXES)))})\s*[)\]]", re.IGNORECASE
 )
@@ -82,61 +82,61 @@ _OTHER_UNIT = re.compile(rf"[(\[]\s*({'|'.join(map(re.escape, _OTHER_UNITS))})\s
 
 
 def strip_unit(name: str) -> str:
-    """Return a column's name without the unit in brackets behind it."""
+    """Return a column name without the unit in brackets."""
     return _UNIT.sub("", name).strip()
 
 
 def add_unit(name: str, unit: str) -> str:
-    """Return a column's name with a unit behind it, unless it has this one or the unit is ""."""
-    has_it = unit in map(parse_unit, re.findall(r"[(\[][^)\]]*[)\]]", name))
-    return f"{name} [{unit}]" if unit and not has_it else name
+    """Return a column name with a unit in brackets, unless it has this unit or the unit is ""."""
+    has_unit = unit in map(parse_unit, re.findall(r"[(\[][^)\]]*[)\]]", name))
+    return f"{name} [{unit}]" if unit and not has_unit else name
 
 
 def group_path(name: str) -> list[str]:
-    """Return the groups, structs or sheet that a column is in, as its name states: "log/imu/x" is in two."""
+    """Return the groups, structs or sheet in a column name: ["log", "imu"] for "log/imu/x"."""
     return re.split(r"[./]", strip_unit(name))[:-1]
 
 
 def normalize_column(name: str) -> str:
-    """Return a column's name as conventions are told: "ACCELEROMETER_X (m/s^2)" is "accelerometer x"."""
+    """Return a column name for comparison: "accelerometer x" for "ACCELEROMETER_X (m/s^2)"."""
     return re.sub(r"[\s_]+", " ", strip_unit(name).lower()).strip()
 
 
 def parse_unit(text: str) -> str:
-    """Return a unit without brackets around it, "" if it is not known."""
+    """Return a unit without brackets; "" if it is unknown."""
     unit = re.sub(r"^\s*[(\[](.*)[)\]]\s*$", r"\1", text).strip()
     is_other = unit.lower() in {*_TIME_SUFFIXES, *_OTHER_UNITS, *_AXIS_OR_UNIT}
     return _BRACKETED.get(unit.lower(), unit if is_other else "")
 
 
 def acceleration_unit(names: Sequence[str], path: Path) -> str | None:
-    """Return the unit that stands in brackets behind the names of an acceleration's columns, if one does.
+    """Return the unit in brackets after the column names of an acceleration; None without one.
 
     Raises
     ------
     RecordingError
-        If there are two, or one is a unit of something else or of another scale.
+        If there are several units, or one is not a supported unit of acceleration.
     """
     if other := next(filter(_OTHER_UNIT.search, names), None):
         raise reader_error(
             path,
-            f"the column {other!r} is in another unit than an acceleration",
-            f"{', '.join(dict.fromkeys(_BRACKETED.values()))}: convert its values, or rename it",
+            f"the unit of the column {other!r} is not supported for an acceleration",
+            f"{', '.join(dict.fromkeys(_BRACKETED.values()))}: convert the values, or rename the column",
         )
-    found = {_BRACKETED.get(unit.lower()) for name in names for unit in _UNIT.findall(name)} - {None}
-    if len(found) > 1:
-        raise reader_error(path, f"its columns are in {' and '.join(sorted(map(str, found)))}", "one unit")
-    return next(iter(found), None)
+    units = {_BRACKETED.get(unit.lower()) for name in names for unit in _UNIT.findall(name)} - {None}
+    if len(units) > 1:
+        raise reader_error(path, f"its columns are in {' and '.join(sorted(map(str, units)))}", "one unit")
+    return next(iter(units), None)
 
 
 def time_unit(name: str) -> str | None:
-    """Return the unit, of `TIME_UNITS`, in the name of a column, if there is one: "t (ms)", "time_us"."""
+    """Return the time unit in a column name such as "t (ms)" or "time_us"; None without one."""
     match = re.search(rf"(?:\b|_)({'|'.join(_TIME_SUFFIXES)})\b", name.lower())
     return _TIME_SUFFIXES[match[1]] if match else None
 
 
 def is_time(name: str) -> bool:
-    """Whether the name of a column is that of time stamps: "time", "t_us", "data.t", "clock (ms)"."""
+    """Return whether a column name is one of time stamps: "time", "t_us", "data.t", "clock (ms)"."""
     unit = _UNIT.search(name)
     if unit and unit[1].lower() in _TIME_SUFFIXES:
         return True
@@ -149,7 +149,7 @@ def is_time(name: str) -> bool:
 
 
 def _value_columns(names: Sequence[str]) -> list[str]:
-    """Return the columns that neither are time stamps nor number the rows."""
+    """Return the columns that contain neither time stamps nor row numbers."""
     row_numbers = (ROW_NUMBER, "unnamed: 0", "index level 0", "#", "no", "nr", "row")
     return [name for name in names if not is_time(name) and normalize_column(name) not in row_numbers]
 
@@ -159,64 +159,72 @@ def choose_acceleration(
     path: Path,
     varying: Callable[[Sequence[str]], Sequence[str]] = lambda names: names,
 ) -> tuple[str, ...]:
-    """Return the column(s) of the acceleration by convention; ask when there is none.
+    """Return the column(s) of the acceleration by their conventional names, or the only column.
 
     Parameters
     ----------
     names : sequence of str
-        Of all columns.
+        Names of all columns.
     path : Path
         File, for messages.
     varying : callable, optional
-        Returns those of some columns that can be an acceleration; the message suggests them.
+        Function that returns those of some columns that may be an acceleration, for the message.
 
     Raises
     ------
     RecordingError
-        If neither a conventional name nor a single column settles it.
+        If several columns remain and none has a conventional name.
+
+    Examples
+    --------
+    >>> choose_acceleration(["time", "ax", "ay", "az", "force"], Path("oak.csv"))
+    ('ax', 'ay', 'az')
     """
     for convention in _CONVENTIONAL:
-        if found := match_convention(convention, names):
-            return found
+        if columns := match_convention(convention, names):
+            return columns
     others = _value_columns(names)
     if len(others) == 1:
         return tuple(others)
     if not others:
         raise reader_error(
-            path, f"its columns are {quote_names(names)}", "at least one, of numbers, beside time and index"
+            path,
+            f"its columns are {quote_names(names)}",
+            "at least one column of numbers other than time and index",
         )
-    is_decimal = tuple(names) == ("c1", "c2")
-    rule = "--delimiter ';' if 0,98 is one number; else " * is_decimal
-    rule += "to say which hold the acceleration, by name or number: --column"
-    rule += f" {_suggest_columns(names, varying(others)) or 'NAMES'}"
-    rule += " (`acceleration` under [channels] in a card)"
-    raise reader_error(path, f"its columns are {quote_names(names)}", rule)
+    has_decimal_commas = tuple(names) == ("c1", "c2")
+    expected = "--delimiter ';' if 0,98 is one number; otherwise " * has_decimal_commas
+    expected += f"--column {_suggest_columns(names, varying(others)) or 'NAMES'}"
+    expected += " (by name or number; `acceleration` under [channels] in a card)"
+    raise reader_error(
+        path, f"cannot identify the acceleration; the columns are {quote_names(names)}", expected
+    )
 
 
 def signal_columns(names: Sequence[str], path: Path) -> tuple[str, ...]:
-    """Return the columns of the only signal in a file: three axes, or one column, beside time and index.
+    """Return the columns of the only signal in a file, three axes or one column, without time and index.
 
     Raises
     ------
     RecordingError
-        If there are others.
+        If there are more columns.
     """
-    others = _value_columns(names)
-    found = _axis_columns(others) or (tuple(others) if len(others) == 1 else ())
-    if not found:
+    values = _value_columns(names)
+    columns = _axis_columns(values) or (tuple(values) if len(values) == 1 else ())
+    if not columns:
         raise reader_error(
-            path, f"its columns are {quote_names(names)}", "one signal: a column, or axes x, y and z"
+            path, f"its columns are {quote_names(names)}", "one signal: one column, or the axes x, y and z"
         )
-    return found
+    return columns
 
 
 def turn_rate_factor(names: Sequence[str], path: Path) -> float:
-    """Return the factor to rad/s by the unit in brackets behind the names of columns; 1 without any.
+    """Return the factor to rad/s of the unit in brackets after the column names; 1 without a unit.
 
     Raises
     ------
     RecordingError
-        If it is a unit of something else.
+        If the unit is not one of turn rate.
     """
     units = {match[1].lower() for name in names if (match := _OTHER_UNIT.search(name))}
     if units <= {"rad/s"}:
@@ -229,69 +237,75 @@ def turn_rate_factor(names: Sequence[str], path: Path) -> float:
 
 
 def _axis_columns(names: Sequence[str]) -> tuple[str, ...]:
-    """Return columns whose names differ in x, y and z at their end only; none if there are none."""
-    plains = {re.sub(r"\s*[(\[][^)\]]*[)\]]", "", normalize_column(name)): name for name in names}
-    for stem in (name[:-1] for name in plains if name.endswith("x")):
-        if all(f"{stem}{axis}" in plains for axis in "xyz"):
-            return tuple(plains[f"{stem}{axis}"] for axis in "xyz")
+    """Return three columns whose names end in x, y and z and are otherwise equal; an empty tuple if none."""
+    by_normal_name = {re.sub(r"\s*[(\[][^)\]]*[)\]]", "", normalize_column(name)): name for name in names}
+    for stem in (name[:-1] for name in by_normal_name if name.endswith("x")):
+        if all(f"{stem}{axis}" in by_normal_name for axis in "xyz"):
+            return tuple(by_normal_name[f"{stem}{axis}"] for axis in "xyz")
     return ()
 
 
 def _suggest_columns(names: Sequence[str], candidates: Sequence[str]) -> str:
-    """Return three axes, or the first three of the candidates, as --column takes them in a shell."""
+    """Return three axes, or the first three candidates, as a value of --column, quoted for a shell."""
     candidates = [name for name in candidates if not _OTHER_UNIT.search(name)]
-    # more than 8 columns without names are rather samples of a recording per row than axes
+    # More than 8 unnamed columns are probably the samples of one recording per row.
     is_row = len(names) > 8 and all(re.fullmatch(r"c\d+", name) for name in names)
-    triple = _axis_columns(candidates) or ([] if is_row else candidates[:3])
-    typed = []
-    for name in triple:
-        by_number = str(list(names).index(name) + 1)
-        is_typed = name.isprintable() and not name.startswith("-") and split_columns(name) == (name,)
-        if is_typed or resolve_columns((by_number,), names) == (name,):
-            typed.append(name if is_typed else by_number)
-    return shlex.quote(",".join(typed)) if typed else ""
+    columns = _axis_columns(candidates) or ([] if is_row else candidates[:3])
+    arguments = []
+    for name in columns:
+        number = str(list(names).index(name) + 1)
+        is_usable = name.isprintable() and not name.startswith("-") and split_columns(name) == (name,)
+        if is_usable or resolve_columns((number,), names) == (name,):
+            arguments.append(name if is_usable else number)
+    return shlex.quote(",".join(arguments)) if arguments else ""
 
 
 def split_columns(text: str) -> tuple[str, ...]:
-    """Return columns as people write them on a command line: "ax, ay, az"."""
+    """Return the columns of a command-line value such as "ax, ay, az"."""
     return tuple(name.strip() for name in text.split(","))
 
 
 def match_convention(convention: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns with the `plain` names of a convention, if each occurs once; else none."""
-    meant = [normalize_column(name) for name in names]
-    is_met = all(meant.count(name) == 1 for name in convention)
-    return tuple(names[meant.index(name)] for name in convention) if is_met else ()
+    """Return the columns with the normalized names of a convention; () unless each occurs once."""
+    normal_names = [normalize_column(name) for name in names]
+    has_all = all(normal_names.count(name) == 1 for name in convention)
+    return tuple(names[normal_names.index(name)] for name in convention) if has_all else ()
 
 
 def resolve_columns(wanted: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-    """Return columns by name, with or without a unit behind it, or by number, counted from 1.
+    """Return columns selected by name, with or without unit, or by number from 1.
 
-    Numbers are names where all of them are.
+    Numbers are read as names if all of them are names of columns.
+
+    Examples
+    --------
+    >>> resolve_columns(["x", "3"], ["t", "x [g]", "y [g]"])
+    ('x [g]', 'y [g]')
     """
     by_number = not set(wanted) <= set(names) and all(map(str.isdecimal, wanted))
-    bare = [re.sub(r"\s*[(\[][^)\]]*[)\]]$", "", name) for name in names]
+    names_without_unit = [re.sub(r"\s*[(\[][^)\]]*[)\]]$", "", name) for name in names]
 
-    def named(name: str) -> str:
+    def resolve(name: str) -> str:
         if name in names and not by_number:
             return name
         if name.isdecimal() and 1 <= int(name) <= len(names):
             return names[int(name) - 1]
-        return names[bare.index(name)] if bare.count(name) == 1 else name
+        is_unique = names_without_unit.count(name) == 1
+        return names[names_without_unit.index(name)] if is_unique else name
 
-    return tuple(map(named, wanted))
+    return tuple(map(resolve, wanted))
 
 
 def ambiguous_number_flags(wanted: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-    """Return how numbers of columns were read, if they are names of other columns too; else nothing."""
-    places = {name: place for place, name in enumerate(names, 1)}
+    """Return a flag if column numbers are also names of other columns."""
+    positions = {name: position for position, name in enumerate(names, 1)}
     numbers = {name: int(name) for name in wanted if name.isdecimal()}
-    are_places = all(1 <= number <= len(names) for number in numbers.values())
-    if not are_places or all(places.get(name, number) == number for name, number in numbers.items()):
+    are_valid = all(1 <= number <= len(names) for number in numbers.values())
+    if not are_valid or all(positions.get(name, number) == number for name, number in numbers.items()):
         return ()
     chosen = resolve_columns(wanted, names)
-    how = "names" if chosen == tuple(wanted) else "numbers from 1"
+    interpretation = "names" if chosen == tuple(wanted) else "numbers from 1"
     return (
-        f"columns: {quote_names(wanted)} are read as {how}, the columns {quote_names(chosen)} "
+        f"columns: {quote_names(wanted)} are read as {interpretation}, the columns {quote_names(chosen)} "
         f"of {quote_names(names)}",
     )

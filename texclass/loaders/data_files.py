@@ -1,11 +1,11 @@
-"""Which files of a folder can be data, and how their names are compared."""
+"""Listing of the data files in a folder, and normalisation of their names."""
 
 import unicodedata
 from pathlib import Path
 
 
 def data_files(folder: Path) -> list[Path]:
-    """Return the files in a folder and below it, sorted, without hidden and system files."""
+    """Return the files in a folder and its subfolders, sorted, without hidden and system files."""
     return [
         path
         for path in sorted(folder.rglob("*"))
@@ -14,11 +14,11 @@ def data_files(folder: Path) -> list[Path]:
 
 
 def is_hidden(name: str) -> bool:
-    """Whether the name of a file or folder begins with a dot or is one of the operating system."""
-    of_systems = ("__macosx", "thumbs.db", "desktop.ini")
-    return name.startswith(".") or name.lower() in of_systems
+    """Return whether a file or folder is hidden or belongs to the operating system, by its name."""
+    system_names = ("__macosx", "thumbs.db", "desktop.ini")
+    return name.startswith(".") or name.lower() in system_names
 
 
 def normalize_name(name: str) -> str:
-    """Return a name in Unicode normal form C: macOS stores "ü" as two characters, others as one."""
+    """Return a name in Unicode normal form C; macOS stores "ü" as two characters, other systems as one."""
     return unicodedata.normalize("NFC", name)

@@ -1,4 +1,4 @@
-"""Dates and times of day as loggers and spreadsheets write them; ISO 8601 is left to pyarrow."""
+"""Dates and times of day in the notations of loggers and spreadsheets (pyarrow reads ISO 8601)."""
 
 import re
 
@@ -16,24 +16,40 @@ _DATE = re.compile(_PATTERN)
 
 
 def is_date(cell: str) -> bool:
-    """Whether a cell is a date and time, or a time of day."""
+    """Return whether a cell contains a date and time, or a time of day."""
     return _DATE.match(cell) is not None
 
 
 def parse_dates(column: pa.ChunkedArray) -> NDArray[np.datetime64]:
-    """Return cells such as "2019-08-06 14:15:18:503", "6.8.2019 14:15:18" or "2:15:18 PM" as datetime64[ns].
+    """Parse dates such as "2019-08-06 14:15:18:503", "6.8.2019 14:15:18" or "2:15:18 PM".
 
-    Dates with slashes are read month first, others day first; within one day, this makes no difference.
+    Dates with slashes are read month first, other dates day first. Within one day this makes no difference.
+
+    Parameters
+    ----------
+    column : pyarrow.ChunkedArray
+        Cells as text.
+
+    Returns
+    -------
+    ndarray of datetime64[ns]
+        Times of day without a date count from 1970-01-01; times after midnight are on the next day.
 
     Raises
     ------
     ValueError
-        If a cell is no date.
+        If a cell is not a date.
+
+    Examples
+    --------
+    >>> import pyarrow as pa
+    >>> parse_dates(pa.chunked_array([["6.8.2019 14:15:18.5"]])).tolist()
+    [1565100918500000000]
     """
     parts = pc.extract_regex(column.combine_chunks(), _PATTERN)
     if parts.null_count:
-        bad = column[int(np.flatnonzero(parts.is_null().to_numpy(zero_copy_only=False))[0])]
-        raise ValueError(f"{bad.as_py()!r} is not a date like {column[0].as_py()!r}")
+        invalid = column[int(np.flatnonzero(parts.is_null().to_numpy(zero_copy_only=False))[0])]
+        raise ValueError(f"{invalid.as_py()!r} is not a date like {column[0].as_py()!r}")
     field = {name: parts.field(i) for i, name in enumerate(_DATE.groupindex)}
 
     def number(name: str) -> NDArray[np.int64]:
@@ -54,6 +70,6 @@ def parse_dates(column: pa.ChunkedArray) -> NDArray[np.datetime64]:
     hour = np.where(has_half, number("hour") % 12, number("hour")) + 12 * is_pm
     fraction = pc.cast(pc.utf8_rpad(field["fraction"], 9, "0"), pa.int64()).to_numpy(zero_copy_only=False)
     ns = ((hour * 60 + number("minute")) * 60 + number("s")) * 10**9 + fraction
-    if not year.any():  # times of day pass midnight
+    if not year.any():  # times of day that pass midnight continue on the next day
         ns += 86_400 * 10**9 * np.cumsum(np.diff(ns, prepend=ns[:1]) < -43_200 * 10**9)
     return np.asarray(days.astype("M8[ns]") + ns.astype("m8[ns]"))

@@ -1,4 +1,4 @@
-"""One recording from one file of any format, or from one file per axis."""
+"""Loading of one recording from one file of any format, or from one file per axis."""
 
 import importlib
 import re
@@ -44,9 +44,9 @@ from texclass.loaders.time_columns import is_increasing, resample_by_time_column
 from texclass.recording import AUXILIARY_UNITS, Recording, RecordingError, Samples, make_read_only
 
 AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
-"""The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
-_COMPANION = "beside\0"
-"""Before the name of a signal in another file, as no column is named."""
+"""Part of a file name that states the axis: `<name>_X.txt`, `<name>_X_train1.txt`."""
+_COMPANION = "companion\0"
+"""Prefix of signals from companion files; no column name contains a null character."""
 
 
 def load_recording(
@@ -70,40 +70,39 @@ def load_recording(
     Parameters
     ----------
     path : str or Path
-        Text (one value per line, or columns), CSV, TSV, LVM, Parquet, WAV, FLAC, MATLAB, NPY, NPZ, HDF5,
-        with the extra `formats` Excel (.xlsx) and TDMS, or a
-        bag of ROS (.bag, .mcap, .db3, a folder of rosbag2, also as "bag:FILE?topic=/name"), by suffix. If its
-        name says `_X`, `_Y` or `_Z` and files of the other axes are beside it, they form one recording.
+        File in a format given by its suffix: text (one value per line, or columns), CSV, TSV, LVM, Parquet,
+        WAV, FLAC, MATLAB, NPY, NPZ or HDF5; with the extra `formats` also Excel (.xlsx) and TDMS; with the
+        extra `robot` also ROS bags (.bag, .mcap, .db3, a rosbag2 folder, or "bag:FILE?topic=/name"). Files
+        `_X`, `_Y` and `_Z` of the same name form one recording; so does the folder of a sensor app.
     fs : float, optional
-        Sampling rate in Hz; needed unless the file states it. Stamps of a bag, times of a table must agree.
-    unit : str, optional
-        Unit of the acceleration: "m/s^2", "g", "mg", "counts", "V" or "arbitrary". Needed unless the type of
-        a bag's messages or the name of a column ("x [g]") states it. Integer audio keeps its codes when this
-        is "counts"; else full scale is 1.
+        Sampling rate in Hz, required if the file does not state it. Time stamps must agree with it.
+    unit : {"m/s^2", "g", "mg", "counts", "V", "arbitrary"}, optional
+        Unit of the acceleration, required if neither the message type of a bag nor a column name ("x [g]")
+        states it. "counts" keeps the codes of integer audio; otherwise full scale is 1.
     column : str or sequence of str, optional
-        Column(s) or array of the acceleration, by name or by number from 1; by default the conventional names
-        (x, y, z; ax, ay, az; acceleration) or the only column.
+        Column(s) or array of the acceleration, by name or by number from 1 (default: the conventional names
+        x, y, z; ax, ay, az; acceleration; or the only column).
     auxiliary : mapping of str to str or sequence of str, optional
-        Signals beside the acceleration: field of `Recording` -> column(s), in the unit the field is kept in.
+        Column(s) of other signals, by field of `Recording` and in the unit of that field.
     delimiter : str, optional
-        Of a text; by default what its first line has. Decimal points may be commas where it is none.
+        Column delimiter of a text file (default: detected). Decimal commas are accepted if the delimiter is
+        not a comma.
     time_column : str, optional
-        Column of the time stamps (numbers or dates); by default one named time, t or timestamp that
-        increases. Time stamps give the rate, or must agree with `fs`; samples are interpolated at their
-        times, and lost ones are filled in or divide the recording. "none" ignores all time stamps.
-    time_unit : str, optional
-        Unit of the time stamps: "s", "ms", "us", "ns", "min", "h" or "days". By default the one in the name
-        of the column, or the one that range and step imply.
+        Column of the time stamps, numbers or dates (default: an increasing column named time, t or
+        timestamp). Time stamps give the sampling rate, or must agree with `fs`. Samples are interpolated to
+        a uniform rate; short gaps are filled, long gaps divide the recording. "none" ignores time stamps.
+    time_unit : {"s", "ms", "us", "ns", "min", "h", "days"}, optional
+        Unit of the time stamps (default: from the column name, or inferred from range and step).
     resample : float, optional
-        Rate in Hz to which the signals are brought, band-limited.
+        Target sampling rate in Hz of a band-limited resampling.
     topic : str, optional
-        Of a bag; by default the only one that carries an acceleration.
+        Topic of a bag (default: the only one with an acceleration).
     skip_rows : int, optional
-        Number of lines at the beginning of a text that are not read (default 0).
+        Number of lines to skip at the start of a text file (default 0).
     comment : str, optional
-        Beginning of comment lines of a text (default: #, % and //).
+        Start of comment lines in a text file (default: #, % and //).
     drop_incomplete : bool
-        Leave out lines of a text without a number in each column (default: they are an error).
+        Drop lines of a text file that lack a number in a column (default False: raise an error).
 
     Returns
     -------
@@ -113,7 +112,7 @@ def load_recording(
     Raises
     ------
     RecordingError
-        If rate or unit are missing or contradicted, or the file is invalid.
+        If the sampling rate or unit is missing or contradicts the file, or the file is invalid.
 
     Examples
     --------
@@ -123,7 +122,7 @@ def load_recording(
     >>> load_recording("oak.csv", fs=1000, unit="g")
     <Recording 'oak': 1 s at 1000 Hz, 3 axes in m/s^2>
     """
-    path, asked = locate_recording(path)
+    path, path_topic = locate_recording(path)
     settings = ReaderSettings(
         fs=fs,
         unit=unit,
@@ -132,7 +131,7 @@ def load_recording(
         time_column=time_column,
         time_unit=time_unit,
         resample=resample,
-        topic=topic or asked,
+        topic=topic or path_topic,
         skip_rows=skip_rows,
         comment=comment,
         drop_incomplete=drop_incomplete,
@@ -141,10 +140,10 @@ def load_recording(
     roles = {
         name: as_column_names(names) for name, names in {ACCELERATION: column, **(auxiliary or {})}.items()
     }
-    axes, beside, flags = source_files(path)
-    signals = read_signals(axes, roles, settings, companions=beside)
+    axes, companions, flags = source_files(path)
+    signals = read_signals(axes, roles, settings, companions=companions)
     if unit is None and signals.unit is not None and not is_bag(path):
-        flags = (*flags, f"in {signals.unit}: the names of its columns say so")
+        flags = (*flags, f"unit {signals.unit}, from the column names")
     return build_recording(
         signals,
         fs=fs,
@@ -157,12 +156,12 @@ def load_recording(
 
 
 def locate_recording(name: str | Path) -> tuple[Path, str | None]:
-    """Return the file that a name means, and the topic if it names one ("bag:FILE?topic=/name").
+    """Return the file and topic of a name such as "bag:FILE?topic=/name"; the topic is None without one.
 
     Raises
     ------
     RecordingError
-        If there is no such file.
+        If the file does not exist.
     """
     topic = None
     path = Path(name).expanduser()
@@ -170,14 +169,14 @@ def locate_recording(name: str | Path) -> tuple[Path, str | None]:
         rest, _, query = str(name).removeprefix("bag:").partition("?")
         path, topic = Path(rest).expanduser(), query.removeprefix("topic=") or None
         if query and not query.startswith("topic="):
-            raise reader_error(name, f"asks for {query!r}", "bag:FILE?topic=/name")
+            raise reader_error(name, f"unknown query {query!r}", "bag:FILE?topic=/name")
     if not path.exists():
         raise RecordingError(f"{path}: cannot be opened (no such file)")
     return path / BAG_METADATA if (path / BAG_METADATA).is_file() else path, topic
 
 
 def is_bag_name(name: str | Path) -> bool:
-    """Whether a name is of the form "bag:FILE" and not a file itself."""
+    """Return whether a name has the form "bag:FILE" and is not the name of a file."""
     return str(name).startswith("bag:") and not Path(name).exists()
 
 
@@ -187,7 +186,7 @@ def column_names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     Raises
     ------
     RecordingError
-        If the file does not exist, is empty, unreadable, or of an unknown kind.
+        If the file does not exist, is empty or unreadable, or has an unknown format.
     """
     names: tuple[str, ...] = _reader(path).names(path, settings)
     return names
@@ -199,14 +198,14 @@ def topics(path: Path) -> tuple[str, ...]:
     Raises
     ------
     RecordingError
-        If it is no readable bag.
+        If the file is not a readable bag.
     """
-    found: tuple[str, ...] = _reader(path).readable_topics(path)
-    return found
+    names: tuple[str, ...] = _reader(path).readable_topics(path)
+    return names
 
 
 def _reader(path: Path) -> ModuleType:
-    """Return the module that reads a file that is there; its libraries are imported only now."""
+    """Check that a file exists, and import the module that reads its format."""
     try:
         size = path.stat().st_size
     except OSError as error:
@@ -232,18 +231,30 @@ def _reader(path: Path) -> ModuleType:
 
 
 def source_files(path: Path) -> tuple[dict[str, Path], dict[str, Path], tuple[str, ...]]:
-    """Return the files of a recording by axis, those of other signals by field, and what a user should know.
+    """Return the files of one recording.
 
-    `path` is a file, or a folder that a sensor app exported.
+    Parameters
+    ----------
+    path : Path
+        File, or folder exported by a sensor app.
+
+    Returns
+    -------
+    axes : dict of str to Path
+        Files by axis; the axis is "" if one file contains all.
+    companions : dict of str to Path
+        Files of other signals, by field of `Recording`.
+    flags : tuple of str
+        Notes for the user.
     """
     if (export := find_export(path)) is None:
         return axis_files(path), {}, ()
-    beside = {"turn_rate": path / export.turn_rate} if export.turn_rate else {}
-    return {"": path / export.acceleration}, beside, (f"export: {export.facts}",)
+    companions = {"turn_rate": path / export.turn_rate} if export.turn_rate else {}
+    return {"": path / export.acceleration}, companions, (f"export: {export.summary}",)
 
 
 def recording_name(path: Path, axes: Mapping[str, Path]) -> str:
-    """Return the name of a recording by its file, or by one of its files, without suffix and axis."""
+    """Return the name of a recording: the name of its file or folder without suffix and axis."""
     if path.is_dir():
         return path.name
     if len(axes) == 1:
@@ -253,13 +264,15 @@ def recording_name(path: Path, axes: Mapping[str, Path]) -> str:
 
 
 def axis_files(path: Path) -> dict[str, Path]:
-    """Return axis -> file for a file that is one of several axes; else the file itself under ""."""
-    found = list(AXIS.finditer(path.name))
-    if not found:
+    """Return the files of all axes, given the file of one; a file without axis has the key ""."""
+    matches = list(AXIS.finditer(path.name))
+    if not matches:
         return {"": path}
-    first, last = found[-1].span("axis")
+    first, last = matches[-1].span("axis")
     letters = "XYZ" if path.name[first].isupper() else "xyz"
-    siblings = {a.lower(): path.with_name(path.name[:first] + a + path.name[last:]) for a in letters}
+    siblings = {
+        letter.lower(): path.with_name(path.name[:first] + letter + path.name[last:]) for letter in letters
+    }
     return {axis: file for axis, file in siblings.items() if file.is_file()} or {"": path}
 
 
@@ -271,81 +284,91 @@ def read_signals(
     trim: bool = False,
     companions: Mapping[str, Path] | None = None,
 ) -> ReadSignals:
-    """Read a recording's signals from one file, or join one file per axis.
+    """Read the signals of a recording from one file, or join one file per axis.
 
     Parameters
     ----------
     axes : mapping of str to Path
-        Axis -> file; the axis is "" when one file holds all.
+        File by axis; the axis is "" if one file contains all.
     roles : mapping of str to sequence of str
-        "acceleration" or an auxiliary field of `Recording` -> its column(s), in the order of the axes. By
-        default the acceleration is in the columns of conventional names, or in the only one.
+        Columns by signal, "acceleration" or an auxiliary field of `Recording`, in the order of the axes. By
+        default the acceleration is in the columns with conventional names, or in the only column.
     settings : ReaderSettings
-        How to read.
+        Options of the reader.
     trim : bool
-        Cut axes of different lengths to the shortest instead of refusing them.
+        Cut axes of different lengths to the shortest (default False: raise an error).
     companions : mapping of str to Path, optional
-        Auxiliary field -> file with the same time column, in which it is interpolated. Without time column, a
-        field is not in the result.
+        File by auxiliary field. It has the same time column as the acceleration, and its signal is
+        interpolated at those times. If the files have no time column, the field is not in the result.
+
+    Returns
+    -------
+    ReadSignals
+        Signals by field of `Recording`.
 
     Raises
     ------
     RecordingError
-        If a file is bad or of another sensor, the axes differ in length or rate, or a signal beside them
-        covers too little of their time.
+        If a file is invalid or from another sensor, the axes differ in length or rate, or a companion covers
+        less than 90 % of the time of the acceleration.
     """
     if unknown := set(roles) - {ACCELERATION, *AUXILIARY_UNITS}:
         raise RecordingError(
-            f"signals {sorted(unknown)} are unknown. Expected some of {', '.join(AUXILIARY_UNITS)}"
+            f"unknown signals {sorted(unknown)}. Expected some of {', '.join(AUXILIARY_UNITS)}"
         )
     parts = {axis: _read_file(path, roles, settings, companions or {}) for axis, path in axes.items()}
     axis, first = next(iter(parts.items()))
     if len(parts) == 1:
-        is_one_axis = axis and first.named[ACCELERATION].ndim == 1
+        is_one_axis = axis and first.signals[ACCELERATION].ndim == 1
         return replace(first, channels=(axis,)) if is_one_axis else first
     where = str(axes[axis])
-    lengths = {axis: len(part.named[ACCELERATION]) for axis, part in parts.items()}
+    lengths = {axis: len(part.signals[ACCELERATION]) for axis, part in parts.items()}
     if len(set(lengths.values())) > 1 and not trim:
-        raise reader_error(where, f"its axes have {lengths} samples", "one length")
+        raise reader_error(
+            where, f"its axes have {lengths} samples", "the same length (`trim = true` in a card cuts them)"
+        )
     rates = [part.fs for part in parts.values()]
     if len(set(rates)) > 1:
-        raise reader_error(where, f"its axes have rates {rates}", "one")
+        raise reader_error(where, f"its axes have the rates {rates} Hz", "one rate")
     units = {part.unit: None for part in parts.values() if part.unit is not None}
     if len(units) > 1:
         raise reader_error(where, f"its axes are in {' and '.join(sorted(units))}", "one unit")
     n = min(lengths.values())
-    acceleration = make_read_only(np.column_stack([part.named[ACCELERATION][:n] for part in parts.values()]))
-    named = {**first.named, ACCELERATION: acceleration}
+    acceleration = make_read_only(
+        np.column_stack([part.signals[ACCELERATION][:n] for part in parts.values()])
+    )
+    signals = {**first.signals, ACCELERATION: acceleration}
     flags = tuple(dict.fromkeys(flag for part in parts.values() for flag in part.flags))
-    return ReadSignals(named, first.fs, flags, tuple(parts), next(iter(units), None))
+    return ReadSignals(signals, first.fs, flags, tuple(parts), next(iter(units), None))
 
 
 def _read_file(
     path: Path, roles: Mapping[str, Sequence[str]], settings: ReaderSettings, companions: Mapping[str, Path]
 ) -> ReadSignals:
-    """Read the signals of one file, and those beside them, by the fields of `Recording`."""
-    stated = roles.get(ACCELERATION, ())
-    present = () if is_bag(path) and stated else column_names(path, settings)
-    if not stated and (sensor := other_sensor_name(path)):
-        rule = "an accelerometer: --column names its columns, if they hold an acceleration"
-        raise reader_error(path, f"its name is that of a {sensor}", rule)
-    varying = partial(_varying_columns, path, settings)
-    chosen = resolve_columns(stated, present) or choose_acceleration(present, path, varying)
-    if steering := next((name for name in chosen if not name.isprintable()), None):
-        raise reader_error(path, f"the column {steering!r} holds a control character", "printable names")
-    columns = {field: resolve_columns(names, present) for field, names in roles.items()} | {
-        ACCELERATION: chosen
-    }
-    wanted = tuple(dict.fromkeys(name for names in columns.values() for name in names))
-    read = _read(path, wanted, settings, companions)
-    named = {field: _stack_columns(read, names, path) for field, names in columns.items()}
-    named |= {
-        field: read.named[_COMPANION + field] for field in companions if _COMPANION + field in read.named
+    """Read the signals of one file and of its companions, by field of `Recording`."""
+    acceleration = roles.get(ACCELERATION, ())
+    names = () if is_bag(path) and acceleration else column_names(path, settings)
+    if not acceleration and (sensor := other_sensor_name(path)):
+        expected = "an accelerometer file; if it contains an acceleration, name its columns with --column"
+        raise reader_error(path, f"its name is that of a {sensor}", expected)
+    find_varying = partial(_varying_columns, path, settings)
+    chosen = resolve_columns(acceleration, names) or choose_acceleration(names, path, find_varying)
+    if unprintable := next((name for name in chosen if not name.isprintable()), None):
+        raise reader_error(
+            path, f"the column {unprintable!r} contains a control character", "printable names"
+        )
+    columns = {field: resolve_columns(wanted, names) for field, wanted in roles.items()}
+    columns[ACCELERATION] = chosen
+    wanted_columns = tuple(dict.fromkeys(name for wanted in columns.values() for name in wanted))
+    read = _read(path, wanted_columns, settings, companions)
+    signals = {field: _stack_columns(read, wanted, path) for field, wanted in columns.items()}
+    signals |= {
+        field: read.signals[_COMPANION + field] for field in companions if _COMPANION + field in read.signals
     }
     return replace(
         read,
-        named=named,
-        flags=(*read.flags, *ambiguous_number_flags(stated, present)),
+        signals=signals,
+        flags=(*read.flags, *ambiguous_number_flags(acceleration, names)),
         unit=read.unit or acceleration_unit(chosen, path),
         channels=tuple(map(strip_unit, chosen)) if len(chosen) > 1 else (),
     )
@@ -353,78 +376,81 @@ def _read_file(
 
 def _stack_columns(read: ReadSignals, names: Sequence[str], path: Path) -> Samples:
     """Return columns of a file as one signal."""
-    columns = [read.named[name] for name in names]
+    columns = [read.signals[name] for name in names]
     if len({len(column) for column in columns}) > 1:
-        found = ", ".join(f"{name!r} has {len(read.named[name])}" for name in names)
-        raise reader_error(path, f"its columns differ in length: {found} samples", "one length")
+        lengths = ", ".join(f"{name!r} has {len(read.signals[name])}" for name in names)
+        raise reader_error(path, f"its columns differ in length: {lengths} samples", "one length")
     return make_read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
 
 
 def _varying_columns(path: Path, settings: ReaderSettings, names: Sequence[str]) -> list[str]:
-    """Return the columns of varying numbers that neither rise nor fall throughout, as long as the first."""
-    found: dict[str, Samples] = {}
+    """Return the columns that may be an acceleration: not monotonic, in one group, and of the largest length.
+
+    Only the first 12 columns are read, because the result is only a suggestion in a message.
+    """
+    candidates: dict[str, Samples] = {}
     tolerant = replace(settings, drop_incomplete=True)
-    for name in names[:12]:  # enough for a suggestion
+    for name in names[:12]:
         try:
-            samples = as_samples(_reader(path).read(path, (name,), tolerant).named[name], name, path)
+            samples = as_samples(_reader(path).read(path, (name,), tolerant).signals[name], name, path)
         except RecordingError:
             continue
         steps = np.diff(samples, axis=0)
         is_monotonic = (steps >= 0).all() or (steps <= 0).all()
-        if not is_monotonic and group_path(name) == group_path(next(iter(found), name)):
-            found[name] = samples
-    most = max(map(len, found.values()), default=0)
-    return [name for name, samples in found.items() if len(samples) == most]
+        if not is_monotonic and group_path(name) == group_path(next(iter(candidates), name)):
+            candidates[name] = samples
+    n_samples = max(map(len, candidates.values()), default=0)
+    return [name for name, samples in candidates.items() if len(samples) == n_samples]
 
 
 def _read(
-    path: Path, wanted: tuple[str, ...], settings: ReaderSettings, beside: Mapping[str, Path]
+    path: Path, wanted: tuple[str, ...], settings: ReaderSettings, companions: Mapping[str, Path]
 ) -> ReadSignals:
-    """Read columns of a file, at the rate of its time stamps if there are any."""
+    """Read columns of a file, at the uniform rate of its time stamps if there are any."""
     read: ReadSignals
-    reader, stated = _reader(path), settings.time_column
-    if is_bag(path):  # it has time stamps
+    reader, time_column = _reader(path), settings.time_column
+    if is_bag(path):  # the reader of bags uses their time stamps
         return reader.read(path, wanted, settings)  # type: ignore[no-any-return]
-    if stated is not None and stated != NO_TIME_COLUMN:
-        (time,) = resolve_columns((stated,), reader.names(path, settings))
+    if time_column is not None and time_column != NO_TIME_COLUMN:
+        (time,) = resolve_columns((time_column,), reader.names(path, settings))
         read = reader.read(path, tuple(dict.fromkeys((*wanted, time))), settings)
-        return _resample_columns(replace(read, fs=None), wanted, time, path, settings, beside)
+        return _resample_columns(replace(read, fs=None), wanted, time, path, settings, companions)
     ignored = list[str]()
-    for time in [] if stated else _time_candidates(reader.names(path, settings), wanted):
+    for time in [] if time_column else _time_candidates(reader.names(path, settings), wanted):
         try:
             read = reader.read(path, (*wanted, time), settings)
-        except RecordingError:  # if reading without it succeeds
-            ignored.append(f"time: column {time!r} is ignored, it has neither numbers nor dates in each row")
+        except RecordingError:  # reading without the time column may succeed
+            ignored.append(f"time: column {time!r} is ignored, not all rows have a number or date in it")
             continue
-        if any(len(read.named[name]) != len(read.named[time]) for name in wanted):
-            ignored.append(f"time: column {time!r} is ignored, it has another length than the signals")
-        elif not is_increasing(read.named[time]):
+        if any(len(read.signals[name]) != len(read.signals[time]) for name in wanted):
+            ignored.append(f"time: column {time!r} is ignored, its length differs from the signals")
+        elif not is_increasing(read.signals[time]):
             ignored.append(f"time: column {time!r} is ignored, it does not increase like time stamps")
         else:
             read = replace(read, flags=(*read.flags, *ignored))
             try:
-                return _resample_columns(read, wanted, time, path, settings, beside)
+                return _resample_columns(read, wanted, time, path, settings, companions)
             except RecordingError as error:
-                if read.fs is None or beside:
+                if read.fs is None or companions:
                     raise
                 raise RecordingError(
-                    f"{path}: its time column {time!r} contradicts the rate that it states, {read.fs:g} Hz. "
-                    "Expected one rate: --time-column none uses the stated one, "
+                    f"{path}: its time column {time!r} contradicts its sampling rate, {read.fs:g} Hz. "
+                    "Expected one rate: --time-column none uses the sampling rate, "
                     f"--time-column {shlex.quote(time)} the time stamps (`time_column` in a card)"
                 ) from error
     read = reader.read(path, wanted, settings)
-    signals = {name: as_samples(read.named[name], name, path) for name in wanted}
-    return replace(read, named=signals, flags=(*read.flags, *ignored))
+    signals = {name: as_samples(read.signals[name], name, path) for name in wanted}
+    return replace(read, signals=signals, flags=(*read.flags, *ignored))
 
 
 def _time_candidates(names: Sequence[str], wanted: Sequence[str]) -> list[str]:
-    """Return the columns named like time in the groups of all signals: the nearest first."""
+    """Return the columns named like time stamps in a group with all signals, the innermost group first."""
 
-    def is_above(name: str) -> bool:
+    def has_signals(name: str) -> bool:
         return all(group_path(signal)[: len(group_path(name))] == group_path(name) for signal in wanted)
 
-    found = [name for name in names if is_time(name) and name not in wanted and is_above(name)]
-    return sorted(found, key=lambda name: (-len(group_path(name)), time_unit(name) is None))
+    candidates = [name for name in names if is_time(name) and name not in wanted and has_signals(name)]
+    return sorted(candidates, key=lambda name: (-len(group_path(name)), time_unit(name) is None))
 
 
 def _resample_columns(
@@ -433,18 +459,18 @@ def _resample_columns(
     time: str,
     path: Path,
     settings: ReaderSettings,
-    beside: Mapping[str, Path],
+    companions: Mapping[str, Path],
 ) -> ReadSignals:
-    """Return signals at the uniform rate that a column of time stamps implies."""
-    times = read.named[time]
-    signals = {name: as_samples(read.named[name], name, path) for name in wanted}
-    for field, file in beside.items():
+    """Return signals at the uniform rate of a column of time stamps."""
+    times = read.signals[time]
+    signals = {name: as_samples(read.signals[name], name, path) for name in wanted}
+    for field, file in companions.items():
         signals[_COMPANION + field] = _interpolate_companion(file, field, time, times, settings)
     if lengths := {len(signal) for signal in signals.values()} - {len(times)}:
         raise reader_error(
             path,
-            f"its time column {time!r} has {len(times)} values, a signal {lengths.pop()}",
-            "one length, or --time-column none",
+            f"its time column {time!r} has {len(times)} values, a signal has {lengths.pop()}",
+            "the same length, or --time-column none",
         )
     columns = [signal.reshape(len(times), -1) for signal in signals.values()]
     uniform, fs, flags = resample_by_time_column(
@@ -457,36 +483,37 @@ def _resample_columns(
         rate_of=settings.rate_of,
     )
     parts = np.split(uniform, np.cumsum([column.shape[1] for column in columns])[:-1], axis=1)
-    named = {
+    resampled = {
         name: part.reshape(len(part), *signal.shape[1:])
         for (name, signal), part in zip(signals.items(), parts, strict=True)
     }
-    joined = [
-        f"joined: {field} of {file.name}, at the times of {path.name}" for field, file in beside.items()
+    join_flags = [
+        f"joined: {field} of {file.name}, at the times of {path.name}" for field, file in companions.items()
     ]
-    return replace(read, named=named, fs=fs, flags=(*read.flags, *flags, *joined))
+    return replace(read, signals=resampled, fs=fs, flags=(*read.flags, *flags, *join_flags))
 
 
 def _interpolate_companion(
     path: Path, field: str, time: str, times: NDArray[np.generic], settings: ReaderSettings
 ) -> Samples:
-    """Return a signal of another file at some times, linearly interpolated."""
+    """Return the signal of a companion file, linearly interpolated at the times of the acceleration."""
     reader = _reader(path)
     names = signal_columns(reader.names(path, settings), path)
     read = reader.read(path, (*names, time), settings)
-    own = read.named[time]
-    if own.dtype.kind != times.dtype.kind:
+    companion_times = read.signals[time]
+    if companion_times.dtype.kind != times.dtype.kind:
         raise reader_error(
-            path, f"its column {time!r} is of another kind", "the time stamps of the acceleration"
+            path, f"its column {time!r} has another type", "time stamps like those of the acceleration"
         )
-    at, known = (
-        clock.astype(np.int64 if clock.dtype.kind == "M" else float).astype(float) for clock in (times, own)
+    new_t, t = (
+        clock.astype(np.int64 if clock.dtype.kind == "M" else float).astype(float)
+        for clock in (times, companion_times)
     )
-    share = float(np.mean((at >= known.min()) & (at <= known.max())))
-    if share < 0.9:  # of the time of the acceleration
-        raise reader_error(path, f"it covers {share:.0%} of the times of the acceleration", "90% or more")
-    order = np.argsort(known, kind="stable")
+    coverage = float(np.mean((new_t >= t.min()) & (new_t <= t.max())))
+    if coverage < 0.9:
+        raise reader_error(path, f"it covers {coverage:.0%} of the times of the acceleration", "90% or more")
+    order = np.argsort(t, kind="stable")
     factor = turn_rate_factor(names, path) if field == "turn_rate" else 1.0
-    columns = [as_samples(read.named[name], name, path)[order] * factor for name in names]
-    found = np.column_stack([np.interp(at, known[order], column) for column in columns])
-    return found[:, 0] if len(names) == 1 else found
+    columns = [as_samples(read.signals[name], name, path)[order] * factor for name in names]
+    interpolated = np.column_stack([np.interp(new_t, t[order], column) for column in columns])
+    return interpolated[:, 0] if len(names) == 1 else interpolated

@@ -1,4 +1,4 @@
-"""Datasets in files: a recording is a file (or one per axis) whose name tells what it is, or a row of one."""
+"""Datasets in which a recording is one file, one file per axis, or one row of a file."""
 
 import re
 from collections import Counter
@@ -32,59 +32,61 @@ from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 from texclass.reporting.wording import counted
 
 MATCH_TIMEOUT_S = 0.2
-"""Seconds of the processor that a pattern may take on one name; usual ones take microseconds."""
+"""Time limit in s for matching a pattern with one file name; usual patterns take microseconds."""
 Groups = dict[str, str]
-"""Facts of a recording that names, topics and tables state: group -> text."""
+"""Values of the groups of a recording, from its file name, topic or row of the label table."""
 
 
 def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
-    """Load one recording that is a file, or several.
+    """Load the recording of an entry from its files.
 
     Parameters
     ----------
     reading : FileReading
-        How the files become recordings.
+        Keys of the card on the files.
     root : Path
-        Folder to which the entry's paths are relative.
+        Folder of the dataset.
     entry : Entry
-        Which recording.
+        Files and labels of the recording.
 
     Raises
     ------
     RecordingError
-        If it is bad; the message names file, value and rule.
+        If a file is missing or invalid.
     """
     axes, companions = {}, dict[str, Path]()
     for name in entry.paths:
         if root / name in companions.values():
             continue
-        if (matched := match_name(reading.files, name)) is not None:
-            groups, _ = matched
+        if (match := match_name(reading.files, name)) is not None:
+            groups, _ = match
             axes[groups.get("axis", "").lower()] = root / name
             for signal, candidates in _companion_names(reading, groups).items():
-                for companion in entry.paths:
-                    if normalize_name(companion) in candidates:
-                        companions[signal] = root / companion
+                for other_name in entry.paths:
+                    if normalize_name(other_name) in candidates:
+                        companions[signal] = root / other_name
     settings = replace(reading.settings, topic=entry.topic or reading.topic)
-    signals = read_signals(axes, reading.channels, settings, trim=reading.trim, companions=companions)
-    named = dict(signals.named)
-    flags = [f"absent: no file with the {name}" for name in reading.companions if name not in companions]
+    read = read_signals(axes, reading.channels, settings, trim=reading.trim, companions=companions)
+    signals = dict(read.signals)
+    flags = [f"missing: no file with the {name}" for name in reading.companions if name not in companions]
     for name, path in companions.items():
-        if name not in named:
+        if name not in signals:
             columns = signal_columns(column_names(path, settings), path)
-            one = read_signals({"": path}, {ACCELERATION: columns}, replace(settings, time_column=None))
-            if one.fs and signals.fs and abs(one.fs / signals.fs - 1) > TIMESTAMPS.near_rate:
+            companion = read_signals({"": path}, {ACCELERATION: columns}, replace(settings, time_column=None))
+            if companion.fs and read.fs and abs(companion.fs / read.fs - 1) > TIMESTAMPS.near_rate:
                 raise reader_error(
-                    path, f"its rate is {one.fs:g} Hz, that of the acceleration {signals.fs:g}", "one"
+                    path,
+                    f"its rate is {companion.fs:g} Hz, that of the acceleration {read.fs:g} Hz",
+                    "one rate",
                 )
-            named[name] = one.named[ACCELERATION]
-    lengths = {name: len(signal) for name, signal in named.items()}
+            signals[name] = companion.signals[ACCELERATION]
+    lengths = {name: len(signal) for name, signal in signals.items()}
     if reading.trim and len(set(lengths.values())) > 1:
         shortest = min(lengths.values())
-        named = {name: signal[:shortest] for name, signal in named.items()}
+        signals = {name: signal[:shortest] for name, signal in signals.items()}
         flags.append(f"trimmed: {lengths} samples cut to {shortest}")
-    signals = replace(signals, named=named, flags=(*flags, *signals.flags))
-    return _recording(signals, reading, entry, str(root / entry.paths[0]))
+    read = replace(read, signals=signals, flags=(*flags, *read.flags))
+    return _build_recording(read, reading, entry, str(root / entry.paths[0]))
 
 
 def open_files(
@@ -94,37 +96,37 @@ def open_files(
     ignored: Collection[str] = (),
     notes: tuple[str, ...] = (),
     skip_bad: bool = False,
-    **about: str,
+    **attributes: str,
 ) -> Dataset:
-    """Return a dataset of files; only names and the table of labels are read.
+    """Open a dataset of files; only file names and the label table are read.
 
     Parameters
     ----------
     reading : FileReading
-        How the files become recordings.
+        Keys of the card on the files.
     root : Path
         Folder of the files.
     ignored : collection of str
-        Relative names of files that are neither recordings nor reported.
-    notes, skip_bad, **about
-        Of the `Dataset`.
+        Relative names of files that are not recordings and need no note.
+    notes, skip_bad, **attributes
+        Attributes of the `Dataset`.
 
     Raises
     ------
     RecordingError
         If no file matches, or an id occurs twice.
     CardError
-        If the table of labels lacks a column or a recording.
+        If the label table lacks a column or a recording.
     """
     table = reading.labels
     labels = Labels.read((root / table.file).resolve(), table) if table else None
-    own = [table.file] if table else []
-    present = _recording_candidates(root, own)
-    others = present.difference(ignored)
+    table_files = [table.file] if table else []
+    candidates = _recording_candidates(root, table_files)
+    unmatched = candidates.difference(ignored)
     left_out: list[str] = []
     entries: list[Entry] = []
-    for names, groups in _find(reading, present, ignored):
-        others -= set(names)
+    for names, groups in _match_files(reading, candidates, ignored):
+        unmatched -= set(names)
         try:
             entries += _entries(reading, root, names, groups, labels)
         except RecordingError as error:
@@ -132,51 +134,51 @@ def open_files(
                 raise
             left_out.append(f"left out: {error}")
     if not entries and not left_out:
-        beside = f": {min(others)!r} is not like {reading.files[0]!r}" if others else ""
-        rule = "at least one file as `files` of the card describes"
-        raise reader_error(root, f"holds no recording{beside}", rule)
+        example = f": {min(unmatched)!r} does not match {reading.files[0]!r}" if unmatched else ""
+        expected = "at least one file that matches `files` of the card"
+        raise reader_error(root, f"it contains no recordings{example}", expected)
     _check_names(entries, root)
     contents = {entry: _content_files(root, entry) for entry in entries}
-    digests = file_digests(root, [*own, *(name for names in contents.values() for name in names)])
+    digests = file_digests(root, [*table_files, *(name for names in contents.values() for name in names)])
     keys = {
         entry: (*(digests[name] for name in names), entry.topic or "") for entry, names in contents.items()
     }
     copies, copy_notes = _find_copies(keys)
-    doubts = [
+    file_notes = [
         *similar_label_notes(entry.surface for entry in entries),
-        *_unmatched_file_notes(reading, present - others, others),
+        *_unmatched_file_notes(reading, candidates - unmatched, unmatched),
     ]
     if table and isinstance(reading, FileCard) and is_outside(root / table.file, (root,)):
-        doubts.append(f"the table of labels {table.file!r} is outside of the folder of the recordings")
-    unmatched = sorted(set(labels.rows).difference(labels.used)) if labels else []
-    doubts += [f"{name} is in the table of labels, but has no file" for name in unmatched]
+        file_notes.append(f"the label table {table.file!r} is outside the folder of the recordings")
+    unused_rows = sorted(set(labels.rows).difference(labels.recording_ids)) if labels else []
+    file_notes += [f"{name} is in the label table, but has no file" for name in unused_rows]
     return Dataset(
         entries=tuple(entries),
         load=partial(load_files, reading, root),
-        input_hash=combine_digests(digests, reading.facts),
-        notes=(*notes, *doubts, *left_out, *copy_notes),
+        input_hash=combine_digests(digests, reading.hash_input),
+        notes=(*notes, *file_notes, *left_out, *copy_notes),
         skip_bad=skip_bad,
         copies=copies,
-        **about,
+        **attributes,
     )
 
 
-def _recording_candidates(root: Path, own: Collection[str]) -> set[str]:
-    """Return the relative names of the files that can be recordings, each in one Unicode normal form."""
-    present = {path.relative_to(root).as_posix() for path in data_files(root)}
-    present -= bag_parts(present).union(own)
-    alike: dict[str, str] = {}
-    for name in sorted(present, reverse=True):
-        if (other := alike.setdefault(normalize_name(name), name)) != name:
+def _recording_candidates(root: Path, table_files: Collection[str]) -> set[str]:
+    """Return the relative names of the files that can be recordings, without the label table."""
+    candidates = {path.relative_to(root).as_posix() for path in data_files(root)}
+    candidates -= bag_parts(candidates).union(table_files)
+    by_normal_form: dict[str, str] = {}
+    for name in sorted(candidates, reverse=True):
+        if (other := by_normal_form.setdefault(normalize_name(name), name)) != name:
             raise RecordingError(
                 f"{root} contains {other!a} and {name!a}, one name in two Unicode normal forms. "
                 "Expected different names: rename or remove one"
             )
-    return present
+    return candidates
 
 
 def _content_files(root: Path, entry: Entry) -> list[str]:
-    """Return the files that hold a recording: its own, and those of the storage of a bag."""
+    """Return the files with the content of a recording, including the storage files of a bag folder."""
     names = list(entry.paths)
     for folder in [(root / name).parent for name in names if PurePosixPath(name).name == BAG_METADATA]:
         names += [
@@ -188,89 +190,92 @@ def _content_files(root: Path, entry: Entry) -> list[str]:
 
 
 def _find_copies(keys: Mapping[Entry, Hashable]) -> tuple[tuple[tuple[Entry, ...], ...], list[str]]:
-    """Return the recordings that have equal keys, together, and notes on them."""
-    same: dict[Hashable, tuple[Entry, ...]] = {}
+    """Return groups of recordings with equal content (equal keys), and notes on them."""
+    entries_by_key: dict[Hashable, tuple[Entry, ...]] = {}
     for entry, key in keys.items():
-        same[key] = (*same.get(key, ()), entry)
-    copies = tuple(alike for alike in same.values() if len(alike) > 1)
+        entries_by_key[key] = (*entries_by_key.get(key, ()), entry)
+    copies = tuple(group for group in entries_by_key.values() if len(group) > 1)
     notes = []
-    for of_several, end in ((True, " but different labels"), (False, "")):
-        found = [alike for alike in copies if (len({entry.surface for entry in alike}) > 1) == of_several]
-        if found:
-            names = ", ".join(repr(entry.recording_id) for entry in found[0])
-            n = sum(map(len, found))
-            notes.append(f"{counted(n, 'recording')} have the same content as another{end}, first {names}")
+    for has_several_labels, suffix in ((True, " but different labels"), (False, "")):
+        groups = [
+            group for group in copies if (len({entry.surface for entry in group}) > 1) == has_several_labels
+        ]
+        if groups:
+            names = ", ".join(repr(entry.recording_id) for entry in groups[0])
+            n = sum(map(len, groups))
+            notes.append(f"{counted(n, 'recording')} have the same content as another{suffix}, first {names}")
     return copies, notes
 
 
-def _unmatched_file_notes(reading: FileReading, taken: set[str], others: set[str]) -> list[str]:
-    """Return a note on files that are left out although others of their kind are recordings."""
-    kinds = {PurePosixPath(name).suffix.lower() for name in taken}
-    missed = [name for name in others if PurePosixPath(name).suffix.lower() in kinds]
-    if not missed:
+def _unmatched_file_notes(reading: FileReading, used: set[str], unmatched: set[str]) -> list[str]:
+    """Return a note on files that are left out although files of the same format are recordings."""
+    suffixes = {PurePosixPath(name).suffix.lower() for name in used}
+    left_out = [name for name in unmatched if PurePosixPath(name).suffix.lower() in suffixes]
+    if not left_out:
         return []
     is_card = isinstance(reading, FileCard)
-    way_out = f"widen `files`, {reading.files[0]!r}" if is_card else "put it into the folder of a surface"
-    return [f"{counted(len(missed), 'file')} left out, {min(missed)!r} first: {way_out}, to take it in"]
+    hint = f"change `files`, {reading.files[0]!r}," if is_card else "move it to the folder of a surface"
+    return [f"{counted(len(left_out), 'file')} left out, {min(left_out)!r} first: {hint} to include it"]
 
 
 def load_row(card: RowCard, where: str, samples: Mapping[str, Samples], entry: Entry) -> Recording:
-    """Return one recording that is a row.
+    """Return the recording in a row.
 
     Parameters
     ----------
     card : RowCard
-        How the rows become recordings.
+        Card of the dataset.
     where : str
-        File of the first channel.
+        File of the first channel, for messages.
     samples : mapping of str to ndarray of shape (n_samples, n_channels)
-        Recording id -> its samples, in the order of the rows.
+        Samples by recording id, in the order of the rows.
     entry : Entry
-        Which recording.
+        Labels of the recording.
 
     Raises
     ------
     RecordingError
-        If it is bad; the message names file, value and rule.
+        If the recording is invalid.
     """
     row = 1 + list(samples).index(entry.recording_id)
     rows = samples[entry.recording_id]
     signals = ReadSignals({ACCELERATION: rows}, channels=tuple(f"c{i + 1}" for i in range(rows.shape[1])))
-    return _recording(signals, card, entry, f"{where} row {row}")
+    return _build_recording(signals, card, entry, f"{where} row {row}")
 
 
-def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
-    """Return the dataset of a card of rows, whose tables are small: they are read at once.
+def open_rows(card: RowCard, root: Path, **attributes: Any) -> Dataset:
+    """Open a dataset with one recording per row, and read its tables, which are small, at once.
 
     Parameters
     ----------
     card : RowCard
-        Which files hold the channels.
+        Card with one file per channel.
     root : Path
         Folder of the files.
-    **about
-        What else a `Dataset` holds.
+    **attributes
+        Attributes of the `Dataset`.
 
     Raises
     ------
     RecordingError
-        If a file is unreadable, or the files disagree in rows or labels.
+        If a file is unreadable, or the files differ in rows or labels.
     """
     (labels, first), *others = [_read_rows(root / name, card.label_column) for name in card.files]
     if "" in labels:
         row = labels.index("") + 2
         raise CardError(f"{root / card.files[0]}: row {row} has a blank label. Expected a name")
-    for name, (its_labels, values) in zip(card.files[1:], others, strict=True):
-        if its_labels != labels or values.shape != first.shape:
+    for name, (other_labels, values) in zip(card.files[1:], others, strict=True):
+        if other_labels != labels or values.shape != first.shape:
             raise RecordingError(
-                f"{root / name}: has {values.shape} values, {card.files[0]} {first.shape}, or other labels. "
-                "Expected the same rows and labels in every channel's file"
+                f"{root / name}: its values have shape {values.shape}, those of {card.files[0]} have shape "
+                f"{first.shape}, or the labels differ. Expected the same rows and labels in every file"
             )
-    seen: Counter[str] = Counter()
+    repetitions: Counter[str] = Counter()
     entries = []
     for label in labels:
-        seen[label] += 1
-        entries.append(Entry(f"{label}_{seen[label]:02d}", label, repetition=seen[label], paths=card.files))
+        repetitions[label] += 1
+        k = repetitions[label]
+        entries.append(Entry(f"{label}_{k:02d}", label, repetition=k, paths=card.files))
     samples = np.stack([first, *(values for _, values in others)], axis=-1)
     _check_names(entries, root)
     ids = [entry.recording_id for entry in entries]
@@ -278,15 +283,33 @@ def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
     return Dataset(
         entries=tuple(entries),
         load=partial(load_row, card, str(root / card.files[0]), dict(zip(ids, samples, strict=True))),
-        input_hash=digest_files(root, card.files, card.facts),
-        **about | {"notes": (*about.get("notes", ()), *copy_notes), "copies": copies},
+        input_hash=digest_files(root, card.files, card.hash_input),
+        **attributes | {"notes": (*attributes.get("notes", ()), *copy_notes), "copies": copies},
     )
 
 
 def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
-    """Return what a file's relative name tells, and that name without the part that tells the axis.
+    """Match the relative name of a file with patterns; the first one that matches the whole name counts.
 
-    The first pattern that matches the whole name counts; None if there is none. Names are compared in NFC.
+    Parameters
+    ----------
+    patterns : sequence of str
+        Regular expressions with groups of `PATTERN_GROUPS`.
+    name : str
+        Relative name of the file, compared in Unicode normal form C.
+
+    Returns
+    -------
+    groups : dict of str to str
+        Values of the groups.
+    name_without_axis : str
+        Name without the group `axis`, which is the same for all axes of a recording.
+        The function returns None if no pattern matches.
+
+    Examples
+    --------
+    >>> match_name([r"(?P<surface>[a-z]+)_(?P<axis>[XYZ])[.]txt"], "oak_X.txt")
+    ({'surface': 'oak', 'axis': 'X'}, 'oak.txt')
     """
     name = normalize_name(name)
     for pattern in patterns:
@@ -300,32 +323,34 @@ def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
 
 
 def _match(pattern: str, name: str) -> Any:
-    """Return how a pattern of a card matches a whole name; one that takes for ever is an error."""
-    import regex  # a tenth of a second, which only cards wait for
+    """Match a pattern with a whole name, within a time limit."""
+    import regex  # takes 0.1 s, only needed for cards
 
     try:
         return regex.fullmatch(normalize_name(pattern), name, timeout=MATCH_TIMEOUT_S)
     except (TimeoutError, regex.error) as error:
         raise CardError(
-            f"files or topic holds {pattern!r:.200}, which is no pattern or takes over {MATCH_TIMEOUT_S:g} s "
-            f"on {name!r:.200} ({error}). Expected no repetition inside a repetition, as in (a+)+"
+            f"files or topic contains {pattern!r:.200}, which is invalid or takes more than "
+            f"{MATCH_TIMEOUT_S:g} s for {name!r:.200} ({error}). Expected a pattern without nested "
+            "repetitions such as (a+)+"
         ) from error
 
 
 def bag_parts(files: Iterable[str]) -> set[str]:
-    """Return, of relative names, those that are no recordings themselves but parts of bags that are folders.
+    """Return the files that are not recordings themselves but parts of bag folders.
 
-    A `metadata.yaml` stands for the bag files beside it; without any it is somebody else's.
+    In a folder with storage files, `metadata.yaml` represents the bag. Other files of that name do not belong
+    to a bag.
     """
     paths = [PurePosixPath(name) for name in files]
-    storing = {path for path in paths if storage_suffix(path.name) in STORAGE_SUFFIXES}
-    holding = {path.parent for path in storing}
-    described = {path.parent for path in paths if path.name == BAG_METADATA}
+    storage_files = {path for path in paths if storage_suffix(path.name) in STORAGE_SUFFIXES}
+    storage_folders = {path.parent for path in storage_files}
+    metadata_folders = {path.parent for path in paths if path.name == BAG_METADATA}
     return {
         str(path)
         for path in paths
-        if (path in storing and path.parent in described)
-        or (path.name == BAG_METADATA and path.parent not in holding)
+        if (path in storage_files and path.parent in metadata_folders)
+        or (path.name == BAG_METADATA and path.parent not in storage_folders)
     }
 
 
@@ -337,9 +362,18 @@ def condition_recording(
     remove_resting_level: bool,
     turn_rate_scale: float = 1.0,
 ) -> Recording:
-    """Return a recording scaled, without its resting level and with its phases, as a card declares them.
+    """Scale a recording, remove its resting level, and set its phases as a card declares.
 
-    The resting level of a channel is its median.
+    Parameters
+    ----------
+    recording : Recording
+        Recording with stored values.
+    scale, turn_rate_scale : float
+        Factors of acceleration and turn rate.
+    phases : {"detect", "movement", "tap", "taps"}
+        Content that the card declares.
+    remove_resting_level : bool
+        Subtract the median of each channel.
     """
     acceleration = recording.acceleration
     if scale != 1.0:
@@ -347,42 +381,52 @@ def condition_recording(
     if remove_resting_level:
         acceleration = acceleration - np.median(acceleration, axis=0)
     n = len(acceleration)
-    declared = None
+    declared_phases = None
     if phases == "movement":
-        declared = Phases(movement=(0, n), notes=("the card declares the whole recording as movement",))
+        declared_phases = Phases(
+            movement=(0, n), notes=("the card declares the whole recording as movement",)
+        )
     elif phases == "tap":
-        declared = Phases(taps=(Tap(0, contact(acceleration), n),), notes=("the card declares one tap",))
-    turn = recording.turn_rate
-    if turn is not None and turn_rate_scale != 1.0:
-        turn = turn * turn_rate_scale
+        declared_phases = Phases(
+            taps=(Tap(0, find_contact(acceleration), n),), notes=("the card declares one tap",)
+        )
+    turn_rate = recording.turn_rate
+    if turn_rate is not None and turn_rate_scale != 1.0:
+        turn_rate = turn_rate * turn_rate_scale
     settings = replace(recording.phase_settings, contents="taps") if phases == "taps" else PhaseSettings()
     return recording.with_(
-        acceleration=acceleration, turn_rate=turn, phases=declared, phase_settings=settings
+        acceleration=acceleration, turn_rate=turn_rate, phases=declared_phases, phase_settings=settings
     )
 
 
-def contact(acceleration: Samples) -> int:
-    """Return the first sample of the contact in a recording of one tap.
+def find_contact(acceleration: Samples) -> int:
+    """Return the index of the first sample of contact in a recording of one tap.
 
-    That is the first sample at which any channel changes by more than a tenth of its own largest change
-    from one sample to the next. Changes, unlike levels, do not depend on what the channel reads at rest.
+    It is the first sample at which any channel changes by more than a tenth of its largest change between two
+    samples. Differences, unlike levels, do not depend on the resting level of a channel.
 
     Parameters
     ----------
     acceleration : ndarray of shape (n,) or (n, n_channels)
-        One tap.
+        Acceleration of one tap, in any unit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> find_contact(np.array([5.0, 5.1, 5.0, 9.0, 2.0, 5.0]))
+    3
     """
     change = np.abs(np.diff(acceleration.reshape(len(acceleration), -1), axis=0))
-    is_large = (change > 0.1 * change.max(axis=0)).any(axis=1)  # above the noise, below the impact
+    is_large = (change > 0.1 * change.max(axis=0)).any(axis=1)  # above noise, below the impact
     return 1 + int(np.argmax(is_large))
 
 
-def _recording(signals: ReadSignals, reading: Reading, entry: Entry, source: str) -> Recording:
-    facts = {name: getattr(entry, name) for name in ("recording_id", *GROUPS)}
+def _build_recording(signals: ReadSignals, reading: Reading, entry: Entry, source: str) -> Recording:
+    options = {name: getattr(entry, name) for name in ("recording_id", *GROUPS)}
     if isinstance(reading, FileReading):
-        facts |= {"resample": reading.resample_hz, "rate_of": reading._rate_of}
+        options |= {"resample": reading.resample_hz, "rate_of": reading._rate_of}
     recording = build_recording(
-        signals, fs=reading.fs_hz, unit=reading.unit, source=source, scale=reading.scale, **facts
+        signals, fs=reading.fs_hz, unit=reading.unit, source=source, scale=reading.scale, **options
     )
     return condition_recording(
         recording,
@@ -394,50 +438,53 @@ def _recording(signals: ReadSignals, reading: Reading, entry: Entry, source: str
 
 
 def _check_names(entries: Sequence[Entry], root: Path) -> None:
-    """Check that there are recordings with printable names, and that no two have the same id."""
+    """Check that there are recordings, that their names are printable, and that their ids are unique."""
     if not entries:
-        raise reader_error(root, "holds no recording", "at least one file as the card describes")
-    seen: dict[str, Entry] = {}
+        raise reader_error(root, "it contains no recordings", "at least one file that matches the card")
+    entry_by_id: dict[str, Entry] = {}
     for entry in entries:
         names = (entry.recording_id, entry.surface, entry.operator, entry.session)
-        if steering := next((name for name in names if name and not name.isprintable()), None):
-            found = f"the name {steering!r} holds a control character"
-            raise reader_error(root, found, "printable names: rename it")
-        if (first := seen.setdefault(entry.recording_id, entry)) is not entry:
+        if unprintable := next((name for name in names if name and not name.isprintable()), None):
+            problem = f"the name {unprintable!r} contains a control character"
+            raise reader_error(root, problem, "printable names: rename the file")
+        if (first := entry_by_id.setdefault(entry.recording_id, entry)) is not entry:
             files = ", ".join((*first.paths, *entry.paths))
-            raise reader_error(root, f"recording id {entry.recording_id!r} occurs twice ({files})", "once")
+            raise reader_error(
+                root, f"recording id {entry.recording_id!r} occurs twice ({files})", "unique ids"
+            )
 
 
-def _find(
+def _match_files(
     reading: FileReading, files: set[str], ignored: Collection[str]
 ) -> Iterator[tuple[tuple[str, ...], Groups]]:
-    """Yield the files of each recording (one, or one per axis, and companions) and what their names tell.
+    """Yield the files of each recording (one, or one per axis, then companions) and their groups.
 
-    Of ignored files, only companions are taken.
+    Ignored files can only be companions.
     """
-    joined: dict[str, tuple[list[str], Groups]] = {}
-    # 2 before 10
-    naturally = {
+    recordings: dict[str, tuple[list[str], Groups]] = {}
+    # In natural order, 2 comes before 10.
+    sort_keys = {
         name: [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
         for name in files.difference(ignored)
     }
-    for name in sorted(naturally, key=naturally.__getitem__):
-        if (matched := match_name(reading.files, name)) is not None:
-            groups, shared = matched
-            shortened = shared.removesuffix(f"/{BAG_METADATA}")
-            groups.setdefault("recording", shortened if shortened != shared else shared.rpartition(".")[0])
-            joined.setdefault(shared, ([], groups))[0].append(name)
+    for name in sorted(sort_keys, key=sort_keys.__getitem__):
+        if (match := match_name(reading.files, name)) is not None:
+            groups, common_name = match
+            bag_folder = common_name.removesuffix(f"/{BAG_METADATA}")
+            is_bag_folder = bag_folder != common_name
+            groups.setdefault("recording", bag_folder if is_bag_folder else common_name.rpartition(".")[0])
+            recordings.setdefault(common_name, ([], groups))[0].append(name)
     by_name = {normalize_name(name): name for name in files}
-    for names, groups in joined.values():
-        present = (
+    for names, groups in recordings.values():
+        companions = (
             [by_name[name] for name in candidates if name in by_name]
             for candidates in _companion_names(reading, groups).values()
         )
-        yield (*names, *(found[0] for found in present if found)), groups
+        yield (*names, *(matches[0] for matches in companions if matches)), groups
 
 
 def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[str, ...]]:
-    """Return auxiliary signal -> relative names its file may have, the groups filled in."""
+    """Return the relative names that the file of each auxiliary signal may have, with groups filled in."""
     return {
         signal: tuple(
             normalize_name(re.sub(r"\{(\w+)\}", lambda match: groups.get(match[1], match[0]), template))
@@ -450,36 +497,40 @@ def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[st
 def _entries(
     reading: FileReading, root: Path, names: tuple[str, ...], groups: Groups, labels: Labels | None
 ) -> Iterator[Entry]:
-    """Yield the recordings in a file (or one per axis): one, or one per topic of a bag that a pattern fits.
+    """Yield the recordings in a file: one, or one per matching topic of a bag.
 
-    A pattern has named groups; else `topic` is a name.
+    The card key `topic` is a pattern if it has named groups, otherwise the name of a topic.
     """
     path, pattern = root / names[0], reading.topic
     renamed = {normalize_name(name): surface for name, surface in reading.surfaces.items()}
     by_topic: dict[str | None, Groups] = {None: groups}
     if pattern and re.compile(pattern).groupindex and is_bag(path):
-        present = topics(path)
-        matched = {name: found for name in sorted(present) if (found := _match(pattern, name))}
-        if not matched:
-            raise RecordingError(f"{path}: no topic matches {pattern!r}; its topics are {', '.join(present)}")
+        topic_names = topics(path)
+        matches = {name: match for name in sorted(topic_names) if (match := _match(pattern, name))}
+        if not matches:
+            raise reader_error(
+                path,
+                f"no topic matches {pattern!r}",
+                f"a pattern that matches some of {', '.join(topic_names)}",
+            )
         by_topic = {
             name: groups
             | {"recording": f"{groups['recording']}/{name.strip('/')}"}
-            | {group: text for group, text in found.groupdict().items() if text is not None}
-            for name, found in matched.items()
+            | {group: text for group, text in match.groupdict().items() if text is not None}
+            for name, match in matches.items()
         }
-    for topic, stated in by_topic.items():
-        recording_id = stated["recording"]
-        facts = stated | (dict(labels.of(recording_id, names, root.name)) if labels else {})
-        repetition = facts.get("repetition")
+    for topic, topic_groups in by_topic.items():
+        recording_id = topic_groups["recording"]
+        all_groups = topic_groups | (dict(labels.groups_of(recording_id, names, root.name)) if labels else {})
+        repetition = all_groups.get("repetition")
         if repetition is not None and not repetition.isdecimal():
             raise CardError(f"{path}: repetition is {repetition!r}. Expected a whole number")
-        surface = normalize_name(facts["surface"])
+        surface = normalize_name(all_groups["surface"])
         yield Entry(
             recording_id=recording_id,
             surface=renamed.get(surface, surface),
-            operator=facts.get("operator"),
-            session=facts.get("session"),
+            operator=all_groups.get("operator"),
+            session=all_groups.get("session"),
             repetition=int(repetition) if repetition is not None else None,
             paths=names,
             topic=topic,
@@ -487,19 +538,21 @@ def _entries(
 
 
 def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]:
-    """Return the labels of a channel's file, and its values of shape (n_recordings, n_samples)."""
+    """Return the labels and the values, of shape (n_recordings, n_samples), of the file of a channel."""
     import pandas as pd
 
     try:
         table = pd.read_csv(path)
         table.pop(label_column)
-        # As written: "001" is not 1, and "NA" is a text.
-        written = pd.read_csv(path, usecols=[label_column], dtype=str, keep_default_na=False)
-        labels = tuple(written[label_column].str.strip())
+        # Labels are text exactly as in the file: "001" is not 1, and "NA" is not a missing value.
+        texts = pd.read_csv(path, usecols=[label_column], dtype=str, keep_default_na=False)
+        labels = tuple(texts[label_column].str.strip())
         return labels, table.to_numpy(dtype=np.float64)
     except FileNotFoundError as error:
-        raise reader_error(path, "is missing", "one file per channel, as the card says") from error
+        raise reader_error(path, "the file is missing", "one file per channel, as in the card") from error
     except KeyError as error:
-        raise RecordingError(f"{path}: lacks the column {label_column!r} of the labels") from error
+        raise reader_error(
+            path, f"no column {label_column!r}", "the column that label_column names"
+        ) from error
     except (ValueError, TypeError, OverflowError, OSError) as error:
-        raise RecordingError(f"{path}: is not a table of numbers and labels ({error})") from error
+        raise reader_error(path, "not a table", f"numbers and a column of labels ({error})") from error

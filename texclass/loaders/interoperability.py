@@ -1,4 +1,4 @@
-"""Convert recordings from MNE and xarray, and to collections of aeon and sktime; none of them is imported."""
+"""Conversion of recordings from MNE and xarray, and to collections of aeon and sktime."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -13,49 +13,61 @@ from texclass.loaders.time_columns import resample_by_time_column
 from texclass.recording import Phases, Recording, Samples
 
 
-def is_mne_or_xarray(given: Any) -> bool:
-    """Whether `recordings_of` takes an object: by its attributes, so that no library is needed."""
-    return (hasattr(given, "get_data") and hasattr(given, "info")) or hasattr(given, "dims")
+def is_mne_or_xarray(data: Any) -> bool:
+    """Return whether an object is from MNE or xarray, by its attributes."""
+    return (hasattr(data, "get_data") and hasattr(data, "info")) or hasattr(data, "dims")
 
 
-def recordings_of(given: Any, *, fs: float | None = None, unit: str | None = None) -> list[Recording]:
-    """Return the recordings that an object of MNE or xarray holds.
+def recordings_of(data: Any, *, fs: float | None = None, unit: str | None = None) -> list[Recording]:
+    """Convert an object of MNE or xarray to recordings.
 
     Parameters
     ----------
-    given : mne.io.Raw, mne.Epochs or xarray.DataArray
-        Of `Raw` every channel is an axis: pick those of the accelerometer before. `Epochs` are as many
-        recordings, of the surface that their event names, and all movement, as arrays are. A `DataArray` has
-        a dimension `time` and at most one other, the axes; the rate is its attribute `fs` or what its
-        coordinate `time` tells, the unit its attribute `unit` or `units`; `name`, `surface`, `operator`,
-        `session`, `repetition` and `native_fs` are kept.
+    data : mne.io.Raw, mne.Epochs or xarray.DataArray
+        Acceleration. In `Raw`, every channel is an axis: pick the channels of the accelerometer first. Each
+        of the `Epochs` is a recording of movement, and its event is the surface. A `DataArray` has the
+        dimension `time` and at most one more, the axes. Its sampling rate is the attribute `fs` or follows
+        from the coordinate `time`; its unit is the attribute `unit` or `units`. The attributes `surface`,
+        `operator`, `session`, `repetition` and `native_fs` are kept.
     fs : float, optional
-        Sampling rate in Hz, where the object does not state it.
+        Sampling rate in Hz, if the object does not state it.
     unit : str, optional
-        Unit of the acceleration, where the object does not state it; "arbitrary" by default.
+        Unit of the acceleration, if the object does not state it (default "arbitrary").
 
     Returns
     -------
     recordings : list of Recording
+        One recording, or one per epoch.
 
     Raises
     ------
     RecordingError
-        If rate or unit are contradicted, or a signal breaks a rule.
+        If the sampling rate or unit contradicts the object, or a signal is invalid.
 
     See Also
     --------
-    texclass.Recording.to_xarray : The way back.
+    texclass.Recording.to_xarray : Conversion to xarray.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> import numpy as np
+    >>> samples = np.random.default_rng(0).standard_normal((3, 2000))
+    >>> raw = SimpleNamespace(  # has the same attributes as mne.io.Raw
+    ...     get_data=lambda: samples, info={"sfreq": 1000.0}, ch_names=["x", "y", "z"]
+    ... )
+    >>> recordings_of(raw, unit="g")
+    [<Recording 'recording': 2 s at 1000 Hz, 3 axes in m/s^2>]
     """
-    found = _of_xarray(given, fs) if hasattr(given, "dims") else _of_mne(given)
+    parts = _read_xarray(data, fs) if hasattr(data, "dims") else _read_mne(data)
     return [
-        build_recording(signals, fs=fs, unit=unit or signals.unit or "arbitrary", source=source, **facts)
-        for signals, source, facts in found
+        build_recording(signals, fs=fs, unit=unit or signals.unit or "arbitrary", source=source, **attributes)
+        for signals, source, attributes in parts
     ]
 
 
 def collection_of(recordings: Iterable[Recording]) -> Samples | list[Samples]:
-    """Return recordings as aeon has a collection of time series; `Dataset.labels` are its y.
+    """Convert recordings to a collection of time series of aeon or sktime; `Dataset.labels` is the target.
 
     Parameters
     ----------
@@ -65,7 +77,7 @@ def collection_of(recordings: Iterable[Recording]) -> Samples | list[Samples]:
     Returns
     -------
     collection : ndarray of shape (n_recordings, n_axes, n_samples), or list of ndarray (n_axes, n_samples)
-        A list where recordings are not of one length; `FeatureExtractor` takes either back.
+        Array if all recordings have the same length, otherwise a list. `FeatureExtractor` accepts both.
 
     Examples
     --------
@@ -74,39 +86,43 @@ def collection_of(recordings: Iterable[Recording]) -> Samples | list[Samples]:
     >>> [case.shape for case in tx.loaders.collection_of(recordings)]
     [(3, 300), (3, 400)]
     """
-    cases = [np.ascontiguousarray(one.acceleration.reshape(one.n_samples, -1).T) for one in recordings]
+    cases = [
+        np.ascontiguousarray(recording.acceleration.reshape(recording.n_samples, -1).T)
+        for recording in recordings
+    ]
     return np.stack(cases) if len({case.shape for case in cases}) == 1 else cases
 
 
-def _of_mne(given: Any) -> Iterator[tuple[ReadSignals, str, dict[str, Any]]]:
-    data, rate, axes = given.get_data(), float(given.info["sfreq"]), tuple(given.ch_names)
-    if data.ndim == 2:
-        yield ReadSignals({ACCELERATION: data.T}, rate, channels=axes), type(given).__name__, {}
+def _read_mne(data: Any) -> Iterator[tuple[ReadSignals, str, dict[str, Any]]]:
+    values, rate, axes = data.get_data(), float(data.info["sfreq"]), tuple(data.ch_names)
+    if values.ndim == 2:
+        yield ReadSignals({ACCELERATION: values.T}, rate, channels=axes), type(data).__name__, {}
         return
-    events = {code: name for name, code in given.event_id.items()}
-    for k, (epoch, code) in enumerate(zip(data, given.events[:, 2], strict=True)):
-        whole = Phases(movement=(0, epoch.shape[1]))
-        facts = {"recording_id": f"epoch {k}", "surface": events[code], "phases": whole}
-        yield ReadSignals({ACCELERATION: epoch.T}, rate, channels=axes), f"epoch {k}", facts
+    event_names = {code: name for name, code in data.event_id.items()}
+    for k, (epoch, code) in enumerate(zip(values, data.events[:, 2], strict=True)):
+        phases = Phases(movement=(0, epoch.shape[1]))
+        attributes = {"recording_id": f"epoch {k}", "surface": event_names[code], "phases": phases}
+        yield ReadSignals({ACCELERATION: epoch.T}, rate, channels=axes), f"epoch {k}", attributes
 
 
-def _of_xarray(given: Any, fs: float | None) -> Iterator[tuple[ReadSignals, str, dict[str, Any]]]:
-    name, beside = str(given.name or "recording"), [dim for dim in given.dims if dim != "time"]
-    if "time" not in given.dims or len(beside) > 1:
-        raise reader_error(
-            name, f"its dimensions are {given.dims}", "`time`, and at most one other, the axes"
-        )
-    samples = np.asarray(given.transpose("time", *beside), dtype=np.float64)
-    axes = tuple(str(axis) for dim in beside if dim in given.coords for axis in given.coords[dim].to_numpy())
-    rate = given.attrs.get("fs", fs)
+def _read_xarray(data: Any, fs: float | None) -> Iterator[tuple[ReadSignals, str, dict[str, Any]]]:
+    name, other_dims = str(data.name or "recording"), [dim for dim in data.dims if dim != "time"]
+    if "time" not in data.dims or len(other_dims) > 1:
+        raise reader_error(name, f"its dimensions are {data.dims}", "`time` and at most one more, the axes")
+    samples = np.asarray(data.transpose("time", *other_dims), dtype=np.float64)
+    axes = tuple(
+        str(axis) for dim in other_dims if dim in data.coords for axis in data.coords[dim].to_numpy()
+    )
+    rate = data.attrs.get("fs", fs)
     flags: tuple[str, ...] = ()
-    if "time" in given.coords:
-        time = given.coords["time"]
+    if "time" in data.coords:
+        time = data.coords["time"]
         times = time.to_numpy() + (np.datetime64(0, "ns") if time.dtype.kind == "m" else 0)
-        called = f"time ({time.attrs['units']})" if "units" in time.attrs else "time"
+        time_name = f"time ({time.attrs['units']})" if "units" in time.attrs else "time"
         rows = samples.reshape(len(samples), -1)
-        rows, rate, flags = resample_by_time_column(rows, times, called, rate, where=name)
+        rows, rate, flags = resample_by_time_column(rows, times, time_name, rate, where=name)
         samples = rows.reshape(-1, *samples.shape[1:])
-    facts = {fact: given.attrs[fact] for fact in (*GROUPS, "native_fs") if fact in given.attrs}
-    unit = given.attrs.get("unit", given.attrs.get("units"))
-    yield ReadSignals({ACCELERATION: samples}, rate, flags, axes, unit), name, {"recording_id": name, **facts}
+    attributes = {key: data.attrs[key] for key in (*GROUPS, "native_fs") if key in data.attrs}
+    unit = data.attrs.get("unit", data.attrs.get("units"))
+    signals = ReadSignals({ACCELERATION: samples}, rate, flags, axes, unit)
+    yield signals, name, {"recording_id": name, **attributes}

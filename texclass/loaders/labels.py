@@ -1,4 +1,4 @@
-"""Read a table of labels: the surface of each recording, and who made it, in which session."""
+"""Label tables: CSV files with the surface, operator, session and repetition of each recording."""
 
 import codecs
 import csv
@@ -16,46 +16,47 @@ from texclass.reporting.wording import counted
 
 HEADERS = {
     "recording": ("file", "recording", "filename", "file name", "name", "path", "id"),
-    "surface": ("surface", "surface", "label", "class", "texture"),
+    "surface": ("surface", "material", "label", "class", "texture"),
     "operator": ("operator", "subject", "participant", "user"),
     "session": ("session",),
     "repetition": ("repetition",),
 }
-"""Names of the columns that are looked for where no card names them; case does not matter."""
+"""Conventional column names of each group, used when no card names the columns; case does not matter."""
 
 
 def find_label_columns(path: Path, file: str) -> LabelTable:
-    """Return which columns of a table are file, surface and groups, by their conventional names.
+    """Find the columns of file, surface and groups in a label table by their conventional names.
 
     Parameters
     ----------
     path : Path
-        The table (CSV).
+        Label table (CSV).
     file : str
-        Its name in the result.
+        Value of `LabelTable.file` in the result.
 
     Raises
     ------
     CardError
-        If the table is unreadable, or file or surface are in no column or in several.
+        If the table is unreadable, or has no column, or several, for the file or the surface.
     """
     header = _rows(path)[0][1]
-    found: dict[str, str] = {}
+    group_columns: dict[str, str] = {}
     for group, names in HEADERS.items():
         columns = [column for column in header if column.lower().replace("_", " ") in names]
         if len(columns) > 1 or (not columns and group in {"recording", "surface"}):
-            listed = ", ".join(map(repr, columns or header))
+            name = "file" if group == "recording" else group
+            column_list = ", ".join(map(repr, columns or header))
+            problem = f"several columns for the {name}" if columns else f"no column for the {name}"
             raise CardError(
-                f"{path}: columns {listed} for the {'file' if group == 'recording' else group}. "
-                "Expected one column `file` and one column `surface`, optionally `operator`, `session` and "
-                "`repetition`"
+                f"{path}: {problem}: {column_list}. Expected one column `file` and one column `surface`, "
+                "optionally `operator`, `session` and `repetition`"
             )
-        found |= dict.fromkeys([group] * len(columns), "".join(columns))
-    return LabelTable(file=file, **found)
+        group_columns |= dict.fromkeys([group] * len(columns), "".join(columns))
+    return LabelTable(file=file, **group_columns)
 
 
 def is_label_table(path: Path) -> bool:
-    """Whether a file is a CSV with a column of files and a column of surfaces."""
+    """Return whether a file is a CSV with a column of files and a column of surfaces."""
     try:
         return path.suffix.lower() == ".csv" and bool(find_label_columns(path, path.name))
     except CardError:
@@ -64,39 +65,47 @@ def is_label_table(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class Labels:
-    """What a table of labels states of recordings.
+    """Content of a label table.
 
     Attributes
     ----------
     path : Path
         File of the table.
     rows : mapping of str to mapping of str to str
-        Name of the recording -> group -> text, exactly as written: "001" is not "1", "NA" is a text.
+        Groups of each recording, by its name in the table. Values are text exactly as written: "001" differs
+        from "1", and "NA" is text.
     lines : mapping of str to int
-        Name of the recording -> number of its line.
-    used : dict of str to str
-        Names that were looked up -> id of the recording.
+        Line number of each recording.
+    recording_ids : dict of str to str
+        Id of the recording for each name in the table that was looked up so far.
     """
 
     path: Path
     rows: Mapping[str, Mapping[str, str]]
     lines: Mapping[str, int]
-    used: dict[str, str] = field(default_factory=dict)
+    recording_ids: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: Path, table: LabelTable) -> "Labels":
-        """Read a table.
+        """Read a label table.
+
+        Parameters
+        ----------
+        path : Path
+            CSV file.
+        table : LabelTable
+            Names of its columns.
 
         Raises
         ------
         CardError
-            If it is unreadable or lacks a column, or a row has a blank label, other cells than the header or
-            the recording of another row.
+            If the file is unreadable or lacks a column, a row has a blank label or another number of cells
+            than the header, or two rows have the same recording.
         """
         (_, header), *rows = _rows(path)
-        if absent := sorted(set(table.columns.values()) - set(header)):
-            raise CardError(f"{path}: missing columns {absent}. Expected those that [labels] names")
-        found: dict[str, dict[str, str]] = {}
+        if missing := sorted(set(table.columns.values()) - set(header)):
+            raise CardError(f"{path}: missing columns {missing}. Expected all columns named in [labels]")
+        recordings: dict[str, dict[str, str]] = {}
         lines: dict[str, int] = {}
         for line, cells in rows:
             if len(cells) != len(header):
@@ -111,67 +120,71 @@ class Labels:
                         f"{path}: row {line} has a blank {table.columns[group]!r}. Expected a name"
                     )
             name = normalize_name(groups.pop("recording").replace("\\", "/"))
-            if name in found:
+            if name in recordings:
                 raise CardError(
-                    f"{path}: rows {lines[name]} and {line} are both of {name!r}. Expected one row each"
+                    f"{path}: rows {lines[name]} and {line} both describe {name!r}. Expected one row per "
+                    "recording"
                 )
-            found[name] = {group: text for group, text in groups.items() if text}
+            recordings[name] = {group: text for group, text in groups.items() if text}
             lines[name] = line
-        return cls(path, found, lines)
+        return cls(path, recordings, lines)
 
-    def of(self, recording_id: str, files: Sequence[str], folder: str) -> Mapping[str, str]:
-        """Return the groups of a recording, found by its id, or by a file with or without path and suffix.
+    def groups_of(self, recording_id: str, files: Sequence[str], folder: str) -> Mapping[str, str]:
+        """Return the groups of a recording.
+
+        The row is found by the id of the recording, or by the name of a file, with or without path and
+        suffix.
 
         Parameters
         ----------
         recording_id : str
-            Of the recording.
+            Identifier of the recording.
         files : sequence of str
-            Its files, relative to the folder of the dataset.
+            Files of the recording, relative to the folder of the dataset.
         folder : str
-            Name of that folder, with which paths in the table may begin.
+            Name of that folder; paths in the table may start with it.
 
         Raises
         ------
         RecordingError
-            If the table does not have the recording.
+            If the table has no row for the recording.
         CardError
-            If a name in the table means several recordings, or several rows mean one file.
+            If a name in the table matches several recordings, or several rows match one file.
         """
         ids = [PurePosixPath(recording_id), *map(PurePosixPath, files)]
         paths = [recording_id, *files, *(str(path.with_suffix("")) for path in ids[1:])]
-        whole = {normalize_name(name) for path in paths for name in (path, f"{folder}/{path}")}
-        short = {normalize_name(PurePosixPath(path).name) for path in paths}
-        found = (
-            whole.intersection(self.rows)
-            or short.intersection(self.rows)
-            or {name for stem in whole for name in self._by_stem.get(stem, ())}
-            or {name for stem in short for name in self._by_stem.get(stem, ())}
+        full_paths = {normalize_name(name) for path in paths for name in (path, f"{folder}/{path}")}
+        file_names = {normalize_name(PurePosixPath(path).name) for path in paths}
+        matches = (
+            full_paths.intersection(self.rows)
+            or file_names.intersection(self.rows)
+            or {name for stem in full_paths for name in self._names_by_stem.get(stem, ())}
+            or {name for stem in file_names for name in self._names_by_stem.get(stem, ())}
         )
-        names = sorted(found, key=self.lines.__getitem__)
+        names = sorted(matches, key=self.lines.__getitem__)
         if not names:
-            near = difflib.get_close_matches(recording_id, self.rows, n=1, cutoff=0.0)
-            closest = f", the closest is {near[0]!r}" if near else ""
+            closest_names = difflib.get_close_matches(recording_id, self.rows, n=1, cutoff=0.0)
+            closest = f", the closest is {closest_names[0]!r}" if closest_names else ""
             raise RecordingError(
                 f"{self.path}: no row for {recording_id!r} ({', '.join(files)}){closest}. Expected one row "
-                "per recording: add it, or --skip-bad leaves the recording out"
+                "per recording: add it, or leave the recording out with --skip-bad"
             )
         if len(names) > len(files) or any(self.rows[name] != self.rows[names[0]] for name in names):
-            listed = ", ".join(f"{name!r} (row {self.lines[name]})" for name in names)
+            row_list = ", ".join(f"{name!r} (row {self.lines[name]})" for name in names)
             raise CardError(
-                f"{self.path}: {listed} are all of {recording_id!r} ({', '.join(files)}). Expected one row"
+                f"{self.path}: {row_list} all match {recording_id!r} ({', '.join(files)}). Expected one row"
             )
         for name in names:
-            if (other := self.used.setdefault(name, recording_id)) != recording_id:
+            if (other := self.recording_ids.setdefault(name, recording_id)) != recording_id:
                 raise CardError(
-                    f"{self.path}: {name!r} is both {other!r} and {recording_id!r}. "
+                    f"{self.path}: {name!r} matches both {other!r} and {recording_id!r}. "
                     "Expected the path of the file within the folder"
                 )
         return self.rows[names[0]]
 
     @cached_property
-    def _by_stem(self) -> dict[str, list[str]]:
-        """Names that end in a suffix of recordings, by what stands before it."""
+    def _names_by_stem(self) -> dict[str, list[str]]:
+        """Names with the suffix of a recording file, by the name without suffix."""
         stems: dict[str, list[str]] = {}
         for name in self.rows:
             path = PurePosixPath(name)
@@ -181,7 +194,7 @@ class Labels:
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Return the rows that are not blank, with the number of their line; the header is the first."""
+    """Return line number and cells of the rows that are not blank; the first one is the header."""
     try:
         data = path.read_bytes()
         is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
@@ -190,7 +203,7 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         reader = csv.reader(text.splitlines(), delimiter=max(",;\t", key=first.count), strict=True)
         rows = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CardError(f"{path}: the table of labels cannot be read ({error})") from error
+        raise CardError(f"{path}: the label table cannot be read ({error})") from error
     rows = [(line, cells) for line, cells in rows if any(cells)]
     if not rows:
         raise CardError(f"{path}: no rows. Expected a header and one row per recording")

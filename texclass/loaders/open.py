@@ -1,4 +1,4 @@
-"""Open a dataset by the name of its card, by a card's path, or by a folder; find one recording by name."""
+"""Datasets opened by name, dataset card or folder, and single recordings by name."""
 
 import difflib
 import os
@@ -52,7 +52,7 @@ def open_dataset(
     skip_bad: bool = False,
     **reading: Any,
 ) -> Dataset:
-    """Open a dataset. Recordings are read when they are used.
+    """Open a dataset without reading its recordings; each is read when it is used.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def open_dataset(
         Let `Dataset.attempt` return the error of an invalid recording instead of raising it (default False).
     **reading : optional
         Further arguments of `load_recording` for a folder: column, delimiter, time_column, time_unit, topic,
-        skip_rows, comment, drop_incomplete. A card states these itself.
+        skip_rows, comment, drop_incomplete. A dataset card has keys for these instead.
 
     Returns
     -------
@@ -83,11 +83,11 @@ def open_dataset(
     Raises
     ------
     FileNotFoundError
-        If the card or folder does not exist; `DataNotFoundError` if the recordings of a card are absent.
+        If the card or folder does not exist; `DataNotFoundError` if the recordings of a card are missing.
     CardError
         If the card is invalid.
     RecordingError
-        If rate or unit are missing or contradicted, or the folder contains no recordings.
+        If the sampling rate or unit is missing or contradicts the files, or the folder has no recordings.
 
     Examples
     --------
@@ -107,104 +107,131 @@ def open_dataset(
     try:
         return _open_folder(path, settings, labels, skip_bad=skip_bad).with_phase_settings(changes)
     except RecordingError as error:
-        remedy = f"`texclass card {path} -o card.toml` drafts a dataset card of the folder"
-        raise RecordingError(f"{error}. {remedy}") from error
+        hint = f"Or draft a dataset card: texclass card {path} -o card.toml"
+        raise RecordingError(f"{error}. {hint}") from error
 
 
 def find_recording(
     name: str | Path, *, fs: float | None = None, unit: str | None = None, **reading: Any
 ) -> Recording:
-    """Return one recording: of a file, "bag:FILE?topic=/name", or of a dataset, "DATASET:RECORDING".
+    """Load one recording from a file, a bag or a dataset.
 
-    `reading` is what else `load_recording` and `open_dataset` take: column, delimiter, time_column,
-    time_unit, resample, skip_rows, comment, drop_incomplete.
+    Parameters
+    ----------
+    name : str or Path
+        Path of a file, "bag:FILE?topic=/name", or "DATASET:RECORDING".
+    fs : float, optional
+        Sampling rate in Hz of a file that does not state it.
+    unit : str, optional
+        Unit of the acceleration in a file that does not state it.
+    **reading : optional
+        Further arguments of `load_recording` and `open_dataset`: column, delimiter, time_column, time_unit,
+        resample, skip_rows, comment, drop_incomplete.
+
+    Returns
+    -------
+    Recording
+        With the labels of the dataset, if it is from one.
 
     Raises
     ------
     RecordingError
-        If the dataset holds no recording of that id, or as `load_recording`.
+        If the dataset has no recording of that id, or as `load_recording`.
     FileNotFoundError, CardError
         As `open_dataset`.
+
+    Examples
+    --------
+    >>> find_recording("simulated6:wood-03-01")
+    <Recording 'wood-03-01' of wood-03: 5 s at 10000 Hz, 3 axes in m/s^2>
     """
     dataset_name, colon, recording_id = str(name).rpartition(":")
-    is_drive = len(dataset_name) == 1 and recording_id[:1] in {"/", "\\"}  # of Windows: C:\oak\oak_01.txt
+    is_drive = len(dataset_name) == 1 and recording_id[:1] in {"/", "\\"}  # as in C:\oak\oak_01.txt
     if not colon or is_drive or Path(name).exists() or is_bag_name(name):
         return load_recording(name, fs=fs, unit=unit, **reading)
     dataset = open_dataset(dataset_name, fs=fs, unit=unit, **reading)
     ids, recording_id = [entry.recording_id for entry in dataset.entries], normalize_name(recording_id)
     if recording_id not in ids:
-        near = ", ".join(difflib.get_close_matches(recording_id, ids, n=3) or ids[:3])
-        raise reader_error(dataset_name, f"no recording is {recording_id!r}", f"an id like {near}")
+        similar_ids = ", ".join(difflib.get_close_matches(recording_id, ids, n=3) or ids[:3])
+        raise reader_error(
+            dataset_name, f"there is no recording {recording_id!r}", f"an id such as {similar_ids}"
+        )
     return dataset[ids.index(recording_id)]
 
 
 def _open_card(
     card: AnyCard, settings: ReaderSettings, labels: str | Path | None, *, skip_bad: bool
 ) -> Dataset:
-    beside = {"[channels]": settings.column, "[labels]": labels and str(labels)}
-    for key, stated in {**settings.of_a_card, **beside}.items():
-        if stated is not None:
+    options = {"[channels]": settings.column, "[labels]": labels and str(labels)}
+    option_names = {"[channels]": "column", "[labels]": "labels"}
+    for key, value in {**settings.card_keys, **options}.items():
+        if value is not None:
             raise reader_error(
-                card.path, f"{stated!r} was given beside a card", f"to say it in the card: {key}"
+                card.path,
+                f"{option_names.get(key, key)} = {value!r} cannot be combined with a dataset card",
+                f"the key {key} in the card",
             )
     if settings.resample is not None and not isinstance(card, FileCard):
-        found = f"resampling to {settings.resample:g} Hz was asked for"
-        raise reader_error(card.path, found, "a card of files")
-    about: dict[str, Any] = {"name": card.name, "title": card.title, "licence": card.licence}
-    about |= {"source": card.source, "notes": card.notes, "skip_bad": skip_bad}
+        problem = f"its recordings cannot be resampled to {settings.resample:g} Hz"
+        raise reader_error(card.path, problem, "a card with format = 'files'")
+    attributes: dict[str, Any] = {"name": card.name, "title": card.title, "licence": card.licence}
+    attributes |= {"source": card.source, "notes": card.notes, "skip_bad": skip_bad}
     resolve_rate(card.recipe.fs if isinstance(card, SimulatedCard) else card.fs_hz, settings.fs, card.path)
     resolve_unit(card.unit if isinstance(card, FileCard | RowCard) else "m/s^2", settings.unit, card.path)
     if isinstance(card, SimulatedCard):
         from texclass.loaders.simulated import open_simulated
 
-        return open_simulated(card.recipe, **about)
+        return open_simulated(card.recipe, **attributes)
     root = find_folder(card).absolute()
     if is_outside(root, data_roots(card.path)):
-        outside = f"the card's folder {card.folder!r} is outside of the card's own and of the folders of data"
-        about["notes"] = (*card.notes, f"{outside}: {root}")
+        note = f"the folder {card.folder!r} of the card is outside the card's own folder and the data folders"
+        attributes["notes"] = (*card.notes, f"{note}: {root}")
     if isinstance(card, ModelsCard):
-        made: Dataset = shipped.module_of("dataset_formats", card.format).open_models(card, root, **about)
-        return made
+        module = shipped.module_of("dataset_formats", card.format)
+        dataset: Dataset = module.open_models(card, root, **attributes)
+        return dataset
     if isinstance(card, RowCard):
-        return open_rows(card, root, **about)
+        return open_rows(card, root, **attributes)
     if settings.resample is not None:
         card = card.model_copy(update={"resample_hz": settings.resample})
-    return open_files(card, root, **about)
+    return open_files(card, root, **attributes)
 
 
 def _open_folder(
     root: Path, settings: ReaderSettings, labels: str | Path | None, *, skip_bad: bool
 ) -> Dataset:
-    # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
-    root, shown = root.absolute(), root
-    every, files = data_files(root), recording_files(root)
-    exports = find_exports(path.relative_to(root).as_posix() for path in every)
+    # Absolute paths, because worker processes may run in another folder.
+    root, root_as_typed = root.absolute(), root
+    all_files, files = data_files(root), recording_files(root)
+    exports = find_exports(path.relative_to(root).as_posix() for path in all_files)
     files, columns = _labelled_files(files, root, labels)
     if not files:
         layout = "one subfolder per surface with files" if labels is None else "files"
-        remedy = "" if labels else ", or --labels LABELS.csv with columns `file` and `surface`"
-        raise RecordingError(f"{shown}: no recording. Expected {layout} of {', '.join(formats())}{remedy}")
-    # The folder of an export is the name of a recording.
-    exported = {root / export.acceleration for export in exports}
-    parts = [(path.parent if path in exported else path).relative_to(root).parts for path in files]
-    notes = [] if labels else folder_level_notes(parts)
+        hint = "" if labels else ", or --labels LABELS.csv with columns `file` and `surface`"
+        raise RecordingError(
+            f"{root_as_typed} contains no recordings. Expected {layout} of {', '.join(formats())}{hint}"
+        )
+    # The folder of an export names the recording; the files in it have the same names in all exports.
+    export_files = {root / export.acceleration for export in exports}
+    path_parts = [(path.parent if path in export_files else path).relative_to(root).parts for path in files]
+    notes = [] if labels else folder_level_notes(path_parts)
     fs, unit, rate_of = settings.fs, settings.unit, ""
     channels = {ACCELERATION: as_column_names(settings.column)} if settings.column else {}
     if fs is None or unit is None:
-        stated_unit, stated_fs, path = _first_facts(files, channels, settings, skip_bad=skip_bad)
+        file_unit, file_fs, path = _first_unit_and_rate(files, channels, settings, skip_bad=skip_bad)
         if unit is None:
-            unit = resolve_unit(stated_unit, None, path)
-            notes.append(f"in {unit}: the messages or the names of the columns of {path} say so")
+            unit = resolve_unit(file_unit, None, path)
+            notes.append(f"unit {unit}, from the messages or column names of {path}")
         if fs is None:
-            fs, rate_of = resolve_rate(stated_fs, None, path), str(path)
+            fs, rate_of = resolve_rate(file_fs, None, path), str(path)
     notes += sorted(
-        f"{counted(n, 'folder')} of a sensor app: {facts}"
-        for facts, n in Counter(export.facts for export in exports).items()
+        f"{counted(n, 'sensor app export')}: {summary}"
+        for summary, n in Counter(export.summary for export in exports).items()
     )
     ignored = {name for export in exports for name in (export.turn_rate, *export.ignored) if name}
-    others = {path.relative_to(root).as_posix() for path in every if not _is_recording(path)}
-    if n_others := len(others - ignored):
-        notes.append(f"{n_others} files of other kinds are ignored")
+    other_files = {path.relative_to(root).as_posix() for path in all_files if not _is_recording(path)}
+    if n_others := len(other_files - ignored):
+        notes.append(f"{counted(n_others, 'file')} of other formats ignored")
     reading = FileReading(
         fs_hz=fs,
         unit=unit,
@@ -213,7 +240,7 @@ def _open_folder(
         channels=channels,
         companions=export_companions(exports),
         resample_hz=settings.resample,
-        **settings.of_a_card,
+        **settings.card_keys,
     )
     reading._rate_of = rate_of
     return open_files(
@@ -223,16 +250,16 @@ def _open_folder(
         notes=tuple(notes),
         skip_bad=skip_bad,
         name=root.resolve().name,
-        title=f"Recordings in {shown}",
+        title=f"Recordings in {root_as_typed}",
         licence="not stated",
-        source=str(shown),
+        source=str(root_as_typed),
     )
 
 
 def _labelled_files(
     files: Sequence[Path], root: Path, labels: str | Path | None
 ) -> tuple[list[Path], LabelTable | None]:
-    """Return the files whose surface a table or a subfolder states, and the columns of the table."""
+    """Return the files whose surface is stated by a table or a subfolder, and the columns of the table."""
     if labels is None:
         return [path for path in files if path.parent != root], None
     table = Path(labels).expanduser().absolute()
@@ -240,11 +267,11 @@ def _labelled_files(
     return [path for path in files if path != table], columns
 
 
-def _first_facts(
+def _first_unit_and_rate(
     files: Sequence[Path], channels: dict[str, tuple[str, ...]], settings: ReaderSettings, *, skip_bad: bool
 ) -> tuple[str | None, float | None, Path]:
-    """Return unit, rate and path of the first file, or of the first good one."""
-    settings = ReaderSettings(unit=settings.unit, **settings.of_a_card)
+    """Return unit, sampling rate and path of the first file (with `skip_bad`, of the first readable one)."""
+    settings = ReaderSettings(unit=settings.unit, **settings.card_keys)
     for path in files:
         try:
             first = read_signals({"": path}, channels, settings)
@@ -256,34 +283,34 @@ def _first_facts(
 
 
 def _folder_patterns(exports: Sequence[Export], *, is_labelled: bool) -> tuple[str, ...]:
-    """Return the patterns of exports, one file per axis, one per recording, and bags that are folders."""
-    ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in formats())})"
+    """Return the patterns of exports, one file per axis, one file per recording, and bag folders."""
+    suffixes = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in formats())})"
     surface = "" if is_labelled else "(?P<surface>[^/]+)/"
-    exported = (export_pattern(exports, labelled=is_labelled),) if exports else ()
+    export_patterns = (export_pattern(exports, is_labelled=is_labelled),) if exports else ()
     return (
-        *exported,
-        rf"{surface}(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{ends}",
-        rf"{surface}.+{ends}",
+        *export_patterns,
+        rf"{surface}(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{suffixes}",
+        rf"{surface}.+{suffixes}",
         rf"{surface}.+/{re.escape(BAG_METADATA)}",
     )
 
 
 def recording_files(folder: Path) -> list[Path]:
-    """Return the files of recordings in a folder and below it, without other parts of bags and exports."""
-    every = data_files(folder)
-    found = list(filter(_is_recording, every))
-    within = bag_parts(map(str, found))
-    for export in find_exports(map(str, every)):
-        within |= {*export.ignored, str(export.turn_rate)}
-    return [path for path in found if str(path) not in within]
+    """Return one file per recording, or per axis, in a folder and its subfolders."""
+    all_files = data_files(folder)
+    candidates = list(filter(_is_recording, all_files))
+    secondary = bag_parts(map(str, candidates))
+    for export in find_exports(map(str, all_files)):
+        secondary |= {*export.ignored, str(export.turn_rate)}
+    return [path for path in candidates if str(path) not in secondary]
 
 
 def flat_files(folder: Path) -> list[Path]:
-    """Return one file per recording of a folder without subfolders of recordings; else none."""
-    found = recording_files(folder)
-    if any(path.parent != folder for path in found):
+    """Return one file per recording of a folder; an empty list if recordings are in subfolders."""
+    files = recording_files(folder)
+    if any(path.parent != folder for path in files):
         return []
-    return list({tuple(axis_files(path).values()): path for path in reversed(found)}.values())[::-1]
+    return list({tuple(axis_files(path).values()): path for path in reversed(files)}.values())[::-1]
 
 
 def _is_recording(path: Path) -> bool:

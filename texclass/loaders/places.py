@@ -1,4 +1,4 @@
-"""Where the recordings of cards are on this machine, how they get there, and a digest that tells a change."""
+"""Folders with the recordings of cards, download of published recordings, and hashes of files."""
 
 import hashlib
 import io
@@ -18,27 +18,29 @@ from texclass.loaders.cards import CardError, Convert, StoredCard, read_card
 
 
 class DataNotFoundError(FileNotFoundError):
-    """The recordings of a card are not on this machine; the message says where to get and to put them."""
+    """Missing recordings of a card; the message names the source and the folder to put them in."""
 
 
 def data_roots(card_path: Path | None = None) -> tuple[Path, ...]:
-    """Return the folders in which a card's folder is looked for, in order.
+    """Return the folders that may contain a card's folder, in order of preference.
 
     They are $TEXCLASS_DATA if it is set, the user's data folder, and the folder of the card itself.
     """
-    stated = os.environ.get("TEXCLASS_DATA")
-    roots = [Path(stated).expanduser()] if stated else []
+    environment_root = os.environ.get("TEXCLASS_DATA")
+    roots = [Path(environment_root).expanduser()] if environment_root else []
     roots.append(platformdirs.user_data_path("texclass"))
     return (*roots, card_path.parent) if card_path else tuple(roots)
 
 
 def find_folder(card: StoredCard) -> Path:
-    """Return the folder that holds a card's recordings: its own where it names none.
+    """Return the folder with the recordings of a card.
+
+    A card without the key `folder` is in the same folder as its recordings.
 
     Raises
     ------
     DataNotFoundError
-        If it is in none of the places.
+        If no data root contains the folder.
     """
     if not card.folder:
         return card.path.parent
@@ -46,127 +48,144 @@ def find_folder(card: StoredCard) -> Path:
     for candidate in candidates:
         if candidate.is_dir():
             return candidate
-    way = f"Get them from {card.source or 'their owner'} and put them there"
-    if card.published:
+    advice = f"Get them from {card.source or 'their owner'} and put them there"
+    if card.download:
         name = card.name if card.name in shipped.names("datasets") else card.path
-        way = f"`texclass datasets get {name}` fetches them"
+        advice = f"Download them with `texclass datasets get {name}`"
     raise DataNotFoundError(
-        f"{card.name}: its recordings are not on this machine. Looked for {', '.join(map(str, candidates))}. "
-        f"{way}, or set TEXCLASS_DATA to the folder that holds them"
+        f"{card.name}: its recordings are not on this machine. Expected {' or '.join(map(str, candidates))}. "
+        f"{advice}, or set TEXCLASS_DATA to the folder that contains them"
     )
 
 
 def is_outside(path: Path, roots: Iterable[Path]) -> bool:
-    """Whether a name (with `..` in it, or absolute) is of none of some folders; links are not followed."""
-    inside = Path(os.path.abspath(path))
-    return not any(inside.is_relative_to(os.path.abspath(root)) for root in roots)
+    """Return whether a path is outside all of some folders; symbolic links are not followed."""
+    absolute = Path(os.path.abspath(path))
+    return not any(absolute.is_relative_to(os.path.abspath(root)) for root in roots)
 
 
 def fetch_recordings(
-    name_or_path: str | Path, progress: Callable[[int, int, str], None] = lambda done, total, what: None
+    name_or_path: str | Path, progress: Callable[[int, int, str], None] = lambda n_done, n_total, label: None
 ) -> Path:
-    """Fetch the recordings of a card into the user's folder of data, file by file; those that are there stay.
+    """Download the published recordings of a card into the data folder.
 
-    What was broken off goes on when it is asked for again; what is complete needs no network.
+    Files that are already there are kept, so an interrupted download continues when it is started again, and
+    a complete one needs no network.
 
     Parameters
     ----------
     name_or_path : str or Path
-        A shipped card, or the path of one's own, whose `[published]` says where the files are; beside it,
-        NAME.sha256 lists them.
+        Name of a shipped card, or path of a card with the table `[download]`. A file NAME.sha256 in the same
+        folder lists the files.
     progress : callable, optional
-        Given the number of files that are done, of all files, and what is fetched.
+        Function of the number of finished files, the number of all files, and the name of the card.
 
     Returns
     -------
     Path
-        The folder of the recordings.
+        Folder of the recordings.
 
     Raises
     ------
     CardError
-        If the card does not say where its files are, or its list breaks a rule.
+        If the card has no `[download]`, or its list of files is invalid.
     ValueError
-        If a file is not the one that was published (its SHA-256), or what was made of them not what the card
-        says.
+        If the SHA-256 of a file differs from the list, or that of all converted files from the card.
     OSError
-        If a file cannot be fetched or written.
+        If a file cannot be downloaded or written.
     """
     card = read_card(name_or_path)
-    if not isinstance(card, StoredCard) or card.published is None:
-        where = f"they are at {card.source}" if card.source else "ask their owner"
-        raise CardError(f"{card.path}: its recordings cannot be fetched, as it has no [published]; {where}")
-    published, root = card.published, data_roots()[0] / card.folder
-    begun = root if root.is_dir() else root.with_name(f"{root.name}.unfinished")
-    files = _read_checksums(card.path.with_suffix(".sha256"), begun)
-    lacking = {made: sources for made, sources in files.items() if not (begun / made).is_file()}
-    fetched = cache_root() / "published" / card.name
+    if not isinstance(card, StoredCard) or card.download is None:
+        advice = f"Get them from {card.source}" if card.source else "Ask their owner"
+        raise CardError(f"{card.path}: cannot download its recordings, the card has no [download]. {advice}")
+    download, root = card.download, data_roots()[0] / card.folder
+    partial_root = root if root.is_dir() else root.with_name(f"{root.name}.unfinished")
+    files = _read_checksums(card.path.with_suffix(".sha256"), partial_root)
+    missing = {name: sources for name, sources in files.items() if not (partial_root / name).is_file()}
+    cache = cache_root() / "published" / card.name
     try:
-        for done, (made, sources) in enumerate(lacking.items(), len(files) - len(lacking)):
-            progress(done, len(files), card.name)
-            paths = [_fetch_file(published.url, source, sha256, fetched) for source, sha256 in sources]
-            write_atomic(begun / made, convert_files(paths, published.convert, card.fs_hz))
-        found = digest_files(begun, files, "")
+        for n_done, (name, sources) in enumerate(missing.items(), len(files) - len(missing)):
+            progress(n_done, len(files), card.name)
+            paths = [_fetch_file(download.url, source, sha256, cache) for source, sha256 in sources]
+            write_atomic(partial_root / name, convert_files(paths, download.convert, card.fs_hz))
+        sha256 = digest_files(partial_root, files, "")
     except OSError:
-        if begun != root and root.is_dir():  # another process has finished, and removed what this one fetched
-            shutil.rmtree(begun, ignore_errors=True)
+        if partial_root != root and root.is_dir():  # another process has finished and removed these files
+            shutil.rmtree(partial_root, ignore_errors=True)
             return fetch_recordings(name_or_path, progress)
         raise
-    if found != published.sha256:
+    if sha256 != download.sha256:
         raise ValueError(
-            f"{begun}: the SHA-256 over {len(files)} files is {found}. Expected {published.sha256}, as "
-            "the card says: remove the folder and get it again"
+            f"{partial_root}: the SHA-256 over {len(files)} files is {sha256}. Expected {download.sha256} as "
+            "in the card: remove the folder and download it again"
         )
-    if begun != root:
+    if partial_root != root:
         try:
-            begun.rename(root)
+            partial_root.rename(root)
         except OSError:
             if not root.is_dir():
                 raise
-            shutil.rmtree(begun, ignore_errors=True)
-    shutil.rmtree(fetched, ignore_errors=True)
+            shutil.rmtree(partial_root, ignore_errors=True)
+    shutil.rmtree(cache, ignore_errors=True)
     return root
 
 
 def _read_checksums(path: Path, root: Path) -> dict[str, list[tuple[str, str]]]:
-    """Return file of the card's layout -> the published files that it is made of, and their SHA-256.
+    """Return the published files (name, SHA-256) from which each file of the dataset is converted.
 
-    A line is the digest, the file as it is published and, where that has another name here, the name here;
-    tabs are between them.
+    A line has the SHA-256, the published name and, if it differs, the name in the dataset, separated by tabs.
     """
     files: dict[str, list[tuple[str, str]]] = {}
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         sha256, *names = line.split("\t")
         is_inside = not any(is_outside(root / name, (root,)) for name in names)
         if not (re.fullmatch("[0-9a-f]{64}", sha256) and len(names) in {1, 2} and is_inside):
-            raise CardError(f"{path}: line {number} is {line!r:.99}. Expected SHA-256, file, file here")
+            raise CardError(
+                f"{path}: line {number} is {line!r:.99}. Expected SHA-256, published file and "
+                "file in the dataset"
+            )
         files.setdefault(names[-1], []).append((names[0], sha256))
     return files
 
 
 def _fetch_file(url: str, source: str, sha256: str, folder: Path) -> Path:
-    """Return a published file, fetched unless it is there."""
+    """Return a published file, after downloading it if it is not in the folder."""
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
-    (folder / source).parent.mkdir(parents=True, exist_ok=True)  # pooch fails if another process makes it
+    (folder / source).parent.mkdir(parents=True, exist_ok=True)  # pooch fails if another process creates it
     files = pooch.create(folder, url, registry={source: f"sha256:{sha256}"}, retry_if_failed=2)
     try:
         return Path(files.fetch(source, downloader=pooch.HTTPDownloader(timeout=60)))
     except OSError as error:
-        told = f"{url}{source}: cannot be fetched ({error})"
-        raise OSError(f"{told}; what was fetched is kept, the same command goes on") from error
+        raise OSError(
+            f"{url}{source}: cannot be downloaded ({error}). Finished files are kept: run the same command "
+            "again to continue"
+        ) from error
 
 
 def convert_files(paths: list[Path], convert: Convert, fs: float) -> bytes:
-    """Return the file that a card reads, made of published ones as its `convert` says.
+    """Convert published files to a file of the dataset.
 
-    "frames": what stands in columns 5 to 26 of a table, row by row, as sound: 22 samples a frame (BioTac).
-    "rounded": a table with five decimals. "counts": the first six of ten columns without names, at 50 Hz; the
-    last is the time in ms. "sheets": workbooks of one column each as a table.
+    Parameters
+    ----------
+    paths : list of Path
+        Published files.
+    convert : {"", "frames", "rounded", "counts", "sheets"}
+        "" copies the file. "frames" writes columns 5 to 26 of a table, row by row, as WAV: 22 samples per
+        frame (BioTac). "rounded" rounds a table to five decimals. "counts" takes the first six of ten
+        unnamed columns at 50 Hz, where the last column is the time in ms. "sheets" joins workbooks of one
+        column each to a table.
+    fs : float
+        Sampling rate in Hz of a WAV file.
+
+    Returns
+    -------
+    bytes
+        Content of the converted file.
     """
     import pandas as pd
-    from scipy.io import wavfile  # a second, which only fetching waits for
+    from scipy.io import wavfile  # slow import, only needed for downloads
 
     match convert:
         case "":
@@ -177,12 +196,12 @@ def convert_files(paths: list[Path], convert: Convert, fs: float) -> bytes:
             wavfile.write(sound, round(fs), np.rint(frames).astype(np.int16).ravel())
             return sound.getvalue()
         case "rounded":
-            table, form = pd.read_csv(paths[0]).round(5), None
+            table, number_format = pd.read_csv(paths[0]).round(5), None
         case "counts":
-            felt = pd.read_csv(paths[0], header=None)
-            step = round(20 / felt[9].diff().median())
-            counts = felt.iloc[::step, :6].set_axis(["ax", "ay", "az", "wx", "wy", "wz"], axis=1)
-            table, form = counts.astype(float), "%.0f"  # one is 1e26, beyond whole numbers
+            log = pd.read_csv(paths[0], header=None)
+            step = round(20 / log[9].diff().median())
+            counts = log.iloc[::step, :6].set_axis(["ax", "ay", "az", "wx", "wy", "wz"], axis=1)
+            table, number_format = counts.astype(float), "%.0f"  # one value, 1e26, exceeds integers
         case "sheets":
             columns = []
             for path in paths:
@@ -190,43 +209,43 @@ def convert_files(paths: list[Path], convert: Convert, fs: float) -> bytes:
                     cells = re.findall(rb"<v>([^<]*)</v>", book.read("xl/worksheets/sheet1.xml"))
                 columns.append(np.array(cells, dtype=float))
             names = ("acceleration", "normal_force", "speed")
-            table, form = pd.DataFrame(dict(zip(names, columns, strict=True))), None
-    return table.to_csv(index=False, lineterminator="\n", float_format=form).encode()
+            table, number_format = pd.DataFrame(dict(zip(names, columns, strict=True))), None
+    return table.to_csv(index=False, lineterminator="\n", float_format=number_format).encode()
 
 
-def digest_files(root: Path, relative: Iterable[str], facts: str) -> str:
-    """Return the SHA-256 hex digest of facts, names and contents of files."""
-    return combine_digests(file_digests(root, relative), facts)
+def digest_files(root: Path, names: Iterable[str], settings: str) -> str:
+    """Return the SHA-256 hex digest of settings and of names and contents of files."""
+    return combine_digests(file_digests(root, names), settings)
 
 
-def combine_digests(digests: Mapping[str, str], facts: str) -> str:
-    """Return the SHA-256 hex digest of facts, and of names and digests of files."""
-    digest = hashlib.sha256(facts.encode())
-    for name, of_file in digests.items():
-        digest.update(f"\0{name}\0{of_file}".encode())
+def combine_digests(digests: Mapping[str, str], settings: str) -> str:
+    """Return the SHA-256 hex digest of settings and of names and digests of files."""
+    digest = hashlib.sha256(settings.encode())
+    for name, file_digest in digests.items():
+        digest.update(f"\0{name}\0{file_digest}".encode())
     return digest.hexdigest()
 
 
-def file_digests(root: Path, relative: Iterable[str]) -> dict[str, str]:
+def file_digests(root: Path, names: Iterable[str]) -> dict[str, str]:
     """Return the SHA-256 hex digest of each file, sorted by name.
 
-    Reading gigabytes takes seconds, so digests are kept in the cache under names, sizes and times of
-    modification: a file that was changed without changing its size and time goes unnoticed.
+    Reading gigabytes takes seconds, so digests are cached by name, size and modification time. A change that
+    keeps size and modification time is not detected.
     """
-    paths = sorted(set(relative))
+    names = sorted(set(names))
     states = hashlib.sha256(str(root.resolve()).encode())
-    for name in paths:
+    for name in names:
         state = (root / name).stat()
         states.update(f"\0{name}\0{state.st_size}\0{state.st_mtime_ns}".encode())
-    memo = cache_root() / "digests" / states.hexdigest()
+    cache_file = cache_root() / "digests" / states.hexdigest()
     try:
-        known = memo.read_text(encoding="ascii").split()
+        digests = cache_file.read_text(encoding="ascii").split()
     except (OSError, UnicodeDecodeError):
-        known = []
-    if len(known) != len(paths):
-        known = []
-        for name in paths:
+        digests = []
+    if len(digests) != len(names):
+        digests = []
+        for name in names:
             with (root / name).open("rb") as file:
-                known.append(hashlib.file_digest(file, "sha256").hexdigest())
-        write_if_possible(memo, "\n".join(known).encode("ascii"))
-    return dict(zip(paths, known, strict=True))
+                digests.append(hashlib.file_digest(file, "sha256").hexdigest())
+        write_if_possible(cache_file, "\n".join(digests).encode("ascii"))
+    return dict(zip(names, digests, strict=True))

@@ -1,4 +1,4 @@
-"""Signals as read become a recording: the impossible is refused, the unlikely is told."""
+"""Conversion of signals to recordings, with errors for invalid input and flags for implausible input."""
 
 import math
 import re
@@ -13,7 +13,7 @@ from texclass.loaders.timestamps import resample as band_limited
 from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, UNITS, Recording, Samples
 
 CLIPPED_SHARE = 1e-3
-"""Share of clipped samples from which a recording is flagged."""
+"""Share of clipped samples above which a recording is flagged."""
 
 
 def build_recording(
@@ -26,219 +26,282 @@ def build_recording(
     resample: float | None = None,
     rate_of: str = "",
     flags: tuple[str, ...] = (),
-    **facts: Any,
+    **attributes: Any,
 ) -> Recording:
-    """Check signals and return them as a recording.
+    """Check signals and convert them to a recording.
 
     Parameters
     ----------
     signals : ReadSignals
-        As read.
+        Signals of the files.
     fs : float or None
-        Rate in Hz that user or card state; if files may have different ones, of those that state none.
+        Sampling rate in Hz from the user or the card. With `resample` it only applies to files that state no
+        rate.
     unit : str or None
-        That user or card state; what the files state must agree, unless it is scaled to another.
-    source, flags, **facts
+        Unit from the user or the card. The unit in the files must agree, unless `scale` converts it.
+    source, flags, **attributes
         Fields of `Recording`.
     scale : float
-        Factor by which the acceleration will be scaled.
+        Factor by which the acceleration will be scaled later.
     resample : float, optional
-        Rate in Hz to which they are brought; then each file may have its own.
+        Target sampling rate in Hz. The files may then have different rates.
     rate_of : str
-        File that states `fs`; by default user or card do.
+        File from which `fs` was taken; "" if the user or the card states it.
+
+    Returns
+    -------
+    Recording
+        Recording with a flag for each implausible property.
 
     Raises
     ------
     RecordingError
-        If unit or sampling rate are missing or contradicted, the acceleration too short, constant or not
-        finite.
+        If the unit or sampling rate is missing or contradicts the files, or the acceleration is too short,
+        constant or not finite.
     """
     unit = resolve_unit(signals.unit if scale == 1.0 else None, unit, source)
-    facts |= {**signals.named, "channels": signals.channels, "unit": unit, "source": source}
+    attributes |= {**signals.signals, "channels": signals.channels, "unit": unit, "source": source}
     rate = resolve_rate(signals.fs, fs if resample is None or signals.fs is None else None, source, rate_of)
-    recording = Recording(fs=rate, **facts)
+    recording = Recording(fs=rate, **attributes)
     flags = (*flags, *signals.flags, *acceleration_flags(recording.acceleration, recording.channels, source))
-    flags = (*flags, *plausibility_flags(signals.named, rate, unit, scale, flags))
+    flags = (*flags, *plausibility_flags(signals.signals, rate, unit, scale, flags))
     if resample is not None and resample != rate:
-        changed = {name: band_limited(getattr(recording, name), rate, resample) for name in signals.named}
-        recording = recording.with_(fs=resample, native_fs=rate, **changed)
+        resampled = {name: band_limited(getattr(recording, name), rate, resample) for name in signals.signals}
+        recording = recording.with_(fs=resample, native_fs=rate, **resampled)
         flags = (*flags, f"resampled: from {rate:g} Hz to {resample:g} Hz, band-limited")
         if rate < resample:
-            flags = (*flags, f"narrow band: sampled at {rate:g} Hz, nothing above {rate / 2:g} Hz")
+            flags = (*flags, f"narrow band: sampled at {rate:g} Hz, so no content above {rate / 2:g} Hz")
     return recording.with_(flags=flags) if flags else recording
 
 
-def resolve_rate(stated: float | None, given: float | None, where: object, rate_of: str = "") -> float:
-    """Return the sampling rate in Hz, from the file, from the user or card, or from both if they agree.
+def resolve_rate(file_fs: float | None, user_fs: float | None, where: object, rate_of: str = "") -> float:
+    """Return the sampling rate from the file or from the user or card; both must agree.
 
-    `rate_of` is the file that states `given`, if neither user nor card does.
+    Parameters
+    ----------
+    file_fs : float or None
+        Sampling rate in Hz that the file states.
+    user_fs : float or None
+        Sampling rate in Hz from the user or the card.
+    where : str or Path
+        File named in the messages.
+    rate_of : str
+        Other file from which `user_fs` was taken, if neither user nor card state it.
 
     Raises
     ------
     RecordingError
-        If it is missing or contradicted.
+        If the rate is missing or contradictory.
     """
-    if stated is None and given is None:
-        raise reader_error(where, "fs is missing", "a rate in Hz, never guessed: give --fs or --time-column")
-    if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
-        raise rate_conflict_error(where, f"{stated:g} Hz", given, rate_of)
-    rate = float(stated if stated is not None else given)  # type: ignore[arg-type]
+    if file_fs is None and user_fs is None:
+        raise reader_error(
+            where, "fs is missing, the input does not state it", "--fs HZ, or --time-column for time stamps"
+        )
+    if file_fs is not None and user_fs is not None and not math.isclose(file_fs, user_fs, rel_tol=1e-9):
+        raise rate_conflict_error(where, f"{file_fs:g} Hz", user_fs, rate_of)
+    rate = float(file_fs if file_fs is not None else user_fs)  # type: ignore[arg-type]
     low, high = RATES_HZ
     if not low <= rate <= high:
-        raise reader_error(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz from {low:g} to {high:g}")
+        raise reader_error(where, f"fs is {rate:g} Hz", f"a rate from {low:g} to {high:g} Hz")
     return rate
 
 
-def resolve_unit(stated: str | None, given: str | None, where: object) -> str:
-    """Return the unit of the acceleration, from the file, from the user or card, or from both if they agree.
+def resolve_unit(file_unit: str | None, user_unit: str | None, where: object) -> str:
+    """Return the unit of the acceleration from the file or from the user or card; both must agree.
+
+    Parameters
+    ----------
+    file_unit : str or None
+        Unit that the file states.
+    user_unit : str or None
+        Unit from the user or the card, or from another file of the dataset.
+    where : str or Path
+        File named in the messages.
 
     Raises
     ------
     RecordingError
-        If it is missing or contradicted.
+        If the unit is missing or contradictory.
     """
-    if (unit := stated if given is None else given) is None:
-        raise reader_error(where, "unit is missing", f"one of {', '.join(UNITS)}, never guessed: give --unit")
-    if stated not in (None, unit):
-        found = f"unit is {stated!r} there, {unit!r} was given (or is another file's)"
-        raise reader_error(where, found, "one unit (`scale` in a card for another)")
+    if (unit := file_unit if user_unit is None else user_unit) is None:
+        raise reader_error(
+            where, "unit is missing, the input does not state it", f"--unit with one of {', '.join(UNITS)}"
+        )
+    if file_unit not in (None, unit):
+        problem = f"its unit is {file_unit!r}, but {unit!r} was given or is the unit of another file"
+        raise reader_error(where, problem, "one unit (`scale` in a card converts values)")
     return unit
 
 
 def acceleration_flags(acceleration: Samples, channels: Sequence[str], where: str) -> tuple[str, ...]:
-    """Return what a user should know of an acceleration ("clipped: ...", "constant: ...").
+    """Check an acceleration and return flags on clipping and constant channels.
+
+    Parameters
+    ----------
+    acceleration : ndarray of shape (n,) or (n, n_channels)
+        Acceleration in any unit.
+    channels : sequence of str
+        Names of the channels.
+    where : str
+        File named in the messages.
+
+    Returns
+    -------
+    tuple of str
+        Flags such as "clipped: ..." and "constant: ...".
 
     Raises
     ------
     RecordingError
-        If there are fewer than two samples, no channel varies, or a value is no sensor's.
+        If there are fewer than two samples, no channel varies, or a value exceeds 1e30.
     """
     columns = acceleration.reshape(len(acceleration), -1)
     if len(columns) < 2:
-        raise reader_error(where, f"holds {len(columns)} sample", "at least 2")
-    if not (largest := np.abs(columns).max()) <= 1e30:  # no sensor's value is larger
+        raise reader_error(where, f"contains {len(columns)} sample", "at least 2")
+    if not (largest := np.abs(columns).max()) <= 1e30:  # larger values come from damaged files
         raise reader_error(
-            where, f"holds a value of {largest:.3g}", "at most 1e+30; what is larger is damage"
+            where, f"contains a value of {largest:.3g}", "at most 1e+30: the file may be damaged"
         )
     constant = np.ptp(columns, axis=0) == 0
     if constant.all():
         raise reader_error(
-            where, f"acceleration is {columns[0].tolist()} throughout", "a channel that varies"
+            where, f"acceleration is constant, {columns[0].tolist()}", "at least one varying channel"
         )
-    dead = [f"constant: channel {name}" for name, is_dead in zip(channels, constant, strict=True) if is_dead]
+    constant_flags = [
+        f"constant: channel {name}"
+        for name, is_constant in zip(channels, constant, strict=True)
+        if is_constant
+    ]
     share = max(clipped_share(columns[:, i]) for i in np.flatnonzero(~constant))
-    clipped = [f"clipped: {100 * share:.1f} % of the samples at full scale"] if share >= CLIPPED_SHARE else []
-    return (*dead, *clipped)
+    if share < CLIPPED_SHARE:
+        return tuple(constant_flags)
+    return (*constant_flags, f"clipped: {100 * share:.1f} % of the samples at full scale")
 
 
 def clipped_share(signal: Samples) -> float:
-    """Return the share of samples that stand in a run at the signal's largest or smallest value.
+    """Return the share of samples in clipped runs.
 
-    A run is at least 3 equal samples that the signal enters or leaves by more than two
-    quantisation steps: a slow wave that is merely quantised reaches its crest step by step.
+    A clipped run is at least 3 equal samples at the largest or smallest value, entered or left by a step of
+    more than two quantisation steps. Slow waves reach their crest in single quantisation steps and do not
+    count.
 
     Parameters
     ----------
     signal : ndarray of shape (n,)
-        Not constant.
+        Signal that is not constant.
 
     Returns
     -------
     share : float
-        Between 0 and 1.
+        Share from 0 to 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> wave = np.sin(np.arange(1000) / 5)
+    >>> clipped_share(wave), round(clipped_share(np.clip(wave, -0.9, 0.9)), 2)
+    (0.0, 0.29)
     """
-    firsts, lasts = [], []
+    starts, stops = [], []
     for extreme in (signal.min(), signal.max()):
-        where = np.flatnonzero(signal == extreme)
-        ends = np.flatnonzero(np.diff(where, append=np.inf) > 1)
-        firsts.append(where[np.concatenate(([0], ends[:-1] + 1))])
-        lasts.append(where[ends] + 1)
-    first, last = np.concatenate(firsts), np.concatenate(lasts)
-    long = last - first >= 3
-    first, last = first[long], last[long]
-    if not len(first):
+        indices = np.flatnonzero(signal == extreme)
+        last_of_run = np.flatnonzero(np.diff(indices, append=np.inf) > 1)
+        starts.append(indices[np.concatenate(([0], last_of_run[:-1] + 1))])
+        stops.append(indices[last_of_run] + 1)
+    start, stop = np.concatenate(starts), np.concatenate(stops)
+    is_long = stop - start >= 3
+    start, stop = start[is_long], stop[is_long]
+    if not len(start):
         return 0.0
-    levels = np.unique(signal[:10_000_000])  # enough to find the quantisation step
+    levels = np.unique(signal[:10_000_000])  # enough samples to find the quantisation step
     step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
-    before = np.abs(signal[np.maximum(first - 1, 0)] - signal[first])
-    after = np.abs(signal[np.minimum(last, len(signal) - 1)] - signal[last - 1])
-    return float((last - first)[np.maximum(before, after) > 2 * step].sum() / len(signal))
+    rise = np.abs(signal[np.maximum(start - 1, 0)] - signal[start])
+    fall = np.abs(signal[np.minimum(stop, len(signal) - 1)] - signal[stop - 1])
+    return float((stop - start)[np.maximum(rise, fall) > 2 * step].sum() / len(signal))
 
 
 def plausibility_flags(
-    named: Mapping[str, Samples], fs: float, unit: str, scale: float = 1.0, said: Iterable[str] = ()
+    signals: Mapping[str, Samples], fs: float, unit: str, scale: float = 1.0, flags: Iterable[str] = ()
 ) -> tuple[str, ...]:
-    """Return what is unlikely of the signals of a recording: a level at rest, turn rates at their rails.
+    """Return flags on implausible signals: a level at rest that is not gravity, and clipped signals.
 
     Parameters
     ----------
-    named : mapping of str to ndarray of shape (n,) or (n, c)
-        As read: the acceleration in `unit` but for the scale.
+    signals : mapping of str to ndarray of shape (n,) or (n, c)
+        Signals by field of `Recording`; the acceleration is in `unit` after multiplication by `scale`.
     fs : float
         Sampling rate in Hz.
     unit : str
-        Of the acceleration.
+        Unit of the acceleration.
     scale : float
-        Factor from what is stored to `unit`.
-    said : iterable of str
-        What the reader has told; it is not told twice.
+        Factor from stored values to `unit`.
+    flags : iterable of str
+        Flags of the reader. The level at rest is not checked if the reader has flagged the unit.
     """
-    found = []
+    new_flags = []
     for name in ("turn_rate", "friction"):
-        if (signal := named.get(name)) is not None and len(signal):
+        if (signal := signals.get(name)) is not None and len(signal):
             share = max(clipped_share(column) for column in signal.reshape(len(signal), -1).T)
             if share >= CLIPPED_SHARE:
-                found.append(f"clipped: {100 * share:.1f} % of the samples of the {name} at full scale")
-    acceleration = named[ACCELERATION]
-    is_told = any(one.startswith("unit:") for one in said)
-    if unit not in ACCELERATION_UNITS or acceleration.shape[1:] != (3,) or is_told:
-        return tuple(found)
-    # over 0.25 s vibration averages out, gravity does not
+                new_flags.append(f"clipped: {100 * share:.1f} % of the samples of the {name} at full scale")
+    acceleration = signals[ACCELERATION]
+    is_unit_flagged = any(flag.startswith("unit:") for flag in flags)
+    if unit not in ACCELERATION_UNITS or acceleration.shape[1:] != (3,) or is_unit_flagged:
+        return tuple(new_flags)
+    # Means over 0.25 s remove vibration but not gravity.
     n = max(1, min(round(0.25 * fs), len(acceleration)))
     blocks = acceleration[: len(acceleration) // n * n].reshape(-1, n, 3).mean(axis=1)
     level = float(np.median(np.linalg.norm(blocks, axis=1))) * abs(scale)
-    gravities = {other: level * size / STANDARD_GRAVITY for other, size in ACCELERATION_UNITS.items()}
-    meant = next((other for other, times in gravities.items() if abs(times - 1) <= 0.1), None)
-    if not 0.8 <= gravities[unit] <= 1.2:  # of a sensor that measures gravity
+    level_in_g = {other: level * size / STANDARD_GRAVITY for other, size in ACCELERATION_UNITS.items()}
+    likely_unit = next((other for other, ratio in level_in_g.items() if abs(ratio - 1) <= 0.1), None)
+    if not 0.8 <= level_in_g[unit] <= 1.2:  # range of sensors that measure gravity
         gravity = STANDARD_GRAVITY / ACCELERATION_UNITS[unit]
-        rests = f"unit: rests at {level:.3g} {unit}, gravity is {gravity:.3g}"
-        if meant:
-            found.append(f"{rests}: is it in {meant}? (--unit {meant}, `unit` in a card)")
-        elif gravities[unit] > 0.35:  # nor is it removed
-            found.append(f"{rests} or none: are unit, scale and columns right?")
-    return tuple(found)
+        problem = f"unit: the level at rest is {level:.3g} {unit}, but gravity is {gravity:.3g} {unit}"
+        if likely_unit:
+            new_flags.append(
+                f"{problem}. If the data are in {likely_unit}, set --unit {likely_unit} (`unit` in a card)"
+            )
+        elif level_in_g[unit] > 0.35:  # too high for a signal without gravity
+            new_flags.append(f"{problem}. Check unit, scale and columns")
+    return tuple(new_flags)
 
 
 def similar_label_notes(surfaces: Iterable[str]) -> list[str]:
-    """Return what is unlikely of the names of surfaces: two that differ in case or blanks only."""
-    alike: dict[str, list[str]] = {}
+    """Return notes on surfaces whose names differ only in case or blanks."""
+    groups: dict[str, list[str]] = {}
     for surface in sorted(set(surfaces)):
-        alike.setdefault(" ".join(surface.casefold().split()), []).append(surface)
+        groups.setdefault(" ".join(surface.casefold().split()), []).append(surface)
     return [
-        f"surfaces {' and '.join(map(repr, names))} differ in case or blanks only: are they one surface?"
-        for names in alike.values()
+        f"surfaces {' and '.join(map(repr, names))} differ only in case or blanks: rename them if they are "
+        "one surface"
+        for names in groups.values()
         if len(names) > 1
     ]
 
 
-def folder_level_notes(files: Iterable[Sequence[str]]) -> list[str]:
-    """Return what is unlikely of a folder's levels, given the parts of its files' names.
+def folder_level_notes(file_parts: Iterable[Sequence[str]]) -> list[str]:
+    """Return a note if the first level of folders looks like sessions rather than surfaces.
 
-    The first level is the label. Where every folder of it holds the same folders, and these are more, or
-    where they are called session 1, session 2, the second level will be.
+    This is the case if all folders of the first level contain the same, more numerous, folders, or if their
+    names are those of sessions: session 1, session 2.
+
+    Parameters
+    ----------
+    file_parts : iterable of sequence of str
+        Parts of the relative path of each file.
     """
     session = r"(session|run|day|trial|operator|subject|user|participant|person|s|p)[ _-]?\d+"
-    below: dict[str, set[str]] = {}
-    for parts in files:
-        below.setdefault(parts[0], set()).update(parts[1:2] if len(parts) > 2 else ())
-    shared = set.intersection(*below.values()) if below else set()
-    are_sessions = len(shared) > len(below) or all(
-        re.fullmatch(session, name, re.IGNORECASE) for name in below
+    subfolders: dict[str, set[str]] = {}
+    for parts in file_parts:
+        subfolders.setdefault(parts[0], set()).update(parts[1:2] if len(parts) > 2 else ())
+    common = set.intersection(*subfolders.values()) if subfolders else set()
+    are_sessions = len(common) > len(subfolders) or all(
+        re.fullmatch(session, name, re.IGNORECASE) for name in subfolders
     )
-    if min(len(below), len(shared)) < 2 or not are_sessions:
+    if min(len(subfolders), len(common)) < 2 or not are_sessions:
         return []
-    labels, inside = (", ".join(sorted(names)[:4]) for names in (below, shared))
+    labels, inner = (", ".join(sorted(names)[:4]) for names in (subfolders, common))
     return [
-        f"the labels are {labels}, and each of these folders holds {inside}: "
-        "if those are the surfaces, say so in a card: files = '(?P<session>[^/]+)/(?P<surface>[^/]+)/.+'"
+        f"the labels are {labels}, and each of these folders contains {inner}: if those are the surfaces, "
+        "write a card with files = '(?P<session>[^/]+)/(?P<surface>[^/]+)/.+'"
     ]

@@ -1,7 +1,7 @@
-"""What the readers of all formats share: the registry of formats, settings, results, limits and errors.
+"""Registry of file formats, and the settings, results, limits and errors that all readers share.
 
-A reader is a module with `names(path, settings)`, the columns or arrays of a file, and
-`read(path, wanted, settings)`, which returns them as `ReadSignals`.
+A reader is a module with two functions: `names(path, settings)` returns the names of the columns or arrays of
+a file, and `read(path, wanted, settings)` returns the wanted ones as `ReadSignals`.
 """
 
 import re
@@ -17,42 +17,42 @@ from texclass import shipped
 from texclass.recording import UNITS, RecordingError, Samples
 
 MAX_VALUES = 1_000_000_000
-"""A file that announces more values than this in one recording is refused before they are read (8 GB): three
-axes of 3 hours at 10 kHz are a third of it."""
+"""Largest number of values in one recording (8 GB); three axes of 3 hours at 10 kHz are a third of it. The
+header of a file is checked before its values are read."""
 MAX_EXPANSION = 1000
-"""A file that announces more than so many times its bytes (and more than 64 MB) is refused, too."""
+"""Largest ratio of the size after decompression to the size of the file, for data over 64 MB."""
 RATES_HZ = (1e-3, 1e8)
-"""Lowest and highest sampling rate: slower sampling is no vibration, no hand-held sensor is faster."""
+"""Lowest and highest sampling rate: below it is no vibration, above it no hand-held sensor."""
 TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0, "min": 60e9, "h": 3600e9, "days": 86400e9}
-"""Nanoseconds in each unit that --time-unit and `time_unit` of a card accept."""
+"""Duration in nanoseconds of each unit accepted by --time-unit and by the card key `time_unit`."""
 COMMENT_PATTERN = r"""[^\s\d"']{1,8}"""
-"""Pattern of the beginning of comment lines."""
+"""Regular expression for the characters that start a comment line."""
 NO_TIME_COLUMN = "none"
-"""Name of a time column that means that there is none."""
+"""Value of --time-column that ignores all time stamps."""
 BAG_METADATA = "metadata.yaml"
-"""The file that stands for a bag that is a folder."""
+"""File that represents a bag stored as a folder (rosbag2)."""
 STORAGE_SUFFIXES = (".mcap", ".db3")
-"""Kinds of the files that hold its messages."""
+"""Suffixes of the files in a bag folder that contain the messages."""
 BAG_SUFFIXES = (".bag", *STORAGE_SUFFIXES)
 """Suffixes of bags."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file that can be a recording.
+    """File format of recordings.
 
     Attributes
     ----------
     name : str
-        For messages and documentation.
+        Name in messages and documentation.
     module : str
-        The reader.
+        Module of the reader.
     settings : tuple of str
-        Fields of `ReaderSettings` for this format alone.
+        Fields of `ReaderSettings` that apply only to this format.
     rate : str
-        What states the sampling rate, if anything does.
+        Where the file states the sampling rate; "" if it does not.
     extra : str
-        Extra of texclass with its libraries.
+        Extra of texclass that installs the required libraries; "" if none is needed.
     """
 
     name: str
@@ -78,20 +78,20 @@ FORMATS: Mapping[str, Format] = {
     ".xlsx": Format("Excel", "texclass.loaders.workbooks", _TEXT.settings[1:], extra="formats"),
     ".tdms": Format("TDMS", "texclass.loaders.tdms", rate="`wf_increment`", extra="formats"),
 }
-"""Suffix of a file that can be a recording (case does not matter) -> its format."""
+"""Format by suffix in lower case; the case of a file's suffix does not matter."""
 
 
 def formats() -> dict[str, Format]:
-    """Return suffix -> format of the files that can be read, those of other packages last."""
-    added = {
+    """Return the readable formats by suffix; formats of other installed packages come last."""
+    registered = {
         f".{name}": Format(name, module) for name, module in shipped.entry_point_modules("readers").items()
     }
     bags = {
         suffix: Format("bag", kind.module, ("topic",), "time stamps", "robot")
-        for suffix, kind in added.items()
+        for suffix, kind in registered.items()
         if suffix in BAG_SUFFIXES
     }
-    return {**FORMATS, **added, **bags}
+    return {**FORMATS, **registered, **bags}
 
 
 @dataclass(frozen=True)
@@ -100,20 +100,20 @@ class ReadSignals:
 
     Attributes
     ----------
-    named : mapping of str to ndarray of shape (n,) or (n, c)
-        As stored: by the names of a file's columns, or once it is known what they are by the fields of a
-        `Recording`. A column of dates is of kind `datetime64[ns]`.
+    signals : mapping of str to ndarray of shape (n,) or (n, c)
+        Stored values, by column name, or by field of `Recording` once the columns are assigned. A column of
+        dates has the type `datetime64[ns]`.
     fs : float or None
-        Sampling rate in Hz if the files state it.
+        Sampling rate in Hz, if the files state it.
     flags : tuple of str
-        What a user should know of how they were read.
+        Notes for the user on how the files were read.
     channels : tuple of str
-        Names of the axes of an acceleration.
+        Names of the axes of the acceleration.
     unit : str or None
-        Of the acceleration, if the type of messages or the names of columns state it.
+        Unit of the acceleration, if the message type or the column names state it.
     """
 
-    named: Mapping[str, Samples]
+    signals: Mapping[str, Samples]
     fs: float | None = None
     flags: tuple[str, ...] = ()
     channels: tuple[str, ...] = ()
@@ -122,35 +122,35 @@ class ReadSignals:
 
 @dataclass(frozen=True)
 class ReaderSettings:
-    """How files are read; None stands for what is not given.
+    """Options for reading files; None selects the default.
 
     Attributes
     ----------
     fs : float, optional
-        Sampling rate in Hz, which time stamps must agree with.
+        Sampling rate in Hz. Time stamps must agree with it.
     unit : str, optional
-        Unit of the acceleration. "counts" keeps the codes of integer audio; else full scale is 1.
+        Unit of the acceleration. "counts" keeps the codes of integer audio; otherwise full scale is 1.
     column : str or sequence of str, optional
-        Column(s) of the acceleration, by name or number from 1 (default: the conventional ones).
+        Column(s) of the acceleration, by name or number from 1 (default: conventional names).
     delimiter : str, optional
-        Of a text (default: what most of its first rows have).
+        Column delimiter of a text file (default: detected from its first rows).
     time_column : str, optional
-        Column or array of the time stamps, or `NO_TIME_COLUMN` (default: one with a conventional name that
-        increases).
+        Column or array of the time stamps, or `NO_TIME_COLUMN` (default: an increasing column with a
+        conventional name).
     time_unit : str, optional
-        Unit of the time stamps, of `TIME_UNITS` (default: the one in the name of the column, or inferred).
+        Unit of the time stamps, one of `TIME_UNITS` (default: from the column name, or inferred).
     resample : float, optional
-        Rate in Hz to which recordings are brought.
+        Target sampling rate in Hz.
     topic : str, optional
-        Of a bag (default: the only one that carries an acceleration).
+        Topic of a bag (default: the only one with an acceleration).
     skip_rows : int, optional
-        Lines at the beginning of a text that are not read (default 0).
+        Number of lines to skip at the start of a text file (default 0).
     comment : str, optional
-        Beginning of comment lines of a text (default: #, % or //).
+        Start of comment lines in a text file (default: #, % or //).
     drop_incomplete : bool
-        Leave out lines of a text without a number in each column; else they are an error.
+        Drop lines of a text file that lack a number in a column (default False: raise an error).
     rate_of : str
-        File that states `fs`; by default user or card do.
+        File from which `fs` was taken; "" if the user or the card states it.
     """
 
     fs: float | None = None
@@ -167,35 +167,41 @@ class ReaderSettings:
     rate_of: str = ""
 
     @property
-    def of_a_card(self) -> dict[str, Any]:
-        """Settings that are given, of those with the same name in a dataset card."""
-        beside = ("fs", "unit", "column", "resample", "rate_of")
-        stated = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in beside}
-        return {name: value for name, value in stated.items() if value not in {None, False}}
+    def card_keys(self) -> dict[str, Any]:
+        """Options that are set and are keys of the same name in a dataset card."""
+        other_names = ("fs", "unit", "column", "resample", "rate_of")
+        names = (field.name for field in fields(self) if field.name not in other_names)
+        values = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in values.items() if value not in {None, False}}
 
     def check(self, where: object) -> None:
-        """Check the settings before any file is read.
+        """Check the options before any file is read.
+
+        Parameters
+        ----------
+        where : str or Path
+            File or folder named in the messages.
 
         Raises
         ------
         RecordingError
-            If a unit is unknown, a rate out of range, the delimiter not one character, a number of lines
-            negative, or the beginning of comments blank.
+            If a unit is unknown, a rate is out of range, the delimiter is not one character, `skip_rows` is
+            negative, or `comment` is blank.
         """
         low, high = RATES_HZ
         if self.unit not in (None, *UNITS):
-            raise reader_error(where, f"unit is {self.unit!r}", f"one of {', '.join(UNITS)}")
+            raise reader_error(where, f"unknown unit {self.unit!r}", f"one of {', '.join(UNITS)}")
         for name, rate in {"fs": self.fs, "resample": self.resample}.items():
             if rate is not None and not low <= rate <= high:
-                raise reader_error(
-                    where, f"{name} is {rate:g} Hz", f"a sampling rate in Hz from {low:g} to {high:g}"
-                )
+                raise reader_error(where, f"{name} is {rate:g} Hz", f"a rate from {low:g} to {high:g} Hz")
         if self.delimiter is not None and (len(self.delimiter) != 1 or self.delimiter in '"\r\n'):
             raise reader_error(where, f"delimiter is {self.delimiter!r}", "one character, no quote")
         if self.time_unit not in (None, *TIME_UNITS):
-            raise reader_error(where, f"time unit is {self.time_unit!r}", f"one of {', '.join(TIME_UNITS)}")
+            raise reader_error(
+                where, f"unknown time unit {self.time_unit!r}", f"one of {', '.join(TIME_UNITS)}"
+            )
         if self.skip_rows is not None and self.skip_rows < 0:
-            raise reader_error(where, f"skip_rows is {self.skip_rows}", "a number of lines, at least 0")
+            raise reader_error(where, f"skip_rows is {self.skip_rows}", "a number of lines of at least 0")
         if self.comment is not None and not re.fullmatch(COMMENT_PATTERN, self.comment):
             raise reader_error(
                 where, f"comment is {self.comment!r}", "1 to 8 characters, no blank, digit or quote"
@@ -208,30 +214,31 @@ def require_columns(wanted: Sequence[str], names: Sequence[str], where: object, 
     Raises
     ------
     RecordingError
-        Naming the first that does not.
+        If a column is missing or occurs several times.
     """
     for name in wanted:
         if (count := list(names).count(name)) != 1:
+            problem = f"no column {name!r}" if count == 0 else f"{count} columns are named {name!r}"
             raise RecordingError(
-                f"{where}: column {name!r} occurs {count} times; its columns are {quote_names(names)}. "
-                f"Expected once, by name or by number from 1 to {len(names)}{hint}"
+                f"{where}: {problem}; the columns are {quote_names(names)}. "
+                f"Expected a unique name, or a number from 1 to {len(names)}{hint}"
             )
 
 
 def check_size(n_values: int, where: object) -> None:
-    """Refuse a file that announces more than `MAX_VALUES` values, before they are read."""
+    """Raise an error if a file announces more than `MAX_VALUES` values, before they are read."""
     if n_values > MAX_VALUES:
         raise reader_error(
-            where, f"announces {n_values} values", f"at most {MAX_VALUES} a recording, split it"
+            where, f"announces {n_values} values", f"at most {MAX_VALUES} per recording: split the file"
         )
 
 
 def check_announced_size(n_values: int, path: Path) -> None:
-    """Refuse a file that announces more values than `MAX_VALUES`, or than its bytes can hold."""
+    """Raise an error if a file announces more values than `MAX_VALUES` or than its size allows."""
     check_size(n_values, path)
     if 8 * n_values > max(1 << 26, MAX_EXPANSION * (size := path.stat().st_size)):
         raise reader_error(
-            path, f"announces {n_values} values in {size} bytes", f"at most {MAX_EXPANSION} times"
+            path, f"announces {n_values} values in {size} bytes", f"at most {MAX_EXPANSION} times the size"
         )
 
 
@@ -243,13 +250,13 @@ def as_samples(array: Any, name: str, path: Path) -> Samples:
     Raises
     ------
     RecordingError
-        If it does not hold real numbers or has more than two axes.
+        If it does not contain real numbers or has more than two axes.
     """
     array = np.asarray(array)
     if array.dtype.kind not in "iuf":
-        raise reader_error(path, f"{name} holds {array.dtype}", "real numbers")
+        raise reader_error(path, f"{name} contains {array.dtype} values", "real numbers")
     check_size(array.size, path)
-    with np.errstate(over="ignore", invalid="ignore"):  # of wider floats: infinite, and refused as such
+    with np.errstate(over="ignore", invalid="ignore"):  # wider floats may become infinite: an error later
         samples = np.atleast_1d(np.squeeze(array)).astype(np.float64, copy=False)
     if samples.ndim > 2:
         raise reader_error(path, f"{name} has shape {array.shape}", "(n,) or (n, channels)")
@@ -258,7 +265,7 @@ def as_samples(array: Any, name: str, path: Path) -> Samples:
 
 @contextmanager
 def wrap_library_errors(path: Path, kind: str) -> Iterator[None]:
-    """Turn what damaged files make the libraries raise, which is almost anything, into one error."""
+    """Convert any exception of a library that reads a damaged file to a `RecordingError`."""
     try:
         yield
     except RecordingError:
@@ -268,38 +275,38 @@ def wrap_library_errors(path: Path, kind: str) -> Iterator[None]:
 
 
 def storage_suffix(name: str) -> str:
-    """Return the kind of a bag's storage file, compressed or not: ".bag", ".mcap", ".db3"."""
+    """Return the suffix of a bag's storage file without that of compression: ".bag", ".mcap", ".db3"."""
     return PurePosixPath(name.lower().removesuffix(".zstd")).suffix
 
 
-def reader_error(where: object, found: str, rule: str) -> RecordingError:
-    """Return the error of a file: what was found there, and the rule that it breaks."""
-    return RecordingError(f"{where}: {found}. Expected {rule}")
+def reader_error(where: object, problem: str, expected: str) -> RecordingError:
+    """Return the error of a file: what is wrong, and what was expected."""
+    return RecordingError(f"{where}: {problem}. Expected {expected}")
 
 
-def rate_conflict_error(where: object, stated: str, given: float, rate_of: str) -> RecordingError:
-    """Return the error of a file whose rate is not the given one, which may be that of the file `rate_of`."""
+def rate_conflict_error(where: object, file_rate: str, fs: float, rate_of: str) -> RecordingError:
+    """Return the error of a file whose sampling rate contradicts `fs`, the rate of the file `rate_of`."""
     if rate_of:
-        other, remedy = f"{given:g} Hz in {rate_of}", "resample all files"
+        other, hint = f"{fs:g} Hz in {rate_of}", "resample all files"
     else:
-        other, remedy = f"{given:g} Hz was given", "omit --fs, or resample"
+        other, hint = f"{fs:g} Hz was given", "omit --fs, or resample"
     return RecordingError(
-        f"{where}: fs is {stated}, but {other}. Expected one rate: {remedy} with --resample HZ "
+        f"{where}: fs is {file_rate}, but {other}. Expected one rate: {hint} with --resample HZ "
         "(`resample_hz` in a card)"
     )
 
 
-def quote_names(names: Sequence[str], most: int = 8) -> str:
-    """Return names for a message, cut short when there are many."""
-    shown = ", ".join(repr(name) for name in list(names)[:most])
-    return f"{shown} and {len(names) - most} more" if len(names) > most else shown or "none"
+def quote_names(names: Sequence[str], max_names: int = 8) -> str:
+    """Return names in quotes for a message; only the first ones if there are many."""
+    text = ", ".join(repr(name) for name in list(names)[:max_names])
+    return f"{text} and {len(names) - max_names} more" if len(names) > max_names else text or "none"
 
 
 def as_column_names(names: str | Sequence[str] | None) -> tuple[str, ...]:
-    """Return columns that are given as one, several, or not at all."""
+    """Return one column, several columns or None as a tuple."""
     return (names,) if isinstance(names, str) else tuple(names or ())
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a file is, by its name, a bag."""
+    """Return whether a file is a bag, by its name."""
     return path.suffix.lower() in BAG_SUFFIXES or path.name == BAG_METADATA

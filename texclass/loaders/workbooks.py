@@ -88,8 +88,8 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
         other = next(names for _, names in sheets if names != present)
         example = next((name for name in other if not is_time(name)), other[0])
         flags = (f"sheet: {sheet.title!r:.40} is read, {n_others} not; --column {example!r:.60} selects one",)
-    named = {name: signals.named[column] for name, column in inner.items()}
-    return replace(signals, named=named, flags=(*flags, *signals.flags))
+    named = {name: signals.signals[column] for name, column in inner.items()}
+    return replace(signals, signals=named, flags=(*flags, *signals.flags))
 
 
 def _sheets(path: Path) -> tuple[Sheet, ...]:

@@ -56,7 +56,7 @@ def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
             for k in range(1, card.n_recordings + 1)
         ),
         load=partial(load_made, card, root),
-        input_hash=digest_files(root, found.values(), card.facts),
+        input_hash=digest_files(root, found.values(), card.hash_input),
         **about,
     )
 
