@@ -21,7 +21,7 @@ from study import command_line, table, write
 from texclass.haptics.exchange import play_hjif, play_taps, play_texture, read_hjif, to_hatt, write_hjif
 from texclass.haptics.exchange.hjif import FS, Haptics
 from texclass.haptics.exchange.rendition import Rendition, level_db
-from texclass.haptics.exchange.wav import resampled
+from texclass.haptics.exchange.wav import resample
 from texclass.haptics.scene import PlannedScene, SceneSurface, plan_scene
 from texclass.haptics.textures import GridModel
 from texclass.haptics.textures.guruswamy2011 import Amplitude, LevelLaw, SpatialTexture
@@ -174,7 +174,7 @@ def compared(kind: str, sent: Rendition, reference: Path, folder: Path) -> dict[
     if not (sent.taps.size or sent.pitch_mm):
         band = haptics.perceptions[0].channels[0].bands[0]
         rate = float(band.upper_frequency_limit) if band.band_type == "WaveletWave" else FS
-        meant = resampled(sent.samples, sent.fs, rate)
+        meant = resample(sent.samples, sent.fs, rate)
         step = round(FS / rate)  # a wavelet's samples are held: every one once
         got = gain * b[step // 2 :: step]
         m = min(got.size, meant.size)

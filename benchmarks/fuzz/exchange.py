@@ -28,16 +28,16 @@ from texclass.haptics.exchange import (
     read_hatt,
     read_hjif,
     read_wav,
-    rendition_of,
     save_texture,
-    texture_of,
+    to_rendition,
+    to_texture,
     write_ahap,
     write_hatt,
     write_hjif,
     write_wav,
 )
 from texclass.haptics.exchange.rendition import Rendition
-from texclass.haptics.exchange.texture_file import Header, sealed
+from texclass.haptics.exchange.texture_file import Header, to_bytes
 from texclass.haptics.scene import PlannedScene, load_scene
 from texclass.haptics.textures.grid import GridModel
 from texclass.haptics.textures.hatt import HattTexture, Mesh
@@ -93,7 +93,7 @@ def _resealed(rng: random.Random, content: dict, arrays: dict[str, np.ndarray]) 
         if rng.random() < 0.2:
             content = of_tree(rng, content)
     try:
-        return sealed(Header.model_validate(content), arrays)
+        return to_bytes(Header.model_validate(content), arrays)
     except (ValueError, OverflowError, TypeError):
         return save(arrays, {"texclass": json_of(content).decode("utf-8", "replace")})
 
@@ -171,7 +171,7 @@ def _ahaps() -> list[bytes]:
 
 def _hjif(path: Path) -> object:
     _played(path, lambda: play_hjif(read_hjif(path), 100.0))
-    return _again(path, lambda: rendition_of(read_hjif(path)))
+    return _again(path, lambda: to_rendition(read_hjif(path)))
 
 
 def _ahap(path: Path) -> object:
@@ -184,7 +184,7 @@ def _tree(rng: random.Random, data: bytes) -> bytes:
 
 def _again(path: Path, read: Callable[[], Rendition]) -> object:
     """Return the texture of what a file plays."""
-    return _named(path, lambda: texture_of(read()))
+    return _named(path, lambda: to_texture(read()))
 
 
 def _played(path: Path, play: Callable[[], np.ndarray]) -> object:

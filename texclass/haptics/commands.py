@@ -403,7 +403,7 @@ def _retouch(source: Path, target: Path, scales: dict[str, float], n_bytes: int 
 def _convert_texture(source: Path, target: Path, fs: float, order: int) -> dict[str, str]:
     """Convert between .texture and HaTT .xml, and return what is lost."""
     from texclass.haptics import exchange
-    from texclass.haptics.exchange.rendition import told_level
+    from texclass.haptics.exchange.rendition import describe_level_change
 
     if source.suffix.lower() == ".xml":
         exchange.save_texture(exchange.read_hatt(source), target)
@@ -416,7 +416,7 @@ def _convert_texture(source: Path, target: Path, fs: float, order: int) -> dict[
     meant = exchange.play_texture(texture, unit=unit)
     played = exchange.play_texture(written, speed=meant.speed, force=meant.force)
     return {
-        "level": f"{told_level(played.samples, meant.samples)}, {meant.told}",
+        "level": f"{describe_level_change(played.samples, meant.samples)}, {meant.caption}",
         "band": f"0 to {written.fs / 2:g} Hz of 0 to {texture.fs / 2:g} Hz",
         "models": f"{written.mesh.speed.size} of order {written.order}, strokes along +x",
     }
@@ -468,15 +468,15 @@ def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[
             return write_ahap(rendition, target)
     encoding: Encoding = "float32" if physical else "audible"
     write_wav(target, rendition.samples, rendition.fs, unit=rendition.unit, encoding=encoding)
-    return dict(rendition.lost)
+    return dict(rendition.losses)
 
 
 def _read_played(source: Path, target: Path) -> dict[str, str]:
     """Write the texture in a .hjif file, and return what is lost."""
-    from texclass.haptics.exchange import read_hjif, rendition_of, save_texture, texture_of
+    from texclass.haptics.exchange import read_hjif, save_texture, to_rendition, to_texture
 
-    played = rendition_of(read_hjif(source))
-    texture, lost = texture_of(played)
+    played = to_rendition(read_hjif(source))
+    texture, lost = to_texture(played)
     save_texture(texture, target, unit=played.unit)
     return lost
 

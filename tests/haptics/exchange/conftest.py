@@ -1,4 +1,4 @@
-"""A texture small enough for tests, and files as hostile as they can be made."""
+"""A small texture for tests, and files with any header and arrays."""
 
 import json
 from dataclasses import dataclass, field
@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from safetensors.numpy import save
-from spoiling import GONE, put
+from spoiling import REMOVED, replace_value
 
-from texclass.haptics.exchange.texture_file import TEXTURES, Header, read_container, sealed
+from texclass.haptics.exchange.texture_file import TEXTURES, Header, read_container, to_bytes
 from texclass.haptics.textures.contract import Serializable
 from texclass.haptics.textures.hatt import HattTexture
 
 
 @dataclass
 class Hum(Serializable):
-    """Plays a tone, as loud as the stroke is fast."""
+    """A texture whose level is proportional to the speed of the stroke."""
 
     family: ClassVar[str] = "hum"
     operations: ClassVar[float] = 4.0
@@ -28,7 +28,7 @@ class Hum(Serializable):
 
     def __post_init__(self):
         if self.tones.ndim != 2:
-            raise ValueError(f"tones have shape {self.tones.shape}. Expected (n, 2)")
+            raise ValueError(f"tones must have shape (n, 2), got {self.tones.shape}")
 
     def renderer(self, *, seed=0):
         raise NotImplementedError
@@ -36,29 +36,29 @@ class Hum(Serializable):
 
 @pytest.fixture
 def hum(monkeypatch):
-    """A texture of a family that only tests know."""
+    """Return a texture of a family that is registered for one test."""
     monkeypatch.setitem(TEXTURES, "hum", Hum)
     return Hum()
 
 
-def resealed(content, arrays):
-    """Return the bytes of a file of any header and arrays, its checksum right where it can be."""
+def make_file(content, arrays):
+    """Return the bytes of a file with any header and arrays, with a correct checksum if possible."""
     try:
-        return sealed(Header.model_validate({**content, "sha256": ""}), arrays)
+        return to_bytes(Header.model_validate({**content, "sha256": ""}), arrays)
     except (ValidationError, OverflowError):
         return save(arrays, {"texclass": json.dumps(content)})
 
 
 @pytest.fixture
 def forge():
-    """Return a function that changes the header and arrays of a file, checksum included."""
+    """Return a function that changes the header and arrays of a file, and its checksum."""
 
     def change(path, changes=None, **arrays):
-        header, found = read_container(path)
+        header, original_arrays = read_container(path)
         content = header.model_dump()
         for key, value in (changes or {}).items():
-            put(content, tuple(key.split("/")), GONE if value is None else value)
-        path.write_bytes(resealed(content, found | arrays))
+            replace_value(content, tuple(key.split("/")), REMOVED if value is None else value)
+        path.write_bytes(make_file(content, original_arrays | arrays))
         return path
 
     return change
@@ -66,7 +66,7 @@ def forge():
 
 @pytest.fixture(scope="session")
 def slate():
-    """A HaTT texture, AR order 4 and MA order 2."""
+    """Return a HaTT texture of AR order 4 and MA order 2."""
     rng = np.random.default_rng(7)
     gaps = rng.uniform(0.5, 1.5, (5, 5))
     lsf = np.cumsum(gaps, axis=1)[:, :-1] / gaps.sum(axis=1, keepdims=True) * np.pi

@@ -1,17 +1,17 @@
-"""Files that are whole but for one value."""
+"""Change of one value in nested data, for files with a single fault."""
 
 from typing import Any
 
-GONE = object()
-"""In the place of a value: it is taken away."""
+REMOVED = object()
+"""Marks a value that is removed instead of replaced."""
 
 
-def put(tree: Any, way: tuple[Any, ...], value: Any) -> None:
-    """Put a value into nested maps and lists, by the keys that lead to it."""
-    *path, last = way
-    for step in path:
-        tree = tree[step]
-    if value is GONE:
+def replace_value(tree: Any, path: tuple[Any, ...], value: Any) -> None:
+    """Replace or remove the value at a path of keys and indices in nested dicts and lists."""
+    *parents, last = path
+    for key in parents:
+        tree = tree[key]
+    if value is REMOVED:
         del tree[last]
     else:
         tree[last] = value

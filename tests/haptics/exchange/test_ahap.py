@@ -6,15 +6,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from texclass.haptics.exchange import Rendition, play_ahap, play_taps, read_ahap, write_ahap
-from texclass.haptics.exchange.ahap import FS, MOST_POINTS, SHARP_HZ
+from texclass.haptics.exchange.ahap import FS, MAX_POINTS, SHARPNESS_HZ
 from texclass.haptics.textures.okamura2001 import TapLibrary
 from texclass.vibration import TapModel
 
 TAPS = TapLibrary(("wood", "steel"), (TapModel(300.0, 80.0, 155.0), TapModel(-800.0, 40.0, 600.0)))
 
 
-def sent(samples, fs=1000.0):
-    return Rendition("cloth", "m/s^2", fs, samples, 80.0, 1.0, lost={"speed": "fixed"})
+def make_rendition(samples, fs=1000.0):
+    return Rendition("cloth", "m/s^2", fs, samples, 80.0, 1.0, losses={"speed": "fixed"})
 
 
 def swell(seconds, fs=1000.0, hz=150.0):
@@ -22,10 +22,10 @@ def swell(seconds, fs=1000.0, hz=150.0):
     return 3 * np.sin(np.pi * t / seconds) * np.sin(2 * np.pi * hz * t)
 
 
-def test_curves_are_short_relative_and_without_gaps(tmp_path):
+def test_curves_are_short_and_continuous(tmp_path):
     names = "HapticIntensityControl", "HapticSharpnessControl"
     for seconds, name in itertools.product((0.001, 0.02, 0.3, 0.62, 2.0, 30.0), names):
-        write_ahap(sent(swell(seconds)), tmp_path / "a.ahap")
+        write_ahap(make_rendition(swell(seconds)), tmp_path / "a.ahap")
         items = json.loads((tmp_path / "a.ahap").read_text())["Pattern"]
         curves = [item["ParameterCurve"] for item in items if "ParameterCurve" in item]
         end = 0.0
@@ -33,7 +33,7 @@ def test_curves_are_short_relative_and_without_gaps(tmp_path):
             times = [point["Time"] for point in curve["ParameterCurveControlPoints"]]
             assert times[0] == 0
             assert times == sorted(times)
-            assert len(times) <= MOST_POINTS
+            assert len(times) <= MAX_POINTS
             assert curve["Time"] == pytest.approx(end, abs=1e-5)
             end = curve["Time"] + times[-1]
         if seconds > 0.1:
@@ -42,21 +42,21 @@ def test_curves_are_short_relative_and_without_gaps(tmp_path):
 
 def test_intensity_follows_the_level_and_sharpness_the_frequency(tmp_path):
     x = swell(1.0)
-    lost = write_ahap(sent(x), tmp_path / "a.ahap")
+    losses = write_ahap(make_rendition(x), tmp_path / "a.ahap")
     pattern = read_ahap(tmp_path / "a.ahap")
     event = pattern.Pattern[0].Event
     assert (event.EventType, event.EventDuration) == ("HapticContinuous", 1.0)
-    middle = (150 - SHARP_HZ[0]) / (SHARP_HZ[1] - SHARP_HZ[0])
+    middle = (150 - SHARPNESS_HZ[0]) / (SHARPNESS_HZ[1] - SHARPNESS_HZ[0])
     assert_allclose(event.parameter("HapticSharpness", 0.0), middle, atol=0.02)
     played = play_ahap(pattern)
-    envelope = [np.sqrt(2 * np.mean(np.square(piece))) for piece in np.split(played, 10)]
+    envelope = [np.sqrt(2 * np.mean(np.square(frame))) for frame in np.split(played, 10)]
     expected = np.sin(np.pi * (np.arange(10) + 0.5) / 10)
     assert_allclose(envelope, expected, atol=0.06)
     power = np.abs(np.fft.rfft(played))
     assert_allclose(np.argmax(power) * FS / played.size, 150, atol=6)
     full = np.sqrt(np.mean(np.square(x[490:510])))
-    assert_allclose(float(lost["level"].split()[2]), full, rtol=0.02)
-    assert lost["speed"] == "fixed"
+    assert_allclose(float(losses["level"].split()[2]), full, rtol=0.02)
+    assert losses["speed"] == "fixed"
 
 
 def test_taps_are_transients_relative_to_the_strongest(tmp_path):
@@ -72,18 +72,19 @@ def test_taps_are_transients_relative_to_the_strongest(tmp_path):
 
 
 def test_silence_is_written_as_silence(tmp_path):
-    write_ahap(sent(np.zeros(500)), tmp_path / "a.ahap")
+    write_ahap(make_rendition(np.zeros(500)), tmp_path / "a.ahap")
     assert not play_ahap(read_ahap(tmp_path / "a.ahap")).any()
 
 
-def test_numbers_beyond_their_range_are_clamped_as_players_do_and_hours_are_not_played(tmp_path):
+def test_values_outside_their_range_are_clamped_and_very_long_patterns_are_refused(tmp_path):
     event = {"Time": 0, "EventType": "HapticContinuous", "EventDuration": 0.1, "Vendor": 1}
     event["EventParameters"] = [{"ParameterID": "HapticIntensity", "ParameterValue": 7}]
     pattern = {"Version": 1.0, "Pattern": [{"Event": event}]}
     (tmp_path / "a.ahap").write_text(json.dumps(pattern))
     assert 0.99 < np.abs(play_ahap(read_ahap(tmp_path / "a.ahap"))).max() <= 1
     pattern["Pattern"] *= 11
-    for seconds, match in ((1e6, "lasts 1e\\+06 s. Expected at most 600"), (599.0, "6589 s in all")):
+    messages = {1e6: "at most 600 s, got 1e\\+06 s", 599.0: "got 6589 s"}
+    for seconds, match in messages.items():
         event["EventDuration"] = seconds
         (tmp_path / "a.ahap").write_text(json.dumps(pattern))
         with pytest.raises(ValueError, match=match):

@@ -71,7 +71,7 @@ def spatial(kind):
     )  # fmt: skip
 
 
-MADE = {
+FAMILIES = {
     "abdulali2016": network,
     "abdulali2016-baked": lambda: bake(network(), "slate", (5, 4)),
     "abdulali2016-delaunay": delaunay,
@@ -94,15 +94,15 @@ def packed_vibration():
 
 
 WITH_AR_MODELS = {
-    **{name: make for name, make in MADE.items() if not name.startswith(("guruswamy", "oeztuerk2018-f"))},
+    **{name: make for name, make in FAMILIES.items() if not name.startswith(("guruswamy", "oeztuerk2018-f"))},
     "packed law": lambda: pack(to_hatt(network(), order=2), 64),
     "packed vibration": packed_vibration,
 }
-EVERY_KIND = MADE | WITH_AR_MODELS | {"surface of a scene": scene_surface}
+EVERY_KIND = FAMILIES | WITH_AR_MODELS | {"surface of a scene": scene_surface}
 
 
 @pytest.mark.parametrize("kind", EVERY_KIND)
-def test_every_texture_is_exported_at_the_middle_of_what_it_knows(kind, tmp_path):
+def test_every_texture_is_exported_at_the_middle_of_its_range(kind, tmp_path):
     texture = EVERY_KIND[kind]()
     for axis in (texture.speeds, texture.forces):
         assert axis.size
@@ -112,54 +112,56 @@ def test_every_texture_is_exported_at_the_middle_of_what_it_knows(kind, tmp_path
     middle = [np.sqrt(axis[0] * axis[-1]) for axis in (texture.speeds, texture.forces)]
     assert (played.speed, played.force) == pytest.approx(middle)
     ends = f"{texture.speeds[0]:.4g} to {texture.speeds[-1]:.4g} mm/s"
-    assert (ends if texture.speeds.size > 1 else "knows no other") in played.lost["speed"]
+    assert (ends if texture.speeds.size > 1 else "has only this value") in played.losses["speed"]
     write_hjif(played, tmp_path / "a.hjif")
     write_ahap(played, tmp_path / "a.ahap")
     write_wav(tmp_path / "a.wav", played.samples, played.fs, unit=played.unit)
     level = [np.std(x) for x in (play_hjif(read_hjif(tmp_path / "a.hjif")), played.samples)]
     assert level[0] == pytest.approx(level[1], rel=0.03)
     assert play_ahap(read_ahap(tmp_path / "a.ahap")).any()
-    outside = play_texture(texture, speed=3 * texture.speeds[-1], seconds=0.3).lost["speed"]
+    outside = play_texture(texture, speed=3 * texture.speeds[-1], seconds=0.3).losses["speed"]
     assert ("outside the" in outside) == (texture.speeds.size > 1)
 
 
-def test_a_packed_texture_knows_the_speeds_and_forces_of_its_law_else_a_usual_stroke():
+def test_a_packed_texture_has_the_range_of_its_law_or_the_nominal_speed_and_force():
     law, vibration = (WITH_AR_MODELS[kind]() for kind in ("packed law", "packed vibration"))
-    for found, expected in zip((law.speeds, law.forces), law.model.axes, strict=True):
-        assert_array_equal(found, expected)
-        assert found.size == 2
+    for axis, expected in zip((law.speeds, law.forces), law.model.axes, strict=True):
+        assert_array_equal(axis, expected)
+        assert axis.size == 2
     assert (vibration.speeds.tolist(), vibration.forces.tolist()) == ([100.0], [1.0])
 
 
 @pytest.mark.parametrize("kind", WITH_AR_MODELS)
-def test_every_texture_of_models_is_written_as_hatt(kind, tmp_path):
+def test_every_texture_of_ar_models_is_written_as_hatt(kind, tmp_path):
     texture = WITH_AR_MODELS[kind]()
     written = read_hatt(write_hatt(to_hatt(texture, fs=texture.fs), tmp_path / "a.xml"))
     assert (written.speeds[-1], written.forces[-1]) == pytest.approx(
         (5.0, 0.05) if kind == "packed vibration" else (texture.speeds[-1], texture.forces[-1])
     )
     speed, force = texture.speeds[-1], texture.forces[-1]
-    meant, again = (play_texture(one, speed=speed, force=force, seconds=3.0) for one in (texture, written))
-    assert np.std(again.samples) == pytest.approx(np.std(meant.samples), rel=0.15)
-    assert goodness_of_fit(meant.samples, again.samples) > 0.97
+    original, converted = (
+        play_texture(each, speed=speed, force=force, seconds=3.0) for each in (texture, written)
+    )
+    assert np.std(converted.samples) == pytest.approx(np.std(original.samples), rel=0.15)
+    assert goodness_of_fit(original.samples, converted.samples) > 0.97
 
 
 @pytest.mark.parametrize("kind", sorted(EVERY_KIND.keys() - WITH_AR_MODELS))
-def test_other_textures_are_not_written_as_hatt(kind):
+def test_textures_without_ar_models_are_not_written_as_hatt(kind):
     if kind != "surface of a scene":
         with pytest.raises(ValueError, match="must contain AR models, got"):
             to_hatt(EVERY_KIND[kind]())
 
 
-def test_every_family_is_tried():
-    assert set(TEXTURES) == set(MADE)
-    for family, place in (TEXTURES | TAPS).items():
-        assert pkgutil.resolve_name(place).family == family
+def test_every_family_is_tested():
+    assert set(TEXTURES) == set(FAMILIES)
+    for family, class_path in (TEXTURES | TAPS).items():
+        assert pkgutil.resolve_name(class_path).family == family
 
 
-@pytest.mark.parametrize("family", MADE)
-def test_every_family_renders_the_same_samples_again(family, tmp_path):
-    texture = MADE[family]()
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_family_renders_the_same_samples_after_loading(family, tmp_path):
+    texture = FAMILIES[family]()
     assert texture.family == family
     assert isinstance(texture, Texture)
     path = save_texture(texture, tmp_path / "slate.texture")
@@ -168,20 +170,20 @@ def test_every_family_renders_the_same_samples_again(family, tmp_path):
     expected = texture.renderer(seed=1).process(v, f)
     assert expected.any()
     assert_array_equal(load_texture(path).renderer(seed=1).process(v, f), expected)
-    shown = describe(path)
-    assert (shown["family"], shown["name"], shown["fs"]) == (family, "slate", texture.fs)
-    assert shown["bytes"] == path.stat().st_size
-    assert shown["operations per sample"] == texture.operations
+    properties = describe(path)
+    assert (properties["family"], properties["name"], properties["fs"]) == (family, "slate", texture.fs)
+    assert properties["bytes"] == path.stat().st_size
+    assert properties["operations per sample"] == texture.operations
 
 
-VARIANTS = MADE | {
+VARIANTS = FAMILIES | {
     "abdulali2016 as published": lambda: replace(network(), loudness="variance", buffer=5, glide=False),
     "guruswamy2011 travelled": lambda: replace(spatial(SpatialTexture), course="travelled"),
 }
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_every_renderer_takes_a_path_in_any_pieces_and_kinds_and_refuses_bad_ones(variant):
+def test_every_renderer_takes_blocks_of_any_length_and_type_and_refuses_invalid_ones(variant):
     texture = VARIANTS[variant]()
     assert texture.operations > 0
     n = 5000
@@ -194,29 +196,31 @@ def test_every_renderer_takes_a_path_in_any_pieces_and_kinds_and_refuses_bad_one
     for size, last in ((1, 60), (7, 700), (16, 700), (1999, n)):
         renderer.reset()
         cuts = [0, 0, *range(size, last, size), last]
-        pieces = [renderer.process(v[a:b], f[a:b]) for a, b in pairwise(cuts)]
-        assert_array_equal(np.concatenate(pieces), whole[:last])
+        blocks = [renderer.process(v[a:b], f[a:b]) for a, b in pairwise(cuts)]
+        assert_array_equal(np.concatenate(blocks), whole[:last])
     renderer.reset()
-    broken = [(v[:3], f[:2]), (v[0], f[:2]), (v[:2] * np.nan, f[:2]), (v[:2], [1.0, np.inf])]
-    for velocity, force in broken:
+    invalid = [(v[:3], f[:2]), (v[0], f[:2]), (v[:2] * np.nan, f[:2]), (v[:2], [1.0, np.inf])]
+    for velocity, force in invalid:
         with pytest.raises(ValueError, match=r"Expected|must"):
             renderer.process(velocity, force)
-    assert_array_equal(renderer.process(v[:99], f[:99]), whole[:99])  # as if nothing had been asked
+    assert_array_equal(
+        renderer.process(v[:99], f[:99]), whole[:99]
+    )  # refused blocks leave the state unchanged
     narrow = np.asfortranarray(v[:200].astype(np.float32))
     narrow.setflags(write=False)
     expected = texture.renderer().process(narrow.astype(np.float64), f[:200])
     assert_array_equal(texture.renderer().process(narrow, f[:200].tolist()), expected)
 
 
-@pytest.mark.parametrize("family", MADE)
-def test_every_family_meets_odd_parameters_with_a_value_error(family, forge, tmp_path):
-    path = save_texture(MADE[family](), tmp_path / "slate.texture")
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_family_reports_invalid_parameters_as_a_value_error(family, forge, tmp_path):
+    path = save_texture(FAMILIES[family](), tmp_path / "slate.texture")
     whole = path.read_bytes()
-    for key, odd in product(MADE[family]().parameters(), ([None], [], {}, "1", -1, 10**400, True)):
+    for key, value in product(FAMILIES[family]().parameters(), ([None], [], {}, "1", -1, 10**400, True)):
         try:
-            load_texture(forge(path, {f"parameters/{key}": odd}))
-            said = str(path)  # some parameters may be just this
+            load_texture(forge(path, {f"parameters/{key}": value}))
+            message = str(path)  # the value is valid for some parameters
         except ValueError as error:
-            said = str(error)
-        assert str(path) in said
+            message = str(error)
+        assert str(path) in message
         path.write_bytes(whole)

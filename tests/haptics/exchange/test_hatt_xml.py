@@ -14,7 +14,7 @@ from texclass.vibration.line_spectrum import from_reflection
 
 K = {1: [-0.6, 0.4, -0.1], 2: [-0.5, 0.3, 0.2], 3: [0.1, 0.2, -0.3], 4: [0.0, -0.2, 0.5]}
 MA = [0.3, -0.2]
-PLACES = {1: (0.0, 0.0), 2: (120.0, 0.0), 3: (0.0, 4.0), 4: (120.0, 4.0)}
+POINTS = {1: (0.0, 0.0), 2: (120.0, 0.0), 3: (0.0, 4.0), 4: (120.0, 4.0)}
 
 
 def _values(values, form):
@@ -31,7 +31,7 @@ def _part(name, k):
 
 
 def _model(number):
-    speed, force = PLACES[number]
+    speed, force = POINTS[number]
     return (
         f"<model><modNum>{number}</modNum>{_part('AR', K[number])}{_part('MA', MA)}"
         f"<var>{0.01 * number:f}</var><gain>{1 + number:f}</gain>"
@@ -44,8 +44,8 @@ def _array(tag, values):
 
 
 def document(order=(1, 2, 3, 4)):
-    """Return a file in the layout of the published ones, numbers rounded as there."""
-    speeds, forces = zip(*PLACES.values(), strict=True)
+    """Return a file in the layout of the published ones, with numbers rounded as there."""
+    speeds, forces = zip(*POINTS.values(), strict=True)
     return "\n".join(
         [
             '<?xml version="1.0" encoding="utf-8"?>',
@@ -74,14 +74,14 @@ def write(tmp_path):
     return to_file
 
 
-def refused(path, match):
+def assert_refused(path, match):
     with pytest.raises(ValueError, match=match) as error:
         read_hatt(path)
     assert str(path) in str(error.value)
     assert len(str(error.value)) < 1000
 
 
-def test_the_published_layout_is_read_in_any_order_its_line_spectra_sharpened(write):
+def test_the_published_layout_is_read_in_any_order_with_exact_line_spectra(write):
     for order in ((1, 2, 3, 4), (4, 2, 1, 3)):
         texture = read_hatt(write(document(order)))
         assert (texture.name, texture.fs, texture.mu) == ("Slate", 1000.0, 0.31)
@@ -94,24 +94,24 @@ def test_the_published_layout_is_read_in_any_order_its_line_spectra_sharpened(wr
         assert_allclose(texture.ma_lsf, [from_reflection(MA)] * 4, atol=1e-12)
 
 
-def test_line_spectra_or_coefficients_or_an_ar_part_alone_are_enough(write):
+def test_line_spectra_or_coefficients_or_an_ar_part_are_sufficient(write):
     expected = read_hatt(write(document()))
     for tag, tolerance in (("ARcoeff", 1e-6), ("MAcoeff", 1e-6), ("ARlsf", 1e-12), ("MAlsf", 1e-12)):
-        found = read_hatt(write(re.sub(f"<{tag}>.*?</{tag}>", "", document())))
-        assert_allclose(found.ar_lsf, expected.ar_lsf, atol=tolerance)
-        assert_allclose(found.ma_lsf, expected.ma_lsf, atol=tolerance)
+        texture = read_hatt(write(re.sub(f"<{tag}>.*?</{tag}>", "", document())))
+        assert_allclose(texture.ar_lsf, expected.ar_lsf, atol=tolerance)
+        assert_allclose(texture.ma_lsf, expected.ma_lsf, atol=tolerance)
     text = re.sub("<(numMACoeff|mu|material|AccelUnits|SpeedUnits|ForceUnits)>.*?</.*?>", "", document())
-    found = read_hatt(write(re.sub("<MA.*?</MAlsf>", "", text)))
-    assert (found.ma_order, found.mu, found.name) == (0, 0.0, "")
-    assert_array_equal(found.gain, 1.0)  # without an MA part none is taken
+    texture = read_hatt(write(re.sub("<MA.*?</MAlsf>", "", text)))
+    assert (texture.ma_order, texture.mu, texture.name) == (0, 0.0, "")
+    assert_array_equal(texture.gain, 1.0)  # the gain is ignored without an MA part
 
 
-def test_round_trip_is_exact_and_in_the_published_elements(slate, tmp_path):
+def test_a_round_trip_is_exact_and_writes_the_published_elements(slate, tmp_path):
     path = write_hatt(slate, tmp_path / "slate.xml")
-    found = read_hatt(path)
-    assert found.parameters() == slate.parameters()
+    loaded = read_hatt(path)
+    assert loaded.parameters() == slate.parameters()
     for name, array in slate.arrays().items():
-        assert_array_equal(found.arrays()[name], array, err_msg=name)
+        assert_array_equal(loaded.arrays()[name], array, err_msg=name)
     published, written = (set(re.findall(r"<(\w+)", text)) for text in (document(), path.read_text()))
     assert published <= written
     assert written - published == {"htmlLinuxPicture", "LinuxDTpicture"}
@@ -143,9 +143,9 @@ def test_round_trip_is_exact_and_in_the_published_elements(slate, tmp_path):
         ("Slate", "&slate;", "well formed"),
     ],
 )
-def test_files_that_break_a_rule_are_refused(write, old, new, match):
+def test_invalid_files_are_refused(write, old, new, match):
     assert old in document()
-    refused(write(document().replace(old, new)), match)
+    assert_refused(write(document().replace(old, new)), match)
 
 
 @pytest.mark.parametrize(
@@ -153,23 +153,23 @@ def test_files_that_break_a_rule_are_refused(write, old, new, match):
     [
         ("ARcoeff", ".20f", [1, -2.5, 0.1, 0.3], "model '1': AR: a reflection coefficient"),
         ("ARcoeff", ".20f", [2, 0, 0, 0], "model '1': AR: coefficients"),
-        ("ARlsf", ".6f", [0.5, 1.0, 2.0], "rad apart"),
+        ("ARlsf", ".6f", [0.5, 1.0, 2.0], "differ by"),
         ("ARlsf alone", ".6f", [2.0, 1.0, 0.5], "stable"),
     ],
 )
-def test_models_that_are_not_stable_or_not_one_are_refused(write, part, form, values, match):
-    text, (tag, *alone) = document(), part.split()
-    if alone:
+def test_models_that_are_not_stable_or_contradictory_are_refused(write, part, form, values, match):
+    text, (tag, *option) = document(), part.split()
+    if option:
         text = re.sub("<ARcoeff>.*?</ARcoeff>", "", text)
     inner = re.search(f"<{tag}>(.*?)</{tag}>", text)[1]
-    refused(write(text.replace(inner, _values(values, form), 1)), match)
+    assert_refused(write(text.replace(inner, _values(values, form), 1)), match)
 
 
-LAUGHS = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10))
+ENTITIES = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10))
 
 
 DOCTYPES = (
-    f'<!DOCTYPE modelSet [<!ENTITY l0 "ha">{LAUGHS}]>',
+    f'<!DOCTYPE modelSet [<!ENTITY l0 "ha">{ENTITIES}]>',
     '<!DOCTYPE modelSet [<!ENTITY l9 SYSTEM "file:///etc/passwd">]>',
     '<!DOCTYPE modelSet SYSTEM "http://localhost:1/evil.dtd">',
     '<!DOCTYPE modelSet [<!ENTITY % p SYSTEM "file:///etc/passwd"> %p;]>',
@@ -179,42 +179,42 @@ DOCTYPES = (
 def test_entities_and_document_types_are_refused(write):
     text = document().replace("Slate", "&l9;")
     for doctype in DOCTYPES:
-        refused(write(text.replace("<modelSet", f"{doctype}<modelSet", 1)), "no document type")
+        assert_refused(write(text.replace("<modelSet", f"{doctype}<modelSet", 1)), "no document type")
 
 
-def test_limits_of_size_depth_and_elements(write, monkeypatch):
-    refused(write("<modelSet>" + "<a>" * 50), "levels")
-    monkeypatch.setattr(hatt_xml, "MOST_ELEMENTS", 1000)
-    refused(write("<modelSet>" + "<a/>" * 2000), "elements")
-    monkeypatch.setattr(hatt_xml, "LARGEST_FILE", 1000)
-    refused(write(document()), "at most 1000")
+def test_size_depth_and_number_of_elements_are_limited(write, monkeypatch):
+    assert_refused(write("<modelSet>" + "<a>" * 50), "levels")
+    monkeypatch.setattr(hatt_xml, "MAX_ELEMENTS", 1000)
+    assert_refused(write("<modelSet>" + "<a/>" * 2000), "elements")
+    monkeypatch.setattr(hatt_xml, "MAX_FILE_BYTES", 1000)
+    assert_refused(write(document()), "at most 1000")
 
 
-def test_other_encodings_and_endings_are_refused(slate, tmp_path):
+def test_other_encodings_and_suffixes_are_refused(slate, tmp_path):
     path = tmp_path / "a.xml"
     path.write_bytes(document().replace("utf-8", "iso-8859-1").replace("Slate", "Größe").encode("latin-1"))
-    refused(path, "well formed")
+    assert_refused(path, "well formed")
     with pytest.raises(ValueError, match=r"Expected \.xml"):
         write_hatt(slate, tmp_path / "slate.txt")
 
 
-# Textures of other families, as HaTT holds them -------------------------------------------------------------
+# Conversion of textures of other families -------------------------------------------------------------------
 
 
-def test_models_at_the_recorded_speeds_are_kept_at_the_same_rate():
-    found = to_hatt(lpc(1000.0))
-    assert found.mesh.largest == (150.0, 1.0)
-    k, taps = found.at(150.0, 1.0)
+def test_models_at_the_recorded_speeds_are_unchanged_at_the_same_rate():
+    converted = to_hatt(lpc(1000.0))
+    assert converted.mesh.largest == (150.0, 1.0)
+    k, taps = converted.at(150.0, 1.0)
     assert_allclose(k, SLATE[1], atol=1e-12)
     assert np.linalg.norm(taps) == pytest.approx(float(Autoregression(SLATE[1], np.array(0.5)).level))
-    assert found.name == "slate"
+    assert converted.name == "slate"
 
 
 def test_another_rate_keeps_the_spectrum_below_500_hz():
     texture = lpc(4000.0)
-    found = to_hatt(texture, order=20)
-    assert (found.fs, found.order) == (1000.0, 20)
-    k, taps = found.at(150.0, 1.0)
+    converted = to_hatt(texture, order=20)
+    assert (converted.fs, converted.order) == (1000.0, 20)
+    k, taps = converted.at(150.0, 1.0)
     gain = np.linalg.norm(taps) * np.prod(np.sqrt(1 - k**2))
     hz = np.linspace(20, 450, 100)
     old = texture.at(150.0).log_spectrum_db(2 * np.pi * hz / 4000) - 10 * np.log10(4000)
@@ -222,39 +222,39 @@ def test_another_rate_keeps_the_spectrum_below_500_hz():
     assert_allclose(new, old, atol=0.5)
 
 
-def test_higher_orders_are_fitted_anew():
+def test_models_of_a_higher_order_are_fitted_again():
     x = np.random.default_rng(0).standard_normal(4000)
     long = fit(np.stack([x[:2000], x[2000:]]), 200)
-    found = to_hatt(LpcTexture([50.0, 150.0], long, 3.0, 1000.0, "noise"), order=12)
-    assert found.order == 12
-    assert np.linalg.norm(found.at(50.0, 1.0)[1]) == pytest.approx(float(long.level[0]), rel=0.02)
+    converted = to_hatt(LpcTexture([50.0, 150.0], long, 3.0, 1000.0, "noise"), order=12)
+    assert converted.order == 12
+    assert np.linalg.norm(converted.at(50.0, 1.0)[1]) == pytest.approx(float(long.level[0]), rel=0.02)
 
 
-def test_a_network_is_read_on_a_grid(tmp_path):
-    found = to_hatt(network())
-    assert found.mesh.largest == pytest.approx((160.0, 2.0))
+def test_a_network_is_sampled_on_a_grid(tmp_path):
+    converted = to_hatt(network())
+    assert converted.mesh.largest == pytest.approx((160.0, 2.0))
     k, level = network().models([[160.0, 0.0]], [2.0])
-    taps = found.at(160.0, 2.0)[1]
-    assert_allclose(found.at(160.0, 2.0)[0], k[0], atol=1e-9)
+    taps = converted.at(160.0, 2.0)[1]
+    assert_allclose(converted.at(160.0, 2.0)[0], k[0], atol=1e-9)
     assert np.linalg.norm(taps) == pytest.approx(level[0])
-    again = read_hatt(write_hatt(found, tmp_path / "a.xml"))
-    assert_array_equal(again.ar_lsf, found.ar_lsf)
+    loaded = read_hatt(write_hatt(converted, tmp_path / "a.xml"))
+    assert_array_equal(loaded.ar_lsf, converted.ar_lsf)
 
 
-def test_units_of_known_size_become_metres(slate):
+def test_known_units_are_converted_to_m_s2(slate):
     assert_allclose(to_hatt(slate, unit="g").levels, 9.80665 * slate.levels)
     assert_array_equal(to_hatt(slate).variance, slate.variance)
     texture = lpc(1000.0)
     assert_allclose(to_hatt(texture, unit="g").levels, 9.80665 * to_hatt(texture).levels, rtol=1e-9)
 
 
-def test_what_hatt_cannot_hold_is_refused():
+def test_textures_and_options_that_hatt_cannot_represent_are_refused():
     for options, match in (
-        ({"unit": "V"}, "unit is"),
-        ({"fs": 2000.0}, "at most that of the texture"),
-        ({"fs": -1.0}, "fs is"),
-        ({"speeds": [0.0, 50.0]}, "Expected a positive number"),
-        ({"forces": [np.nan]}, "Expected a positive number"),
+        ({"unit": "V"}, "unit must be"),
+        ({"fs": 2000.0}, "that of the texture"),
+        ({"fs": -1.0}, "fs must be"),
+        ({"speeds": [0.0, 50.0]}, "must be positive"),
+        ({"forces": [np.nan]}, "must be positive"),
     ):
         with pytest.raises(ValueError, match=match):
             to_hatt(lpc(1000.0), **options)
@@ -262,7 +262,7 @@ def test_what_hatt_cannot_hold_is_refused():
         to_hatt(frequencies())
 
 
-def test_an_order_beyond_coefficients_is_not_written(slate, tmp_path):
+def test_orders_too_high_for_the_direct_form_are_refused(slate, tmp_path):
     rng = np.random.default_rng(0)
     n, p = slate.mesh.speed.size, 400
     gaps = rng.uniform(0.001, 2, (n, p + 1))

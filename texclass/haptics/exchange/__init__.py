@@ -1,6 +1,6 @@
-"""Surfaces and vibrations as files: our own, Penn's HaTT XML, MPEG haptics, AHAP, WAV.
+"""File formats for surfaces and vibrations: .texture, HaTT XML, MPEG haptics, AHAP and WAV.
 
-Nothing in a file is ever executed.
+Reading a file never executes anything.
 """
 
 import lazy_loader

@@ -6,12 +6,12 @@ from .hatt_xml import to_hatt as to_hatt
 from .hatt_xml import write_hatt as write_hatt
 from .hjif import play_hjif as play_hjif
 from .hjif import read_hjif as read_hjif
-from .hjif_rendition import rendition_of as rendition_of
+from .hjif_rendition import to_rendition as to_rendition
 from .hjif_rendition import write_hjif as write_hjif
 from .rendition import Rendition as Rendition
 from .rendition import play_taps as play_taps
 from .rendition import play_texture as play_texture
-from .rendition import texture_of as texture_of
+from .rendition import to_texture as to_texture
 from .texture_file import describe as describe
 from .texture_file import load_taps as load_taps
 from .texture_file import load_texture as load_texture

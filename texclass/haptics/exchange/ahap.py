@@ -1,10 +1,10 @@
-"""Apple's haptic patterns (.ahap, Core Haptics): surfaces written as such, and patterns read and played.
+"""Haptic patterns for Apple's Core Haptics (.ahap): write surfaces, read and play patterns.
 
-A pattern holds transients (a tap), continuous events (up to 30 s), and parameter curves that bend the
-intensity (0 to 1, multiplied) and sharpness (-1 to 1, added) of all that plays. Times of a curve's points
-count from the curve's own time; players take at most 16 points a curve, so longer ones are written as
-several, each beginning where the last ended. Intensity has no unit and sharpness no frequency: the level
-survives relative to the loudest moment only, and the spectrum as one number that is barely felt.
+A pattern contains transient events (taps), continuous events (up to 30 s), and parameter curves that change
+the intensity (0 to 1, as a factor) and the sharpness (-1 to 1, added) of everything that plays. The times of
+the points of a curve are relative to the start of the curve. Players accept at most 16 points per curve, so
+longer curves are split; each one begins where the previous one ends. Intensity has no unit and sharpness is
+not a frequency: only the level relative to the loudest moment and a rough measure of the spectrum are kept.
 """
 
 import itertools
@@ -18,34 +18,37 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from texclass.atomic_write import check_suffix, write_atomic
-from texclass.haptics.exchange.foreign import Part, read_foreign
+from texclass.haptics.exchange.external_files import ExternalModel, read_external
 from texclass.haptics.exchange.rendition import LONGEST_S, Rendition
 from texclass.recording import Samples
 
-LARGEST_FILE = 4 << 20
-MOST_POINTS = 16
-"""Of a curve."""
-SHARP_HZ = (80.0, 230.0)
-"""What sharpness 0 and 1 stand for: about where the actuator of a phone vibrates. Ours; Apple gives none."""
+MAX_FILE_BYTES = 4 << 20
+MAX_POINTS = 16
+"""Largest number of points of a curve."""
+SHARPNESS_HZ = (80.0, 230.0)
+"""Frequencies for sharpness 0 and 1, about the range of the actuator of a phone (our choice; Apple gives
+none)."""
 TRANSIENT_S = 0.02
+"""Duration of a rendered transient in s (our choice)."""
 FS = 8000.0
-MOST_S = 6000.0
-"""Of all events together, that are played."""
+"""Default sampling rate of rendered patterns in Hz."""
+MAX_EVENTS_S = 6000.0
+"""Largest total duration of the events that are rendered in s."""
 Control = Literal["HapticIntensityControl", "HapticSharpnessControl"]
 Seconds = Annotated[float, Field(ge=0, le=1e6)]
 Content = dict[str, Any]
-"""A part of a file by its keys; `Pattern` checks the whole."""
+"""A part of a file by its keys; `Pattern` checks the whole file."""
 
 
-class Parameter(Part):
-    """A number of an event."""
+class Parameter(ExternalModel):
+    """One number of an event."""
 
     ParameterID: str
     ParameterValue: float
 
 
-class HapticEvent(Part):
-    """What is played from a time on: a tap, or a vibration for a while."""
+class HapticEvent(ExternalModel):
+    """A tap, or a vibration with a duration, from a given time on."""
 
     Time: Seconds
     EventType: Literal["HapticTransient", "HapticContinuous", "AudioContinuous", "AudioCustom"]
@@ -53,24 +56,24 @@ class HapticEvent(Part):
     EventParameters: tuple[Parameter, ...] = ()
 
     @model_validator(mode="after")
-    def _lasts(self) -> "HapticEvent":
+    def _check_duration(self) -> "HapticEvent":
         if self.EventType == "HapticContinuous" and not self.EventDuration:
-            raise ValueError("a continuous event has no EventDuration. Expected above 0 s")
+            raise ValueError("a continuous event must have an EventDuration above 0 s")
         return self
 
     @property
     def seconds(self) -> float:
-        """How long it is felt."""
+        """Duration in s."""
         return TRANSIENT_S if self.EventType == "HapticTransient" else self.EventDuration or 0.0
 
     def parameter(self, name: str, default: float) -> float:
-        """Return a parameter, 0 to 1, or its default."""
-        found = {one.ParameterID: one.ParameterValue for one in self.EventParameters}
-        return min(max(found.get(name, default), 0.0), 1.0)
+        """Return a parameter clamped to 0 ... 1, or its default."""
+        values = {parameter.ParameterID: parameter.ParameterValue for parameter in self.EventParameters}
+        return min(max(values.get(name, default), 0.0), 1.0)
 
 
-class Point(Part):
-    """Of a curve; its time, s, counts from that of the curve; players clamp its value."""
+class Point(ExternalModel):
+    """A point of a curve: time in s since the start of the curve, and a value that is clamped to -1 ... 1."""
 
     Time: Seconds
     ParameterValue: Annotated[
@@ -78,30 +81,30 @@ class Point(Part):
     ]
 
 
-class Curve(Part):
-    """How a parameter moves, straight from point to point."""
+class Curve(ExternalModel):
+    """Course of a parameter, linear between points."""
 
     ParameterID: str
     Time: Seconds
     ParameterCurveControlPoints: tuple[Point, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _rises(self) -> "Curve":
+    def _check_times(self) -> "Curve":
         times = [point.Time for point in self.ParameterCurveControlPoints]
         if any(b < a for a, b in itertools.pairwise(times)):
-            raise ValueError(f"the times of its points must rise, got {times[:4]}...")
+            raise ValueError(f"the times of the points of a curve must increase, got {times[:4]}...")
         return self
 
 
-class Item(Part):
-    """An event or a curve (a dynamic parameter is left alone)."""
+class Item(ExternalModel):
+    """An event or a curve (dynamic parameters are ignored)."""
 
     Event: HapticEvent | None = None
     ParameterCurve: Curve | None = None
 
 
-class Pattern(Part):
-    """An .ahap file."""
+class Pattern(ExternalModel):
+    """The contents of an .ahap file."""
 
     Version: float
     Metadata: dict[str, Any] = Field(default_factory=dict)
@@ -109,160 +112,201 @@ class Pattern(Part):
 
 
 def read_ahap(path: str | Path) -> Pattern:
-    """Return the pattern of a file; as players do, clamp numbers and leave unknown keys alone.
+    """Return the pattern of a file; as in players, values are clamped and unknown keys are ignored.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to read.
 
     Raises
     ------
     ValueError
-        If it is too long, no JSON, or breaks a rule; the message names file, value and rule.
+        If the file is too large, is not JSON, or has a value that is not valid.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import json, pathlib, tempfile
+    >>> event = {"Time": 0.0, "EventType": "HapticTransient", "EventParameters": []}
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "click.ahap"
+    >>> _ = path.write_text(json.dumps({"Version": 1.0, "Pattern": [{"Event": event}]}))
+    >>> len(read_ahap(path).Pattern)
+    1
     """
-    return read_foreign(Pattern, path, LARGEST_FILE)
+    return read_external(Pattern, path, MAX_FILE_BYTES)
 
 
 def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
-    """Write a surface as .ahap, and return what is lost.
+    """Write a surface as .ahap; return a description of the losses by topic.
 
-    Taps become transients; all else one continuous event, whose intensity follows the RMS and whose sharpness
-    the centroid of the spectrum, piece by piece.
+    Taps are written as transients. Any other vibration is written as one continuous event, whose intensity
+    follows the RMS and whose sharpness follows the spectral centroid.
 
     Parameters
     ----------
     rendition : Rendition
-        Of `texclass.haptics.exchange.play_texture` or `play_taps`.
+        Result of `texclass.haptics.exchange.play_texture` or `play_taps`.
     path : str or Path
-        Ends in `.ahap`.
+        File to write; must end in `.ahap`.
 
     Raises
     ------
     ValueError
-        If the path has another ending.
+        If the path has another suffix.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from texclass.haptics.exchange import Rendition
+    >>> x = np.sin(2 * np.pi * 155 * np.arange(1000) / 1000)
+    >>> rendition = Rendition("tone", "m/s^2", 1000.0, x, speed=80.0, force=1.0)
+    >>> losses = write_ahap(rendition, pathlib.Path(tempfile.mkdtemp()) / "tone.ahap")
+    >>> losses["band"]
+    'one sharpness, 0 to 1 for 80 to 230 Hz'
     """
     path = check_suffix(path, ".ahap")
-    items, full, lost = (_taps if rendition.taps.size else _stroke)(rendition)
+    items, full, losses = (_convert_taps if rendition.taps.size else _convert_stroke)(rendition)
     unit = rendition.unit
-    told = {"Description": rendition.told, "Intensity1": f"{full:.6g} {unit}", "Project": "texclass"}
-    content = {"Version": 1.0, "Metadata": told, "Pattern": items}
+    metadata = {"Description": rendition.caption, "Intensity1": f"{full:.6g} {unit}", "Project": "texclass"}
+    content = {"Version": 1.0, "Metadata": metadata, "Pattern": items}
     pattern = Pattern.model_validate_json(json.dumps(content))
     write_atomic(path, pattern.model_dump_json(exclude_none=True, indent=1))
     return {
-        **rendition.lost,
-        **lost,
+        **rendition.losses,
+        **losses,
         "level": f"relative to {full:.4g} {unit}, which is intensity 1",
-        "band": f"one sharpness, 0 to 1 for {SHARP_HZ[0]:g} to {SHARP_HZ[1]:g} Hz",
+        "band": f"one sharpness, 0 to 1 for {SHARPNESS_HZ[0]:g} to {SHARPNESS_HZ[1]:g} Hz",
     }
 
 
-def _taps(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]:
-    """Return a transient a tap, the peak (in the unit) of intensity 1, and what else is lost."""
+def _convert_taps(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]:
+    """Return one transient per tap, the peak for intensity 1, and the losses."""
     full = float(rendition.taps[:, 1].max()) or 1.0
     items = [
-        _event("HapticTransient", at, peak / full, _sharpness(frequency))
-        for at, peak, frequency in rendition.taps.tolist()
+        _event("HapticTransient", time, peak / full, _sharpness(frequency))
+        for time, peak, frequency in rendition.taps.tolist()
     ]
-    lost = "a player's own: of a tap, time, peak and frequency are kept, not its decay"
-    return items, full, {"waveform": lost}
+    loss = "chosen by the player: time, peak and frequency of each tap are kept, not its decay"
+    return items, full, {"waveform": loss}
 
 
-def _stroke(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]:
-    """Return a continuous event and its curves, the RMS of intensity 1, and what else is lost."""
+def _convert_stroke(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]:
+    """Return a continuous event and its curves, the RMS for intensity 1, and the losses."""
     x, fs = rendition.samples, rendition.fs
     seconds = x.size / fs
-    step = max(0.02, seconds / (60 * (MOST_POINTS - 1)))  # a point every 20 ms, in at most 60 curves
+    step = max(0.02, seconds / (60 * (MAX_POINTS - 1)))  # one point per 20 ms, in at most 60 curves
     n = max(round(seconds / step), 1)
-    pieces = [piece for piece in np.array_split(x, n) if piece.size]
-    rms = np.array([np.sqrt(np.mean(np.square(piece))) for piece in pieces])
+    frames = [frame for frame in np.array_split(x, n) if frame.size]
+    rms = np.array([np.sqrt(np.mean(np.square(frame))) for frame in frames])
     full = float(rms.max()) or 1.0
-    times = (np.arange(len(pieces)) + 0.5) * seconds / len(pieces)
-    times[0], times[-1] = 0.0, seconds if len(pieces) > 1 else 0.0
+    times = (np.arange(len(frames)) + 0.5) * seconds / len(frames)
+    times[0], times[-1] = 0.0, seconds if len(frames) > 1 else 0.0
     sharpness = _sharpness(centroid_hz(x, fs))
-    middle = np.array([_sharpness(centroid_hz(piece, fs)) for piece in pieces]) - sharpness
-    lasts = {"EventDuration": min(max(seconds, 1e-3), LONGEST_S)}
+    shift = np.array([_sharpness(centroid_hz(frame, fs)) for frame in frames]) - sharpness
+    duration = {"EventDuration": min(max(seconds, 1e-3), LONGEST_S)}
     items = [
-        _event("HapticContinuous", 0.0, 1.0, sharpness, **lasts),
+        _event("HapticContinuous", 0.0, 1.0, sharpness, **duration),
         *_curves("HapticIntensityControl", times, rms / full),
-        *_curves("HapticSharpnessControl", times, middle),
+        *_curves("HapticSharpnessControl", times, shift),
     ]
-    lost = {"waveform": f"its RMS and centroid every {1000 * seconds / len(pieces):.3g} ms are kept"}
-    return items, full, lost
+    losses = {"waveform": f"only its RMS and centroid every {1000 * seconds / len(frames):.3g} ms are kept"}
+    return items, full, losses
 
 
-def _event(kind: str, at: float, intensity: float, sharpness: float, **more: float) -> Content:
+def _event(kind: str, time: float, intensity: float, sharpness: float, **more: float) -> Content:
     values = {"HapticIntensity": intensity, "HapticSharpness": sharpness}
-    given = [{"ParameterID": name, "ParameterValue": round(value, 4)} for name, value in values.items()]
-    return {"Event": {"Time": round(at, 6), "EventType": kind, "EventParameters": given, **more}}
+    parameters = [{"ParameterID": name, "ParameterValue": round(value, 4)} for name, value in values.items()]
+    return {"Event": {"Time": round(time, 6), "EventType": kind, "EventParameters": parameters, **more}}
 
 
 def _curves(name: Control, times: Samples, values: Samples) -> list[Content]:
-    """Return curves through points (n,), seconds and values, none of which has over `MOST_POINTS`."""
-    found = []
-    for first in range(0, max(times.size - 1, 1), MOST_POINTS - 1):
-        cut = slice(first, first + MOST_POINTS)  # the last point of one is the first of the next
-        at = float(times[first])
+    """Return curves of at most `MAX_POINTS` points each, through times in s (n,) and values (n,)."""
+    curves = []
+    for first in range(0, max(times.size - 1, 1), MAX_POINTS - 1):
+        part = slice(first, first + MAX_POINTS)  # the last point of a curve is the first of the next
+        start = float(times[first])
         points = [
-            {"Time": round(t - at, 6), "ParameterValue": round(value, 4)}
-            for t, value in zip(times[cut].tolist(), values[cut].tolist(), strict=True)
+            {"Time": round(t - start, 6), "ParameterValue": round(value, 4)}
+            for t, value in zip(times[part].tolist(), values[part].tolist(), strict=True)
         ]
-        curve = {"ParameterID": name, "Time": round(at, 6), "ParameterCurveControlPoints": points}
-        found.append({"ParameterCurve": curve})
-    return found
+        curve = {"ParameterID": name, "Time": round(start, 6), "ParameterCurveControlPoints": points}
+        curves.append({"ParameterCurve": curve})
+    return curves
 
 
 def centroid_hz(x: Samples, fs: float) -> float:
-    """Return the centroid of the power spectrum of samples (n,), Hz; 0 of silence."""
+    """Return the centroid of the power spectrum of samples (n,) in Hz; 0 for silence."""
     power = np.abs(np.fft.rfft(x)) ** 2
-    power[1 : (x.size + 1) // 2] *= 2  # one-sided: what lies at 0 and at fs/2 is its own mirror image
+    power[1 : (x.size + 1) // 2] *= 2  # one-sided spectrum: the bins at 0 and at fs/2 occur once
     total = float(power.sum())
     return float(np.fft.rfftfreq(x.size, 1 / fs) @ power) / total if total > 0 else 0.0
 
 
 def _sharpness(frequency_hz: float) -> float:
-    low, high = SHARP_HZ
+    low, high = SHARPNESS_HZ
     return min(max((frequency_hz - low) / (high - low), 0.0), 1.0)
 
 
 def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
-    """Return what a pattern plays (n_samples,), in units of intensity 1, on a plain actuator.
+    """Render a pattern on a simple actuator; return samples (n_samples,) in units of intensity 1.
 
-    A continuous event is a sine of the frequency that its sharpness stands for (`SHARP_HZ`), a transient one
-    that decays within 20 ms: ours, as what a phone really plays is not published.
+    A continuous event is a sine whose frequency follows the sharpness (`SHARPNESS_HZ`). A transient is a sine
+    that decays within 20 ms. Both are our choice, because the output of real phones is not published.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        Pattern to render.
+    fs : float
+        Sampling rate in Hz (default 8000).
 
     Raises
     ------
     ValueError
-        If it lasts longer than ten minutes, or its events more than `MOST_S` in all.
+        If the pattern lasts longer than ten minutes, or its events last longer than `MAX_EVENTS_S` in total.
+
+    Examples
+    --------
+    >>> event = {"Time": 0.0, "EventType": "HapticContinuous", "EventDuration": 0.1}
+    >>> pattern = Pattern.model_validate_json(json.dumps({"Version": 1.0, "Pattern": [{"Event": event}]}))
+    >>> play_ahap(pattern).size
+    800
     """
+    events = [item.Event for item in pattern.Pattern if item.Event]
+    events = [event for event in events if event.EventType.startswith("Haptic")]
     found = [item.Event for item in pattern.Pattern if item.Event]
     events = [event for event in found if event.EventType.startswith("Haptic")]
     seconds = max((event.Time + event.seconds for event in events), default=0.0)
     if seconds > 20 * LONGEST_S:
-        raise ValueError(f"it lasts {seconds:g} s. Expected at most {20 * LONGEST_S:g}")
-    if (lasting := sum(event.seconds for event in events)) > MOST_S:
-        raise ValueError(f"its events last {lasting:g} s in all. Expected at most {MOST_S:g}")
+        raise ValueError(f"the pattern must last at most {20 * LONGEST_S:g} s, got {seconds:g} s")
+    if (total := sum(event.seconds for event in events)) > MAX_EVENTS_S:
+        raise ValueError(f"the events must last at most {MAX_EVENTS_S:g} s in total, got {total:g} s")
     out = np.zeros(max(round(seconds * fs), 1))
     t = np.arange(out.size) / fs
     curves = [item.ParameterCurve for item in pattern.Pattern if item.ParameterCurve]
-    loudness = _course(curves, "HapticIntensityControl", 1.0, t)
-    shift = _course(curves, "HapticSharpnessControl", 0.0, t)
+    gain = _sample_curves(curves, "HapticIntensityControl", 1.0, t)
+    shift = _sample_curves(curves, "HapticSharpnessControl", 0.0, t)
     for event in events:
         end = min(math.ceil((event.Time + event.seconds) * fs), out.size)
-        inside = slice(math.ceil(event.Time * fs), end)
-        sharpness = np.clip(event.parameter("HapticSharpness", 0.5) + shift[inside], 0, 1)
-        turns = np.cumsum(SHARP_HZ[0] + sharpness * (SHARP_HZ[1] - SHARP_HZ[0])) / fs
-        played = event.parameter("HapticIntensity", 1.0) * loudness[inside] * np.sin(2 * np.pi * turns)
+        part = slice(math.ceil(event.Time * fs), end)
+        sharpness = np.clip(event.parameter("HapticSharpness", 0.5) + shift[part], 0, 1)
+        cycles = np.cumsum(SHARPNESS_HZ[0] + sharpness * (SHARPNESS_HZ[1] - SHARPNESS_HZ[0])) / fs
+        wave = event.parameter("HapticIntensity", 1.0) * gain[part] * np.sin(2 * np.pi * cycles)
         if event.EventType == "HapticTransient":
-            played *= np.exp(-5 * (t[inside] - event.Time) / TRANSIENT_S)
-        out[inside] += played
+            wave *= np.exp(-5 * (t[part] - event.Time) / TRANSIENT_S)
+        out[part] += wave
     return out
 
 
-def _course(curves: Sequence[Curve], name: Control, default: float, t: Samples) -> Samples:
-    """Return a controlled parameter at times (n,): the last curve that has begun, its last value held."""
-    found = np.full(t.size, default)
-    for curve in sorted((one for one in curves if one.ParameterID == name), key=lambda one: one.Time):
+def _sample_curves(curves: Sequence[Curve], name: Control, default: float, t: Samples) -> Samples:
+    """Return a parameter at times (n,), from the latest curve that has started; its last value is held."""
+    values = np.full(t.size, default)
+    selected = (curve for curve in curves if curve.ParameterID == name)
+    for curve in sorted(selected, key=lambda curve: curve.Time):
         points = curve.ParameterCurveControlPoints
         times = [curve.Time + point.Time for point in points]
-        later = t >= curve.Time
-        found[later] = np.interp(t[later], times, [point.ParameterValue for point in points])
-    return found
+        has_started = t >= curve.Time
+        values[has_started] = np.interp(t[has_started], times, [point.ParameterValue for point in points])
+    return values

@@ -1,4 +1,4 @@
-"""A folder of HaTT models as a dataset: each texture felt at random speeds and forces."""
+"""Datasets from folders of HaTT models: each texture is rendered at random speeds and forces."""
 
 from functools import partial
 from pathlib import Path
@@ -16,67 +16,67 @@ from texclass.loaders.places import digest_files
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.simulate.hand import CONTROL_RATE, smooth_noise
 
-SHARES = (0.1, 0.9)
-"""Of the largest speed and force of a texture's models, between which it is felt."""
+RANGE_FRACTIONS = (0.1, 0.9)
+"""Range of speed and force of the recordings, as fractions of the largest values of the models."""
 
 
 def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
-    """Return the dataset of a card of models; nothing is rendered yet.
+    """Return the dataset of a card for a folder of models; recordings are rendered when they are read.
 
     Parameters
     ----------
     card : ModelsCard
-        Which files there are, and what is made of each.
+        Card with the file pattern and the properties of the recordings.
     root : Path
         Folder of the files.
     **about
-        What else a `Dataset` holds.
+        Other fields of `Dataset`.
 
     Raises
     ------
     RecordingError
-        If no file matches, or two are of one surface.
+        If no file matches, or two files have the same surface.
     """
-    found: dict[str, str] = {}
+    files: dict[str, str] = {}
     for path in data_files(root):
         name = path.relative_to(root).as_posix()
-        if matched := match_name(card.files, name):
-            surface = matched[0]["surface"]
-            if other := found.get(surface):
+        if match := match_name(card.files, name):
+            surface = match[0]["surface"]
+            if other := files.get(surface):
                 raise RecordingError(
-                    f"{root}: {other} and {name} are both of {surface!r}. Expected one file each"
+                    f"{root}: {other} and {name} are both named {surface!r}. Expected one file per surface"
                 )
-            found[surface] = name
-    if not found:
-        raise RecordingError(f"{root}: holds no model. Expected files named as {card.files[0]!r}")
+            files[surface] = name
+    if not files:
+        raise RecordingError(f"{root} contains no models. Expected file names like {card.files[0]!r}")
     return Dataset(
         entries=tuple(
             Entry(f"{surface}_{k:02d}", surface, repetition=k, paths=(name,))
-            for surface, name in found.items()
+            for surface, name in files.items()
             for k in range(1, card.n_recordings + 1)
         ),
-        load=partial(load_made, card, root),
-        input_hash=digest_files(root, found.values(), card.hash_input),
+        load=partial(render_recording, card, root),
+        input_hash=digest_files(root, files.values(), card.hash_input),
         **about,
     )
 
 
-def load_made(card: ModelsCard, root: Path, entry: Entry) -> Recording:
-    """Return one recording of a texture: the same for the same file, card and number.
+def render_recording(card: ModelsCard, root: Path, entry: Entry) -> Recording:
+    """Render one recording of a texture; file, card and entry determine it.
 
     Parameters
     ----------
     card : ModelsCard
-        Rate, duration and seed.
+        Card with sampling rate, duration and seed.
     root : Path
-        Folder to which the entry's path is relative.
+        Folder of the files.
     entry : Entry
-        Which recording.
+        Entry of the dataset; its path is relative to `root`.
 
     Raises
     ------
     RecordingError
-        If the file is no texture, of another rate, or silent; the message names it.
+        If the file is not a texture, has another sampling rate, or is silent.
     """
     path = root / entry.paths[0]
     try:
@@ -85,14 +85,15 @@ def load_made(card: ModelsCard, root: Path, entry: Entry) -> Recording:
         raise RecordingError(f"{error}" if str(path) in str(error) else f"{path}: {error}") from error
     if texture.fs != card.fs_hz:
         raise RecordingError(
-            f"{path}: SampleRate is {texture.fs:g} Hz, the card says {card.fs_hz:g}. Expected one"
+            f"{path}: SampleRate is {texture.fs:g} Hz, but the card has fs_hz = {card.fs_hz:g}. "
+            "Expected the same value"
         )
     rng = np.random.default_rng([card.seed, *entry.recording_id.encode()])
     n = max(2, round(card.duration_s * texture.fs))
-    speed, force = (largest * felt_share(n, texture.fs, rng) for largest in texture.mesh.largest)
+    speed, force = (largest * random_walk(n, texture.fs, rng) for largest in texture.mesh.largest)
     renderer = texture.renderer(seed=int(rng.integers(2**32)))
     vibration = renderer.process(np.column_stack([speed, np.zeros(n)]), force)
-    made = Recording(
+    recording = Recording(
         vibration,
         fs=texture.fs,
         unit="m/s^2",
@@ -103,19 +104,19 @@ def load_made(card: ModelsCard, root: Path, entry: Entry) -> Recording:
         speed=speed,
         normal_force=force,
     )
-    return condition_recording(made, 1.0, card.phases, remove_resting_level=False)
+    return condition_recording(recording, 1.0, card.phases, remove_resting_level=False)
 
 
-def felt_share(n: int, fs: float, rng: Generator) -> Samples:
-    """Return n samples of a path between the `SHARES` of what models know: a smooth walk, new each time.
+def random_walk(n: int, fs: float, rng: Generator) -> Samples:
+    """Return a smooth random walk (n,) between `RANGE_FRACTIONS`.
 
-    Two smooth noises of half the power each, one slow, one restless, are brought to a uniform distribution.
+    The sum of a slow and a fast noise of equal power is transformed to a uniform distribution.
     """
     from scipy.special import ndtr
 
     n_knots = int(np.ceil(n / fs * CONTROL_RATE)) + 2
-    # a slow walk, Hz, and a tremble about it
+    # a slow movement and a tremor, with their bandwidths in Hz
     walk = (smooth_noise(n_knots, 0.2, rng) + smooth_noise(n_knots, 1.5, rng)) / np.sqrt(2)
-    at = np.interp(np.arange(n) / fs * CONTROL_RATE, np.arange(n_knots), ndtr(walk))
-    low, high = SHARES
-    return np.asarray(low + (high - low) * at)
+    uniform = np.interp(np.arange(n) / fs * CONTROL_RATE, np.arange(n_knots), ndtr(walk))
+    low, high = RANGE_FRACTIONS
+    return np.asarray(low + (high - low) * uniform)

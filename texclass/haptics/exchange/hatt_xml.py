@@ -1,25 +1,26 @@
-"""Textures of the Penn Haptic Texture Toolkit (HaTT): read, made of textures of other families, written.
+"""Textures of the Penn Haptic Texture Toolkit (HaTT): read, write, and convert from other families.
 
-The layout, confirmed on the one hundred published textures at 1000 Hz and on the toolkit's own writer (its
-MATLAB script that resamples models), stylesheet and C++ renderer, in public copies of the toolkit (the files:
-github.com/Student-in-job/Penn_Toolkit; the original: repository.upenn.edu/meam_papers/299). Its licence is
-for non-profit research and forbids passing it on: nothing of it is here; tests write files of their own.
+The layout was confirmed on the one hundred published textures at 1000 Hz, and on the toolkit's own writer
+(its MATLAB script that resamples models), stylesheet and C++ renderer in public copies of the toolkit (files:
+github.com/Student-in-job/Penn_Toolkit; original: repository.upenn.edu/meam_papers/299). Its licence is for
+non-profit research and forbids redistribution. This package contains no part of it; tests write their own
+files.
 
     modelSet (texture="0")
       material, AccelUnits (m/s^2), SpeedUnits (mm/s), ForceUnits (N), SampleRate (Hz), mu,
       htmlPicture, htmlLinuxPicture, renderPicture,
       numMod, numTri, maxSpeed, maxForce,
-      speedList, forceList (type="array"): value, one a model
-      tri (type="array"), one a triangle: value x 3, models counted from 1
+      speedList, forceList (type="array"): value, one per model
+      tri (type="array"), one per triangle: value x 3, models counted from 1
       DTpicture, LinuxDTpicture, numARCoeff, numMACoeff
       model: modNum, ARcoeff and MAcoeff: value (lag 0 first: 1), ARlsf and MAlsf: value (rad per sample),
              var, gain, speedMod, forceMod
 
-What is rendered is y = -sum_i a_i y[t-i] + gain (e + sum_i c_i e[t-i]) with noise e of variance `var`; line
-spectra, `var` and `gain` mix by barycentric coordinates. Where numMACoeff is 0 or missing, the toolkit takes
-no gain. The published models have 14 to 20 AR coefficients, two fewer MA ones, nodes at rest of `var` 0, and
-triangles that fill the rectangle from rest to maxSpeed and maxForce. The toolkit begins its search for the
-triangle at the sixteenth.
+The rendered signal is y = -sum_i a_i y[t-i] + gain (e + sum_i c_i e[t-i]) with noise e of variance `var`.
+Line spectra, `var` and `gain` are interpolated with barycentric coordinates. If numMACoeff is 0 or missing,
+the toolkit ignores the gain. The published models have 14 to 20 AR coefficients, two fewer MA coefficients,
+nodes at rest with `var` 0, and triangles that fill the rectangle from rest to maxSpeed and maxForce. The
+toolkit starts its search for the triangle at the sixteenth.
 """
 
 import math
@@ -32,7 +33,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from texclass.atomic_write import check_suffix, write_atomic
-from texclass.haptics.exchange.foreign import printable, read_limited
+from texclass.haptics.exchange.external_files import check_printable, read_limited
 from texclass.haptics.textures import Texture
 from texclass.haptics.textures.hatt import HattTexture, Mesh
 from texclass.haptics.textures.oeztuerk2018 import LpcTexture
@@ -41,47 +42,62 @@ from texclass.recording import ACCELERATION_UNITS, Samples
 from texclass.vibration import Autoregression, line_spectrum
 from texclass.vibration.autoregressive import from_autocorrelation, from_direct_form
 
-LARGEST_FILE = 8 << 20
-"""Bytes; the published textures have 120,000."""
-MOST_ELEMENTS, DEEPEST = 300_000, 16
-MOST_MODELS = 10_000
+MAX_FILE_BYTES = 8 << 20
+"""Largest size of a file in bytes; the published textures have 120,000."""
+MAX_ELEMENTS, MAX_DEPTH = 300_000, 16
+MAX_MODELS = 10_000
 _UNITS = {"AccelUnits": "m/s^2", "SpeedUnits": "mm/s", "ForceUnits": "N"}
 _TOLERANCE = 2e-6
+"""Largest difference of coefficients and line spectra in rad; the published line spectra have six
+decimals."""
 FS = 1000.0
-"""What the toolkit renders at, Hz."""
+"""Sampling rate of the toolkit in Hz."""
 ORDER = 20
-"""Of the AR models in the published textures, about."""
+"""Largest order of the AR models in the published textures."""
 
 
 def read_hatt(path: str | Path) -> HattTexture:
     """Return the texture of a HaTT file.
 
-    The line spectra are those of ARlsf and MAlsf, which the toolkit renders; where they are rounded to six
-    decimals, those of ARcoeff and MAcoeff, which they must agree with.
+    The line spectra are those of ARlsf and MAlsf, which the toolkit renders. If they are rounded to six
+    decimals, they are computed from ARcoeff and MAcoeff instead, with which they must agree.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to read.
 
     Raises
     ------
     ValueError
-        If it is not well formed, declares a document type (so that no entity is ever expanded), has wrong
-        counts, units or triangles, NaN, or a model that is not stable (or an MA part not of minimum phase);
-        the message names file, value and rule.
+        If the XML is not well formed, declares a document type (entities are never expanded), has wrong
+        counts, units or triangles, contains NaN, or has a model that is not stable (or an MA part that is
+        not minimum-phase).
     OSError
-        If it cannot be read.
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> texture = HattTexture.from_models([100.0], [1.0], [[1.0, 2.0]], [0.25], fs=1000.0, name="cork")
+    >>> path = write_hatt(texture, pathlib.Path(tempfile.mkdtemp()) / "cork.xml")
+    >>> read_hatt(path).name
+    'cork'
     """
     path = Path(path)
-    data = read_limited(path, LARGEST_FILE)
+    data = read_limited(path, MAX_FILE_BYTES)
     parser = ElementTree.XMLParser(target=_BoundedTree(), encoding="utf-8")
     try:
         parser.feed(data)
         return _texture(parser.close())
     except ElementTree.ParseError as error:
-        raise ValueError(f"{path}: is not well formed ({error}). Expected XML in UTF-8") from error
+        raise ValueError(f"{path} is not well formed ({error}). Expected XML in UTF-8") from error
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
 class _BoundedTree(ElementTree.TreeBuilder):
-    """Stops a file that could grow in memory: with a document type, or with too many elements or levels."""
+    """Tree builder that refuses document types and too many elements or levels (a risk for the memory)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -89,8 +105,8 @@ class _BoundedTree(ElementTree.TreeBuilder):
 
     def start(self, tag: str, attributes: dict[str, str]) -> Element:
         self._count, self._depth = self._count + 1, self._depth + 1
-        if self._count > MOST_ELEMENTS or self._depth > DEEPEST:
-            raise ValueError(f"has more than {MOST_ELEMENTS} elements or {DEEPEST} levels, the limits")
+        if self._count > MAX_ELEMENTS or self._depth > MAX_DEPTH:
+            raise ValueError(f"the file must have at most {MAX_ELEMENTS} elements and {MAX_DEPTH} levels")
         return super().start(tag, {})
 
     def end(self, tag: str) -> Element:
@@ -98,38 +114,38 @@ class _BoundedTree(ElementTree.TreeBuilder):
         return super().end(tag)
 
     def doctype(self, name: str, *_: str | None) -> None:
-        raise ValueError(f"declares {name!r:.40}. Expected no document type and no entities")
+        raise ValueError(f"the file declares {name!r:.40}. Expected no document type and no entities")
 
 
 def _texture(root: Element) -> HattTexture:
     if root.tag != "modelSet":
-        raise ValueError(f"is a <{root.tag:.40}>. Expected <modelSet>")
+        raise ValueError(f"the root element must be <modelSet>, got <{root.tag:.40}>")
     optional = _UNITS | {"material": "", "mu": "0", "numMACoeff": "0"}
-    for tag, usual in optional.items():
+    for tag, default in optional.items():
         if root.find(tag) is None:
-            ElementTree.SubElement(root, tag).text = usual
+            ElementTree.SubElement(root, tag).text = default
     for tag, unit in _UNITS.items():
-        if (found := _text(root, tag)) != unit:
-            raise ValueError(f"<{tag}> is {found!r:.40}. Expected {unit!r}")
+        if (text := _text(root, tag)) != unit:
+            raise ValueError(f"<{tag}> must be {unit!r}, got {text!r:.40}")
     models, triangles = root.findall("model"), root.findall("tri")
     n, n_triangles = _count(root, "numMod"), _count(root, "numTri")
     speed, force = (_numbers(_child(root, tag), n) for tag in ("speedList", "forceList"))
-    if not 0 < n <= MOST_MODELS or len(models) != n or len(triangles) != n_triangles:
+    if not 0 < n <= MAX_MODELS or len(models) != n or len(triangles) != n_triangles:
         raise ValueError(
-            f"holds {len(models)} models, {len(triangles)} triangles, numMod is {n}, numTri {n_triangles}. "
-            f"Expected the same, 1 to {MOST_MODELS} models"
+            f"numMod is {n} and numTri {n_triangles}, but there are {len(models)} models "
+            f"and {len(triangles)} triangles. Expected the same numbers, and 1 to {MAX_MODELS} models"
         )
     corners = np.array([_numbers(triangle, 3) for triangle in triangles]).reshape(-1, 3)
-    # in the published files the models stand in the order of the lists
-    places = {(_number(m, "speedMod"), _number(m, "forceMod")): m for m in models}
+    # the order of the models may differ from that of the lists
+    models_by_point = {(_number(m, "speedMod"), _number(m, "forceMod")): m for m in models}
     points = list(zip(speed.tolist(), force.tolist(), strict=True))
-    if len(places) != n or set(points) != set(places):
+    if len(models_by_point) != n or set(points) != set(models_by_point):
         raise ValueError(
-            "the speeds and forces of the models are not those of speedList and forceList. "
+            "speedMod and forceMod of the models differ from speedList and forceList. "
             "Expected the same values, without duplicates"
         )
     p, q = _count(root, "numARCoeff"), _count(root, "numMACoeff")
-    models = [places[point] for point in points]
+    models = [models_by_point[point] for point in points]
     return HattTexture(
         Mesh(speed, force, corners - 1),
         ar_lsf=np.array([_frequencies(model, "AR", p) for model in models]),
@@ -137,7 +153,7 @@ def _texture(root: Element) -> HattTexture:
         variance=np.array([_number(model, "var") for model in models]),
         gain=np.array([_number(model, "gain") if q else 1.0 for model in models]),
         fs=_number(root, "SampleRate"),
-        name=printable(_text(root, "material")),
+        name=check_printable(_text(root, "material")),
         mu=_number(root, "mu"),
     )
 
@@ -146,60 +162,58 @@ def _frequencies(model: Element, part: str, order: int) -> Samples:
     """Return the line spectral frequencies (order,) of the AR or MA part of a model."""
     if not order:
         return np.zeros(0)
-    given = {tag: _found(model, tag) for tag in (f"{part}lsf", f"{part}coeff")}
+    elements = {tag: _optional_child(model, tag) for tag in (f"{part}lsf", f"{part}coeff")}
     try:
         lsf, coefficients = (
             None if element is None else _numbers(element, n)
-            for element, n in zip(given.values(), (order, order + 1), strict=True)
+            for element, n in zip(elements.values(), (order, order + 1), strict=True)
         )
         if lsf is None and coefficients is None:
-            raise ValueError(f"holds neither {part}coeff nor {part}lsf. Expected one of them")
+            raise ValueError(f"{part}coeff and {part}lsf are missing. Expected at least one of them")
         if coefficients is not None:
             exact = line_spectrum.from_reflection(from_direct_form(coefficients, 1.0).reflection)
-            worst = 0.0 if lsf is None else float(np.abs(lsf - exact).max())
-            if not worst <= _TOLERANCE:
+            error_rad = 0.0 if lsf is None else float(np.abs(lsf - exact).max())
+            if not error_rad <= _TOLERANCE:
                 raise ValueError(
-                    f"{part}coeff and {part}lsf are {worst:.3g} rad apart. Expected {_TOLERANCE}"
+                    f"{part}coeff and {part}lsf differ by {error_rad:.3g} rad. Expected at most {_TOLERANCE}"
                 )
             if lsf is None or np.array_equal(np.round(lsf, 6), lsf):
                 return line_spectrum.spread(exact)
         if lsf is None or np.any(np.diff(lsf) < 0) or lsf[0] < 0 or lsf[-1] > math.pi:
-            raise ValueError(
-                f"{part}lsf is not rising in 0 ... pi. Expected rising line spectra: a stable model"
-            )
+            raise ValueError(f"{part}lsf must increase from 0 to pi, so that the model is stable")
         return line_spectrum.spread(lsf)
     except ValueError as error:
         raise ValueError(f"model {model.findtext('modNum', '?')!r:.20}: {part}: {error}") from error
 
 
-def _found(element: Element, tag: str) -> Element | None:
-    found = element.findall(tag)
-    if len(found) > 1:
-        raise ValueError(f"<{element.tag}> holds {len(found)} <{tag}>. Expected one")
-    return found[0] if found else None
+def _optional_child(element: Element, tag: str) -> Element | None:
+    children = element.findall(tag)
+    if len(children) > 1:
+        raise ValueError(f"<{element.tag}> must contain one <{tag}>, got {len(children)} <{tag}>")
+    return children[0] if children else None
 
 
 def _child(element: Element, tag: str) -> Element:
-    if (found := _found(element, tag)) is None:
-        raise ValueError(f"<{element.tag}> holds no <{tag}>. Expected one")
-    return found
+    if (child := _optional_child(element, tag)) is None:
+        raise ValueError(f"<{element.tag}> must contain one <{tag}>, got no <{tag}>")
+    return child
 
 
 def _numbers(element: Element, n: int) -> Samples:
-    values = [_parsed(value) for value in element.findall("value")]
+    values = [_parse(value) for value in element.findall("value")]
     if len(values) != n or len(element) != n:
-        raise ValueError(f"<{element.tag}> holds {len(element)} values. Expected {n}")
+        raise ValueError(f"<{element.tag}> must contain {n} values, got {len(element)}")
     return np.array(values)
 
 
 def _number(element: Element, tag: str) -> float:
-    return _parsed(_child(element, tag))
+    return _parse(_child(element, tag))
 
 
 def _count(element: Element, tag: str) -> int:
     value = _number(element, tag)
     if not (value == int(value) and 0 <= value <= 1e6):
-        raise ValueError(f"<{tag}> is {value:g}. Expected a count")
+        raise ValueError(f"<{tag}> must be a count, got {value:g}")
     return int(value)
 
 
@@ -207,31 +221,45 @@ def _text(element: Element, tag: str) -> str:
     return (_child(element, tag).text or "").strip()
 
 
-def _parsed(element: Element) -> float:
+def _parse(element: Element) -> float:
     text = element.text or ""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"<{element.tag}> holds {text!r:.40}. Expected a finite number")
+        raise ValueError(f"<{element.tag}> must be a finite number, got {text!r:.40}")
     return value
 
 
 def write_hatt(texture: HattTexture, path: str | Path) -> Path:
-    """Write a texture as HaTT XML, numbers in full; a file of that name is replaced at once.
+    """Write a texture as HaTT XML with full precision; the write is atomic.
 
-    The toolkit renders at 1000 Hz whatever SampleRate says: fit at that rate for it.
+    The toolkit renders at 1000 Hz whatever the SampleRate: fit models at that rate for it.
+
+    Parameters
+    ----------
+    texture : HattTexture
+        Texture, for example the result of `to_hatt`.
+    path : str or Path
+        File to write; must end in `.xml`.
 
     Raises
     ------
     ValueError
-        If the path does not end in `.xml`, the name cannot be shown, or an order is so high that coefficients
-        no longer describe the model (ARcoeff belongs to the layout).
+        If the path has another suffix, the name is not printable, or the order is so high that the direct
+        form (ARcoeff) does not describe the model any more.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> texture = HattTexture.from_models([100.0], [1.0], [[1.0, 2.0]], [0.25], fs=1000.0, name="cork")
+    >>> write_hatt(texture, pathlib.Path(tempfile.mkdtemp()) / "cork.xml").name
+    'cork.xml'
     """
     path = check_suffix(path, ".xml")
     root, mesh = Element("modelSet", texture="0"), texture.mesh
-    image = f"{printable(texture.name)}_square.bmp"
+    image = f"{check_printable(texture.name)}_square.bmp"
     content: list[tuple[str, str | float | Samples]] = [
         ("material", texture.name),
         *_UNITS.items(),
@@ -259,10 +287,10 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
             k = line_spectrum.to_reflection(lsf) if lsf.size else lsf
             _add(model, f"{part}coeff", Autoregression(k, np.array(1.0)).direct_form())
             _add(model, f"{part}lsf", lsf)
-        # without an MA part the toolkit takes no gain
-        gain, taken = float(texture.gain[i]), bool(texture.ma_order)
-        _add(model, "var", float(texture.variance[i]) * (1.0 if taken else gain**2))
-        _add(model, "gain", gain if taken else 1.0)
+        # without an MA part the toolkit ignores the gain
+        gain, has_ma = float(texture.gain[i]), bool(texture.ma_order)
+        _add(model, "var", float(texture.variance[i]) * (1.0 if has_ma else gain**2))
+        _add(model, "gain", gain if has_ma else 1.0)
         _add(model, "speedMod", float(mesh.speed[i]))
         _add(model, "forceMod", float(mesh.force[i]))
     ElementTree.indent(root, "")
@@ -274,11 +302,11 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
 def _add(
     parent: Element, tag: str, value: str | float | Samples, array: dict[str, str] | None = None
 ) -> None:
-    """Append an element: text, a number, or the numbers of an array, each in a <value>."""
+    """Append an element with text, a number, or the numbers of an array, each in a <value>."""
     if isinstance(value, np.ndarray):
-        inside = ElementTree.SubElement(parent, tag, array or {})
-        for each in value.tolist():
-            _add(inside, "value", each)
+        child = ElementTree.SubElement(parent, tag, array or {})
+        for number in value.tolist():
+            _add(child, "value", number)
     else:
         ElementTree.SubElement(parent, tag).text = value if isinstance(value, str) else repr(value)
 
@@ -292,34 +320,42 @@ def to_hatt(
     fs: float = FS,
     order: int = ORDER,
 ) -> HattTexture:
-    """Return a texture as HaTT files hold it.
+    """Convert a texture with AR models to a HaTT texture.
 
-    A model of a higher order or rate is fitted anew to its own spectrum below fs / 2: what it says above is
-    left out. Of an anisotropic texture, strokes along +x are taken. A texture that does not know force gets
-    its models at 1 N: softer is fainter, harder is the same.
+    Models with a higher order or sampling rate are fitted again to their own spectrum below fs / 2. For
+    anisotropic textures, strokes along +x are used. Textures that do not depend on the force get their models
+    at 1 N: the vibration is weaker below and constant above.
 
     Parameters
     ----------
     texture : Texture
-        With AR models: hatt (kept but for the unit), all of abdulali2016, oeztuerk2018-lpc, packed.
+        Texture with AR models: hatt (only its unit changes), abdulali2016, oeztuerk2018-lpc or packed.
     unit : str
-        Of its vibration: m/s^2, g or mg.
+        Unit of its vibration: m/s^2 (default), g or mg.
     speeds, forces : sequence of float, optional
-        Of the models, mm/s and N, above 0; by default evenly up to the fastest and the hardest of the texture
-        (the speeds of an LPC texture as they are).
+        Speeds (mm/s) and forces (N) of the models, above 0 (default: six uniform steps up to the largest
+        values of the texture; for LPC textures, their own speeds).
     fs : float
-        Hz, at most the texture's.
+        Sampling rate in Hz (default 1000), at most that of the texture.
     order : int
-        Largest order of the models.
+        Largest order of the models (default 20).
 
     Raises
     ------
     ValueError
-        If the texture has no AR models, its rate is below `fs`, its unit has no known size, or a speed or a
-        force is not above 0.
+        If the texture has no AR models, its sampling rate is below `fs`, its unit cannot be converted to
+        m/s^2, or a speed or a force is not positive.
+
+    Examples
+    --------
+    >>> from texclass.haptics.textures import pack
+    >>> noise = pack(np.random.default_rng(0).standard_normal(2000), n_bytes=32, fs=1000)
+    >>> texture = to_hatt(noise, speeds=[50.0, 150.0], forces=[1.0], order=4)
+    >>> texture.order, texture.mesh.largest
+    (4, (150.0, 1.0))
     """
     if unit not in ACCELERATION_UNITS:
-        raise ValueError(f"unit is {unit!r}. Expected for HaTT one of {list(ACCELERATION_UNITS)}")
+        raise ValueError(f"unit must be one of {', '.join(ACCELERATION_UNITS)} for HaTT, got {unit!r}")
     factor = ACCELERATION_UNITS[unit]
     if isinstance(texture, HattTexture):
         return replace(texture, variance=texture.variance * factor**2)
@@ -328,21 +364,22 @@ def to_hatt(
     if isinstance(texture, LpcTexture):
         own = texture.speeds, texture.forces
     elif isinstance(texture, PackedTexture) and texture.speeds.size == 1:
-        own = texture.model.axes  # slower and softer than these it fades out, above them nothing changes
+        own = texture.model.axes  # below these the vibration fades out, above them it is constant
     grid = [np.array(axis, dtype=np.float64) for axis in (speeds or own[0], forces or own[1])]
     if not all(np.all(np.isfinite(axis) & (axis > 0)) for axis in grid):
-        raise ValueError(
-            f"speeds are {grid[0].tolist()}, forces {grid[1].tolist()}. Expected a positive number"
-        )
+        raise ValueError(f"speeds and forces must be positive, got {grid[0].tolist()} and {grid[1].tolist()}")
     if not 0 < fs <= texture.fs:
-        raise ValueError(f"fs is {fs:g}. Expected at most that of the texture, {texture.fs:g} Hz")
+        raise ValueError(
+            f"fs must be positive and at most {texture.fs:g} Hz (that of the texture), got {fs:g}"
+        )
     speed, force = (axis.ravel() for axis in np.meshgrid(*grid, indexing="ij"))
     model = texture.autoregressions(speed, force)
     if fs != texture.fs or model.order > order:
-        # the autocorrelation of the spectrum below fs / 2: r_i = (1 / N) sum_n S(w_n) (fs / fs_0) e^{j i w_n}
-        share = fs / texture.fs
+        # autocorrelation of the spectrum below fs / 2: r_i = (1 / N) sum_n S(w_n) (fs / fs_0) e^{j i w_n}
+        ratio = fs / texture.fs
         with np.errstate(under="ignore"):
-            power = 10 ** (model.log_spectrum_db(np.linspace(0, np.pi, (1 << 14) + 1) * share) / 10) * share
+            spectrum_db = model.log_spectrum_db(np.linspace(0, np.pi, (1 << 14) + 1) * ratio)
+            power = 10 ** (spectrum_db / 10) * ratio
         model = from_autocorrelation(np.fft.irfft(power, axis=-1)[..., : order + 1])
     lsf = line_spectrum.from_reflection(model.reflection)
     variance = (model.gain * factor) ** 2

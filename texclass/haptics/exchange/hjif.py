@@ -1,14 +1,14 @@
-"""MPEG haptics (ISO/IEC 23090-31) as .hjif: what such a file holds, read and played.
+"""MPEG haptics (ISO/IEC 23090-31) as .hjif: the contents of a file, reading and playing.
 
     haptics
-      perceptions   what is felt: Vibrotactile, Vibrotactile Texture (over distance), Friction
-        channels    an actuator: a gain, and the bands that add up to at most 1
+      perceptions   a modality: Vibrotactile, Vibrotactile Texture (over distance), Friction
+        channels    an actuator: a gain, and bands whose sum is at most 1
           bands     Transient (taps), VectorialWave (oscillators), WaveletWave (any signal), Curve
-            effects when they begin, and keyframes or a stream of wavelet coefficients
+            effects a start position, and keyframes or a stream of wavelet coefficients
 
-Positions count ticks: of time, or where `unit_exponent` counts metres, of distance, 1000 of them to what is
-a second of time (for -3: a metre; frequencies then are cycles in a metre). Gains hold m/s^2, so that a player
-that knows its actuator can show the true level.
+Positions are in ticks of time. If `unit_exponent` gives a length, they are in ticks of distance: 1000 ticks
+of distance correspond to one second of time (for -3: one metre; frequencies are then cycles per metre). Gains
+are in m/s^2, so that a player with a calibrated actuator can display the true level.
 """
 
 import base64
@@ -25,18 +25,21 @@ from pydantic import Field, model_validator
 from scipy import interpolate
 
 from texclass.haptics.exchange import wavelet_stream
-from texclass.haptics.exchange.foreign import Part, read_foreign
+from texclass.haptics.exchange.external_files import ExternalModel, read_external
 from texclass.haptics.exchange.rendition import TRANSIENT_S
 from texclass.recording import Samples
 
-LARGEST_FILE = 16 << 20
+MAX_FILE_BYTES = 16 << 20
 TICKS = 1000
+"""Ticks per second in the files that texclass writes."""
 FS = 8000.0
-"""Hz, the reference software's."""
-HIGHEST_HZ = 10_000.0
-MOST_BANDS = {1: 7, 2: 63}
-"""A channel's, by level; the schema allows more than the reference software does."""
-MOST_CHANNELS = {1: 127, 2: 65535}
+"""Default sampling rate of played files in Hz, as in the reference software."""
+MAX_HZ = 10_000.0
+"""Largest frequency of a band in Hz."""
+MAX_BANDS = {1: 7, 2: 63}
+"""Largest number of bands of a channel, by level; the schema allows more than the reference software."""
+MAX_CHANNELS = {1: 127, 2: 65535}
+"""Largest number of channels of a perception, by level."""
 _INT = 2**31 - 1
 
 Count = Field(ge=0, le=_INT)
@@ -44,54 +47,54 @@ Count = Field(ge=0, le=_INT)
 
 @dataclass(frozen=True)
 class PlayLimits:
-    """What is played of a file at most: a small one can ask for any memory, and for hours.
+    """Limits of playing: a small file can request any amount of memory, and hours of output.
 
     Attributes
     ----------
-    longest_s : float
-        Duration, s.
-    channels_s, effects_s : float
-        Durations of all channels, and of all effects, together, s.
-    coded : int
-        Samples of all wavelet blocks together: what decodes in a minute or two.
-    effects : int
-        Effects of a channel.
-    depth : int
-        Compositions or references within each other.
+    max_seconds : float
+        Largest duration in s.
+    max_channels_s, max_effects_s : float
+        Largest total duration of all channels, and of all effects, in s.
+    max_coded_samples : int
+        Largest total number of samples of all wavelet blocks, which decode in a minute or two.
+    max_effects : int
+        Largest number of effects of a channel.
+    max_depth : int
+        Largest depth of nested compositions or references.
     """
 
-    longest_s: float = 600.0
-    channels_s: float = 12_000.0
-    effects_s: float = 100_000.0
-    coded: int = 4_000_000
-    effects: int = 100_000
-    depth: int = 8
+    max_seconds: float = 600.0
+    max_channels_s: float = 12_000.0
+    max_effects_s: float = 100_000.0
+    max_coded_samples: int = 4_000_000
+    max_effects: int = 100_000
+    max_depth: int = 8
 
 
 LIMITS = PlayLimits()
 
 
-class Stated(Part):
-    """A part of which what is not known is left out: null is no value."""
+class HjifPart(ExternalModel):
+    """Base class of the parts of a .hjif file: optional keys may be absent, but not null."""
 
     @model_validator(mode="after")
-    def _without_null(self) -> Self:
+    def _refuse_null(self) -> Self:
         for name in self.model_fields_set:
             if getattr(self, name) is None:
                 raise ValueError(f"{name} is null. Expected a value, or no key")
         return self
 
 
-class Keyframe(Stated):
-    """A point of an effect: ticks from its beginning, amplitude, frequency in whole Hz."""
+class Keyframe(HjifPart):
+    """A point of an effect: position in ticks from its start, amplitude, and frequency in whole Hz."""
 
     relative_position: int | None = Count
     amplitude_modulation: float | None = Field(default=None, ge=-1, le=1)
-    frequency_modulation: int | None = Field(default=None, ge=0, le=HIGHEST_HZ)
+    frequency_modulation: int | None = Field(default=None, ge=0, le=MAX_HZ)
 
 
-class Effect(Stated):
-    """What is felt from a position on: keyframes, a stream, other effects, or one of the library."""
+class Effect(HjifPart):
+    """An effect with a start position: keyframes, a stream, other effects, or a reference to the library."""
 
     effect_type: Literal["Basis", "Composite", "Reference"]
     position: int = Count
@@ -103,76 +106,84 @@ class Effect(Stated):
     wavelet_stream: str | None = None
 
     @property
-    def last(self) -> int:
-        """Ticks from its beginning to its last keyframe."""
-        return max((one.relative_position or 0 for one in self.keyframes), default=0)
+    def last_tick(self) -> int:
+        """Ticks from the start to the last keyframe."""
+        return max((frame.relative_position or 0 for frame in self.keyframes), default=0)
 
     @model_validator(mode="after")
-    def _whole(self) -> "Effect":
+    def _check(self) -> "Effect":
         if self.effect_type == "Reference" and self.id is None:
-            raise ValueError("a reference has no id. Expected that of an effect of the library")
+            raise ValueError("a reference must have the id of an effect of the library, got no id")
         if self.wavelet_stream is not None:
-            _stream_of(self)
+            _decode_stream(self)
         return self
 
 
-class Band(Stated):
-    """Effects of one kind within limits of frequency (whole Hz); of wavelets the upper one is their rate."""
+class Band(HjifPart):
+    """Effects of one kind with limits of frequency in whole Hz; for wavelets the upper one is their rate."""
 
     band_type: Literal["WaveletWave", "VectorialWave", "Curve", "Transient"]
-    lower_frequency_limit: int = Field(ge=0, le=HIGHEST_HZ)
-    upper_frequency_limit: int = Field(ge=0, le=HIGHEST_HZ)
+    lower_frequency_limit: int = Field(ge=0, le=MAX_HZ)
+    upper_frequency_limit: int = Field(ge=0, le=MAX_HZ)
     curve_type: Literal["Linear", "Cubic", "Akima", "Bezier", "BSpline", "Unknown"] | None = None
     block_length: int | None = Field(default=None, ge=16, le=1 << 20)
     effects: tuple[Effect, ...]
 
     @property
-    def ring_s(self) -> float:
-        """How long an effect is felt beyond its last keyframe."""
+    def tail_s(self) -> float:
+        """Duration of an effect after its last keyframe in s."""
         block_s = (self.block_length or 0) / TICKS if self.band_type == "WaveletWave" else 0.0
         return TRANSIENT_S if self.band_type == "Transient" else block_s
 
     @property
     def block_samples(self) -> int:
-        """Samples that each effect of a wavelet band codes; 0 of other bands. ValueError where none can."""
+        """Number of samples of each effect of a wavelet band, 0 for other bands; ValueError if not valid."""
         if self.band_type != "WaveletWave":
             return 0
-        n = int(self.ring_s * self.upper_frequency_limit)
+        n = int(self.tail_s * self.upper_frequency_limit)
         if n < 16 or n & (n - 1) or n > 1 << 16:
-            raise ValueError(f"a wavelet block has {n} samples. Expected a power of two, 16 to {1 << 16}")
+            raise ValueError(f"a wavelet block must have a power of two, 16 to {1 << 16}, samples, got {n}")
         return n
 
     @model_validator(mode="after")
-    def _fits(self) -> "Band":
+    def _check(self) -> "Band":
         if self.upper_frequency_limit < self.lower_frequency_limit:
-            raise ValueError("its upper frequency limit is below its lower one")
+            raise ValueError(
+                f"the upper frequency limit {self.upper_frequency_limit} Hz is below its lower one, "
+                f"{self.lower_frequency_limit} Hz. Expected at least that"
+            )
         if self.curve_type is not None and self.band_type != "Curve":
-            raise ValueError(f"a {self.band_type} band has a curve type. Expected that of Curve bands only")
-        points = [one.keyframes for one in self.effects if one.effect_type == "Basis"]
-        bare = any(not of or any(one.amplitude_modulation is None for one in of) for of in points)
-        if self.band_type == "Curve" and bare:
-            raise ValueError("a curve has no keyframe, or one without amplitude. Expected one for each")
+            raise ValueError(f"a {self.band_type} band has a curve type. Expected one in Curve bands only")
+        if self.band_type == "Curve" and any(map(_lacks_amplitude, self.effects)):
+            raise ValueError("each curve must have keyframes with amplitude_modulation")
         if self.band_type == "WaveletWave":
             length = self.block_length
             if length is None or length & (length - 1):
                 raise ValueError(f"block_length is {length}. Expected a power of two")
-            if any(one.keyframes for one in self.effects):
+            if any(effect.keyframes for effect in self.effects):
                 raise ValueError("an effect of a wavelet band has keyframes. Expected a stream")
-            if any(one.effect_type == "Basis" and one.wavelet_stream is None for one in self.effects):
+            basis = (effect for effect in self.effects if effect.effect_type == "Basis")
+            if any(effect.wavelet_stream is None for effect in basis):
                 raise ValueError("an effect of a wavelet band lacks its wavelet_stream. Expected one")
         return self
 
 
-class Vector(Stated):
-    """A direction, or a place among actuators."""
+def _lacks_amplitude(effect: Effect) -> bool:
+    frames = effect.keyframes
+    is_empty = not frames or any(frame.amplitude_modulation is None for frame in frames)
+    return effect.effect_type == "Basis" and is_empty
+
+
+class Vector(HjifPart):
+    """A direction, or a position among actuators."""
 
     X: int = Field(ge=-127, le=127)
     Y: int = Field(ge=-127, le=127)
     Z: int = Field(ge=-127, le=127)
 
 
-class Channel(Stated):
-    """What one actuator plays: the sum of its bands, at most 1 in size, times its gain."""
+class Channel(HjifPart):
+    """Output of one actuator: the sum of its bands, of magnitude 1 at most, times the gain."""
 
     id: int = Count
     description: str
@@ -186,27 +197,27 @@ class Channel(Stated):
     bands: tuple[Band, ...]
 
     @property
-    def stated_s(self) -> float:
-        """How long it plays by its own account; 0 if it does not say."""
+    def declared_s(self) -> float:
+        """Duration in s as declared by the channel; 0 if there is none."""
         return (self.sample_count or 0) / self.frequency_sampling if self.frequency_sampling else 0.0
 
     @model_validator(mode="after")
-    def _unit(self) -> "Channel":
-        at = self.direction
-        if at is not None and not 0.98 <= math.hypot(at.X, at.Y, at.Z) / 127 <= 1.02:
-            raise ValueError("its direction is no unit vector. Expected a length of 127")
+    def _check(self) -> "Channel":
+        vector = self.direction
+        if vector is not None and not 0.98 <= math.hypot(vector.X, vector.Y, vector.Z) / 127 <= 1.02:
+            raise ValueError("direction must be a unit vector, of length 127")
         return self
 
 
-class Device(Stated):
-    """An actuator that a file was made for."""
+class Device(HjifPart):
+    """An actuator for which the file was authored."""
 
     id: int = Field(ge=1, le=_INT)
     name: str
 
 
-class Perception(Stated):
-    """One kind of feeling."""
+class Perception(HjifPart):
+    """Effects of one modality."""
 
     id: int = Count
     perception_modality: Literal[
@@ -224,19 +235,20 @@ class Perception(Stated):
 
     @property
     def library(self) -> dict[int | None, Effect]:
-        """What references refer to, by id."""
-        return {one.id: one for one in self.effect_library}
+        """Effects that references use, by id."""
+        return {effect.id: effect for effect in self.effect_library}
 
     @model_validator(mode="after")
-    def _consistent(self) -> "Perception":
-        for what, parts in (("channel", self.channels), ("reference device", self.reference_devices)):
-            _different(what, [part.id for part in parts])
-        _different("library effect", [one.id for one in self.effect_library])
+    def _check(self) -> "Perception":
+        for kind, parts in (("channel", self.channels), ("reference device", self.reference_devices)):
+            _check_unique(kind, [part.id for part in parts])
+        _check_unique("library effect", [effect.id for effect in self.effect_library])
         devices = {device.id for device in self.reference_devices}
         for channel in self.channels:
             if channel.reference_device_id is not None and channel.reference_device_id not in devices:
                 raise ValueError(
-                    f"reference device {channel.reference_device_id} is none of {devices or 'none'}"
+                    f"reference device {channel.reference_device_id} is not defined. "
+                    f"Expected one of {sorted(devices)}"
                 )
             for band in channel.bands:
                 for effect in band.effects:
@@ -244,22 +256,22 @@ class Perception(Stated):
         return self
 
 
-class Avatar(Stated):
-    """A body, or a part of one."""
+class Avatar(HjifPart):
+    """A body, or a part of one, that feels the effects."""
 
     id: int = Field(ge=1, le=_INT)
     lod: int = Count
     type: Literal["Vibration", "Pressure", "Temperature", "Custom"]
 
 
-class Sync(Stated):
-    """A moment of the timeline."""
+class Sync(HjifPart):
+    """A point of the timeline."""
 
     timestamp: int = Count
 
 
-class Haptics(Stated):
-    """A .hjif file."""
+class Haptics(HjifPart):
+    """The contents of a .hjif file."""
 
     version: str = Field(pattern="^20(2[3-9]|[3-9][0-9])(-[1-9])?$")
     profile: Literal["Main", "Simple Parametric"]
@@ -272,164 +284,202 @@ class Haptics(Stated):
     syncs: tuple[Sync, ...]
 
     @model_validator(mode="after")
-    def _conforms(self) -> "Haptics":
-        _different("avatar", [avatar.id for avatar in self.avatars])
-        _different("perception", [one.id for one in self.perceptions])
-        simple = self.profile == "Simple Parametric"
-        if simple and self.timescale != TICKS:
-            raise ValueError(f"timescale is {self.timescale}. Expected {TICKS} for Simple Parametric")
-        known = {0, *(avatar.id for avatar in self.avatars)}
+    def _check(self) -> "Haptics":
+        _check_unique("avatar", [avatar.id for avatar in self.avatars])
+        _check_unique("perception", [perception.id for perception in self.perceptions])
+        is_simple = self.profile == "Simple Parametric"
+        if is_simple and self.timescale != TICKS:
+            raise ValueError(f"timescale must be {TICKS} for Simple Parametric, got {self.timescale}")
+        avatar_ids = {0, *(avatar.id for avatar in self.avatars)}
         for perception in self.perceptions:
-            if perception.avatar_id not in known:
-                raise ValueError(f"avatar {perception.avatar_id} of a perception is not defined")
-            n_bands = max(len(channel.bands) for channel in perception.channels)
-            if len(perception.channels) > MOST_CHANNELS[self.level] or n_bands > MOST_BANDS[self.level]:
+            if perception.avatar_id not in avatar_ids:
                 raise ValueError(
-                    f"a perception has {len(perception.channels)} channels of {n_bands} bands. Expected "
-                    f"{MOST_CHANNELS[self.level]} of {MOST_BANDS[self.level]} at most for level {self.level}"
+                    f"avatar {perception.avatar_id} of a perception is not defined. "
+                    f"Expected one of {sorted(avatar_ids)}"
                 )
-            kinds = {band.band_type for channel in perception.channels for band in channel.bands}
-            if simple and "WaveletWave" in kinds:
-                raise ValueError("it has wavelet bands. Expected none for Simple Parametric")
+            n_channels = len(perception.channels)
+            n_bands = max(len(channel.bands) for channel in perception.channels)
+            if n_channels > MAX_CHANNELS[self.level] or n_bands > MAX_BANDS[self.level]:
+                raise ValueError(
+                    f"a perception of level {self.level} must have at most "
+                    f"{MAX_CHANNELS[self.level]} channels of {MAX_BANDS[self.level]} bands, "
+                    f"got {n_channels} channels of {n_bands} bands"
+                )
+            band_types = {band.band_type for channel in perception.channels for band in channel.bands}
+            if is_simple and "WaveletWave" in band_types:
+                raise ValueError("wavelet bands need the profile Main. Expected none for Simple Parametric")
         return self
 
 
 def read_hjif(path: str | Path) -> Haptics:
-    """Return what a .hjif file holds, as strictly checked as the reference software does.
+    """Return the contents of a .hjif file, checked as strictly as in the reference software.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to read.
 
     Raises
     ------
     ValueError
-        If it is too long, no JSON or too deep, or breaks a rule; the message names file, value and rule.
+        If the file is too large, is not JSON, is nested too deeply, or has a value that is not valid.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from texclass.haptics.exchange import Rendition, write_hjif
+    >>> x = np.sin(2 * np.pi * 155 * np.arange(100) / 1000)
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "tone.hjif"
+    >>> losses = write_hjif(Rendition("tone", "m/s^2", 1000.0, x, speed=80.0, force=1.0), path)
+    >>> read_hjif(path).description
+    'tone'
     """
-    return read_foreign(Haptics, path, LARGEST_FILE)
+    return read_external(Haptics, path, MAX_FILE_BYTES)
 
 
 # Playing ----------------------------------------------------------------------------------------------------
 
 
 def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
-    """Return what a file plays, as the reference software plays it.
+    """Play a file in the same way as the reference software.
 
-    What runs over distance is played at 1000 ticks a second, like time.
+    Effects over distance are played at 1000 ticks per second, like effects over time.
 
     Parameters
     ----------
     haptics : Haptics
+        Contents of a file, as returned by `read_hjif`.
     fs : float
-        Hz. Wavelet bands hold each of their samples until the next.
+        Sampling rate in Hz (default 8000). Wavelet bands hold each of their samples until the next one.
 
     Returns
     -------
     ndarray of shape (n_samples, n_channels)
-        Channels of all perceptions, in the order of the file: in m/s^2 for vibrations.
+        Channels of all perceptions, in the order of the file; vibrations in m/s^2.
 
     Raises
     ------
     ValueError
-        If it is longer, or has more effects, channels or samples than `LIMITS` allows.
+        If duration, effects, channels or samples exceed `LIMITS`.
+
+    Examples
+    --------
+    >>> from texclass.haptics.exchange import Rendition
+    >>> from texclass.haptics.exchange.hjif_rendition import build_hjif
+    >>> x = np.sin(2 * np.pi * 155 * np.arange(100) / 1000)
+    >>> haptics, _ = build_hjif(Rendition("tone", "m/s^2", 1000.0, x, speed=80.0, force=1.0))
+    >>> play_hjif(haptics).shape
+    (800, 1)
     """
-    felt, seconds, lasting, coded = [], 0.0, 0.0, 0
+    channels, seconds, total_effects_s, n_coded = [], 0.0, 0.0, 0
     for perception in haptics.perceptions:
         for channel in perception.channels:
             effects = basis_effects(channel, perception)
-            ends = [(at + one.last) / haptics.timescale + band.ring_s for at, one, band in effects]
-            seconds = max([seconds, *([channel.stated_s] if channel.stated_s else ends)])
-            lasting += sum(ends) - sum(at for at, *_ in effects) / haptics.timescale
-            coded += sum(band.block_samples for *_, band in effects)
-            felt.append((10.0**perception.perception_unit_exponent * channel.gain, effects))
-    if seconds > LIMITS.longest_s:
-        raise ValueError(f"it plays for {seconds:g} s. Expected at most {LIMITS.longest_s:g}")
-    if len(felt) * seconds > LIMITS.channels_s or lasting > LIMITS.effects_s:
+            ends = [
+                (start + effect.last_tick) / haptics.timescale + band.tail_s
+                for start, effect, band in effects
+            ]
+            seconds = max([seconds, *([channel.declared_s] if channel.declared_s else ends)])
+            total_effects_s += sum(ends) - sum(start for start, *_ in effects) / haptics.timescale
+            n_coded += sum(band.block_samples for *_, band in effects)
+            channels.append((10.0**perception.perception_unit_exponent * channel.gain, effects))
+    if seconds > LIMITS.max_seconds:
+        raise ValueError(f"the file must last at most {LIMITS.max_seconds:g} s, got {seconds:g} s")
+    if len(channels) * seconds > LIMITS.max_channels_s or total_effects_s > LIMITS.max_effects_s:
         raise ValueError(
-            f"it plays {len(felt)} channels of {seconds:g} s, effects of {lasting:g} s in all. Expected "
-            f"at most {LIMITS.channels_s:g} s of channels and {LIMITS.effects_s:g} s of effects"
+            f"the file must have at most {LIMITS.max_channels_s:g} s of channels and "
+            f"{LIMITS.max_effects_s:g} s of effects in total, got {len(channels)} channels of {seconds:g} s "
+            f"and effects of {total_effects_s:g} s"
         )
-    if coded > LIMITS.coded:
-        raise ValueError(f"its wavelet blocks hold {coded} samples. Expected at most {LIMITS.coded}")
-    played = np.zeros((max(round(seconds * fs), 1), len(felt)))
-    for column, (gain, effects) in zip(played.T, felt, strict=True):
-        for at, effect, band in effects:
-            _play_effect(column, at / haptics.timescale, effect, band, fs, haptics.timescale)
+    if n_coded > LIMITS.max_coded_samples:
+        raise ValueError(
+            f"the wavelet blocks must have at most {LIMITS.max_coded_samples} samples in total, got {n_coded}"
+        )
+    output = np.zeros((max(round(seconds * fs), 1), len(channels)))
+    for column, (gain, effects) in zip(output.T, channels, strict=True):
+        for start, effect, band in effects:
+            _play_effect(column, start / haptics.timescale, effect, band, fs, haptics.timescale)
         column[:] = gain * np.clip(column, -1, 1)
-    return played
+    return output
 
 
 def basis_effects(channel: Channel, perception: Perception) -> list[tuple[int, Effect, Band]]:
-    """Return ticks, basis effect and band of all that a channel of a perception plays.
+    """Return start (in ticks), basis effect and band of everything that a channel plays.
 
     Raises
     ------
     ValueError
-        If there are more than `LIMITS` allows, or compositions and references without end.
+        If there are more effects than `LIMITS` allows, or compositions and references without end.
     """
     library = perception.library
-    every = ((at, effect, band) for band in channel.bands for at, effect in _within(band.effects, library))
-    # a few effects may refer to each other so often that they are never all seen
-    first = [*islice(every, 2 * LIMITS.effects + 1)]
-    found = [one for one in first if one[1].effect_type == "Basis"]
-    if len(found) > LIMITS.effects or len(first) > 2 * LIMITS.effects:
-        raise ValueError(f"a channel has more than {LIMITS.effects} effects, the limit")
-    return found
+    expanded = (
+        (start, effect, band) for band in channel.bands for start, effect in _expand(band.effects, library)
+    )
+    # a few effects can refer to each other so often that the expansion never ends
+    first = [*islice(expanded, 2 * LIMITS.max_effects + 1)]
+    basis = [item for item in first if item[1].effect_type == "Basis"]
+    if len(basis) > LIMITS.max_effects or len(first) > 2 * LIMITS.max_effects:
+        raise ValueError(f"a channel must have at most {LIMITS.max_effects} effects, got more")
+    return basis
 
 
-def _within(
-    effects: Iterable[Effect], library: Mapping[int | None, Effect], at: int = 0, depth: int = 0
+def _expand(
+    effects: Iterable[Effect], library: Mapping[int | None, Effect], start: int = 0, depth: int = 0
 ) -> Iterator[tuple[int, Effect]]:
-    """Yield ticks and effect of each effect, then of those that it is composed of, or refers to."""
-    if depth > LIMITS.depth:
-        raise ValueError(f"effects are nested more than {LIMITS.depth} deep, the limit")
+    """Yield start (in ticks) and effect of each effect, followed by the effects inside it or referred to."""
+    if depth > LIMITS.max_depth:
+        raise ValueError(f"effects must be nested at most {LIMITS.max_depth} deep, got more")
     for effect in effects:
-        begin = at + effect.position
-        yield begin, effect
+        position = start + effect.position
+        yield position, effect
         if effect.effect_type == "Reference":
-            meant = _referred(effect, library).model_copy(update={"position": 0})
-            yield from _within([meant], library, begin, depth + 1)
+            target = _resolve(effect, library).model_copy(update={"position": 0})
+            yield from _expand([target], library, position, depth + 1)
         elif effect.effect_type == "Composite":
-            yield from _within(effect.composition, library, begin, depth + 1)
+            yield from _expand(effect.composition, library, position, depth + 1)
 
 
-def _play_effect(out: Samples, at: float, effect: Effect, band: Band, fs: float, timescale: int) -> None:
-    """Add an effect that begins at a time (s) to samples (n,)."""
-    lasting = effect.last / timescale + band.ring_s
-    first = max(math.ceil(at * fs - 1e-9), 0)
-    t = np.arange(first, min(first + math.ceil(lasting * fs) + 2, out.size)) / fs - at
+def _play_effect(out: Samples, start: float, effect: Effect, band: Band, fs: float, timescale: int) -> None:
+    """Add an effect that starts at a time (s) to samples (n,)."""
+    duration = effect.last_tick / timescale + band.tail_s
+    first = max(math.ceil(start * fs - 1e-9), 0)
+    t = np.arange(first, min(first + math.ceil(duration * fs) + 2, out.size)) / fs - start
     if band.band_type == "WaveletWave":
-        x = wavelet_stream.inverse(wavelet_stream.decode(_stream_of(effect), band.block_samples))
+        x = wavelet_stream.inverse(wavelet_stream.decode(_decode_stream(effect), band.block_samples))
         index = np.floor(t * band.upper_frequency_limit + 1e-6).astype(np.int64)
         t = t[index < x.size]
         out[first : first + t.size] += x[index[: t.size]]
         return
-    t = t[t <= lasting + 1e-12]
-    part = out[first : first + t.size]
+    t = t[t <= duration + 1e-12]
+    segment = out[first : first + t.size]
     if band.band_type == "Transient":
         for frame in effect.keyframes:
-            since = t - (frame.relative_position or 0) / timescale
-            inside = (since >= 0) & (since <= TRANSIENT_S)
-            part[inside] += (frame.amplitude_modulation or 0.0) * np.sin(
-                4 * np.pi * since[inside] / TRANSIENT_S
+            elapsed = t - (frame.relative_position or 0) / timescale
+            is_inside = (elapsed >= 0) & (elapsed <= TRANSIENT_S)
+            segment[is_inside] += (frame.amplitude_modulation or 0.0) * np.sin(
+                4 * np.pi * elapsed[is_inside] / TRANSIENT_S
             )
     elif band.band_type == "Curve":
-        part += _curve(effect, band, t, timescale)
+        segment += _curve(effect, band, t, timescale)
     elif t.size:
-        part += _oscillation(effect, t, timescale)
+        segment += _oscillation(effect, t, timescale)
 
 
 def _points(effect: Effect, key: str, timescale: int) -> tuple[Samples, Samples]:
-    """Return rising times (s) and values of the keyframes that have one."""
-    found = {
+    """Return increasing times (s) and values of the keyframes that have a value."""
+    by_time = {
         (frame.relative_position or 0) / timescale: getattr(frame, key)
         for frame in effect.keyframes
         if getattr(frame, key) is not None
     }
-    times = np.array(sorted(found))
-    return times, np.array([found[time] for time in times.tolist()], dtype=np.float64)
+    times = np.array(sorted(by_time))
+    return times, np.array([by_time[time] for time in times.tolist()], dtype=np.float64)
 
 
 def _curve(effect: Effect, band: Band, t: Samples, timescale: int) -> Samples:
-    """Return a curve at times (n,): straight between keyframes, or smooth through them."""
+    """Return a curve at times (n,): linear between keyframes, or smooth through them."""
     times, values = _points(effect, "amplitude_modulation", timescale)
     if not times.size:
         return np.zeros(t.size)
@@ -440,55 +490,55 @@ def _curve(effect: Effect, band: Band, t: Samples, timescale: int) -> Samples:
 
 
 def _oscillation(effect: Effect, t: Samples, timescale: int) -> Samples:
-    """Return an oscillator at times (n,): amplitude and frequency go straight from keyframe to keyframe."""
+    """Return an oscillator at times (n,); amplitude and frequency are linear between keyframes."""
     times, amplitude = _points(effect, "amplitude_modulation", timescale)
     envelope = np.interp(t, times, amplitude) if times.size else 1.0
     times, frequency = _points(effect, "frequency_modulation", timescale)
     if not times.size:
         times, frequency = np.zeros(1), np.zeros(1)
-    # turns at the keyframes, the frequency held before the first; within a piece it is a parabola
-    turns = np.concatenate([[0.0], np.cumsum(np.diff(times) * (frequency[1:] + frequency[:-1]) / 2)])
-    turns += times[0] * frequency[0]
-    now = np.interp(t, times, frequency)
+    # cycles at the keyframes; the first frequency is held before them; between them the phase is a parabola
+    cycles = np.concatenate([[0.0], np.cumsum(np.diff(times) * (frequency[1:] + frequency[:-1]) / 2)])
+    cycles += times[0] * frequency[0]
+    frequency_at_t = np.interp(t, times, frequency)
     i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, times.size - 1)
-    phase = turns[i] + (t - times[i]) * (frequency[i] + now) / 2 + effect.phase / (2 * np.pi)
+    phase = cycles[i] + (t - times[i]) * (frequency[i] + frequency_at_t) / 2 + effect.phase / (2 * np.pi)
     return np.asarray(envelope * _WAVES[effect.base_signal](phase))
 
 
 _WAVES: dict[str, Callable[[Samples], Samples]] = {
-    "Sine": lambda turns: np.sin(2 * np.pi * turns),
-    "Square": lambda turns: np.where(turns % 1 < 0.5, 1.0, -1.0),
-    "Triangle": lambda turns: 1 - 4 * np.abs(np.round(turns - 0.25) - (turns - 0.25)),
-    "SawToothUp": lambda turns: 2 * (turns - np.floor(turns + 0.5)),
-    "SawToothDown": lambda turns: 2 * (np.floor(turns + 0.5) - turns),
+    "Sine": lambda cycles: np.sin(2 * np.pi * cycles),
+    "Square": lambda cycles: np.where(cycles % 1 < 0.5, 1.0, -1.0),
+    "Triangle": lambda cycles: 1 - 4 * np.abs(np.round(cycles - 0.25) - (cycles - 0.25)),
+    "SawToothUp": lambda cycles: 2 * (cycles - np.floor(cycles + 0.5)),
+    "SawToothDown": lambda cycles: 2 * (np.floor(cycles + 0.5) - cycles),
 }
 
 
-def _stream_of(effect: Effect) -> bytes:
+def _decode_stream(effect: Effect) -> bytes:
     text = (effect.wavelet_stream or "").rstrip("=")
     try:
         return base64.b64decode(text + "=" * (-len(text) % 4), validate=True)
     except (binascii.Error, ValueError) as error:
-        raise ValueError(f"wavelet_stream is no base64 ({error}). Expected base64") from None
+        raise ValueError(f"wavelet_stream is not base64 ({error}). Expected base64") from None
 
 
-def _different(what: str, ids: Sequence[int | None]) -> None:
+def _check_unique(kind: str, ids: Sequence[int | None]) -> None:
     if len(set(ids)) != len(ids):
-        raise ValueError(f"two {what}s have the same id. Expected unique ids")
+        raise ValueError(f"two {kind}s have the same id. Expected unique ids")
 
 
-def _referred(effect: Effect, library: Mapping[int | None, Effect]) -> Effect:
+def _resolve(effect: Effect, library: Mapping[int | None, Effect]) -> Effect:
     if effect.id not in library:
         raise ValueError(
-            f"effect {effect.id} is referred to. Expected one of the library, {sorted(map(str, library))}"
+            f"a reference uses effect {effect.id}. Expected one of the library, {sorted(map(str, library))}"
         )
     return library[effect.id]
 
 
 def _check_references(effect: Effect, library: Mapping[int | None, Effect], depth: int = 0) -> None:
-    if depth > LIMITS.depth:
-        raise ValueError(f"effects are nested more than {LIMITS.depth} deep, the limit")
+    if depth > LIMITS.max_depth:
+        raise ValueError(f"effects must be nested at most {LIMITS.max_depth} deep, got more")
     if effect.effect_type == "Reference":
-        _referred(effect, library)
+        _resolve(effect, library)
     for inner in effect.composition:
         _check_references(inner, library, depth + 1)

@@ -1,7 +1,7 @@
-"""Surfaces as MPEG haptics (.hjif): taps, lines, what repeats along a surface, any other vibration; and back.
+"""Conversion of surfaces to MPEG haptics (.hjif) and back.
 
-All files that are written have 1000 ticks a second: the public reference software takes some durations for
-milliseconds whatever the file says.
+All files have 1000 ticks per second, because the public reference software reads some durations as
+milliseconds whatever the timescale of the file.
 """
 
 import base64
@@ -19,8 +19,8 @@ from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.exchange import wavelet_stream
 from texclass.haptics.exchange.hjif import (
     FS,
-    HIGHEST_HZ,
-    MOST_BANDS,
+    MAX_BANDS,
+    MAX_HZ,
     TICKS,
     Effect,
     Haptics,
@@ -28,170 +28,184 @@ from texclass.haptics.exchange.hjif import (
     basis_effects,
     play_hjif,
 )
-from texclass.haptics.exchange.rendition import Rendition, told_level
+from texclass.haptics.exchange.rendition import Rendition, describe_level_change
 from texclass.haptics.textures.contract import NOMINAL_FORCE_N, NOMINAL_SPEED_MM_S
 from texclass.recording import UNITS, Samples
 from texclass.validation import check_positive
 
 RATE = 8000
-"""Samples of wavelet bands in 1000 ticks. Players have 8000 a second and hold a sample until the next one: a
-lower rate would be played as steps, with images above half of it."""
+"""Samples of wavelet bands per 1000 ticks. Players use 8000 per second and hold each sample until the next,
+so that a lower rate would be played as steps, with images above half of it."""
 BLOCK = 512
-"""Samples of a wavelet block, which lasts 64 ticks: a power of two, as players ask for."""
+"""Samples of a wavelet block of 64 ticks: a power of two, as players require."""
 HEADROOM = 1.01
-"""Gains over the largest sample: 16-bit players may wrap at 1, which rounded coefficients exceed a little."""
-_TOLD = re.compile(r"(.*) at ([\d.]+(?:e[+-]\d\d)?) mm/s(?:, ([\d.]+(?:e[+-]\d\d)?) N)?, (\S+)")
-"""How a vibration is described: `Rendition.told`, then the unit."""
+"""Ratio of the gain to the largest sample: 16-bit players may wrap at 1, and rounding can exceed it a
+little."""
+_DESCRIPTION = re.compile(r"(.*) at ([\d.]+(?:e[+-]\d\d)?) mm/s(?:, ([\d.]+(?:e[+-]\d\d)?) N)?, (\S+)")
+"""Description of a vibration: `Rendition.caption`, then the unit."""
 
 Content = dict[str, Any]
-"""A part of a file by its keys; `Haptics` checks the whole."""
+"""A part of a file by its keys; `Haptics` checks the whole file."""
 
 
 def write_hjif(
     rendition: Rendition, path: str | Path, *, planes: int = wavelet_stream.PLANES
 ) -> dict[str, str]:
-    """Write a surface as .hjif, and return what is lost.
+    """Write a surface as .hjif; return a description of the losses by topic.
 
-    Taps become transients; a vibration of a few lines, vectorial waves; what repeats along the surface, a
-    vibrotactile texture over distance; all else, wavelet bands. A coefficient of friction stands beside it.
+    Taps are written as transients, vibrations of a few lines as vectorial waves, spatial textures as a
+    vibrotactile texture over distance, and other vibrations as wavelet bands. A coefficient of friction is
+    written as a second perception.
 
     Parameters
     ----------
     rendition : Rendition
-        Of `texclass.haptics.exchange.play_texture` or `play_taps`.
+        Result of `texclass.haptics.exchange.play_texture` or `play_taps`.
     path : str or Path
-        Ends in `.hjif`.
+        File to write; must end in `.hjif`.
     planes : int
-        Bits of the largest wavelet coefficient, 1 to 15.
+        Number of bits of the largest wavelet coefficient, 1 to 15 (default 10).
 
     Returns
     -------
     dict of str to str
-        Speed, force, level, band and what else a player will not know, in words.
+        Losses by topic: speed, force, level, band and others.
 
     Raises
     ------
     ValueError
-        If the path has another ending, or `planes` breaks its rule.
+        If the path has another suffix, or `planes` is not 1 to 15.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> x = np.sin(2 * np.pi * 155 * np.arange(100) / 1000)
+    >>> rendition = Rendition("tone", "m/s^2", 1000.0, x, speed=80.0, force=1.0)
+    >>> write_hjif(rendition, pathlib.Path(tempfile.mkdtemp()) / "tone.hjif")["band"]
+    '0 to 500 Hz of 0 to 500 Hz'
     """
     path = check_suffix(path, ".hjif")
-    if not 1 <= planes <= wavelet_stream.MOST_PLANES:
-        raise ValueError(f"planes are {planes}. Expected 1 to {wavelet_stream.MOST_PLANES}")
-    haptics, lost = made_hjif(rendition, planes)
+    if not 1 <= planes <= wavelet_stream.MAX_PLANES:
+        raise ValueError(f"planes must be 1 to {wavelet_stream.MAX_PLANES}, got {planes}")
+    haptics, losses = build_hjif(rendition, planes)
     write_atomic(path, haptics.model_dump_json(exclude_none=True))
-    return lost
+    return losses
 
 
-def made_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tuple[Haptics, dict[str, str]]:
-    """Return what `write_hjif` writes, and what is lost."""
-    over, lost = bool(rendition.pitch_mm), dict(rendition.lost)
+def build_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tuple[Haptics, dict[str, str]]:
+    """Return the contents of the file that `write_hjif` writes, and the losses."""
+    is_spatial, losses = bool(rendition.pitch_mm), dict(rendition.losses)
     exponent, rate = -3, rendition.fs
-    if over:  # samples in 1000 ticks of 10^exponent m
+    if is_spatial:  # samples per 1000 ticks of 10^exponent m
         rate = 1000 / rendition.pitch_mm
         while rate > RATE and exponent > -6:
             exponent, rate = exponent - 1, rate / 10
     if rendition.taps.size:
         channel = _transients(rendition.taps)
-        lost["waveform"] = "a player's own: of a tap, time, peak and frequency are kept, not its decay"
+        losses["waveform"] = (
+            "chosen by the player: time, peak and frequency of each tap are kept, not its decay"
+        )
     elif rendition.lines.size:
         channel = _oscillators(rendition)
-        lost["lines"] = f"{len(channel['bands'])} of {len(rendition.lines)}, frequencies in whole Hz"
+        losses["lines"] = f"{len(channel['bands'])} of {len(rendition.lines)}, frequencies in whole Hz"
     else:
         channel = _wavelets(rendition.samples, rate, planes)
         top, own, unit = float(RATE), rendition.fs, "Hz"
-        if over:
+        if is_spatial:
             top, own, unit = top / 10.0 ** (3 + exponent + 3), 1 / rendition.pitch_mm, "/mm"
-        lost["band"] = f"0 to {min(top, own) / 2:g} {unit} of 0 to {own / 2:g} {unit}"
-    if over:
-        lost["speed"] = f"how a feature rings: as at {rendition.speed:.4g} mm/s, drawn out with distance"
+        losses["band"] = f"0 to {min(top, own) / 2:g} {unit} of 0 to {own / 2:g} {unit}"
+    if is_spatial:
+        losses["speed"] = (
+            f"the decay of each feature is that at {rendition.speed:.4g} mm/s, fixed to distance"
+        )
     if rendition.unit != "m/s^2":
-        lost["unit"] = f"{rendition.unit}: its level in m/s^2 is unknown"
-    modality = "Vibrotactile Texture" if over else "Vibrotactile"
-    felt = _perception(0, modality, rendition.told, channel)
-    felt |= {"description": f"{rendition.told}, {rendition.unit}", "unit_exponent": exponent}
+        losses["unit"] = f"{rendition.unit}: its level in m/s^2 is unknown"
+    modality = "Vibrotactile Texture" if is_spatial else "Vibrotactile"
+    vibration = _perception(0, modality, rendition.caption, channel)
+    vibration |= {"description": f"{rendition.caption}, {rendition.unit}", "unit_exponent": exponent}
     mu = rendition.friction
-    rubbed = [_perception(1, "Friction", "coefficient of kinetic friction", _constant(mu))] if mu else []
+    friction = [_perception(1, "Friction", "coefficient of kinetic friction", _constant(mu))] if mu else []
     content = {
         "version": "2023",
         "profile": "Main",
-        "level": 1 if len(channel["bands"]) <= MOST_BANDS[1] else 2,
+        "level": 1 if len(channel["bands"]) <= MAX_BANDS[1] else 2,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "description": rendition.name or "surface",
         "timescale": TICKS,
         "avatars": [{"id": 1, "lod": 0, "type": "Vibration"}],
-        "perceptions": [felt, *rubbed],
+        "perceptions": [vibration, *friction],
         "syncs": [],
     }
-    found = Haptics.model_validate_json(json.dumps(content))
-    lost["level"] = "the peak of each tap is kept"
+    haptics = Haptics.model_validate_json(json.dumps(content))
+    losses["level"] = "the peak of each tap is kept"
     if not rendition.taps.size:
-        lost["level"] = told_level(play_hjif(found)[:, 0], rendition.samples)
-    return found, lost
+        losses["level"] = describe_level_change(play_hjif(haptics)[:, 0], rendition.samples)
+    return haptics, losses
 
 
 def _transients(taps: Samples) -> Content:
     """Return a channel of transients for taps (n, 3): time (s), peak and frequency (Hz)."""
     gain = HEADROOM * float(taps[:, 1].max())
     effects = [
-        _effect(round(TICKS * at), keyframes=[_keyframe(0, peak / gain, frequency)])
-        for at, peak, frequency in taps.tolist()
+        _effect(round(TICKS * time), keyframes=[_keyframe(0, peak / gain, frequency)])
+        for time, peak, frequency in taps.tolist()
     ]
     return {"gain": gain, "bands": [_band("Transient", _limits(taps[:, 2]), effects)]}
 
 
 def _oscillators(rendition: Rendition) -> Content:
     """Return a channel with a band for each of the strongest lines."""
-    strongest = np.argsort(-rendition.lines[:, 1], kind="stable")[: MOST_BANDS[2]]
+    strongest = np.argsort(-rendition.lines[:, 1], kind="stable")[: MAX_BANDS[2]]
     lines = rendition.lines[np.sort(strongest)]
-    gain = HEADROOM * float(lines[:, 1].sum())  # so that they never add up to more than 1
+    gain = HEADROOM * float(lines[:, 1].sum())  # so that their sum never exceeds 1
     end = max(round(TICKS * rendition.samples.size / rendition.fs), 1)
     bands = []
     for frequency, amplitude, phase in lines.tolist():
-        # players begin a sine; a cosine is a quarter of a turn ahead
-        turn = min((phase + math.pi / 2) % (2 * math.pi), 6.28318)
-        frames = [_keyframe(at, amplitude / gain, frequency) for at in (0, end)]
-        effect = _effect(0, phase=turn, base_signal="Sine", keyframes=frames)
+        # the waves of the format are sines; a cosine is a quarter of a cycle ahead
+        shift = min((phase + math.pi / 2) % (2 * math.pi), 6.28318)
+        frames = [_keyframe(tick, amplitude / gain, frequency) for tick in (0, end)]
+        effect = _effect(0, phase=shift, base_signal="Sine", keyframes=frames)
         bands.append(_band("VectorialWave", _limits(np.array([frequency])), [effect]))
     return {"gain": gain, "bands": bands}
 
 
 def _wavelets(x: Samples, rate: float, planes: int) -> Content:
-    """Return the channel of samples (n,) of a rate (in 1000 ticks), with their rate and number."""
+    """Return a channel of wavelets for samples (n,) at a rate (per 1000 ticks), with its rate and length."""
     own = max(min(round(rate), RATE), 1)
     count = max(round(x.size * own / rate), 1)
-    x = signal.resample(x, max(round(x.size * RATE / rate), 1))  # by its spectrum: nothing above rate / 2
+    x = signal.resample(x, max(round(x.size * RATE / rate), 1))  # band-limited: nothing above rate / 2
     blocks = np.pad(x, (0, -x.size % BLOCK)).reshape(-1, BLOCK)
     coefficients = np.array([wavelet_stream.transform(block) for block in blocks])
-    largest = float(np.abs(coefficients).max()) / wavelet_stream.LARGEST
+    largest = float(np.abs(coefficients).max()) / wavelet_stream.MAX_COEFFICIENT
     gain = HEADROOM * max(float(np.abs(x).max()), largest) or 1.0
     length = BLOCK * TICKS // RATE
-    streams = [base64.b64encode(wavelet_stream.encode(one / gain, planes)).decode() for one in coefficients]
-    # players take a final = for further bits
+    streams = [base64.b64encode(wavelet_stream.encode(row / gain, planes)).decode() for row in coefficients]
+    # players decode a final = as further bits
     effects = [_effect(i * length, wavelet_stream=stream.rstrip("=")) for i, stream in enumerate(streams)]
     band = _band("WaveletWave", (0, RATE), effects) | {"block_length": length}
     return {"gain": gain, "bands": [band], "frequency_sampling": own, "sample_count": count}
 
 
 def _constant(value: float) -> Content:
-    """Return a channel that holds a number above 0."""
+    """Return a channel of a constant above 0."""
     gain = max(value, 1.0)
-    frames = [{"relative_position": at, "amplitude_modulation": value / gain} for at in (0, TICKS)]
+    frames = [{"relative_position": tick, "amplitude_modulation": value / gain} for tick in (0, TICKS)]
     band = _band("Curve", (0, 0), [_effect(0, keyframes=frames)]) | {"curve_type": "Linear"}
     return {"gain": gain, "bands": [band]}
 
 
-def _keyframe(at: int, amplitude: float, frequency: float) -> Content:
-    whole = min(round(frequency), int(HIGHEST_HZ))
-    return {"relative_position": at, "amplitude_modulation": amplitude, "frequency_modulation": whole}
+def _keyframe(tick: int, amplitude: float, frequency: float) -> Content:
+    hz = min(round(frequency), int(MAX_HZ))
+    return {"relative_position": tick, "amplitude_modulation": amplitude, "frequency_modulation": hz}
 
 
-def _effect(at: int, **more: Any) -> Content:
-    return {"effect_type": "Basis", "position": at, **more}
+def _effect(tick: int, **more: Any) -> Content:
+    return {"effect_type": "Basis", "position": tick, **more}
 
 
 def _limits(frequency_hz: Samples) -> tuple[int, int]:
-    """Return whole frequencies around some, Hz."""
-    return max(int(frequency_hz.min()) - 1, 0), min(int(frequency_hz.max()) + 2, int(HIGHEST_HZ))
+    """Return whole numbers in Hz around frequencies (n,)."""
+    return max(int(frequency_hz.min()) - 1, 0), min(int(frequency_hz.max()) + 2, int(MAX_HZ))
 
 
 def _band(kind: str, limits: tuple[int, int], effects: list[Content]) -> Content:
@@ -202,73 +216,87 @@ def _band(kind: str, limits: tuple[int, int], effects: list[Content]) -> Content
 
 
 def _perception(i: int, modality: str, description: str, channel: Content) -> Content:
-    """Return a perception of one channel, which bears its description."""
-    only = {"id": 0, "description": description, "mixing_coefficient": 1.0, "body_part_mask": 0} | channel
+    """Return a perception with one channel."""
+    base = {"id": 0, "description": description, "mixing_coefficient": 1.0, "body_part_mask": 0} | channel
     return {
         "id": i, "perception_modality": modality, "description": description, "avatar_id": 1,
-        "effect_library": [], "channels": [only],
+        "effect_library": [], "channels": [base],
     }  # fmt: skip
 
 
-def rendition_of(haptics: Haptics) -> Rendition:
-    """Return the first vibration of a .hjif file as it is played, with what of it is known beyond samples.
+def to_rendition(haptics: Haptics) -> Rendition:
+    """Play the first vibration of a .hjif file and return it with its taps, lines, friction and unit.
+
+    Parameters
+    ----------
+    haptics : Haptics
+        Contents of a file, as returned by `read_hjif`.
 
     Raises
     ------
     ValueError
-        If there is none, or as `play_hjif`.
+        If there is no vibration, or as `play_hjif`.
+
+    Examples
+    --------
+    >>> x = np.sin(2 * np.pi * 155 * np.arange(100) / 1000)
+    >>> haptics, _ = build_hjif(Rendition("tone", "m/s^2", 1000.0, x, speed=80.0, force=1.0))
+    >>> rendition = to_rendition(haptics)
+    >>> rendition.name, rendition.fs, rendition.speed
+    ('tone', 1000.0, 80.0)
     """
-    felt = [one for one in haptics.perceptions if one.perception_modality.startswith("Vibrotactile")]
-    rough = [one for one in haptics.perceptions if one.perception_modality == "Friction"][:1]
-    if not felt:
-        raise ValueError("it holds no vibration. Expected a Vibrotactile perception")
-    channel = felt[0].channels[0]
-    told = _TOLD.fullmatch(felt[0].description)
+    vibrations = [p for p in haptics.perceptions if p.perception_modality.startswith("Vibrotactile")]
+    frictions = [p for p in haptics.perceptions if p.perception_modality == "Friction"][:1]
+    if not vibrations:
+        raise ValueError("the file contains no vibration. Expected a Vibrotactile perception")
+    vibration = vibrations[0]
+    channel = vibration.channels[0]
+    match = _DESCRIPTION.fullmatch(vibration.description)
     name, speed, force, unit = haptics.description, NOMINAL_SPEED_MM_S, NOMINAL_FORCE_N, "arbitrary"
-    if told and told[4] in UNITS:
-        name, speed, force, unit = told[1], float(told[2]), float(told[3] or 0), told[4]
+    if match and match[4] in UNITS:
+        name, speed, force, unit = match[1], float(match[2]), float(match[3] or 0), match[4]
     check_positive(speed=speed)
     kinds = {band.band_type for band in channel.bands}
-    effects = [(at, effect) for at, effect, _ in basis_effects(channel, felt[0])]
-    gain = 10.0 ** felt[0].perception_unit_exponent * channel.gain
+    effects = [(start, effect) for start, effect, _ in basis_effects(channel, vibration)]
+    gain = 10.0**vibration.perception_unit_exponent * channel.gain
     taps = _taps(effects if kinds == {"Transient"} else [], gain, haptics.timescale)
     lines = _lines(effects if kinds == {"VectorialWave"} else [], gain)
     fs = float(max(channel.bands[0].upper_frequency_limit, 40)) if kinds == {"WaveletWave"} else FS
     if kinds == {"WaveletWave"} and 40 <= (own := channel.frequency_sampling or 0) < fs:
-        fs = float(own)  # nothing was coded above half of the channel's own rate
-    x = play_hjif(_only(haptics, felt[0]), fs)[:, 0]
-    mu = [float(np.median(play_hjif(_only(haptics, one), 100.0)[:, 0])) for one in rough]
+        fs = float(own)  # the coded signal is band-limited to half of the rate of the channel
+    x = play_hjif(_select(haptics, vibration), fs)[:, 0]
+    mu = [float(np.median(play_hjif(_select(haptics, one), 100.0)[:, 0])) for one in frictions]
     pitch = 0.0
-    if felt[0].perception_modality == "Vibrotactile Texture":  # 1000 ticks are so many mm
-        pitch = 10.0 ** (felt[0].unit_exponent + 6) / fs
+    if vibration.perception_modality == "Vibrotactile Texture":  # ticks are distances
+        pitch = 10.0 ** (vibration.unit_exponent + 6) / fs
         fs = speed / pitch
     return Rendition(name, unit, fs, x, speed, force, lines, taps, max([0.0, *mu]), pitch)
 
 
-def _only(haptics: Haptics, perception: Perception) -> Haptics:
+def _select(haptics: Haptics, perception: Perception) -> Haptics:
     return haptics.model_copy(update={"perceptions": (perception,)})
 
 
 def _taps(effects: list[tuple[int, Effect]], gain: float, timescale: int) -> Samples:
-    """Return time (s), peak and frequency (Hz) of each transient, (n, 3)."""
-    found = [
-        ((at + (frame.relative_position or 0)) / timescale, gain * abs(frame.amplitude_modulation or 0), hz)
-        for at, effect in effects
+    """Return time (s), peak and frequency (Hz) of each transient, shape (n, 3)."""
+    rows = [
+        ((tick + (frame.relative_position or 0)) / timescale, gain * abs(frame.amplitude_modulation or 0), hz)
+        for tick, effect in effects
         for frame in effect.keyframes
         if (hz := frame.frequency_modulation or 0)
     ]
-    return np.array(found, dtype=np.float64).reshape(-1, 3)
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
 def _lines(effects: list[tuple[int, Effect]], gain: float) -> Samples:
-    """Return frequency (Hz), amplitude and phase of cosines, (n, 3); none if one of the waves changes."""
-    found = []
-    for at, effect in effects:
+    """Return frequency (Hz), amplitude and phase of cosines, shape (n, 3); no rows if one of them changes."""
+    rows = []
+    for tick, effect in effects:
         levels = {frame.amplitude_modulation for frame in effect.keyframes} - {None}
-        tones = {frame.frequency_modulation for frame in effect.keyframes} - {None}
-        if at or effect.base_signal != "Sine" or len(levels) != 1 or len(tones) != 1:
+        frequencies = {frame.frequency_modulation for frame in effect.keyframes} - {None}
+        if tick or effect.base_signal != "Sine" or len(levels) != 1 or len(frequencies) != 1:
             return np.zeros((0, 3))
-        level, hz = levels.pop() or 0.0, tones.pop() or 0
-        turn = effect.phase - np.pi / 2 + (np.pi if level < 0 else 0)
-        found += [(hz, gain * abs(level), turn)] * (0 < hz < FS / 2)
-    return np.array(found, dtype=np.float64).reshape(-1, 3)
+        level, hz = levels.pop() or 0.0, frequencies.pop() or 0
+        phase = effect.phase - np.pi / 2 + (np.pi if level < 0 else 0)
+        rows += [(hz, gain * abs(level), phase)] * (0 < hz < FS / 2)
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)

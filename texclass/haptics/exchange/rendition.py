@@ -1,14 +1,13 @@
-"""What other devices can be sent of a surface: its vibration at one speed and force, and what else it has.
+"""Renditions: a surface played at one speed and force, for formats of other devices, and conversion back.
 
-Formats of other players know neither the speed nor the force of a hand. A texture is played once, at a speed
-and a force, and what these would have changed is told beside it. What such a file plays becomes a texture
-again, as far as it is one:
+Other formats do not contain the speed or force of a hand. A texture is therefore played once at a fixed speed
+and force, and the losses are described. A played file is converted back as follows:
 
-| what is played | as a texture |
+| contents | texture |
 |---|---|
-| transients | taps; their decay is a player's, so that it is taken from how long one is felt |
-| waves that stay as they are | the major frequencies |
-| any other vibration, over time or over distance | an AR model, with the friction that stands beside it |
+| transients | taps; their decay is that of the player, estimated from the duration of a transient |
+| constant waves | major frequencies |
+| any other vibration, over time or distance | an AR model, with the friction of the file |
 """
 
 from collections.abc import Mapping
@@ -26,39 +25,39 @@ from texclass.validation import check_positive
 from texclass.vibration import MajorFrequencies, TapModel, autoregressive, line_spectrum
 
 LONGEST_S = 30.0
-"""Played at most: the longest event of AHAP."""
-SETTLED_S = 0.5
-"""Played before it and thrown away, until hand and filters have settled."""
+"""Longest rendition in s: the longest event of AHAP."""
+SETTLING_S = 0.5
+"""Time in s that is rendered before and discarded, until motion and filters have settled."""
 TAP_M_S, TAP_EVERY_S, TAP_FS = 0.1, 0.25, 8000.0
-"""Impact velocity of taps, m/s, seconds from one material to the next, and rate, Hz."""
+"""Impact velocity of taps in m/s, time between the taps of two materials in s, and sampling rate in Hz."""
 ORDER = 30
-"""Of AR models of what was played, at most a tenth of the samples."""
-LARGEST = 1e100
-"""Samples of that size are no vibration."""
+"""Largest order of AR models of played vibrations; at most a tenth of the number of samples is used."""
+MAX_MAGNITUDE = 1e100
+"""Bound of samples that can be converted."""
 TRANSIENT_S = 0.022
-"""How long a transient is felt, two turns of a sine, in the reference software of MPEG."""
+"""Duration of a transient in the reference software of MPEG: two cycles of a sine, in s."""
 DECAY_PER_S = np.log(100.0) / TRANSIENT_S
-"""A tap has faded to a hundredth when a transient ends."""
+"""Decay rate in 1/s with which a tap has faded to a hundredth at the end of a transient."""
 
 
 class Playable(Protocol):
-    """What has a name, a rate (Hz) and a renderer: a texture, or a surface of a planned scene."""
+    """Protocol of objects that can be played: textures, and surfaces of planned scenes."""
 
     @property
     def name(self) -> str:
-        """Of the surface."""
+        """Name of the surface."""
 
     @property
     def fs(self) -> float:
-        """Of the vibration, Hz."""
+        """Sampling rate in Hz."""
 
     @property
     def speeds(self) -> Samples:
-        """Rising speeds at which it is known, mm/s."""
+        """Increasing speeds in mm/s that bound the range of the model."""
 
     @property
     def forces(self) -> Samples:
-        """Rising forces at which it is known, N."""
+        """Increasing forces in N that bound the range of the model."""
 
     def renderer(self, *, seed: int = 0) -> Renderer:
         """Return a renderer at rest."""
@@ -66,31 +65,37 @@ class Playable(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Rendition:
-    """A surface, played.
+    """A surface played at one speed and force.
 
     Attributes
     ----------
     name : str
-        Of the surface.
+        Name of the surface.
     unit : str
-        Of the samples: m/s^2 where the texture's unit has a known size.
+        Unit of the samples: m/s^2 if the unit of the texture can be converted.
     fs : float
-        Hz.
+        Sampling rate in Hz.
     samples : ndarray of shape (n_samples,)
-        The vibration at `speed` and `force`, or the taps one after another.
+        Vibration at `speed` and `force`, or the taps one after another.
     speed, force : float
-        mm/s and N; of taps, the impact velocity (mm/s) and 0.
+        Speed in mm/s and force in N; for taps, the impact velocity in mm/s and 0.
     lines : ndarray of shape (n_lines, 3)
-        Frequency (Hz), amplitude and phase (rad) of the cosines that the vibration consists of; none by
-        default.
+        Frequency (Hz), amplitude and phase (rad) of the cosines of which the vibration consists (default:
+        none).
     taps : ndarray of shape (n_taps, 3)
-        Time (s), peak and frequency (Hz) of each tap; none by default.
+        Time (s), peak and frequency (Hz) of each tap (default: none).
     friction : float
-        Coefficient of kinetic friction; 0 where the texture has none.
+        Coefficient of kinetic friction; 0 if there is none.
     pitch_mm : float
-        Distance from sample to sample of what repeats along the surface; 0 where only time counts.
-    lost : mapping of str to str
-        What playing at one speed and force leaves out.
+        Distance between samples of spatial textures in mm; 0 for vibrations over time.
+    losses : mapping of str to str
+        Information that is lost at one speed and force, by topic.
+
+    Examples
+    --------
+    >>> rendition = Rendition("felt", "m/s^2", 1000.0, np.zeros(100), speed=80.0, force=1.5)
+    >>> rendition.caption
+    'felt at 80 mm/s, 1.5 N'
     """
 
     name: str
@@ -103,13 +108,13 @@ class Rendition:
     taps: Samples = field(default_factory=lambda: np.zeros((0, 3)))
     friction: float = 0.0
     pitch_mm: float = 0.0
-    lost: Mapping[str, str] = field(default_factory=dict)
+    losses: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def told(self) -> str:
-        """Name, speed and force, in words."""
-        pressed = f", {self.force:g} N" if self.force else ""
-        return f"{self.name or 'surface'} at {self.speed:g} mm/s{pressed}"
+    def caption(self) -> str:
+        """Name, speed and force as text."""
+        force_text = f", {self.force:g} N" if self.force else ""
+        return f"{self.name or 'surface'} at {self.speed:g} mm/s{force_text}"
 
 
 def play_texture(
@@ -121,167 +126,201 @@ def play_texture(
     seconds: float = 2.0,
     seed: int = 0,
 ) -> Rendition:
-    """Play a texture for other formats.
+    """Play a texture at one speed and force, to write it in another format.
 
     Parameters
     ----------
     texture : Texture or surface of a planned scene
+        Texture to play.
     unit : str
-        Of its vibration; g and mg become m/s^2.
+        Unit of its vibration (default "m/s^2"); g and mg are converted to m/s^2.
     speed, force : float, optional
-        mm/s and N; by default where the texture was scanned, or amid the speeds and forces that it knows
-        (their geometric mean).
+        Speed in mm/s and force in N (default: geometric mean of the range of the texture).
     seconds : float
-        At most `LONGEST_S`. A texture whose features are fixed in space is played once along its line.
+        Duration in s (default 2), at most `LONGEST_S`. Spatial textures are played once along their line.
     seed : int
-        Of its noise.
+        Seed of the noise.
 
     Raises
     ------
     ValueError
-        If the speed, the force or the duration is not above 0, or it is too long.
+        If speed, force or duration is not positive, or the duration is too long.
+
+    Examples
+    --------
+    >>> from texclass.haptics.textures import pack
+    >>> texture = pack(np.random.default_rng(0).standard_normal(2000), n_bytes=32, fs=1000, name="noise")
+    >>> rendition = play_texture(texture, seconds=0.5)
+    >>> rendition.caption, rendition.samples.size
+    ('noise at 100 mm/s, 1 N', 500)
     """
-    slow_fast, light_hard = ((float(axis[0]), float(axis[-1])) for axis in (texture.speeds, texture.forces))
-    v = float(np.sqrt(np.prod(slow_fast))) if speed is None else speed
-    f = float(np.sqrt(np.prod(light_hard))) if force is None else force
+    speed_range, force_range = (
+        (float(axis[0]), float(axis[-1])) for axis in (texture.speeds, texture.forces)
+    )
+    v = float(np.sqrt(np.prod(speed_range))) if speed is None else speed
+    f = float(np.sqrt(np.prod(force_range))) if force is None else force
     check_positive(speed=v, force=f, seconds=seconds)
     factor = ACCELERATION_UNITS.get(unit, 1.0)
     length_mm = float(getattr(texture, "length_mm", 0.0))
     if length_mm:
         seconds = length_mm / v
     if seconds > LONGEST_S:
-        raise ValueError(f"{seconds:g} s would be played. Expected at most {LONGEST_S:g}")
-    x = factor * _played(texture, v, f, seconds, seed)
-    by_speed = _change(texture, x / factor, [(end, f) for end in slow_fast], seed)
-    by_force = _change(texture, x / factor, [(v, end) for end in light_hard], seed)
-    lost = {"speed": f"fixed at {v:.4g} mm/s{_beyond(v, slow_fast)}; {by_speed}"}
-    lost["force"] = f"fixed at {f:.4g} N{_beyond(f, light_hard)}; {by_force}"
+        raise ValueError(f"the rendition must last at most {LONGEST_S:g} s, got {seconds:g} s")
+    x = factor * _render(texture, v, f, seconds, seed)
+    by_speed = _describe_range(texture, x / factor, [(end, f) for end in speed_range], seed)
+    by_force = _describe_range(texture, x / factor, [(v, end) for end in force_range], seed)
+    losses = {"speed": f"fixed at {v:.4g} mm/s{_outside(v, speed_range)}; {by_speed}"}
+    losses["force"] = f"fixed at {f:.4g} N{_outside(f, force_range)}; {by_force}"
     if getattr(texture, "tap", None) is not None and texture.tap.n_modes:  # type: ignore[attr-defined]
-        lost["taps"] = "left out: a stroke is played"
+        losses["taps"] = "omitted: a stroke is played"
     lines = np.zeros((0, 3))
-    if isinstance(texture, FrequencyTexture):  # the major frequencies of this speed are all that it plays
-        found = texture.at(v)
-        lines = np.column_stack([found.frequency_hz, factor * found.amplitude, found.phase])
+    if isinstance(texture, FrequencyTexture):  # it consists of the major frequencies at this speed
+        model = texture.at(v)
+        lines = np.column_stack([model.frequency_hz, factor * model.amplitude, model.phase])
         lines = lines[(lines[:, 1] > 0) & (lines[:, 0] < texture.fs / 2)]
-        x = factor * np.asarray(found.synthesize(x.size, texture.fs))
+        x = factor * np.asarray(model.synthesize(x.size, texture.fs))
     pitch = v / texture.fs if length_mm else 0.0
     mu = float(getattr(texture, "mu", 0.0))
-    known = "m/s^2" if unit in ACCELERATION_UNITS else unit
-    return Rendition(texture.name, known, texture.fs, x, v, f, lines, friction=mu, pitch_mm=pitch, lost=lost)
+    unit = "m/s^2" if unit in ACCELERATION_UNITS else unit
+    return Rendition(
+        texture.name, unit, texture.fs, x, v, f, lines, friction=mu, pitch_mm=pitch, losses=losses
+    )
 
 
 def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
-    """Play the taps of a library for other formats, its materials one after another.
+    """Play the taps of a library, one material after another, to write them in another format.
 
     Parameters
     ----------
     taps : TapLibrary
+        Library to play.
     velocity : float
-        Of impact, m/s.
+        Impact velocity in m/s (default 0.1).
 
     Raises
     ------
     ValueError
-        If the velocity is not above 0, or there are so many materials that `LONGEST_S` would be exceeded.
+        If the velocity is not positive, or the taps of all materials last longer than `LONGEST_S`.
+
+    Examples
+    --------
+    >>> library = TapLibrary(("wood", "steel"), (TapModel(300.0, 80.0, 155.0), TapModel(800.0, 40.0, 600.0)))
+    >>> play_taps(library).taps[:, [0, 2]].tolist()
+    [[0.0, 155.0], [0.25, 600.0]]
     """
     check_positive(velocity=velocity)
     n = round(TAP_EVERY_S * TAP_FS)
     if len(taps) * TAP_EVERY_S > LONGEST_S:
-        raise ValueError(f"there are {len(taps)} materials. Expected at most {LONGEST_S / TAP_EVERY_S:g}")
+        raise ValueError(
+            f"the library must have at most {LONGEST_S / TAP_EVERY_S:g} materials, got {len(taps)}"
+        )
     factor = ACCELERATION_UNITS.get(taps.unit, 1.0)
     models = taps.models
     x = factor * np.concatenate([model.synthesize(velocity, n, TAP_FS) for model in models])
     peaks = [factor * abs(model.amplitude_slope) * velocity * float(tap_peak(model)) for model in models]
-    struck = np.column_stack([np.arange(len(taps)) * TAP_EVERY_S, peaks, [m.frequency_hz for m in models]])
-    lost = {
-        "speed": f"impacts of {velocity:g} m/s only; the amplitude is proportional to it",
+    rows = np.column_stack([np.arange(len(taps)) * TAP_EVERY_S, peaks, [m.frequency_hz for m in models]])
+    losses = {
+        "speed": f"impacts at {velocity:g} m/s only; the amplitude is proportional to the velocity",
         "order": ", ".join(taps.materials) + f", every {TAP_EVERY_S:g} s",
     }
-    known = "m/s^2" if taps.unit in ACCELERATION_UNITS else taps.unit
+    unit = "m/s^2" if taps.unit in ACCELERATION_UNITS else taps.unit
     name = taps.materials[0] if len(taps) == 1 else "taps"
-    return Rendition(name, known, TAP_FS, x, 1000 * velocity, 0.0, taps=struck, lost=lost)
+    return Rendition(name, unit, TAP_FS, x, 1000 * velocity, 0.0, taps=rows, losses=losses)
 
 
-def texture_of(rendition: Rendition) -> tuple[Serializable, dict[str, str]]:
-    """Return the texture, or the taps, of what is played, and what is lost.
+def to_texture(rendition: Rendition) -> tuple[Serializable, dict[str, str]]:
+    """Fit a texture or a tap library to a rendition; return it and a description of the losses.
 
     Parameters
     ----------
     rendition : Rendition
-        What `rendition_of` makes of a file that `read_hjif` read.
+        Result of `to_rendition` for a file.
 
     Raises
     ------
     ValueError
-        If it is silent, or too short for a model.
+        If the rendition is silent, or too short for a model.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).standard_normal(2000)
+    >>> texture, losses = to_texture(Rendition("noise", "m/s^2", 1000.0, x, speed=80.0, force=1.0))
+    >>> texture.family, losses["waveform"]
+    ('hatt', 'noise with the same spectrum, an AR model of order 30')
     """
     v, x = rendition.speed, rendition.samples
-    lost = {"speed and force": f"what was played at {v:g} mm/s stands for all"}
+    losses = {"speed and force": f"the vibration at {v:g} mm/s is used for all speeds and forces"}
     if rendition.taps.size:
         models = []
         for _, peak, hz in rendition.taps.tolist():
             per_peak = float(tap_peak(TapModel(1.0, DECAY_PER_S, hz)))
             models.append(TapModel(peak / (v / 1000) / per_peak, DECAY_PER_S, hz))
-        lost = {"decay": f"unknown, taken for {DECAY_PER_S:.0f} 1/s", "names": "those of the materials"}
+        losses = {
+            "decay": f"unknown, assumed to be {DECAY_PER_S:.0f} 1/s",
+            "names": "the names of the materials",
+        }
         names = tuple(f"tap {i + 1}" for i in range(len(models)))
-        return TapLibrary(names, tuple(models), rendition.unit), lost
+        return TapLibrary(names, tuple(models), rendition.unit), losses
     if rendition.lines.size:
         if rendition.friction:
-            lost["friction"] = f"{rendition.friction:g}: major frequencies have none"
+            losses["friction"] = f"{rendition.friction:g}: textures of major frequencies have no friction"
         lines, speeds = MajorFrequencies(*rendition.lines.T), np.array([v / 2, 2 * v])
         peak = float(lines.amplitude.sum())
-        return FrequencyTexture(speeds, (lines, lines), peak, rendition.fs, rendition.name), lost
+        return FrequencyTexture(speeds, (lines, lines), peak, rendition.fs, rendition.name), losses
     order = min(ORDER, x.size // 10)
-    if order < 1 or not 0 < np.abs(x).max() < LARGEST or np.all(x == x[0]):
+    if order < 1 or not 0 < np.abs(x).max() < MAX_MAGNITUDE or np.all(x == x[0]):
         raise ValueError(
-            f"{x.size} samples are played. Expected ten at least, not silent, below {LARGEST:g} in size"
+            f"the rendition must have at least ten samples, not silent, below "
+            f"{MAX_MAGNITUDE:g} in magnitude, got {x.size} samples"
         )
     model = autoregressive.fit(x - x.mean(), order)
     lsf = line_spectrum.spread(line_spectrum.from_reflection(model.reflection))
-    lost["waveform"] = f"noise of its spectrum, an AR model of order {order}"
+    losses["waveform"] = f"noise with the same spectrum, an AR model of order {order}"
     if rendition.pitch_mm:
-        lost["place"] = "where on the surface something is felt"
+        losses["position"] = "the positions of features on the surface"
     power, force = [float(model.gain) ** 2], [rendition.force or 1.0]
     texture = HattTexture.from_models(
         [v], force, lsf[np.newaxis], power, rendition.fs, name=rendition.name, mu=rendition.friction
     )
-    return texture, lost
+    return texture, losses
 
 
 def level_db(x: Samples) -> float:
-    """Return the RMS of samples (n,) in dB of their unit."""
+    """Return the RMS of samples (n,) in dB re 1 unit."""
     return float(20 * np.log10(max(np.sqrt(np.mean(np.square(x))), 1e-300)))
 
 
-def told_level(sent: Samples, meant: Samples) -> str:
-    """Return by how many dB the RMS of what a file plays (n,) differs from what was meant (m,), in words."""
-    if not np.any(meant):
+def describe_level_change(output: Samples, reference: Samples) -> str:
+    """Return, as text, by how many dB the RMS of an output (n,) differs from a reference (m,)."""
+    if not np.any(reference):
         return "silence"
-    return f"{level_db(sent) - level_db(meant):+.2f} dB"
+    return f"{level_db(output) - level_db(reference):+.2f} dB"
 
 
-def _beyond(value: float, ends: tuple[float, float]) -> str:
-    """Return in words that a value lies outside the range of a texture that depends on it, else nothing."""
-    is_inside = ends[0] == ends[1] or ends[0] * (1 - 1e-9) <= value <= ends[1] * (1 + 1e-9)
-    return "" if is_inside else f", outside the {ends[0]:.4g} to {ends[1]:.4g} that the texture knows"
+def _outside(value: float, bounds: tuple[float, float]) -> str:
+    """Return text if a value lies outside the range of a texture, else an empty string."""
+    is_inside = bounds[0] == bounds[1] or bounds[0] * (1 - 1e-9) <= value <= bounds[1] * (1 + 1e-9)
+    return "" if is_inside else f", outside the range of the texture, {bounds[0]:.4g} to {bounds[1]:.4g}"
 
 
-def _played(texture: Playable, speed: float, force: float, seconds: float, seed: int) -> Samples:
-    """Return the vibration (n,) at a constant speed and force, along the texture's direction."""
-    before, n = round(SETTLED_S * texture.fs), max(round(seconds * texture.fs), 1)
-    if length_mm := getattr(texture, "length_mm", 0.0):  # one whole turn, from its first feature on
-        before = round(np.ceil(SETTLED_S * speed / length_mm) * length_mm / speed * texture.fs)
+def _render(texture: Playable, speed: float, force: float, seconds: float, seed: int) -> Samples:
+    """Return the vibration (n,) at a constant speed and force, along the direction of the texture."""
+    n_settling, n = round(SETTLING_S * texture.fs), max(round(seconds * texture.fs), 1)
+    if length_mm := getattr(
+        texture, "length_mm", 0.0
+    ):  # whole periods, so that it starts at the first feature
+        n_settling = round(np.ceil(SETTLING_S * speed / length_mm) * length_mm / speed * texture.fs)
     direction = getattr(texture, "direction", (1.0, 0.0))
-    return constant_stroke(texture, speed, force, n, n_settling=before, direction=direction, seed=seed)
+    return constant_stroke(texture, speed, force, n, n_settling=n_settling, direction=direction, seed=seed)
 
 
-def _change(texture: Playable, x: Samples, ends: list[tuple[float, float]], seed: int) -> str:
-    """Return in words how the level at the ends of a range, (speed, force) each, differs from that of x."""
+def _describe_range(texture: Playable, x: Samples, ends: list[tuple[float, float]], seed: int) -> str:
+    """Return, as text, the level at the ends of a range of (speed, force) relative to the level of x."""
     if ends[0] == ends[1]:
-        return "the texture knows no other"
+        return "the texture has only this value"
     length_mm = float(getattr(texture, "length_mm", 0.0))
-    played = [_played(texture, v, f, length_mm / v if length_mm else 1.0, seed) for v, f in ends]
-    change = [level_db(one) - level_db(x) for one in played]
+    renditions = [_render(texture, v, f, length_mm / v if length_mm else 1.0, seed) for v, f in ends]
+    change = [level_db(samples) - level_db(x) for samples in renditions]
     axis = 0 if ends[0][0] != ends[1][0] else 1
     (low, high), unit = (end[axis] for end in ends), ("mm/s", "N")[axis]
     return f"{low:.4g} to {high:.4g} {unit} change the level by {change[0]:+.1f} to {change[1]:+.1f} dB"

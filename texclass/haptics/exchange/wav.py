@@ -1,8 +1,9 @@
-"""Rendered vibrations as WAV, for ears or for devices, with the unit and the peak inside.
+"""Vibrations as WAV files, for devices or for listening, with unit and peak in a comment.
 
-A comment (LIST/INFO ICMT) holds, as JSON, the unit, the peak and the exact sampling rate. 32-bit float WAV
-holds the samples in their unit; 16-bit PCM holds them divided by the peak, so that code 32767 is the peak.
-An audible one is such a PCM at 48 kHz, which any player takes; it also states the gain, 1 / peak.
+The comment (LIST/INFO ICMT) contains, as JSON, the unit, the peak and the exact sampling rate. 32-bit float
+files contain the samples in their unit. 16-bit PCM files contain the samples divided by the peak, so that
+code 32767 is the peak. Audible files are 16-bit PCM at 48 kHz, which any player accepts; their comment also
+contains the gain, 1 / peak.
 """
 
 import io
@@ -26,29 +27,32 @@ from texclass.validation import StrictModel, validate
 
 Encoding = Literal["float32", "pcm16", "audible"]
 FULL_SCALE = 32767
-HIGHEST_FS = 1e9
+"""Code of the peak in 16-bit files."""
+MAX_FS = 1e9
+"""Largest sampling rate of a file in Hz."""
 AUDIBLE_FS = 48_000.0
-HEARD_FROM, HIGHEST_SHIFT = (20.0, 1e6), 10_000.0
-"""Sampling rates that are brought to 48 kHz, and what is added to frequencies at most, Hz."""
+"""Sampling rate of audible files in Hz."""
+AUDIBLE_INPUT_FS, MAX_SHIFT_HZ = (20.0, 1e6), 10_000.0
+"""Range of sampling rates that are converted to 48 kHz, and largest frequency shift, both in Hz."""
 _SUBTYPES = {"float32": "FLOAT", "pcm16": "PCM_16", "audible": "PCM_16"}
 
 
 @dataclass(frozen=True, eq=False)
 class Vibration:
-    """A vibration read from a WAV.
+    """A vibration from a WAV file.
 
     Attributes
     ----------
     samples : ndarray of shape (n_samples,) or (n_samples, n_channels)
-        In `unit`.
+        Vibration in `unit`.
     fs : float
-        Hz.
+        Sampling rate in Hz.
     unit : str
-        "arbitrary" where the file does not say: full scale is 1 then.
+        Unit; "arbitrary" (full scale is 1) if the file has no comment of texclass.
     peak : float
-        Largest magnitude before it was written, in `unit`.
+        Largest magnitude before writing, in `unit`.
     shift_hz : float
-        By which all frequencies were moved up for ears; 0: not at all.
+        Frequency shift of audible files in Hz (default 0).
     """
 
     samples: Samples
@@ -67,150 +71,176 @@ def write_wav(
     encoding: Encoding = "float32",
     shift_hz: float = 0.0,
 ) -> Path:
-    """Write a vibration as WAV.
+    """Write a vibration as a WAV file.
 
     Parameters
     ----------
     path : str or Path
-        Ends in `.wav`.
+        File to write; must end in `.wav`.
     samples : array_like of shape (n_samples,) or (n_samples, n_channels)
-        In `unit`, at least one.
+        Vibration in `unit`, at least one sample.
     fs : float
-        Hz; the header has it rounded, the comment exactly.
+        Sampling rate in Hz; rounded in the header, exact in the comment.
     unit : str
-        m/s^2, g, mg, counts, V or arbitrary.
+        Unit: m/s^2 (default), g, mg, counts, V or arbitrary.
     encoding : {"float32", "pcm16", "audible"}
-        "pcm16" leaves a rounding error of at most peak / 65534. "audible" is "pcm16" of what `audible`
-        returns.
+        Format. "pcm16" has a rounding error of at most peak / 65534. "audible" is "pcm16" of the result of
+        `to_audible`.
     shift_hz : float
-        For "audible", see there.
+        Frequency shift for "audible" in Hz, see `to_audible`.
 
     Raises
     ------
     ValueError
-        If a value breaks a rule; the message names it.
+        If an argument is not valid.
     OSError
-        If it cannot be written; nothing is left behind.
+        If the file cannot be written; no partial file remains.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "tone.wav"
+    >>> tone = np.sin(2 * np.pi * 100 * np.arange(500) / 1000)
+    >>> vibration = read_wav(write_wav(path, 3 * tone, 1000, unit="m/s^2"))
+    >>> vibration.fs, vibration.unit, vibration.samples.shape
+    (1000.0, 'm/s^2', (500,))
     """
     path, x = check_suffix(path, ".wav"), np.asarray(samples, dtype=np.float64)
     if encoding not in get_args(Encoding) or unit not in UNITS:
-        raise ValueError(f"{encoding!r}, {unit!r}. Expected one of {get_args(Encoding)} and of {UNITS}")
+        raise ValueError(
+            f"encoding must be one of {get_args(Encoding)} and unit one of {UNITS}, "
+            f"got {encoding!r} and {unit!r}"
+        )
     if x.ndim not in (1, 2) or not x.size or not np.all(np.isfinite(x)):
-        raise ValueError(f"samples have shape {x.shape}. Expected (n,) or (n, channels), finite, n >= 1")
-    if not 1 <= fs <= HIGHEST_FS:
-        raise ValueError(f"fs is {fs}. Expected 1 ... {HIGHEST_FS:g} Hz")
+        raise ValueError(
+            f"samples must have shape (n,) or (n, n_channels), n >= 1, and finite values, got shape {x.shape}"
+        )
+    if not 1 <= fs <= MAX_FS:
+        raise ValueError(f"fs must be 1 to {MAX_FS:g} Hz, got {fs}")
     if encoding == "audible":
-        x, fs = audible(x, fs, shift_hz=shift_hz), AUDIBLE_FS
+        x, fs = to_audible(x, fs, shift_hz=shift_hz), AUDIBLE_FS
     elif shift_hz:
-        raise ValueError(f"shift_hz is {shift_hz} for {encoding!r}. Expected 0, but for 'audible'")
+        raise ValueError(f"shift_hz needs encoding 'audible', got {shift_hz} Hz with {encoding!r}")
     peak = float(np.abs(x).max())
     if peak > float(np.finfo(np.float32).max):
-        raise ValueError(f"peak is {peak:g}. Expected what a 32-bit float holds")
+        raise ValueError(f"the peak must fit into a 32-bit float, got {peak:g}")
     if encoding == "float32":
         codes: NDArray[Any] = x.astype(np.float32)
     else:
         codes = np.rint(x / (peak or 1.0) * FULL_SCALE).astype(np.int16)
     channels = 1 if x.ndim == 1 else x.shape[1]
     gain = 1 / max(peak, 1e-300) if encoding == "audible" else None
-    note = _Note(texclass=1, unit=unit, peak=peak, fs=float(fs), gain=gain, shift_hz=float(shift_hz))
-    made = io.BytesIO()
-    with soundfile.SoundFile(made, "w", round(fs), channels, _SUBTYPES[encoding], format="WAV") as file:
-        file.comment = json.dumps(note.model_dump(exclude_defaults=True))
+    comment = _Comment(texclass=1, unit=unit, peak=peak, fs=float(fs), gain=gain, shift_hz=float(shift_hz))
+    buffer = io.BytesIO()
+    with soundfile.SoundFile(buffer, "w", round(fs), channels, _SUBTYPES[encoding], format="WAV") as file:
+        file.comment = json.dumps(comment.model_dump(exclude_defaults=True))
         file.write(codes)
-    write_atomic(path, made.getvalue())
+    write_atomic(path, buffer.getvalue())
     return path
 
 
-def audible(samples: ArrayLike, fs: float, *, shift_hz: float = 0.0) -> Samples:
-    """Return a vibration at 48 kHz, its band moved up if asked: small loudspeakers play little below 200 Hz.
+def to_audible(samples: ArrayLike, fs: float, *, shift_hz: float = 0.0) -> Samples:
+    """Return a vibration at 48 kHz, shifted to higher frequencies that small loudspeakers can play.
 
     Parameters
     ----------
     samples : array_like of shape (n_samples,) or (n_samples, n_channels)
+        Vibration in any unit.
     fs : float
-        Hz.
+        Sampling rate in Hz.
     shift_hz : float
-        Added to every frequency, Hz (one sideband of the analytic signal: the level and the duration stay).
+        Frequency shift in Hz (default 0), by single-sideband modulation: level and duration stay.
 
     Returns
     -------
     ndarray of shape (ceil(n_samples * 48000 / fs),) or (the same, n_channels)
-        In the unit of the samples.
+        Vibration in the unit of the samples.
 
     Raises
     ------
     ValueError
-        If the rate is not 20 Hz ... 1 MHz, or the shift not 0 ... 10000 Hz.
+        If the rate is not 20 Hz to 1 MHz, or the shift is not 0 to 10,000 Hz.
     """
-    if not HEARD_FROM[0] <= fs <= HEARD_FROM[1]:
-        raise ValueError(f"fs is {fs} Hz. Expected 20 to 1e6 Hz for audible files, or encoding 'float32'")
-    if not 0 <= shift_hz <= HIGHEST_SHIFT:
-        raise ValueError(f"shift_hz is {shift_hz}. Expected 0 ... {HIGHEST_SHIFT:g} Hz")
+    if not AUDIBLE_INPUT_FS[0] <= fs <= AUDIBLE_INPUT_FS[1]:
+        raise ValueError(f"fs must be 20 to 1e6 Hz for audible files, got {fs} Hz. Use encoding 'float32'")
+    if not 0 <= shift_hz <= MAX_SHIFT_HZ:
+        raise ValueError(f"shift_hz must be 0 to {MAX_SHIFT_HZ:g} Hz, got {shift_hz}")
     x = np.asarray(samples, dtype=np.float64)
-    x = resampled(x, fs, AUDIBLE_FS)
+    x = resample(x, fs, AUDIBLE_FS)
     if not shift_hz:
         return x
-    both = hilbert(x, next_fast_len(len(x)), axis=0)[: len(x)]
-    turned = np.exp(2j * np.pi * shift_hz / AUDIBLE_FS * np.arange(len(x)))
-    return np.asarray((both.T * turned).T.real)
+    analytic = hilbert(x, next_fast_len(len(x)), axis=0)[: len(x)]
+    carrier = np.exp(2j * np.pi * shift_hz / AUDIBLE_FS * np.arange(len(x)))
+    return np.asarray((analytic.T * carrier).T.real)
 
 
-def resampled(x: Samples, fs: float, wanted: float) -> Samples:
-    """Return samples (n, ...) at another rate (Hz) without what lies above half of the lower one."""
-    ratio = Fraction(wanted / fs).limit_denominator(1000)
+def resample(x: Samples, fs: float, new_fs: float) -> Samples:
+    """Return samples (n, ...) at another sampling rate in Hz, band-limited to half of the lower rate."""
+    ratio = Fraction(new_fs / fs).limit_denominator(1000)
     return np.asarray(resample_poly(x, ratio.numerator, ratio.denominator, axis=0))
 
 
 def read_wav(path: str | Path) -> Vibration:
-    """Return the vibration of a WAV in physical units where it notes them.
+    """Return the vibration of a WAV file, in physical units if the file has a comment of texclass.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to read.
 
     Raises
     ------
     ValueError
-        If it is not a whole WAV of float or 16-bit samples, or its comment breaks a rule.
+        If the file is not a complete WAV file of float or 16-bit samples, or its comment is not valid.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
-        raise ValueError(f"{path}: is not a file. Expected a regular file")
-    with path.open("rb") as begin:
-        head = begin.read(12)
-    size, announced = path.stat().st_size, int.from_bytes(head[4:8], "little") + 8
-    if head[:4] != b"RIFF" or head[8:] != b"WAVE" or announced > size:  # libsndfile would read a part
-        raise ValueError(f"{path}: holds {size} bytes, no WAV of {announced}. Expected a whole RIFF WAVE")
+        raise ValueError(f"{path} is not a regular file. Expected a file, not a folder, pipe or device")
+    with path.open("rb") as file:
+        head = file.read(12)
+    size, declared_size = path.stat().st_size, int.from_bytes(head[4:8], "little") + 8
+    if head[:4] != b"RIFF" or head[8:] != b"WAVE" or declared_size > size:  # libsndfile reads partial files
+        raise ValueError(
+            f"{path} is not a complete WAV file: {size} bytes, {declared_size} in the header. "
+            "Expected a RIFF WAVE file"
+        )
     try:
         with soundfile.SoundFile(path) as file:
             if file.format not in ("WAV", "WAVEX") or file.subtype not in _SUBTYPES.values():
-                raise ValueError(f"{path}: is {file.format} {file.subtype}. Expected WAV, FLOAT or PCM_16")
-            stored = file.read(dtype="int16" if file.subtype == "PCM_16" else "float64")
+                raise ValueError(f"{path} is {file.format} {file.subtype}. Expected WAV with FLOAT or PCM_16")
+            codes = file.read(dtype="int16" if file.subtype == "PCM_16" else "float64")
             rate, frames, comment = float(file.samplerate), file.frames, file.comment
     except (soundfile.SoundFileError, RuntimeError) as error:
-        raise ValueError(f"{path}: not readable as WAV ({error})") from error
-    if len(stored) < frames or not stored.size or not np.all(np.isfinite(stored)):
-        raise ValueError(f"{path}: holds {len(stored)} of {frames} frames. Expected all, finite, >= 1")
+        raise ValueError(f"{path} cannot be read as WAV ({error}). Expected a WAV file") from error
+    if len(codes) < frames or not codes.size or not np.all(np.isfinite(codes)):
+        raise ValueError(
+            f"{path} must contain all of its {frames} frames, at least one, with finite samples, "
+            f"got {len(codes)} frames"
+        )
     if '"texclass"' not in comment:
-        x = stored / 32768.0 if stored.dtype == np.int16 else stored
+        x = codes / 32768.0 if codes.dtype == np.int16 else codes
         return Vibration(x, rate, "arbitrary", float(np.abs(x).max()))
     try:
         content = from_json(comment, allow_inf_nan=False)
     except ValueError as error:
-        raise ValueError(f"{path}: comment is not the JSON it should be ({error})") from error
-    note = validate(_Note, content, f"{path}: comment")
+        raise ValueError(f"{path}: the comment is not valid JSON ({error}). Write the file again") from error
+    note = validate(_Comment, content, f"{path}: comment")
     if not abs(note.fs - rate) <= 0.5:
         raise ValueError(
-            f"{path}: comment has fs {note.fs!r:.40}, the header {rate:g}. Expected the same, rounded"
+            f"{path}: fs in the comment is {note.fs!r:.40}, in the header {rate:g}. Expected the same value"
         )
-    x = stored * (note.peak / FULL_SCALE) if stored.dtype == np.int16 else stored
+    x = codes * (note.peak / FULL_SCALE) if codes.dtype == np.int16 else codes
     return Vibration(x, note.fs, note.unit, note.peak, note.shift_hz)
 
 
-class _Note(StrictModel):
-    """The comment in a WAV of ours."""
+class _Comment(StrictModel):
+    """Comment of a WAV file that texclass writes."""
 
     texclass: int
     unit: Unit
     peak: float = Field(ge=0, lt=1e39)
     fs: float
     gain: float | None = Field(default=None, gt=0)
-    shift_hz: float = Field(default=0.0, ge=0, le=HIGHEST_SHIFT)
+    shift_hz: float = Field(default=0.0, ge=0, le=MAX_SHIFT_HZ)

@@ -1,9 +1,11 @@
-"""The wavelet bands of MPEG haptics: a block of samples as a few bytes, and back.
+"""Wavelet coding of MPEG haptics: encode a block of samples as a few bytes, and decode it.
 
-A block is transformed (biorthogonal wavelets of 9 and 7 taps, mirrored at both ends), its coefficients are
-rounded against the largest, and their bit planes written from the highest on, zero trees first (SPIHT); each
-bit passes an adaptive arithmetic coder of 10 bits with seven contexts. One walk through the planes serves
-writing and reading: the coder returns the bit that is to be believed.
+1. A block is transformed with biorthogonal wavelets of 9 and 7 taps, mirrored at both ends.
+2. The coefficients are quantised relative to the largest.
+3. Their bit planes are coded from the highest down with zero trees (SPIHT).
+4. Each bit passes an adaptive arithmetic coder of 10 bits with seven contexts.
+
+Encoding and decoding use the same traversal of the planes: when decoding, the coder returns the bits.
 
 References
 ----------
@@ -24,27 +26,27 @@ from scipy import ndimage
 from texclass.recording import Samples
 
 COARSEST = 4
-"""Coefficients left of the lowest band."""
+"""Number of coefficients of the lowest band."""
 PLANES = 10
-"""Bits of the largest coefficient, by default."""
-MOST_PLANES = 15
-LARGEST = 16.875
-"""What a stream can state as the largest coefficient."""
+"""Default number of bits of the largest coefficient."""
+MAX_PLANES = 15
+MAX_COEFFICIENT = 16.875
+"""Largest coefficient that a stream can represent."""
 _RANGE = 1024
-"""Of the arithmetic coder: 10 bits."""
+"""Range of the arithmetic coder: 10 bits."""
 _PLANES_BITS, _LARGEST_BITS = 4, 7
-# pywt pads all four with zeros to one length; without them they are symmetric
+# pywt pads all four filters with zeros to the same length; without the zeros they are symmetric
 _LOW, _HIGH, _LOW_BACK, _HIGH_BACK = (np.trim_zeros(taps) for taps in pywt.Wavelet("bior4.4").filter_bank)
 
 
 class _Context(IntEnum):
-    """Of the head, a sign, a single coefficient, a set's first generation, one of it, those beyond, a bit."""
+    """Contexts of the coder: header, sign, single coefficient, set of children or later, refinement."""
 
-    HEAD, SIGN, LOOSE, CHILDREN, CHILD, BEYOND, REFINE = range(7)
+    HEAD, SIGN, SINGLE, CHILDREN, CHILD, GRANDCHILDREN, REFINE = range(7)
 
 
 def transform(block: Samples) -> Samples:
-    """Return the wavelet coefficients (n,) of a block (n,), coarsest first; n a power of two, 16 at least."""
+    """Return the wavelet coefficients (n,) of a block (n,), coarsest first; n is a power of two >= 16."""
     rest, bands = np.asarray(block, dtype=np.float64), []
     while rest.size > COARSEST:
         bands.append(ndimage.correlate1d(rest, _HIGH, mode="mirror")[1::2])
@@ -64,34 +66,34 @@ def inverse(coefficients: Samples) -> Samples:
 
 
 def encode(coefficients: Samples, planes: int = PLANES) -> bytes:
-    """Return the stream of wavelet coefficients (n,) none of which exceeds `LARGEST`; b"" of silence."""
+    """Return the stream of coefficients (n,), at most `MAX_COEFFICIENT`; b"" for silence."""
     largest = float(np.abs(coefficients).max())
     steps = math.ceil(largest * 2**_LARGEST_BITS)
     above_1 = steps >= 2**_LARGEST_BITS
     if above_1:
         steps = math.ceil((largest - 1) * 8)
-    stated = steps / 8 + 1 if above_1 else steps / 2**_LARGEST_BITS
-    whole = np.rint(coefficients * (2.0**planes / (stated or 1.0))).astype(np.int64)
+    scale = steps / 8 + 1 if above_1 else steps / 2**_LARGEST_BITS
+    whole = np.rint(coefficients * (2.0**planes / (scale or 1.0))).astype(np.int64)
     if not whole.any():
         return b""
     coder = _Coder()
     _write_number(coder, planes, _PLANES_BITS)
     coder.code(above_1, _Context.HEAD)
     _write_number(coder, steps, _LARGEST_BITS)
-    _walk(whole, planes, coder)
-    return coder.closed()
+    _code_planes(whole, planes, coder)
+    return coder.finish()
 
 
 def decode(stream: bytes, n: int) -> Samples:
-    """Return the wavelet coefficients (n,) of a stream; any bytes mean something, at most n numbers."""
+    """Return the wavelet coefficients (n,) of a stream; any bytes decode to finite numbers."""
     if not stream:
         return np.zeros(n)
     coder = _Coder(np.unpackbits(np.frombuffer(stream, dtype=np.uint8)).tolist())
     planes = _read_number(coder, _PLANES_BITS)
     above_1 = coder.code(False, _Context.HEAD)
     steps = _read_number(coder, _LARGEST_BITS)
-    stated = steps / 8 + 1 if above_1 else steps / 2**_LARGEST_BITS
-    return _walk(np.zeros(n, dtype=np.int64), planes, coder) * (stated / 2.0**planes)
+    scale = steps / 8 + 1 if above_1 else steps / 2**_LARGEST_BITS
+    return _code_planes(np.zeros(n, dtype=np.int64), planes, coder) * (scale / 2.0**planes)
 
 
 def _write_number(coder: "_Coder", value: int, n_bits: int) -> None:
@@ -103,81 +105,85 @@ def _read_number(coder: "_Coder", n_bits: int) -> int:
     return sum(coder.code(False, _Context.HEAD) << i for i in range(n_bits))
 
 
-def _walk(true: NDArray[np.int64], top: int, coder: "_Coder") -> NDArray[np.int64]:
-    """Pass the bit planes of numbers (n,) to the coder, and return what it takes them for.
+def _code_planes(values: NDArray[np.int64], top: int, coder: "_Coder") -> NDArray[np.int64]:
+    """Pass the bit planes of integers (n,) to the coder; return the integers that a decoder reconstructs.
 
-    The children of coefficient i are 2i and 2i + 1, one scale finer at the same place.
+    The children of coefficient i are 2i and 2i + 1, at the same position one scale finer.
     """
-    n, size = true.size, np.abs(true)
-    below, beyond = _largest_descendants(size)
-    found, known = np.zeros(n, dtype=np.int64), list[int]()
-    loose = list(range(2 * COARSEST))
-    sets = [(i, False) for i in range(COARSEST, 2 * COARSEST)]  # root, whether only grandchildren on
+    n, size = values.size, np.abs(values)
+    max_descendant, max_grandchild = _largest_descendants(size)
+    decoded, significant = np.zeros(n, dtype=np.int64), list[int]()
+    singles = list(range(2 * COARSEST))
+    sets = [(i, False) for i in range(COARSEST, 2 * COARSEST)]  # root, and whether it starts at grandchildren
 
-    def is_found(i: int, context: int) -> bool:
+    def is_significant(i: int, context: int) -> bool:
         if not coder.code(bool(size[i] >= level), context):
             return False
-        found[i] = level if coder.code(bool(true[i] >= 0), _Context.SIGN) else -level
-        known.append(i)
+        decoded[i] = level if coder.code(bool(values[i] >= 0), _Context.SIGN) else -level
+        significant.append(i)
         return True
 
     for plane in range(top, -1, -1):
-        level, n_known = 1 << plane, len(known)
-        loose = [i for i in loose if not is_found(i, _Context.LOOSE)]
+        level, n_before_plane = 1 << plane, len(significant)
+        singles = [i for i in singles if not is_significant(i, _Context.SINGLE)]
         queue, sets = deque(sets), []
         while queue:
-            i, far = queue.popleft()
-            largest, context = (beyond, _Context.BEYOND) if far else (below, _Context.CHILDREN)
+            i, skips_children = queue.popleft()
+            if skips_children:
+                largest, context = max_grandchild, _Context.GRANDCHILDREN
+            else:
+                largest, context = max_descendant, _Context.CHILDREN
             if not coder.code(bool(largest[i] >= level), context):
-                sets.append((i, far))
-            elif far:
+                sets.append((i, skips_children))
+            elif skips_children:
                 queue.extend([(2 * i, False), (2 * i + 1, False)])
             else:
-                loose.extend([child for child in (2 * i, 2 * i + 1) if not is_found(child, _Context.CHILD)])
+                children = (2 * i, 2 * i + 1)
+                singles.extend([child for child in children if not is_significant(child, _Context.CHILD)])
                 if 4 * i + 3 < n:
                     queue.append((i, True))
-        for i in known[:n_known]:
+        for i in significant[:n_before_plane]:
             if coder.code(bool(size[i] >> plane & 1), _Context.REFINE):
-                found[i] += level if found[i] > 0 else -level
-    return found
+                decoded[i] += level if decoded[i] > 0 else -level
+    return decoded
 
 
 def _largest_descendants(size: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the largest of all descendants, and of grandchildren on, of each coefficient that has them."""
+    """Return the largest magnitude of all descendants, and from grandchildren on, of each coefficient."""
     n = size.size
-    below, beyond = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
+    descendant, grandchild = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     first = n // 4
     while first >= COARSEST:
         children = slice(2 * first, 4 * first)
-        beyond[first : 2 * first] = below[children].reshape(-1, 2).max(axis=1)
-        family = np.maximum(size[children], below[children])
-        below[first : 2 * first] = family.reshape(-1, 2).max(axis=1)
+        grandchild[first : 2 * first] = descendant[children].reshape(-1, 2).max(axis=1)
+        family = np.maximum(size[children], descendant[children])
+        descendant[first : 2 * first] = family.reshape(-1, 2).max(axis=1)
         first //= 2
-    return below, beyond
+    return descendant, grandchild
 
 
 class _Coder:
-    """An adaptive arithmetic coder: writes bits, or reads them where it is given some (0 and 1).
+    """Adaptive arithmetic coder that writes bits, or reads them from an input of zeros and ones.
 
-    The interval [low, high) is split by how often a 0 came in the context; it doubles as often as it fits
-    into a half, or into the middle half (a bit is then pending until it is clear which).
+    The interval [low, high) is split in proportion to the frequency of zeros in the context. It is doubled
+    whenever it fits into one half, or into the middle half (the bit is then pending until it is determined).
     """
 
-    def __init__(self, given: Sequence[int] | None = None) -> None:
+    def __init__(self, source: Sequence[int] | None = None) -> None:
         self._low, self._high, self._pending = 0, _RANGE, 0
         self._zeros, self._total = [8] * len(_Context), [16] * len(_Context)
-        self._given, self._place, self._value = given, 0, 0
+        self._source, self._position, self._value = source, 0, 0
         self._bits: list[int] = []
-        for _ in range(10 if given is not None else 0):
+        for _ in range(10 if source is not None else 0):
             self._value = 2 * self._value + self._next()
 
     def code(self, bit: bool, context: int) -> bool:
-        """Write a bit and return it, or return the one that is read."""
+        """Write a bit and return it, or return the next decoded bit."""
         zeros, total = self._zeros[context], self._total[context]
         p = (2 * _RANGE * zeros + total) // (2 * total)  # rounded, of _RANGE
         width = self._high - self._low
         border = self._low + min(max(width * p // _RANGE, 1), width - 1)
-        if self._given is not None:
+        if self._source is not None:
             bit = self._value >= border
         if bit:
             self._low = border
@@ -198,7 +204,7 @@ class _Coder:
             else:
                 return bit
             self._low, self._high = 2 * (self._low - shift), 2 * (self._high - shift)
-            if self._given is not None:
+            if self._source is not None:
                 self._value = 2 * (self._value - shift) + self._next()
 
     def _put(self, bit: int) -> None:
@@ -206,11 +212,11 @@ class _Coder:
         self._pending = 0
 
     def _next(self) -> int:
-        """Return the next bit that was given; beyond the end there are zeros."""
-        given, place = self._given or (), self._place
-        self._place += 1
-        return given[place] if place < len(given) else 0
+        """Return the next bit of the input; zeros follow its end."""
+        source, position = self._source or (), self._position
+        self._position += 1
+        return source[position] if position < len(source) else 0
 
-    def closed(self) -> bytes:
-        """Return what was written: the middle always lies in the interval, and its further bits are zeros."""
+    def finish(self) -> bytes:
+        """Return the bytes: one more bit selects the middle of the interval, zeros may follow it."""
         return np.packbits([*self._bits, 1]).tobytes()

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texclass.haptics.exchange.texture_file import read_stored, write_stored
+from texclass.haptics.exchange.texture_file import read_object, write_object
 from texclass.haptics.scene import render_kernels as kernels
 from texclass.haptics.scene.render_kernels import NONE, Column, Fact, Phase, State
 from texclass.haptics.textures.contract import Serializable
@@ -104,7 +104,7 @@ class PlannedScene(Serializable):
 
     def save(self, path: str | Path) -> Path:
         """Write the scene as one `.texture` file."""
-        return write_stored(self, path, unit=self.unit)
+        return write_object(self, path, unit=self.unit)
 
 
 def load_scene(path: str | Path) -> PlannedScene:
@@ -117,7 +117,7 @@ def load_scene(path: str | Path) -> PlannedScene:
     OSError
         If it cannot be read.
     """
-    scene: PlannedScene = read_stored(path, {PlannedScene.family: PlannedScene})
+    scene: PlannedScene = read_object(path, {PlannedScene.family: PlannedScene})
     return scene
 
 

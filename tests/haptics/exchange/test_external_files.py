@@ -1,10 +1,10 @@
-"""What is no file of its kind, or breaks a rule of it, is refused in one line that names file and rule."""
+"""Files that are damaged, of another kind, or invalid are refused in one line with file and reason."""
 
 import json
 
 import pytest
-from spoiling import GONE, put
-from test_ahap import sent, swell
+from spoiling import REMOVED, replace_value
+from test_ahap import make_rendition, swell
 from test_hjif import band, effect, noise
 
 from texclass.haptics.exchange import (
@@ -21,28 +21,28 @@ from texclass.haptics.exchange import (
     write_wav,
 )
 
-READ = {
+READERS = {
     "hjif": read_hjif, "ahap": read_ahap, "xml": read_hatt, "wav": read_wav,
     "texture": load_texture,
 }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def written(slate, tmp_path_factory):
-    """What we write of each kind: its bytes."""
+def files(slate, tmp_path_factory):
+    """Return the bytes of a valid file of each kind."""
     folder, stroke = tmp_path_factory.mktemp("written"), play_texture(slate, seconds=0.3)
     write_hjif(play_texture(noise(), seconds=0.3), folder / "a.hjif")
-    write_ahap(sent(swell(0.3)), folder / "a.ahap")
+    write_ahap(make_rendition(swell(0.3)), folder / "a.ahap")
     write_hatt(slate, folder / "a.xml")
     write_wav(folder / "a.wav", stroke.samples, 1000.0)
     save_texture(slate, folder / "a.texture")
-    return {kind: (folder / f"a.{kind}").read_bytes() for kind in READ}
+    return {kind: (folder / f"a.{kind}").read_bytes() for kind in READERS}
 
 
-def refused(path, data, words="Expected"):
+def assert_refused(path, data, message=r"Expected|must"):
     path.write_bytes(data)
-    with pytest.raises(ValueError, match=words) as error:
-        READ[path.suffix[1:]](path)
+    with pytest.raises(ValueError, match=message) as error:
+        READERS[path.suffix[1:]](path)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -50,68 +50,68 @@ def refused(path, data, words="Expected"):
 TEXTS = "", "{", "[]", "3", "[" * 5000, '{"version": NaN}', '{"a":' * 500 + "1" + "}" * 500
 
 
-@pytest.mark.parametrize("kind", READ)
-def test_what_is_no_whole_file_of_its_kind_is_refused(written, tmp_path, kind):
+@pytest.mark.parametrize("kind", READERS)
+def test_files_of_another_kind_and_partial_files_are_refused(files, tmp_path, kind):
     for text in TEXTS:
-        refused(tmp_path / f"b.{kind}", text.encode())
-    n = len(written[kind])
-    for part in (1, 11, 40, n // 2, n - 2):
-        refused(tmp_path / f"b.{kind}", written[kind][:part])
+        assert_refused(tmp_path / f"b.{kind}", text.encode())
+    n = len(files[kind])
+    for size in (1, 11, 40, n // 2, n - 2):
+        assert_refused(tmp_path / f"b.{kind}", files[kind][:size])
     (tmp_path / f"c.{kind}").mkdir()
-    with pytest.raises(ValueError, match="Expected a regular file"):
-        READ[kind](tmp_path / f"c.{kind}")
+    with pytest.raises(ValueError, match="not a regular file"):
+        READERS[kind](tmp_path / f"c.{kind}")
     with pytest.raises(FileNotFoundError):
-        READ[kind](tmp_path / f"absent.{kind}")
+        READERS[kind](tmp_path / f"absent.{kind}")
 
 
 P, C = ("perceptions", 0), ("perceptions", 0, "channels", 0)
 B = (*C, "bands", 0)
 E = (*B, "effects", 0)
 EVENT, CURVE = ("Pattern", 0, "Event"), ("Pattern", 1, "ParameterCurve")
-UNBENT = [band("Curve", 9, effect("Basis", keyframes=frames)) for frames in ([], [{"relative_position": 0}])]
-SPOILED = [
+CURVES = [band("Curve", 9, effect("Basis", keyframes=frames)) for frames in ([], [{"relative_position": 0}])]
+FAULTS = [
     ("hjif", ("version",), "1999", "version"),
     ("hjif", ("profile",), "Deluxe", "profile"),
-    ("hjif", ("profile",), "Simple Parametric", "none for Simple Parametric"),
+    ("hjif", ("profile",), "Simple Parametric", "Expected none for Simple Parametric"),
     ("hjif", ("level",), 3, "level"),
     ("hjif", ("timescale",), 0, "timescale"),
-    ("hjif", ("syncs",), GONE, "missing key syncs"),
+    ("hjif", ("syncs",), REMOVED, "missing key syncs"),
     ("hjif", ("perceptions",), [], "perceptions"),
     ("hjif", ("avatars",), 2 * [{"id": 1, "lod": 0, "type": "Vibration"}], "two avatars have the same id"),
     ("hjif", (*P, "avatar_id"), 7, "avatar 7 of a perception is not defined"),
     ("hjif", (*P, "perception_modality"), "Taste", "perception_modality"),
     ("hjif", (*P, "channels"), [], "channels"),
-    ("hjif", (*C, "body_part_mask"), GONE, "missing key .*body_part_mask"),
+    ("hjif", (*C, "body_part_mask"), REMOVED, "missing key .*body_part_mask"),
     ("hjif", (*C, "gain"), -1.0, "gain is -1"),
     ("hjif", (*C, "gain"), "1", "gain is '1'"),
-    ("hjif", (*C, "reference_device_id"), 9, "reference device 9 is none"),
-    ("hjif", (*C, "direction"), {"X": 1, "Y": 0, "Z": 0}, "no unit vector"),
+    ("hjif", (*C, "reference_device_id"), 9, "reference device 9 is not defined"),
+    ("hjif", (*C, "direction"), {"X": 1, "Y": 0, "Z": 0}, "must be a unit vector"),
     ("hjif", (*C, "direction"), None, "direction is null"),
     ("hjif", (*B, "lower_frequency_limit"), 9000, "below its lower one"),
     ("hjif", (*B, "upper_frequency_limit"), 99.5, "upper_frequency_limit is 99.5"),
     ("hjif", (*B, "block_length"), 100, "block_length is 100"),
     ("hjif", (*B, "curve_type"), "Cubic", "a WaveletWave band has a curve type"),
     ("hjif", (*B, "curve_type"), None, "curve_type is null"),
-    ("hjif", B, UNBENT[0], "no keyframe, or one without amplitude"),
-    ("hjif", B, UNBENT[1], "no keyframe, or one without amplitude"),
-    ("hjif", E, {"effect_type": "Reference", "id": 5, "position": 0}, "effect 5 is referred to"),
+    ("hjif", B, CURVES[0], "must have keyframes with amplitude_modulation"),
+    ("hjif", B, CURVES[1], "must have keyframes with amplitude_modulation"),
+    ("hjif", E, {"effect_type": "Reference", "id": 5, "position": 0}, "a reference uses effect 5"),
     ("hjif", (*E, "id"), None, "id is null"),
     ("hjif", (*E, "position"), -4, "position is -4"),
     ("hjif", (*E, "effect_type"), "Boom", "effect_type is 'Boom'"),
-    ("hjif", (*E, "wavelet_stream"), GONE, "lacks its wavelet_stream"),
-    ("hjif", (*E, "wavelet_stream"), "a", "no base64"),
+    ("hjif", (*E, "wavelet_stream"), REMOVED, "lacks its wavelet_stream"),
+    ("hjif", (*E, "wavelet_stream"), "a", "not base64"),
     ("hjif", (*E, "keyframes"), [{"relative_position": 0}], "has keyframes"),
-    ("ahap", ("Version",), GONE, "missing key Version"),
+    ("ahap", ("Version",), REMOVED, "missing key Version"),
     ("ahap", (*EVENT, "Time"), -1, "Time is -1"),
     ("ahap", (*EVENT, "EventType"), "Boom", "EventType is 'Boom'"),
-    ("ahap", (*EVENT, "EventDuration"), GONE, "no EventDuration"),
+    ("ahap", (*EVENT, "EventDuration"), REMOVED, "must have an EventDuration"),
     ("ahap", (*CURVE, "ParameterCurveControlPoints"), [], "at least 1"),
-    ("ahap", (*CURVE, "ParameterCurveControlPoints", 0, "Time"), 9.0, "must rise"),
+    ("ahap", (*CURVE, "ParameterCurveControlPoints", 0, "Time"), 9.0, "must increase"),
 ]
 
 
-@pytest.mark.parametrize(("kind", "way", "value", "words"), SPOILED)
-def test_a_file_that_breaks_one_rule_is_refused(written, tmp_path, kind, way, value, words):
-    content = json.loads(written[kind])
-    put(content, way, value)
-    refused(tmp_path / f"b.{kind}", json.dumps(content).encode(), words)
+@pytest.mark.parametrize(("kind", "key_path", "value", "message"), FAULTS)
+def test_a_file_with_one_invalid_value_is_refused(files, tmp_path, kind, key_path, value, message):
+    content = json.loads(files[kind])
+    replace_value(content, key_path, value)
+    assert_refused(tmp_path / f"b.{kind}", json.dumps(content).encode(), message)
