@@ -69,7 +69,7 @@ def extract(
     (1, 210)
     """
     from texclass.features import FeatureExtractor
-    from texclass.features.extractor import gaps
+    from texclass.features.extractor import describe_missing_values
     from texclass.recording import Recording
 
     given = as_dataset([recordings] if isinstance(recordings, Recording) else recordings, fs, unit)
@@ -77,7 +77,8 @@ def extract(
     found = extractor.fit(given).extract(given)
     table = found.table
     if table.isna().to_numpy().any():
-        warnings.warn(f"{gaps(table, found.reasons)}. `.attrs['reasons']` has all", UserWarning, stacklevel=2)
+        summary = describe_missing_values(table, found.reasons)
+        warnings.warn(f"{summary}. `.attrs['reasons']` has all", UserWarning, stacklevel=2)
     counts = Counter((one.feature, one.reason) for one in found.reasons)
     table.attrs["reasons"] = [(*undefined, n) for undefined, n in counts.items()]
     return table

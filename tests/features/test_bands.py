@@ -103,7 +103,7 @@ def test_course_of_a_falling_level_is_in_its_first_term_and_reverses_with_time()
     thirds = band_course(view(x))
     np.testing.assert_allclose(band_course(view(x[::-1].copy())), thirds * np.repeat([-1, 1], 4), atol=2e-3)
     np.testing.assert_allclose(thirds[:4], band_course(view(x), n_parts=6)[:4], atol=0.05)
-    with pytest.raises(ValueError, match=r"n_parts is 4. Expected 2, 3 or 6"):
+    with pytest.raises(ValueError, match=r"n_parts must be 2, 3 or 6, got 4"):
         band_course(view(x), n_parts=4)
 
 

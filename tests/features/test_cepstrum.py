@@ -6,7 +6,7 @@ from feature_signals import FS, noise
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft
 
-from texclass.features.cepstrum import mel_filters, mfcc, mfcc_deviation, with_banks
+from texclass.features.cepstrum import mel_filters, mfcc, mfcc_deviation, use_filter_banks
 from texclass.features.phase_view import PhaseView
 
 
@@ -48,7 +48,7 @@ def test_an_amplitude_per_filter_adds_one_constant_to_each_coefficient_of_any_re
     constant = fft.dct(np.log(amplitudes.astype(float)), norm="ortho")[1:14]
     for seed in range(4):
         view = PhaseView((seed + 1) * movement(seed=seed), FS)
-        with with_banks(dict(decreasing)):
+        with use_filter_banks(dict(decreasing)):
             changed = mfcc(view), mfcc_deviation(view)
         fresh = PhaseView(view.samples, FS)
         np.testing.assert_allclose(changed[0] - mfcc(fresh), constant, atol=1e-4)

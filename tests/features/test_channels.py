@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from feature_signals import noise
 
-from texclass.features.channels import both_ways, clipping, lag_correlation
+from texclass.features.channels import clipping, lag_correlation, symmetric_lags
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import views_of
 from texclass.features.plan import Plan
@@ -28,16 +28,16 @@ def test_a_delayed_copy_correlates_at_its_delay_and_noise_nowhere_else():
     x = noise(N)
     for delay in (-4, -1, 0, 2):
         found = pair(x, 3 - 5 * np.roll(x, delay))
-        expected = np.where(np.array(both_ways(LAGS)) == delay, -1.0, 0.0)
+        expected = np.where(np.array(symmetric_lags(LAGS)) == delay, -1.0, 0.0)
         np.testing.assert_allclose(found, expected, atol=0.15)
-        assert found[both_ways(LAGS).index(delay)] < -0.98
+        assert found[symmetric_lags(LAGS).index(delay)] < -0.98
 
 
 def test_correlations_are_those_of_numpy():
     x, y = noise(N, 1).cumsum(), noise(N, 2).cumsum()
-    right = np.correlate(y - y.mean(), x - x.mean(), "full")[N - 1 + np.array(both_ways((3, 7)))]
+    right = np.correlate(y - y.mean(), x - x.mean(), "full")[N - 1 + np.array(symmetric_lags((3, 7)))]
     np.testing.assert_allclose(pair(x, y, lags=(3, 7)), right / (N * x.std() * y.std()), atol=1e-12)
-    assert pair(x, y)[both_ways(LAGS).index(0)] == pytest.approx(np.corrcoef(x, y)[0, 1])
+    assert pair(x, y)[symmetric_lags(LAGS).index(0)] == pytest.approx(np.corrcoef(x, y)[0, 1])
 
 
 def test_rails_are_found_and_what_is_only_rounded_ends_nowhere():
@@ -54,7 +54,7 @@ def test_every_two_channels_that_are_kept_apart_are_a_pair_named_after_both():
     found = dict(zip(plan.columns, plan.compute(recording).values, strict=True))
     assert sum("lag_correlation" in column for column in found) == 15 * 7
     both = pair(recording.acceleration[:, 1], recording.turn_rate[:, 2])
-    named = [found[f"y*turn_z/lag_correlation.lag{lag}"] for lag in both_ways(LAGS)]
+    named = [found[f"y*turn_z/lag_correlation.lag{lag}"] for lag in symmetric_lags(LAGS)]
     np.testing.assert_allclose(named, both)
     again, same = Plan.of_json(plan.to_json(), plan.channels)
     assert same

@@ -1,6 +1,8 @@
 """What every registered feature keeps, whoever wrote it; a new feature gets these tests for free."""
 
+import doctest
 import functools
+import inspect
 import pickle
 import re
 import warnings
@@ -93,6 +95,16 @@ def test_declaration_is_whole_and_travels_and_values_are_finite_repeatable_and_a
     assert np.isfinite(values).all()
     assert values.shape == (len(columns),)
     np.testing.assert_array_equal(feature.function(normal(feature.phase)), values)
+
+
+@each()
+def test_documentation_has_references_and_an_example_that_runs(feature):
+    text = inspect.getdoc(feature.function)
+    assert all(f"\n{title}\n-----" in text for title in ("Parameters", "Returns", "Raises", "References"))
+    scope = dict(vars(inspect.getmodule(feature.function)))
+    example = doctest.DocTestParser().get_doctest(text, scope, feature.name, None, None)
+    assert example.examples
+    assert doctest.DocTestRunner(verbose=False).run(example).failed == 0
 
 
 @each()

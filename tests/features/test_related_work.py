@@ -121,7 +121,7 @@ def test_major_frequency_is_that_of_a_hump_and_the_cut_off_lies_above():
 
 
 def test_what_is_kept_is_the_band_at_unit_deviation():
-    samples, fs = segments.kept(view(tone(100) + 3 * tone(0.8) + 0.01 * tone(1900)), 15.0, 30.0)
+    samples, fs = segments.band_passed_unit(view(tone(100) + 3 * tone(0.8) + 0.01 * tone(1900)), 15.0, 30.0)
     f, power = signal.periodogram(samples, fs)
     assert samples.std() == pytest.approx(1)
     assert power[np.abs(f - 100) < 5].sum() > 0.95 * power.sum()

@@ -56,7 +56,7 @@ def test_the_period_of_a_simulated_grating_comes_back(wavelength_mm):
 
 def test_ribs_of_a_frequency_that_does_not_follow_the_speed_are_none():
     humming = stroked(0.5, weights=(0,)).with_(acceleration=noise(60_000) + 0.2 * tone(60.0, 60_000))
-    with pytest.raises(UndefinedFeatureError, match="no ribs"):
+    with pytest.raises(UndefinedFeatureError, match="no ridges"):
         ridge_density(travel(humming))
     assert ridge_prominence(travel(humming)) < 3.3
 

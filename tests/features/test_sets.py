@@ -106,7 +106,7 @@ def test_an_override_changes_the_value_and_the_hash(load, views):
         ("[features.m]\nuse = 'mfcc'\nhop_s = 'long'", r"features\.m: hop_s is 'long'"),
         ("[features.m]\nuse = 'mfcc'\nn_filters = true", r"features\.m: n_filters is True"),
         ("[features.m]\nuse = 'mfcc'\ncoefficients = ['a']", r"features\.m: coefficients\.1 is 'a'"),
-        ("[features.band_level]\nn_bands = 100000", "product is at most 65536"),
+        ("[features.band_level]\nn_bands = 100000", "must be at most 65536"),
         (
             "[features.b]\nuse = 'band_level'\n[features.'b.b1']\nuse = 'waviness'",
             "two columns are named 'b.b1'",
@@ -161,7 +161,7 @@ def test_a_long_movement_has_the_mean_over_the_parts_that_have_a_value(views, mo
 
 def test_a_steady_movement_gives_in_parts_what_it_gives_as_a_whole(monkeypatch):
     recording = Recording(noise(30_000, 1), 2000.0, "V", phases=Phases(movement=(0, 30_000)))
-    features = load_feature_set("texclass").reading("movement")
+    features = load_feature_set("texclass").with_phases("movement")
     whole, _ = features.compute(views_of(recording)[""])
     monkeypatch.setattr(sets, "LONGEST", 10_000)
     divided, _ = features.compute(views_of(recording)[""])

@@ -133,4 +133,4 @@ def test_levels_are_the_excess_and_the_line_at_the_middle_of_each_band():
         np.testing.assert_allclose(found, expected)
     left = residual_bands.slope_residual_level(one)
     assert np.abs(left).max() > 0.02
-    assert (left.sum(), left @ residual_bands.octaves_of(LAGS)) == pytest.approx((0, 0), abs=1e-9)
+    assert (left.sum(), left @ residual_bands.log_frequency(LAGS)) == pytest.approx((0, 0), abs=1e-9)

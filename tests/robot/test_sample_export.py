@@ -149,7 +149,7 @@ def test_most_features_of_the_movement_have_a_graph():
     of_texclass = {"regularity", "spectral_roughness", "line_spectral_frequencies"}
     lacking = {"multiscale": set(), "coarse": {"clipping"}, "texclass": of_texclass}
     for name, expected in lacking.items():
-        of_set = load_feature_set(name).reading("movement")
+        of_set = load_feature_set(name).with_phases("movement")
         assert set(graph_view.without_graph(of_set)) == expected
 
 

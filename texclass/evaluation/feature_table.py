@@ -29,7 +29,7 @@ from texclass.atomic_write import cache_root, check_suffix, sibling_path, write_
 from texclass.evaluation.parts import Part, read_part, write_part
 from texclass.evaluation.windows import Window, by_recording, parent_id
 from texclass.evaluation.workers import Progress, each
-from texclass.features.extractor import Reason, gaps
+from texclass.features.extractor import Reason, describe_missing_values
 from texclass.features.phase_view import Channels, separate_channels
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, code_hash
@@ -151,7 +151,7 @@ class FeatureTable:
         found = (
             f"movement in {movement_s:.3g} of {whole_s:.3g} s, taps in {tapped} of {counted(n, 'recording')}"
         )
-        return f"{found}; {gaps(self.frame[list(self.columns)], self.reasons)}"
+        return f"{found}; {describe_missing_values(self.frame[list(self.columns)], self.reasons)}"
 
     def reason_of(self, name: str) -> str:
         """Return the commonest reason why a feature, or the feature of a column, has no value."""

@@ -1,7 +1,7 @@
-"""What several channels of a sensor tell together, and where one of them ends.
+"""Correlations between the channels of a sensor, and clipping of a channel.
 
-A robot that rolls, pitches and shakes at once moves its channels together in a way of its own on each floor:
-how closely, and which follows which, no spectrum of one channel says.
+A robot that rolls, pitches and shakes on a floor moves its channels together in a way that depends on the
+floor. The spectrum of a single channel does not contain this.
 """
 
 import functools
@@ -15,14 +15,14 @@ from texclass.recording import Samples
 
 
 @functools.cache
-def both_ways(lags: tuple[int, ...]) -> tuple[int, ...]:
-    """Return lags and what they are the other way, in order."""
-    return tuple(sorted({way * lag for lag in lags for way in (-1, 1)}))
+def symmetric_lags(lags: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the lags and their negatives in ascending order."""
+    return tuple(sorted({sign * lag for lag in lags for sign in (-1, 1)}))
 
 
 @transform
 def standardised(view: PhaseView) -> Samples:
-    """Return the samples about their mean, over their deviation and the root of their number: x.x = 1."""
+    """Return the samples minus their mean, divided by their norm, so that x.x = 1."""
     x = unit(view)
     x -= x.sum() / x.size
     x /= np.sqrt(x @ x)
@@ -31,75 +31,99 @@ def standardised(view: PhaseView) -> Samples:
 
 @transform
 def shifted(view: PhaseView, lags: tuple[int, ...]) -> Samples:
-    """Return the `standardised` samples a lag later, 0 where there are none, shape (n_lags, n)."""
+    """Return the `standardised` samples shifted by each lag, with zeros at the ends, shape (n_lags, n)."""
     x, n = standardised(view), view.n_samples
-    later = np.zeros((len(lags), n))
-    for row, lag in zip(later, lags, strict=True):
+    rows = np.zeros((len(lags), n))
+    for row, lag in zip(rows, lags, strict=True):
         row[max(-lag, 0) : n - max(lag, 0)] = x[max(lag, 0) : n - max(-lag, 0)]
-    return later
+    return rows
 
 
 @feature(
     "pair",
     "1",
     "texclass; cross-correlation of two channels",
-    outputs=lambda lags: tuple(f"lag{lag}" for lag in both_ways(lags)),
+    outputs=lambda lags: tuple(f"lag{lag}" for lag in symmetric_lags(lags)),
     depends_on=("rate",),
 )
 def lag_correlation(view: PairView, *, lags: tuple[int, ...] = (0, 1, 2, 4)) -> Samples:
-    """Correlation of two channels, one of them some samples later.
+    """Return the correlation of two channels at several lags.
 
-    With both channels about their means, sum_t x_t y_(t+lag) / sqrt(sum x^2 sum y^2): from -1 to 1, whatever
-    the units; of a positive lag, the second channel follows the first.
+    With the means removed, sum_t x_t y_(t+lag) / sqrt(sum x^2 sum y^2), from -1 to 1, independent of units.
+    At positive lags the second channel follows the first.
 
     Parameters
     ----------
-    view : PairView
-        Movements of two channels.
+    view : PairView or array_like of shape (n, 2)
+        Movements of two channels; an array with `fs` in Hz.
     lags : tuple of int
-        In samples; each counts both ways.
+        Lags in samples; the negative lags are added.
 
     Returns
     -------
     ndarray of shape (n_lags,)
-        From the most negative lag to the most positive one.
+        Correlations from the most negative to the most positive lag.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence in a channel, or a movement not four times as long as the longest lag, or of fewer than 32
-        samples.
+        For silence in a channel, fewer than 32 samples, or a movement shorter than four times the longest
+        lag.
+
+    References
+    ----------
+    texclass; cross-correlation of two channels.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.random.default_rng(0).standard_normal(1000)
+    >>> pair = np.column_stack([x, np.roll(x, 2)])  # the second channel is 2 samples late
+    >>> lag_correlation(pair, fs=100, lags=(0, 2)).round(1).tolist()  # lags -2, 0, 2
+    [0.0, -0.0, 1.0]
     """
-    require(view.sides[0], max(32, 4 * max(lags)), "correlations that far apart")
-    one, other = view.sides
-    return np.asarray(shifted(other, both_ways(lags)) @ standardised(one))
+    require(view.sides[0], max(32, 4 * max(lags)), "four times the longest lag")
+    first, second = view.sides
+    return np.asarray(shifted(second, symmetric_lags(lags)) @ standardised(first))
 
 
-@feature("movement", "1", "texclass; share of clipped samples", outputs="share")
+@feature("movement", "1", "texclass; fraction of clipped samples", outputs="share")
 def clipping(view: PhaseView) -> Samples:
-    """Share of samples that repeat the largest or the smallest value: 0 unless a sensor ends there.
+    """Return the fraction of samples that repeat the largest or the smallest value.
 
-    A turn rate beyond the range of its sensor stays at the last number that it can tell. How long it does
-    says how much a surface shakes, where the level cannot say it any more.
+    The fraction is 0 unless the sensor saturates. A rotation beyond the range of a gyroscope is recorded as
+    its largest value; the time spent there measures vibration that the level no longer does.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
 
     Returns
     -------
     ndarray of shape (1,)
+        Fraction of clipped samples, 0 to 1.
 
     Raises
     ------
     UndefinedFeatureError
         For silence, or fewer than 32 samples.
+
+    References
+    ----------
+    texclass; fraction of clipped samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.sin(2 * np.pi * np.arange(1000) / 100)
+    >>> clipping(np.clip(x, -0.9, 0.9), fs=100).round(1).tolist()
+    [0.3]
     """
-    require(view, 32, "a share")
-    level(view)  # refuses silence
+    require(view, 32, "a fraction")
+    level(view)  # raises for silence
     x = view.samples
     low, high = x.min(), x.max()
-    rounding = 1e-9 * high - 1e-9 * low  # of the range, whose difference itself may overflow
-    n_held = np.count_nonzero(x >= high - rounding) + np.count_nonzero(x <= low + rounding)
-    return np.array([(n_held - 2) / x.size])
+    rounding = 1e-9 * high - 1e-9 * low  # relative to the range; high - low may overflow
+    n_clipped = np.count_nonzero(x >= high - rounding) + np.count_nonzero(x <= low + rounding)
+    return np.array([(n_clipped - 2) / x.size])

@@ -1,4 +1,4 @@
-"""The movement as a row of decaying segments, and the band that holds it [guruswamy2011, section IV]."""
+"""The movement as a sequence of decaying segments, and its frequency band [guruswamy2011, section IV]."""
 
 import numpy as np
 from scipy import fft
@@ -18,16 +18,18 @@ from texclass.vibration.rising_peaks import (
 )
 
 LOWER_HZ = 15.0
-"""Lower end of the band: below is the hand. The paper's 0.122 Hz belong to a fixed, levelled set-up."""
+"""Lower end of the band in Hz: below is hand motion. The paper's 0.122 Hz are for a fixed, levelled
+set-up."""
 SMOOTHING_HZ = 30.0
-"""Of the spectrum. Of 3, 10 and 30 Hz, the one whose cut-off varies least within a surface beside between
-surfaces, on repetitions 1-20 of `biotac20` and on `simulated69`."""
+"""Smoothing of the spectrum in Hz. Selected among 3, 10 and 30 Hz: the smallest ratio of the variation of
+the cut-off within a surface to that between surfaces, on repetitions 1-20 of `biotac20` and on
+`simulated69`."""
 DEAD_BAND = 0.3
-"""In deviations of the movement, chosen in the same way of 0.1, 0.3 and 0.5; the paper's two bits are an
-absolute 0.3066 m/s^2."""
+"""In standard deviations of the movement, selected in the same way among 0.1, 0.3 and 0.5. The paper's two
+bits are an absolute 0.3066 m/s^2."""
 RESOLUTION = 0.5
-"""Mean absolute error of a Prony fit, in deviations of the movement; the paper's one bit is 0.153 m/s^2, half
-its dead band."""
+"""Mean absolute error of a Prony fit, in standard deviations of the movement. The paper's one bit is 0.153
+m/s^2, half its dead band."""
 
 
 @transform
@@ -41,12 +43,12 @@ def band(view: PhaseView, lower_hz: float, smoothing_hz: float) -> VibrationBand
 
 
 @transform
-def kept(view: PhaseView, lower_hz: float, smoothing_hz: float) -> tuple[Samples, float]:
-    """Return the movement between `lower_hz` and its automatic cut-off, of deviation 1, and its rate in Hz.
+def band_passed_unit(view: PhaseView, lower_hz: float, smoothing_hz: float) -> tuple[Samples, float]:
+    """Return the movement between `lower_hz` and its cut-off with standard deviation 1, and its rate in Hz.
 
-    The spectrum is multiplied by the responses of second-order Butterworth filters run forwards and backwards
-    and transformed back at a rate of 10 cut-offs (its own, if that is lower): peaks are found where
-    they are.
+    The spectrum is multiplied by the response of second-order Butterworth filters run forwards and backwards,
+    and transformed back at a rate of 10 cut-off frequencies (fs, if that is lower). The filters do not move
+    peaks.
     """
     x, upper_hz = spectrum(view), band(view, lower_hz, smoothing_hz).upper_hz
     n_fft = 2 * (x.size - 1)
@@ -65,28 +67,44 @@ def kept(view: PhaseView, lower_hz: float, smoothing_hz: float) -> tuple[Samples
 def segmentation(
     view: PhaseView, lower_hz: float, smoothing_hz: float, dead_band: float, threshold: float
 ) -> Segmentation:
-    """Cut the movement, band-passed, where its peaks rise."""
-    samples, _ = kept(view, lower_hz, smoothing_hz)
+    """Cut the band-passed movement into segments that start where its peaks rise."""
+    samples, _ = band_passed_unit(view, lower_hz, smoothing_hz)
     return segment_rising_peaks(samples, dead_band, threshold=threshold)
 
 
 @feature("movement", "Hz", "guruswamy2011, section IV-C, eq. 6 and 7")
 def upper_cutoff(view: PhaseView, *, lower_hz: float = LOWER_HZ, smoothing_hz: float = SMOOTHING_HZ) -> float:
-    """Automatic upper cut-off: holds 75 % of the power and all of the spectrum above a tenth of its peak.
+    """Return the automatic upper cut-off: above 75 % of the power, and all bins over a tenth of the peak.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     lower_hz : float
-        Where the spectrum begins, in Hz; it ends at 2100 Hz or fs/2.
+        Lower end of the spectrum in Hz (default 15); the upper end is 2100 Hz or fs/2.
     smoothing_hz : float
-        Standard deviation of the Gaussian that smooths the power spectrum, in Hz.
+        Standard deviation of the Gaussian that smooths the power spectrum, in Hz (default 30).
+
+    Returns
+    -------
+    float
+        Frequency in Hz.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 64 samples, or a rate that leaves fewer than 8 bins.
+        For silence, fewer than 64 samples, or fewer than 8 bins in the band.
+
+    References
+    ----------
+    `guruswamy2011`, section IV-C, eq. 6 and 7.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.sin(2 * np.pi * 300 * np.arange(20_000) / 10_000)
+    >>> bool(300 < upper_cutoff(x, fs=10_000) < 400)
+    True
     """
     return band(view, lower_hz, smoothing_hz).upper_hz
 
@@ -95,19 +113,35 @@ def upper_cutoff(view: PhaseView, *, lower_hz: float = LOWER_HZ, smoothing_hz: f
 def major_frequency(
     view: PhaseView, *, lower_hz: float = LOWER_HZ, smoothing_hz: float = SMOOTHING_HZ
 ) -> float:
-    """Major frequency: that of the peak of the smoothed power spectrum.
+    """Return the frequency of the peak of the smoothed power spectrum.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
-    lower_hz, smoothing_hz
-        As in `upper_cutoff`. A spectrum that falls from there on has its peak at `lower_hz`.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
+    lower_hz, smoothing_hz : float
+        As in `upper_cutoff`. For a falling spectrum, the peak is at `lower_hz`.
+
+    Returns
+    -------
+    float
+        Frequency in Hz.
 
     Raises
     ------
     UndefinedFeatureError
         As `upper_cutoff`.
+
+    References
+    ----------
+    `guruswamy2011`, section IV-C.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.sin(2 * np.pi * 300 * np.arange(20_000) / 10_000)
+    >>> round(major_frequency(x, fs=10_000))
+    300
     """
     return band(view, lower_hz, smoothing_hz).major_hz
 
@@ -121,27 +155,44 @@ def segment_rate(
     dead_band: float = DEAD_BAND,
     threshold: float = THRESHOLD,
 ) -> float:
-    """Decaying segments per second: how often the surface makes the tool ring anew.
+    """Return the number of decaying segments per second, that is, how often the surface excites the tool.
 
-    The paper counts them per mm; without a position, the hand's speed comes in.
+    The paper counts segments per mm. Without a position signal, the rate depends on the speed of the hand.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
-    lower_hz, smoothing_hz
-        Of the band that is kept, as in `upper_cutoff`.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
+    lower_hz, smoothing_hz : float
+        Band of the movement, as in `upper_cutoff`.
     dead_band : float
-        Least rise of a peak that begins a segment, in deviations of the movement.
+        Smallest rise of a peak that starts a segment, in standard deviations of the movement.
     threshold : float
-        alpha: least rise in parts of the peak before, falling by 5 % from peak to peak within a segment.
+        alpha: smallest rise relative to the previous peak; it decreases by 5 % per peak within a segment.
+
+    Returns
+    -------
+    float
+        Rate in 1/s.
 
     Raises
     ------
     UndefinedFeatureError
         As `upper_cutoff`.
+
+    References
+    ----------
+    `guruswamy2011`, section IV-B.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000 % 0.05  # an impact every 0.05 s
+    >>> x = np.exp(-150 * t) * np.sin(2 * np.pi * 200 * t)
+    >>> round(segment_rate(x, fs=10_000))
+    20
     """
-    _, fs = kept(view, lower_hz, smoothing_hz)
+    _, fs = band_passed_unit(view, lower_hz, smoothing_hz)
     segments = segmentation(view, lower_hz, smoothing_hz, dead_band, threshold)
     return float(segments.n_segments * fs / segments.bounds[-1])
 
@@ -155,19 +206,36 @@ def segment_peaks(
     dead_band: float = DEAD_BAND,
     threshold: float = THRESHOLD,
 ) -> float:
-    """Mean number of extrema of a segment, the order at which its Prony fit begins.
+    """Return the mean number of extrema per segment, the initial order of its Prony fit.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
-    lower_hz, smoothing_hz, dead_band, threshold
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
+    lower_hz, smoothing_hz, dead_band, threshold : float
         As in `segment_rate`.
+
+    Returns
+    -------
+    float
+        Number of extrema.
 
     Raises
     ------
     UndefinedFeatureError
         As `upper_cutoff`.
+
+    References
+    ----------
+    `guruswamy2011`, section IV-A.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000 % 0.05
+    >>> x = np.exp(-150 * t) * np.sin(2 * np.pi * 200 * t)
+    >>> bool(segment_peaks(x, fs=10_000) > 5)
+    True
     """
     return float(segmentation(view, lower_hz, smoothing_hz, dead_band, threshold).n_peaks.mean())
 
@@ -183,31 +251,49 @@ def segment_order(
     resolution: float = RESOLUTION,
     n_fitted: int = 8,
 ) -> float:
-    """Mean order of the Prony filters of segments, grown from their extrema until the resolution is met.
+    """Return the mean order of the Prony filters of segments that reach the resolution.
 
-    The order of a segment is the first one that meets the resolution, so that rounding, the sampling rate and
-    the version of a library may change it.
+    The order of a segment starts at its number of extrema and grows until the fit reaches the resolution. It
+    is a threshold decision, so rounding, sampling rate and library versions can change it.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
-    lower_hz, smoothing_hz, dead_band, threshold
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
+    lower_hz, smoothing_hz, dead_band, threshold : float
         As in `segment_rate`.
     resolution : float
-        Mean absolute error that is enough, in deviations of the movement.
+        Required mean absolute error, in standard deviations of the movement (default 0.5).
     n_fitted : int
-        How many segments, evenly spread, are fitted at most. Orders end at 40.
+        Largest number of segments to fit (default 8), evenly spaced. The largest order is 40.
+
+    Returns
+    -------
+    float
+        Mean order.
 
     Raises
     ------
     UndefinedFeatureError
         As `upper_cutoff`, and if no segment has two samples.
+
+    References
+    ----------
+    `guruswamy2011`, section IV-A.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(2500) / 10_000 % 0.05
+    >>> x = np.exp(-150 * t) * np.sin(2 * np.pi * 200 * t)
+    >>> coarse, fine = (segment_order(x, fs=10_000, resolution=r) for r in (0.5, 0.1))
+    >>> coarse <= fine
+    True
     """
-    samples, _ = kept(view, lower_hz, smoothing_hz)
-    pieces = segmentation(view, lower_hz, smoothing_hz, dead_band, threshold).split(samples)
-    pieces = [piece for piece in pieces if piece.size >= 2]
-    undefined_if(not pieces, "0 segments of two samples. Expected at least one")
-    chosen = np.unique(np.linspace(0, len(pieces) - 1, n_fitted).round().astype(np.intp))
-    orders = [fit_prony(pieces[i], resolution, max_order=min(40, pieces[i].size - 1)).order for i in chosen]
-    return float(np.mean(orders))
+    samples, _ = band_passed_unit(view, lower_hz, smoothing_hz)
+    signals = segmentation(view, lower_hz, smoothing_hz, dead_band, threshold).split(samples)
+    signals = [signal for signal in signals if signal.size >= 2]
+    undefined_if(not signals, "no segment has two samples. Expected at least one")
+    indices = np.unique(np.linspace(0, len(signals) - 1, n_fitted).round().astype(np.intp))
+    fits = [fit_prony(signals[i], resolution, max_order=min(40, signals[i].size - 1)) for i in indices]
+    return float(np.mean([fit.order for fit in fits]))

@@ -1,4 +1,4 @@
-"""The feature extractor: recordings in, a table of features out, as a scikit-learn transformer."""
+"""The feature extractor, a scikit-learn transformer from recordings to a table of features."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -22,13 +22,14 @@ from texclass.reporting.wording import counted
 if TYPE_CHECKING:
     import pandas as pd
 
-LEAST_SAMPLES = 64
-"""Fewer are no signal: so many rows of at most `MOST_AXES` columns are one recording, not many."""
-MOST_AXES = 8
+MIN_SAMPLES = 64
+"""Minimum number of rows of an array with at most `MAX_AXES` columns that counts as one recording, not as
+many."""
+MAX_AXES = 8
 
 
 class Reason(NamedTuple):
-    """Why a feature has no value for a recording."""
+    """Why a feature is undefined for a recording."""
 
     recording_id: str
     feature: str
@@ -46,11 +47,23 @@ class Extraction:
     columns : tuple of str
         Column names.
     recording_ids : tuple of str
-        Names of the recordings; of signals in a DataFrame or Series, its index.
+        Names of the recordings; the index for signals in a DataFrame or Series.
     reasons : tuple of Reason
-        One for each feature of each recording that is undefined.
+        Why features are undefined, one per feature and recording.
     ms : ndarray of shape (n_recordings,)
-        Milliseconds that each recording took, segmentation included, loading not.
+        Computing time per recording in ms, with the search for phases and without loading.
+
+    Examples
+    --------
+    >>> from texclass.recording import Phases, Recording
+    >>> moving = Phases(movement=(0, 3000))
+    >>> recording = Recording(np.sin(np.arange(3000.0)), fs=1000, recording_id="r1", phases=moving)
+    >>> features = load_feature_set("texclass").restricted_to(["fineness", "damping"])
+    >>> extraction = FeatureExtractor(features).fit([recording]).extract([recording])
+    >>> extraction.table.round().to_dict("index")
+    {'r1': {'fineness': 159.0, 'damping': nan}}
+    >>> extraction.reasons
+    (Reason(recording_id='r1', feature='damping', reason='no tap found'),)
     """
 
     values: Samples
@@ -69,60 +82,67 @@ class Extraction:
 
 
 class _Values(TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Give the values of an extraction in the container that `set_output` asks for."""
+    """Return the values of an extraction in the container selected by `set_output`."""
 
     def transform(self, X: Any) -> Any:
         return X.values  # noqa: PD011  (no pandas object)
 
 
 class FeatureExtractor(_Values):
-    """Features of recordings, as a scikit-learn transformer.
+    """Extract features from recordings; a scikit-learn transformer.
 
     Parameters
     ----------
     features : str, path or FeatureSet
-        Name of a shipped feature set, path of a TOML, or a set (for instance a restricted one).
+        Name of a shipped feature set, path of a TOML file, or a set (for instance a restricted one).
     channels : {"combine", "each", "auto", "all"}
-        "combine" reduces the channels to one by DFT321 [strese2015, section III]; "each" gives a set of
-        columns per channel, prefixed "x/"; "auto" combines the axes of one accelerometer and keeps others
-        apart; "all" is "each" with the axes of the turn rate.
+        "combine" (default) reduces the channels to one by DFT321 [strese2015, section III]. "each" computes
+        the set on each channel, with the column prefix "x/" for channel x. "auto" combines the axes of one
+        accelerometer and keeps others separate. "all" is "each" with the axes of the turn rate.
     fs : float, optional
-        Sampling rate in Hz, when X holds arrays.
+        Sampling rate in Hz; required if X contains arrays.
     unit : str, optional
-        Unit of the signals, when X holds arrays, "arbitrary" by default: features of level then compare only
-        with each other, and nothing is removed but the mean; see `Recording`.
+        Unit of the signals if X contains arrays (default "arbitrary"). With an arbitrary unit, levels are
+        only comparable with each other, and only the mean is removed; see `Recording`.
     n_jobs : int, optional
-        Processes, as in joblib.
+        Number of processes, as in joblib.
 
     Attributes
     ----------
     feature_set_ : FeatureSet
-        What is computed.
+        The feature set.
     plan_ : Plan
-        On which channels.
+        The feature set of each channel.
 
     Notes
     -----
-    X is a sequence or Series of `Recording` (a `Dataset` loads them one at a time), or arrays that are
-    movements from their first sample to their last:
+    X is a sequence or Series of `Recording` (a `Dataset` loads them one at a time), or arrays that consist of
+    movement only:
 
-    - one array of shape (n_samples,) or (n_samples, n_axes), at least 64 samples of at most 8 axes;
-    - any other two-dimensional array: (n_recordings, n_samples), one axis each, as scikit-learn has it;
+    - one array of shape (n_samples,) or (n_samples, n_axes), with at least 64 samples and at most 8 axes;
+    - any other two-dimensional array: (n_recordings, n_samples), one axis each, as in scikit-learn;
     - a panel of shape (n_recordings, n_axes, n_samples);
-    - a sequence of arrays (n_samples,) or (n_samples, n_axes), of any lengths; of at most 8 rows of at least
-      64 columns each, it is a collection of aeon's: (n_axes, n_samples). Others wider than long and than 8
-      columns are refused, for nothing says which way time runs;
-    - a DataFrame of sktime's, one row a sample, indexed by recording and time.
+    - a sequence of arrays (n_samples,) or (n_samples, n_axes) of any lengths. Arrays with at most 8 rows of
+      at least 64 columns are (n_axes, n_samples), as in collections of aeon. Other arrays with more columns
+      than rows and more than 8 columns are rejected as ambiguous;
+    - a DataFrame as in sktime, one row per sample, indexed by recording and time.
 
-    `Raw` and `Epochs` of MNE and a `DataArray` of xarray are what `loaders.recordings_of` makes of them.
-    Undefined features are NaN; `extract` gives the reasons too. After ``set_output(transform="pandas")`` rows
-    are named after the recordings.
+    `Raw` and `Epochs` of MNE and a `DataArray` of xarray are converted by `loaders.recordings_of`. Undefined
+    features are NaN; `extract` returns the reasons too. After ``set_output(transform="pandas")`` the rows
+    have the names of the recordings.
 
     Examples
     --------
+    >>> x = 3 * np.random.default_rng(0).standard_normal((3, 1000))  # three recordings
+    >>> features = load_feature_set("texclass").restricted_to(["vibration_level", "fineness"])
+    >>> FeatureExtractor(features, fs=1000).set_output(transform="pandas").fit_transform(x).round(1)
+           fineness  vibration_level.rms
+    row 0     252.7                  0.5
+    row 1     252.0                  0.5
+    row 2     248.2                  0.5
     >>> from sklearn.naive_bayes import GaussianNB
     >>> from sklearn.pipeline import make_pipeline
-    >>> recogniser = make_pipeline(FeatureExtractor("strese2015"), GaussianNB())
+    >>> classifier = make_pipeline(FeatureExtractor("strese2015", fs=1000), GaussianNB())
     """
 
     def __init__(
@@ -141,37 +161,44 @@ class FeatureExtractor(_Values):
         self.n_jobs = n_jobs
 
     def fit(self, X: Sequence[Recording] | ArrayLike, y: Any = None) -> Self:
-        """Read the feature set and learn the channels from the first recording.
+        """Read the feature set, and determine the channels from the first recording.
+
+        Parameters
+        ----------
+        X : sequence of Recording, or array_like
+            Recordings; see Notes.
+        y : None
+            Not used.
 
         Raises
         ------
         ValueError
-            If X is empty or of the wrong kind, or `fs` is missing for arrays.
+            If X is empty or of the wrong type, or `fs` is missing for arrays.
         """
         recordings = self._recordings(X, reset=True)
-        given = self.features
-        self.feature_set_ = given if isinstance(given, FeatureSet) else load_feature_set(given)
+        features = self.features
+        self.feature_set_ = features if isinstance(features, FeatureSet) else load_feature_set(features)
         self.plan_ = Plan.of(self.feature_set_, separate_channels(recordings[0], self.channels))
         return self
 
     def transform(self, X: Sequence[Recording] | ArrayLike) -> Any:
         """Return the features, shape (n_recordings, n_columns); NaN where undefined."""
-        found = self.extract(X)
-        values = super().transform(found)
+        extraction = self.extract(X)
+        values = super().transform(extraction)
         if hasattr(values, "iloc"):
-            values.index = list(found.recording_ids)
+            values.index = list(extraction.recording_ids)
         return values
 
     def extract(self, X: Sequence[Recording] | ArrayLike) -> Extraction:
-        """Return the features with the reasons of undefined values and the time taken."""
+        """Return the features, the reasons of undefined values and the computing time."""
         check_is_fitted(self)
         recordings = self._recordings(X, reset=False)
         load, entries = getattr(recordings, "load", None), getattr(recordings, "entries", recordings)
         with parallel_config(backend="loky", inner_max_num_threads=1):
-            found = Parallel(n_jobs=self.n_jobs)(
+            results = Parallel(n_jobs=self.n_jobs)(
                 delayed(_extract)(self.plan_, load, entry) for entry in entries
             )
-        ids, rows, axes = zip(*found, strict=True)
+        ids, rows, axes = zip(*results, strict=True)
         if other := next((i for i, names in enumerate(axes) if axes_differ(names, axes[0])), 0):
             raise RecordingError(
                 f"{ids[other]}: {describe_axes(axes[other])}, but {ids[0]} has {describe_axes(axes[0])}. "
@@ -186,7 +213,7 @@ class FeatureExtractor(_Values):
         )
 
     def get_feature_names_out(self, input_features: Any = None) -> NDArray[np.object_]:
-        """Return the column names; `input_features` is ignored, for samples have no names."""
+        """Return the column names; `input_features` is ignored."""
         check_is_fitted(self)
         return np.array(self.plan_.columns, dtype=object)
 
@@ -207,17 +234,17 @@ class FeatureExtractor(_Values):
             from pandas import Series
 
             X = Series({name: rows.to_numpy() for name, rows in X.groupby(level=0, sort=False)})
-        of_objects = getattr(X, "dtype", None) == np.object_
-        listed = list(X) if isinstance(X, list | tuple) or of_objects else []
-        if listed and isinstance(listed[0], Recording):
-            return listed
-        signals = _signals(listed or X)
+        has_objects = getattr(X, "dtype", None) == np.object_
+        items = list(X) if isinstance(X, list | tuple) or has_objects else []
+        if items and isinstance(items[0], Recording):
+            return items
+        signals = _signals(items or X)
         if signals is None:
             table = validate_data(self, X, reset=reset, dtype=np.float64)
-            in_time = not hasattr(X, "iloc") and len(table) >= LEAST_SAMPLES and table.shape[1] <= MOST_AXES
-            signals = [table] if in_time else table
+            is_signal = not hasattr(X, "iloc") and len(table) >= MIN_SAMPLES and table.shape[1] <= MAX_AXES
+            signals = [table] if is_signal else table
         if self.fs is None:
-            raise ValueError("X holds arrays and fs is None. Expected a sampling rate in Hz: give fs=...")
+            raise ValueError("fs is required if X contains arrays. Pass the sampling rate in Hz: fs=...")
         names = X.index if hasattr(X, "iloc") else [f"row {i}" for i in range(len(signals))]
         return [
             Recording(x, self.fs, self.unit or "arbitrary", name, phases=Phases(movement=(0, len(x))))
@@ -225,41 +252,41 @@ class FeatureExtractor(_Values):
         ]
 
 
-def gaps(values: "pd.DataFrame", reasons: Iterable[Reason]) -> str:
-    """Return how many columns have no value in some or all recordings, and the commonest reasons."""
-    absent = values.isna()
-    never, some = int(absent.all().sum()), int(absent.any().sum())
-    told = f"{never} of {counted(len(values.columns), 'column')} without any value"
-    told += f", {some - never} with some missing" if some > never else ""
-    common = Counter(reason.reason for reason in reasons).most_common(3)
-    return told + (f": {' / '.join(reason for reason, _ in common)}" if some else "")
+def describe_missing_values(values: "pd.DataFrame", reasons: Iterable[Reason]) -> str:
+    """Return how many columns are undefined in all and in some recordings, and the most frequent reasons."""
+    is_missing = values.isna()
+    n_empty, n_incomplete = int(is_missing.all().sum()), int(is_missing.any().sum())
+    text = f"{n_empty} of {counted(len(values.columns), 'column')} without any value"
+    text += f", {n_incomplete - n_empty} with some missing" if n_incomplete > n_empty else ""
+    frequent = Counter(reason.reason for reason in reasons).most_common(3)
+    return text + (f": {' / '.join(reason for reason, _ in frequent)}" if n_incomplete else "")
 
 
 def _signals(X: Any) -> list[Samples] | None:
-    """Return the signals of what is no table of numbers: one, a panel, or signals of unequal shapes."""
+    """Return the signals of a list or an array, None if it is a table with one recording per row."""
     if isinstance(X, list) and (shapes := {np.shape(x) for x in X}) not in ({()}, set()):
-        return [_in_time(np.asarray(x)) for x in X] if len(shapes) > 1 or len(min(shapes)) > 1 else None
+        return [_time_first(np.asarray(x)) for x in X] if len(shapes) > 1 or len(min(shapes)) > 1 else None
     array = np.asarray(X) if isinstance(X, list | np.ndarray) else np.empty((0, 0))
     if array.ndim == 3:
         return list(array.swapaxes(1, 2))
-    return [array] if array.ndim == 1 and array.size >= LEAST_SAMPLES else None
+    return [array] if array.ndim == 1 and array.size >= MIN_SAMPLES else None
 
 
-def _in_time(x: NDArray[Any]) -> NDArray[Any]:
-    """Return one of several signals with time along its rows: a collection of aeon's has axes there."""
-    if x.ndim != 2 or x.shape[1] <= max(MOST_AXES, x.shape[0]):
+def _time_first(x: NDArray[Any]) -> NDArray[Any]:
+    """Return a signal with shape (n_samples, n_axes); transpose one of an aeon collection."""
+    if x.ndim != 2 or x.shape[1] <= max(MAX_AXES, x.shape[0]):
         return x
-    if x.shape[0] <= MOST_AXES and x.shape[1] >= LEAST_SAMPLES:
+    if x.shape[0] <= MAX_AXES and x.shape[1] >= MIN_SAMPLES:
         return x.T
     raise ValueError(
-        f"an array of X has shape {x.shape}. Expected (n_samples, n_axes), or (n_axes, n_samples) of at "
-        f"most {MOST_AXES} axes and at least {LEAST_SAMPLES} samples"
+        f"an array of X has shape {x.shape}. Expected (n_samples, n_axes), or (n_axes, n_samples) with at "
+        f"most {MAX_AXES} axes and at least {MIN_SAMPLES} samples"
     )
 
 
 def _extract(
     plan: Plan, load: Callable[[Any], Recording] | None, entry: Any
 ) -> tuple[str, Computed, tuple[str, ...]]:
-    """Compute a recording, or the entry of a lazy dataset, in the process that loads it."""
+    """Compute a recording, or an entry of a lazy dataset, in the process that loads it."""
     recording: Recording = entry if load is None else load(entry)
     return recording.recording_id, plan.compute(recording), recording.channels

@@ -1,4 +1,4 @@
-"""Friction, as the force-sensing resistors of the stylus feel it [strese2015, section IV-E]."""
+"""Friction, measured by the force-sensing resistors of the tool [strese2015, section IV-E]."""
 
 import numpy as np
 
@@ -9,18 +9,37 @@ from texclass.features.phase_view import PhaseView
 
 @feature("friction", "V", "strese2015, eq. 8", gain=Gain(power=1))
 def friction(view: PhaseView) -> float:
-    """Mean magnitude of the friction voltage during the movement, Fr = mean |v|.
+    """Return the mean magnitude of the friction voltage during the movement, Fr = mean |v|.
 
-    The direction of the stroke drops out; an offset of the bridge does not.
+    The direction of the stroke has no effect; an offset of the measuring bridge does.
+
+    Parameters
+    ----------
+    view : PhaseView or array_like of shape (n,)
+        Friction voltage; an array with `fs` in Hz.
+
+    Returns
+    -------
+    float
+        Voltage in V.
 
     Raises
     ------
     UndefinedFeatureError
-        If the voltage is 0 throughout (a sensor that is not connected), or not finite.
+        If the voltage is always 0 (a sensor that is not connected), or not finite.
+
+    References
+    ----------
+    `strese2015`, eq. 8.
+
+    Examples
+    --------
+    >>> friction([0.2, 0.3, -0.2, -0.3], fs=1000)  # a stroke forwards and backwards
+    0.25
     """
-    size = np.abs(view.samples)
-    peak = float(size.max(initial=0.0))
-    mean = peak * float((size / peak).mean()) if 0 < peak < np.inf else 0.0  # a sum may overflow
+    magnitude = np.abs(view.samples)
+    peak = float(magnitude.max(initial=0.0))
+    mean = peak * float((magnitude / peak).mean()) if 0 < peak < np.inf else 0.0  # a sum may overflow
     if not mean:
-        magnitude_of(view.samples)  # says why
+        magnitude_of(view.samples)  # raises with the reason
     return mean

@@ -1,6 +1,6 @@
-"""Hardness and damping of a surface, and how it rings, from taps on it [strese2015, section IV-B].
+"""Hardness and damping of a surface, and other features of taps [strese2015, section IV-B].
 
-The features named after taps can be computed at any, even a nominal, rate.
+The features with names that start with "tap" can be computed at any sampling rate, even a nominal one.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -19,15 +19,16 @@ from texclass.recording import Samples
 
 S = TypeVar("S")
 T = TypeVar("T")
-Struck = tuple[TapSignal, Samples, list[int]]
-"""A tap, the magnitude of its impulse, and where its largest peaks are."""
-SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
-SHARE_NAMES = tuple(f"q{100 * share:.0f}" for share in SHARES)
+TapPeaks = tuple[TapSignal, Samples, list[int]]
+"""A tap, the magnitude of its impulse, and the indices of its largest peaks."""
+ENERGY_FRACTIONS = (0.1, 0.25, 0.5, 0.75, 0.9)
+"""Fractions of the energy of a tap at which `tap_band` and `tap_course` are evaluated."""
+FRACTION_NAMES = tuple(f"q{100 * fraction:.0f}" for fraction in ENERGY_FRACTIONS)
 
 
 @transform
 def tap_level(view: TapView) -> float:
-    """Return the power of two next to the largest magnitude in all taps, in the unit of the samples.
+    """Return a power of two close to the largest magnitude in all taps, in the unit of the samples.
 
     Raises
     ------
@@ -35,7 +36,7 @@ def tap_level(view: TapView) -> float:
         If there is no tap, a sample is not finite, or all are 0.
     """
     undefined_if(not view.taps, "no tap found")
-    return magnitude_of(np.concatenate([part for tap in view.taps for part in (tap.hand, tap.impulse)]))
+    return magnitude_of(np.concatenate([x for tap in view.taps for x in (tap.hand, tap.impulse)]))
 
 
 @transform
@@ -45,166 +46,210 @@ def unit_taps(view: TapView) -> tuple[TapSignal, ...]:
     return tuple(TapSignal(tap.hand / scale, tap.impulse / scale, tap.quality) for tap in view.taps)
 
 
-def per_tap(taps: Iterable[S], value: Callable[[S], T]) -> list[T]:
-    """Return `value` of every tap (of `unit_taps`, or what was made of them) that has one.
+def map_taps(function: Callable[[S], T], taps: Iterable[S]) -> list[T]:
+    """Apply a function to every tap, and return the results that are defined.
 
     Raises
     ------
     UndefinedFeatureError
-        If no tap has; the reason is that of the first.
+        If the function is undefined for every tap; the reason is that of the first.
     """
-    found: list[T] = []
+    values: list[T] = []
     reasons: list[UndefinedFeatureError] = []
     for tap in taps:
         try:
-            found.append(value(tap))
+            values.append(function(tap))
         except UndefinedFeatureError as reason:
             reasons.append(reason)
-    if not found:
+    if not values:
         raise reasons[0]
-    return found
+    return values
 
 
 def median_over_taps(values: ArrayLike) -> Samples:
-    """Return the median along the first axis; numpy's own takes longer than most features of taps."""
+    """Return the median along the first axis; faster than numpy's for few taps."""
     x = np.sort(values, axis=0)
     return np.asarray((x[(len(x) - 1) // 2] + x[len(x) // 2]) / 2)
 
 
 def impulse_peaks(magnitudes: Sequence[Samples], spacing: int, prominence: float) -> list[list[int]]:
-    """Return the indices of the (at most) three largest peaks of each tap, in order of time; none of silence.
+    """Return the indices of up to three largest peaks of each tap, in order of time; none for silence.
 
-    A tap that does not bounce has fewer than three; its first and last sample count as peaks if they stand
-    out.
+    A tap without bounces has fewer. The first and the last sample can be peaks if they are prominent.
 
     Parameters
     ----------
     magnitudes : sequence of ndarray of shape (m,)
         |i| of each tap.
     spacing : int
-        Least distance of two peaks, in samples.
+        Smallest distance between two peaks, in samples.
     prominence : float
-        Least prominence, in fractions of the largest magnitude of the tap.
+        Smallest prominence of a peak, relative to the largest magnitude of the tap.
+
+    Returns
+    -------
+    list of list of int
+        Peak indices of each tap.
     """
     silence = np.zeros(1)
-    all_taps = np.concatenate([silence, *(part for i in magnitudes for part in (i, silence))])
+    all_taps = np.concatenate([silence, *(x for i in magnitudes for x in (i, silence))])
     first = 1 + np.cumsum([0, *(i.size + 1 for i in magnitudes)])
-    least = prominence * np.maximum.reduceat(all_taps, first[:-1])
+    drop = prominence * np.maximum.reduceat(all_taps, first[:-1])
     peaks, _ = scipy.signal.find_peaks(all_taps, height=0.0)
-    of = np.searchsorted(first, peaks, side="right") - 1
-    high = all_taps[peaks] >= least[of]  # what is lower neither stands out so far nor hides what is higher
-    of, left = of[high], peaks[high].tolist()
-    ends = np.searchsorted(of, np.arange(len(magnitudes) + 1)).tolist()
+    tap_index = np.searchsorted(first, peaks, side="right") - 1
+    # A peak below the required prominence can neither be prominent itself nor suppress a higher one.
+    is_high = all_taps[peaks] >= drop[tap_index]
+    tap_index, candidates = tap_index[is_high], peaks[is_high].tolist()
+    ends = np.searchsorted(tap_index, np.arange(len(magnitudes) + 1)).tolist()
     x = all_taps.tolist()
     highest = (
-        _highest(x, left[begin:end], spacing, fall)
-        for begin, end, fall in zip(ends, ends[1:], least.tolist(), strict=False)
+        _highest_peaks(x, candidates[begin:end], spacing, drop_of_tap)
+        for begin, end, drop_of_tap in zip(ends, ends[1:], drop.tolist(), strict=False)
     )
-    return [sorted(k - start for k in found) for found, start in zip(highest, first.tolist(), strict=False)]
+    return [sorted(k - start for k in ks) for ks, start in zip(highest, first.tolist(), strict=False)]
 
 
-def _struck(view: TapView, spacing: int, prominence: float) -> Iterable[Struck]:
+def _tap_peaks(view: TapView, spacing: int, prominence: float) -> Iterable[TapPeaks]:
     taps = unit_taps(view)
     magnitudes = [np.abs(tap.impulse) for tap in taps]
     return zip(taps, magnitudes, impulse_peaks(magnitudes, spacing, prominence), strict=True)
 
 
-def _highest(x: list[float], peaks: list[int], spacing: int, least: float) -> list[int]:
-    """Return the (at most) three highest of the peaks, `spacing` apart, that stand out by `least`."""
-    found, left = list[int](), sorted(peaks, key=lambda k: (x[k], k), reverse=True)
-    while left and not (len(found) >= 3 and x[left[0]] < x[found[2]]):
-        k = left[0]
-        left = [other for other in left[1:] if abs(other - k) >= spacing]
-        if _falls(x, range(k, len(x)), least) and _falls(x, range(k, -1, -1), least):
-            found.append(k)
-    return sorted(found, key=lambda k: (-x[k], k))[:3]
+def _highest_peaks(x: list[float], peaks: list[int], spacing: int, prominence: float) -> list[int]:
+    """Return up to three highest peaks that are `spacing` apart and have at least the `prominence`."""
+    highest, candidates = list[int](), sorted(peaks, key=lambda k: (x[k], k), reverse=True)
+    while candidates and not (len(highest) >= 3 and x[candidates[0]] < x[highest[2]]):
+        k = candidates[0]
+        candidates = [other for other in candidates[1:] if abs(other - k) >= spacing]
+        if _falls(x, range(k, len(x)), prominence) and _falls(x, range(k, -1, -1), prominence):
+            highest.append(k)
+    return sorted(highest, key=lambda k: (-x[k], k))[:3]
 
 
-def _falls(x: list[float], ks: range, least: float) -> bool:
-    """Return whether numbers fall by `least` below the first one before one is above it."""
+def _falls(x: list[float], ks: range, drop: float) -> bool:
+    """Return whether x falls by `drop` below its first value before it exceeds that value."""
     top = x[ks[0]]
-    for k in ks:  # beside a peak that stands out, few are looked at
+    for k in ks:  # ends after a few samples next to a prominent peak
         if x[k] > top:
             return False
-        if top - x[k] >= least:
+        if top - x[k] >= drop:
             return True
     return False
 
 
 @feature("tap", "1", "strese2015, eq. 1", depends_on=("rate",))
 def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float = 0.01) -> float:
-    """Hardness H = (max(i) / n) / sum(h), in samples; mean over taps.
+    """Return the hardness H = (max(i) / n) / sum(h) as printed, in samples; mean over taps.
 
-    i is the magnitude of impact and decay, n the mean index (from 1) of its three largest peaks, h the
-    magnitude of the hand's acceleration. A tap with one or two peaks takes the mean of those. Falls with
-    1/fs^2: both n and the sum count samples.
+    i is the magnitude of impact and decay, n the mean index (from 1) of its three largest peaks (or fewer),
+    and h the magnitude of the acceleration of the hand. H is proportional to 1/fs^2, because both n and the
+    sum count samples.
 
     Parameters
     ----------
-    view : TapView
-        Taps.
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
     spacing : int
-        Least distance of two peaks, in samples.
+        Smallest distance between two peaks, in samples.
     prominence : float
-        Least prominence of a peak, in fractions of the largest (which keeps H free of gain).
+        Smallest prominence of a peak, relative to the largest peak; a relative threshold keeps H independent
+        of gain.
+
+    Returns
+    -------
+    float
+        Hardness.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or none with an impulse and some hand acceleration.
+        If there is no tap, or no tap with an impulse and some acceleration of the hand.
+
+    References
+    ----------
+    `strese2015`, eq. 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):  # three taps that ring at 300 Hz
+    ...     x += 20 * (t >= start) * np.exp(-100 * (t - start).clip(0)) * np.sin(1885 * (t - start))
+    >>> hardness_as_printed(x, fs=10_000) > 0
+    True
     """
 
-    def hardness_of(struck: Struck) -> float:
-        tap, i, peaks = struck
+    def hardness_of(tap_peaks: TapPeaks) -> float:
+        tap, i, peaks = tap_peaks
         undefined_if(not peaks, "silence: the tap has no impulse")
         n = sum(peaks) / len(peaks) + 1
-        return float(i.max()) / n / _moved(float(np.abs(tap.hand).sum()))
+        return float(i.max()) / n / _checked_velocity(float(np.abs(tap.hand).sum()))
 
-    return float(np.mean(per_tap(_struck(view, spacing, prominence), hardness_of)))
+    return float(np.mean(map_taps(hardness_of, _tap_peaks(view, spacing, prominence))))
 
 
 @feature("tap", "1/s^2", "strese2015, eq. 1, corrected")
 def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05) -> float:
-    """Hardness max|i| / (t v): impact over its time and over the velocity of the hand; median over taps.
+    """Return the hardness max|i| / (t v): peak of the impact over its time and the velocity of the hand.
 
-    The median is weighted by how surely each is a tap (its quality): one that hardly leaves the noise, or
-    what rings and moves around it, counts less.
-
-    t is the mean time of the three largest peaks after the contact (the fewer there are), in s, and
-    v = integral of |h| dt the hand's velocity, in m/s, over where |h| exceeds three times the noise of rest.
-    Gravity and resting level are removed from the view.
+    t is the mean time of the three largest peaks (or fewer) after the contact, in s. v is the velocity of the
+    hand, the integral of |h| dt in m/s, where |h| exceeds three times the noise at rest. Gravity and resting
+    level are removed. The result is the median over taps, weighted by their quality: a tap close to the noise
+    has less weight.
 
     Parameters
     ----------
-    view : TapView
-        Taps.
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
     spacing_s : float
-        Least distance of two peaks, in s.
+        Smallest distance between two peaks, in s.
     prominence : float
-        Least prominence of a peak, in fractions of the largest.
+        Smallest prominence of a peak, relative to the largest peak.
+
+    Returns
+    -------
+    float
+        Hardness in 1/s^2.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or none with an impulse and a hand acceleration above the noise.
+        If there is no tap, or no tap with an impulse and an acceleration of the hand above the noise.
+
+    References
+    ----------
+    `strese2015`, eq. 1, corrected.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> noise = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> def tap(decay):  # impact at 0.5 s after an acceleration of the hand
+    ...     ringing = (t >= 0.5) * np.exp(-decay * (t - 0.5).clip(0)) * np.sin(1885 * (t - 0.5))
+    ...     return 20 * ringing + (t < 0.5) * (t > 0.4) + noise
+    >>> hardness(tap(400), fs=10_000) > hardness(tap(50), fs=10_000)  # hard surfaces respond quickly
+    True
     """
     noise = view.noise / tap_level(view)
 
-    def hardness_of(struck: Struck) -> tuple[float, float]:
-        tap, i, peaks = struck
+    def hardness_of(tap_peaks: TapPeaks) -> tuple[float, float]:
+        tap, i, peaks = tap_peaks
         undefined_if(not peaks, "silence: the tap has no impulse")
         h, t = np.abs(tap.hand), (sum(peaks) / len(peaks) + 1) / view.fs
-        return float(i.max()) / (t * _moved(float(h[h > 3 * noise].sum()) / view.fs)), tap.quality
+        velocity = _checked_velocity(float(h[h > 3 * noise].sum()) / view.fs)
+        return float(i.max()) / (t * velocity), tap.quality
 
-    struck = _struck(view, round(spacing_s * view.fs), prominence)
-    values, qualities = np.transpose(per_tap(struck, hardness_of))
+    tap_peaks = _tap_peaks(view, round(spacing_s * view.fs), prominence)
+    values, qualities = np.transpose(map_taps(hardness_of, tap_peaks))
     return weighted_median(values, qualities)
 
 
 def weighted_median(values: Samples, weights: Samples) -> float:
-    """Return the value with half of the weight on each side, the mean of two where it lies between them.
+    """Return the weighted median, the value with half of the weight on each side.
 
-    Equal weights give the median.
+    Between two values, it is their mean. Equal weights give the median.
 
     Examples
     --------
@@ -214,169 +259,304 @@ def weighted_median(values: Samples, weights: Samples) -> float:
     """
     order = np.argsort(values, kind="stable")
     values, weights = values[order], weights[order]
-    left = np.cumsum(weights if weights.any() else np.ones(len(values)))
-    left /= left[-1]
-    low, high = np.searchsorted(left, (0.5 - 1e-9, 0.5 + 1e-9))
+    cumulative = np.cumsum(weights if weights.any() else np.ones(len(values)))
+    cumulative /= cumulative[-1]
+    low, high = np.searchsorted(cumulative, (0.5 - 1e-9, 0.5 + 1e-9))
     return float((values[low] + values[min(high, len(values) - 1)]) / 2)
 
 
-def _moved(velocity: float) -> float:
-    undefined_if(velocity == 0, "the hand's acceleration before the contact is 0. Expected above the noise")
+def _checked_velocity(velocity: float) -> float:
+    undefined_if(velocity == 0, "acceleration before the contact is 0. Expected above the noise")
     return velocity
 
 
 @feature("tap", "DCT bin", "strese2015, eq. 2", depends_on=("rate",))
 def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
-    """Spectral centroid of a tap, SC = sum k |I(k)|^2 / sum |I(k)|^2 for k = 1 ... m/2; mean over taps.
+    """Return the spectral centroid of a tap as printed, in DCT bins; mean over taps.
 
-    Inverse to damping: soft surfaces act as low-passes. Bin k of a DCT-II of m samples lies at k fs/(2m), so
-    the printed sum stops at fs/4.
+    SC = sum k |I(k)|^2 / sum |I(k)|^2 for k = 1 ... m/2. It is inverse to damping: soft surfaces act as
+    low-pass filters. Bin k of a DCT-II of m samples is at k fs/(2m), so the printed sum stops at fs/4.
 
     Parameters
     ----------
-    view : TapView
-        Taps.
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
     length : int
-        m; impact and decay are cut or zero-padded to it.
+        m (default 4096); impact and decay are cut or zero-padded to it.
+
+    Returns
+    -------
+    float
+        Centroid in DCT bins.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or none with an impulse.
+        If there is no tap, or no tap with an impulse.
+
+    References
+    ----------
+    `strese2015`, eq. 2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):  # three taps that ring at 300 Hz
+    ...     x += 20 * (t >= start) * np.exp(-100 * (t - start).clip(0)) * np.sin(1885 * (t - start))
+    >>> round(damping_as_printed(x, fs=10_000), -1)  # about 300 Hz * 2 * 4096 / fs
+    230.0
     """
 
     def centroid_of(tap: TapSignal) -> float:
         return float(printed_centroids(tap.impulse[np.newaxis], length)[0])
 
-    return float(np.mean(per_tap(unit_taps(view), centroid_of)))
+    return float(np.mean(map_taps(centroid_of, unit_taps(view))))
 
 
 @transform
 def tap_spectra(view: TapView) -> tuple[tuple[Samples, Samples], ...]:
     """Return frequency (Hz) and power of impact and decay of taps, zero-padded to twice their length.
 
-    Taps that are padded to the same length stand together: (n_bins,) and (n_taps, n_bins).
+    Taps with the same padded length are combined: (n_bins,) and (n_taps, n_bins).
     """
-    alike: dict[int, list[Samples]] = {}
-    for impulse in per_tap(unit_taps(view), _energetic):
-        alike.setdefault(2 * fft.next_fast_len(max(impulse.size, 32), real=True), []).append(impulse)
-    found = []
-    for n_fft, impulses in alike.items():
+    by_length: dict[int, list[Samples]] = {}
+    for impulse in map_taps(_impulse_of, unit_taps(view)):
+        by_length.setdefault(2 * fft.next_fast_len(max(impulse.size, 32), real=True), []).append(impulse)
+    result = []
+    for n_fft, impulses in by_length.items():
         padded = np.zeros((len(impulses), n_fft))
         for row, impulse in zip(padded, impulses, strict=True):
             row[: impulse.size] = impulse
         spectra = fft.rfft(padded)
         power: Samples = np.asarray(spectra.real**2 + spectra.imag**2, dtype=np.float64)
-        found.append((np.arange(n_fft // 2 + 1, dtype=np.float64) * (view.fs / n_fft), power))
-    return tuple(found)
+        result.append((np.arange(n_fft // 2 + 1, dtype=np.float64) * (view.fs / n_fft), power))
+    return tuple(result)
 
 
 @transform
 def tap_energies(view: TapView) -> tuple[tuple[float, Samples], ...]:
-    """Return the largest magnitude, and the running energy of impact and decay, of each tap."""
+    """Return the largest magnitude and the cumulative energy of impact and decay of each tap."""
 
     def energy_of(tap: TapSignal) -> tuple[float, Samples]:
-        i = _energetic(tap)
+        i = _impulse_of(tap)
         return float(max(i.max(), -i.min())), np.cumsum(i * i)
 
-    return tuple(per_tap(unit_taps(view), energy_of))
+    return tuple(map_taps(energy_of, unit_taps(view)))
 
 
-def _energetic(tap: TapSignal) -> Samples:
-    """Impact and decay; refused if silent or too short."""
+def _impulse_of(tap: TapSignal) -> Samples:
+    """Return impact and decay of a tap; raise `UndefinedFeatureError` if silent or too short."""
     undefined_if(tap.impulse.size < 8, f"{tap.impulse.size} samples after the contact. Expected at least 8")
     undefined_if(not np.any(tap.impulse), "silence: the tap has no impulse")
     return tap.impulse
 
 
-def _quantiles(x: Samples, running: Samples) -> Samples:
-    """Return where over `x` a running sum reaches each of `SHARES` of its end."""
-    return np.interp(SHARES, running / running[-1], x)
+def _quantiles(x: Samples, cumulative: Samples) -> Samples:
+    """Return the values of `x` at which a cumulative sum reaches `ENERGY_FRACTIONS` of its last value."""
+    return np.interp(ENERGY_FRACTIONS, cumulative / cumulative[-1], x)
 
 
 @feature("tap", "Hz", "strese2015, eq. 2, corrected")
 def damping(view: TapView) -> float:
-    """Spectral centroid of impact and decay in Hz over the full band; median over taps.
+    """Return the spectral centroid of impact and decay, in Hz; median over taps.
 
-    sum f P(f) / sum P(f); inverse to damping. In cycles per sample where the rate is nominally 1 Hz.
+    sum f P(f) / sum P(f) over the full band; inverse to damping. In cycles per sample for a nominal rate of 1
+    Hz.
+
+    Parameters
+    ----------
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
+
+    Returns
+    -------
+    float
+        Centroid in Hz.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or none with an impulse of 8 samples or more.
+        If there is no tap, or no tap with an impulse of at least 8 samples.
+
+    References
+    ----------
+    `strese2015`, eq. 2, corrected.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):  # three taps that ring at 300 Hz
+    ...     x += 20 * (t >= start) * np.exp(-100 * (t - start).clip(0)) * np.sin(1885 * (t - start))
+    >>> round(damping(x, fs=10_000), -1)
+    290.0
     """
     centroids = [(power * f).sum(axis=1) / power.sum(axis=1) for f, power in tap_spectra(view)]
     return float(median_over_taps(np.concatenate(centroids)))
 
 
-@feature("tap", "Hz", "texclass, after strese2015, eq. 2", outputs=SHARE_NAMES)
+@feature("tap", "Hz", "texclass, after strese2015, eq. 2", outputs=FRACTION_NAMES)
 def tap_band(view: TapView) -> Samples:
-    """Frequencies below which 10, 25, 50, 75 and 90 % of a tap's energy lie; median over taps.
+    """Return the frequencies below which 10, 25, 50, 75 and 90 % of the energy of a tap are.
+
+    Median over taps.
+
+    Parameters
+    ----------
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
 
     Returns
     -------
     ndarray of shape (5,)
+        Frequencies in Hz.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or none with an impulse of 8 samples or more.
+        If there is no tap, or no tap with an impulse of at least 8 samples.
+
+    References
+    ----------
+    texclass, after `strese2015`, eq. 2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):  # three taps that ring at 300 Hz
+    ...     x += 20 * (t >= start) * np.exp(-100 * (t - start).clip(0)) * np.sin(1885 * (t - start))
+    >>> tap_band(x, fs=10_000).round(-1).tolist()
+    [230.0, 270.0, 290.0, 310.0, 330.0]
     """
     spectra = tap_spectra(view)
     return median_over_taps([_quantiles(f, row) for f, power in spectra for row in np.cumsum(power, axis=1)])
 
 
-@feature("tap", "s", "texclass, after strese2015, Fig. 7", outputs=SHARE_NAMES)
+@feature("tap", "s", "texclass, after strese2015, Fig. 7", outputs=FRACTION_NAMES)
 def tap_course(view: TapView) -> Samples:
-    """Course of a tap: times after the contact by which 10 ... 90 % of its energy has come; median over taps.
+    """Return the times after the contact when 10, 25, 50, 75 and 90 % of the energy of a tap have arrived.
 
-    The last is the duration of the contact as far as it is felt.
+    Median over taps. The last one measures the duration of the contact.
+
+    Parameters
+    ----------
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
 
     Returns
     -------
     ndarray of shape (5,)
+        Times in s.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or none with an impulse of 8 samples or more.
+        If there is no tap, or no tap with an impulse of at least 8 samples.
+
+    References
+    ----------
+    texclass, after `strese2015`, Fig. 7.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):  # three taps that ring at 300 Hz
+    ...     x += 20 * (t >= start) * np.exp(-100 * (t - start).clip(0)) * np.sin(1885 * (t - start))
+    >>> tap_course(x, fs=10_000).round(3).tolist()
+    [0.001, 0.001, 0.004, 0.007, 0.011]
     """
-    running = [energy for _, energy in tap_energies(view)]
-    times = [_quantiles(np.arange(1.0, energy.size + 1), energy) for energy in running]
+    energies = [energy for _, energy in tap_energies(view)]
+    times = [_quantiles(np.arange(1.0, energy.size + 1), energy) for energy in energies]
     return median_over_taps(times) / view.fs
 
 
 @feature("tap", "1/s", "texclass, after okamura2001")
 def tap_decay_rate(view: TapView) -> float:
-    """Decay rate b of the envelope exp(-b t) of a tap; median over taps.
+    """Return the decay rate b of the envelope exp(-b t) of a tap; median over taps.
 
-    Half the slope of the logarithm of the energy still to come (Schroeder's backward integral), fitted from
-    where 90 % to where 5 % are left: one number even for a tap that bounces.
+    Half the slope of the logarithm of the remaining energy (Schroeder's backward integral), fitted from 90 %
+    to 5 % of the energy. It is one number even for a tap that bounces.
+
+    Parameters
+    ----------
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
+
+    Returns
+    -------
+    float
+        Rate in 1/s.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or none that decays over 3 samples or more.
+        If there is no tap, or no tap that decays over at least 3 samples.
+
+    References
+    ----------
+    texclass, after `okamura2001`; Schroeder, "New method of measuring reverberation time", 1965.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):  # three taps that ring at 300 Hz
+    ...     x += 20 * (t >= start) * np.exp(-100 * (t - start).clip(0)) * np.sin(1885 * (t - start))
+    >>> round(tap_decay_rate(x, fs=10_000), -1)  # 100 per s
+    100.0
     """
 
     def rate_of(tap: tuple[float, Samples]) -> float:
-        left = 1 - tap[1] / tap[1][-1]
-        left = left[(left <= 0.9) & (left >= 0.05)]
-        undefined_if(left.size < 3, f"the tap decays within {left.size} samples. Expected at least 3")
-        t = np.arange(left.size) - (left.size - 1) / 2
-        return -float(t @ np.log(left)) / (2 * float(t @ t)) * view.fs
+        remaining = 1 - tap[1] / tap[1][-1]
+        remaining = remaining[(remaining <= 0.9) & (remaining >= 0.05)]
+        n = remaining.size
+        undefined_if(n < 3, f"the tap decays within {n} samples. Expected at least 3")
+        t = np.arange(n) - (n - 1) / 2
+        return -float(t @ np.log(remaining)) / (2 * float(t @ t)) * view.fs
 
-    return float(median_over_taps(per_tap(tap_energies(view), rate_of)))
+    return float(median_over_taps(map_taps(rate_of, tap_energies(view))))
 
 
 @feature("tap", "log10(m/s^2)", "texclass", gain=Gain(shift=1))
 def tap_strength(view: TapView) -> float:
-    """Strength of a tap, log10 max|i|; median over taps.
+    """Return the strength of a tap, log10 max|i|; median over taps.
+
+    Parameters
+    ----------
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
+
+    Returns
+    -------
+    float
+        Level in log10(m/s^2).
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or none with an impulse of 8 samples or more.
+        If there is no tap, or no tap with an impulse of at least 8 samples.
+
+    References
+    ----------
+    texclass.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):  # three taps that ring at 300 Hz
+    ...     x += 20 * (t >= start) * np.exp(-100 * (t - start).clip(0)) * np.sin(1885 * (t - start))
+    >>> round(tap_strength(x, fs=10_000), 1)  # a peak of almost 20
+    1.3
     """
     peaks = np.log10([peak for peak, _ in tap_energies(view)])
     return float(median_over_taps(peaks) + np.log10(tap_level(view)))
@@ -384,12 +564,36 @@ def tap_strength(view: TapView) -> float:
 
 @feature("tap", "1", "texclass")
 def tap_crest(view: TapView) -> float:
-    """Crest factor of a tap, max|i| over the root mean square of impact and decay; median over taps.
+    """Return the crest factor of a tap, max|i| over the RMS of impact and decay; median over taps.
+
+    Parameters
+    ----------
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
+
+    Returns
+    -------
+    float
+        Crest factor.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or none with an impulse of 8 samples or more.
+        If there is no tap, or no tap with an impulse of at least 8 samples.
+
+    References
+    ----------
+    texclass.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):  # three taps that ring at 300 Hz
+    ...     x += 20 * (t >= start) * np.exp(-100 * (t - start).clip(0)) * np.sin(1885 * (t - start))
+    >>> tap_crest(x, fs=10_000) > 2
+    True
     """
-    crests = [peak * (running.size / running[-1]) ** 0.5 for peak, running in tap_energies(view)]
+    crests = [peak * (energy.size / energy[-1]) ** 0.5 for peak, energy in tap_energies(view)]
     return float(median_over_taps(crests))

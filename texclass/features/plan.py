@@ -1,4 +1,4 @@
-"""Which features are computed on which channels: what of an extraction needs no library of learning."""
+"""Which features are computed on which channels, without importing scikit-learn."""
 
 import json
 import time
@@ -17,7 +17,7 @@ from texclass.recording import Phases, Recording, Samples
 
 
 class Computed(NamedTuple):
-    """Values (n_columns,) of one recording, (feature, reason) pairs, milliseconds, and its phases."""
+    """Values (n_columns,) of one recording, (feature, reason) pairs, milliseconds, and phases."""
 
     values: Samples
     reasons: tuple[tuple[str, str], ...]
@@ -27,14 +27,21 @@ class Computed(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """Which part of a feature set is computed on which channel.
+    """Feature sets by channel: what is computed for each recording.
 
     Attributes
     ----------
-    parts
-        (column prefix, feature set) pairs; the prefix "" reads the combined channels.
-    channels
-        Names of the channels that are kept apart; empty when they are combined.
+    parts : tuple of (str, FeatureSet)
+        Column prefix and feature set; the prefix "" stands for the combined channels.
+    channels : tuple of str
+        Names of separate channels; empty if the channels are combined.
+
+    Examples
+    --------
+    >>> from texclass.features.sets import load_feature_set
+    >>> features = load_feature_set("strese2015").restricted_to(["variance", "friction"])
+    >>> Plan.of(features, ("left", "right")).columns
+    ('left/variance', 'right/variance', 'friction')
     """
 
     parts: tuple[tuple[str, FeatureSet], ...]
@@ -42,16 +49,17 @@ class Plan:
 
     @classmethod
     def of(cls, feature_set: FeatureSet, channels: tuple[str, ...] = ()) -> "Plan":
-        """Plan a set: on the combined channels; or on each channel, on each pair, and on the friction."""
+        """Return the plan of a set: on combined channels, or on each channel, each pair and the friction."""
         if not channels:
             return cls((("", feature_set),))
-        felt, of_pair = feature_set.reading("tap", "movement", "travel"), feature_set.reading("pair")
-        pairs = list(combinations(channels, 2)) if of_pair.members else []
-        # A single channel has no pair; the reason is told where all channels are one.
-        rest = feature_set.reading("friction") if pairs else feature_set.reading("friction", "pair")
-        parts = [(f"{name}/", felt) for name in channels]
-        parts += [(pair_prefix(*pair), of_pair) for pair in pairs]
-        return cls((*parts, ("", rest)), channels)
+        per_channel = feature_set.with_phases("tap", "movement", "travel")
+        per_pair = feature_set.with_phases("pair")
+        pairs = list(combinations(channels, 2)) if per_pair.members else []
+        # Without pairs, features of pairs stay in the combined part, which reports why they are undefined.
+        combined = feature_set.with_phases(*(() if pairs else ("pair",)), "friction")
+        parts = [(f"{name}/", per_channel) for name in channels]
+        parts += [(pair_prefix(*pair), per_pair) for pair in pairs]
+        return cls((*parts, ("", combined)), channels)
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
@@ -59,13 +67,16 @@ class Plan:
         return tuple(f"{prefix}{column}" for prefix, part in self.parts for column in part.column_names)
 
     def restricted_to(self, columns: Iterable[str]) -> "Plan":
-        """Return the plan that computes only what these columns need, in the plan's order."""
-        wanted = set(columns)
-        kept = [(p, part, [c for c in part.column_names if f"{p}{c}" in wanted]) for p, part in self.parts]
-        return Plan(tuple((p, part.restricted_to(names)) for p, part, names in kept if names), self.channels)
+        """Return the plan that computes only what these columns need, in the order of this plan."""
+        required = set(columns)
+        parts = []
+        for prefix, part in self.parts:
+            if names := [name for name in part.column_names if f"{prefix}{name}" in required]:
+                parts.append((prefix, part.restricted_to(names)))
+        return Plan(tuple(parts), self.channels)
 
     def compute(self, recording: Recording) -> Computed:
-        """Compute one recording, from segmentation to the last feature."""
+        """Compute the features of one recording, including the search for phases."""
         start = time.perf_counter()
         views = views_of(recording, self.channels)
         values, reasons = [], []
@@ -78,34 +89,34 @@ class Plan:
         return Computed(np.concatenate(values), tuple(reasons), ms, phases)
 
     def to_json(self) -> str:
-        """Return it as JSON: functions by their registered names, and a digest of their code."""
-        described = []
+        """Return the plan as JSON: registered names of functions, and a digest of their code."""
+        parts = []
         for prefix, part in self.parts:
             members = [
                 (m.name, f.name, m.parameters, m.columns, m.remove_hand_motion, f.function.__module__)
                 for m, f in ((member, member.feature) for member in part.members)
             ]
-            described.append([prefix, {"name": part.name, "members": members, "code": code_hash(part)}])
-        return json.dumps(described)
+            parts.append([prefix, {"name": part.name, "members": members, "code": code_hash(part)}])
+        return json.dumps(parts)
 
     @classmethod
     def of_json(cls, text: str, channels: Iterable[str]) -> "tuple[Plan, bool]":
-        """Return what `to_json` described, and whether the code of its features is still the same.
+        """Return the plan in JSON of `to_json`, and whether the code of its features is unchanged.
 
         Raises
         ------
         KeyError, ValueError
-            If it describes no plan, or names a feature that is not known here.
+            If the JSON does not describe a plan, or names an unknown feature.
         """
-        parts, same = [], True
-        for prefix, stated in json.loads(text):
+        parts, is_same = [], True
+        for prefix, definition in json.loads(text):
             members = []
-            for name, feature, parameters, columns, remove_hand_motion, module in stated["members"]:
+            for name, feature, parameters, columns, remove_hand_motion, module in definition["members"]:
                 values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
                 members.append(
                     Member(name, find_feature(feature, module), values, tuple(columns), remove_hand_motion)
                 )
-            feature_set = FeatureSet(stated["name"], tuple(members))
+            feature_set = FeatureSet(definition["name"], tuple(members))
             parts.append((str(prefix), feature_set))
-            same = same and code_hash(feature_set) == stated["code"]
-        return cls(tuple(parts), tuple(channels)), same
+            is_same = is_same and code_hash(feature_set) == definition["code"]
+        return cls(tuple(parts), tuple(channels)), is_same

@@ -1,4 +1,4 @@
-"""Features of related work in Table I of strese2015; numbers in brackets are its references."""
+"""Features of related work in Table I of strese2015; numbers in brackets are the references of that paper."""
 
 import functools
 
@@ -15,17 +15,37 @@ from texclass.signals import moving_average
 
 CHATHURANGA = "strese2015, Table I [17] (Chathuranga et al., 2013)"
 SENSOR_BAND_HZ = 1400.0
-"""Where the acceleration sensor of strese2015 ends."""
+"""Bandwidth in Hz of the acceleration sensor of strese2015."""
 
 
 @feature("movement", "(m/s^2)^2", "strese2015, Table I [7] (Fishel and Loeb, 2012)", gain=Gain(power=2))
 def standard_roughness(view: PhaseView) -> float:
-    """Power of the vibration, mean x^2.
+    """Return the power of the vibration, mean x^2.
+
+    Parameters
+    ----------
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
+
+    Returns
+    -------
+    float
+        Power in (m/s^2)^2.
 
     Raises
     ------
     UndefinedFeatureError
         For silence.
+
+    References
+    ----------
+    `strese2015`, Table I [7]: Fishel and Loeb, 2012.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> round(standard_roughness(2 * np.sin(np.arange(10_000.0)), fs=10_000), 2)
+    2.0
     """
     x = unit(view)
     return float(x @ x) / x.size * float(level(view)) ** 2
@@ -39,27 +59,40 @@ def standard_roughness(view: PhaseView) -> float:
     depends_on=("rate",),
 )
 def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
-    """Linear prediction x_n = sum_k a_k x_(n-k) of the movement, by the autocorrelation method.
+    """Return the linear prediction coefficients of the movement, x_n = sum_k a_k x_(n-k).
 
-    a solves the Toeplitz equations of r_0 ... r_order (biased autocorrelation), so the predictor is stable.
+    They solve the Toeplitz equations of the biased autocorrelation r_0 ... r_order, so the predictor is
+    stable.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     order : int
         Number of coefficients.
 
     Returns
     -------
     ndarray of shape (order,)
+        a_1 ... a_order.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 10 x order samples, or a singular system.
+        For silence, fewer than 10 samples per coefficient, or a singular system.
+
+    References
+    ----------
+    `strese2015`, Table I [10]: Culbertson et al., 2014.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.sin(2 * np.pi * 0.1 * np.arange(10_000))  # x_n = 2 cos(2 pi 0.1) x_(n-1) - x_(n-2)
+    >>> lpc_coefficients(x, fs=10_000, order=2).round(2).tolist()
+    [1.62, -1.0]
     """
-    require(view, 10 * order, "10 times the order")
+    require(view, 10 * order, "10 times the order of the prediction")
     x = unit(view)
     r = np.array([x[k:] @ x[: x.size - k] for k in range(order + 1)]) / (x @ x)
     try:
@@ -72,12 +105,32 @@ def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
 
 @feature("movement", "m/s^2", CHATHURANGA, gain=Gain(power=1))
 def mean_magnitude(view: PhaseView) -> float:
-    """Mean of |x|: the movement's own mean is gravity and removed with it.
+    """Return the mean of |x|; the mean of x itself is gravity, which is removed.
+
+    Parameters
+    ----------
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
+
+    Returns
+    -------
+    float
+        Mean magnitude in m/s^2.
 
     Raises
     ------
     UndefinedFeatureError
         For silence.
+
+    References
+    ----------
+    `strese2015`, Table I [17]: Chathuranga et al., 2013.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> round(mean_magnitude(np.sin(np.arange(10_000.0)), fs=10_000), 2)  # 2 / pi
+    0.64
     """
     x = unit(view)
     return float(np.abs(x, out=x).mean()) * float(level(view))
@@ -85,12 +138,32 @@ def mean_magnitude(view: PhaseView) -> float:
 
 @feature("movement", "(m/s^2)^2", CHATHURANGA, gain=Gain(power=2))
 def variance(view: PhaseView) -> float:
-    """Variance of the movement.
+    """Return the variance of the movement.
+
+    Parameters
+    ----------
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
+
+    Returns
+    -------
+    float
+        Variance in (m/s^2)^2.
 
     Raises
     ------
     UndefinedFeatureError
         For silence.
+
+    References
+    ----------
+    `strese2015`, Table I [17]: Chathuranga et al., 2013.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> round(variance(2 * np.sin(np.arange(10_000.0)) + 9.81, fs=10_000), 2)
+    2.0
     """
     x = unit(view)
     return (float(x @ x) / x.size - float(x.mean()) ** 2) * float(level(view)) ** 2
@@ -98,23 +171,39 @@ def variance(view: PhaseView) -> float:
 
 @feature("movement", "(m/s^2)^2", CHATHURANGA, gain=Gain(power=2), depends_on=("rate",))
 def wavelet_energy(view: PhaseView, *, wavelet: str = "coif3", depth: int = 5) -> float:
-    """Energy of the wavelet details d_1 ... d_5 per sample, of the movement high-passed at 100 Hz.
+    """Return the energy per sample of the wavelet details d_1 ... d_5 of the movement high-passed at 100 Hz.
 
-    The transform is that of `temporal_roughness_as_printed` and computed once for both.
+    The transform is the one of `temporal_roughness_as_printed`, and computed once for both.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     wavelet : str
-        Name in PyWavelets.
+        Name of the wavelet in PyWavelets.
     depth : int
         Number of levels.
+
+    Returns
+    -------
+    float
+        Energy per sample in (m/s^2)^2.
 
     Raises
     ------
     UndefinedFeatureError
         For silence, fewer than 544 samples (coif3, level 5), or fs/2 not above 100 Hz.
+
+    References
+    ----------
+    `strese2015`, Table I [17]: Chathuranga et al., 2013.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.sin(2 * np.pi * 1000 * np.arange(10_000) / 10_000)
+    >>> round(wavelet_energy(x, fs=10_000), 1)
+    0.5
     """
     energy = sum(float(np.sum(d * d, dtype=np.float64)) for d in details(view, 100.0, wavelet, depth))
     undefined_if(energy == 0, "silence: no energy in the details")
@@ -123,25 +212,42 @@ def wavelet_energy(view: PhaseView, *, wavelet: str = "coif3", depth: int = 5) -
 
 @feature("movement", "Hz", "strese2015, Table I [7] (Fishel and Loeb, 2012)")
 def spectral_centroid(view: PhaseView, *, high_hz: float = 600.0) -> float:
-    """Centroid of the mean power spectrum up to 600 Hz, where [7] cuts off: sum f P(f) / sum P(f).
+    """Return the centroid of the mean power spectrum up to 600 Hz, sum f P(f) / sum P(f).
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     high_hz : float
-        End of the band in Hz; fs/2 if that is lower.
+        Upper end of the band in Hz (default 600, the cut-off frequency of [7]); fs/2 if that is lower.
+
+    Returns
+    -------
+    float
+        Centroid in Hz.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence (in that band) or fewer than 64 samples.
+        For silence in the band, or fewer than 64 samples.
+
+    References
+    ----------
+    `strese2015`, Table I [7]: Fishel and Loeb, 2012.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(10_000) / 10_000
+    >>> x = np.sin(2 * np.pi * 200 * t) + np.sin(2 * np.pi * 2000 * t)  # 2000 Hz is above the band
+    >>> round(spectral_centroid(x, fs=10_000))
+    200
     """
     f, power = mean_spectrum(view)
-    inside = f <= high_hz
-    total = float(power[inside].sum())
+    is_in_band = f <= high_hz
+    total = float(power[is_in_band].sum())
     undefined_if(total == 0, f"silence: no energy up to {high_hz:g} Hz")
-    return float(power[inside] @ f[inside]) / total
+    return float(power[is_in_band] @ f[is_in_band]) / total
 
 
 @feature(
@@ -154,30 +260,43 @@ def spectral_centroid(view: PhaseView, *, high_hz: float = 600.0) -> float:
 def gaussian_band_energies(
     view: PhaseView, *, n_bands: int = 30, low_hz: float = 20.0, high_hz: float = SENSOR_BAND_HZ
 ) -> Samples:
-    """Energy of the movement in Gaussian bins of the spectrum.
+    """Return the energy of the movement in Gaussian bands of the spectrum.
 
-    Bin b weighs the power density with exp(-((f - f_b) / w_b)^2 / 2). Centres f_b lie geometrically between
-    the two frequencies and the width w_b is half the distance to the next centre, so that resolution falls
-    with frequency as the skin's does. The bins' exact places are this program's reading of the table's "30
-    Energy Values (Gaussian Binning)".
+    Band b weights the power density with exp(-((f - f_b) / w_b)^2 / 2). The centres f_b are spaced
+    geometrically, and the width w_b is half the distance to the next centre, so the resolution decreases with
+    frequency as that of the skin. The positions of the bands are our reading of "30 Energy Values (Gaussian
+    Binning)" in the table.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     n_bands : int
-        Number of bins.
+        Number of bands.
     low_hz, high_hz : float
         First and last centre in Hz; the last is 0.95 fs/2 if that is lower.
 
     Returns
     -------
     ndarray of shape (n_bands,)
+        Energies in (m/s^2)^2, lowest band first.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 64 samples, or a movement too short to resolve the lowest bin.
+        For silence, fewer than 64 samples, or a movement too short to resolve the lowest band.
+
+    References
+    ----------
+    `strese2015`, Table I [8]: Romano and Kuchenbecker, 2014.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.sin(2 * np.pi * 300 * np.arange(10_000) / 10_000)
+    >>> energies = gaussian_band_energies(x, fs=10_000)
+    >>> round(float(np.geomspace(20, 1400, 30)[energies.argmax()]))  # centre of the strongest band
+    324
     """
     f, power = mean_spectrum(view)
     last_hz = min(high_hz, 0.95 * view.fs / 2)
@@ -194,7 +313,7 @@ def gaussian_band_energies(
 def _gaussians(
     n_bands: int, low_hz: float, high_hz: float, n_bins: int, first_hz: float, step_hz: float
 ) -> Samples:
-    """Return the weights of the bins, shape (n_bands, n_bins); the same for all movements of 1 s or more."""
+    """Return the weights of the bins, shape (n_bands, n_bins); equal for all movements of at least 1 s."""
     centre = np.geomspace(low_hz, high_hz, n_bands)[:, np.newaxis]
     width = centre * (centre[1] / centre[0] - 1) / 2
     f = first_hz + step_hz * np.arange(n_bins)
@@ -212,28 +331,42 @@ def _gaussians(
 def discretized_spectrogram(
     view: PhaseView, *, n_times: int = 25, n_bands: int = 5, high_hz: float = SENSOR_BAND_HZ
 ) -> Samples:
-    """Spectrogram in 25 equal stretches of time by 5 equal bands: log10 of the mean power density of each.
+    """Return the spectrogram in 25 equal time intervals by 5 equal bands: log10 of the mean power density.
 
-    Frames of 25 ms every 15 ms, as for `mfcc`. A stretch is a fraction of the movement, whatever its length.
+    Frames of 25 ms every 15 ms, as for `mfcc`. A time interval is a fraction of the movement.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     n_times, n_bands : int
-        Number of stretches and bands.
+        Number of time intervals and bands.
     high_hz : float
-        End of the last band in Hz; fs/2 if that is lower.
+        Upper end of the last band in Hz; fs/2 if that is lower.
 
     Returns
     -------
     ndarray of shape (n_times * n_bands,)
-        The bands of the first stretch, then of the second.
+        Levels in log10((m/s^2)^2/Hz): the bands of the first time interval, then of the second.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence in a cell, fewer frames than stretches, or fewer bins than bands.
+        For silence in a cell, fewer frames than time intervals, or fewer bins than bands.
+
+    References
+    ----------
+    `strese2015`, Table I [5]: Sinapov and Sukhoy, 2011.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> noise = 0.01 * np.random.default_rng(0).standard_normal(t.size)
+    >>> chirp = np.sin(2 * np.pi * (100 + 300 * t) * t) + noise
+    >>> cells = discretized_spectrogram(chirp, fs=10_000, n_times=4, n_bands=3).reshape(4, 3)
+    >>> cells.argmax(axis=1).tolist()  # the strongest band moves up
+    [0, 1, 1, 2]
     """
     power, _ = power_frames(view, 0.025, 0.015, "hamming", high_hz)
     n_frames, n_bins = power.shape
@@ -243,8 +376,8 @@ def discretized_spectrogram(
     )
     rows = np.arange(n_times) * n_frames // n_times
     columns = np.arange(n_bands) * n_bins // n_bands
-    in_time = np.add.reduceat(power, rows, axis=0, dtype=np.float64)
-    cells = np.add.reduceat(in_time, columns, axis=1)
+    sums = np.add.reduceat(power, rows, axis=0, dtype=np.float64)
+    cells = np.add.reduceat(sums, columns, axis=1)
     size = np.outer(np.diff(rows, append=n_frames), np.diff(columns, append=n_bins))
     undefined_if((cells == 0).any(), f"silence in {int((cells == 0).sum())} of {cells.size} cells")
     return np.asarray((np.log10(cells / size) + 2 * np.log10(level(view))).ravel())
@@ -254,35 +387,49 @@ def discretized_spectrogram(
 def spectral_peaks(
     view: PhaseView, *, n_peaks: int = 5, smooth_hz: float = 20.0, high_hz: float = SENSOR_BAND_HZ
 ) -> Samples:
-    """Frequencies of the five highest peaks of the spectral envelope, highest first.
+    """Return the frequencies of the five highest peaks of the spectral envelope, highest first.
 
-    The envelope is the power spectrum, twice averaged over 20 Hz; so far apart are the peaks at least.
+    The envelope is the power spectrum averaged twice over 20 Hz, which is also the smallest distance of two
+    peaks.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     n_peaks : int
-        How many.
+        Number of peaks.
     smooth_hz : float
-        Width of the averages, and least distance of two peaks, in Hz.
+        Width of the moving averages and smallest distance of two peaks, in Hz.
     high_hz : float
-        End of the band in Hz.
+        Upper end of the band in Hz.
 
     Returns
     -------
     ndarray of shape (n_peaks,)
+        Frequencies in Hz.
 
     Raises
     ------
     UndefinedFeatureError
         For silence, fewer than 64 samples, or fewer peaks above 1e-10 of the highest (a pure tone).
+
+    References
+    ----------
+    `strese2015`, Table I [9]: Jamali and Sammut, 2011.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(10_000) / 10_000
+    >>> x = 2 * np.sin(2 * np.pi * 300 * t) + np.sin(2 * np.pi * 900 * t)
+    >>> spectral_peaks(x, fs=10_000, n_peaks=2).round(-1).tolist()
+    [300.0, 900.0]
     """
     f, power = mean_spectrum(view)
-    inside = f <= high_hz
+    is_in_band = f <= high_hz
     width = max(1, round(smooth_hz / (f[1] - f[0])))
-    envelope = moving_average(moving_average(power[inside], width), width)
+    envelope = moving_average(moving_average(power[is_in_band], width), width)
     peaks, _ = scipy.signal.find_peaks(envelope, height=1e-10 * float(envelope.max()), distance=width)
     undefined_if(peaks.size < n_peaks, f"{peaks.size} peaks in the spectral envelope. Expected {n_peaks}")
     highest = peaks[np.argsort(-envelope[peaks], kind="stable")[:n_peaks]]
-    return np.asarray(f[inside][highest])
+    return np.asarray(f[is_in_band][highest])

@@ -1,8 +1,8 @@
-"""Levels above the line of the vibration: what is left of a spectrum without its height and its tilt.
+"""Residual levels: the levels of a spectrum after removing its height and its tilt.
 
-A sensor that warms up, another grip or more force raise or tilt all levels together: one change, which a
-distance between recordings counts once in every column. Here the tilt is a column, height is left to
-`vibration_level`, and the others say where a surface stands out from both.
+Temperature of the sensor, another grip or more force raise or tilt all levels together. In a distance between
+recordings, this one change counts once per column. Here the tilt is a column of its own, the height is
+`vibration_level`, and the residual levels describe how a surface differs from both.
 """
 
 import numpy as np
@@ -16,145 +16,227 @@ from texclass.recording import Samples
 REFERENCE = "texclass; residuals of a straight line in log level over log frequency"
 
 
-def octaves_of(lags: tuple[int, ...]) -> Samples:
-    """Return where differences over spans of samples look, fs/(2 lag), in octaves from fs/2."""
+def log_frequency(lags: tuple[int, ...]) -> Samples:
+    """Return the centre frequencies of differences, fs/(2 lag), in octaves relative to fs/2."""
     return -np.log2(lags)
 
 
 @transform
-def line(view: PhaseView) -> tuple[Samples, Samples]:
-    """Return the least-squares line through the `slope_level` of `LAGS`: height at their middle, and tilt.
+def fit_line(view: PhaseView) -> tuple[Samples, Samples]:
+    """Return height and tilt of the least-squares line through the `slope_level` of `LAGS`, (..., 1) each.
 
-    Both of shape (..., 1).
-
-    Mean magnitudes follow how much a signal changes most of the time, so that single strong events and a
-    strong tone move the line less than they would move one through a spectrum.
+    The height is the value at the mean log frequency. Mean magnitudes depend on the usual vibration, so
+    strong single events and strong tones move this line less than a line through a spectrum.
 
     Raises
     ------
     UndefinedFeatureError
         As `slope_level`.
     """
-    octaves = octaves_of(LAGS)
-    away = octaves - octaves.mean()
+    octaves = log_frequency(LAGS)
+    centred = octaves - octaves.mean()
     levels = slope_levels(view, LAGS)
-    return levels.mean(axis=-1, keepdims=True), levels @ away[:, np.newaxis] / (away @ away)
+    return levels.mean(axis=-1, keepdims=True), levels @ centred[:, np.newaxis] / (centred @ centred)
 
 
 def line_at(view: PhaseView, octaves: Samples) -> Samples:
-    """Return the `line` at frequencies given in octaves from fs/2 (negative below it), (..., n_octaves)."""
-    height, tilt = line(view)
-    return np.asarray(height + tilt * (octaves - octaves_of(LAGS).mean()))
+    """Return the line at frequencies in octaves relative to fs/2 (negative below), (..., n_octaves)."""
+    height, tilt = fit_line(view)
+    return np.asarray(height + tilt * (octaves - log_frequency(LAGS).mean()))
 
 
 @feature_in_samples("log10(1) per octave", REFERENCE, outputs="tilt")
 def level_tilt(view: PhaseView) -> Samples:
-    """By how much the mean magnitude of changes rises from one octave to the next higher; see `line`.
+    """Return the slope of the mean magnitude of differences over log frequency, per octave.
 
-    With L_l the `slope_level` over lag l and u_l = -log2 l: sum (u_l - mean u) L_l / sum (u_l - mean u)^2. It
-    is 0 for white noise and -0.15 = -log10(2)/2 for a random walk.
+    With L_l the `slope_level` at lag l and u_l = -log2 l, it is sum (u_l - mean u) L_l / sum (u_l - mean
+    u)^2: 0 for white noise, and -log10(2)/2 = -0.15 for a random walk.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (1,)
+        Tilt in log10(1) per octave.
 
     Raises
     ------
     UndefinedFeatureError
         As `slope_level`.
+
+    References
+    ----------
+    texclass; straight line in log level over log frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> walk = np.random.default_rng(0).standard_normal(10_000).cumsum()
+    >>> level_tilt(walk, fs=10_000).round(2).tolist()
+    [-0.16]
     """
-    return line(view)[1]
+    return fit_line(view)[1]
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="b{n_bands}")
 def band_residual_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
-    """`band_level` minus twice (power of a magnitude) the `line` at the middle of each band.
+    """Return the residual of `band_level`: the level minus twice the line at the centre of each band.
+
+    The factor 2 turns a level of magnitudes into a level of powers.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     n_bands : int
         Number of bands of equal width from 0 to fs/2.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (n_bands,)
+        Residuals in log10(1), lowest band first.
 
     Raises
     ------
     UndefinedFeatureError
         As `band_level` and `slope_level`.
+
+    References
+    ----------
+    texclass; residuals of a straight line in log level over log frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.random.default_rng(0).standard_normal(10_000)
+    >>> residual = band_residual_level(x, fs=10_000, n_bands=4)
+    >>> louder = band_residual_level(10 * x, fs=10_000, n_bands=4)
+    >>> bool(np.allclose(residual, louder))
+    True
     """
-    middle = np.log2((np.arange(n_bands) + 0.5) / n_bands)
-    return np.asarray(even_levels(view, n_bands) - 2 * line_at(view, middle))
+    centre = np.log2((np.arange(n_bands) + 0.5) / n_bands)
+    return np.asarray(even_levels(view, n_bands) - 2 * line_at(view, centre))
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs=fraction_names)
 def octave_residual_level(
     view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3
 ) -> Samples:
-    """`octave_level` minus twice the `line` at the middle of each fraction of an octave.
+    """Return the residual of `octave_level`: the level minus twice the line at the centre of each band.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     octaves : tuple of int
-        First octave, and the one after the last, counted downwards from fs/2.
+        First octave, and the one after the last, counted down from fs/2.
     per_octave : int
-        Bands in an octave.
+        Bands per octave.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (n_octaves * per_octave,)
+        Residuals in log10(1), highest band first.
 
     Raises
     ------
     UndefinedFeatureError
         As `octave_level` and `slope_level`.
+
+    References
+    ----------
+    texclass; residuals of a straight line in log level over log frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.sin(2 * np.pi * 400 * np.arange(10_000) / 10_000)
+    >>> int(octave_residual_level(x, fs=10_000).argmax())  # the tone is in 496 to 394 Hz
+    4
     """
     n_bands = (octaves[1] - octaves[0]) * per_octave
-    middle = -octaves[0] - (np.arange(n_bands) + 0.5) / per_octave
-    return np.asarray(octave_levels(view, octaves, per_octave) - 2 * line_at(view, middle))
+    centre = -octaves[0] - (np.arange(n_bands) + 0.5) / per_octave
+    return np.asarray(octave_levels(view, octaves, per_octave) - 2 * line_at(view, centre))
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
 def slope_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
-    """`slope_level` minus the `line` at fs/(2 lag): where the changes bend away from a straight line.
+    """Return the residual of `slope_level`: the level minus the line at fs/(2 lag).
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     lags : tuple of int
-        Spans, in samples.
+        Lags in samples.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (n_lags,)
+        Residuals in log10(1).
 
     Raises
     ------
     UndefinedFeatureError
         As `slope_level`.
+
+    References
+    ----------
+    texclass; residuals of a straight line in log level over log frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> walk = np.random.default_rng(0).standard_normal(10_000).cumsum()  # its levels form a straight line
+    >>> bool(abs(slope_residual_level(walk, fs=10_000)).max() < 0.02)
+    True
     """
-    return np.asarray(slope_levels(view, lags) - line_at(view, octaves_of(lags)))
+    return np.asarray(slope_levels(view, lags) - line_at(view, log_frequency(lags)))
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
 def curvature_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
-    """`curvature_level` minus the `line` at fs/(2 lag), where a second difference lets most through.
+    """Return the residual of `curvature_level`: the level minus the line at fs/(2 lag).
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     lags : tuple of int
-        Half the spans of the curvatures, in samples.
+        Lags of the second differences, in samples.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (n_lags,)
+        Residuals in log10(1).
 
     Raises
     ------
     UndefinedFeatureError
         As `curvature_level` and `slope_level`.
+
+    References
+    ----------
+    texclass; residuals of a straight line in log level over log frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.random.default_rng(0).standard_normal(10_000)
+    >>> curvature_residual_level(x, fs=10_000, lags=(1, 2)).round(1).tolist()
+    [0.0, 0.0]
     """
-    return np.asarray(curvature_levels(view, lags) - line_at(view, octaves_of(lags)))
+    return np.asarray(curvature_levels(view, lags) - line_at(view, log_frequency(lags)))

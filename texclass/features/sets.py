@@ -1,4 +1,4 @@
-"""Feature sets: which features, with which overrides, under which column names; read from a TOML."""
+"""Feature sets: named lists of features with parameters and columns, read from TOML files."""
 
 import hashlib
 import json
@@ -22,12 +22,12 @@ from texclass.recording import Samples
 from texclass.shipped import locate
 from texclass.validation import StrictModel, read_toml, validate
 
-MOST_COUNTED = 1 << 16
-"""Largest product of the whole-number overrides (orders, pieces, bands) of one feature."""
-SAMPLES = frozenset({"length", "shift", "average", "frame", "spacing"})
-"""Overrides that count samples, and no columns."""
+MAX_PRODUCT = 1 << 16
+"""Largest product of the whole numbers (orders, segments, bands) in the parameters of one feature."""
+SAMPLE_PARAMETERS = frozenset({"length", "shift", "average", "frame", "spacing"})
+"""Parameters that are numbers of samples, and do not multiply the number of columns."""
 LONGEST = 3_000_000
-"""Samples from which on a movement is computed in equal parts: 5 minutes at 10 kHz, some 200 MB."""
+"""Longest movement in samples that is computed as a whole: 5 minutes at 10 kHz, about 200 MB of memory."""
 
 
 @dataclass(frozen=True)
@@ -36,16 +36,16 @@ class Member:
 
     Attributes
     ----------
-    name
-        Name in the set; its columns begin with it.
-    feature
+    name : str
+        Name in the set; its columns start with it.
+    feature : Feature
         The registered feature.
-    parameters
-        Overrides of its defaults.
-    columns
-        The columns that are kept, in order; all of the feature's columns unless the set was restricted.
-    remove_hand_motion
-        Whether a movement is read hand motion removed, see `Views.vibration`.
+    parameters : mapping
+        Parameters that replace the defaults of the feature.
+    columns : tuple of str
+        Columns in order; all columns of the feature unless the set was restricted.
+    remove_hand_motion : bool
+        Whether hand motion is removed from the movement; see `Views.vibration`.
     """
 
     name: str
@@ -61,46 +61,49 @@ class Member:
 
     @cached_property
     def all_columns(self) -> tuple[str, ...]:
-        """Every column that the feature gives, before any restriction."""
+        """All columns of the feature, before any restriction."""
         return self.feature.columns(self.name, self.parameters)
 
     @cached_property
-    def _kept(self) -> list[int] | slice:
+    def _column_indices(self) -> list[int] | slice:
         if self.columns == self.all_columns:
             return slice(None)
         return [self.all_columns.index(column) for column in self.columns]
 
     def view(self, views: Views) -> View:
-        """Return what the feature reads of a channel of a recording, or of two."""
+        """Return the view that the feature reads."""
         return views.of(self.feature.phase, remove_hand_motion=self.remove_hand_motion)
 
     def values(self, views: Views) -> Samples:
-        """Return the kept columns of one channel of one recording, shape (n_columns,).
+        """Return the columns of one channel of one recording, shape (n_columns,).
 
         Raises
         ------
         UndefinedFeatureError
-            If the phase is missing, the feature has no value, or a value is not finite.
+            If the recording does not have the phase, the feature is undefined, or a value is not finite.
         ValueError
-            If the feature breaks its declaration or fails otherwise; the message names recording and feature.
+            If the feature fails or has another number of outputs than declared; the message names recording
+            and feature.
         """
         view = self.view(views)
         try:
-            given = np.array(self.feature.function(view, **self.parameters), dtype=np.float64, ndmin=1)
+            values = np.array(self.feature.function(view, **self.parameters), dtype=np.float64, ndmin=1)
         except UndefinedFeatureError:
             raise
         except Exception as error:
             where = f"{views.recording.recording_id}: feature {self.name}"
             raise ValueError(f"{where} failed with {type(error).__name__}: {error}") from error
-        if given.shape != (len(self.all_columns),):
+        if values.shape != (len(self.all_columns),):
             where = f"{views.recording.recording_id}: feature {self.name}"
-            raise ValueError(f"{where} gave shape {given.shape}; it declares {len(self.all_columns)} outputs")
-        if not np.isfinite(given).all():
-            raise UndefinedFeatureError(f"not a finite number ({given[~np.isfinite(given)][0]})")
-        return given[self._kept]
+            raise ValueError(
+                f"{where} returned shape {values.shape}, but it declares {len(self.all_columns)} outputs"
+            )
+        if not np.isfinite(values).all():
+            raise UndefinedFeatureError(f"not a finite number ({values[~np.isfinite(values)][0]})")
+        return values[self._column_indices]
 
     def outcome(self, views: Views) -> Samples | str:
-        """Return the values, or the reason why there is none."""
+        """Return the values, or the reason why the feature is undefined."""
         try:
             return self.values(views)
         except UndefinedFeatureError as undefined:
@@ -109,14 +112,24 @@ class Member:
 
 @dataclass(frozen=True)
 class FeatureSet:
-    """A named, citable set of features.
+    """A named set of features.
 
     Attributes
     ----------
-    name, reference, description
-        From the TOML.
-    members
-        The features in the order of the TOML.
+    name, reference, description : str
+        From the TOML file.
+    members : tuple of Member
+        Features in the order of the TOML file.
+
+    Examples
+    --------
+    >>> features = load_feature_set("scales")
+    >>> [member.name for member in features.members][:4]
+    ['damping', 'vibration_level', 'waviness', 'friction']
+    >>> features.columns["vibration_level"], features.units["damping"]
+    (('vibration_level.rms',), 'Hz')
+    >>> features.restricted_to(["friction", "damping"]).column_names
+    ('damping', 'friction')
     """
 
     name: str
@@ -131,17 +144,17 @@ class FeatureSet:
 
     @property
     def units(self) -> Mapping[str, str]:
-        """Column -> its unit where recordings are in m/s^2."""
+        """Column -> unit, for recordings in m/s^2."""
         return {column: member.feature.unit for member in self.members for column in member.columns}
 
     @property
     def remove_hand_motion(self) -> bool:
-        """Whether its movements are read hand motion removed."""
+        """Whether hand motion is removed from the movement of any feature."""
         return any(member.remove_hand_motion for member in self.members)
 
     @property
     def movement(self) -> str:
-        """Which movement it reads, in words."""
+        """How hand motion in the movement is treated, in words."""
         return "hand motion removed" if self.remove_hand_motion else "hand motion kept, as printed"
 
     @cached_property
@@ -164,69 +177,70 @@ class FeatureSet:
         return hashlib.sha256(json.dumps(definition).encode()).hexdigest()[:16]
 
     def columns_of(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Return the columns of features and columns given by name, in the order given.
+        """Return the columns of features and columns given by name, in the order of the names.
 
         Raises
         ------
         ValueError
             If a name is neither a feature nor a column of the set.
         """
-        known = {column: (column,) for column in self.column_names} | dict(self.columns)
+        columns = {column: (column,) for column in self.column_names} | dict(self.columns)
         names = tuple(names)
-        if unknown := [name for name in names if name not in known]:
+        if unknown := [name for name in names if name not in columns]:
             raise ValueError(
-                f"feature set {self.name}: {unknown[0]!r} is neither a feature nor a column; "
-                f"the features are {', '.join(self.columns)}"
+                f"feature set {self.name}: {', '.join(map(repr, unknown))} is neither a feature nor a "
+                f"column. Features: {', '.join(self.columns)}"
             )
-        return tuple(dict.fromkeys(column for name in names for column in known[name]))
+        return tuple(dict.fromkeys(column for name in names for column in columns[name]))
 
     def restricted_to(self, names: Iterable[str]) -> "FeatureSet":
-        """Return the set that computes only what these features and columns need, in the set's order."""
-        wanted = set(self.columns_of(names))
-        kept = ((m, tuple(column for column in m.columns if column in wanted)) for m in self.members)
-        return replace(self, members=tuple(replace(m, columns=columns) for m, columns in kept if columns))
+        """Return the set that computes only these features and columns, in the order of this set."""
+        required = set(self.columns_of(names))
+        members = ((m, tuple(column for column in m.columns if column in required)) for m in self.members)
+        return replace(self, members=tuple(replace(m, columns=columns) for m, columns in members if columns))
 
-    def reading(self, *phases: Phase) -> "FeatureSet":
-        """Return the part of the set that reads these phases; it may be empty."""
+    def with_phases(self, *phases: Phase) -> "FeatureSet":
+        """Return the subset of features that read these phases; it may be empty."""
         return replace(self, members=tuple(m for m in self.members if m.feature.phase in phases))
 
     def compute(self, views: Views) -> tuple[Samples, tuple[tuple[str, str], ...]]:
-        """Compute the set on one channel of one recording, a movement above `LONGEST` in equal parts.
+        """Compute the set on one channel of one recording.
 
-        A feature's value over a long movement is the mean of its values over the parts where it has one, in
-        the memory that one part takes. What is read from taps or from two channels, and what is declared
-        to depend on the length, is computed as a whole.
+        A movement longer than `LONGEST` is divided into equal parts to limit the memory; the value of a
+        feature is the mean over the parts where it is defined. Features of taps and pairs, and features that
+        depend on the length, are computed on the whole recording.
 
         Parameters
         ----------
         views : Views
-            The recording's phases.
+            Phases of the recording.
 
         Returns
         -------
         values : ndarray of shape (n_columns,)
             NaN where a feature is undefined.
         reasons : tuple of (feature, reason)
-            Why.
+            Why features are undefined.
         """
-        of_parts = self._of_parts(views)
-        values, reasons, at = np.full(len(self.column_names), np.nan), [], 0
+        part_outcomes = self._part_outcomes(views)
+        values, reasons, start = np.full(len(self.column_names), np.nan), [], 0
         for member in self.members:
-            stop = at + len(member.columns)
-            if member.name not in of_parts:
+            stop = start + len(member.columns)
+            if member.name not in part_outcomes:
                 outcome = member.outcome(views)
             else:
-                defined = [part for part in of_parts[member.name] if not isinstance(part, str)]
-                outcome = np.mean(defined, axis=0) if defined else of_parts[member.name][0]
+                outcomes = part_outcomes[member.name]
+                defined = [part for part in outcomes if not isinstance(part, str)]
+                outcome = np.mean(defined, axis=0) if defined else outcomes[0]
             if isinstance(outcome, str):
                 reasons.append((member.name, outcome))
             else:
-                values[at:stop] = outcome
-            at = stop
+                values[start:stop] = outcome
+            start = stop
         return values, tuple(reasons)
 
-    def _of_parts(self, views: Views) -> dict[str, list[Samples | str]]:
-        """Return what features give of each part of a movement above `LONGEST`."""
+    def _part_outcomes(self, views: Views) -> dict[str, list[Samples | str]]:
+        """Return the outcomes of features for each part of a movement longer than `LONGEST`."""
         start, stop = views.phases.movement or (0, 0)
         if stop - start <= LONGEST:
             return {}
@@ -234,17 +248,17 @@ class FeatureSet:
         divided = [
             m for m in self.members if m.feature.phase not in whole and "length" not in m.feature.depends_on
         ]
-        found: dict[str, list[Samples | str]] = {m.name: [] for m in divided}
+        outcomes: dict[str, list[Samples | str]] = {m.name: [] for m in divided}
         edges = np.linspace(start, stop, -(-(stop - start) // LONGEST) + 1).astype(int).tolist()
         for span in pairwise(edges):
-            part = replace(views, phases=replace(views.phases, movement=span))  # goes with its transforms
+            part = replace(views, phases=replace(views.phases, movement=span))
             for member in divided:
-                found[member.name].append(member.outcome(part))
-        return found
+                outcomes[member.name].append(member.outcome(part))
+        return outcomes
 
 
 class SetFile(StrictModel):
-    """What the TOML of a feature set holds."""
+    """Keys of the TOML file of a feature set."""
 
     name: str = ""
     reference: str = ""
@@ -279,21 +293,21 @@ def load_feature_set(name_or_path: str | Path) -> FeatureSet:
     210
     """
     path = locate("feature_defs", name_or_path)
-    written = validate(SetFile, read_toml(path), path.name)
+    definition = validate(SetFile, read_toml(path), path.name)
     members = tuple(
-        replace(_member(name, table, path.name), remove_hand_motion=written.remove_hand_motion)
-        for name, table in written.features.items()
+        replace(_member(name, table, path.name), remove_hand_motion=definition.remove_hand_motion)
+        for name, table in definition.features.items()
     )
-    times = Counter(column for member in members for column in member.columns)
-    if twice := [column for column, n in times.items() if n > 1]:
-        raise ValueError(f"{path.name}: two columns are named {twice[0]!r:.80}. Expected unique names")
-    return FeatureSet(written.name or path.stem, members, written.reference, written.description)
+    counts = Counter(column for member in members for column in member.columns)
+    if duplicates := [column for column, n in counts.items() if n > 1]:
+        raise ValueError(f"{path.name}: two columns are named {duplicates[0]!r:.80}. Expected unique names")
+    return FeatureSet(definition.name or path.stem, members, definition.reference, definition.description)
 
 
 def code_hash(feature_set: FeatureSet) -> str:
-    """Hex digest of the code that values depend on, so that an edited feature never meets a stale table."""
-    own = {member.feature.source for member in feature_set.members}
-    return provenance.code_hash("recording", "signals", "phases", "features", "vibration", files=own)
+    """Return a hex digest of the code that affects the values; cached tables of other code are not used."""
+    sources = {member.feature.source for member in feature_set.members}
+    return provenance.code_hash("recording", "signals", "phases", "features", "vibration", files=sources)
 
 
 def _member(name: str, table: dict[str, Any], file: str) -> Member:
@@ -302,32 +316,33 @@ def _member(name: str, table: dict[str, Any], file: str) -> Member:
         feature = find_feature(str(table.get("use", name)))
     except KeyError as error:
         raise ValueError(f"{where}: {error.args[0]}") from None
-    # What a set may give is of the declared type, else of the type of the default.
+    # A parameter must have the annotated type, or the type of the default if there is no annotation.
     fields: dict[str, Any] = {}
     for p in feature.parameters:
-        declared = p.annotation is not p.empty and not isinstance(p.annotation, str)
-        fields[p.name] = (p.annotation if declared else type(p.default), p.default)
+        is_annotated = p.annotation is not p.empty and not isinstance(p.annotation, str)
+        fields[p.name] = (p.annotation if is_annotated else type(p.default), p.default)
     model = create_model(feature.name, __base__=Overrides, **fields)
-    given = validate(model, {k: v for k, v in table.items() if k != "use"}, where)
-    overrides = given.model_dump(exclude_unset=True)
-    if math.prod(_largest(value) for key, value in overrides.items() if key not in SAMPLES) > MOST_COUNTED:
+    parameters = validate(model, {k: v for k, v in table.items() if k != "use"}, where)
+    overrides = parameters.model_dump(exclude_unset=True)
+    counts = [_largest(value) for key, value in overrides.items() if key not in SAMPLE_PARAMETERS]
+    if math.prod(counts) > MAX_PRODUCT:
         raise ValueError(
-            f"{where} is {overrides!r:.80}. Expected whole numbers whose product is at most {MOST_COUNTED}"
+            f"{where}: the product of the whole numbers must be at most {MAX_PRODUCT}, got {overrides!r:.80}"
         )
     try:
         return Member(name, feature, overrides)
-    except Exception as error:  # names of columns are made of parameters whose values nobody has checked
-        raise ValueError(f"{where}: its columns cannot be named ({error})") from error
+    except Exception as error:  # column names are built from unchecked parameter values
+        raise ValueError(f"{where}: column names cannot be built from the parameters ({error})") from error
 
 
 class Overrides(StrictModel):
-    """Parameters that a set gives a feature."""
+    """Parameters of a feature in a set."""
 
     model_config = ConfigDict(allow_inf_nan=True)
 
 
 def _largest(value: Any) -> int:
-    """Return the size of the largest whole number in an override, 1 if it holds none."""
+    """Return the largest magnitude of the whole numbers in a parameter, 1 if there is none."""
     if isinstance(value, tuple):
         return max(map(_largest, value), default=1)
     return max(1, abs(value)) if isinstance(value, int) else 1

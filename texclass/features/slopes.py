@@ -1,9 +1,9 @@
-"""Slopes and curvatures of a vibration over several spans of time: how large, how even, how they follow.
+"""Differences and second differences of a vibration at several lags: level, shape and signs.
 
-A spectrum says how strong each frequency is, not whether the strength comes in bursts, nor to which side
-bumps and catches point. The curvature over a lag is a band-pass around fs/(3 lag) that costs two additions; a
-few means of it answer both. The signs of slopes and curvatures are shape without level: a gain, a sensor that
-drifts and single strong events change these little, and counting costs next to nothing.
+A power spectrum contains no phase: it shows neither whether the energy is concentrated in bursts, nor whether
+the signal is symmetric. A second difference with a given lag is a band-pass around fs/(3 lag) that costs two
+additions, and a few of its moments describe both properties. The signs of differences do not depend on gain,
+on slow drift of the sensor, or on a few strong events.
 """
 
 from collections.abc import Iterable
@@ -19,10 +19,10 @@ from texclass.recording import Samples
 SIGNS = "texclass; clipped autocorrelation (Van Vleck, 1943) of differences"
 MOMENTS = "texclass; moments of second differences"
 LAGS = (1, 2, 4, 8, 16, 32)
-"""Spans of time, in samples, from one octave to the next."""
+"""Lags in samples, one octave apart."""
 SHAPES = ("lopsidedness", "peakedness", "evenness")
-LEAST = 1e-6
-"""Least root mean square, relative to the largest sample: below it, single precision says nothing."""
+MIN_RMS = 1e-6
+"""Smallest RMS relative to the largest sample; smaller values are rounding errors of single precision."""
 
 
 def rising(view: PhaseView, lag: int) -> NDArray[np.bool_]:
@@ -40,123 +40,171 @@ def convex(view: PhaseView, lag: int) -> NDArray[np.bool_]:
 
 
 def agreements(signs: NDArray[np.bool_], shifts: Iterable[int]) -> list[list[float]]:
-    """Return the shares of times t at which the signs at t and t + shift agree, of each shift and row."""
+    """Return, for each shift, the fraction of times t with equal signs at t and t + shift, per row."""
     rows = signs.reshape(-1, signs.shape[-1])
     same = (rows[:, shift:] == rows[:, :-shift] for shift in shifts)
-    return [[np.count_nonzero(row) / row.size for row in rows] for rows in same]  # along an axis it is slow
+    return [[np.count_nonzero(row) / row.size for row in rows] for rows in same]  # slower with axis=-1
 
 
 @feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}", depends_on=("rate", "sign"))
 def slope_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
-    """Share of times at which two slopes some time apart have the same sign, at several time scales.
+    """Return how often two differences, some time apart, have the same sign, at several lags.
 
-    With d_t = x_(t+lag) - x_t, the share of t with sign d_t = sign d_(t + step lag). For a Gaussian signal it
-    is 1/2 + arcsin(r)/pi, r the correlation of the two; each lag is a band-pass around fs/(2 lag). A slope of
-    0 counts as falling: of a signal that is coarsely quantised, the value depends on the sign.
+    With d_t = x_(t+lag) - x_t, the fraction of times t with sign d_t = sign d_(t + step lag). For a Gaussian
+    signal it is 1/2 + arcsin(r)/pi, where r is the correlation of the two. Each lag is a band-pass around
+    fs/(2 lag). Zero differences count as negative, so the value depends on the sign of a coarsely quantised
+    signal.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     lags : tuple of int
-        Spans of the slopes, in samples.
+        Lags of the differences, in samples.
     steps : tuple of int
-        Distances of the two slopes, in lags.
+        Distances between the two differences, in lags.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (n_lags * n_steps,)
+        Fractions from 0 to 1.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, or a movement not twice as long as the longest lag and step together.
+        For silence, or a movement shorter than twice the longest lag and step together.
+
+    References
+    ----------
+    Clipped autocorrelation: Van Vleck, "The spectrum of clipped noise", 1943.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.random.default_rng(0).standard_normal(10_000)
+    >>> slope_agreement(x, fs=10_000, lags=(1,), steps=(1, 2)).round(2).tolist()  # white noise: 1/3, 1/2
+    [0.33, 0.5]
     """
-    require(view, 2 * max(lags) * (1 + max(steps)), "slopes that far apart")
-    shares = [each for lag in lags for each in agreements(rising(view, lag), [s * lag for s in steps])]
-    return np.array(shares).T.reshape(*view.samples.shape[:-1], -1)
+    require(view, 2 * max(lags) * (1 + max(steps)), "twice the longest lag and step")
+    fractions = [row for lag in lags for row in agreements(rising(view, lag), [s * lag for s in steps])]
+    return np.array(fractions).T.reshape(*view.samples.shape[:-1], -1)
 
 
 @feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}", depends_on=("rate", "sign"))
 def curvature_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
-    """Share of times at which two curvatures some time apart have the same sign, at several time scales.
+    """Return how often two second differences, some time apart, have the same sign, at several lags.
 
-    As `slope_agreement`, with the second difference x_(t+2 lag) - 2 x_(t+lag) + x_t: a narrower band-pass.
+    As `slope_agreement`, with the second difference x_(t+2 lag) - 2 x_(t+lag) + x_t, a narrower band-pass.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     lags : tuple of int
-        Half the spans of the curvatures, in samples.
+        Lags of the second differences, in samples.
     steps : tuple of int
-        Distances of the two curvatures, in lags.
+        Distances between the two second differences, in lags.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (n_lags * n_steps,)
+        Fractions from 0 to 1.
 
     Raises
     ------
     UndefinedFeatureError
-        As `slope_agreement`, for a movement twice as long as the longest span and step together.
+        For silence, or a movement shorter than twice the longest span and step together.
+
+    References
+    ----------
+    Clipped autocorrelation: Van Vleck, "The spectrum of clipped noise", 1943.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.random.default_rng(0).standard_normal(10_000)
+    >>> curvature_agreement(x, fs=10_000, lags=(1,), steps=(1, 2)).round(2).tolist()
+    [0.27, 0.56]
     """
-    require(view, 2 * max(lags) * (2 + max(steps)), "curvatures that far apart")
-    shares = [each for lag in lags for each in agreements(convex(view, lag), [s * lag for s in steps])]
-    return np.array(shares).T.reshape(*view.samples.shape[:-1], -1)
+    require(view, 2 * max(lags) * (2 + max(steps)), "twice the longest span and step")
+    fractions = [row for lag in lags for row in agreements(convex(view, lag), [s * lag for s in steps])]
+    return np.array(fractions).T.reshape(*view.samples.shape[:-1], -1)
 
 
 @feature_in_samples(
     "log10(m/s^2)", "texclass; first-order structure function", outputs="lag{lags}", gain=Gain(shift=1)
 )
 def slope_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
-    """Mean magnitude of the change over several spans of time, log10 mean |x_(t+lag) - x_t|.
+    """Return the mean magnitude of differences at several lags, log10 mean |x_(t+lag) - x_t|.
 
-    Beside the power of a band, which single strong events may make up, the magnitude says how much the
-    vibration changes most of the time.
+    The mean magnitude describes the usual vibration; the power of a band may come from a few strong events.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     lags : tuple of int
-        Spans, in samples.
+        Lags in samples.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (n_lags,)
+        Levels in log10(m/s^2).
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement not twice as long as the longest lag, or one that does not change over a lag.
+        For silence, a movement shorter than twice the longest lag, or differences that are all 0.
+
+    References
+    ----------
+    First-order structure function.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> walk = np.random.default_rng(0).standard_normal(10_000).cumsum()
+    >>> slope_level(walk, fs=10_000, lags=(1, 2, 4)).round(2).tolist()  # +log10(2)/2 per octave
+    [-0.1, 0.05, 0.21]
     """
     return slope_levels(view, lags)
 
 
 @transform
 def slope_levels(view: PhaseView, lags: tuple[int, ...]) -> Samples:
-    """Return what `slope_level` is, shape (..., n_lags)."""
-    require(view, 2 * max(lags), "slopes of that span")
+    """Return the values of `slope_level`, shape (..., n_lags)."""
+    require(view, 2 * max(lags), "twice the longest lag")
     x = unit32(view)
     means = []
     for lag in lags:
         change = x[..., lag:] - x[..., :-lag]
-        # numpy adds in pairs: single precision is enough
+        # Single precision is enough: numpy uses pairwise summation.
         means.append(np.abs(change, out=change).sum(axis=-1) / np.float64(change.shape[-1]))
     mean = np.array(means).T
-    undefined_if(not mean.all(), "the mean change is 0. Expected a positive value, for its logarithm")
+    undefined_if(not mean.all(), "the mean difference must be positive to take its logarithm, got 0")
     return np.asarray(np.log10(mean) + np.log10(level(view)))
 
 
 @transform
 def moments(view: PhaseView, lag: int) -> tuple[Samples, Samples]:
-    """Return the mean square (...) and the `SHAPES` (..., 3) of c_t = (x_(t+2 lag) + x_t)/2 - x_(t+lag).
+    """Return mean square (...) and `SHAPES` (..., 3) of c_t = (x_(t+2 lag) + x_t)/2 - x_(t+lag).
 
-    Of the samples divided by `level`; for lag 0, of x - mean x.
+    Samples are divided by `level`. For lag 0, c = x - mean x.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, or if c stays within rounding.
+        For silence, or if c is not larger than rounding errors.
     """
     x = unit32(view)
     if lag:
@@ -165,19 +213,19 @@ def moments(view: PhaseView, lag: int) -> tuple[Samples, Samples]:
         c -= x[..., lag:-lag]
     else:
         c = x - (x.sum(axis=-1, keepdims=True, dtype=np.float64) / x.shape[-1]).astype(np.float32)
-    return _shapes(c, f"the curvature over {lag} samples")
+    return _shapes(c, f"the second difference at lag {lag}")
 
 
-def _shapes(c: NDArray[np.float32], what: str) -> tuple[Samples, Samples]:
-    """Return the mean square (...) and the `SHAPES` (..., 3) of some samples, which are overwritten."""
+def _shapes(c: NDArray[np.float32], name: str) -> tuple[Samples, Samples]:
+    """Return mean square (...) and `SHAPES` (..., 3) of some samples, which are overwritten."""
     size, n = np.abs(c), c.shape[-1]
     sums = [size.sum(axis=-1), _dot(c, size)]
     c *= c
     sums += [c.sum(axis=-1), _dot(c, c)]
     first, signed, second, fourth = np.array(sums, dtype=np.float64) / n  # means of |c|, c |c|, c^2, c^4
-    if not (least := second.min()) > LEAST**2:
+    if not (smallest := second.min()) > MIN_RMS**2:
         raise UndefinedFeatureError(
-            f"{what} is {np.sqrt(least):.2g} of the largest sample. Expected more than {LEAST:g}"
+            f"the RMS of {name} must be above {MIN_RMS:g} of the largest sample, got {np.sqrt(smallest):.2g}"
         )
     peakedness, evenness = np.log10(fourth / second**2), np.log10(first / np.sqrt(second))
     return second, np.array([signed / second, peakedness, evenness]).T
@@ -189,25 +237,41 @@ def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def shape_names(*, lags: tuple[int, ...]) -> tuple[str, ...]:
-    """Return the names of the `SHAPES` of several lags."""
+    """Return the names of the `SHAPES` for several lags."""
     return tuple(f"lag{lag}.{shape}" for lag in lags for shape in SHAPES)
 
 
 @feature("movement", "1", MOMENTS, outputs=SHAPES, depends_on=("sign",), divisible="at once")
 def vibration_shape(view: PhaseView) -> Samples:
-    """Lopsidedness, peakedness and evenness of the samples about their mean; see `curvature_shape`.
+    """Return lopsidedness, peakedness and evenness of the samples about their mean; see `curvature_shape`.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (3,)
+        Lopsidedness, peakedness and evenness.
 
     Raises
     ------
     UndefinedFeatureError
         For silence, or fewer than 32 samples.
+
+    References
+    ----------
+    texclass; robust relatives of skewness and kurtosis.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.random.default_rng(0).standard_normal(10_000)
+    >>> vibration_shape(x, fs=10_000).round(2).tolist()  # Gaussian noise: 0, log10(3), log10(sqrt(2/pi))
+    [-0.01, 0.47, -0.1]
     """
     require(view, 32, "a shape")
     return moments(view, 0)[1]
@@ -220,29 +284,47 @@ def vibration_shape(view: PhaseView) -> Samples:
     depends_on=("rate", "sign"),
 )
 def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
-    """Lopsidedness, peakedness and evenness of the curvature over several spans of time.
+    """Return lopsidedness, peakedness and evenness of second differences at several lags.
 
-    With c the second difference over a lag: lopsidedness is mean(c |c|) / mean(c^2), 0 for what is the same
-    upside down and +-1 for what bends to one side only; peakedness is log10(mean(c^4) / mean(c^2)^2), 0.48
-    for noise and more for bursts; evenness is log10(mean |c| / rms c), -0.10 for noise, near 0 where c always
-    has the same size. The sign of lopsidedness is that of the sensor's mounting.
+    With c the second difference at a lag:
+
+    - lopsidedness is mean(c |c|) / mean(c^2): 0 for a symmetric signal, +-1 if it bends to one side only. Its
+      sign depends on the mounting direction of the sensor;
+    - peakedness is log10(mean(c^4) / mean(c^2)^2), the logarithm of the kurtosis: 0.48 for Gaussian noise,
+      more for bursts;
+    - evenness is log10(mean |c| / rms c): -0.10 for Gaussian noise, near 0 if |c| is constant.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     lags : tuple of int
-        Half the spans of the curvatures, in samples.
+        Lags of the second differences, in samples.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (3 * n_lags,)
+        Lopsidedness, peakedness and evenness of each lag.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement not four times as long as the longest lag, or one that does not bend over a
-        lag.
+        For silence, a movement shorter than four times the longest lag, or second differences that are all 0.
+
+    References
+    ----------
+    texclass; moments of second differences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.random.default_rng(0).standard_normal(10_000) ** 3  # bursts
+    >>> curvature_shape(x, fs=10_000, lags=(1,)).round(2).tolist()
+    [0.03, 1.28, -0.26]
     """
-    require(view, 4 * max(lags), "curvatures of that span")
+    require(view, 4 * max(lags), "four times the longest lag")
     return np.concatenate([moments(view, lag)[1] for lag in lags], axis=-1)
 
 
@@ -253,57 +335,89 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
     depends_on=("rate", "sign"),
 )
 def slope_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
-    """Lopsidedness, peakedness and evenness of the change over several spans of time.
+    """Return lopsidedness, peakedness and evenness of differences at several lags.
 
-    As `curvature_shape`, of d_t = x_(t+lag) - x_t. Lopsidedness is not 0 where rises are steeper than falls,
-    as where something sticks slowly and slips at once: a spectrum does not know which way time runs. A touch
-    of a tenth of a second tells surfaces apart by it that no level can.
+    As `curvature_shape`, for d_t = x_(t+lag) - x_t. Lopsidedness differs from 0 if rises are steeper than
+    falls, as in stick-slip; a power spectrum does not depend on the direction of time. For windows of 0.1 s,
+    this shape separates surfaces that no level separates.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     lags : tuple of int
-        Spans, in samples.
+        Lags in samples.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (3 * n_lags,)
+        Lopsidedness, peakedness and evenness of each lag.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement not twice as long as the longest lag, or one that does not change over a lag.
+        For silence, a movement shorter than twice the longest lag, or differences that are all 0.
+
+    References
+    ----------
+    texclass; moments of first differences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> saw = np.arange(10_000.0) % 20  # rises slowly, falls at once
+    >>> slope_shape(saw, fs=10_000, lags=(1,)).round(2).tolist()
+    [-0.9, 1.26, -0.36]
     """
-    require(view, 2 * max(lags), "slopes of that span")
+    require(view, 2 * max(lags), "twice the longest lag")
     x = unit32(view)
-    changes = ((x[..., lag:] - x[..., :-lag], f"the change over {lag} samples") for lag in lags)
-    return np.concatenate([_shapes(*change)[1] for change in changes], axis=-1)
+    differences = ((x[..., lag:] - x[..., :-lag], f"the difference at lag {lag}") for lag in lags)
+    return np.concatenate([_shapes(*difference)[1] for difference in differences], axis=-1)
 
 
 @feature_in_samples("log10(m/s^2)", MOMENTS, outputs="lag{lags}", gain=Gain(shift=1))
 def curvature_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
-    """Root mean square of half the second difference over several spans of time, log10.
+    """Return the RMS level of half the second difference at several lags, in log10.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     lags : tuple of int
-        Half the spans of the curvatures, in samples.
+        Lags of the second differences, in samples.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (n_lags,)
+        Levels in log10(m/s^2).
 
     Raises
     ------
     UndefinedFeatureError
         As `curvature_shape`.
+
+    References
+    ----------
+    texclass; moments of second differences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.sin(2 * np.pi * 100 * np.arange(10_000) / 10_000)
+    >>> curvature_level(x, fs=10_000, lags=(8, 16, 32)).round(2).tolist()
+    [-1.06, -0.48, 0.0]
     """
     return curvature_levels(view, lags)
 
 
 @transform
 def curvature_levels(view: PhaseView, lags: tuple[int, ...]) -> Samples:
-    """Return what `curvature_level` is, shape (..., n_lags)."""
-    require(view, 4 * max(lags), "curvatures of that span")
+    """Return the values of `curvature_level`, shape (..., n_lags)."""
+    require(view, 4 * max(lags), "four times the longest lag")
     rms = np.sqrt([moments(view, lag)[0] for lag in lags]).T
     return np.asarray(np.log10(rms) + np.log10(level(view)))
 
@@ -317,19 +431,35 @@ def curvature_levels(view: PhaseView, lags: tuple[int, ...]) -> Samples:
     divisible="at once",
 )
 def vibration_level(view: PhaseView) -> Samples:
-    """Root mean square of the samples about their mean, log10.
+    """Return the RMS level of the samples about their mean, in log10.
 
     Parameters
     ----------
-    view : PhaseView
-        Movement.
+    view : PhaseView or array_like of shape (n,)
+        Movement; an array with `fs` in Hz.
     n_segments : int
-        Equal pieces to compute it of, each by itself; see `feature`.
+        Number of equal segments to compute it on (default 1); see `feature`.
+
+    Returns
+    -------
+    ndarray of shape (1,)
+        Level in log10(m/s^2).
 
     Raises
     ------
     UndefinedFeatureError
-        As `vibration_shape`.
+        For silence, or fewer than 32 samples.
+
+    References
+    ----------
+    texclass; level of a vibration.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = 3 * np.sin(2 * np.pi * 100 * np.arange(10_000) / 10_000)
+    >>> vibration_level(x, fs=10_000).round(2).tolist()  # log10(3 / sqrt(2))
+    [0.33]
     """
     require(view, 32, "a level")
     return np.asarray(np.log10(moments(view, 0)[0][..., np.newaxis]) / 2 + np.log10(level(view)))

@@ -1,37 +1,35 @@
-"""Taps as decaying modes: what rings, how long, and how strongly for a given velocity of the hand."""
+"""Decaying modes of taps: frequencies, decay rates, and amplitude per velocity of the hand."""
 
 import functools
 
 import numpy as np
 
 from texclass.features.contract import feature
-from texclass.features.hardness import median_over_taps, per_tap, unit_taps
+from texclass.features.hardness import map_taps, median_over_taps, unit_taps
 from texclass.features.phase_view import TapSignal, TapView, transform, undefined_if
 from texclass.recording import Samples
 from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil
 
 ORDER = 4
-"""Poles of a tap: two modes.
-
-Of 4, 8, 12 and the rank of the noise, with LDA: best beside the other features of taps on left-out operators
-of `simulated69`, and on `taps5` (3 recordings of each plate train). More poles only spread what a tap says.
-"""
+"""Number of poles of a tap: two modes.  Selected among 4, 8, 12 and the rank of the noise with LDA: best
+in addition to the other features of taps, for left-out operators of `simulated69`, and on `taps5` (3
+training recordings per plate)."""
 TAP_RATE = 2800.0
-"""Least rate in Hz that a tap is decimated to: twice the band of the sensor of strese2015."""
+"""Lowest rate in Hz after decimation of a tap: twice the bandwidth of the sensor of strese2015."""
 
 
 @functools.lru_cache(maxsize=32)
 def _low_pass(q: int) -> Samples:
-    """Return a low-pass of 4 q + 1 taps to a q-th of the band: a sinc under a Hamming window, 1 at 0 Hz."""
+    """Return a FIR low-pass of length 4 q + 1 to 1/q of the band: a windowed sinc with gain 1 at 0 Hz."""
     h = np.sinc(np.arange(-2 * q, 2 * q + 1) / q) * np.hamming(4 * q + 1)
     return np.asarray(h / h.sum())
 
 
 def decimated(x: Samples, fs: float) -> tuple[Samples, float]:
-    """Return a tap at the lowest rate of `TAP_RATE` or more that is a whole part of its own.
+    """Return a tap decimated to the lowest rate of at least `TAP_RATE`, and that rate in Hz.
 
-    A symmetric FIR low-pass is applied, and only outputs that it computes from samples after the contact are
-    kept: filtered that way a decaying mode is the same mode with another amplitude.
+    Only outputs of the symmetric FIR low-pass that depend on no sample before the contact are kept. A
+    decaying mode then remains the same mode with another amplitude.
     """
     q = int(fs // TAP_RATE)
     if q < 2:
@@ -41,12 +39,12 @@ def decimated(x: Samples, fs: float) -> tuple[Samples, float]:
 
 
 def modes_of(tap: TapSignal, fs: float, n_modes: int, order: int) -> DecayingModes:
-    """Return the strongest modes of impact and decay by rising frequency; one that is alone is given again.
+    """Return the strongest modes of a tap by ascending frequency; modes are repeated if there are too few.
 
     Raises
     ------
     UndefinedFeatureError
-        If the tap is silent, or shorter than the fit needs.
+        If the tap is silent, or too short for the fit.
     """
     x, rate = decimated(tap.impulse, fs)
     x = x[:64]  # 23 ms at most, after decimation at known rates
@@ -54,104 +52,151 @@ def modes_of(tap: TapSignal, fs: float, n_modes: int, order: int) -> DecayingMod
         x.size < max(2 * order, 8),
         f"{x.size} samples of a tap. Expected at least {max(2 * order, 8)} at {rate:g} Hz",
     )
-    found = fit_matrix_pencil(x, rate, order=order)
-    undefined_if(found.n_modes == 0, "silence: the tap has no impulse")
-    rank = np.resize(np.arange(min(n_modes, found.n_modes)), n_modes)
-    rank = rank[np.argsort(found.frequency_hz[rank], kind="stable")]
-    return DecayingModes(*found.table[rank].T)
+    modes = fit_matrix_pencil(x, rate, order=order)
+    undefined_if(modes.n_modes == 0, "silence: the tap has no impulse")
+    rank = np.resize(np.arange(min(n_modes, modes.n_modes)), n_modes)
+    rank = rank[np.argsort(modes.frequency_hz[rank], kind="stable")]
+    return DecayingModes(*modes.table[rank].T)
 
 
 @transform
 def tap_modes(view: TapView, n_modes: int, order: int) -> tuple[Samples, Samples]:
     """Return frequencies (Hz) and decay rates (1/s) of the strongest modes of each tap, (n_taps, n_modes)."""
     undefined_if(
-        not 1 <= n_modes <= order // 2, f"{n_modes} modes of order {order}. Expected 1 ... half the order"
+        not 1 <= n_modes <= order // 2, f"n_modes must be 1 ... {order // 2} (half the order), got {n_modes}"
     )
-    fits = per_tap(unit_taps(view), lambda tap: modes_of(tap, view.fs, n_modes, order))
+    fits = map_taps(lambda tap: modes_of(tap, view.fs, n_modes, order), unit_taps(view))
     return np.array([m.frequency_hz for m in fits]), np.array([m.decay_per_s for m in fits])
 
 
 @feature("tap", "Hz", "guruswamy2011, section IV-A, by the matrix pencil", outputs="f{n_modes}")
 def tap_mode_frequency(view: TapView, *, n_modes: int = 2, order: int = ORDER) -> Samples:
-    """Frequencies of the strongest decaying modes of a tap, rising; median over taps.
+    """Return the frequencies of the strongest decaying modes of a tap, ascending; median over taps.
 
-    Fitted to the first 64 samples after the contact, at 2.8 to 5.6 kHz (its own rate, if that is lower).
+    Fitted to the first 64 samples after the contact, at a rate of 2.8 to 5.6 kHz (fs, if that is lower).
 
     Parameters
     ----------
-    view : TapView
-        Taps.
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
     n_modes : int
-        How many, at most half the order. A tap that has only one gives it for each.
+        Number of modes (default 2), at most half the order. If a tap has fewer modes, they are repeated.
     order : int
-        Number of poles of the fit.
+        Number of poles of the fit (default 4).
 
     Returns
     -------
     ndarray of shape (n_modes,)
+        Frequencies in Hz.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or none with an impulse of two samples per pole.
+        If there is no tap, or no tap with an impulse of at least two samples per pole.
+
+    References
+    ----------
+    `guruswamy2011`, section IV-A, with the matrix pencil in place of Prony's method.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):  # three taps that ring at 300 Hz
+    ...     x += 20 * (t >= start) * np.exp(-100 * (t - start).clip(0)) * np.sin(1885 * (t - start))
+    >>> tap_mode_frequency(x, fs=10_000, n_modes=1).round(-1).tolist()
+    [300.0]
     """
     return median_over_taps(tap_modes(view, n_modes, order)[0])
 
 
 @feature("tap", "log10(1/s)", "guruswamy2011, section IV-A, by the matrix pencil", outputs="b{n_modes}")
 def tap_mode_decay(view: TapView, *, n_modes: int = 2, order: int = ORDER) -> Samples:
-    """Decay rates log10 B of the strongest decaying modes of a tap, by rising frequency; median over taps.
+    """Return the decay rates log10 B of the strongest modes of a tap, by frequency; median over taps.
 
     Parameters
     ----------
-    view : TapView
-        Taps.
-    n_modes, order
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
+    n_modes, order : int
         As in `tap_mode_frequency`.
 
     Returns
     -------
     ndarray of shape (n_modes,)
+        Decay rates in log10(1/s).
 
     Raises
     ------
     UndefinedFeatureError
         As `tap_mode_frequency`.
+
+    References
+    ----------
+    `guruswamy2011`, section IV-A, with the matrix pencil in place of Prony's method.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 10_000
+    >>> x = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    >>> for start in (0.5, 0.9, 1.4):  # three taps that ring at 300 Hz
+    ...     x += 20 * (t >= start) * np.exp(-100 * (t - start).clip(0)) * np.sin(1885 * (t - start))
+    >>> tap_mode_decay(x, fs=10_000, n_modes=1).round(1).tolist()  # log10(100 per s)
+    [2.0]
     """
     return median_over_taps(np.log10(tap_modes(view, n_modes, order)[1]))
 
 
 @feature("tap", "log10(1/s)", "okamura2001, eq. 1 and section II-B")
 def tap_amplitude_slope(view: TapView) -> float:
-    """Amplitude of a tap per velocity of the hand at the contact, log10 of the slope over the taps.
+    """Return the amplitude of a tap per velocity of the hand at the contact, in log10.
 
-    A = sum v a / sum v^2, the regression through the origin of the largest magnitudes a on the velocities
-    v = |integral of the hand's acceleration before the contact|.
+    The slope over the taps is A = sum v a / sum v^2, the regression through the origin of the largest
+    magnitudes a on the velocities v = |integral of the acceleration of the hand before the contact|.
 
     Parameters
     ----------
-    view : TapView
-        Taps.
+    view : TapView or array_like of shape (n,)
+        Taps; an array with `fs` in Hz, whose taps are located first.
+
+    Returns
+    -------
+    float
+        Slope in log10(1/s).
 
     Raises
     ------
     UndefinedFeatureError
-        If there are fewer than three taps with a moving hand and an impulse, or their velocities differ by
-        less than a tenth of their mean: a slope needs slow and fast ones.
+        If fewer than three taps have a moving hand and an impulse, or the velocities differ by less than a
+        tenth of their mean: a slope needs slow and fast taps.
+
+    References
+    ----------
+    `okamura2001`, eq. 1 and section II-B.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from texclass.features.phase_view import TapSignal
+    >>> taps = [TapSignal(np.full(10, v), 50 * v * np.array([0.0, 1.0, -0.5])) for v in (1.0, 2.0, 3.0)]
+    >>> round(tap_amplitude_slope(TapView(tuple(taps), fs=1000)), 2)  # velocity 10 v / fs
+    3.7
     """
 
     def velocity_and_amplitude(tap: TapSignal) -> tuple[float, float]:
         v = abs(float(tap.hand.sum())) / view.fs
         undefined_if(
             v == 0 or not tap.impulse.any(),
-            "the hand's velocity or the impulse is 0. Expected a positive number",
+            "the velocity of the hand or the impulse is 0. Expected a positive value",
         )
         return v, float(np.abs(tap.impulse).max())
 
-    v, a = np.array(per_tap(unit_taps(view), velocity_and_amplitude)).T
+    v, a = np.array(map_taps(velocity_and_amplitude, unit_taps(view))).T
     undefined_if(v.size < 3, f"{v.size} taps with a velocity. Expected at least 3 for a slope")
     undefined_if(
         np.ptp(v) < 0.1 * v.mean(),
-        f"the velocities differ by {np.ptp(v) / v.mean():.2g} of their mean. Expected at least 0.1",
+        f"velocities of the taps differ by {np.ptp(v) / v.mean():.2g} of their mean. Expected at least 0.1",
     )
     return float(np.log10(v @ a / (v @ v)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from texclass.features.cepstrum import Banks, with_banks
+from texclass.features.cepstrum import Banks, use_filter_banks
 from texclass.features.phase_view import TURN
 from texclass.features.plan import Computed, Plan
 from texclass.phases import find_phases
@@ -64,7 +64,7 @@ class Model:
     class_moments
         Where they lay; None in an adapted model.
     banks
-        Mel filters that the features need; see `texclass.features.cepstrum.with_banks`.
+        Mel filters that the features need; see `texclass.features.cepstrum.use_filter_banks`.
 
     Examples
     --------
@@ -295,7 +295,7 @@ class Model:
 
     def compute(self, recording: Recording) -> Computed:
         """Compute the features of a recording; its phases are found unless it declares them."""
-        with with_banks(dict(self.banks)):  # those of other rates are not the model's
+        with use_filter_banks(dict(self.banks)):  # those of other rates are not the model's
             phases = find_phases(recording, self.manifest.phase_settings)
             return self.plan.compute(recording.with_(phases=phases))
 
@@ -343,7 +343,7 @@ class Model:
 
     def save(self, path: str | Path) -> None:
         """Write a model file: arrays, or skops where an estimator has no array form; and a manifest."""
-        with with_banks(self.banks):
+        with use_filter_banks(self.banks):
             values = probe_values(self.plan, self.manifest.fs, self.manifest.unit)
         document = {
             "plan": self.plan.to_json(),
@@ -476,7 +476,7 @@ def load_model(path: str | Path) -> Model:
                 raise ValueError(f"it gives other answers than when it was trained with {by}; train it again")
             changed = None
             if not is_same_code:
-                with with_banks(dict(model.banks)):
+                with use_filter_banks(dict(model.banks)):
                     now = probe_values(model.plan, manifest.fs, manifest.unit)
                 changed = changed_value(np.asarray(document["probe"]["values"]), now, model.columns)
     except Exception as error:  # its parts are known classes, but may not fit each other

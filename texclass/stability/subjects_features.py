@@ -29,7 +29,7 @@ Extract = Callable[[Any, Case], tuple[dict[str, Any], dict[str, str]]]
 def subjects() -> list[Subject]:
     """Return one subject for each registered feature, and all together as a library is judged."""
     members = tuple(Member(name, feature) for name, feature in list_features().items())
-    every = FeatureSet("all", members).reading("tap", "movement", "travel", "friction")
+    every = FeatureSet("all", members).with_phases("tap", "movement", "travel", "friction")
 
     def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
         values, reasons = every.compute(views_of(x, case.fs))

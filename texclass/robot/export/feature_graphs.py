@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft
 
 from texclass.features import autoregression, bands, cepstrum, roughness, slopes
-from texclass.features.residual_bands import octaves_of
+from texclass.features.residual_bands import log_frequency
 from texclass.features.spectra import LONG_FRAME_S, window_of
 from texclass.recording import Samples
 from texclass.robot.export.fourier_graphs import band_limited, band_magnitude, low_passed, power
@@ -71,7 +71,7 @@ def _shapes(c: Tensor) -> tuple[Tensor, Tensor]:
     size, square = abs(c), c * c
     first, signed = size.mean(), (c * size).mean()
     second, fourth = square.mean(), (square * square).mean()
-    second = second.where(second > slopes.LEAST**2)
+    second = second.where(second > slopes.MIN_RMS**2)
     shapes = c.graph.beside(
         signed / second, (fourth / (second * second)).log10(), (first / second.sqrt()).log10()
     )
@@ -213,7 +213,7 @@ def _level_persistence(view: GraphView) -> Tensor:
 
 def _above_line(view: GraphView, levels: Tensor, octaves: Samples, power: float) -> Tensor:
     """Add levels minus `power` times the line at frequencies in octaves from fs/2; see `excess.line`."""
-    at = octaves_of(slopes.LAGS)
+    at = log_frequency(slopes.LAGS)
     away = at - at.mean()
     # line(u) = mean of the levels + (u - mean u) (away @ levels) / (away @ away)
     weights = 1 / len(at) + np.outer(away, octaves - at.mean()) / (away @ away)
@@ -228,7 +228,7 @@ def _slopes(view: GraphView) -> Tensor:
 
 @graph_of("level_tilt")
 def _level_tilt(view: GraphView) -> Tensor:
-    away = octaves_of(slopes.LAGS) - octaves_of(slopes.LAGS).mean()
+    away = log_frequency(slopes.LAGS) - log_frequency(slopes.LAGS).mean()
     tilt: Tensor = _slopes(view) @ (away / (away @ away))[:, None]
     return tilt
 
@@ -248,12 +248,12 @@ def _octave_residual_level(view: GraphView, octaves: tuple[int, int], per_octave
 
 @graph_of("slope_residual_level")
 def _slope_residual_level(view: GraphView, lags: tuple[int, ...]) -> Tensor:
-    return _above_line(view, _slope_level(view, lags), octaves_of(lags), 1)
+    return _above_line(view, _slope_level(view, lags), log_frequency(lags), 1)
 
 
 @graph_of("curvature_residual_level")
 def _curvature_residual_level(view: GraphView, lags: tuple[int, ...]) -> Tensor:
-    return _above_line(view, _curvature_level(view, lags), octaves_of(lags), 1)
+    return _above_line(view, _curvature_level(view, lags), log_frequency(lags), 1)
 
 
 # Frames: cepstrum and fineness.
@@ -420,7 +420,7 @@ def _log_area_ratios(view: GraphView, order: int, frame_s: float, band_hz: float
     n_frames = n // length
     frames = x.cut(0, n_frames * length).reshape(-1, n_frames, length)
     energy = frames.reduced("ReduceSumSquare", -1)
-    heard = energy > energy.reduced("ReduceMax", 1) * autoregression.SILENT
+    heard = energy > energy.reduced("ReduceMax", 1) * autoregression.MIN_POWER
     ratios = view.graph.beside(*_burg(frames.reshape(-1, length), length, order))
     total = ratios.reshape(-1, n_frames, order).where(heard, 0.0).sum(1)
     count = heard.cast(np.float64).sum(1)
