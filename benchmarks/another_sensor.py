@@ -18,7 +18,7 @@ from texclass.evaluation import cached_table, load_pipeline
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition import Model, train
-from texclass.recognition.adaptation import adapted_to
+from texclass.recognition.adaptation import adapt_to_rows
 from texclass.recording import Recording, Samples
 from texclass.reporting import Heading
 from texclass.simulate import record_freehand
@@ -172,7 +172,7 @@ class Asked:
 
     def said(self, model: Model, tests: pd.DataFrame) -> pd.DataFrame:
         """Return of each test whether it is right, called unknown, and a stranger."""
-        p, p_known = model.judge(self.values(tests))
+        p, p_known = model.classify(self.values(tests))
         surface = tests["surface"].to_numpy(dtype=str)
         return pd.DataFrame({
             "surface": surface,
@@ -186,7 +186,7 @@ class Asked:
         surface = references["surface"].to_numpy(dtype=str)
         known = (surface[:, None] == np.array(self.model.surfaces)) * float(labelled)
         try:
-            return adapted_to(self.model, self.values(references), known, np.arange(len(references)), {})
+            return adapt_to_rows(self.model, self.values(references), known, np.arange(len(references)), {})
         except ValueError as error:
             print(f"{self.name}: {error}", flush=True)
             return self.model

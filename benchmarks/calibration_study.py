@@ -69,7 +69,7 @@ def measure(case: dict[str, Any]) -> dict[str, Any]:
         model = train(known, pipeline, **asked_for)
         trained, frame = (features_of(felt, pipeline, case["window_s"]) for felt in (known, asked))
         X_train, X = (one[list(model.columns)].to_numpy(dtype=np.float64) for one in (trained, frame))
-        p, p_known = model.judge(X)
+        p, p_known = model.classify(X)
         classifier = with_segment_columns(pipeline.classifiers[case["classifier"]].make(), model.columns)
         classifier.fit(model.prepare(X_train), trained["surface"].to_numpy(dtype=str))
         raw = classifier.predict_proba(model.prepare(X)).max(axis=1)

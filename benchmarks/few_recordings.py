@@ -30,10 +30,11 @@ from texclass.evaluation.pipeline import MatchedRow
 from texclass.evaluation.protocols import FewShot, splits_of
 from texclass.evaluation.splits import Indices, Split, runs
 from texclass.loaders import open_dataset
-from texclass.recognition import Novelty
-from texclass.recognition.candidates import Candidate, HeldOut, candidates_of, hold_out, without_choice
-from texclass.recognition.holding_out import LATER_ALARMS, of_succession
-from texclass.recognition.unknown import cautious
+from texclass.recognition import NoveltyDetector
+from texclass.recognition.candidates import Candidate, list_candidates, without_selection
+from texclass.recognition.held_out_predictions import HeldOutPredictions, predict_held_out
+from texclass.recognition.holdout import LATER_ALARM_FACTOR, rule_of_succession
+from texclass.recognition.novelty import conservative_rate
 from texclass.reporting import Heading
 
 SEED = 11
@@ -68,7 +69,7 @@ def main() -> None:
         pipelines = [load_pipeline(each) for each in dict.fromkeys((own, *others))]
         tables = [cached_table(dataset, *p.needed, channels=p.channels, n_jobs=1) for p in pipelines]
         meter = CostMeter.on(dataset, tables[0].frame["recording_id"].tolist(), pipelines[0].channels)
-        default, *_ = without_choice(candidates_of(pipelines[0], tables[0], meter))
+        default, *_ = without_selection(list_candidates(pipelines[0], tables[0], meter))
         for protocol, n, splits in cells(tables[0].frame):
             cell = {"set": name, "protocol": protocol, "n": n, "n_folds": len(splits)}
             found["cells"].append(cell | compared(default, list(zip(pipelines, tables, strict=True)), splits))
@@ -121,7 +122,7 @@ def compared(
 
     Rows that select columns are left out, and what refuses single recordings of a surface.
     """
-    X, y = default.trained_on(offers[0][1].frame)
+    X, y = default.training_set(offers[0][1].frame)
     own = evaluate(X, y, splits, default.preparation, default.classifier)
     rows = []
     for pipeline, features in offers:
@@ -194,7 +195,8 @@ def promised(
     surfaces, rng = frame["surface"].to_numpy(dtype=str), np.random.default_rng(seed)
     chance = 1 / len(set(surfaces))
     found: dict[str, Any] = {
-        "promise": of_succession(float(known.hits.mean()), len(known.hits)), "later": float(got.hits.mean()),
+        "promise": rule_of_succession(float(known.hits.mean()), len(known.hits)),
+        "later": float(got.hits.mean()),
         "kept": (float(got.hits.mean()) - chance) / (float(known.hits.mean()) - chance),
     }  # fmt: skip
     alarms = []
@@ -203,11 +205,12 @@ def promised(
         known, got = answers(default, frame, trains[~np.isin(surfaces[trains], strangers)], later)
         strange = np.isin(surfaces[got.rows], strangers)
         for margin, level in (
-            ("plain", FALSE_ALARMS), ("wide", cautious(FALSE_ALARMS, len(known.strange), LATER_ALARMS)),
+            ("plain", FALSE_ALARMS),
+            ("wide", conservative_rate(FALSE_ALARMS, len(known.novelty), LATER_ALARM_FACTOR)),
         ):  # fmt: skip
-            least = 1 / (len(known.strange) + 1)
-            novelty = Novelty("decision", np.sort(known.strange), max(level, least))
-            unknown = novelty.p_value(got.strange) <= novelty.false_alarms
+            least = 1 / (len(known.novelty) + 1)
+            novelty = NoveltyDetector("decision", np.sort(known.novelty), max(level, least))
+            unknown = novelty.p_value(got.novelty) <= novelty.false_alarms
             alarms.append(
                 {f"{margin}_alarms": unknown[~strange].mean(), f"{margin}_found": unknown[strange].mean()}
             )
@@ -216,12 +219,12 @@ def promised(
 
 def answers(
     default: Candidate, frame: pd.DataFrame, trains: Indices, later: Indices
-) -> tuple[HeldOut, HeldOut]:
+) -> tuple[HeldOutPredictions, HeldOutPredictions]:
     """Return what is said of recordings held out from those that train, and of later ones."""
     part = frame.iloc[trains].reset_index(drop=True)
     return (
-        hold_out(default, part, splits_of(find_protocol("recording"), part, SEED)),
-        hold_out(default, frame, [(trains, later)]),
+        predict_held_out(default, part, splits_of(find_protocol("recording"), part, SEED)),
+        predict_held_out(default, frame, [(trains, later)]),
     )
 
 
@@ -270,8 +273,8 @@ def report(found: dict[str, list[dict[str, Any]]], made: dict[str, Any], out: Pa
         "Promised is what some of them, held out at random, come to (rule of succession). Kept: of what "
         f"their accuracy is above chance. Called unknown at a setting of {FALSE_ALARMS:.0%}: later "
         "recordings, and strangers (a fifth of the surfaces, left out), by a threshold as held-out "
-        f"recordings give it (plain), and by one that expects {LATER_ALARMS:g} times as many false alarms "
-        "later (wide).",
+        f"recordings give it (plain), and by one that expects {LATER_ALARM_FACTOR:g} times as many false "
+        "alarms later (wide).",
         table(
             kept,
             "set = {set} | n = {n} | promised = {promise:.1%} | later = {later:.1%} | kept = {kept:.2f} | "

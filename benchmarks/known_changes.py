@@ -1,6 +1,6 @@
 """Measure what a quicker, stronger or brighter stroke does to the features of the set `surfaces`.
 
-`python benchmarks/known_changes.py` (a minute) writes texclass/classifiers/known_changes.csv. It changes
+`python benchmarks/known_changes.py` (a minute) writes texclass/classifiers/stroke_variations.csv. It changes
 recordings of simulated surfaces that no dataset card has (another seed), and keeps the principal changes.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 from scipy import signal
 from study import command_line
 
-from texclass.classifiers.segment_voting import KNOWN_CHANGES
+from texclass.classifiers.segment_voting import VARIATIONS_FILE
 from texclass.features.plan import Plan
 from texclass.features.sets import load_feature_set
 from texclass.loaders.simulated import open_simulated
@@ -69,7 +69,7 @@ def main() -> None:
     size = np.sqrt(np.mean(moves**2, axis=0)) + 1e-12
     _, values, vectors = np.linalg.svd(moves / size, full_matrices=False)
     some = np.sqrt(N_CHANGES / len(moves)) * values[:N_CHANGES, None] * vectors[:N_CHANGES] * size
-    with KNOWN_CHANGES.open("w", encoding="utf-8", newline="") as file:
+    with VARIATIONS_FILE.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerows(
             [name, *(f"{v:.4g}" for v in column)] for name, column in zip(names, some.T, strict=True)

@@ -82,7 +82,7 @@ def studied(model, windows, path, n_rounds):
     found = run(with_features, windows, SAMPLES)
     X = features_of_windows(model, windows)
     parity = check_sample_parity(model, with_features, windows, X)
-    p, p_known = model.judge(X)
+    p, p_known = model.classify(X)
     labels = np.array(model.surfaces)[p.argmax(axis=1)]
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -92,7 +92,7 @@ def studied(model, windows, path, n_rounds):
     some = iter(np.resize(windows, (10_000, *windows.shape[1:])))
 
     def by_texclass():
-        model.judge(model.plan.compute(recording_of(model, next(some))).values[None])
+        model.classify(model.plan.compute(recording_of(model, next(some))).values[None])
 
     def by_onnx():
         session.run(list(OUTPUTS), {SAMPLES: next(some)[None]})
@@ -105,7 +105,7 @@ def studied(model, windows, path, n_rounds):
         "n_columns": len(model.columns),
         "accuracy": model.manifest.accuracy["mean"],
         "with_all_features": model.manifest.accuracy.get("with_all_features"),
-        "without_graph": model.manifest.accuracy.get("without_graph", []),
+        "without_graph": model.manifest.accuracy.get("not_exportable", []),
         "labels_differ": int((found["label"] != labels).sum()),
         "verdicts_differ": int((found["unknown"] != (p_known <= model.novelty.false_alarms)).sum()),
         "n_close": parity.n_close,

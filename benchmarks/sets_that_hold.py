@@ -18,15 +18,16 @@ from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.protocols import find_protocol, splits_of
 from texclass.evaluation.windows import parents
 from texclass.loaders import open_dataset
-from texclass.recognition.candidates import candidates_of, hold_out
-from texclass.recognition.conformal import (
+from texclass.recognition.candidates import list_candidates
+from texclass.recognition.held_out_predictions import predict_held_out
+from texclass.recognition.prediction_sets import (
+    DEFAULT_LEVELS,
     HALF_LIFE,
-    LEVELS,
-    Conformity,
-    conformities,
+    ConformalCalibration,
+    calibrate_sets,
     log_odds,
-    n_later,
-    recency,
+    n_later_repetitions,
+    recency_weights,
 )
 from texclass.recognition.probabilities import fit_calibration, fit_correlation
 from texclass.recording import Samples
@@ -65,29 +66,31 @@ def measure(case: dict[str, Any]) -> list[dict[str, Any]]:
     features = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
     frame = features.frame.reset_index(drop=True)
     meter = CostMeter.on(felt, frame["recording_id"].tolist(), pipeline.channels)
-    (candidate,) = candidates_of(pipeline, features, meter, row=case["row"], classifier=case["classifier"])
+    (candidate,) = list_candidates(pipeline, features, meter, row=case["row"], classifier=case["classifier"])
     ways: dict[tuple[str, float], list[dict[str, Any]]] = {}
     for train, test in draws(case["dataset"], frame):
         learnt, asked = frame.iloc[train].reset_index(drop=True), frame.iloc[test]
         splits = splits_of(find_protocol(case["held_out"]), learnt, pipeline.seed)
-        held_out = hold_out(candidate, learnt, splits)
+        held_out = predict_held_out(candidate, learnt, splits)
         calibration = fit_calibration(held_out.decisions, held_out.labels)
         of = facts(learnt.iloc[held_out.rows])
         several = case["window_s"] is not None
         p = calibration(held_out.decisions)
         correlation = fit_correlation(p, held_out.labels, of["contact"]) if several else None
-        ages = n_later(of["surface"], of["repetition"]) if case["held_out"] == "chronological" else 0
-        known = conformities(
+        ages = (
+            n_later_repetitions(of["surface"], of["repetition"]) if case["held_out"] == "chronological" else 0
+        )
+        known = calibrate_sets(
             held_out.decisions,
             held_out.labels,
             of["contact"],
             calibration,
             correlation=correlation,
-            counts=recency(ages, HALF_LIFE),
+            weights=recency_weights(ages, HALF_LIFE),
         )["answer"]
-        answers = hold_out(candidate, frame, [(train, test)])
+        answers = predict_held_out(candidate, frame, [(train, test)])
         odds, p = log_odds(calibration.beta * answers.decisions), calibration(answers.decisions)
-        least = {"training": {level: np.full(len(test), known.least(level)) for level in LEVELS}}
+        least = {"training": {level: np.full(len(test), known.threshold(level)) for level in DEFAULT_LEVELS}}
         if case["held_out"] == "chronological":
             right = odds[np.arange(len(test)), answers.labels]
             least["references"] = following(known, right, facts(asked))
@@ -111,17 +114,19 @@ def facts(part: pd.DataFrame) -> Columns:
     }
 
 
-def following(known: Conformity, right: Samples, of: Columns) -> dict[float, Samples]:
+def following(known: ConformalCalibration, right: Samples, of: Columns) -> dict[float, Samples]:
     """Return the least log odds of members for each repetition, all those before it being references."""
-    least = {level: np.zeros(len(right)) for level in LEVELS}
+    least = {level: np.zeros(len(right)) for level in DEFAULT_LEVELS}
     for now in np.unique(of["repetition"]):
         felt, renewed = of["repetition"] < now, known
         if felt.any():
-            ages = n_later(of["surface"][felt], of["repetition"][felt])
-            later = Conformity.of(right[felt], of["contact"][felt], recency(ages, HALF_LIFE))
-            renewed = known.and_later(later, float(recency(1 + ages.max(), HALF_LIFE)))
-        for level in LEVELS:
-            least[level][of["repetition"] == now] = renewed.least(level)
+            ages = n_later_repetitions(of["surface"][felt], of["repetition"][felt])
+            later = ConformalCalibration.from_answers(
+                right[felt], of["contact"][felt], recency_weights(ages, HALF_LIFE)
+            )
+            renewed = known.updated(later, float(recency_weights(1 + ages.max(), HALF_LIFE)))
+        for level in DEFAULT_LEVELS:
+            least[level][of["repetition"] == now] = renewed.threshold(level)
     return least
 
 

@@ -291,7 +291,7 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
             for a in answers:
                 said = evidence.add(a.answer, (a.stop - a.onset) / fs)
                 rows.append(
-                    (i, a.known / fs, said.surface == surface, said.probability, said.sure, said.felt_s)
+                    (i, a.known / fs, said.surface == surface, said.probability, said.sure, said.contact_s)
                 )
         return pd.DataFrame(rows, columns=["stream", "known_s", "right", "p", "sure", "felt_s"])
 

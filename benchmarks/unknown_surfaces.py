@@ -19,9 +19,9 @@ from texclass.evaluation import PipelineDefinition, cached_table, find_protocol,
 from texclass.evaluation.accuracy import jackknife_error
 from texclass.evaluation.pipeline import MatchedRow
 from texclass.loaders import open_dataset
-from texclass.recognition import Novelty
+from texclass.recognition import NoveltyDetector
+from texclass.recognition.novelty import fit_class_distance
 from texclass.recognition.probabilities import class_scores
-from texclass.recognition.unknown import fit_nearness
 from texclass.recording import Samples
 from texclass.reporting import Heading
 
@@ -90,7 +90,7 @@ def study(
         is_unknown = unknown[asked]
         for score in SCORES:
             known = np.sort(np.concatenate([each[score] for each in held_out]))
-            flagged = Novelty("decision", known, FALSE_ALARMS).p_value(said[score]) <= FALSE_ALARMS
+            flagged = NoveltyDetector("decision", known, FALSE_ALARMS).p_value(said[score]) <= FALSE_ALARMS
             found.append(
                 {
                     "pair": list(pair),
@@ -115,13 +115,13 @@ def scores(pipeline: PipelineDefinition, X: Samples, y: Any, asked: Samples) -> 
     classifier = pipeline.classifiers[CLASSIFIER].make().fit(X, y)
     decisions = class_scores(classifier, asked)
     ordered = np.sort(decisions, axis=1)
-    near, whole = fit_nearness(X, labels), classifier.whole_
-    known_view, view = ((x - near.mean) @ near.view for x in (X, asked))
+    distance, whole = fit_class_distance(X, labels), classifier.whole_classifier_
+    known_view, view = ((x - distance.mean) @ distance.projection for x in (X, asked))
     squared = (view**2).sum(1)[:, None] + (known_view**2).sum(1) - 2 * view @ known_view.T
     return {
         "decision": -ordered[:, -1],
         "margin": ordered[:, -2] - ordered[:, -1],
-        "distance": near(asked),
+        "distance": distance(asked),
         "neighbours": np.sqrt(np.maximum(np.partition(squared, 2, axis=1)[:, 2], 0)),
         "kernel": 1 - whole._kernel([each(asked) for each in whole.views_]).max(axis=1),
         "mahalanobis": mahalanobis(X, labels, asked),

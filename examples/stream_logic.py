@@ -246,25 +246,24 @@ class Evidence:
     def _changes(self, p, unknown):
         """Whether the last windows, this one included, are of another surface than those before."""
         c, named = self.c, p.index(max(p))
-        if self.best is None or unknown or named == self.best or c["remembered"] < 1:
+        if self.best is None or unknown or named == self.best or c["decay"] < 1:
             self.contrary = []
             return False
         if self.contrary and self.contrary[-1].index(max(self.contrary[-1])) != named:
             self.contrary = []
         self.contrary.append(p)
-        n = 1 + (len(self.contrary) - 1) * c["later"]
-        if n < c["changed_windows"]:
+        n = 1 + (len(self.contrary) - 1) * c["new_share"]
+        if n < c["change_windows"]:
             return False
         worth = n / (1 + c["correlation"] * (n - 1)) / len(self.contrary)
         sums = [
-            sum(math.log(max(q, c["least_probability"])) for q in qs)
-            for qs in zip(*self.contrary, strict=True)
+            sum(math.log(max(q, c["min_probability"])) for q in qs) for qs in zip(*self.contrary, strict=True)
         ]
         odds = sum(math.exp(worth * (s - max(sums))) for s in sums)
         return (1 - c["lapse"]) / odds + c["lapse"] / self.k >= c["confidence"]
 
     def _add(self, p, unknown):
-        c, g = self.c, self.c["remembered"]
+        c, g = self.c, self.c["decay"]
         self.n += 1
         self.weight = g * self.weight + 1
         self.strange = g * self.strange + unknown
@@ -274,11 +273,11 @@ class Evidence:
             self.sum = [g * s + q for s, q in zip(self.sum, p, strict=True)]
             together = [v + 1 + 1e-6 * s / self.weight for v, s in zip(self.votes, self.sum, strict=True)]
         else:
-            logs = [math.log(max(q, c["least_probability"])) for q in p]
+            logs = [math.log(max(q, c["min_probability"])) for q in p]
             self.sum = [g * s + q for s, q in zip(self.sum, logs, strict=True)]
             top = max(self.sum)
             self.sum = [s - top for s in self.sum]
-            self.worth = g * self.worth + (1.0 if self.n == 1 else c["later"])
+            self.worth = g * self.worth + (1.0 if self.n == 1 else c["new_share"])
             worth = self.worth / (1 + c["correlation"] * max(self.worth - 1, 0))
             together = [math.exp(worth / self.weight * s) for s in self.sum]
         total = sum(together)

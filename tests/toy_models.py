@@ -4,11 +4,11 @@ import numpy as np
 
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
-from texclass.recognition import Calibration, Model, Novelty
+from texclass.recognition import Calibration, Model, NoveltyDetector
 from texclass.recognition.array_form import classifier_of, steps_of
 from texclass.recognition.model_files import Manifest
+from texclass.recognition.novelty import FeatureRanges, fit_class_distance, novelty_scores, score_kind
 from texclass.recognition.probabilities import class_scores
-from texclass.recognition.unknown import Ranges, fit_nearness, kind_for, strangeness
 from texclass.tradeoff.recogniser import fit_recogniser, prune
 
 NAMES = ("cork", "felt", "oak", "slate", "tin", "wool")
@@ -40,17 +40,18 @@ def fitted(steps, classifier, *, n_classes=4, plan=None, undefined=0.05, X=None,
     fresh = fresh[:, [plan.columns.index(c) for c in recogniser[0].plan_.columns]]
     X = X[:, [plan.columns.index(c) for c in recogniser[0].plan_.columns]]
     prepared, held_out = prepared_by(recogniser, X), prepared_by(recogniser, fresh)
-    kind = kind_for(recogniser[-1])
-    near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
-    strange = strangeness(kind, class_scores(recogniser[-1], held_out), held_out, near)
+    kind = score_kind(recogniser[-1])
+    labels = np.unique(y, return_inverse=True)[1]
+    distance = fit_class_distance(prepared, labels) if kind == "distance" else None
+    scores = novelty_scores(kind, class_scores(recogniser[-1], held_out), held_out, distance)
     model = Model(
         recogniser[0].plan_,
         tuple(recogniser.classes_.tolist()),
         [part for _, step in recogniser.steps[1:-1] for part in steps_of(step)],
         classifier_of(recogniser[-1], (prepared, y)),
         Calibration(0.7, 0.02),
-        Novelty(kind, np.sort(strange), false_alarms, near),
-        Ranges.of(X),
+        NoveltyDetector(kind, np.sort(scores), false_alarms, distance),
+        FeatureRanges.from_features(X),
         manifest_of(y, false_alarms),
     )
     return model, recogniser

@@ -152,7 +152,7 @@ def _lines(data: bytes) -> object:
     # A garbled line is a lost sample, NaN: what goes on from there is finite, whatever stood in the lines.
     assert all(block.samples.ndim == 2 and block.samples.dtype == np.float64 for block in blocks)
     assert len({block.samples.shape[1] for block in blocks}) <= 1
-    trained: Any = SimpleNamespace(manifest=SimpleNamespace(loudest=1.0, unit="g"))
+    trained: Any = SimpleNamespace(manifest=SimpleNamespace(peak_acceleration=1.0, unit="g"))
     if blocks:
         defects = Defects(trained, blocks[0].samples.shape[1], FS, 1.0)
         stretches = [stretch for block in blocks for stretch in defects.mended(block.samples)[0]]

@@ -1,4 +1,4 @@
-"""Forward selection: the columns scikit-learn selects, without its refits."""
+"""Forward selection: the columns that scikit-learn selects, without fitting every candidate."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ CLASSIFIERS = [
 
 
 def classes(seed, sizes=(9, 9, 9, 9, 9), n_columns=9):
-    """Normal classes of the given sizes; scikit-learn's divisors n and n - n_classes differ by a fifth."""
+    """Return normally distributed classes; the divisors n and n - n_classes differ by a fifth."""
     rng = np.random.default_rng(seed)
     y = np.repeat(np.arange(len(sizes)), sizes)
     X = rng.normal(size=(len(sizes), n_columns))[y] + rng.normal(size=(len(y), n_columns)) * 1.5
@@ -99,34 +99,33 @@ def test_selects_what_scikit_learn_selects_from_redundant_columns_and_with_many_
 @pytest.mark.parametrize("solver", ["svd", "lsqr", "eigen"])
 def test_probabilities_of_discriminants_are_those_of_scikit_learn(solver):
     X, y = classes(5, (4, 5, 9, 14))
-    splits, judge = inner_splits(y, None, 4), LinearDiscriminantAnalysis(solver=solver)
-    expected = cross_val_score(judge, X[:, [1, 4, 5]], y, cv=splits, scoring="neg_log_loss").mean()
-    assert SubsetScore(judge, X, y, splits, "log_likelihood").of([1, 4, 5]) == pytest.approx(expected)
+    splits, classifier = inner_splits(y, None, 4), LinearDiscriminantAnalysis(solver=solver)
+    expected = cross_val_score(classifier, X[:, [1, 4, 5]], y, cv=splits, scoring="neg_log_loss").mean()
+    assert SubsetScore(classifier, X, y, splits, "log_likelihood").of([1, 4, 5]) == pytest.approx(expected)
 
 
 # A tolerance of 0.3 drops directions of almost any columns.
 @pytest.mark.parametrize("classifier", [c for c in CLASSIFIERS if getattr(c, "tol", 0) != 0.3], ids=str)
-def test_a_candidate_is_fitted_only_where_rounding_could_decide(classifier, monkeypatch):
+def test_a_candidate_is_fitted_only_if_rounding_could_change_a_prediction(classifier, monkeypatch):
     X, y = classes(6, (5, 9, 14, 22))
     closed_form_scores.svd_degrees_of_freedom_per_class()
     fits = count_fits(monkeypatch, type(classifier))
     ForwardSelector(classifier, n_features_to_select=5).fit(X, y)
     assert len(fits) == 0
     ForwardSelector(classifier, n_features_to_select=5).fit(quantised(X), y)
-    assert len(fits) <= 3 * (
-        9 + 8 + 7 + 6 + 5
-    )  # classes tie in quantised columns: once per candidate and fold
+    # Classes tie in quantised columns: one fit per candidate and fold.
+    assert len(fits) <= 3 * (9 + 8 + 7 + 6 + 5)
 
 
 def test_the_divisor_of_the_covariance_is_measured_on_the_installed_scikit_learn(monkeypatch):
-    """Fit with both divisors that released versions use, n - n_classes and n: the closed form follows."""
+    """The closed form agrees with both divisors of released versions, n - n_classes and n."""
     X, y = classes(7, (4, 6, 8))
-    for lost in (0.0, 1.0):
-        monkeypatch.setattr(closed_form_scores, "svd_degrees_of_freedom_per_class", lambda lost=lost: lost)
+    for c in (0.0, 1.0):
+        monkeypatch.setattr(closed_form_scores, "svd_degrees_of_freedom_per_class", lambda c=c: c)
         score, _ = closed_form(LinearDiscriminantAnalysis(), X, y, X)([0], np.array([1]))
         means = np.array([X[y == k][:, :2].mean(axis=0) for k in range(3)])
         scatter = (X[:, :2] - means[y]).T @ (X[:, :2] - means[y])
-        inverse = np.linalg.inv(scatter / (18 - 3 * lost))
+        inverse = np.linalg.inv(scatter / (18 - 3 * c))
         expected = X[:, :2] @ inverse @ means.T - 0.5 * np.einsum("kp,pq,kq->k", means, inverse, means)
         expected += np.log([4 / 18, 6 / 18, 8 / 18])
         np.testing.assert_allclose(np.diff(score[0]), np.diff(expected))
@@ -134,18 +133,18 @@ def test_the_divisor_of_the_covariance_is_measured_on_the_installed_scikit_learn
     assert closed_form_scores.svd_degrees_of_freedom_per_class() in (0, 1)
 
 
-def test_a_singular_covariance_scores_nothing_and_a_class_without_training_rows_too():
+def test_a_singular_covariance_and_a_class_outside_the_training_set_score_zero():
     X, y = classes(8)
     X[:, 5], eigen = 0, LinearDiscriminantAnalysis(solver="eigen")
     score = SubsetScore(eigen, X, y, inner_splits(y, None, 3))
     assert score.of([0, 5]) == 0 < score.of([0, 1])
     splits = [(np.flatnonzero(y != 2), np.flatnonzero(y == 2))]
-    for judge in (GaussianNB(), eigen, DecisionTreeClassifier()):
-        assert SubsetScore(judge, X, y, splits).of([0, 1]) == 0
-        assert SubsetScore(judge, X, y, splits, "log_likelihood").of([0, 1]) < -700
+    for classifier in (GaussianNB(), eigen, DecisionTreeClassifier()):
+        assert SubsetScore(classifier, X, y, splits).of([0, 1]) == 0
+        assert SubsetScore(classifier, X, y, splits, "log_likelihood").of([0, 1]) < -700
 
 
-def test_what_has_no_closed_form_is_fitted_again():
+def test_other_classifiers_and_parameters_have_no_closed_form():
     X, y = classes(0)
     for other in (
         GaussianNB(priors=np.full(5, 0.2)),
@@ -162,7 +161,7 @@ def test_what_has_no_closed_form_is_fitted_again():
         assert closed_form(other, X, y, X) is None, other
 
 
-def test_selects_the_columns_that_carry_the_classes():
+def test_selects_the_columns_in_which_classes_differ():
     rng, labels = np.random.default_rng(2), np.repeat(np.arange(4), 12)
     X = rng.normal(size=(48, 12))
     X[:, 3] += 4 * (labels % 2)
@@ -172,7 +171,7 @@ def test_selects_the_columns_that_carry_the_classes():
         assert np.flatnonzero(support).tolist() == [3, 8]
 
 
-def test_collinear_and_constant_columns_do_no_harm():
+def test_collinear_and_constant_columns_are_accepted():
     X, y = classes(3)
     X = np.column_stack([X, X[:, 0], np.ones(len(y))])
     for classifier in CLASSIFIERS[:3]:
@@ -180,17 +179,17 @@ def test_collinear_and_constant_columns_do_no_harm():
         assert support.sum() == 4
 
 
-def test_a_small_pool_is_kept_and_a_lonely_class_is_refused():
+def test_few_columns_are_all_selected_and_a_class_of_one_sample_is_refused():
     X, y = classes(4)
     assert ForwardSelector(GaussianNB(), n_features_to_select=20).fit(X, y).get_support().all()
-    with pytest.raises(ValueError, match="class 4 has 1 sample to train on"):
+    with pytest.raises(ValueError, match="at least 2 samples of each class, got 1 sample of class 4"):
         ForwardSelector(GaussianNB(), n_features_to_select=2).fit(X[:37], y[:37])
 
 
-def test_discriminants_of_one_sample_a_class_choose_by_the_nearest_mean():
-    y, misleads, tells = [0, 1, 0, 1], [0.0, 1.0, 1.0, 0.0], [0.0, 1.0, 0.1, 1.1]
+def test_discriminants_with_one_sample_per_class_use_the_nearest_mean():
+    y, misleading, informative = [0, 1, 0, 1], [0.0, 1.0, 1.0, 0.0], [0.0, 1.0, 0.1, 1.1]
     selector = ForwardSelector(LinearDiscriminantAnalysis(), n_features_to_select=1)
-    assert selector.fit(np.column_stack([misleads, tells]), y).get_support(indices=True) == [1]
+    assert selector.fit(np.column_stack([misleading, informative]), y).get_support(indices=True) == [1]
 
 
 @parametrize_with_checks([ForwardSelector(GaussianNB(), n_features_to_select=1)])

@@ -55,8 +55,8 @@ def test_what_is_trained_by_default_leaves_nothing_to_choose_and_knows_what_is_n
     table = FeatureTable(frame, columns, np.zeros(2))
     row = MatchedRow.of(pipeline.rows[0], pipeline.features, table)
     classifier = pipeline.trial(row, "vote", table).keywords["classifier"]
-    undivided = {row.columns[i].split(".")[0] for i in classifier.undivided}
-    assert undivided == {m.name for m in pipeline.features.members if m.feature.phase != "movement"}
+    recording_features = {row.columns[i].split(".")[0] for i in classifier.recording_columns}
+    assert recording_features == {m.name for m in pipeline.features.members if m.feature.phase != "movement"}
 
 
 def test_an_argument_of_a_classifier_may_be_an_estimator():

@@ -1,4 +1,4 @@
-"""A model follows another sensor from a few references felt with it."""
+"""Domain adaptation to another sensor from a few reference recordings."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -11,104 +11,106 @@ from toy_surfaces import SURFACES, recording
 from texclass.recognition import adapt, load_model
 from texclass.recognition.adaptation import (
     LIMITS,
-    _check_told_apart,
-    adapted_to,
+    _check_separation,
+    adapt_to_rows,
     fit_map,
     moments_map,
-    rows_of,
+    reference_rows,
 )
-from texclass.recognition.unknown import ClassMoments
+from texclass.recognition.novelty import ClassMoments
 
 
-def felt(name, seed, **facts):
-    """Return a recording as another sensor feels it: its mount rings at 191 Hz."""
-    one, ring = recording(name, seed), [1, -2 * 0.97 * np.cos(0.3), 0.97**2]
-    return one.with_(acceleration=lfilter([1], ring, one.acceleration), **facts)
+def other_sensor(name, seed, **changes):
+    """Return a recording of another sensor, whose mount resonates at 191 Hz."""
+    original, resonance = recording(name, seed), [1, -2 * 0.97 * np.cos(0.3), 0.97**2]
+    return original.with_(acceleration=lfilter([1], resonance, original.acceleration), **changes)
 
 
-TESTS = [felt(surface, seed) for surface in SURFACES for seed in range(100, 115)]
-THREE = [felt(surface, 50) for surface in list(SURFACES)[:3]]
-UNLABELLED = [felt(surface, seed, surface=None) for surface in SURFACES for seed in range(50, 60)]
+TESTS = [other_sensor(surface, seed) for surface in SURFACES for seed in range(100, 115)]
+THREE = [other_sensor(surface, 50) for surface in list(SURFACES)[:3]]
+UNLABELLED = [other_sensor(surface, seed, surface=None) for surface in SURFACES for seed in range(50, 60)]
 
 
-def right(model):
+def accuracy(model):
     return np.mean([model.answer(one).surface == one.surface for one in TESTS])
 
 
-def unknown(model, recordings):
+def share_unknown(model, recordings):
     return np.mean([model.answer(one).unknown for one in recordings])
 
 
 @pytest.mark.parametrize("references", [THREE, UNLABELLED], ids=["three surfaces", "unlabelled"])
 @pytest.mark.parametrize("kind", ["kernel", "linear"])
-def test_what_another_sensor_cost_is_recovered_and_false_alarms_stay(kind, references, request):
+def test_adaptation_restores_the_accuracy_and_the_rate_of_false_alarms(kind, references, request):
     model = request.getfixturevalue(f"{kind}_model")
     adapted = adapt(model, references)
-    assert right(model) < 0.6
-    assert right(adapted) > 0.95
-    assert unknown(model, TESTS) > 0.5
-    assert unknown(adapted, TESTS) <= 2 * model.novelty.false_alarms
-    strangers = [felt("stranger", seed) for seed in range(10)]
-    assert unknown(adapted, strangers) > 0.8
+    assert accuracy(model) < 0.6
+    assert accuracy(adapted) > 0.95
+    assert share_unknown(model, TESTS) > 0.5
+    assert share_unknown(adapted, TESTS) <= 2 * model.novelty.false_alarms
+    strangers = [other_sensor("stranger", seed) for seed in range(10)]
+    assert share_unknown(adapted, strangers) > 0.8
     assert not any(r.startswith("outside") for one in TESTS[::9] for r in adapted.answer(one).reasons)
 
 
-def test_the_same_sensor_changes_next_to_nothing(kernel_model):
-    again = [recording(surface, seed) for surface in SURFACES for seed in (50, 51, 52)]
-    adapted = adapt(kernel_model, again)
-    asked = [recording(surface, 100) for surface in SURFACES]
-    for one in asked:
+def test_references_of_the_same_sensor_hardly_change_the_features(kernel_model):
+    references = [recording(surface, seed) for surface in SURFACES for seed in (50, 51, 52)]
+    adapted = adapt(kernel_model, references)
+    tests = [recording(surface, 100) for surface in SURFACES]
+    for one in tests:
         assert adapted.answer(one).surface == one.surface
-    X = rows_of(kernel_model, asked)[0]
-    moved = (adapted.steps[0]["scale"] - 1) * X + adapted.steps[0]["shift"]
-    assert np.sqrt(np.mean((moved / kernel_model.class_moments.within) ** 2)) < 0.5
+    X = reference_rows(kernel_model, tests)[0]
+    change = (adapted.steps[0]["scale"] - 1) * X + adapted.steps[0]["shift"]
+    assert np.sqrt(np.mean((change / kernel_model.class_moments.within_std) ** 2)) < 0.5
 
 
-def test_an_adapted_model_is_saved_answers_the_same_and_tells_of_its_references(linear_model, tmp_path):
+def test_an_adapted_model_is_saved_with_its_references(linear_model, tmp_path):
     adapted = adapt(linear_model, THREE)
     adapted.save(tmp_path / "a.skops")
-    again = load_model(tmp_path / "a.skops")
-    assert again.answer(TESTS[0]) == adapted.answer(TESTS[0])
-    told = again.manifest.adapted
-    assert told["references"] == [[one.recording_id, one.surface] for one in THREE]
-    assert told["hash"] == adapt(linear_model, THREE).manifest.adapted["hash"]
-    assert told["hash"] != adapt(linear_model, [*THREE[:2], felt("oak", 51)]).manifest.adapted["hash"]
-    assert again.manifest.unknown["threshold"] == adapted.novelty.threshold != linear_model.novelty.threshold
+    loaded = load_model(tmp_path / "a.skops")
+    assert loaded.answer(TESTS[0]) == adapted.answer(TESTS[0])
+    entry = loaded.manifest.adapted
+    assert entry["references"] == [[one.recording_id, one.surface] for one in THREE]
+    assert entry["hash"] == adapt(linear_model, THREE).manifest.adapted["hash"]
+    assert (
+        entry["hash"] != adapt(linear_model, [*THREE[:2], other_sensor("oak", 51)]).manifest.adapted["hash"]
+    )
+    assert loaded.manifest.unknown["threshold"] == adapted.novelty.threshold != linear_model.novelty.threshold
 
 
-def test_a_known_change_of_columns_is_found():
+def test_a_known_scale_and_shift_of_columns_is_estimated():
     rng = np.random.default_rng(0)
-    means, within = 5 * rng.standard_normal((40, 30)), np.full(30, 0.5)
+    means, within_std = 5 * rng.standard_normal((40, 30)), np.full(30, 0.5)
     shares = np.repeat([0.03, 0.02], 20)
     labels = rng.choice(40, 4000, p=shares)
-    old = means[labels] + within * rng.standard_normal((4000, 30))
-    scale, shift = moments_map(3 * old - 3, shares, ClassMoments(means, within), len(old))
+    X = means[labels] + within_std * rng.standard_normal((4000, 30))
+    scale, shift = moments_map(3 * X - 3, shares, ClassMoments(means, within_std), len(X))
     np.testing.assert_allclose(scale, 1 / 3, rtol=0.1)
-    np.testing.assert_allclose((3 * old - 3) * scale + shift, old, atol=0.1 * np.abs(old).max())
-    # Chance alone is not believed, and a column without values, or one that never varied, stays.
-    few = means[:3] + within * rng.standard_normal((3, 30))
-    few[:, 0] = np.nan
-    still = ClassMoments(means, np.where(np.arange(30) == 1, 0.0, within))
-    scale, shift = moments_map(few, np.repeat([1 / 3, 0], [3, 37]), still, 3)
+    np.testing.assert_allclose((3 * X - 3) * scale + shift, X, atol=0.1 * np.abs(X).max())
+    # Differences by chance, columns without values and constant columns do not change the map.
+    three = means[:3] + within_std * rng.standard_normal((3, 30))
+    three[:, 0] = np.nan
+    constant = ClassMoments(means, np.where(np.arange(30) == 1, 0.0, within_std))
+    scale, shift = moments_map(three, np.repeat([1 / 3, 0], [3, 37]), constant, 3)
     assert (scale[:2] == 1).all()
     assert (shift[:2] == 0).all()
-    assert np.abs(few[:, 2:] * (scale[2:] - 1) + shift[2:]).max() < 0.5
+    assert np.abs(three[:, 2:] * (scale[2:] - 1) + shift[2:]).max() < 0.5
 
 
 def test_shares_of_unlabelled_references_are_estimated(kernel_model):
-    """References of two surfaces are moved less than if they were of all four alike."""
+    """References of two surfaces are moved less than with equal shares of all four."""
     two = [recording(surface, seed, surface=None) for surface in ("cork", "slate") for seed in range(50, 60)]
-    X, known, of = rows_of(kernel_model, two)
-    assert not known.any()
-    moments, n = kernel_model.class_moments, len(set(of))
-    maps = fit_map(kernel_model, X, known, moments, n), moments_map(X, np.full(4, 0.25), moments, n)
-    moved, by_equal = (
-        np.sqrt(np.mean((((scale - 1) * X + shift) / moments.within) ** 2)) for scale, shift in maps
+    X, one_hot, recording_index = reference_rows(kernel_model, two)
+    assert not one_hot.any()
+    moments, n = kernel_model.class_moments, len(set(recording_index))
+    maps = fit_map(kernel_model, X, one_hot, moments, n), moments_map(X, np.full(4, 0.25), moments, n)
+    change, change_with_equal_shares = (
+        np.sqrt(np.mean((((scale - 1) * X + shift) / moments.within_std) ** 2)) for scale, shift in maps
     )
-    assert moved < 0.7 * by_equal
+    assert change < 0.7 * change_with_equal_shares
 
 
-ONE_SURFACE = [felt("oak", seed, surface=None) for seed in range(50, 62)]
+ONE_SURFACE = [other_sensor("oak", seed, surface=None) for seed in range(50, 62)]
 NOISE = [
     one.with_(acceleration=np.random.default_rng(k).standard_normal(2000))
     for k, one in enumerate(ONE_SURFACE)
@@ -117,88 +119,91 @@ NOISE = [
 
 @pytest.mark.parametrize("references", [ONE_SURFACE, NOISE], ids=["one surface", "noise"])
 @pytest.mark.parametrize("kind", ["kernel", "linear"])
-def test_references_of_which_nothing_can_be_told_are_refused(kind, references, request):
+def test_unlabelled_references_of_one_surface_or_noise_are_refused(kind, references, request):
     with pytest.raises(ValueError, match=r"Expected at least 2.5 surfaces, or labelled"):
         adapt(request.getfixturevalue(f"{kind}_model"), references)
 
 
-def test_labelled_references_that_sound_alike_are_refused(kernel_model):
+def test_labelled_references_with_equal_features_are_refused(kernel_model):
     alike = [one.with_(surface=m) for one, m in zip(NOISE, SURFACES, strict=False)]
-    with pytest.raises(ValueError, match=r"more than one answer for all would get .1.: check their labels"):
+    with pytest.raises(
+        ValueError,
+        match=r"most frequent surface .1.\. Check their labels",
+    ):
         adapt(kernel_model, alike)
 
 
-def test_the_commonest_surface_is_no_evidence_that_references_differ():
+def test_hits_on_the_most_frequent_surface_alone_do_not_show_a_separation():
     surfaces = np.eye(3)
-    model = SimpleNamespace(judge=lambda rows: (rows,), surfaces=("cork", "felt", "foil"))
+    model = SimpleNamespace(classify=lambda rows: (rows,), surfaces=("cork", "felt", "foil"))
     labels = surfaces[[0, 0, 0, 0, 1, 1]]
-    with pytest.raises(ValueError, match=r"4 of 6 labelled .* would get .4."):
-        _check_told_apart(model, surfaces[[0] * 6], labels, 6)
-    _check_told_apart(model, surfaces[[0, 0, 0, 0, 1, 0]], labels, 6)
+    with pytest.raises(ValueError, match=r"4 of 6 labelled .* most frequent surface .4."):
+        _check_separation(model, surfaces[[0] * 6], labels, 6)
+    _check_separation(model, surfaces[[0, 0, 0, 0, 1, 0]], labels, 6)
 
     predicted, unlabelled = surfaces[[1, 1, 2, 0]], np.zeros((4, 3))
-    _check_told_apart(model, predicted, unlabelled, 0)
+    _check_separation(model, predicted, unlabelled, 0)
     one_label = np.vstack([surfaces[0], unlabelled[1:]])
-    _check_told_apart(model, predicted, one_label, 1)
+    _check_separation(model, predicted, one_label, 1)
     with pytest.raises(ValueError, match=r"1.6 surfaces, most of 'felt'"):
-        _check_told_apart(model, surfaces[[1, 1, 1, 1]], one_label, 1)
+        _check_separation(model, surfaces[[1, 1, 1, 1]], one_label, 1)
 
 
-def test_a_map_that_answers_fewer_references_right_is_not_taken(kernel_model, monkeypatch):
+def test_a_map_with_fewer_hits_on_the_references_is_rejected(kernel_model, monkeypatch):
     monkeypatch.setattr("texclass.recognition.adaptation.moments_map", halving_map)
-    again = [recording(surface, seed) for surface in SURFACES for seed in (50, 51, 52)]
-    adapted = adapt(kernel_model, again)
+    references = [recording(surface, seed) for surface in SURFACES for seed in (50, 51, 52)]
+    adapted = adapt(kernel_model, references)
     assert adapted.manifest.adapted["map"] == "none"
-    assert [adapted.answer(one).surface for one in again] == [one.surface for one in again]
+    assert [adapted.answer(one).surface for one in references] == [one.surface for one in references]
 
 
-@pytest.mark.parametrize("n_touches", [1, 3])
-@pytest.mark.parametrize(("n_lost", "kind"), [(4, "affine"), (5, "shift")])
-def test_references_lost_by_chance_reject_no_map(kernel_model, monkeypatch, n_lost, kind, n_touches):
-    """Of nine; touches of one reference are one witness."""
+@pytest.mark.parametrize("n_windows", [1, 3])
+@pytest.mark.parametrize(("n_losses", "kind"), [(4, "affine"), (5, "shift")])
+def test_losses_by_chance_do_not_reject_a_map(kernel_model, monkeypatch, n_losses, kind, n_windows):
+    """Four of nine references may lose; windows of one reference count once."""
     n = len(kernel_model.columns)
-    constant, still = (np.zeros(n), np.full(n, 1e6)), (np.ones(n), np.zeros(n))
-    always = kernel_model.surfaces[kernel_model.judge(constant[1][None])[0].argmax()]
-    others = [s for s in SURFACES if s != always]
-    X, known, of = (
-        np.repeat(one, n_touches, axis=0)
-        for one in rows_of(kernel_model, [recording(s, k) for s in others for k in (50, 51, 52)])
+    constant, identity = (np.zeros(n), np.full(n, 1e6)), (np.ones(n), np.zeros(n))
+    constant_surface = kernel_model.surfaces[kernel_model.classify(constant[1][None])[0].argmax()]
+    others = [s for s in SURFACES if s != constant_surface]
+    X, one_hot, recording_index = (
+        np.repeat(array, n_windows, axis=0)
+        for array in reference_rows(kernel_model, [recording(s, k) for s in others for k in (50, 51, 52)])
     )
-    asked = iter(range(100))
+    calls = iter(range(100))
 
-    def poor_of_some(X, *_, scaled=True):
-        return constant if 1 <= next(asked) <= n_lost else still
+    def constant_in_some_folds(X, *_, with_scale=True):
+        return constant if 1 <= next(calls) <= n_losses else identity
 
-    monkeypatch.setattr("texclass.recognition.adaptation.moments_map", poor_of_some)
-    assert adapted_to(kernel_model, X, known, of, {}).manifest.adapted["map"] == kind
+    monkeypatch.setattr("texclass.recognition.adaptation.moments_map", constant_in_some_folds)
+    assert adapt_to_rows(kernel_model, X, one_hot, recording_index, {}).manifest.adapted["map"] == kind
 
 
-def halving_map(X, *_, scaled=True):
-    """Return a map after which a model answers wrongly."""
+def halving_map(X, *_, with_scale=True):
+    """Return a map after which predictions are wrong."""
     return np.full(X.shape[1], 0.5), np.full(X.shape[1], 3.0)
 
 
 @pytest.mark.parametrize(
-    ("references", "rule"),
+    ("references", "message"),
     [
-        (THREE[:2], "2 of 2 references are of a known surface. Expected at least 3"),
-        (UNLABELLED[: LIMITS.min_unlabelled - 1], "0 of 9 references"),
+        (THREE[:2], "2 of 2 are labelled. Expected at least 3 labelled references"),
+        (UNLABELLED[: LIMITS.min_unlabelled - 1], "0 of 9 are labelled"),
         (
-            [*THREE, felt("stranger", 1)],
+            [*THREE, other_sensor("stranger", 1)],
             "surface 'stranger' is not in the model. Expected one of",
         ),
         ([one.with_(fs=8000.0) for one in THREE], "wrong rate: 8000 Hz, trained at 4000 Hz; --resample 4000"),
         ([one.with_(unit="counts") for one in THREE], "wrong unit: counts, trained with m/s"),
     ],
 )
-def test_references_that_cannot_serve_are_refused(kernel_model, references, rule):
-    with pytest.raises(ValueError, match=rule):
+def test_unsuitable_references_are_refused(kernel_model, references, message):
+    with pytest.raises(ValueError, match=message):
         adapt(kernel_model, references)
 
 
-def test_a_model_is_adapted_once_and_as_it_was_trained(kernel_model):
-    with pytest.raises(ValueError, match=r"adapted already. Expected the model as it was trained"):
+def test_only_a_trained_model_of_several_recordings_is_adapted(kernel_model):
+    with pytest.raises(ValueError, match=r"is already adapted. Adapt the model as it was trained"):
         adapt(adapt(kernel_model, THREE), THREE)
-    single = replace(kernel_model, class_moments=kernel_model.class_moments._replace(within=np.zeros(12)))
-    with pytest.raises(ValueError, match="Expected two or more"):
+    single = replace(kernel_model, class_moments=kernel_model.class_moments._replace(within_std=np.zeros(12)))
+    with pytest.raises(ValueError, match="Train it on two or more"):
         adapt(single, THREE)

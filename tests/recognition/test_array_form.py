@@ -1,4 +1,4 @@
-"""What answers without scikit-learn answers as scikit-learn does."""
+"""Array form: predictions without scikit-learn equal those of scikit-learn."""
 
 import numpy as np
 import pytest
@@ -38,40 +38,38 @@ CLASSIFIERS = (
         make_pipeline(StandardScaler(), LinearDiscriminantAnalysis()), n_segments=3, whole_weight=0.0
     ),
     SegmentVoting(GaussianNB(), n_segments=2),
-    SegmentVoting(n_segments=2, undivided=(0, 3)),
-    SegmentVoting(n_segments=2, undivided=tuple(range(6))),
+    SegmentVoting(n_segments=2, recording_columns=(0, 3)),
+    SegmentVoting(n_segments=2, recording_columns=tuple(range(6))),
     make_pipeline(SelectKBest(k=3), GaussianNB()),
 )
 
 
 @pytest.mark.parametrize("n_classes", [2, 3, 5])
 @pytest.mark.parametrize("classifier", CLASSIFIERS, ids=lambda c: f"{type(c).__name__}")
-def test_decisions_are_those_of_scikit_learn(classifier, n_classes):
+def test_decisions_equal_those_of_scikit_learn(classifier, n_classes):
     y = np.arange(80) % n_classes
     X = RNG.normal(size=(80, 6)) + y[:, None] * RNG.normal(size=6)
     trained = clone(classifier).fit(X[:50], y[:50])
-    asked = np.concatenate([X, np.tile(X[:3, :2], 3)])  # among them some whose pieces are all the same
-    part = classifier_of(trained, (X[:50], y[:50]))
-    assert not estimators_in(part)
-    np.testing.assert_allclose(apply(part, asked), class_scores(trained, asked), rtol=1e-9, atol=1e-9)
+    rows = np.concatenate([X, np.tile(X[:3, :2], 3)])  # some have identical segments
+    step = classifier_of(trained, (X[:50], y[:50]))
+    assert not estimators_in(step)
+    np.testing.assert_allclose(apply(step, rows), class_scores(trained, rows), rtol=1e-9, atol=1e-9)
 
 
-def test_pieces_judged_with_columns_of_the_whole_decide_as_they_do_in_scikit_learn():
+def test_segments_with_recording_columns_give_the_decisions_of_scikit_learn():
     y = np.arange(40) % 3
     X = np.column_stack([np.repeat(RNG.normal(size=(40, 2)), 2, axis=1), RNG.normal(size=40)]) + y[:, None]
-    trained = SegmentVoting(n_segments=2, undivided=(4,)).fit(X, y)
-    asked = np.concatenate([X, RNG.normal(size=(9, 5))])  # the last ones are of several pieces
-    decisions = apply(classifier_of(trained), asked)
-    np.testing.assert_allclose(decisions, class_scores(trained, asked), rtol=1e-9, atol=1e-9)
+    trained = SegmentVoting(n_segments=2, recording_columns=(4,)).fit(X, y)
+    rows = np.concatenate([X, RNG.normal(size=(9, 5))])  # the last ones have several segments
+    decisions = apply(classifier_of(trained), rows)
+    np.testing.assert_allclose(decisions, class_scores(trained, rows), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore:Skipping features without any observed values")
-def test_prepared_rows_are_those_of_scikit_learn():
+def test_prepared_rows_equal_those_of_scikit_learn():
     X = RNG.normal(size=(60, 4)) * [1, 10, 100, 1e-3]
-    X[::7, 1], X[:, 2] = (
-        np.nan,
-        np.nan,
-    )  # a column without values is left out by one imputer, kept by the other
+    X[::7, 1] = np.nan
+    X[:, 2] = np.nan  # one imputer drops a column without values, the other keeps it
     fill, keep = SimpleImputer(strategy="median"), SimpleImputer(keep_empty_features=True)
     for scaler in (
         StandardScaler(), StandardScaler(with_mean=False), StandardScaler(with_std=False), MinMaxScaler(),
@@ -90,7 +88,7 @@ def test_prepared_rows_are_those_of_scikit_learn():
     [c for c in CLASSIFIERS if not isinstance(c, SegmentVoting | Pipeline)],
     ids=lambda c: type(c).__name__,
 )
-def test_a_saved_model_answers_as_its_estimators_do(classifier, n_classes, tmp_path):
+def test_a_saved_model_predicts_as_its_estimators_do(classifier, n_classes, tmp_path):
     model, recogniser = fitted([SimpleImputer(), StandardScaler()], clone(classifier), n_classes=n_classes)
     model.save(tmp_path / "m.skops")
     loaded = load_model(tmp_path / "m.skops")
@@ -100,27 +98,27 @@ def test_a_saved_model_answers_as_its_estimators_do(classifier, n_classes, tmp_p
     X[RNG.random(X.shape) < 0.05] = np.nan
     rows = prepared_by(recogniser, X)
     scores = class_scores(recogniser[-1], rows)
-    p, p_known = loaded.judge(X)
+    p, p_known = loaded.classify(X)
     np.testing.assert_allclose(p, loaded.calibration(scores), rtol=0, atol=1e-9)
-    near = loaded.novelty.nearness
-    strange = -scores.max(axis=1) if near is None else near(rows)
-    np.testing.assert_array_equal(p_known, loaded.novelty.p_value(strange))
+    distance = loaded.novelty.class_distance
+    novelty = -scores.max(axis=1) if distance is None else distance(rows)
+    np.testing.assert_array_equal(p_known, loaded.novelty.p_value(novelty))
     assert loaded.surfaces == tuple(recogniser.classes_)
-    again = tmp_path / "again.skops"
-    loaded.save(again)
-    assert again.read_bytes() == (tmp_path / "m.skops").read_bytes()
+    copy = tmp_path / "copy.skops"
+    loaded.save(copy)
+    assert copy.read_bytes() == (tmp_path / "m.skops").read_bytes()
 
 
-def test_what_has_no_array_form_is_asked_itself(tmp_path):
+def test_an_estimator_without_array_form_is_applied_itself(tmp_path):
     forest = RandomForestClassifier(5, random_state=0)
     model, recogniser = fitted([SimpleImputer(), StandardScaler()], forest)
     assert model.estimators == ("RandomForestClassifier",)
     X = np.tile(model.ranges.median, (3, 1))
     scores = class_scores(recogniser[-1], prepared_by(recogniser, X))
-    np.testing.assert_allclose(model.judge(X)[0], model.calibration(scores), atol=1e-12)
+    np.testing.assert_allclose(model.classify(X)[0], model.calibration(scores), atol=1e-12)
 
 
-def test_a_model_keeps_the_filters_of_its_own_rate_alone(tmp_path):
+def test_a_model_file_contains_only_the_filters_of_its_sampling_rate(tmp_path):
     model_of([SimpleImputer()], LinearDiscriminantAnalysis()).save(tmp_path / "m.skops")
     model = load_model(tmp_path / "m.skops")
     ((rate, *_),) = model.banks
@@ -128,5 +126,5 @@ def test_a_model_keeps_the_filters_of_its_own_rate_alone(tmp_path):
     for fs in (rate, 1.005 * rate):
         x = RNG.standard_normal(4000)
         model.answer(Recording(x, fs, "m/s^2", "r", phases=Phases(movement=(0, len(x)))))
-    model.save(tmp_path / "again.skops")
-    assert (tmp_path / "again.skops").read_bytes() == (tmp_path / "m.skops").read_bytes()
+    model.save(tmp_path / "copy.skops")
+    assert (tmp_path / "copy.skops").read_bytes() == (tmp_path / "m.skops").read_bytes()

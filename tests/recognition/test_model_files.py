@@ -1,4 +1,4 @@
-"""Model files are whole, unchanged and of known classes, or they are refused in one line."""
+"""Model files: damaged, changed and unsafe files are refused with one line."""
 
 import io
 import json
@@ -45,15 +45,15 @@ def members_of(file):
 
 
 def rewritten(file, change, *, sign=True):
-    """Return the path of a model file whose members went through `change`, its digest made right again."""
+    """Return the path of a model file with changed members and, with `sign`, an updated digest."""
     from texclass.recognition.model_files import digest_of
 
     members = change(members_of(file))
     if sign:
-        stated = json.loads(members.pop("manifest.json"))
-        stated.pop("digest", None)
-        stated["digest"] = digest_of(stated, members)
-        members["manifest.json"] = json.dumps(stated).encode()
+        values = json.loads(members.pop("manifest.json"))
+        values.pop("digest", None)
+        values["digest"] = digest_of(values, members)
+        members["manifest.json"] = json.dumps(values).encode()
     path = file.with_name("changed.skops")
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in members.items():
@@ -69,7 +69,7 @@ def edited(name, old, new):
     return change
 
 
-def test_the_manifest_is_read_without_making_any_object(file, linear_model, monkeypatch):
+def test_the_manifest_is_read_without_loading_the_model(file, linear_model, monkeypatch):
     monkeypatch.setattr(skops.io, "loads", None)
     assert read_manifest_of(file) == linear_model.manifest
 
@@ -85,8 +85,8 @@ def test_truncated_files_are_refused(file, tmp_path):
 
 def of_format(version):
     def change(members):
-        stated = json.loads(members["manifest.json"]) | {"format_version": version}
-        return {**members, "manifest.json": json.dumps(stated).encode()}
+        values = json.loads(members["manifest.json"]) | {"format_version": version}
+        return {**members, "manifest.json": json.dumps(values).encode()}
 
     return change
 
@@ -95,11 +95,11 @@ def one_array_more(members):
     return {**members, "9999999.npy": next(v for k, v in members.items() if k.endswith(".npy"))}
 
 
-OTHER_FORMAT = r"its format is {}, written by texclass \S+\. Expected format 4: train the model again"
+OTHER_FORMAT = r"its format is {}, written by texclass \S+\. Expected format 5: train the model again"
 
 
 @pytest.mark.parametrize(
-    ("change", "sign", "said"),
+    ("change", "sign", "message"),
     [
         (edited("manifest.json", b"cork", b"corn"), False, "it was changed since it was written"),
         (one_array_more, False, "it was changed since it was written"),
@@ -112,12 +112,12 @@ OTHER_FORMAT = r"its format is {}, written by texclass \S+\. Expected format 4: 
         ),
     ],
 )
-def test_a_file_that_is_changed_or_of_another_format_or_holds_more_is_refused(file, change, sign, said):
-    with pytest.raises(ModelFileError, match=rf"changed\.skops: .*{said}"):
+def test_a_file_with_changes_another_format_or_other_members_is_refused(file, change, sign, message):
+    with pytest.raises(ModelFileError, match=rf"changed\.skops: .*{message}"):
         load_model(rewritten(file, change, sign=sign))
 
 
-def test_a_file_holds_either_arrays_or_skops(file, skops_file):
+def test_a_file_contains_either_arrays_or_skops(file, skops_file):
     arrays, archive = members_of(file), members_of(skops_file)
     assert "arrays.json" in arrays
     assert "schema.json" not in arrays
@@ -128,11 +128,11 @@ def test_a_file_holds_either_arrays_or_skops(file, skops_file):
         lambda members: {**members, "schema.json": archive["schema.json"]},
         lambda members: {name: data for name, data in members.items() if name != "arrays.json"},
     ):
-        with pytest.raises(ModelFileError, match=r"it must hold either arrays\.json or schema\.json"):
+        with pytest.raises(ModelFileError, match=r"it must contain either arrays\.json or schema\.json"):
             load_model(rewritten(file, change))
 
 
-def test_no_estimator_of_a_class_that_is_not_trusted_is_made(skops_file):
+def test_a_class_that_is_not_on_the_allow_list_is_not_loaded(skops_file):
     popen = edited("schema.json", b'"PCA"', b'"Popen"')
     with pytest.raises(ModelFileError, match=r"it names sklearn\.decomposition\._pca\.Popen. Expected"):
         load_model(rewritten(skops_file, popen))
@@ -146,7 +146,7 @@ def test_no_estimator_of_a_class_that_is_not_trusted_is_made(skops_file):
         b'{"steps": {"array": "none.npy"}}',
         b"[" * 100_000,
         b'{"plan": "[]"}',
-        b'{"plan": "[]", "channels": [], "classifier": {"does": "__import__", "name": "os"}}',
+        b'{"plan": "[]", "channels": [], "classifier": {"operation": "__import__", "name": "os"}}',
     ],
 )
 def test_arrays_that_cannot_be_read_are_refused(file, content):
@@ -154,31 +154,31 @@ def test_arrays_that_cannot_be_read_are_refused(file, content):
         load_model(rewritten(file, lambda members: {**members, "arrays.json": content}))
 
 
-def test_what_is_no_manifest_is_refused(linear_model):
-    stated = json.loads(linear_model.manifest.to_json())
-    assert read_manifest(json.dumps(stated)) == linear_model.manifest
+def test_an_invalid_manifest_is_refused(linear_model):
+    values = json.loads(linear_model.manifest.to_json())
+    assert read_manifest(json.dumps(values)) == linear_model.manifest
     for text in (
         b"{",
         b"[]",
         b'{"format_version": "1.0"}',
-        b'{"format_version": 4}',
+        b'{"format_version": 5}',
         b"[" * 100_000,
         b"\xff",
     ):
         with pytest.raises(ValueError, match=r"its (manifest|format)"):
             read_manifest(text)
-    for change, said in (
+    for change, message in (
         ({"fs": -1.0}, "fs is -1.0. Expected"),
         ({"surfaces": "oak"}, "surfaces is 'oak'. Expected"),
         ({"color": 1}, "unknown key color"),
-        ({"input": {**stated["input"], "phases": "all"}}, "phases is 'all'. Expected"),
+        ({"input": {**values["input"], "phases": "all"}}, "phases is 'all'. Expected"),
     ):
-        with pytest.raises(ValueError, match=f"its manifest: .*{said}"):
-            read_manifest(json.dumps(stated | change))
+        with pytest.raises(ValueError, match=f"its manifest: .*{message}"):
+            read_manifest(json.dumps(values | change))
 
 
 @pytest.mark.parametrize("name", ["texclass.recognition.model.Model", "texclass.cli.app.main", "os.system"])
-def test_no_module_is_trusted_as_a_whole(name):
+def test_modules_are_not_on_the_allow_list_as_a_whole(name):
     assert name not in TRUSTED
     module, _, inner = name.rpartition(".")
     node = {"__class__": inner, "__module__": module, "__loader__": "FunctionNode", "__id__": 1}
@@ -209,7 +209,7 @@ def archive_of(members, compression=zipfile.ZIP_STORED):
     return buffer.getvalue()
 
 
-def test_bombs_are_refused():
+def test_decompression_bombs_are_refused():
     packed = archive_of({"schema.json": b" " * 10**7}, zipfile.ZIP_DEFLATED)
     with pytest.raises(UntrustedFileError, match=r"schema\.json is compressed"):
         check_archive(packed)
@@ -223,39 +223,43 @@ def test_bombs_are_refused():
 
 def test_members_that_overlap_are_refused():
     data = bytearray(archive_of({"schema.json": b"{}", "1.npy": b"x" * 200}))
-    first = data.index(b"PK\x01\x02")  # the directory says that the second member has more than the file
+    first = data.index(b"PK\x01\x02")  # the directory states that the second member is larger than the file
     second = data.index(b"PK\x01\x02", first + 1)
     data[second + 20 : second + 28] = struct.pack("<II", 10**6, 10**6)
     with pytest.raises(UntrustedFileError, match="overlap"):
         check_archive(bytes(data))
 
 
-def test_parts_that_do_not_fit_each_other_are_refused(tmp_path, file):
+def test_inconsistent_entries_are_refused(tmp_path, file):
     document, manifest = read_model_file(file)
     for key, value, message in (
         ("calibration", {"beta": 1.0}, "lapse"),
         ("ranges", {name: np.zeros(2) for name in ("low", "median", "high")}, "shapes"),
-        ("probe", {"values": np.zeros(13), "probabilities": np.full(4, 0.25)}, "other answers than when"),
-        ("novelty", {**document["novelty"], "kind": "guess"}, "kind is 'guess'"),
-        ("classifier", {"does": "ask", "estimator": {}, "votes": False}, "no attribute"),
-        ("classifier", {"does": "eval"}, "eval"),
+        (
+            "probe",
+            {"values": np.zeros(13), "probabilities": np.full(4, 0.25)},
+            "other probabilities",
+        ),
+        ("novelty", {**document["novelty"], "kind": "guess"}, "got 'guess'"),
+        ("classifier", {"operation": "estimator", "estimator": {}, "is_averaged": False}, "no attribute"),
+        ("classifier", {"operation": "eval"}, "eval"),
     ):
         write_model_file(tmp_path / "odd.skops", {**document, key: value}, manifest, is_arrays=True)
         with pytest.raises(ModelFileError, match=rf"odd\.skops: not a model of texclass \(.*{message}"):
             load_model(tmp_path / "odd.skops")
 
 
-def test_features_that_give_other_values_are_told(file, monkeypatch):
+def test_changed_values_of_features_give_a_warning(file, monkeypatch):
     monkeypatch.setattr("texclass.features.plan.code_hash", lambda feature_set: "other")
-    load_model(file)  # other code, the same values: nothing to tell
+    load_model(file)  # other code with the same values gives no warning
     monkeypatch.setattr("texclass.recognition.model_files.GOLDEN", 0.6)
-    with pytest.warns(UserWarning, match=r"features give other values than when it was trained \(mfcc\.c"):
+    with pytest.warns(UserWarning, match=r"features differ from those at training \(mfcc\.c"):
         load_model(file)
 
 
 def test_a_classifier_that_cannot_be_loaded_safely_is_not_trained():
     forest = {"forest": Use(use="sklearn.ensemble.RandomForestClassifier", n_estimators=5, random_state=0)}
-    with pytest.raises(ValueError, match=r"holds sklearn\.tree\._tree\.Tree. Expected"):
+    with pytest.raises(ValueError, match=r"contains sklearn\.tree\._tree\.Tree, which is not on"):
         train(surfaces(), pipeline(classifiers=forest), row="Spectrum")
     both = pipeline(classifiers={**forest, **pipeline().classifiers})
     assert train(surfaces(), both, row="Spectrum").estimators == ()

@@ -1,4 +1,4 @@
-"""Temperatures are recovered, calibration errors are what their definition says."""
+"""Calibration of probabilities and its error."""
 
 import numpy as np
 import pytest
@@ -8,23 +8,23 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
 
 from texclass.recognition import Calibration, expected_calibration_error, fit_calibration
-from texclass.recognition.probabilities import calibration_error_of_chance, class_scores, prior_calibration
+from texclass.recognition.probabilities import calibration_error_by_chance, class_scores, prior_calibration
 
 RNG = np.random.default_rng(1)
 
 
 @pytest.mark.parametrize("beta", [0.05, 1.0, 20.0])
-def test_the_temperature_that_made_the_labels_is_recovered(beta):
+def test_the_temperature_of_drawn_labels_is_recovered(beta):
     scores = RNG.normal(size=(20_000, 4)) / beta
     cumulated = softmax(beta * scores, axis=1).cumsum(axis=1)
     labels = (RNG.random((20_000, 1)) > cumulated).sum(axis=1)
-    found = fit_calibration(scores, labels)
-    assert found.beta == pytest.approx(beta, rel=0.05)
-    p = found(scores)
+    calibration = fit_calibration(scores, labels)
+    assert calibration.beta == pytest.approx(beta, rel=0.05)
+    p = calibration(scores)
     assert expected_calibration_error(p.max(axis=1), p.argmax(axis=1) == labels) < 0.02
 
 
-def test_no_number_of_right_answers_makes_certain():
+def test_probabilities_stay_below_1_if_every_answer_is_correct():
     scores = np.eye(3)[np.arange(30) % 3]
     p = fit_calibration(scores, np.arange(30) % 3)(scores)
     np.testing.assert_allclose(p.sum(axis=1), 1)
@@ -32,7 +32,7 @@ def test_no_number_of_right_answers_makes_certain():
 
 
 @pytest.mark.parametrize("n", [40, 800])
-def test_probabilities_rank_answers_where_every_one_was_right(n):
+def test_probabilities_still_rank_answers_if_every_one_is_correct(n):
     labels = np.arange(n) % 4
     margins = RNG.uniform(0.2, 3.0, n)
     scores = margins[:, None] * np.eye(4)[labels]
@@ -43,12 +43,12 @@ def test_probabilities_rank_answers_where_every_one_was_right(n):
     assert p.mean() == pytest.approx((n + 1) / (n + 2), abs=1e-5)
 
 
-def test_calibration_keeps_the_order():
+def test_calibration_keeps_the_order_of_classes():
     scores = RNG.normal(size=(50, 5))
     np.testing.assert_array_equal(np.argsort(Calibration(3.0, 0.1)(scores)), np.argsort(scores))
 
 
-def test_the_error_follows_its_definition():
+def test_the_calibration_error_follows_its_definition():
     confidence, hits = (
         np.array([0.95, 0.95, 0.95, 0.95, 0.55, 0.55]),
         np.array([1, 1, 1, 0, 0, 0], dtype=bool),
@@ -58,30 +58,30 @@ def test_the_error_follows_its_definition():
     assert expected_calibration_error([1.0], [True]) == 0
     equal = expected_calibration_error([0.9, 0.8, 0.7, 0.6], [1, 1, 0, 0], 2, equal_counts=True)
     assert equal == pytest.approx((2 * 0.15 + 2 * 0.65) / 4)
-    with pytest.raises(ValueError, match="Expected one of each"):
+    with pytest.raises(ValueError, match="must be of the same length and not empty"):
         expected_calibration_error([], [])
 
 
 def test_the_error_of_bins_of_equal_counts_does_not_depend_on_the_order_of_ties():
-    hits = np.arange(200) % 5 > 0  # 80 %, as said
+    hits = np.arange(200) % 5 > 0  # 80 %, as stated
     for order in (np.arange(200), np.argsort(hits)):
         error = expected_calibration_error(np.full(200, 0.8), hits[order], equal_counts=True)
         assert error == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize("equal_counts", [False, True])
-def test_the_error_of_perfect_probabilities_is_the_one_told_as_that_of_chance(equal_counts):
+def test_the_error_by_chance_is_the_mean_error_of_perfect_probabilities(equal_counts):
     rng, bins = np.random.default_rng(0), {"equal_counts": equal_counts}
     trials = [(p := rng.uniform(0.3, 1, 200), rng.random(200) < p) for _ in range(200)]
-    found = np.mean([expected_calibration_error(p, hits, **bins) for p, hits in trials])
-    told = np.mean([calibration_error_of_chance(p, **bins) for p, _ in trials])
-    assert found > 0.05
-    assert told == pytest.approx(found, rel=0.05)
+    mean_error = np.mean([expected_calibration_error(p, hits, **bins) for p, hits in trials])
+    by_chance = np.mean([calibration_error_by_chance(p, **bins) for p, _ in trials])
+    assert mean_error > 0.05
+    assert by_chance == pytest.approx(mean_error, rel=0.05)
 
 
 @pytest.mark.parametrize("n_classes", [2, 3])
 @pytest.mark.parametrize("classifier", [LinearDiscriminantAnalysis(), GaussianNB(), KNeighborsClassifier(3)])
-def test_the_largest_score_is_the_answer(classifier, n_classes):
+def test_the_class_with_the_largest_score_is_predicted(classifier, n_classes):
     y = np.arange(60) % n_classes
     X = RNG.normal(size=(60, 3)) + y[:, None]
     scores = class_scores(classifier.fit(X, y), X)
@@ -90,22 +90,22 @@ def test_the_largest_score_is_the_answer(classifier, n_classes):
 
 
 @pytest.mark.parametrize("n", [3, 30])
-def test_no_score_exceeds_what_the_number_of_recordings_supports(n):
+def test_the_lapse_limits_probabilities_by_the_number_of_recordings(n):
     labels = np.arange(n) % 3
     lapse = 1 / (n + 2)
-    for found in (fit_calibration(np.eye(3)[labels], labels), prior_calibration(3, n)):
-        p = found(1e9 * np.eye(3))  # however far apart the classes are
+    for calibration in (fit_calibration(np.eye(3)[labels], labels), prior_calibration(3, n)):
+        p = calibration(1e9 * np.eye(3))  # however far apart the classes are
         np.testing.assert_allclose(p, np.where(np.eye(3) == 1, 1 - 2 * lapse / 3, lapse / 3), rtol=1e-9)
 
 
 def test_one_wrong_label_among_many_does_not_flatten_the_probabilities():
     labels = np.arange(300) % 3
     scores = 5 * np.eye(3)[labels]
-    wrong = np.where(np.arange(300) == 0, 1, labels)
-    assert fit_calibration(scores, wrong)(scores).max() > 0.98
+    mislabelled = np.where(np.arange(300) == 0, 1, labels)
+    assert fit_calibration(scores, mislabelled)(scores).max() > 0.98
 
 
-def test_without_held_out_recordings_the_same_score_is_as_likely_for_any_number_of_classes():
+def test_the_prior_calibration_gives_the_same_odds_for_any_number_of_classes():
     for n_classes in (2, 5, 20):
         shrunk = np.eye(1, n_classes) / np.log(n_classes)
         odds = prior_calibration(n_classes, 10**12)(shrunk)[0]

@@ -175,7 +175,7 @@ def test_a_stream_from_a_sensor_of_too_low_a_rate_is_refused_although_resampled(
     adapted = replace(
         linear_model, manifest=linear_model.manifest.model_copy(update={"adapted": {"map": "shift"}})
     )
-    assert not adapted.narrow_band(FS / 8)
+    assert not adapted.bandwidth_problems(FS / 8)
 
 
 def test_a_rate_that_changes_begins_the_stream_anew(linear_model, oak):

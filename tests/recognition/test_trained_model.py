@@ -1,4 +1,4 @@
-"""A trained model answers, knows what it does not know, and says why."""
+"""Trained models: answers, unknown surfaces, warnings and reproducible training."""
 
 import json
 import subprocess
@@ -12,9 +12,9 @@ import pytest
 from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 
 from texclass.evaluation import cost
-from texclass.recognition import joined, train
+from texclass.recognition import average_answers, train
 from texclass.recognition.model_files import MANIFEST
-from texclass.recognition.unknown import Ranges
+from texclass.recognition.novelty import FeatureRanges
 from texclass.recording import Phases
 
 MODELS = ("kernel_model", "linear_model")
@@ -25,7 +25,7 @@ def model(request):
     return request.getfixturevalue(request.param)
 
 
-def test_known_surfaces_are_named_and_strangers_are_unknown(model):
+def test_trained_surfaces_are_recognised_and_others_are_unknown(model):
     answers = [model.answer(recording(surface, seed)) for surface in SURFACES for seed in range(100, 110)]
     truth = [surface for surface in SURFACES for _ in range(10)]
     assert np.mean([a.surface == t for a, t in zip(answers, truth, strict=True)]) >= 0.95
@@ -42,15 +42,15 @@ def test_an_answer_is_a_distribution_over_all_surfaces(model):
     assert answer.probability == answer.probabilities[best] < 1
 
 
-def test_values_give_the_answer_of_their_recording(model):
-    given = recording("felt", 50)
-    values = model.plan.compute(given).values
-    assert model.answer_values(values, recording_id=given.recording_id) == model.answer(given)
-    with pytest.raises(ValueError, match=r"values have shape \(3,\). Expected one of each of 13 columns"):
+def test_feature_values_give_the_answer_for_their_recording(model):
+    stroke = recording("felt", 50)
+    values = model.plan.compute(stroke).values
+    assert model.answer_values(values, recording_id=stroke.recording_id) == model.answer(stroke)
+    with pytest.raises(ValueError, match=r"values must have shape \(13,\), one value per column, got \(3,\)"):
         model.answer_values([1, 2, 3])
 
 
-def test_only_the_features_of_the_row_are_computed(model):
+def test_only_the_features_of_the_selected_row_are_computed(model):
     assert model.manifest.features == ("mfcc",)
     assert set(model.columns) == {f"mfcc.c{i}" for i in range(1, 14)}
 
@@ -74,80 +74,82 @@ def test_only_the_features_of_the_row_are_computed(model):
         ({"phases": Phases(movement=(0, 200))}, "too short: 0.05 s of movement, trained on 0.5 s", None),
     ],
 )
-def test_what_is_unlike_training_is_told(linear_model, change, reason, unknown):
+def test_recordings_that_differ_from_the_training_set_give_a_reason(linear_model, change, reason, unknown):
     answer = linear_model.answer(recording("oak", 3).with_(**change))
-    assert any(said.startswith(reason) for said in answer.reasons), answer.reasons
+    assert any(text.startswith(reason) for text in answer.reasons), answer.reasons
     assert unknown is None or answer.unknown is unknown
 
 
-def test_a_sensor_of_over_half_the_rate_of_training_is_judged(linear_model):
+def test_a_sensor_with_half_the_training_rate_is_accepted(linear_model):
     assert not linear_model.answer(recording("oak", 3).with_(native_fs=0.51 * FS)).unknown
 
 
-def test_without_any_feature_nothing_is_known(linear_model):
+def test_a_recording_without_any_feature_is_unknown(linear_model):
     answer = linear_model.answer(recording("oak", 3).with_(phases=Phases()))
     assert answer.unknown
     assert "no feature has a value" in answer.reasons
     assert "undefined: mfcc (no movement found)" in answer.reasons
 
 
-def test_values_far_outside_training_are_named(linear_model):
+def test_columns_far_outside_the_training_range_are_listed(linear_model):
     values = linear_model.ranges.median.copy()
     values[4] = linear_model.ranges.high[4] + 100
-    said = linear_model.answer_values(values).reasons[-1]
-    assert said.startswith(f"outside the range of training: {linear_model.columns[4]} (")
+    reason = linear_model.answer_values(values).reasons[-1]
+    assert reason.startswith(f"outside the training range: {linear_model.columns[4]} (")
 
 
-def test_ranges_measure_in_widths_and_leave_undefined_columns_alone():
-    ranges = Ranges.of(np.array([[0.0, np.nan, 5.0], [2.0, np.nan, 5.0], [1.0, np.nan, 5.0]]))
-    np.testing.assert_allclose(ranges.far(np.array([4.0, 1.0, 5.0])), [1, 0, 0])
-    np.testing.assert_allclose(ranges.far(np.array([-1.0, np.nan, np.nan])), [0.5, 0, 0])
-    assert ranges.far(np.array([1.0, 0.0, 5.1]))[2] > 1
+def test_ranges_measure_in_widths_and_ignore_undefined_columns():
+    ranges = FeatureRanges.from_features(
+        np.array([[0.0, np.nan, 5.0], [2.0, np.nan, 5.0], [1.0, np.nan, 5.0]])
+    )
+    np.testing.assert_allclose(ranges.distance_outside(np.array([4.0, 1.0, 5.0])), [1, 0, 0])
+    np.testing.assert_allclose(ranges.distance_outside(np.array([-1.0, np.nan, np.nan])), [0.5, 0, 0])
+    assert ranges.distance_outside(np.array([1.0, 0.0, 5.1]))[2] > 1
 
 
-def test_touches_are_joined_by_their_mean(kernel_model):
+def test_answers_for_windows_are_averaged(kernel_model):
     answers = [kernel_model.answer(recording("oak", seed)) for seed in (1, 2, 3)]
-    whole = joined(answers, "oak")
+    whole = average_answers(answers, "oak")
     for surface in SURFACES:
         mean = np.mean([answer.probabilities[surface] for answer in answers])
         assert whole.probabilities[surface] == pytest.approx(mean)
     assert (whole.surface, whole.recording_id) == ("oak", "oak")
     odd = [replace(answers[0], p_known=p) for p in (0.5, 0.6, 0.01)]
-    assert joined(odd, "oak").p_known == 0.5
+    assert average_answers(odd, "oak").p_known == 0.5
 
 
-def test_a_model_of_touches_cuts_longer_recordings(touch_model):
+def test_a_model_of_windows_cuts_longer_recordings(touch_model):
     model = touch_model
     assert model.manifest.window_s == 0.25
-    assert model.manifest.accuracy["how"] == "held-out windows"
+    assert model.manifest.accuracy["description"] == "held-out windows"
     assert model.manifest.trained_on["n_windows"] == 2 * model.manifest.trained_on["n_recordings"]
-    given = recording("cork", 99)
-    assert [touch.n_samples for touch in model.cut(given)] == [1000, 1000]
-    assert model.answer_touches(given).surface == "cork"
-    short = given.with_(acceleration=given.acceleration[:400], phases=Phases(movement=(0, 400)))
-    assert any(said.startswith("too short: 0.1 s") for said in model.answer_touches(short).reasons)
+    stroke = recording("cork", 99)
+    assert [window.n_samples for window in model.cut(stroke)] == [1000, 1000]
+    assert model.answer_windows(stroke).surface == "cork"
+    short = stroke.with_(acceleration=stroke.acceleration[:400], phases=Phases(movement=(0, 400)))
+    assert any(reason.startswith("too short: 0.1 s") for reason in model.answer_windows(short).reasons)
 
 
-def test_a_budget_buys_no_more_than_it_says(kernel_model):
+def test_budgets_of_columns_and_latency_are_kept(kernel_model):
     limited = train(surfaces(), pipeline(), max_features=2)
     assert len(limited.columns) <= 2
-    with pytest.raises(ValueError, match=r"max_ms is 1e-06. Expected at least"):
+    with pytest.raises(ValueError, match=r"max_ms must be at least .* got 1e-06 ms"):
         train(surfaces(), pipeline(), max_ms=1e-6)
 
 
-def test_a_kernel_of_few_kilobytes_answers_and_says_what_it_was_limited_to(kernel_model):
+def test_a_size_limit_reduces_the_kernel_and_is_in_the_manifest(kernel_model):
     small = train(surfaces(), pipeline(), row="Spectrum", classifier="kernel", max_kb=2)
-    n_kept, n_all = (len(model.classifier["dual"]) for model in (small, kernel_model))
-    assert n_kept < n_all
+    n_limited, n_unlimited = (len(model.classifier["dual"]) for model in (small, kernel_model))
+    assert n_limited < n_unlimited
     assert small.manifest.accuracy["mean"] > 0.8
     assert small.manifest.pipeline["budget"] == "2 kB of a kernel"
-    with pytest.raises(ValueError, match="max_kb is 2, but no candidate is a KernelDiscriminant"):
+    with pytest.raises(ValueError, match="max_kb = 2 has no effect: no candidate is a KernelDiscriminant"):
         train(surfaces(), pipeline(), row="Spectrum", classifier="lda", max_kb=2)
     with pytest.raises(ValueError, match=r"max_kb is 0. Expected a positive, finite number"):
         train(surfaces(), pipeline(), max_kb=0)
 
 
-def test_bad_recordings_are_left_out_and_named():
+def test_invalid_recordings_are_left_out_and_listed():
     model = train(surfaces(bad=("oak-3",)), pipeline(), row="Spectrum", classifier="lda", skip_bad=True)
     assert [item.recording_id for item in model.left_out] == ["oak-3"]
     assert model.manifest.trained_on["left_out"] == ["oak-3"]
@@ -161,31 +163,31 @@ def test_bad_recordings_are_left_out_and_named():
         ({"row": "Colour"}, r"no row 'Colour'. Expected one of Roughness, Spectrum"),
         ({"classifier": "svm"}, r"no classifier 'svm'. Expected one of lda, kernel"),
         ({"protocol": "paper"}, r"'paper'. Expected one whose test recordings stay unseen"),
-        ({"false_alarms": 0.001}, r"40 recordings are held out. .* 999"),
-        ({"false_alarms": 1.5}, r"false_alarms is 1.5. Expected a number between 0 and 1"),
+        ({"false_alarms": 0.001}, r"requires at least 999 held-out recordings, got 40"),
+        ({"false_alarms": 1.5}, r"false_alarms must be between 0 and 1, got 1.5"),
     ],
 )
-def test_what_cannot_be_trained_is_refused(settings, message):
+def test_impossible_trainings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
         train(surfaces(), pipeline(), **settings)
 
 
-# The same recordings give the same model: no choice hangs on how busy a machine is.
+# The same recordings give the same model: the selection does not depend on the load of the machine.
 
 
-def _told(path):
-    """Return the members of a model file, date of each, and its facts but for measured costs."""
+def _contents(path):
+    """Return the members of a model file with their dates, and its manifest without measured costs."""
     with ZipFile(path) as archive:
         members = {m.filename: (m.date_time, archive.read(m)) for m in archive.infolist()}
-    facts = json.loads(members.pop(MANIFEST)[1])
-    assert set(facts.pop("cost")) == {"segmentation_ms", "features_ms", "classifier_ms"}
-    del facts["digest"]  # of the costs, too
-    return members, facts
+    manifest = json.loads(members.pop(MANIFEST)[1])
+    assert set(manifest.pop("cost")) == {"segmentation_ms", "features_ms", "classifier_ms"}
+    del manifest["digest"]  # it depends on the costs
+    return members, manifest
 
 
 @pytest.fixture
 def erratic(monkeypatch, tmp_path):
-    """Let a machine get ever busier (power 1) or idler (-1) while it measures, in a cache of its own."""
+    """Simulate a load that increases (power 1) or decreases (-1) during measurements."""
     monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
 
     def start(power):
@@ -202,7 +204,7 @@ def erratic(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("options", [{}, {"classifier": "lda", "max_ms": 500}], ids=["free", "budget"])
 def test_a_busy_machine_trains_the_same_model_file(erratic, tmp_path, options):
-    """A budget is of the machine and the day it was measured."""
+    """The manifest names the machine of a budget."""
     erratic(1)
     model = train(surfaces(), pipeline(), **options)
     assert model.manifest.pipeline.get("budget", "").startswith("500 ms on " if options else "")
@@ -214,4 +216,4 @@ def test_a_busy_machine_trains_the_same_model_file(erratic, tmp_path, options):
     finally:
         busy.kill()
         busy.wait()
-    assert _told(tmp_path / "busy.skops") == _told(tmp_path / "quiet.skops")
+    assert _contents(tmp_path / "busy.skops") == _contents(tmp_path / "quiet.skops")

@@ -73,7 +73,7 @@ N_COLUMNS = len(plan_of().columns)
 def assert_same_answers(model, graph, X):
     """Compare row by row with `Model.judge`, which the export's own check is not needed for."""
     got = run(graph, X)
-    p, p_known = model.judge(X)
+    p, p_known = model.classify(X)
     np.testing.assert_allclose(got["probabilities"], p, rtol=0, atol=1e-12)
     assert got["label"].tolist() == np.array(model.surfaces)[p.argmax(axis=1)].tolist()
     np.testing.assert_array_equal(got["p_known"], p_known)
@@ -95,7 +95,7 @@ def test_whatever_shipped_pipelines_name_answers_as_scikit_learn_does(steps, use
     model, recogniser = fitted(steps, use.make(), n_classes=n_classes, plan=plan)
     X = rows_of(len(model.columns), n_classes, seed=7)[0]
     scores = class_scores(recogniser[-1], prepared_by(recogniser, X))
-    np.testing.assert_allclose(model.judge(X)[0], model.calibration(scores), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(model.classify(X)[0], model.calibration(scores), rtol=0, atol=1e-9)
     parity = checked(model, X)
     assert parity.difference < 1e-12
     assert parity.n_answered == parity.n_surfaces == n_classes
@@ -300,7 +300,7 @@ def test_rows_that_nothing_can_be_said_of_have_no_label():
         X = rows.copy()
         X[1, 2] = value
         with pytest.raises(ValueError, match="undefined"):
-            one.judge(X)
+            one.classify(X)
         got = run(graph, X)
         assert got["label"][1] == ""
         assert got["unknown"][1]
@@ -339,7 +339,7 @@ def test_rows_of_the_check_lie_on_both_sides_of_boundaries(linear_model):
     near = X[kinds == "boundary"]
     assert len(near) == 512
     pairs = near.reshape(8, 64, -1)
-    p, p_known = linear_model.judge(near)
+    p, p_known = linear_model.classify(near)
     said = np.stack([p.argmax(axis=1), p_known <= linear_model.novelty.false_alarms]).reshape(2, 8, 64)
     for side in range(0, 8, 2):
         apart = (said[:, side] != said[:, side + 1]).any(axis=0)
@@ -351,7 +351,7 @@ def test_rows_of_the_check_lie_on_both_sides_of_boundaries(linear_model):
 def test_models_remember_rows_that_are_answered_right(kernel_model, linear_model):
     for model in (kernel_model, linear_model):
         known = remembered(model)
-        p, p_known = model.judge(known)
+        p, p_known = model.classify(known)
         assert set(p.argmax(axis=1)) == set(range(len(SURFACES)))
         assert (p_known > model.novelty.false_alarms).mean() > 0.4
 

@@ -221,7 +221,7 @@ def test_pieces_vote_as_they_do_in_texclass(n):
     values = assert_same_features(model, windows)
     graph = build_of_samples(model, n).SerializeToString()
     found = run(graph, windows, SAMPLES)
-    p, p_known = model.judge(values)
+    p, p_known = model.classify(values)
     np.testing.assert_allclose(found["probabilities"], p, rtol=0, atol=1e-7)
     np.testing.assert_array_equal(found["p_known"], p_known)
 

@@ -1,7 +1,8 @@
-"""Class scores of any subset of columns in closed form, for classifiers whose scores are sums over columns.
+"""Closed-form class scores of any subset of columns, for feature selection with simple classifiers.
 
-Gaussian naive Bayes, the nearest class mean and the nearest neighbour add up a term for each column; linear
-discriminants need only class means and one covariance. So each fold is prepared once, not once per subset.
+The scores of Gaussian naive Bayes, the nearest class mean and the nearest neighbour are sums over columns;
+linear discriminants need only class means and one covariance. So each fold is prepared once, not once per
+subset.
 """
 
 from collections.abc import Callable
@@ -20,27 +21,27 @@ from texclass.recording import Samples
 Labels = NDArray[np.intp]
 Scores = Callable[[list[int], Labels], tuple[Samples, Samples]]
 """(selected columns, candidates) -> scores (n_candidates, n_test, n_classes) with each candidate added, and
-a bound on their rounding error (n_candidates,), infinite where only a fit gives the answer."""
+a bound on their rounding error (n_candidates,), infinite if the classifier must be fitted instead."""
 ROUNDING = 1e-11
 """Bound on the rounding error of a score, ours or scikit-learn's, relative to the largest term of its sum."""
 FLAT = 1e-6
-"""Deviation within classes, relative to the largest magnitude of a column, below which rounding decides."""
+"""Within-class deviation, relative to the largest magnitude of a column, below which rounding decides."""
 COLLINEAR = 1e-6
-"""Smallest eigenvalue of a correlation matrix of which the closed form is used."""
+"""Smallest eigenvalue of a correlation matrix for which the closed form is used."""
 
 
 def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -> Scores | None:
-    """Return the class scores of any subset of columns of a fold; None for classifiers without closed form.
+    """Return a function for the class scores of any subset of columns of a fold; None without a closed form.
 
     Parameters
     ----------
     estimator : classifier
-        Unfitted: `GaussianNB`, `NearestCentroid`, one nearest neighbour or `LinearDiscriminantAnalysis`
-        with any solver and a fixed shrinkage; priors, metric and tolerances mostly at their defaults.
+        Unfitted `GaussianNB`, `NearestCentroid`, one nearest neighbour or `LinearDiscriminantAnalysis` with
+        any solver and a fixed shrinkage; priors, metric and tolerances mostly at their defaults.
     train, test : ndarray of shape (n_samples, n_columns)
-        Rows of the fold.
+        Training set and test set of the fold.
     labels : ndarray of shape (n_train,)
-        Class of each training row.
+        Class of each row of the training set.
 
     Returns
     -------
@@ -102,9 +103,11 @@ def _naive_bayes(train: Samples, labels: Labels, test: Samples, var_smoothing: f
     def scores(selected: list[int], candidates: Labels) -> tuple[Samples, Samples]:
         shared = float(total[selected].max(initial=0.0))
         log_n, error = terms(candidates, shared)
-        before, error_before = terms(selected, shared) if selected else (np.zeros((1, 1, 1)), np.zeros(1))
-        sums, errors = log_n + (before.sum(axis=0) + log_priors), error + error_before.sum()
-        for i in np.flatnonzero(total[candidates] > shared):  # which raise the variance that e depends on
+        selected_log_n, selected_error = (
+            terms(selected, shared) if selected else (np.zeros((1, 1, 1)), np.zeros(1))
+        )
+        sums, errors = log_n + (selected_log_n.sum(axis=0) + log_priors), error + selected_error.sum()
+        for i in np.flatnonzero(total[candidates] > shared):  # these raise the variance that e depends on
             log_n, error = terms([*selected, candidates[i]], float(total[candidates[i]]))
             sums[i], errors[i] = log_n.sum(axis=0) + log_priors, error.sum()
         return sums, errors
@@ -128,7 +131,7 @@ def _discriminant(estimator: Any, train: Samples, labels: Labels, test: Samples)
     """Linear discriminants of any subset of columns, from class means m and the within-class covariance W.
 
     score = x' W^-1 m - m' W^-1 m/2 + log prior, W shrunk within the subset to a multiple of the identity.
-    None where the solver is unknown, or refuses the shrinkage.
+    None if the solver is unknown or refuses the shrinkage.
     """
     svd, shrinkage, counts = estimator.solver == "svd", estimator.shrinkage, np.bincount(labels)
     if estimator.solver not in ("svd", "lsqr", "eigen") or (svd and shrinkage is not None):
@@ -141,15 +144,15 @@ def _discriminant(estimator: Any, train: Samples, labels: Labels, test: Samples)
         return None
     means, shares = class_means(train, labels), counts / len(train)
     residual = train - means[labels]
-    within = residual.T @ residual / divisor
+    within_class = residual.T @ residual / divisor
     largest = np.maximum(np.abs(train).max(axis=0), np.abs(test).max(axis=0))
-    is_flat = np.sqrt(np.diagonal(within)) <= FLAT * largest
+    is_flat = np.sqrt(np.diagonal(within_class)) <= FLAT * largest
     centre = shares @ means
 
     def scores(selected: list[int], candidates: Labels) -> tuple[Samples, Samples]:
         columns = np.column_stack([np.tile(selected, (len(candidates), 1)).astype(int), candidates])
         deviation, whitening, smallest = _whitening(
-            within[columns[:, :, None], columns[:, None, :]], shrinkage
+            within_class[columns[:, :, None], columns[:, None, :]], shrinkage
         )
         x, m = ((a - centre)[:, columns].swapaxes(0, 1) @ whitening for a in (test, means))
         magnitude = ((largest[columns] / deviation) ** 2).sum(axis=1) / smallest
@@ -157,16 +160,17 @@ def _discriminant(estimator: Any, train: Samples, labels: Labels, test: Samples)
         if svd:
             doubtful |= _is_truncated(np.sqrt(counts)[:, None] * m, tol)
         # x' W^-1 m - m' W^-1 m/2 + log prior, whitened, from the common centre
-        of_classes = x @ m.swapaxes(1, 2) + (np.log(shares) - 0.5 * (m**2).sum(axis=2))[:, None, :]
-        return of_classes, np.where(doubtful, np.inf, ROUNDING * magnitude)
+        class_scores = x @ m.swapaxes(1, 2) + (np.log(shares) - 0.5 * (m**2).sum(axis=2))[:, None, :]
+        return class_scores, np.where(doubtful, np.inf, ROUNDING * magnitude)
 
     return scores
 
 
 def _whitening(covariance: Samples, shrinkage: float) -> tuple[Samples, Samples, Samples]:
-    """Return deviations (n, p) and B (n, p, p), B B' = W^-1, of covariances W (n, p, p).
+    """Return standard deviations (n, p), B (n, p, p) with B B' = W^-1, and smallest eigenvalues (n,).
 
-    The correlation is inverted, whose smallest eigenvalue (n,) no unit of a column changes.
+    The correlation matrix of each covariance W (n, p, p) is inverted: its eigenvalues do not depend on the
+    units.
     """
     p = covariance.shape[1]
     level = np.trace(covariance, axis1=1, axis2=2)[:, None, None] / p
@@ -179,9 +183,10 @@ def _whitening(covariance: Samples, shrinkage: float) -> tuple[Samples, Samples,
 
 
 def _is_truncated(centres: Samples, tol: float) -> NDArray[np.bool_]:
-    """Return where the svd solver may drop a direction of weighted class centres (n, n_classes, p).
+    """Return whether the svd solver may drop a direction of the weighted class centres (n, n_classes, p).
 
-    It drops singular values below `tol` times the largest; those that are 0 but for rounding do not matter.
+    It drops singular values below `tol` times the largest. Those that are 0 except for rounding do not
+    matter.
     """
     squares = np.linalg.eigvalsh(centres.swapaxes(1, 2) @ centres)
     ratio = squares / np.maximum(squares[:, -1:], np.finfo(np.float64).tiny)

@@ -1,4 +1,4 @@
-"""Fitting of any classifier to any columns: constant columns, readable errors and no needless warnings."""
+"""Fitting of classifiers: constant columns, readable errors, and no warnings about expected cases."""
 
 import warnings
 from collections.abc import Iterator
@@ -19,11 +19,13 @@ def fit(estimator: Any, X: Samples, y: NDArray[Any]) -> Any:
     Raises
     ------
     ValueError
-        If it cannot be fitted to these data, for lack of memory for example; LinAlgError if singular.
+        If it cannot be fitted to these data, for example for lack of memory.
+    LinAlgError
+        If a matrix is singular.
     """
     try:
         return clone(estimator).fit(X, y)
-    except np.linalg.LinAlgError:  # a selection scores these columns as useless
+    except np.linalg.LinAlgError:  # feature selection scores these columns as useless
         raise
     except Exception as error:  # a file may combine any estimator with any parameters
         steps = [step for _, step in getattr(estimator, "steps", [("", estimator)])]
@@ -34,7 +36,7 @@ def fit(estimator: Any, X: Samples, y: NDArray[Any]) -> Any:
 
 
 def fit_varying(classifier: Any, X: Samples, y: NDArray[Any]) -> Any:
-    """Return a fitted clone of a classifier; of the commonest class alone if all columns are constant.
+    """Return a fitted clone of a classifier, or the most frequent class if all columns are constant.
 
     Most classifiers refuse constant columns.
     """
@@ -46,8 +48,8 @@ def fit_varying(classifier: Any, X: Samples, y: NDArray[Any]) -> Any:
 def quiet_fits() -> Iterator[None]:
     """Silence warnings of scikit-learn about columns that are redundant, or constant within classes.
 
-    A discriminant drops collinear directions, and a class mean needs no deviation; a network may stop before
-    it has converged. What becomes of such data shows in the accuracy.
+    A discriminant drops collinear directions, a class mean needs no standard deviation, and a network may
+    stop before it has converged. The effect on the predictions shows in the accuracy.
     """
     with warnings.catch_warnings():
         for message in (

@@ -1,7 +1,7 @@
-"""Selection of columns by cross-validation, fast where a classifier's scores have a closed form.
+"""Sequential forward selection of columns by cross-validation.
 
-`SubsetScore` returns the score of a subset of columns. For the simplest classifiers it prepares each fold
-once, not once per subset (`closed_form`); all other classifiers are fitted to each subset.
+`SubsetScore` returns the score of a subset of columns. For simple classifiers it prepares each fold once
+(`closed_form`); all other classifiers are fitted to each subset.
 """
 
 from collections.abc import Sequence
@@ -24,37 +24,48 @@ from texclass.classifiers.fitting import fit_varying, quiet_fits
 from texclass.recording import Samples
 
 Split = tuple[Labels, Labels]
-"""Row numbers of a training set and of its test set."""
+"""Row numbers of a training set and its test set."""
 Scoring = Literal["accuracy", "log_likelihood"]
 TINY = float(np.finfo(np.float64).tiny)
+"""Lower limit of a probability before its logarithm is taken."""
 
 
 class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type: ignore[misc]
-    """Add columns one by one, each time the one that helps the classifier most in an inner cross-validation.
+    """Select columns one by one, each time the one that improves the inner cross-validation most.
 
-    The choice is that of `sklearn.feature_selection.SequentialFeatureSelector` with stratified folds, ties
-    included. The scores of Gaussian naive Bayes, of the nearest class mean and of the nearest neighbour are
-    sums over columns, and linear discriminants need only the class means and one covariance. With these
+    The selection equals that of `sklearn.feature_selection.SequentialFeatureSelector` with stratified folds,
+    ties included. The scores of Gaussian naive Bayes, of the nearest class mean and of the nearest neighbour
+    are sums over columns, and linear discriminants need only the class means and one covariance. With these
     classifiers each inner fold is prepared once, and a candidate is fitted only where rounding could change a
     prediction: two classes score alike, or columns are collinear or constant. Any other classifier is fitted
     to every candidate.
 
-    Unlike scikit-learn's, the selector does not stop where a classifier cannot be fitted: constant columns
-    predict the commonest class, and a singular covariance scores 0.
+    Unlike that of scikit-learn, the selector continues if a classifier cannot be fitted: constant columns
+    predict the most frequent class, and a singular covariance scores 0.
 
     Parameters
     ----------
     estimator : classifier
-        Whose accuracy decides.
+        Classifier whose accuracy is maximised.
     n_features_to_select : int
-        Number of columns; all are kept when there are not more.
+        Number of columns; all are selected if there are not more.
     cv : int
-        Inner stratified folds, not shuffled; reduced to the size of the smallest class.
+        Number of inner stratified folds, not shuffled (default 3); at most the size of the smallest class.
 
     Attributes
     ----------
     support_ : ndarray of shape (n_columns,)
-        Which columns are selected.
+        Whether each column is selected.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.naive_bayes import GaussianNB
+    >>> y = np.repeat([0, 1], 30)
+    >>> X = np.random.default_rng(0).standard_normal((60, 4))
+    >>> X[:, 2] += 3 * y
+    >>> ForwardSelector(GaussianNB(), n_features_to_select=1).fit(X, y).get_support().tolist()
+    [False, False, True, False]
     """
 
     def __init__(self, estimator: Any, *, n_features_to_select: int, cv: int = 3) -> None:
@@ -65,25 +76,32 @@ class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type
     def fit(self, X: Samples, y: NDArray[Any]) -> Self:
         """Select columns.
 
+        Parameters
+        ----------
+        X : array_like of shape (n_samples, n_columns)
+            Finite features.
+        y : array_like of shape (n_samples,)
+            Class labels.
+
         Raises
         ------
         ValueError
-            If a class has one sample only.
+            If a class has only one sample.
         """
         X, y = validate_data(self, X, y)
         check_classification_targets(y)
         labels, splits = np.unique(y, return_inverse=True)[1], inner_splits(y, None, self.cv)
-        every = np.arange(X.shape[1])
-        if every.size <= self.n_features_to_select:
-            self.support_ = np.ones(every.size, dtype=bool)
+        columns = np.arange(X.shape[1])
+        if columns.size <= self.n_features_to_select:
+            self.support_ = np.ones(columns.size, dtype=bool)
             return self
         score, selected = SubsetScore(self.estimator, X, labels, splits), list[int]()
         while len(selected) < self.n_features_to_select:
-            candidates = np.setdiff1d(every, selected)
+            candidates = np.setdiff1d(columns, selected)
             selected.append(
                 int(candidates[score.adding(selected, candidates.tolist(), decimals=None).argmax()])
             )
-        self.support_ = np.isin(every, selected)
+        self.support_ = np.isin(columns, selected)
         return self
 
     def _get_support_mask(self) -> NDArray[np.bool_]:
@@ -92,20 +110,20 @@ class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type
 
 
 def inner_splits(y: NDArray[Any], groups: NDArray[Any] | None, cv: int) -> list[Split]:
-    """Return up to `cv` stratified inner folds, not shuffled; samples of one group are never divided.
+    """Return up to `cv` stratified inner folds, not shuffled; a group is never divided.
 
     Raises
     ------
     ValueError
-        If a class has one sample (or one group) only.
+        If a class has only one sample (or group).
     """
     classes, counts = np.unique(y, return_counts=True)
     if groups is not None:
         counts = np.array([np.unique(np.asarray(groups)[y == label]).size for label in classes])
     n_folds = min(cv, int(counts.min()))
     if n_folds < 2:
-        lonely, what = classes[counts.argmin()], "sample" if groups is None else "group"
-        raise ValueError(f"class {lonely} has 1 {what} to train on; selection needs at least 2 of each")
+        rarest, unit = classes[counts.argmin()], "sample" if groups is None else "group"
+        raise ValueError(f"selection needs at least 2 {unit}s of each class, got 1 {unit} of class {rarest}")
     folds = StratifiedKFold(n_folds) if groups is None else StratifiedGroupKFold(n_folds)
     return list(folds.split(np.zeros(len(y)), y, groups))
 
@@ -116,16 +134,16 @@ class SubsetScore:
     Parameters
     ----------
     estimator : classifier
-        Unfitted; see `closed_form` for those that are not fitted to every subset.
+        Unfitted classifier; see `closed_form` for those that are not fitted to every subset.
     X : ndarray of shape (n_samples, n_columns)
-        Finite.
+        Finite features.
     labels : ndarray of shape (n_samples,)
-        0 ... n_classes - 1.
+        Classes 0 ... n_classes - 1.
     splits : list of (train, test)
-        Inner folds.
+        Row numbers of the inner folds.
     scoring : {"accuracy", "log_likelihood"}
-        Accuracy, or the mean log probability of the true class, which still separates columns where the
-        accuracy is saturated. For a classifier without probabilities it is the accuracy.
+        Accuracy (default), or the mean log probability of the true class, which still ranks columns if the
+        accuracy is saturated. A classifier without probabilities is scored by accuracy.
     """
 
     def __init__(
@@ -139,21 +157,21 @@ class SubsetScore:
         self.X, self.labels, self.splits = X, labels, splits
         self.estimators = [_fittable(estimator, labels[train]) for train, _ in splits]
         self.forms = [
-            closed_form(judge, X[train], labels[train], X[test])
-            for judge, (train, test) in zip(self.estimators, splits, strict=True)
+            closed_form(fittable, X[train], labels[train], X[test])
+            for fittable, (train, test) in zip(self.estimators, splits, strict=True)
         ]
         if any(self.forms):
             has_probabilities = isinstance(estimator, GaussianNB | LinearDiscriminantAnalysis)
         else:
             has_probabilities = hasattr(estimator, "predict_proba")
-        self.soft = scoring == "log_likelihood" and has_probabilities
+        self.is_log_likelihood = scoring == "log_likelihood" and has_probabilities
         self._means: dict[tuple[int, ...], float] = {}
 
     def of(self, columns: Sequence[int]) -> float:
-        """Return the score of a subset; of none, that of guessing by the class shares."""
+        """Return the score of a subset of columns; without columns, that of the class shares."""
         if not len(columns):
             shares = np.bincount(self.labels) / len(self.labels)
-            return float(shares @ np.log(shares)) if self.soft else float(shares.max())
+            return float(shares @ np.log(shares)) if self.is_log_likelihood else float(shares.max())
         return float(self.adding(columns[:-1], columns[-1:])[0])
 
     def adding(
@@ -161,63 +179,63 @@ class SubsetScore:
     ) -> Samples:
         """Return the score of `selected` with each of the candidates added, shape (n_candidates,).
 
-        Means of the same numbers in another order differ by rounding: with `decimals` they are equal, with
+        Means of the same numbers in another order differ by rounding. With `decimals` they are equal; with
         None they are those of `sklearn.model_selection.cross_val_score`.
         """
         keys = [tuple(sorted((*selected, c))) for c in candidates]
         new = [c for c, key in zip(candidates, keys, strict=True) if key not in self._means]
         if new:
             with quiet_fits():
-                folds = [self._of_fold(i, selected, new) for i in range(len(self.splits))]
+                folds = [self._fold_scores(i, selected, new) for i in range(len(self.splits))]
             for c, scores in zip(new, np.stack(folds, axis=1), strict=True):
                 self._means[tuple(sorted((*selected, c)))] = float(scores.mean())
         means = np.array([self._means[key] for key in keys])
         return means if decimals is None else means.round(decimals)
 
-    def _of_fold(self, i: int, selected: Sequence[int], candidates: Sequence[int]) -> Samples:
-        """Return the scores of candidates on one fold; fit those of which the closed form is not certain."""
+    def _fold_scores(self, i: int, selected: Sequence[int], candidates: Sequence[int]) -> Samples:
+        """Return the scores of candidates on one fold; fit them if rounding could change a prediction."""
         form, (train, test) = self.forms[i], self.splits[i]
         scores = np.full(len(candidates), np.nan)
         if form is not None:
-            of_classes, error = form(list(selected), np.asarray(candidates, dtype=np.intp))
+            class_scores, error = form(list(selected), np.asarray(candidates, dtype=np.intp))
             classes, truth = np.unique(self.labels[train]), self.labels[test]
-            if self.soft:
-                scores = _log_likelihood(log_softmax(of_classes, axis=2), classes, truth)
-                certain = np.isfinite(error)
+            if self.is_log_likelihood:
+                scores = _log_likelihood(log_softmax(class_scores, axis=2), classes, truth)
+                is_certain = np.isfinite(error)
             else:
-                scores = (classes[of_classes.argmax(axis=2)] == truth).mean(axis=1)
-                second, best = np.moveaxis(np.partition(of_classes, -2, axis=2)[:, :, -2:], 2, 0)
-                certain = (best - second > error[:, None]).all(axis=1)
-            scores[~certain] = np.nan
+                scores = (classes[class_scores.argmax(axis=2)] == truth).mean(axis=1)
+                second, best = np.moveaxis(np.partition(class_scores, -2, axis=2)[:, :, -2:], 2, 0)
+                is_certain = (best - second > error[:, None]).all(axis=1)
+            scores[~is_certain] = np.nan
         for j in np.flatnonzero(np.isnan(scores)):
             scores[j] = self._refitted(i, sorted((*selected, candidates[int(j)])))
         return scores
 
     def _refitted(self, i: int, columns: list[int]) -> float:
-        # Columns in order and rows taken from them, as scikit-learn does: the same rounding.
+        # Select columns in order, then rows, as scikit-learn does, for the same rounding.
         X, (train, test) = self.X[:, columns], self.splits[i]
         truth = self.labels[test]
         try:
             fitted = fit_varying(self.estimators[i], X[train], self.labels[train])
         except np.linalg.LinAlgError:
-            return float(np.log(TINY)) if self.soft else 0.0
-        if not self.soft:
+            return float(np.log(TINY)) if self.is_log_likelihood else 0.0
+        if not self.is_log_likelihood:
             return float(np.mean(fitted.predict(X[test]) == truth))
         log_p = np.log(np.maximum(fitted.predict_proba(X[test]), TINY))
         return float(_log_likelihood(log_p, fitted.classes_, truth))
 
 
 def _fittable(estimator: Any, labels: Labels) -> Any:
-    """Return the classifier, or the nearest class mean where a discriminant has one sample of each class."""
-    alone = len(np.unique(labels)) == len(labels)
-    return NearestCentroid() if alone and isinstance(estimator, LinearDiscriminantAnalysis) else estimator
+    """Return the classifier, or the nearest class mean for a discriminant with one sample of each class."""
+    is_single = len(np.unique(labels)) == len(labels)
+    return NearestCentroid() if is_single and isinstance(estimator, LinearDiscriminantAnalysis) else estimator
 
 
 def _log_likelihood(log_p: Samples, classes: Labels, truth: Labels) -> Samples:
-    """Return the mean log probability of the true class, that of `TINY` where the class was not trained.
+    """Return the mean log probability of the true class; log `TINY` for a class that was not trained.
 
-    `log_p` is of shape (..., n_test, n_classes).
+    `log_p` has shape (..., n_test, n_classes).
     """
     column = np.minimum(np.searchsorted(classes, truth), len(classes) - 1)
-    of_truth = log_p[..., np.arange(truth.size), column]
-    return np.asarray(np.where(classes[column] == truth, of_truth, np.log(TINY)).mean(axis=-1))
+    true_log_p = log_p[..., np.arange(truth.size), column]
+    return np.asarray(np.where(classes[column] == truth, true_log_p, np.log(TINY)).mean(axis=-1))

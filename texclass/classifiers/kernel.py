@@ -1,4 +1,4 @@
-"""The kernel of the discriminant and the views in which it compares samples, in numpy alone."""
+"""Matern kernel and feature views of the kernel discriminant, without scikit-learn."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from texclass.recording import Samples
 
 BATCH = 2048
-"""Rows of a kernel matrix that are held at a time."""
+"""Rows of the kernel matrix that are computed at a time; limits the memory that prediction needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,9 +18,9 @@ class View:
     Attributes
     ----------
     mean, scale : ndarray of shape (n_features,)
-        Mean and standard deviation of the training samples; `scale` is infinite where a column is constant.
+        Mean and standard deviation of the training samples; the scale of a constant feature is infinite.
     weights : ndarray of shape (n_features, n_features), or (n_features,) if diagonal
-        After the map, training samples have a root mean square length of 1.
+        Weights after which the root-mean-square length of a training sample is 1.
     """
 
     mean: Samples
@@ -32,7 +32,7 @@ class View:
         return self.project(self.standardise(X))
 
     def standardise(self, X: Samples) -> Samples:
-        """Return samples without mean and scale."""
+        """Return samples with zero mean and unit variance."""
         return np.asarray((X - self.mean) / self.scale)
 
     def project(self, Z: Samples) -> Samples:
@@ -50,14 +50,14 @@ def matern32(x1: Samples, x2: Samples, length: float) -> Samples:
 
 
 def mean_kernel(projections: Iterable[Samples], prototypes: Sequence[Samples], length: float) -> Samples:
-    """Return the mean over the views of the kernels between samples and prototypes, shape (n_1, n_2)."""
+    """Return the mean kernel over the views between samples and prototypes, shape (n_1, n_2)."""
     pairs = zip(projections, prototypes, strict=True)
-    return np.asarray(sum(matern32(x, known, length) for x, known in pairs) / len(prototypes))
+    return np.asarray(sum(matern32(x1, x2, length) for x1, x2 in pairs) / len(prototypes))
 
 
 def kernel_scores(
     X: Samples, views: Sequence[View], prototypes: Sequence[Samples], dual: Samples, length: float
 ) -> Samples:
-    """Return K dual, K the mean kernel between samples X and prototypes, shape (n_samples, n_classes)."""
+    """Return K dual with the mean kernel K between samples X and prototypes, shape (n_samples, n_classes)."""
     batches = (X[k : k + BATCH] for k in range(0, max(1, len(X)), BATCH))
     return np.concatenate([mean_kernel((v(b) for v in views), prototypes, length) @ dual for b in batches])

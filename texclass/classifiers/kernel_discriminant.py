@@ -1,4 +1,4 @@
-"""A kernel discriminant for many correlated features and few recordings: closed form, no tuning inside."""
+"""Kernel discriminant: a closed-form classifier for many correlated features and few recordings."""
 
 from dataclasses import replace
 from numbers import Integral, Real
@@ -16,64 +16,72 @@ from texclass.classifiers.kernel import View, kernel_scores, mean_kernel
 from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
+MIN_RELEVANCE = 0.1
+"""Lower limit of the correlation ratio of a feature: classes may differ in spread alone."""
+VARIATION_WEIGHT = 3.0
+"""Weight of the covariance of known variations relative to the within-class covariance."""
+MAX_VARIATION = 3.0
+"""Limit of a known variation, in standard deviations of the feature in the training set."""
 
 
 class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
-    """Kernel ridge regression on class membership, on two views of the features.
+    """Kernel ridge regression on class indicators, with two views of the features.
 
-    Surfaces differ a little in many features, in some of them nonlinearly, and most features vary together
-    from one stroke to the next. One view takes the features as they are; the other first removes that common
-    variation, as a linear discriminant does (shrunk within-class whitening). The kernel is the mean over
-    both.
+    The first view contains the standardised features. The second view whitens them with the shrunk
+    within-class covariance, as linear discriminant analysis does. The kernel is the mean of a Matern 3/2
+    kernel on each view. It suits many correlated features and few recordings: the solution is in closed form,
+    without tuning.
 
     Parameters
     ----------
     length : float
-        Length scale of the kernel, in root mean square distances of a sample from the mean.
+        Length scale of the kernel, relative to the root-mean-square distance of the samples from their mean
+        (default 1.6).
     ridge : float
-        Added to the diagonal of the kernel, whose elements reach 1: the share of a label that may be noise.
+        Regularisation: it is added to the diagonal of the kernel matrix, which is 1 (default 0.04).
     shrinkage : float
-        Shrinkage of the within-class covariance towards a multiple of the identity, above 0; 1: no whitening.
+        Shrinkage of the within-class covariance towards a multiple of the identity, in (0, 1] (default 0.5);
+        1 disables the whitened view.
     relevance : float
-        Columns are weighted by their correlation ratio (at least 0.1) to this power; 0: equal weights.
+        Exponent of the correlation ratio (at least 0.1) that weights each feature (default 0.5); 0 weights
+        all features equally.
     limit : float, optional
-        Standard deviations from a column's mean at which values are clipped; not clipped by default. Features
-        of single taps have long tails: a few values would dominate the scale of a column, and one outlier
-        would move a sample away from all others.
+        Clip features at this many standard deviations from the mean (default: no clipping). Features of
+        single taps have long tails: a few values would dominate the scale, and one outlier would move a
+        sample away from all others.
     max_samples : int
-        Largest number of training samples; of more, so many are drawn, at least one of each class. Time grows
-        with the cube of the number.
+        Maximum number of training samples (default 10,000); larger sets are subsampled, with at least one
+        sample of each class, as time grows with their cube.
     max_kb : float, optional
-        Kilobytes of the exported discriminant: numbers are rounded to few bits, and as many training samples
-        are kept as fit into it, at least one of each class, with the coefficients that fit all of them best.
-        By default all are kept, in double precision.
+        Maximum size of the exported classifier in kB (default: no limit, double precision); see Notes.
     random_state : int
-        Seed of the subsample.
+        Seed of the subsampling (default 0).
 
     Attributes
     ----------
     classes_ : ndarray of shape (n_classes,)
-        Labels.
+        Class labels.
     low_, high_ : ndarray of shape (n_features,)
-        Values are clipped to this range; with a `limit` only.
+        Clipping limits; only with `limit`.
     views_ : tuple of View
-        The linear maps from features to the two views.
-    prototypes_ : tuple of ndarray of shape (n_kept, n_features)
+        Linear maps from the features to the views.
+    prototypes_ : tuple of ndarray of shape (n_prototypes, n_features)
         Training samples in each view.
-    dual_ : ndarray of shape (n_kept, n_classes)
+    dual_ : ndarray of shape (n_prototypes, n_classes)
         Coefficients alpha = (K + ridge W^-1)^-1 Y.
 
     Notes
     -----
-    Y_ik is 1 - 1/K for the sample's class and -1/K for the K - 1 others. W weights samples so that classes
-    count alike. The kernel is Matern 3/2, (1 + s) exp(-s) with s = sqrt(3) |x - x'| / length: smooth, with a
-    longer reach than a Gaussian. The decision is an estimate of P(class) - 1/K, so that decisions of several
-    windows of a recording may be averaged.
+    Y_ik is 1 - 1/n_classes for the class of sample i and -1/n_classes otherwise; W weights the samples so
+    that all classes count equally. The kernel is (1 + s) exp(-s) with s = sqrt(3) |x - x'| / length: smooth,
+    with a longer reach than a Gaussian. Decisions estimate P(class) - 1/n_classes, so they may be averaged
+    over the windows of a recording.
 
-    With `max_kb`, alpha minimises the squares of Y - K_nm alpha, weighted by W, plus ridge alpha' K_mm alpha,
-    where m samples of n are kept: the subset of regressors (Rasmussen and Williams, Gaussian Processes for
-    Machine Learning, 2006, section 8.3.1). Standardised samples and the whitening are rounded to 16 bits
-    before K is computed, then alpha to 32: rounding is part of the model, and its export loses nothing.
+    With `max_kb`, only m of the n samples are used as prototypes, at least one of each class. The
+    coefficients minimise the squares of Y - K_nm alpha, weighted by W, plus ridge alpha' K_mm alpha (subset
+    of regressors, Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 8.3.1).
+    Standardised samples and the whitening are rounded to 16 bits before K is computed, then alpha to 32 bits,
+    so the export loses nothing.
 
     Examples
     --------
@@ -105,34 +113,36 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.max_kb = max_kb
         self.random_state = random_state
 
-    def fit(self, X: ArrayLike, y: ArrayLike, changes: Samples | None = None) -> Self:
+    def fit(self, X: ArrayLike, y: ArrayLike, variations: Samples | None = None) -> Self:
         """Fit views, prototypes and coefficients.
 
         Parameters
         ----------
         X : array_like of shape (n_samples, n_features)
-            Finite features; their scales do not matter.
+            Finite features; scaling has no effect.
         y : array_like of shape (n_samples,)
             Labels of at least two classes.
-        changes : ndarray of shape (n_changes, n_features), optional
-            Known changes between samples of one class, in the units of X, which few samples do not show. They
-            add to the within-class covariance, and lower the weights of the columns that they change.
+        variations : ndarray of shape (n_variations, n_features), optional
+            Known within-class variations in the units of X, which a few samples do not show. They add to the
+            within-class covariance, and lower the weights of the features that they change.
 
         Raises
         ------
         TypeError, ValueError
-            If a parameter has the wrong type or is out of range, there is one class only, `changes` has other
-            columns than X, or `max_kb` is too small for one sample of each class.
+            If a parameter has the wrong type or is out of range, there is one class only, `variations` has
+            other columns than X, or `max_kb` is too small for one sample of each class.
         """
-        rows, labels = self._check(X, y, changes)
-        kept = stratified_subsample(labels, self.max_samples, self.random_state)
-        rows, labels = rows[kept], labels[kept]
+        rows, labels = self._check(X, y, variations)
+        subsample = stratified_subsample(labels, self.max_samples, self.random_state)
+        rows, labels = rows[subsample], labels[subsample]
         if self.limit is not None:
             mean, reach = rows.mean(axis=0), self.limit * rows.std(axis=0)
             self.low_, self.high_ = mean - reach, mean + reach
         rows = self._clip(rows)
         shrinkages = (1.0,) if self.shrinkage == 1 else (1.0, self.shrinkage)
-        self.views_ = tuple(fit_view(rows, labels, part, self.relevance, changes) for part in shrinkages)
+        self.views_ = tuple(
+            fit_view(rows, labels, shrinkage, self.relevance, variations) for shrinkage in shrinkages
+        )
         Y, weight = class_indicators(labels)
         if self.max_kb is not None:
             return self._fit_compressed(rows, labels, Y, weight)
@@ -142,7 +152,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.dual_ = linalg.solve(K, Y, assume_a="pos", overwrite_a=True)
         return self
 
-    def _check(self, X: ArrayLike, y: ArrayLike, changes: Samples | None) -> tuple[Samples, Labels]:
+    def _check(self, X: ArrayLike, y: ArrayLike, variations: Samples | None) -> tuple[Samples, Labels]:
         positive: dict[str, Any] = {"min_val": 0, "include_boundaries": "neither"}
         check_scalar(self.length, "length", Real, **positive)
         check_scalar(self.ridge, "ridge", Real, **positive)
@@ -154,25 +164,25 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
                 check_scalar(getattr(self, name), name, Real, **positive)
         rows, y = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(y)
-        if changes is not None and changes.shape[1] != rows.shape[1]:
-            raise ValueError(f"changes must have {rows.shape[1]} columns as X, got {changes.shape[1]}")
+        if variations is not None and variations.shape[1] != rows.shape[1]:
+            raise ValueError(f"variations must have {rows.shape[1]} columns as X, got {variations.shape[1]}")
         self.classes_, labels = np.unique(y, return_inverse=True)
         if len(self.classes_) < 2:
             raise ValueError("y must contain at least 2 classes, got 1 class")
         return rows, labels
 
     def _fit_compressed(self, rows: Samples, labels: Labels, Y: Samples, weight: Samples) -> Self:
-        """Keep the samples that fit into `max_kb`, with the coefficients that fit all samples best."""
-        n_kept = self._n_kept(rows.shape[1], Y.shape[1])
-        kept = rows[stratified_subsample(labels, n_kept, self.random_state)]
+        """Fit coefficients to all samples, for the number of prototypes that fit into `max_kb`."""
+        n = self._n_prototypes(rows.shape[1], Y.shape[1])
+        prototypes = rows[stratified_subsample(labels, n, self.random_state)]
         self.views_ = tuple(
             replace(view, weights=rounded(view.weights, np.float16)) if view.weights.ndim == 2 else view
             for view in self.views_
         )
         self.prototypes_ = tuple(
-            view.project(rounded(view.standardise(kept), np.float16)) for view in self.views_
+            view.project(rounded(view.standardise(prototypes), np.float16)) for view in self.views_
         )
-        # With K_mm = V D V', beta of F = K_nm V D^(-1/2) is a plain ridge regression.
+        # With K_mm = V D V', F = K_nm V D^(-1/2) turns the problem into plain ridge regression for beta.
         K = mean_kernel(self.prototypes_, self.prototypes_, self.length)
         D, V = linalg.eigh(K, driver="evd")
         is_regular = D[-1] * len(D) * np.finfo(float).eps < D
@@ -183,37 +193,37 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.dual_ = rounded(root @ beta, np.float32)
         return self
 
-    def _n_kept(self, n_features: int, n_classes: int) -> int:
-        """Return how many samples fit into `max_kb`: at least one of each class."""
+    def _n_prototypes(self, n_features: int, n_classes: int) -> int:
+        """Return how many prototypes fit into `max_kb`, at least one of each class."""
         n_views, n_limits = len(self.views_), 0 if self.limit is None else 2
-        # Bytes of means, scales, weights and limits of columns, and of the whitening; then those of a sample,
-        # its lengths and coefficients.
-        of_views = (16 + 16 * n_views + 8 * n_limits) * n_features + 2 * n_features**2 * (n_views - 1)
-        of_sample = 2 * n_features + 8 * n_views + 4 * n_classes
-        n_kept = int((1000 * (self.max_kb or 0) - of_views) // of_sample)
-        if n_kept < n_classes:
-            least = (of_views + n_classes * of_sample) / 1000
+        # Means, scales, weights and limits of the features, and the whitening matrices.
+        fixed_bytes = (16 + 16 * n_views + 8 * n_limits) * n_features + 2 * n_features**2 * (n_views - 1)
+        # Features, squared length in each view, and coefficients of a prototype.
+        bytes_each = 2 * n_features + 8 * n_views + 4 * n_classes
+        n = int((1000 * (self.max_kb or 0) - fixed_bytes) // bytes_each)
+        if n < n_classes:
+            min_kb = (fixed_bytes + n_classes * bytes_each) / 1000
             raise ValueError(
-                f"max_kb is {self.max_kb:g}. Expected at least {least:g}, "
-                f"for {n_features} features and a sample of each of {n_classes} classes"
+                f"max_kb must be at least {min_kb:g} kB for {n_features} features and {n_classes} classes, "
+                f"got {self.max_kb:g}"
             )
-        return n_kept
+        return n
 
     def decision_function(self, X: ArrayLike) -> Samples:
         """Return estimates of P(class) - 1/n_classes, shape (n_samples, n_classes).
 
-        Of two classes, only that of the second, shape (n_samples,), as scikit-learn has it.
+        For two classes, only the column of the second, shape (n_samples,), as in scikit-learn.
         """
         scores = self._scores(X)
         return scores[:, 1] if scores.shape[1] == 2 else scores
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
-        """Return the class with the largest decision, shape (n_samples,)."""
+        """Return the class with the largest decision value, shape (n_samples,)."""
         winner = self._scores(X).argmax(axis=1)
         return np.asarray(self.classes_[winner])
 
     def predict_proba(self, X: ArrayLike) -> Samples:
-        """Return the decisions as probabilities, shape (n_samples, n_classes): below 0 is 0, the sum is 1."""
+        """Return the decisions clipped at 0 and normalised, shape (n_samples, n_classes)."""
         scores = self._scores(X)
         p = np.maximum(scores + 1 / scores.shape[1], 1e-6)
         return np.asarray(p / p.sum(axis=1, keepdims=True))
@@ -228,28 +238,37 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
 
 def fit_view(
-    X: Samples, labels: Labels, shrinkage: float, relevance: float, changes: Samples | None = None
+    X: Samples, labels: Labels, shrinkage: float, relevance: float, variations: Samples | None = None
 ) -> View:
-    """Fit the view that whitens S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I; shrinkage 1: no whitening.
+    """Fit the view that whitens S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I, unless shrinkage is 1.
 
-    S_w is the within-class covariance of the standardised samples; 3 C' C / n is added where n
-    changes C are known. The whitened columns are the directions S^(-1/2), so each still belongs to one
-    feature, and is weighted by its correlation ratio.
+    S_w is the within-class covariance of the standardised samples plus `VARIATION_WEIGHT` times that of the
+    known variations. Columns of S^(-1/2) still belong to one feature each, and are weighted by its
+    correlation ratio.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n_samples, n_features)
+        Training samples.
+    labels : ndarray of int, shape (n_samples,)
+        Classes 0 ... n_classes - 1.
+    shrinkage, relevance : float
+        Shrinkage and relevance; see `KernelDiscriminant`.
+    variations : ndarray of shape (n_variations, n_features), optional
+        Known within-class variations in the units of X.
     """
-    mean, deviation = X.mean(axis=0), X.std(axis=0)
-    scale = np.where(deviation > 1e-12 * np.abs(mean), deviation, np.inf)
+    mean, std = X.mean(axis=0), X.std(axis=0)
+    scale = np.where(std > 1e-12 * np.abs(mean), std, np.inf)
     Z = (X - mean) / scale
-    C = np.zeros((1, Z.shape[1])) if changes is None else changes / scale
-    # Of what hardly varied in training, a change is at most 3 standard deviations.
-    C = np.clip(C, -3, 3) * np.sqrt(3 / len(C))
+    V = np.zeros((1, Z.shape[1])) if variations is None else variations / scale
+    V = np.clip(V, -MAX_VARIATION, MAX_VARIATION) * np.sqrt(VARIATION_WEIGHT / len(V))
     root = np.ones(Z.shape[1])
     if shrinkage < 1:
         residual = Z - class_means(Z, labels)[labels]
-        root = shrunk_whitening(residual.T @ residual / len(Z) + C.T @ C, shrinkage)
+        root = shrunk_whitening(residual.T @ residual / len(Z) + V.T @ V, shrinkage)
     view = View(mean, scale, root)
-    eta = correlation_ratio(view.project(Z), labels, np.square(view.project(C)).sum(axis=0))
-    # No column falls below a correlation ratio of 0.1: classes may differ in spread alone.
-    weights = root * np.maximum(eta, 0.1) ** relevance
+    eta = correlation_ratio(view.project(Z), labels, np.square(view.project(V)).sum(axis=0))
+    weights = root * np.maximum(eta, MIN_RELEVANCE) ** relevance
     rms = np.sqrt(np.mean(np.square(View(mean, scale, weights).project(Z)).sum(axis=1)))
     return View(mean, scale, weights / (rms or 1.0))
 
@@ -262,16 +281,25 @@ def shrunk_whitening(S: Samples, shrinkage: float) -> Samples:
     return np.asarray(V / np.sqrt(np.maximum(D, 1e-12 * level)) @ V.T)
 
 
-def correlation_ratio(Z: Samples, labels: Labels, changes: Samples | float = 0.0) -> Samples:
-    """Return eta = sqrt(1 - within/total variance) of each column, shape (n_features,); 0 for a constant.
+def correlation_ratio(Z: Samples, labels: Labels, extra_variance: Samples | float = 0.0) -> Samples:
+    """Return eta = sqrt(1 - within-class / total variance) of each feature; 0 for a constant.
 
-    The variances are unbiased, so that a column of pure noise gets about 0 even with few samples a class. The
-    variance of known `changes`, shape (n_features,), adds to both.
+    Both variances are unbiased, so eta of pure noise is about 0 even for few samples.
+
+    Parameters
+    ----------
+    Z : ndarray of shape (n_samples, n_features)
+        Samples.
+    labels : ndarray of int, shape (n_samples,)
+        Classes 0 ... n_classes - 1.
+    extra_variance : ndarray of shape (n_features,)
+        Variance of known variations, which adds to both (default 0).
     """
     n, n_classes = len(Z), int(labels.max()) + 1
-    within = (Z - class_means(Z, labels)[labels]).var(axis=0) * n / max(1, n - n_classes) + changes
-    total = Z.var(axis=0) * n / max(1, n - 1) + changes
-    ratio = np.divide(within, total, out=np.ones_like(total), where=total > 0)
+    residual_variance = (Z - class_means(Z, labels)[labels]).var(axis=0) * n / max(1, n - n_classes)
+    within_class = residual_variance + extra_variance
+    total = Z.var(axis=0) * n / max(1, n - 1) + extra_variance
+    ratio = np.divide(within_class, total, out=np.ones_like(total), where=total > 0)
     return np.asarray(np.sqrt(np.clip(1 - ratio, 0, 1)))
 
 
@@ -282,14 +310,14 @@ def class_indicators(labels: Labels) -> tuple[Samples, Samples]:
 
 
 def rounded(values: Samples, dtype: type[np.floating[Any]]) -> Samples:
-    """Return values rounded to a type of fewer bits, in double precision again."""
+    """Return values rounded to the precision of `dtype`, as float64."""
     return np.asarray(values.astype(dtype).astype(np.float64))
 
 
 def stratified_subsample(labels: Labels, n: int, seed: int) -> Labels:
-    """Return ascending indices of `n` samples drawn at random, one of each class at least; all, if not more.
+    """Return sorted indices of `n` random samples with at least one of each class; all if there are not more.
 
-    Every k-th sample would be the same part of all recordings of k windows.
+    Samples are drawn at random, because every k-th one could be the same window of every recording.
     """
     if n >= labels.size:
         return np.arange(labels.size)
@@ -299,6 +327,6 @@ def stratified_subsample(labels: Labels, n: int, seed: int) -> Labels:
 
 
 def class_means(X: Samples, labels: Labels) -> Samples:
-    """Return the mean of each class, labelled 0 ... n_classes - 1: shape (n_classes, n_features)."""
+    """Return the mean of each class 0 ... n_classes - 1, shape (n_classes, n_features)."""
     one_hot = np.eye(int(labels.max()) + 1)[labels]
     return np.asarray(one_hot.T @ X / one_hot.sum(axis=0)[:, None])

@@ -1,7 +1,9 @@
-"""Classify recordings by segment voting: classify every piece of a movement, then average the decisions.
+"""Segment voting: classify every segment of a movement, then average the decisions.
 
-One recording of a surface says little about the next one. How features change with a quicker, a stronger or a
-brighter stroke is much the same for all surfaces: it is estimated from simulation and can be added.
+Segments multiply the training samples and show how much a surface varies; a segment in which the tool lifts
+off or slips is outvoted. A few recordings cannot show how features vary with the speed, force and brightness
+of a stroke: this variation is similar for all surfaces, is estimated from simulation, and can be passed to
+the segment classifier (`stroke_variations`).
 """
 
 import csv
@@ -23,57 +25,56 @@ from texclass.classifiers.kernel_discriminant import KernelDiscriminant
 from texclass.recording import Samples
 
 SEGMENT_SUFFIX = ".segment"
-"""Part of the name of every column of a piece; see `texclass.features.contract.feature`."""
-KNOWN_CHANGES = Path(__file__).with_name("known_changes.csv")
-"""Columns of the set `surfaces`, and their changes; made by benchmarks/known_changes.py."""
+"""Part of the name of every column of a segment; see `texclass.features.contract.feature`."""
+VARIATIONS_FILE = Path(__file__).with_name("stroke_variations.csv")
+"""Simulated variations of the columns of the set `surfaces`; written by benchmarks/known_changes.py."""
 
 
 class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type: ignore[misc]
-    """Average the decisions of one classifier over the pieces of a recording.
+    """Average the decisions of one classifier over the segments of a recording.
 
-    With few recordings, pieces are many more samples to train on, and their differences show what to expect
-    of the next recording; a piece in which a finger lifts off or slips is outvoted. Columns of the whole
-    recording (taps, friction) are repeated in every piece. Without such columns, a second classifier sees all
-    pieces side by side and votes, too: how a stroke begins, goes on and ends.
+    Columns of the whole recording (taps, friction) are repeated in every segment. Without such columns, a
+    second classifier takes all segments side by side and votes, too: it uses the course of a stroke.
 
     Parameters
     ----------
     estimator : classifier, optional
-        Classifies one piece; `KernelDiscriminant` by default. Its `decision_function` is averaged, or its
-        `predict_proba` where it has no other.
+        Classifier of one segment (default: `KernelDiscriminant`). Its `decision_function` is averaged, or its
+        `predict_proba` if it has none.
     n_segments : int
-        Pieces of a recording.
+        Number of segments per recording (default 1).
     whole_weight : float
-        Largest weight of the classifier of the whole, against 1 of all pieces together; with n recordings of
-        the smallest class, n/(n + 1) of it.
-    undivided : tuple of int
-        Columns of the whole recording; see `with_segment_columns`.
-    known_changes : bool
-        Whether `estimator` is fitted with the simulated changes of the columns between strokes; for columns
-        of the set `surfaces`, and an estimator whose `fit` takes `changes`.
-    columns : tuple of str
-        Names of the columns, with `known_changes`; see `with_segment_columns`.
+        Weight of the classifier of whole recordings, relative to 1 for all segments together, if recordings
+        are many (default 1). It is multiplied by n / (n + 1), with n recordings of the smallest class.
+    recording_columns : tuple of int
+        Indices of the columns of the whole recording; see `with_segment_columns`.
+    use_variations : bool
+        Pass `stroke_variations` to `fit` of the classifiers (default False). It needs columns of the set
+        `surfaces`, and an estimator whose `fit` takes `variations`.
+    column_names : tuple of str
+        Names of the columns, for `use_variations`; see `with_segment_columns`.
 
     Attributes
     ----------
     classes_ : ndarray of shape (n_classes,)
-        Labels.
-    estimator_ : classifier
-        Fitted on pieces.
-    whole_ : classifier or None
-        Fitted on the whole; None without weight, or where no recording has more than one piece.
-    weight_ : float
-        Weight of `whole_`.
+        Class labels.
+    segment_classifier_ : classifier
+        Classifier fitted on segments.
+    whole_classifier_ : classifier or None
+        Classifier fitted on whole recordings; None without weight, with recording columns, or if no recording
+        has more than one segment.
+    whole_weight_ : float
+        Weight of `whole_classifier_`.
 
     Notes
     -----
-    The n_segments values of one feature are adjacent columns, as features with a parameter `n_segments`
-    return them: among the divided columns, X[:, j n_segments + i] is feature j of segment i. Features are
-    compared between segments, so a step that scales single columns belongs inside `estimator`. In training, a
-    recording whose segments are all equal (it was too short to be divided) counts as one segment.
+    The values of one feature for all segments are adjacent columns: without the recording columns, X[:, j
+    n_segments + i] is feature j of segment i. Features are compared between segments, so a scaler that treats
+    columns separately belongs inside `estimator`. A training recording with identical segments (too short to
+    be divided) counts as one segment.
 
-    The classifier of the whole is trained on n samples of a class, that of pieces on n_segments n: single
-    recordings do not show what varies, so its weight grows with n.
+    The classifier of whole recordings is trained on n samples per class, that of segments on n_segments n. A
+    few recordings do not show the variation between recordings, so the weight of the former grows with n.
 
     Examples
     --------
@@ -91,42 +92,45 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         *,
         n_segments: int = 1,
         whole_weight: float = 1.0,
-        undivided: tuple[int, ...] = (),
-        known_changes: bool = False,
-        columns: tuple[str, ...] = (),
+        recording_columns: tuple[int, ...] = (),
+        use_variations: bool = False,
+        column_names: tuple[str, ...] = (),
     ) -> None:
         self.estimator = estimator
         self.n_segments = n_segments
         self.whole_weight = whole_weight
-        self.undivided = undivided
-        self.known_changes = known_changes
-        self.columns = columns
+        self.recording_columns = recording_columns
+        self.use_variations = use_variations
+        self.column_names = column_names
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Fit the classifier of pieces, and that of the whole recording.
+        """Fit the segment classifier and, if there is one, the classifier of whole recordings.
 
         Parameters
         ----------
         X : array_like of shape (n_recordings, n_columns)
-            Finite features, the pieces of each side by side, and columns of the whole.
+            Finite features: adjacent columns for the segments, and columns of the whole recording.
         y : array_like of shape (n_recordings,)
             Labels of at least two classes.
 
         Raises
         ------
         ValueError
-            If the number of columns of segments is not a multiple of `n_segments`, `undivided` names others
-            than columns of X, there are not as many names as columns, or as `estimator` does.
+            If the number of segment columns is not a multiple of `n_segments`, `recording_columns` contains
+            other indices than columns of X, the number of names is not that of columns, or `estimator` cannot
+            be fitted.
         """
         rows, labels = self._check(X, y)
-        changes = changes_of(self.columns) if self.columns else None
-        pieces, recording = self._distinct_pieces(rows)
-        # All pieces change alike: the columns of the first are those of any.
-        self.estimator_ = self._fit_new(pieces, labels[recording], changes, self.columns_[:, 0])
-        has_whole = len(pieces) > len(rows) and not self.undivided and self.whole_weight > 0
-        self.whole_ = self._fit_new(rows, labels, changes) if has_whole else None
+        variations = stroke_variations(self.column_names) if self.column_names else None
+        segments, recording = self._distinct_segments(rows)
+        # All segments vary alike: the columns of the first one represent any of them.
+        self.segment_classifier_ = self._fit_clone(
+            segments, labels[recording], variations, self.segment_columns_[:, 0]
+        )
+        has_whole = len(segments) > len(rows) and not self.recording_columns and self.whole_weight > 0
+        self.whole_classifier_ = self._fit_clone(rows, labels, variations) if has_whole else None
         n = int(np.unique(labels, return_counts=True)[1].min())
-        self.weight_ = float(self.whole_weight) * n / (n + 1)
+        self.whole_weight_ = float(self.whole_weight) * n / (n + 1)
         return self
 
     def _check(self, X: ArrayLike, y: ArrayLike) -> tuple[Samples, NDArray[Any]]:
@@ -138,50 +142,53 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         if len(self.classes_) < 2:
             raise ValueError("y must contain at least 2 classes, got 1 class")
         n_columns = rows.shape[1]
-        if not np.isin(self.undivided, np.arange(n_columns)).all():
-            raise ValueError(f"undivided must be columns 0 to {n_columns - 1}, got {self.undivided}")
-        if self.columns and len(self.columns) != n_columns:
-            raise ValueError(f"columns must be {n_columns} names, one a column, got {len(self.columns)}")
-        n_divided = n_columns - len(set(self.undivided))
+        if not np.isin(self.recording_columns, np.arange(n_columns)).all():
+            raise ValueError(
+                f"recording_columns must be in 0 ... {n_columns - 1}, got {self.recording_columns}"
+            )
+        if self.column_names and len(self.column_names) != n_columns:
+            raise ValueError(
+                f"column_names must contain {n_columns} names, one per column, got {len(self.column_names)}"
+            )
+        n_divided = n_columns - len(set(self.recording_columns))
         if n_divided % self.n_segments:
             raise ValueError(
-                f"X must have a multiple of n_segments = {self.n_segments} columns of segments, "
-                f"got {n_divided}. Pass all segments of each feature"
+                f"X must have a multiple of n_segments = {self.n_segments} segment columns, got {n_divided}. "
+                "Compute the features for the same number of segments, and select all segments of each"
             )
         return rows, labels
 
-    def _fit_new(
-        self, X: Samples, y: NDArray[Any], changes: Samples | None, columns: Any = slice(None)
+    def _fit_clone(
+        self, X: Samples, y: NDArray[Any], variations: Samples | None, columns: Any = slice(None)
     ) -> Any:
-        return self._unfitted().fit(X, y, **({} if changes is None else {"changes": changes[:, columns]}))
+        options = {} if variations is None else {"variations": variations[:, columns]}
+        return self._unfitted().fit(X, y, **options)
 
     @property
-    def columns_(self) -> NDArray[np.intp]:
-        """The columns of each feature in each piece, shape (n_features, n_segments).
+    def segment_columns_(self) -> NDArray[np.intp]:
+        """Columns of each feature in each segment, shape (n_features, n_segments).
 
-        Columns of the whole recording stand in each piece. Without others, a recording is one piece.
+        Recording columns are repeated in every segment. If there are only recording columns, a recording is
+        one segment.
         """
-        every = np.arange(self.n_features_in_)
-        divided = np.setdiff1d(every, self.undivided)
+        columns = np.arange(self.n_features_in_)
+        divided = np.setdiff1d(columns, self.recording_columns)
         if not divided.size:
-            return every[:, np.newaxis]
-        repeated = np.tile(np.array(self.undivided, dtype=np.intp)[:, np.newaxis], self.n_segments)
+            return columns[:, np.newaxis]
+        repeated = np.tile(np.array(self.recording_columns, dtype=np.intp)[:, np.newaxis], self.n_segments)
         return np.vstack([divided.reshape(-1, self.n_segments), repeated])
 
-    def _distinct_pieces(self, X: Samples) -> tuple[Samples, NDArray[np.intp]]:
-        """Return the pieces of recordings as rows, and the recording that each belongs to, ascending.
-
-        A recording whose pieces are all the same has one.
-        """
-        pieces = X[:, self.columns_.T]  # (n_recordings, n_segments, n_features)
-        is_kept = np.ones(pieces.shape[:2], dtype=bool)
-        is_kept[:, 1:] = (pieces != pieces[:, :1]).any(axis=(1, 2))[:, np.newaxis]
-        return pieces[is_kept], np.nonzero(is_kept)[0]
+    def _distinct_segments(self, X: Samples) -> tuple[Samples, NDArray[np.intp]]:
+        """Return the segments as rows, one for a recording with identical segments, and their recordings."""
+        segments = X[:, self.segment_columns_.T]  # (n_recordings, n_segments, n_features)
+        is_distinct = np.ones(segments.shape[:2], dtype=bool)
+        is_distinct[:, 1:] = (segments != segments[:, :1]).any(axis=(1, 2))[:, np.newaxis]
+        return segments[is_distinct], np.nonzero(is_distinct)[0]
 
     def decision_function(self, X: ArrayLike) -> Samples:
-        """Return the mean decision of the pieces, shape (n_recordings, n_classes).
+        """Return the mean decisions, shape (n_recordings, n_classes).
 
-        Of two classes, only that of the second, shape (n_recordings,), as scikit-learn has it.
+        For two classes, only the column of the second, shape (n_recordings,), as in scikit-learn.
         """
         return self._mean(X, decisions_of)
 
@@ -193,65 +200,75 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
 
     @available_if(lambda self: hasattr(self._unfitted(), "predict_proba"))  # type: ignore[untyped-decorator]
     def predict_proba(self, X: ArrayLike) -> Samples:
-        """Return the mean probabilities of the voters, shape (n_recordings, n_classes)."""
+        """Return the mean probabilities, shape (n_recordings, n_classes)."""
         return self._mean(X, lambda classifier, rows: np.asarray(classifier.predict_proba(rows)))
 
     def _mean(self, X: ArrayLike, decide: Callable[[Any, Samples], Samples]) -> Samples:
-        """Return the mean over the pieces of each recording, and over them and the whole."""
+        """Average decisions over the segments of each recording, then with those on the whole recording."""
         check_is_fitted(self)
         rows = validate_data(self, X, dtype=np.float64, reset=False)
-        pieces = rows[:, self.columns_.T]  # (n_recordings, n_segments, n_features)
-        decisions = decide(self.estimator_, pieces.reshape(-1, pieces.shape[2]))
-        mean = decisions.reshape(*pieces.shape[:2], *decisions.shape[1:]).mean(axis=1)
-        if self.whole_ is None:
+        segments = rows[:, self.segment_columns_.T]  # (n_recordings, n_segments, n_features)
+        decisions = decide(self.segment_classifier_, segments.reshape(-1, segments.shape[2]))
+        mean = decisions.reshape(*segments.shape[:2], *decisions.shape[1:]).mean(axis=1)
+        if self.whole_classifier_ is None:
             return np.asarray(mean)
-        whole = decide(self.whole_, rows)
-        return np.asarray((mean + self.weight_ * whole) / (1 + self.weight_))
+        whole = decide(self.whole_classifier_, rows)
+        return np.asarray((mean + self.whole_weight_ * whole) / (1 + self.whole_weight_))
 
     def _unfitted(self) -> Any:
         return KernelDiscriminant() if self.estimator is None else clone(self.estimator)
 
 
 def with_segment_columns(classifier: Any, columns: Sequence[str]) -> Any:
-    """Return a clone of a segment-voting classifier with its columns set; return others unchanged."""
+    """Return a clone of a segment-voting classifier with its columns set; return others unchanged.
+
+    Parameters
+    ----------
+    classifier : classifier
+        Unfitted classifier.
+    columns : sequence of str
+        Names of the columns of X.
+    """
     if not isinstance(classifier, SegmentVoting):
         return classifier
-    parameters: dict[str, Any] = {"columns": tuple(columns)} if classifier.known_changes else {}
+    parameters: dict[str, Any] = {"column_names": tuple(columns)} if classifier.use_variations else {}
     if classifier.n_segments > 1:
-        parameters["undivided"] = tuple(i for i, column in enumerate(columns) if SEGMENT_SUFFIX not in column)
+        parameters["recording_columns"] = tuple(
+            i for i, column in enumerate(columns) if SEGMENT_SUFFIX not in column
+        )
     return clone(classifier).set_params(**parameters)
 
 
 def decisions_of(classifier: Any, rows: Samples) -> Samples:
-    """Return a classifier's decisions, or its probabilities where it has no other; of two classes, one."""
+    """Return the decisions of a classifier, else its probabilities; one column for two classes."""
     if hasattr(classifier, "decision_function"):
         return np.asarray(classifier.decision_function(rows))
     p = np.asarray(classifier.predict_proba(rows))
     return p[:, 1] - 0.5 if p.shape[1] == 2 else p
 
 
-def changes_of(columns: Sequence[str]) -> Samples:
-    """Return what changes columns of the set `surfaces` together, in the units of each.
+def stroke_variations(column_names: Sequence[str]) -> Samples:
+    """Return how features vary together between strokes on one surface, in the units of the features.
 
     Parameters
     ----------
-    columns : sequence of str
-        Names, with or without a channel before and a piece behind: all channels and pieces change alike.
+    column_names : sequence of str
+        Columns of the set `surfaces`, with or without a channel and a segment: all channels and segments vary
+        alike.
 
     Returns
     -------
-    ndarray of shape (n_changes, n_columns)
-        Principal changes C of features when strokes are a tenth quicker, 1.3 times as strong, or rise by
-        1.5 dB an octave against what they were: C' C / n_changes is their covariance about no change. 0 for
-        columns that are not known.
+    ndarray of shape (n_variations, n_columns)
+        Principal variations V for strokes that are 10 % quicker, 1.3 times as strong, or 1.5 dB per octave
+        brighter: V' V / n_variations is the covariance. 0 for other columns.
     """
-    known = _known_changes()
-    nothing = np.zeros_like(next(iter(known.values())))
-    names = [column.rpartition("/")[2].partition(SEGMENT_SUFFIX)[0] for column in columns]
-    return np.array([known.get(name, nothing) for name in names]).T
+    by_name = _simulated_variations()
+    zeros = np.zeros_like(next(iter(by_name.values())))
+    features = [name.rpartition("/")[2].partition(SEGMENT_SUFFIX)[0] for name in column_names]
+    return np.array([by_name.get(feature, zeros) for feature in features]).T
 
 
 @cache
-def _known_changes() -> dict[str, Samples]:
-    with KNOWN_CHANGES.open(encoding="utf-8", newline="") as file:
+def _simulated_variations() -> dict[str, Samples]:
+    with VARIATIONS_FILE.open(encoding="utf-8", newline="") as file:
         return {name: np.array(values, dtype=np.float64) for name, *values in csv.reader(file)}

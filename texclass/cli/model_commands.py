@@ -198,7 +198,7 @@ def predict(
     if confusion is not None or (has_labels and not as_lines):
         from texclass.recognition.evaluation import PredictionSummary
 
-        summary = PredictionSummary.of(predictions, trained.surfaces)
+        summary = PredictionSummary.from_predictions(predictions, trained.surfaces)
         if not as_lines:
             print_document(summary.document())
         if confusion is not None:
@@ -240,7 +240,7 @@ def adapt(
     """Adapt a model to another sensor from a few reference recordings, without training it again."""
     from texclass import recognition
     from texclass.recognition import adaptation
-    from texclass.recognition.model_document import adapted_facts
+    from texclass.recognition.model_document import describe_adaptation
 
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
@@ -249,5 +249,5 @@ def adapt(
     recordings = trained.manifest.input.references(references, labels=labels, **reader, resample=resample)
     adapted = adaptation.adapt(trained, recordings, labelled=not unlabelled, resampled=resample is not None)
     adapted.save(output)
-    typer.echo(f"adapted to {adapted_facts(adapted.manifest)}")
+    typer.echo(f"adapted to {describe_adaptation(adapted.manifest)}")
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")

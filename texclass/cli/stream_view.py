@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from texclass.recognition import ContactVerdict, Event, ExploredVerdict, Notice, Session, WindowAnswer
-from texclass.recognition.conformal import told as describe_sets
+from texclass.recognition.prediction_sets import describe_sets
 from texclass.reporting.wording import counted
 
 
@@ -307,7 +307,7 @@ def describe_verdict(verdict: ContactVerdict) -> str:
     sets = describe_sets(verdict.prediction_sets, len(verdict.probabilities)).items()
     return (
         f"{unknown}{verdict.surface}, {100 * verdict.probability:.1f} %{certainty}, "
-        f"after {verdict.felt_s:.2f} s, {counted(verdict.n_windows, unit)}{advice}"
+        f"after {verdict.contact_s:.2f} s, {counted(verdict.n_windows, unit)}{advice}"
     ) + "".join(f"; {level}: {members}" for level, members in sets)
 
 

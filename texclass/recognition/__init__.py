@@ -1,4 +1,4 @@
-"""Recognition: models that are trained, saved, asked which surface this is, and listen while it is felt."""
+"""Surface recognition: training, model files, prediction, adaptation and live streams."""
 
 import lazy_loader
 

@@ -4,8 +4,7 @@ from .answers import Answer as Answer
 from .answers import ContactVerdict as ContactVerdict
 from .answers import Evidence as Evidence
 from .answers import Prediction as Prediction
-from .answers import joined as joined
-from .conformal import Conformity as Conformity
+from .answers import average_answers as average_answers
 from .exploration import Advice as Advice
 from .exploration import AskingSession as AskingSession
 from .exploration import Exploration as Exploration
@@ -30,6 +29,8 @@ from .model_document import model_document as model_document
 from .model_files import Manifest as Manifest
 from .model_files import ModelFileError as ModelFileError
 from .model_files import read_manifest_of as read_manifest_of
+from .novelty import NoveltyDetector as NoveltyDetector
+from .prediction_sets import ConformalCalibration as ConformalCalibration
 from .probabilities import Calibration as Calibration
 from .probabilities import expected_calibration_error as expected_calibration_error
 from .probabilities import fit_calibration as fit_calibration
@@ -40,4 +41,3 @@ from .sources.source_by_name import is_live as is_live
 from .sources.source_by_name import open_source as open_source
 from .sources.training_input import Needs as Needs
 from .training import train as train
-from .unknown import Novelty as Novelty

@@ -1,9 +1,9 @@
-"""Another sensor, another day: a model follows, by a map in front of its features, or by sets made anew.
+"""Domain adaptation of a model to another sensor, and recalibration of its prediction sets.
 
-Another tool filters what is felt, so levels of bands (logarithms) move by a constant each; a slower or
-noisier one also narrows how far surfaces lie apart. Both are told by the mean and the variance of each column
-over recordings felt with it, beside what the model knows of its surfaces (`adapt`). A sensor that only gets
-older lets right answers be thought less of; what it feels now and then tells how much (`with_references`).
+Another tool filters the vibration, so band levels (logarithms) shift by constants; a slower or noisier sensor
+also reduces the distances between surfaces. `adapt` matches the mean and variance of each column over
+reference recordings to those of the training set. Ageing makes true surfaces less probable; `with_references`
+recalibrates the prediction sets with recent recordings.
 """
 
 import hashlib
@@ -17,34 +17,52 @@ from scipy.special import digamma, polygamma
 
 from texclass.evaluation.feature_table import metadata
 from texclass.loaders.dataset import Dataset
-from texclass.recognition.conformal import HALF_LIFE, conformities, facts_of, n_later, recency
 from texclass.recognition.model import Model
-from texclass.recognition.unknown import ClassMoments, Novelty, Ranges, least_held_out, strangeness
+from texclass.recognition.novelty import (
+    ClassMoments,
+    FeatureRanges,
+    NoveltyDetector,
+    min_held_out,
+    novelty_scores,
+)
+from texclass.recognition.prediction_sets import (
+    HALF_LIFE,
+    calibrate_sets,
+    manifest_entry,
+    n_later_repetitions,
+    recency_weights,
+)
 from texclass.recording import Recording, Samples
 
 
 @dataclass(frozen=True)
 class AdaptationLimits:
-    """What an adaptation needs, and how far it may go.
+    """Minimum numbers of references, and limits of the map.
 
     Attributes
     ----------
-    min_labelled, min_unlabelled
-        References that it takes: of known surfaces, or of which nothing is known.
-    min_surfaces
-        Surfaces, 1 / sum shares^2, that references without labels must seem to be of.
-    max_scale
-        Factor by which a column is scaled at most, and at least its inverse.
-    noise_factor
-        Times what chance explains that a change must exceed to be believed at all.
-    significance
-        How often chance may take for a worse map what is none.
-    n_folds
-        Folds of references, each judged under the map of the others.
-    n_rounds, tolerance
-        Rounds in which shares of surfaces are estimated, and the change after which they are found.
-    prior, max_prior
-        Added references of each surface, and of all at most, as a part of those whose surface is estimated.
+    min_labelled : int
+        Minimum number of labelled references.
+    min_unlabelled : int
+        Minimum number of references without labels.
+    min_surfaces : float
+        Minimum effective number of surfaces, 1 / sum shares^2, of references without labels.
+    max_scale : float
+        Largest factor by which a column is scaled; the smallest is its inverse.
+    noise_factor : float
+        Multiple of the variance expected by chance that is subtracted from the changes.
+    significance : float
+        Significance level of the test that rejects a map.
+    n_folds : int
+        Folds of references, each evaluated with the map of the others.
+    n_rounds : int
+        Maximum number of iterations that estimate the shares of surfaces.
+    tolerance : float
+        Change of the shares at which the iterations stop.
+    prior : float
+        Weight of a uniform prior of the shares per surface, relative to the references without labels.
+    max_prior : float
+        Largest weight of the prior of all surfaces together.
     """
 
     min_labelled: int = 3
@@ -61,44 +79,46 @@ class AdaptationLimits:
 
 
 LIMITS = AdaptationLimits()
-Map = tuple[Samples, Samples]
-"""Scale and shift, both of shape (n_columns,): values of the new sensor -> as the old one would have them."""
+AffineMap = tuple[Samples, Samples]
+"""Scale and shift, both of shape (n_columns,), from features of the new sensor to those of the old one."""
+MAP_KINDS = ("affine", "shift", "none")
+"""Kinds of maps, from the most to the least flexible."""
 
 
 def adapt(
     model: Model, references: Iterable[Recording], *, labelled: bool = True, resampled: bool = False
 ) -> Model:
-    """Return a model that answers for the sensor with which references were felt.
+    """Return a model that is adapted to another sensor by reference recordings.
 
-    Features are scaled and shifted one by one before anything else: what trained is not needed. Where the
-    surfaces of references are not known, the share of each is estimated with the map (expectation
-    maximisation over the model's probabilities). The threshold of unknown surfaces follows (`Novelty`), so
-    that false alarms stay where they were set. Accuracy, calibration and sets in the manifest remain those of
-    the training.
+    Each feature is scaled and shifted before all other steps; the training recordings are not needed. If the
+    surfaces of references are unknown, their shares are estimated together with the map (expectation
+    maximisation over the probabilities of the model). The threshold for unknown surfaces is adapted, so that
+    the rate of false alarms remains. Accuracy, calibration and prediction sets in the manifest remain those
+    of the training.
 
     Parameters
     ----------
     model : Model
-        As `train` made it.
+        Trained model.
     references : iterable of Recording
-        Felt with the new sensor, at the model's sampling rate (or brought to it) and in its unit; of known
-        surfaces, in `Recording.surface`, or of unknown ones among those that the model knows.
+        Recordings of the new sensor at the sampling rate of the model (or resampled to it) and in its unit.
+        Their surfaces are surfaces of the model, stated in `Recording.surface` or unknown.
     labelled : bool
-        Whether surfaces of references count.
+        Whether to use the surfaces of references (default True).
     resampled : bool
-        Whether the model should from now on bring files to its rate, as references were.
+        Whether the adapted model resamples files, as the references were (default False).
 
     Returns
     -------
     Model
-        Its manifest tells of the references (`adapted`).
+        Adapted model, with the references in its manifest (`adapted`).
 
     Raises
     ------
     ValueError
-        If references are too few, of a surface that the model does not know, of another rate or unit, lack a
-        channel, or cannot be told apart by the adapted model; or the model is adapted already or too old to
-        be.
+        If there are too few references, or one has a surface that is not in the model, another sampling rate
+        or unit, or lacks a channel; if the adapted model cannot separate their surfaces; or if the model is
+        already adapted, or was trained on one recording per surface.
 
     References
     ----------
@@ -108,385 +128,422 @@ def adapt(
 
     Examples
     --------
-    >>> felt = [load_recording(f"new/oak_{k}.txt") for k in (1, 2, 3)]  # doctest: +SKIP
-    >>> adapt(model, felt).save("adapted.skops")  # doctest: +SKIP
+    >>> references = [load_recording(f"new/oak_{k}.txt") for k in (1, 2, 3)]  # doctest: +SKIP
+    >>> adapt(model, references).save("adapted.skops")  # doctest: +SKIP
     """
-    felt, digest = list(references), hashlib.sha256()
-    X, known, of = rows_of(model, felt, labelled=labelled)
-    for one in felt:
-        digest.update(f"\0{one.recording_id}\0{one.surface}\0".encode())
-        digest.update(np.ascontiguousarray(one.acceleration).tobytes())
-    named = [(one.recording_id, one.surface if labelled else None) for one in felt]
-    told = {"references": named, "hash": digest.hexdigest()}
-    return adapted_to(model, X, known, of, told, resampled=resampled)
+    recordings, digest = list(references), hashlib.sha256()
+    X, one_hot, recording_index = reference_rows(model, recordings, labelled=labelled)
+    for recording in recordings:
+        digest.update(f"\0{recording.recording_id}\0{recording.surface}\0".encode())
+        digest.update(np.ascontiguousarray(recording.acceleration).tobytes())
+    names = [(one.recording_id, one.surface if labelled else None) for one in recordings]
+    entry = {"references": names, "hash": digest.hexdigest()}
+    return adapt_to_rows(model, X, one_hot, recording_index, entry, resampled=resampled)
 
 
-def adapted_to(
+def adapt_to_rows(
     model: Model,
     X: Samples,
-    known: Samples,
-    of: NDArray[np.intp],
-    told: Mapping[str, Any],
+    one_hot: Samples,
+    recording_index: NDArray[np.intp],
+    entry: Mapping[str, Any],
     *,
     resampled: bool = False,
 ) -> Model:
-    """Return a model that answers for the sensor of rows of features, as `rows_of` gives them.
+    """Return a model that is adapted to rows of features, as `reference_rows` returns them.
 
     Parameters
     ----------
-    model, X, known, of
-        As there.
-    told : mapping
-        Of the references, for the manifest.
+    model : Model
+        Trained model.
+    X : ndarray of shape (n, n_columns)
+        Features of the new sensor; NaN where undefined.
+    one_hot : ndarray of shape (n, n_surfaces)
+        1 for the surface of a row; zeros if it is unknown.
+    recording_index : ndarray of int, shape (n,)
+        Recording of each row.
+    entry : mapping
+        Description of the references for the manifest.
     resampled : bool
-        As `adapt` takes it.
+        Whether the adapted model resamples files (default False).
 
     Raises
     ------
     ValueError
-        If references are too few, or cannot be told apart; or the model is adapted already or too old to be.
+        If there are too few references, or the adapted model cannot separate their surfaces; or if the model
+        is already adapted, or was trained on one recording per surface.
     """
-    class_moments = _class_moments_of(model)
-    n_recordings, n_labelled = len(np.unique(of)), len(np.unique(of[known.any(axis=1)]))
+    class_moments = _class_moments(model)
+    n_recordings = len(np.unique(recording_index))
+    n_labelled = len(np.unique(recording_index[one_hot.any(axis=1)]))
     if n_labelled < LIMITS.min_labelled and n_recordings < LIMITS.min_unlabelled:
         raise ValueError(
-            f"{n_labelled} of {n_recordings} references are of a known surface. Expected at least "
-            f"{LIMITS.min_labelled} that are, or {LIMITS.min_unlabelled} recordings of any surfaces of the "
-            "model"
+            f"too few references: {n_labelled} of {n_recordings} are labelled. Expected at least "
+            f"{LIMITS.min_labelled} labelled references (SURFACE=FILE), or {LIMITS.min_unlabelled} "
+            "recordings of any surfaces of the model"
         )
-    hits_before = _hits(model.decide(X)[1], known)
-    for kind in ("affine", "shift", "none"):  # each simpler than the one before
-        found = fit_map(model, X, known, class_moments, n_recordings, kind)
-        decisions, strange = _held_out(model, X, known, of, class_moments, found, kind)
-        if not _is_worse(hits_before, _hits(decisions, known), of):
+    hits_without_map = _hits(model.decide(X)[1], one_hot)
+    for kind in MAP_KINDS:
+        affine_map = fit_map(model, X, one_hot, class_moments, n_recordings, kind)
+        decisions, novelty = _predict_held_out(
+            model, X, one_hot, recording_index, class_moments, affine_map, kind
+        )
+        if not _is_worse(hits_without_map, _hits(decisions, one_hot), recording_index):
             break
-    _check_told_apart(model, X * found[0] + found[1], known, n_labelled)
-    novelty, by = _reset(model.novelty, strange, len(np.unique(of)))
-    scale = np.quantile(found[0], [0.1, 0.5, 0.9]).round(6).tolist()
-    told = {**told, "map": kind, "threshold_by": by, "scale": scale}
-    return _mapped(model, found, novelty, told, resampled=resampled)
+    _check_separation(model, X * affine_map[0] + affine_map[1], one_hot, n_labelled)
+    detector, source = _adapt_threshold(model.novelty, novelty, n_recordings)
+    scale = np.quantile(affine_map[0], [0.1, 0.5, 0.9]).round(6).tolist()
+    entry = {**entry, "map": kind, "threshold_from": source, "scale": scale}
+    return _with_map(model, affine_map, detector, entry, resampled=resampled)
 
 
-def _hits(decisions: Samples, known: Samples) -> Samples:
-    """Return one for each labelled row whose largest decision is that of its surface, else zero."""
-    return np.asarray(known[np.arange(len(known)), decisions.argmax(axis=1)])
+def _hits(decisions: Samples, one_hot: Samples) -> Samples:
+    """Return 1 for each labelled row with a correct decision, else 0."""
+    return np.asarray(one_hot[np.arange(len(one_hot)), decisions.argmax(axis=1)])
 
 
-def _is_worse(before: Samples, after: Samples, of: NDArray[np.intp]) -> bool:
-    """Return whether more recordings lose by a map than win, beyond chance (sign test).
+def _is_worse(hits_without_map: Samples, hits: Samples, recording_index: NDArray[np.intp]) -> bool:
+    """Return whether significantly more recordings lose hits by a map than gain them (sign test).
 
-    Each is judged under the map of the others, which is poorer than that of all: of three or four lost, none
-    won, nothing follows. P[Binomial(lost + won, 1/2) >= lost] decides, of recordings with fewer or more rows
-    right than before.
+    Each recording is evaluated with the map of the others, which is less precise than that of all, so three
+    or four losses without a gain are not significant: P[Binomial(losses + gains, 1/2) >= losses] decides.
     """
     from scipy.stats import binom
 
-    change = np.bincount(of, weights=after - before)
-    lost, won = np.count_nonzero(change < 0), np.count_nonzero(change > 0)
-    return bool(binom.sf(lost - 1, lost + won, 0.5) <= LIMITS.significance)
+    change = np.bincount(recording_index, weights=hits - hits_without_map)
+    n_losses, n_gains = np.count_nonzero(change < 0), np.count_nonzero(change > 0)
+    return bool(binom.sf(n_losses - 1, n_losses + n_gains, 0.5) <= LIMITS.significance)
 
 
-def _check_told_apart(model: Model, mapped: Samples, known: Samples, n_labelled: int) -> None:
-    """Refuse a map under which references seem to be of one surface, or labelled ones are not told apart."""
-    p = model.judge(mapped)[0]
+def _check_separation(model: Model, mapped: Samples, one_hot: Samples, n_labelled: int) -> None:
+    """Check that the mapped references seem to be of several surfaces, and labelled ones are separated."""
+    p = model.classify(mapped)[0]
     if n_labelled < LIMITS.min_labelled:
-        shares = np.where(known.any(axis=1, keepdims=True), known, p).mean(axis=0)
-        if (n_apart := 1 / (shares**2).sum()) < LIMITS.min_surfaces:
+        shares = np.where(one_hot.any(axis=1, keepdims=True), one_hot, p).mean(axis=0)
+        if (n_effective := 1 / (shares**2).sum()) < LIMITS.min_surfaces:
             raise ValueError(
-                f"references seem to be of {n_apart:.2g} surfaces, most of "
+                f"references seem to be of {n_effective:.2g} surfaces, most of "
                 f"{model.surfaces[shares.argmax()]!r}, so sensor and surface cannot be separated. Expected "
                 f"at least {LIMITS.min_surfaces:g} surfaces, or labelled references (SURFACE=FILE)"
             )
         return
-    counts, hits = known.sum(axis=0), int(_hits(p, known).sum())
-    if np.count_nonzero(counts) > 1 and hits <= counts.max():
+    counts, n_hits = one_hot.sum(axis=0), int(_hits(p, one_hot).sum())
+    if np.count_nonzero(counts) > 1 and n_hits <= counts.max():
         raise ValueError(
-            f"{hits} of {counts.sum():.0f} labelled references are answered right by the adapted model. "
-            f"Expected more than one answer for all would get ({counts.max():.0f}): check their labels, "
-            "or give more"
+            f"the adapted model predicts {n_hits} of {counts.sum():.0f} labelled references correctly, not "
+            f"more than always predicting the most frequent surface ({counts.max():.0f}). Check their "
+            "labels, or add references"
         )
 
 
 def fit_map(
     model: Model,
     X: Samples,
-    known: Samples,
+    one_hot: Samples,
     class_moments: ClassMoments,
     n_recordings: int,
     kind: str = "affine",
-) -> Map:
-    """Return the map under which rows of a new sensor lie as the model's surfaces do.
+) -> AffineMap:
+    """Fit the map from features of the new sensor to those of the training sensor.
 
     Parameters
     ----------
     model : Model
-        Says which surface unlabelled rows are of.
+        Model that predicts the surfaces of rows without labels.
     X : ndarray of shape (n, n_columns)
         Features of the new sensor.
-    known : ndarray of shape (n, n_surfaces)
-        One where a row is of a surface, zeros where it is not known.
+    one_hot : ndarray of shape (n, n_surfaces)
+        1 for the surface of a row; zeros if it is unknown.
     class_moments : ClassMoments
-        Where they lay with the old sensor.
+        Moments of the training features.
     n_recordings : int
-        Of which the rows are.
+        Number of recordings of the rows.
     kind : {"affine", "shift", "none"}
-        What the map may do.
+        Kind of map (default "affine").
     """
-    n, n_surfaces = known.shape
+    n, n_surfaces = one_hot.shape
     if kind == "none":
         return np.ones(X.shape[1]), np.zeros(X.shape[1])
-    open_rows = ~known.any(axis=1)
-    n_open = int(open_rows.sum())
+    is_unlabelled = ~one_hot.any(axis=1)
+    n_unlabelled = int(is_unlabelled.sum())
     shares = np.full(n_surfaces, 1 / n_surfaces)
-    for _ in range(LIMITS.n_rounds if n_open else 1):
-        mixture = (known.sum(axis=0) + n_open * shares) / n
-        found = moments_map(X, mixture, class_moments, n_recordings, scaled=kind == "affine")
-        if not n_open:
+    for _ in range(LIMITS.n_rounds if n_unlabelled else 1):
+        mixture = (one_hot.sum(axis=0) + n_unlabelled * shares) / n
+        scale, shift = moments_map(X, mixture, class_moments, n_recordings, with_scale=kind == "affine")
+        if not n_unlabelled:
             break
-        scale, shift = found
-        likely = model.judge(X[open_rows] * scale + shift)[0].sum(axis=0)
-        # Shares that follow probabilities alone may end at one surface, of which then all seem to be.
+        p_sum = model.classify(X[is_unlabelled] * scale + shift)[0].sum(axis=0)
+        # Without a prior, the shares may converge to one surface, which then explains all references.
         prior = min(LIMITS.prior, LIMITS.max_prior / n_surfaces)
-        before, shares = shares, (likely / n_open + prior) / (1 + n_surfaces * prior)
-        if np.abs(shares - before).max() < LIMITS.tolerance:
+        previous, shares = shares, (p_sum / n_unlabelled + prior) / (1 + n_surfaces * prior)
+        if np.abs(shares - previous).max() < LIMITS.tolerance:
             break
-    return found
+    return scale, shift
 
 
 def moments_map(
-    X: Samples, shares: Samples, class_moments: ClassMoments, n_recordings: int, *, scaled: bool = True
-) -> Map:
-    """Return scale and shift that give each column the mean and variance of a mixture of known surfaces.
+    X: Samples,
+    shares: Samples,
+    class_moments: ClassMoments,
+    n_recordings: int,
+    *,
+    with_scale: bool = True,
+) -> AffineMap:
+    """Return scale and shift that match the mean and variance of each column to a mixture of surfaces.
 
-    Both are shrunk towards none by how much they exceed, over all columns, what chance explains of so few
-    recordings: of the mean of n of them, within^2 / n; of the logarithm of the standard deviation,
-    psi'((m - 1)/2) / 4, of m = 1 / sum shares^2 surfaces at most, for some vary more than others. A column
-    without values stays.
+    Both are shrunk towards no change: by the ratio of their mean square over all columns, minus what chance
+    explains, to that of chance. The variance by chance is within^2 / n for the mean of n recordings, and
+    psi'((m - 1)/2) / 4 for the logarithm of the standard deviation of at most m = 1 / sum shares^2 surfaces,
+    because surfaces differ in their variation. Columns without values are not changed.
 
     Parameters
     ----------
     X : ndarray of shape (n, n_columns)
         Features of the new sensor; NaN where undefined.
     shares : ndarray of shape (n_surfaces,)
-        Of each surface among the rows.
+        Share of each surface among the rows.
     class_moments : ClassMoments
-        Where they lay with the old sensor.
+        Moments of the training features.
     n_recordings : int
-        Of which the rows are: touches of one recording are one witness.
-    scaled : bool
-        Whether columns are scaled, too.
+        Number of recordings of the rows: windows of one recording are correlated.
+    with_scale : bool
+        Whether columns are scaled as well as shifted (default True).
     """
-    means, within = class_moments
+    means, within_std = class_moments
     n = min(n_recordings, len(X))
-    there = ~np.isnan(X)
-    count = np.maximum(there.sum(axis=0), 1)
-    mean = np.where(there, X, 0).sum(axis=0) / count
-    variance = np.where(there, (X - mean) ** 2, 0).sum(axis=0) / np.maximum(count - 1, 1)
-    weights = shares[:, None] * np.isfinite(means)  # of surfaces for which the column has a value
+    is_defined = ~np.isnan(X)
+    count = np.maximum(is_defined.sum(axis=0), 1)
+    mean = np.where(is_defined, X, 0).sum(axis=0) / count
+    variance = np.where(is_defined, (X - mean) ** 2, 0).sum(axis=0) / np.maximum(count - 1, 1)
+    weights = shares[:, None] * np.isfinite(means)  # only surfaces for which the column has a value
     weights = weights / np.where((total := weights.sum(axis=0)) > 0, total, np.nan)
-    known = np.nan_to_num(means)
-    aim = (weights * known).sum(axis=0)
-    aimed = (weights * (known - aim) ** 2).sum(axis=0) + within**2
-    usable = there.any(axis=0) & np.isfinite(aim) & (within > 0)
-    half = (min(n, 1 / (shares**2).sum()) - 1) / 2
-    varies = usable & (variance > 0) & (half > LIMITS.tolerance) & scaled
-    log_scale = np.zeros(len(aim))
-    if varies.any():
-        unbiased = digamma(half) - np.log(half)
-        log_scale[varies] = 0.5 * (np.log(aimed[varies] / variance[varies]) + unbiased)
-        log_scale *= _believed(log_scale[varies], polygamma(1, half) / 4)
+    class_means = np.nan_to_num(means)
+    target_mean = (weights * class_means).sum(axis=0)
+    target_variance = (weights * (class_means - target_mean) ** 2).sum(axis=0) + within_std**2
+    is_usable = is_defined.any(axis=0) & np.isfinite(target_mean) & (within_std > 0)
+    half_freedom = (min(n, 1 / (shares**2).sum()) - 1) / 2
+    is_scaled = is_usable & (variance > 0) & (half_freedom > LIMITS.tolerance) & with_scale
+    log_scale = np.zeros(len(target_mean))
+    if is_scaled.any():
+        bias = digamma(half_freedom) - np.log(half_freedom)
+        log_scale[is_scaled] = 0.5 * (np.log(target_variance[is_scaled] / variance[is_scaled]) + bias)
+        log_scale *= _shrinkage(log_scale[is_scaled], polygamma(1, half_freedom) / 4)
     scale = np.clip(np.exp(log_scale), 1 / LIMITS.max_scale, LIMITS.max_scale)
-    moved = np.where(usable, aim - mean, 0.0)
-    if usable.any():
-        moved *= _believed(moved[usable] / within[usable], 1 / n)
-    return scale, np.where(usable, mean + moved - scale * mean, 0.0)
+    change = np.where(is_usable, target_mean - mean, 0.0)
+    if is_usable.any():
+        change *= _shrinkage(change[is_usable] / within_std[is_usable], 1 / n)
+    return scale, np.where(is_usable, mean + change - scale * mean, 0.0)
 
 
-def _believed(changes: Samples, noise: float) -> float:
-    """Return t / (t + noise): which part of changes is believed, of noise of such a variance."""
+def _shrinkage(changes: Samples, noise: float) -> float:
+    """Return the factor t / (t + noise) of changes with mean square t beyond noise of this variance."""
     t = max(0.0, float(np.mean(np.minimum(changes**2, 1e6))) - LIMITS.noise_factor * noise)
     return t / (t + noise)
 
 
-def _class_moments_of(model: Model) -> ClassMoments:
+def _class_moments(model: Model) -> ClassMoments:
     if model.manifest.adapted:
-        raise ValueError(f"{model!r} is adapted already. Expected the model as it was trained")
-    if model.class_moments is None or not (model.class_moments.within > 0).any():
+        raise ValueError(f"{model!r} is already adapted. Adapt the model as it was trained")
+    if model.class_moments is None or not (model.class_moments.within_std > 0).any():
         raise ValueError(
-            f"{model!r} was trained on one recording of each surface, which do not say how far others of the "
-            "same surface lie. Expected two or more"
+            f"{model!r} was trained on one recording per surface, which does not show the variation between "
+            "recordings. Train it on two or more"
         )
     return model.class_moments
 
 
-def rows_of(
-    model: Model, felt: Sequence[Recording], *, labelled: bool = True
+def reference_rows(
+    model: Model, recordings: Sequence[Recording], *, labelled: bool = True
 ) -> tuple[Samples, Samples, NDArray[np.intp]]:
-    """Return the features of recordings, or of their touches, that have any.
+    """Compute the features of reference recordings, or of their windows, without empty rows.
 
     Parameters
     ----------
     model : Model
-        Says which features.
-    felt : sequence of Recording
-        As `adapt` takes them.
+        Model that is adapted.
+    recordings : sequence of Recording
+        References, as for `adapt`.
     labelled : bool
-        Whether their surfaces count.
+        Whether to use their surfaces (default True).
 
     Returns
     -------
     X : ndarray of shape (n, n_columns)
-        NaN where undefined.
-    known : ndarray of shape (n, n_surfaces)
-        One where a row is of a surface, zeros where it is not known.
-    of : ndarray of int, shape (n,)
-        The recording of each row.
+        Features; NaN where undefined.
+    one_hot : ndarray of shape (n, n_surfaces)
+        1 for the surface of a row; zeros if it is unknown.
+    recording_index : ndarray of int, shape (n,)
+        Recording of each row.
 
     Raises
     ------
     ValueError
-        If a recording is of a surface that the model does not know, of another rate or unit, or lacks a
+        If a recording has a surface that is not in the model, another sampling rate or unit, or lacks a
         channel.
     """
-    rows, known, of = [], [], []
-    for i, recording in enumerate(felt):
-        unlike = model.unlike(recording.fs, recording.unit, f"--resample {model.manifest.fs:g}")
-        if unlike := unlike + model.other_axes(recording.channels):
-            raise ValueError(f"{recording.recording_id}: {unlike[0]}")
+    rows, one_hot, recording_index = [], [], []
+    for i, recording in enumerate(recordings):
+        problems = model.rate_and_unit_problems(
+            recording.fs, recording.unit, f"--resample {model.manifest.fs:g}"
+        )
+        if problems := problems + model.axis_problems(recording.channels):
+            raise ValueError(f"{recording.recording_id}: {problems[0]}")
         label = recording.surface if labelled else None
         if label is not None and label not in model.surfaces:
             raise ValueError(
                 f"{recording.recording_id}: surface {label!r} is not in the model. Expected "
                 f"one of {', '.join(model.surfaces)}, or references without labels (--unlabelled)"
             )
-        for touch in model.cut(recording):
-            rows.append(model.compute(touch).values)
-            known.append([float(surface == label) for surface in model.surfaces])
-            of.append(i)
+        for window in model.cut(recording):
+            rows.append(model.compute(window).values)
+            one_hot.append([float(surface == label) for surface in model.surfaces])
+            recording_index.append(i)
     X = np.array(rows).reshape(-1, len(model.columns))
-    valued = ~np.isnan(X).all(axis=1)
-    return X[valued], np.array(known).reshape(len(X), -1)[valued], np.array(of, dtype=np.intp)[valued]
+    has_values = ~np.isnan(X).all(axis=1)
+    labels = np.array(one_hot).reshape(len(X), -1)
+    return X[has_values], labels[has_values], np.array(recording_index, dtype=np.intp)[has_values]
 
 
-def _held_out(
+def _predict_held_out(
     model: Model,
     X: Samples,
-    known: Samples,
-    of: NDArray[np.intp],
+    one_hot: Samples,
+    recording_index: NDArray[np.intp],
     class_moments: ClassMoments,
-    found: Map,
+    affine_map: AffineMap,
     kind: str,
 ) -> tuple[Samples, Samples]:
-    """Return decisions (n, n_surfaces) on each reference, and its strangeness (n,), under a map of others.
+    """Return decisions (n, n_surfaces) and novelty scores (n,) of each reference with the map of the others.
 
-    Where they are of less than half of the surfaces, others are of other surfaces, as most that will be asked
-    about are (and as they are likeliest under the map of all).
+    If the references cover less than half of the surfaces, whole surfaces are held out: most later recordings
+    will be of surfaces without references. Surfaces of rows without labels are those predicted with the map
+    of all.
     """
-    novelty, strange, decisions = model.novelty, np.empty(len(X)), np.empty(known.shape)
-    likeliest = model.judge(X * found[0] + found[1])[0].argmax(axis=1)
-    groups = np.where(known.any(axis=1), known.argmax(axis=1), likeliest)
+    detector, novelty, decisions = model.novelty, np.empty(len(X)), np.empty(one_hot.shape)
+    predicted = model.classify(X * affine_map[0] + affine_map[1])[0].argmax(axis=1)
+    groups = np.where(one_hot.any(axis=1), one_hot.argmax(axis=1), predicted)
     if not LIMITS.min_labelled <= len(np.unique(groups)) < len(model.surfaces) / 2:
-        groups = of
+        groups = recording_index
     folds = np.unique(groups, return_inverse=True)[1] % LIMITS.n_folds
     for fold in range(folds.max() + 1):
-        rest, asked = folds != fold, folds == fold
-        n_rest = len(set(of[rest].tolist()))
-        scale, shift = fit_map(model, X[rest], known[rest], class_moments, n_rest, kind)
-        prepared, decisions[asked] = model.decide(X[asked] * scale + shift)
-        strange[asked] = strangeness(novelty.kind, decisions[asked], prepared, novelty.nearness)
-    return decisions, strange
+        train, test = folds != fold, folds == fold
+        n_recordings = len(set(recording_index[train].tolist()))
+        scale, shift = fit_map(model, X[train], one_hot[train], class_moments, n_recordings, kind)
+        prepared, decisions[test] = model.decide(X[test] * scale + shift)
+        novelty[test] = novelty_scores(detector.kind, decisions[test], prepared, detector.class_distance)
+    return decisions, novelty
 
 
-def _reset(novelty: Novelty, strange: Samples, n_recordings: int) -> tuple[Novelty, str]:
-    """Return when a recording of the new sensor is of no known surface, and how that was found.
+def _adapt_threshold(
+    detector: NoveltyDetector, novelty: Samples, n_recordings: int
+) -> tuple[NoveltyDetector, str]:
+    """Return the detector for the new sensor, and the source of its threshold.
 
-    If references are enough for the rate of false alarms, they take the place of the recordings held out in
-    training; else these are moved by as much as the median of references is stranger, decisions by a
-    difference, distances by a factor.
+    With enough references for the rate of false alarms, their novelty scores replace those of the recordings
+    held out in training. Otherwise these are moved by the increase of the median: decisions by a difference,
+    distances by a factor.
     """
-    if n_recordings >= max(LIMITS.min_unlabelled, least_held_out(novelty.false_alarms)):
-        return replace(novelty, held_out=np.sort(strange)), "references"
-    typical, before = float(np.median(strange)), float(np.median(novelty.held_out))
-    if novelty.kind == "decision":
-        moved = novelty.held_out + max(0.0, typical - before)
+    if n_recordings >= max(LIMITS.min_unlabelled, min_held_out(detector.false_alarms)):
+        return replace(detector, held_out=np.sort(novelty)), "references"
+    median, trained_median = float(np.median(novelty)), float(np.median(detector.held_out))
+    if detector.kind == "decision":
+        scores = detector.held_out + max(0.0, median - trained_median)
     else:
-        moved = novelty.held_out * max(1.0, typical / max(before, 1e-300))
-    return replace(novelty, held_out=moved), "recordings held out in training, moved by references"
+        scores = detector.held_out * max(1.0, median / max(trained_median, 1e-300))
+    return replace(detector, held_out=scores), "recordings held out in training, moved by references"
 
 
-def _mapped(model: Model, found: Map, novelty: Novelty, told: Mapping[str, Any], *, resampled: bool) -> Model:
-    """Return a model whose features go through a map first."""
-    scale, shift = found
+def _with_map(
+    model: Model,
+    affine_map: AffineMap,
+    detector: NoveltyDetector,
+    entry: Mapping[str, Any],
+    *,
+    resampled: bool,
+) -> Model:
+    """Return a model that applies a map to the features before its other steps."""
+    scale, shift = affine_map
     ranges = model.ranges
     low, median, high = ((edge - shift) / scale for edge in (ranges.low, ranges.median, ranges.high))
-    facts = model.manifest
-    unknown = {**facts.unknown, "threshold": novelty.threshold, "n": len(novelty.held_out)}
-    changed: dict[str, Any] = {"adapted": told, "unknown": unknown}
+    manifest = model.manifest
+    unknown = {**manifest.unknown, "threshold": detector.threshold, "n": len(detector.held_out)}
+    changes: dict[str, Any] = {"adapted": entry, "unknown": unknown}
     if resampled:
-        changed["input"] = facts.input.model_copy(update={"resample": True})
+        changes["input"] = manifest.input.model_copy(update={"resample": True})
     return replace(
         model,
-        steps=[{"does": "affine", "scale": scale, "shift": shift}, *model.steps],
-        novelty=novelty,
-        ranges=Ranges(low, median, high),
+        steps=[{"operation": "affine", "scale": scale, "shift": shift}, *model.steps],
+        novelty=detector,
+        ranges=FeatureRanges(low, median, high),
         class_moments=None,
-        manifest=facts.model_copy(update=changed),
+        manifest=manifest.model_copy(update=changes),
     )
 
 
 def with_references(model: Model, references: Dataset) -> Model:
-    """Return a model whose sets follow recordings that were felt since its training.
+    """Return a model whose prediction sets are recalibrated with recent recordings of known surfaces.
 
-    A sensor that drifts makes right surfaces less likely than they were when the model was trained.
-    Recordings of known surfaces, felt now and then, tell how likely they are now. Each counts half with every
-    `HALF_LIFE` recordings of its surface that came later; so do contacts held out in training, which all
-    references followed. Answers and probabilities stay as they are.
+    If a sensor drifts, true surfaces become less probable than at training, and prediction sets lose
+    coverage. The weight of a reference halves with every `HALF_LIFE` later recordings of its surface; so does
+    that of the recordings held out in training, which are older than all references. Answers and
+    probabilities do not change.
 
     Parameters
     ----------
     model : Model
-        Trained.
+        Trained model.
     references : Dataset
-        Whole recordings of surfaces that it knows, not among those that trained it; in their order of
-        repetitions where these are numbered, else all count the same.
+        Whole recordings of surfaces of the model that are not in its training set. If their repetitions are
+        numbered, these give the order in time; otherwise all have the same weight.
+
+    Returns
+    -------
+    Model
+        Model with recalibrated prediction sets.
 
     Raises
     ------
     ValueError
-        If a surface is unknown to it, or a recording cannot be judged by it; the message names it.
+        If a surface is not in the model, or a recording cannot be classified; the message names it.
+
+    Examples
+    --------
+    >>> recent = tx.open_dataset("recent")  # doctest: +SKIP
+    >>> with_references(model, recent).save("recalibrated.skops")  # doctest: +SKIP
     """
     table = metadata(references.entries)
     surfaces = table["surface"].to_numpy(dtype=str)
     if unknown := sorted({*surfaces.tolist()} - {*model.surfaces}):
         raise ValueError(
-            f"{references.name}: {unknown[0]!r} is no surface of the model. Expected one of "
+            f"{references.name}: surface {unknown[0]!r} is not in the model. Expected one of "
             f"{', '.join(model.surfaces)}"
         )
-    rows, contacts = list[Samples](), list[int]()
+    rows, recording_index = list[Samples](), list[int]()
     for i, recording in enumerate(references):
-        unlike = model.unlike(recording.fs, recording.unit) + model.other_axes(recording.channels)
-        if unlike:
-            raise ValueError(f"{recording.recording_id}: {unlike[0]}")
-        for touch in model.cut(recording) or (recording,):
-            rows.append(model.compute(touch).values)
-            contacts.append(i)
-    numbered = table["repetition"].notna().all()
-    ages = n_later(surfaces, table["repetition"].to_numpy()) if numbered else np.zeros(len(table))
-    known = model.manifest.calibration
-    later = conformities(
+        problems = model.rate_and_unit_problems(recording.fs, recording.unit)
+        if problems := problems + model.axis_problems(recording.channels):
+            raise ValueError(f"{recording.recording_id}: {problems[0]}")
+        for window in model.cut(recording) or (recording,):
+            rows.append(model.compute(window).values)
+            recording_index.append(i)
+    ages = np.zeros(len(table), dtype=np.intp)
+    if table["repetition"].notna().all():
+        ages = n_later_repetitions(surfaces, table["repetition"].to_numpy())
+    entry = model.manifest.calibration
+    later = calibrate_sets(
         model.decide(np.array(rows))[1],
-        np.array([model.surfaces.index(name) for name in surfaces[contacts].tolist()]),
-        contacts,
+        np.array([model.surfaces.index(name) for name in surfaces[recording_index].tolist()]),
+        recording_index,
         model.calibration,
-        correlation=known.get("correlation"),
-        counts=recency(ages[contacts], HALF_LIFE),
+        correlation=entry.get("correlation"),
+        weights=recency_weights(ages[recording_index], HALF_LIFE),
     )
-    share = float(recency(1 + ages.max(), HALF_LIFE))
-    conformity = {
-        kind: held_out.and_later(later[kind], share) if kind in later else held_out
-        for kind, held_out in model.conformity.items()
+    discount = float(recency_weights(1 + ages.max(), HALF_LIFE))
+    set_calibrations = {
+        kind: calibration.updated(later[kind], discount) if kind in later else calibration
+        for kind, calibration in model.set_calibrations.items()
     }
-    told = {**known, "prediction_sets": {**facts_of(conformity), "references": references.input_hash}}
-    return replace(
-        model, conformity=conformity, manifest=model.manifest.model_copy(update={"calibration": told})
-    )
+    sets_entry = {**manifest_entry(set_calibrations), "references": references.input_hash}
+    calibration_entry = {**entry, "prediction_sets": sets_entry}
+    manifest = model.manifest.model_copy(update={"calibration": calibration_entry})
+    return replace(model, set_calibrations=set_calibrations, manifest=manifest)

@@ -1,4 +1,4 @@
-"""What a model says of a recording, what touches of one say together, and what windows of one contact do."""
+"""Answers for recordings and windows, and the evidence that the windows of one contact add up to."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,42 +7,56 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from texclass.recognition.conformal import LEVELS, Conformity, as_facts
-from texclass.recognition.probabilities import CORRELATION, LEAST_PROBABILITY, independent, log_of
+from texclass.recognition.prediction_sets import DEFAULT_LEVELS, ConformalCalibration, sets_as_json
+from texclass.recognition.probabilities import (
+    DEFAULT_CORRELATION,
+    MIN_PROBABILITY,
+    effective_windows,
+    log_probabilities,
+)
 from texclass.recording import Samples
 
 Kind = Literal["majority", "sequential"]
-CONFIDENCE = 0.95
-"""From which probability on a verdict is sure, unless something else is asked for."""
-CHANGED_WINDOWS = 3.0
-"""Independent windows in a row that have to name another surface before a contact may have moved on to it."""
+DEFAULT_CONFIDENCE = 0.95
+"""Probability from which a verdict is sure."""
+CHANGE_WINDOWS = 3.0
+"""Effective number of consecutive windows that must predict another surface before the evidence restarts."""
+MAX_REASONS = 5
+"""Number of different reasons that are repeated from the answers for single windows."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Which surface a recording is of.
+    """Predicted surface of one recording or window, with its uncertainty.
 
     Attributes
     ----------
-    recording_id
-        The recording.
-    surface
-        The likeliest known surface; also where `unknown`.
-    probability
-        Calibrated: of many answers of 0.8, eight in ten are right, if the surface is a known one.
-    runner_up
-        The second likeliest.
-    unknown
-        Whether this is probably none of the known surfaces, or a recording that cannot be judged.
-    p_known
-        Conformal p-value of "a known surface"; at most the model's false-alarm rate where `unknown`.
-    reasons
-        What a user should know: undefined features, clipping, a wrong rate, values never seen in training.
-    probabilities
-        Surface -> probability, all of them.
-    prediction_sets
-        Level -> surfaces, likeliest first, among which the right one is so often, if the surface is a known
-        one; see `Conformity`. No level where nothing can be judged.
+    recording_id : str
+        Name of the recording.
+    surface : str
+        Most probable trained surface; also if `unknown`.
+    probability : float
+        Calibrated probability of `surface`: 80 % of the answers with 0.8 are correct for trained surfaces.
+    runner_up : str
+        Second most probable surface.
+    unknown : bool
+        Whether the surface is probably not a trained one, or the recording cannot be classified.
+    p_known : float
+        Conformal p-value of "the surface was trained"; at most the rate of false alarms if `unknown`.
+    reasons : tuple of str
+        Warnings about the recording: undefined features, clipping, a wrong sampling rate, values outside the
+        training range.
+    probabilities : mapping of str to float
+        Probability of every surface.
+    prediction_sets : mapping of float to tuple of str
+        Prediction set of each level, most probable surface first; see `ConformalCalibration`. Empty if the
+        recording cannot be classified.
+
+    Examples
+    --------
+    >>> answer = Answer("stroke_1", "oak", 0.9, "cork", unknown=False, p_known=0.4)
+    >>> answer.to_dict()["surface"]
+    'oak'
     """
 
     recording_id: str
@@ -54,10 +68,9 @@ class Answer:
     reasons: tuple[str, ...] = ()
     probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
     prediction_sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
-    changed_from: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a machine reads, probabilities of all surfaces left out."""
+        """Return the answer as JSON-compatible data, without the probabilities of all surfaces."""
         return {
             "recording": self.recording_id,
             "surface": self.surface,
@@ -66,12 +79,18 @@ class Answer:
             "unknown": self.unknown,
             "p_known": round(self.p_known, 6),
             "reasons": list(self.reasons),
-            "prediction_sets": as_facts(self.prediction_sets),
+            "prediction_sets": sets_as_json(self.prediction_sets),
         }
 
 
 class Prediction(NamedTuple):
-    """Answer for one recording, or the problem that prevents one; and its true surface if known."""
+    """Answer for one recording, or the problem that prevents one; and its true surface if known.
+
+    Examples
+    --------
+    >>> Prediction("empty.csv", answer=None, problem="empty.csv contains no samples").answer is None
+    True
+    """
 
     name: str
     answer: Answer | None
@@ -79,24 +98,41 @@ class Prediction(NamedTuple):
     surface: str | None = None
 
 
-def joined(answers: Sequence[Answer], recording_id: str) -> Answer:
-    """Return the answer of several touches of one recording: the mean of their probabilities."""
+def average_answers(answers: Sequence[Answer], recording_id: str) -> Answer:
+    """Return the answer for a recording from those for its windows, by averaging their probabilities.
+
+    The recording is unknown if at least half of its windows are. The answer has no prediction sets.
+
+    Parameters
+    ----------
+    answers : sequence of Answer
+        Answers for the windows.
+    recording_id : str
+        Name of the recording.
+
+    Examples
+    --------
+    >>> p = ({"oak": 0.9, "cork": 0.1}, {"oak": 0.6, "cork": 0.4})
+    >>> windows = [Answer("", "oak", q["oak"], "cork", False, 0.5, probabilities=q) for q in p]
+    >>> average_answers(windows, "stroke_1").probability
+    0.75
+    """
     surfaces = tuple(answers[0].probabilities)
     p = np.mean([[answer.probabilities[m] for m in surfaces] for answer in answers], axis=0)
     n_unknown = sum(answer.unknown for answer in answers)
-    said = (f"{n_unknown} of {len(answers)} touches are of no known surface",) if n_unknown else ()
-    others = (r for answer in answers for r in answer.reasons if not r.startswith("unlike every"))
+    summary = (f"{n_unknown} of {len(answers)} windows are of an unknown surface",) if n_unknown else ()
+    reasons = (r for answer in answers for r in answer.reasons if not r.startswith("unlike every"))
     return Answer(
         recording_id=recording_id,
         unknown=2 * n_unknown >= len(answers),
         p_known=float(np.median([answer.p_known for answer in answers])),
-        reasons=(*said, *tuple(dict.fromkeys(others))[:5]),
-        **ranked(p, surfaces),
+        reasons=(*summary, *tuple(dict.fromkeys(reasons))[:MAX_REASONS]),
+        **rank_surfaces(p, surfaces),
     )
 
 
-def ranked(p: Samples, surfaces: Sequence[str]) -> dict[str, Any]:
-    """Return what probabilities (n_surfaces,) say, as fields of an answer or of a verdict."""
+def rank_surfaces(p: Samples, surfaces: Sequence[str]) -> dict[str, Any]:
+    """Return the fields of an answer or a verdict that follow from probabilities (n_surfaces,)."""
     best, second = np.argsort(-p, kind="stable")[:2]
     return {
         "surface": surfaces[best],
@@ -108,29 +144,28 @@ def ranked(p: Samples, surfaces: Sequence[str]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ContactVerdict:
-    """Which surface the contact is with, after all windows so far.
+    """Predicted surface of a contact after all of its windows so far.
 
     Attributes
     ----------
     surface, probability, runner_up
-        Of all windows together. By majority, the probability is (votes + 1) / (n + K), Laplace's estimate of
-        the share of votes.
-    unknown
-        Whether at least half of the windows are of no known surface.
-    sure
-        Whether the probability is at least the confidence asked for, and the surface is a known one.
-    changed_from
-        Surface of the windows before, if the last ones contradict them so clearly that the evidence was
-        restarted with this window; else "".
-    n_windows
-        How many have spoken.
-    felt_s
-        Seconds from the onset of the contact to the end of the last of them.
-    probabilities
-        Surface -> probability.
-    prediction_sets
-        Level -> surfaces among which the right one is as often, if the surface is a known one; of models of
-        touches, where windows are as long and add up as in the training.
+        Prediction from all windows. With majority voting, the probability is (votes + 1) / (n + K), Laplace's
+        estimate of the share of votes.
+    unknown : bool
+        Whether at least half of the windows are of an unknown surface.
+    sure : bool
+        Whether the probability reaches the confidence, and the surface is not unknown.
+    n_windows : int
+        Number of windows.
+    contact_s : float
+        Time from the onset of the contact to the end of the last window in s.
+    probabilities : mapping of str to float
+        Probability of every surface.
+    prediction_sets : mapping of float to tuple of str
+        Prediction set of each level. Empty unless the windows have the length and the evidence has the
+        settings of the training.
+    previous_surface : str
+        Predicted surface of the earlier windows if this window restarted the evidence, else "".
     """
 
     surface: str
@@ -139,58 +174,67 @@ class ContactVerdict:
     unknown: bool
     sure: bool
     n_windows: int
-    felt_s: float
+    contact_s: float
     probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
     prediction_sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
-    changed_from: str = ""
+    previous_surface: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a machine reads, probabilities of all surfaces left out."""
-        facts = {name: value for name, value in vars(self).items() if name != "probabilities"}
-        rounded = {name: round(facts[name], 6) for name in ("probability", "felt_s")}
-        return facts | rounded | {"prediction_sets": as_facts(self.prediction_sets)}
+        """Return the verdict as JSON-compatible data, without the probabilities of all surfaces."""
+        values = {name: value for name, value in vars(self).items() if name != "probabilities"}
+        rounded = {name: round(values[name], 6) for name in ("probability", "contact_s")}
+        return values | rounded | {"prediction_sets": sets_as_json(self.prediction_sets)}
 
 
 class Evidence:
-    """All windows of one contact.
+    """Accumulated evidence of the windows of one contact.
 
-    By "majority", every window has one vote; of equally many, the larger sum of probabilities wins.
-    "sequential" is the mean log posterior of the windows, times how many independent ones they are worth:
+    With "majority", every window has one vote; the larger sum of probabilities breaks ties. "sequential" is
+    the mean log posterior of the windows times their effective number:
 
         log P(m) = W/N sum_k g^(n-k) log p_k(m) + constant, N = sum_k g^(n-k),
         W = V / (1 + r max(V - 1, 0)), V = sum_k g^(n-k) w_k,
 
-    where p_k are the calibrated probabilities of window k under a flat prior, w_k the share of it not felt
-    before, g what is remembered from one window to the next, and r the correlation of windows that share
-    a contact: its speed, its force, its spot, which all of them hold against the training [design effect of a
-    cluster]. Windows that are independent (r = 0) add up to Bayes' rule; however many there are, they are
-    worth at most 1/r. Of the whole, a share `lapse` is left to all surfaces alike.
+    where p_k are the calibrated probabilities of window k under a flat prior, w_k is its share without
+    overlap with the window before it, g is the decay per window, and r is the correlation between windows.
+    Windows of one contact share speed, force and place, so they are correlated (design effect of a cluster).
+    Independent windows (r = 0) add up to Bayes' rule; correlated ones are worth at most 1/r. A probability of
+    `lapse` is distributed evenly over all surfaces.
 
     Parameters
     ----------
     surfaces : tuple of str
-        In the order of an answer's probabilities.
+        Surfaces in the order of the probabilities of an answer.
     kind : {"majority", "sequential"}
-        How windows are put together.
+        Method (default "sequential").
     window_s, hop_s : float
-        Length of a window, and time from one to the next: overlapping windows share what they felt.
+        Length of a window, and time between the starts of two windows, in s (default 1).
     correlation : float
-        Of windows of one contact that share nothing, from 0 to 1; see `fit_correlation`.
+        Correlation between windows without overlap, 0 to 1 (default 1); see `fit_correlation`.
     lapse : float
-        What the contacts of the training do not rule out: 1 / (n + 2) after n of them.
+        Probability of an error that the training contacts do not exclude (default 0): 1 / (n + 2) after n
+        contacts.
     forget_s : float
-        Time constant of forgetting (votes, too), for what goes on to other surfaces; infinite for never.
+        Time constant of the decay of evidence and votes in s (default: no decay).
     confidence : float
-        From which probability on the verdict is sure.
-    conformity : mapping of int to Conformity, optional
-        Windows -> how held-out contacts conformed after so many of them, of which sets are made at `levels`.
+        Probability from which the verdict is sure (default 0.95).
+    set_calibrations : mapping of int to ConformalCalibration, optional
+        Number of windows -> calibration of the prediction sets after that number of windows.
     levels : tuple of float
-        How often the right surface is to be in them.
+        Coverage of the prediction sets (default 0.9 and 0.95).
 
     References
     ----------
-    Jamali, Sammut: Majority voting: surface classification by tactile sensing using surface texture, IEEE
+    Jamali, Sammut: Majority voting: material classification by tactile sensing using surface texture, IEEE
     Transactions on Robotics 27, 2011.
+
+    Examples
+    --------
+    >>> evidence = Evidence(("cork", "oak"), correlation=0.2)
+    >>> p = {"cork": 0.3, "oak": 0.7}
+    >>> window = Answer("stroke_1", "oak", 0.7, "cork", unknown=False, p_known=0.5, probabilities=p)
+    >>> [round(evidence.add(window, contact_s).probability, 2) for contact_s in (1.0, 2.0, 3.0)]
+    [0.7, 0.8, 0.86]
     """
 
     def __init__(
@@ -200,114 +244,138 @@ class Evidence:
         *,
         window_s: float = 1.0,
         hop_s: float = 1.0,
-        correlation: float = CORRELATION,
+        correlation: float = DEFAULT_CORRELATION,
         lapse: float = 0.0,
         forget_s: float = math.inf,
-        confidence: float = CONFIDENCE,
-        conformity: Mapping[int, Conformity] | None = None,
-        levels: tuple[float, ...] = LEVELS,
+        confidence: float = DEFAULT_CONFIDENCE,
+        set_calibrations: Mapping[int, ConformalCalibration] | None = None,
+        levels: tuple[float, ...] = DEFAULT_LEVELS,
     ) -> None:
         if kind not in ("majority", "sequential"):
-            raise ValueError(f"evidence is {kind!r}. Expected 'majority' or 'sequential'")
+            raise ValueError(f"evidence must be 'majority' or 'sequential', got {kind!r}")
         if not 0 < confidence < 1:
-            raise ValueError(f"confidence is {confidence!r}. Expected a number between 0 and 1")
-        if not (0 <= correlation <= 1 and 0 <= lapse < 1 and forget_s > 0):
-            raise ValueError(
-                f"correlation is {correlation!r}, lapse {lapse!r}, forget_s {forget_s!r}. Expected 0 to "
-                "1, and a time above 0"
-            )
+            raise ValueError(f"confidence must be between 0 and 1, got {confidence!r}")
+        if not 0 <= correlation <= 1:
+            raise ValueError(f"correlation must be in [0, 1], got {correlation!r}")
+        if not 0 <= lapse < 1:
+            raise ValueError(f"lapse must be in [0, 1), got {lapse!r}")
+        if not forget_s > 0:
+            raise ValueError(f"forget_s must be positive, got {forget_s!r} s")
         self.surfaces, self.kind, self.confidence = surfaces, kind, confidence
         self._correlation, self._lapse = correlation, lapse
-        self._conformity, self._levels = conformity or {}, levels
-        self._later = min(1.0, hop_s / window_s)
-        self._g = math.exp(-hop_s / forget_s)
+        self._set_calibrations, self._levels = set_calibrations or {}, levels
+        self._new_share = min(1.0, hop_s / window_s)
+        self._decay = math.exp(-hop_s / forget_s)
         self.reset()
 
     @property
     def constants(self) -> dict[str, Any]:
-        """What a program needs to know that puts answers together as docs/stream-logic.md says."""
+        """Constants for another implementation of the evidence; see docs/stream-logic.md."""
         return {
             "kind": self.kind,
             "correlation": self._correlation,
             "lapse": self._lapse,
-            "later": self._later,
-            "remembered": self._g,
+            "new_share": self._new_share,
+            "decay": self._decay,
             "confidence": self.confidence,
-            "least_probability": LEAST_PROBABILITY,
-            "changed_windows": CHANGED_WINDOWS,
+            "min_probability": MIN_PROBABILITY,
+            "change_windows": CHANGE_WINDOWS,
         }
 
     def reset(self) -> None:
-        """Forget everything: another contact."""
+        """Discard all windows, for a new contact."""
         self._votes, self._sum = np.zeros((2, len(self.surfaces)))
-        self._weight = self._worth = self._unknown = 0.0
+        self._n_decayed = self._n_new = self._n_unknown = 0.0
         self._n = 0
         self._contrary: list[Samples] = []
-        """Probabilities of the last windows, as far as they name one other surface than the verdict."""
+        """Probabilities of the last windows, as long as they predict one surface other than the verdict's."""
         self.verdict: ContactVerdict | None = None
 
-    def add(self, answer: Answer, felt_s: float) -> ContactVerdict:
-        """Take in the answer of a window that ends `felt_s` after the onset; return what is known now.
+    def add(self, answer: Answer, contact_s: float) -> ContactVerdict:
+        """Add the answer for a window, and return the verdict after it.
 
-        The evidence restarts where windows worth `CHANGED_WINDOWS` independent ones in a row name one other
-        surface, and alone would be sure of it.
+        The evidence restarts when consecutive windows, worth `CHANGE_WINDOWS` independent ones, predict one
+        other surface and would be sure of it on their own.
+
+        Parameters
+        ----------
+        answer : Answer
+            Answer for the window.
+        contact_s : float
+            Time from the onset of the contact to the end of the window in s.
         """
         p = np.array([answer.probabilities[m] for m in self.surfaces])
         if not self._is_change(p, is_unknown=answer.unknown):
-            return self._add(p, answer.unknown, felt_s)
-        before, contrary = self.verdict, self._contrary
+            return self._add(p, answer.unknown, contact_s)
+        previous, contrary = self.verdict, self._contrary
         self.reset()
         for window in contrary:
-            self._add(window, False, felt_s)
-        assert before is not None
+            self._add(window, False, contact_s)
+        assert previous is not None
         assert self.verdict is not None
-        self.verdict = replace(self.verdict, changed_from=before.surface)
+        self.verdict = replace(self.verdict, previous_surface=previous.surface)
         return self.verdict
 
     def _is_change(self, p: Samples, *, is_unknown: bool) -> bool:
-        """Whether the last windows, this one included, are of another surface than those before."""
-        named = int(np.argmax(p))
-        if self.verdict is None or is_unknown or self.surfaces[named] == self.verdict.surface or self._g < 1:
+        """Return whether the last windows, with this one, are of another surface than the earlier ones."""
+        best = int(np.argmax(p))
+        is_contrary = (
+            self.verdict is not None
+            and not is_unknown
+            and self.surfaces[best] != self.verdict.surface
+            and self._decay == 1  # evidence that decays follows a change without a restart
+        )
+        if not is_contrary:
             self._contrary = []
             return False
-        if self._contrary and int(np.argmax(self._contrary[-1])) != named:
+        if self._contrary and int(np.argmax(self._contrary[-1])) != best:
             self._contrary = []
         self._contrary.append(p)
-        n = len(self._contrary)
-        n_independent = 1 + (n - 1) * self._later
-        if n_independent < CHANGED_WINDOWS:
+        n_new = 1 + (len(self._contrary) - 1) * self._new_share
+        if n_new < CHANGE_WINDOWS:
             return False
-        scores = log_of(np.array(self._contrary)).mean(axis=0) * independent(n_independent, self._correlation)
+        mean = log_probabilities(np.array(self._contrary)).mean(axis=0)
+        scores = mean * effective_windows(n_new, self._correlation)
         odds = np.exp(scores - scores.max())
         return bool((1 - self._lapse) / odds.sum() + self._lapse / len(p) >= self.confidence)
 
-    def _add(self, p: Samples, is_unknown: bool, felt_s: float) -> ContactVerdict:
-        g, self._n, sets = self._g, self._n + 1, dict[float, tuple[str, ...]]()
-        self._weight = g * self._weight + 1
-        self._unknown = g * self._unknown + is_unknown
+    def _add(self, p: Samples, is_unknown: bool, contact_s: float) -> ContactVerdict:
+        self._n += 1
+        self._n_decayed = self._decay * self._n_decayed + 1
+        self._n_unknown = self._decay * self._n_unknown + is_unknown
+        sets: dict[float, tuple[str, ...]] = {}
         if self.kind == "majority":
-            self._votes *= g
-            self._votes[int(np.argmax(p))] += 1
-            self._sum = g * self._sum + p
-            together = self._votes + 1 + 1e-6 * self._sum / self._weight
+            total = self._add_vote(p)
         else:
-            self._sum = g * self._sum + log_of(p)
-            self._sum -= self._sum.max()
-            self._worth = g * self._worth + (1.0 if self._n == 1 else self._later)
-            worth = independent(self._worth, self._correlation)
-            scores = worth / self._weight * self._sum
-            # By contacts that had been felt about as long.
-            if felt := [n for n in self._conformity if n <= self._worth]:
-                sets = self._conformity[max(felt)].sets(scores, self.surfaces, self._levels)
-            together = np.exp(scores)  # the largest is 1: no overflow
-        together = (1 - self._lapse) * together / together.sum() + self._lapse / len(p)
-        unknown = 2 * self._unknown >= self._weight
+            scores = self._add_log_posterior(p)
+            # Calibrated on contacts of about the same length.
+            if n_calibrated := [n for n in self._set_calibrations if n <= self._n_new]:
+                calibration = self._set_calibrations[max(n_calibrated)]
+                sets = calibration.predict_sets(scores, self.surfaces, self._levels)
+            total = np.exp(scores)  # the largest is 1: no overflow
+        total = (1 - self._lapse) * total / total.sum() + self._lapse / len(p)
+        unknown = 2 * self._n_unknown >= self._n_decayed
         self.verdict = ContactVerdict(
             prediction_sets=sets,
             unknown=unknown,
-            sure=bool(together.max() >= self.confidence) and not unknown,
+            sure=bool(total.max() >= self.confidence) and not unknown,
             n_windows=self._n,
-            felt_s=felt_s,
-            **ranked(together, self.surfaces),
+            contact_s=contact_s,
+            **rank_surfaces(total, self.surfaces),
         )
         return self.verdict
+
+    def _add_vote(self, p: Samples) -> Samples:
+        """Return the votes plus 1, with the mean probabilities as a tie-breaker."""
+        self._votes *= self._decay
+        self._votes[int(np.argmax(p))] += 1
+        self._sum = self._decay * self._sum + p
+        return self._votes + 1 + 1e-6 * self._sum / self._n_decayed
+
+    def _add_log_posterior(self, p: Samples) -> Samples:
+        """Return the log posterior of all windows, whose largest value is 0."""
+        self._sum = self._decay * self._sum + log_probabilities(p)
+        self._sum -= self._sum.max()
+        self._n_new = self._decay * self._n_new + (1.0 if self._n == 1 else self._new_share)
+        n_effective = effective_windows(self._n_new, self._correlation)
+        return np.asarray(n_effective / self._n_decayed * self._sum)

@@ -1,8 +1,8 @@
-"""Array form of fitted estimators: what a trained model computes after the features, without scikit-learn.
+"""Array form of fitted estimators, with which trained models predict without scikit-learn.
 
-Each transformer or classifier of the shipped pipelines becomes a mapping with the name of an operation
-(`does`) and its arrays. Models predict with these mappings and store them in their files, and ONNX graphs are
-built from them. An estimator without an array form is stored itself ("ask").
+Each transformer and classifier of the shipped pipelines becomes a mapping with the name of an `operation` and
+its arrays. Models predict with these mappings and store them in their files, and ONNX graphs are built from
+them. An estimator without an array form is stored as it is (operation "estimator").
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,36 +12,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texclass.classifiers.kernel import View, kernel_scores
-from texclass.recognition.probabilities import class_scores, log_of, softmax
+from texclass.recognition.probabilities import class_scores, log_probabilities, softmax
 from texclass.recording import Samples
 
-Part = Mapping[str, Any]
+ArrayStep = Mapping[str, Any]
+"""Operation and arrays of a transformer or a classifier."""
 Columns = NDArray[np.intp]
 TrainingSet = tuple[Samples, NDArray[Any]]
 """Prepared rows (n, n_columns) and their labels (n,)."""
+MAX_DIFFERENCES = 2**20
+"""Number of differences between rows and points in memory at a time (8 MB)."""
 
 
-def apply(part: Part, X: Samples) -> Samples:
-    """Apply a part to rows (n, n_columns): return prepared rows, or decisions (n, n_classes).
+def apply(step: ArrayStep, X: Samples) -> Samples:
+    """Apply a step to rows (n, n_columns): return prepared rows, or decisions (n, n_classes).
 
     Raises
     ------
     KeyError, TypeError, ValueError
-        If the mapping is no valid part.
+        If the mapping is not a valid step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> apply({"operation": "clip", "low": 0.0, "high": 1.0}, np.array([[-2.0, 0.5, 3.0]])).tolist()
+    [[0.0, 0.5, 1.0]]
     """
-    arguments = {name: value for name, value in part.items() if name != "does"}
-    return OPERATIONS[part["does"]](X, **arguments)
+    arguments = {name: value for name, value in step.items() if name != "operation"}
+    return OPERATIONS[step["operation"]](X, **arguments)
 
 
-def apply_all(parts: Sequence[Part], X: Samples) -> Samples:
-    """Apply several parts to rows, one after the other."""
-    for part in parts:
-        X = apply(part, X)
+def apply_all(steps: Sequence[ArrayStep], X: Samples) -> Samples:
+    """Apply several steps to rows, one after the other."""
+    for step in steps:
+        X = apply(step, X)
     return X
 
 
-def decide(steps: Sequence[Part], classifier: Part, X: Samples) -> tuple[Samples, Samples]:
-    """Return prepared rows (n, n_prepared) and decisions (n, n_classes) for rows of features (n, n_columns).
+def decide(steps: Sequence[ArrayStep], classifier: ArrayStep, X: Samples) -> tuple[Samples, Samples]:
+    """Return prepared rows (n, n_prepared) and decisions (n, n_classes) for features (n, n_columns).
 
     Raises
     ------
@@ -54,20 +63,22 @@ def decide(steps: Sequence[Part], classifier: Part, X: Samples) -> tuple[Samples
     return prepared, apply(classifier, prepared)
 
 
-def estimators_in(parts: Any) -> list[Any]:
-    """Return the estimators that have no array form, however deep in mappings and sequences."""
-    if isinstance(parts, Mapping):
-        if "estimator" in parts:
-            return [parts["estimator"]]
-        parts = list(parts.values())
-    return [one for part in parts for one in estimators_in(part)] if isinstance(parts, list | tuple) else []
+def estimators_in(steps: Any) -> list[Any]:
+    """Return the estimators without an array form, at any depth of mappings and sequences."""
+    if isinstance(steps, Mapping):
+        if "estimator" in steps:
+            return [steps["estimator"]]
+        steps = list(steps.values())
+    if not isinstance(steps, list | tuple):
+        return []
+    return [estimator for step in steps for estimator in estimators_in(step)]
 
 
-def steps_of(step: Any) -> list[Part]:  # noqa: PLR0911  (one for each kind)
-    """Return the array form of a fitted transformer: steps, one after the other.
+def steps_of(step: Any) -> list[ArrayStep]:  # noqa: PLR0911  (one return per class)
+    """Return the array form of a fitted transformer, a list of consecutive steps.
 
-    "take" columns; "fill" undefined values; "standardise", (X - center) / scale; "affine", X scale + shift;
-    "clip" to low ... high; "ask" an estimator.
+    Operations are "select" (columns), "fill" (undefined values), "standardise" ((X - center) / scale),
+    "affine" (X scale + shift), "clip" (low ... high) and "estimator" (no array form).
     """
     from sklearn.feature_selection import SelectorMixin
     from sklearn.impute import SimpleImputer
@@ -78,53 +89,58 @@ def steps_of(step: Any) -> list[Part]:  # noqa: PLR0911  (one for each kind)
         case None | "passthrough":
             return []
         case Pipeline():
-            return [part for _, inner in step.steps for part in steps_of(inner)]
+            return [array_step for _, inner in step.steps for array_step in steps_of(inner)]
         case SelectorMixin():
-            return [{"does": "take", "columns": np.flatnonzero(step.get_support())}]
-        case SimpleImputer(add_indicator=False, missing_values=gap) if np.isnan(gap):
+            return [{"operation": "select", "columns": np.flatnonzero(step.get_support())}]
+        case SimpleImputer(add_indicator=False, missing_values=missing) if np.isnan(missing):
             values = np.asarray(step.statistics_, dtype=np.float64)
             if step.keep_empty_features or not np.isnan(values).any():
-                return [{"does": "fill", "values": values}]
-            kept = np.flatnonzero(~np.isnan(values))
-            return [{"does": "take", "columns": kept}, {"does": "fill", "values": values[kept]}]
+                return [{"operation": "fill", "values": values}]
+            columns = np.flatnonzero(~np.isnan(values))
+            return [
+                {"operation": "select", "columns": columns},
+                {"operation": "fill", "values": values[columns]},
+            ]
         case MinMaxScaler():
             low, high = step.feature_range
-            clipped = [{"does": "clip", "low": low, "high": high}] * step.clip
-            return [{"does": "affine", "scale": step.scale_, "shift": step.min_}, *clipped]
+            clip = [{"operation": "clip", "low": low, "high": high}] * step.clip
+            return [{"operation": "affine", "scale": step.scale_, "shift": step.min_}, *clip]
         case StandardScaler():
             return [_standardise(step.mean_ if step.with_mean else None, step.scale_)]
         case RobustScaler():
             return [_standardise(step.center_, step.scale_)]
         case MaxAbsScaler() if not getattr(step, "clip", False):
             return [_standardise(None, step.scale_)]
-    return [{"does": "ask", "estimator": step}]
+    return [{"operation": "estimator", "estimator": step}]
 
 
-def _standardise(center: Samples | None, scale: Samples | None) -> Part:
+def _standardise(center: Samples | None, scale: Samples | None) -> ArrayStep:
     return {
-        "does": "standardise",
+        "operation": "standardise",
         "center": 0.0 if center is None else center,
         "scale": 1.0 if scale is None else scale,
     }
 
 
 def classifier_of(  # noqa: PLR0911
-    classifier: Any, training_set: TrainingSet | None = None, *, votes: bool = False
-) -> Part:
-    """Return the array form of a fitted classifier, whose decisions are those of `class_scores`.
+    classifier: Any, training_set: TrainingSet | None = None, *, is_averaged: bool = False
+) -> ArrayStep:
+    """Return the array form of a fitted classifier, with the decisions of `class_scores`.
 
-    "linear", X weights + intercept; "kernel", the mean of Matern kernels between rows and prototypes in each
-    view, times dual; "gauss", log posteriors; "centroids", and "neighbours", the shares of the nearest;
-    "vote" of pieces of the columns; "chain" of steps and what decides after them; "ask" an estimator.
+    Operations are "linear" (X weights + intercept), "kernel" (mean Matern kernel between rows and prototypes
+    in each view, times dual), "gauss" (log posteriors of naive Bayes), "centroids", "neighbours" (shares of
+    the nearest neighbours), "vote" (mean over segments), "chain" (steps, then a classifier) and "estimator"
+    (no array form).
 
     Parameters
     ----------
     classifier : classifier
-        Fitted.
+        Fitted classifier.
     training_set : tuple of (X, y), optional
-        Nearest neighbours need it; without it they have no array form.
-    votes : bool
-        Whether it is one of several voters: probabilities then are no logarithms, of two classes about 0.
+        Training set of nearest neighbours, which have no array form without it.
+    is_averaged : bool
+        Whether decisions are averaged by segment voting (default False). Then probabilities are used instead
+        of their logarithms, and are centred at 0 for two classes.
     """
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
     from sklearn.linear_model import LogisticRegression, RidgeClassifier
@@ -138,39 +154,40 @@ def classifier_of(  # noqa: PLR0911
     n_classes = len(classifier.classes_)
     match classifier:
         case Pipeline():
-            steps = [part for _, step in classifier.steps[:-1] for part in steps_of(step)]
-            return {"does": "chain", "steps": steps, "decide": classifier_of(classifier[-1], votes=votes)}
+            steps = [array_step for _, step in classifier.steps[:-1] for array_step in steps_of(step)]
+            final = classifier_of(classifier[-1], is_averaged=is_averaged)
+            return {"operation": "chain", "steps": steps, "classifier": final}
         case LinearDiscriminantAnalysis() | LogisticRegression() | RidgeClassifier():
             weights = np.ascontiguousarray(np.atleast_2d(classifier.coef_).T)
             return {
-                "does": "linear",
-                "weights": _of_both(weights, n_classes),
-                "intercept": _of_both(classifier.intercept_, n_classes),
+                "operation": "linear",
+                "weights": _both_classes(weights, n_classes),
+                "intercept": _both_classes(classifier.intercept_, n_classes),
             }
         case KernelDiscriminant():
             kernel = {
-                "does": "kernel",
+                "operation": "kernel",
                 "views": [dict(vars(view)) for view in classifier.views_],
                 "prototypes": list(classifier.prototypes_),
-                "dual": _of_both(classifier.dual_, n_classes),
+                "dual": _both_classes(classifier.dual_, n_classes),
                 "length": float(classifier.length),
             }
             if classifier.limit is None:
                 return kernel
-            limits = {"does": "clip", "low": classifier.low_, "high": classifier.high_}
-            return {"does": "chain", "steps": [limits], "decide": kernel}
+            limits = {"operation": "clip", "low": classifier.low_, "high": classifier.high_}
+            return {"operation": "chain", "steps": [limits], "classifier": kernel}
         case GaussianNB():
             return {
-                "does": "gauss",
+                "operation": "gauss",
                 "mean": classifier.theta_,
                 "variance": classifier.var_,
                 "prior": classifier.class_prior_,
-                "votes": votes,
+                "is_averaged": is_averaged,
             }
         case NearestCentroid(metric="euclidean"):
             deviation = classifier.within_class_std_dev_
             return {
-                "does": "centroids",
+                "operation": "centroids",
                 "points": classifier.centroids_,
                 "scale": np.where(deviation != 0, deviation, 1.0),
                 "prior": classifier.class_prior_,
@@ -178,27 +195,27 @@ def classifier_of(  # noqa: PLR0911
         case KNeighborsClassifier(weights="uniform", effective_metric_="euclidean") if training_set:
             points, labels = training_set
             return {
-                "does": "neighbours",
+                "operation": "neighbours",
                 "points": points,
                 "classes": np.searchsorted(classifier.classes_, labels),
                 "n": classifier.n_neighbors,
                 "n_classes": n_classes,
-                "votes": votes,
+                "is_averaged": is_averaged,
             }
         case SegmentVoting():
-            whole = classifier.whole_
+            whole = classifier.whole_classifier_
             return {
-                "does": "vote",
-                "columns": classifier.columns_,
-                "piece": classifier_of(classifier.estimator_, votes=True),
-                "whole": None if whole is None else classifier_of(whole, votes=True),
-                "whole_weight": classifier.weight_,
+                "operation": "vote",
+                "columns": classifier.segment_columns_,
+                "segment": classifier_of(classifier.segment_classifier_, is_averaged=True),
+                "whole": None if whole is None else classifier_of(whole, is_averaged=True),
+                "whole_weight": classifier.whole_weight_,
             }
-    return {"does": "ask", "estimator": classifier, "votes": votes}
+    return {"operation": "estimator", "estimator": classifier, "is_averaged": is_averaged}
 
 
-def _of_both(values: Samples, n_classes: int) -> Samples:
-    """Return the last axis as it is; of two classes, what the second has, minus and plus."""
+def _both_classes(values: Samples, n_classes: int) -> Samples:
+    """Return values per class on the last axis; for two classes, minus and plus that of the second."""
     values = np.asarray(values, dtype=np.float64)
     return np.concatenate([-values[..., -1:], values[..., -1:]], axis=-1) if n_classes == 2 else values
 
@@ -207,8 +224,8 @@ def _fill(X: Samples, values: Samples) -> Samples:
     return np.where(np.isnan(X), values, X)
 
 
-def _chain(X: Samples, steps: Sequence[Part], decide: Part) -> Samples:
-    return apply_all([*steps, decide], X)
+def _chain(X: Samples, steps: Sequence[ArrayStep], classifier: ArrayStep) -> Samples:
+    return apply_all([*steps, classifier], X)
 
 
 def _kernel(
@@ -223,64 +240,66 @@ def _kernel(
 
 def squared_distances(X: Samples, points: Samples, weight: Samples | float = 1.0) -> Samples:
     """Return the sums of (x - point)^2 weight for rows (n, p) and points (m, p), shape (n, m)."""
-    size = max(1, 2**20 // max(1, points.size))  # of differences held at a time
-    blocks = (X[k : k + size, None] - points for k in range(0, max(1, len(X)), size))
-    return np.concatenate([(d * d * weight).sum(axis=2) for d in blocks])
+    n = max(1, MAX_DIFFERENCES // max(1, points.size))
+    batches = (X[k : k + n, None] - points for k in range(0, max(1, len(X)), n))
+    return np.concatenate([(d * d * weight).sum(axis=2) for d in batches])
 
 
-def _as_decisions(p: Samples, votes: bool) -> Samples:
-    """Return probabilities (n, n_classes) as decisions; a voter's as they are, of two classes about 0."""
-    if not votes:
-        return log_of(p)
-    return _of_both(p - 0.5, p.shape[1]) if p.shape[1] == 2 else p
+def _as_decisions(p: Samples, is_averaged: bool) -> Samples:
+    """Return log probabilities; if they are averaged, probabilities, centred at 0 for two classes."""
+    if not is_averaged:
+        return log_probabilities(p)
+    return _both_classes(p - 0.5, p.shape[1]) if p.shape[1] == 2 else p
 
 
-def _gauss(X: Samples, mean: Samples, variance: Samples, prior: Samples, votes: bool) -> Samples:
+def _gauss(X: Samples, mean: Samples, variance: Samples, prior: Samples, is_averaged: bool) -> Samples:
     level = np.log(prior) - 0.5 * np.log(2 * np.pi * variance).sum(axis=1)
-    return _as_decisions(softmax(level - 0.5 * squared_distances(X, mean, 1 / variance)), votes)
+    return _as_decisions(softmax(level - 0.5 * squared_distances(X, mean, 1 / variance)), is_averaged)
 
 
 def _centroids(X: Samples, points: Samples, scale: Samples, prior: Samples) -> Samples:
-    """Return -|x/s - c/s|^2 + 2 log prior; of two classes, minus the difference and the difference."""
+    """Return -|x/s - c/s|^2 + 2 log prior; for two classes, minus and plus their difference."""
     scores = 2 * np.log(prior) - squared_distances(X / scale, points / scale)
-    return scores if len(points) > 2 else _of_both(scores[:, 1:] - scores[:, :1], 2)
+    return scores if len(points) > 2 else _both_classes(scores[:, 1:] - scores[:, :1], 2)
 
 
 def _neighbours(
-    X: Samples, points: Samples, classes: Columns, n: int, n_classes: int, votes: bool
+    X: Samples, points: Samples, classes: Columns, n: int, n_classes: int, is_averaged: bool
 ) -> Samples:
     nearest = np.argsort(squared_distances(X, points), axis=1, kind="stable")[:, :n]
-    return _as_decisions(np.eye(n_classes)[classes][nearest].mean(axis=1), votes)
+    return _as_decisions(np.eye(n_classes)[classes][nearest].mean(axis=1), is_averaged)
 
 
-def _vote(X: Samples, columns: Columns, piece: Part, whole: Part | None, whole_weight: float) -> Samples:
-    """Average over the pieces, then over that and the whole; equal pieces need no rule of their own."""
+def _vote(
+    X: Samples, columns: Columns, segment: ArrayStep, whole: ArrayStep | None, whole_weight: float
+) -> Samples:
+    """Average the decisions over the segments, then with that on the whole recording."""
     n_features, n_segments = columns.shape
-    decisions = apply(piece, X[:, columns.T].reshape(-1, n_features))
+    decisions = apply(segment, X[:, columns.T].reshape(-1, n_features))
     mean = decisions.reshape(len(X), n_segments, decisions.shape[1]).mean(axis=1)
     if whole is None:
         return np.asarray(mean)
     return np.asarray((mean + whole_weight * apply(whole, X)) / (1 + whole_weight))
 
 
-def _ask(X: Samples, estimator: Any, votes: bool | None = None) -> Samples:
-    """Ask an estimator on one thread: starting more takes longer than the work that they would share."""
+def _estimator(X: Samples, estimator: Any, is_averaged: bool | None = None) -> Samples:
+    """Apply an estimator on one thread: starting more takes longer than the work for a few rows."""
     from sklearn import config_context
 
     from texclass.classifiers.segment_voting import decisions_of
     from texclass.evaluation.workers import one_thread
 
     with one_thread(), config_context(assume_finite=True, skip_parameter_validation=True):
-        if votes is None:
+        if is_averaged is None:
             return np.asarray(estimator.transform(X))
-        if not votes:
+        if not is_averaged:
             return class_scores(estimator, X)
         decisions = decisions_of(estimator, X)
-        return decisions if decisions.ndim == 2 else _of_both(decisions[:, None], 2)
+        return decisions if decisions.ndim == 2 else _both_classes(decisions[:, None], 2)
 
 
 OPERATIONS: Mapping[str, Callable[..., Samples]] = {
-    "take": lambda X, columns: X[:, columns],
+    "select": lambda X, columns: X[:, columns],
     "fill": _fill,
     "standardise": lambda X, center, scale: (X - center) / scale,
     "affine": lambda X, scale, shift: X * scale + shift,
@@ -292,6 +311,6 @@ OPERATIONS: Mapping[str, Callable[..., Samples]] = {
     "neighbours": _neighbours,
     "vote": _vote,
     "chain": _chain,
-    "ask": _ask,
+    "estimator": _estimator,
 }
-"""What is done -> what does it to rows, with the arrays of a part."""
+"""Operation -> function of rows and the arrays of a step."""

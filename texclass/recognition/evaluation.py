@@ -15,20 +15,26 @@ from texclass.reporting import Document, Table
 from texclass.reporting.wording import counted, estimate
 
 UNKNOWN = "unknown"
-"""Predicted label of a recording that is called unknown."""
+"""Predicted label of a recording that is reported as unknown."""
 
 
 @dataclass(frozen=True)
 class PredictionSummary:
-    """Predicted surfaces beside the true ones.
+    """Predicted and true surfaces of several recordings.
 
     Attributes
     ----------
     true, predicted : tuple of str
-        Labels of the recordings whose true surface is known and that could be judged; `UNKNOWN` is predicted
-        where a recording is called unknown.
+        Labels of the recordings whose true surface is known and that could be classified. The predicted label
+        of a recording that is reported as unknown is `UNKNOWN`.
     surfaces : tuple of str
-        Surfaces that the model was trained on.
+        Surfaces of the training set.
+
+    Examples
+    --------
+    >>> summary = PredictionSummary(("oak", "oak", "tin"), ("oak", "cork", "unknown"), ("cork", "oak"))
+    >>> summary.accuracy["mean"], summary.confusion
+    (0.5, [[1, 1, 0], [0, 0, 1]])
     """
 
     true: tuple[str, ...]
@@ -36,8 +42,10 @@ class PredictionSummary:
     surfaces: tuple[str, ...]
 
     @classmethod
-    def of(cls, predictions: Sequence[Prediction], surfaces: Sequence[str]) -> "PredictionSummary":
-        """Return the summary of predictions of a model of some surfaces."""
+    def from_predictions(
+        cls, predictions: Sequence[Prediction], surfaces: Sequence[str]
+    ) -> "PredictionSummary":
+        """Return the summary of the predictions of a model with these surfaces."""
         pairs = [
             (one.surface, UNKNOWN if one.answer.unknown else one.answer.surface)
             for one in predictions
@@ -49,12 +57,12 @@ class PredictionSummary:
     def accuracy(self) -> dict[str, Any] | None:
         """Accuracy with a 95 % Wilson interval, over recordings of trained surfaces; None without any.
 
-        A recording that is called unknown counts as wrong.
+        A recording that is reported as unknown counts as wrong.
         """
-        known = [(t, p) for t, p in zip(self.true, self.predicted, strict=True) if t in self.surfaces]
-        if not known:
+        pairs = [(t, p) for t, p in zip(self.true, self.predicted, strict=True) if t in self.surfaces]
+        if not pairs:
             return None
-        true, predicted = (np.array(labels) for labels in zip(*known, strict=True))
+        true, predicted = (np.array(labels) for labels in zip(*pairs, strict=True))
         return score([true], [predicted]).to_dict()
 
     @property
@@ -90,14 +98,14 @@ class PredictionSummary:
         """Return accuracy and confusion matrix."""
         rows, columns = self.labels
         notes = []
-        if (found := self.accuracy) is not None:
+        if (accuracy := self.accuracy) is not None:
             n = sum(true in self.surfaces for true in self.true)
-            notes.append(f"accuracy {estimate(found)} % on {counted(n, 'recording')} of trained surfaces")
+            notes.append(f"accuracy {estimate(accuracy)} % on {counted(n, 'recording')} of trained surfaces")
         if others := sorted(set(self.true) - set(self.surfaces)):
             answers = [p for t, p in zip(self.true, self.predicted, strict=True) if t in others]
             n_unknown = f"{answers.count(UNKNOWN)} of {counted(len(answers), 'recording')}"
             notes.append(
-                f"the model was not trained on {', '.join(others)}: {n_unknown} called unknown, "
+                f"the model was not trained on {', '.join(others)}: {n_unknown} reported as unknown, "
                 "left out of the accuracy"
             )
         used = [j for j in range(len(columns)) if any(row[j] for row in self.confusion)]

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.loaders.data_files import is_hidden
-from texclass.recognition.answers import CONFIDENCE, ContactVerdict, ranked
+from texclass.recognition.answers import DEFAULT_CONFIDENCE, ContactVerdict, rank_surfaces
 from texclass.recognition.live.online_recogniser import OnlineSettings, Update, WindowAnswer
 from texclass.recognition.live.session import Notice, Session
 from texclass.recognition.model import Model, load_model
-from texclass.recognition.probabilities import LEAST_PROBABILITY, independent, log_of, softmax
+from texclass.recognition.probabilities import MIN_PROBABILITY, effective_windows, log_probabilities, softmax
 from texclass.recognition.sources.blocks import Block
 from texclass.recording import Samples
 from texclass.simulate import Recipe
@@ -70,7 +70,7 @@ class KnownGesture(NamedTuple):
         costs = 0.5 + (felt or 0.3) if seconds is None else seconds
         if not costs > 0:
             raise ValueError(f"the time of a gesture must be positive, got {seconds!r} s")
-        return cls(costs, confusion / confusion.sum(axis=1, keepdims=True), known["repetition"])
+        return cls(costs, confusion / confusion.sum(axis=1, keepdims=True), known["repetition_correlation"])
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,10 @@ class Exploration:
     """
 
     def __init__(
-        self, surfaces: tuple[str, ...], gestures: Mapping[str, KnownGesture], confidence: float = CONFIDENCE
+        self,
+        surfaces: tuple[str, ...],
+        gestures: Mapping[str, KnownGesture],
+        confidence: float = DEFAULT_CONFIDENCE,
     ) -> None:
         if not gestures or not 0 < confidence < 1:
             raise ValueError(
@@ -139,7 +142,7 @@ class Exploration:
         models: Mapping[str, Model],
         *,
         seconds: Mapping[str, float] | None = None,
-        confidence: float = CONFIDENCE,
+        confidence: float = DEFAULT_CONFIDENCE,
     ) -> "Exploration":
         """Return the exploration of surfaces that models know, one model for each gesture.
 
@@ -194,7 +197,7 @@ class Exploration:
             raise ValueError(f"gesture is {gesture!r}. Expected one of {', '.join(self.gestures)}")
         p = np.array([probabilities[m] for m in self.surfaces])
         key = len(self._felt) if contact is None else ("contact", contact)
-        self._felt[key] = gesture, log_of(p)
+        self._felt[key] = gesture, log_probabilities(p)
 
     @property
     def n_gestures(self) -> int:
@@ -207,7 +210,7 @@ class Exploration:
         total = np.zeros(len(self.surfaces))
         for name, known in self.gestures.items():
             if said := [log_p for made, log_p in self._felt.values() if made == name]:
-                total += independent(len(said), known.correlation) * np.mean(said, axis=0)
+                total += effective_windows(len(said), known.correlation) * np.mean(said, axis=0)
         return softmax(total)
 
     @property
@@ -220,7 +223,7 @@ class Exploration:
         bits, p = {}, self.probabilities
         for name, known in self.gestures.items():
             n, r = self._made(name), known.correlation
-            more = float(independent(n + 1, r) - independent(n, r))  # independent repetitions
+            more = float(effective_windows(n + 1, r) - effective_windows(n, r))  # independent repetitions
             bits[name] = information_bits(p, known.confusion) * more
         return bits
 
@@ -245,7 +248,7 @@ class Exploration:
 def entropy_bits(p: ArrayLike) -> Any:
     """Return -sum_k p_k log2 p_k over the last axis of probabilities p, in bits."""
     p = np.asarray(p, dtype=np.float64)
-    return -np.sum(p * np.log2(np.maximum(p, LEAST_PROBABILITY)), axis=-1)
+    return -np.sum(p * np.log2(np.maximum(p, MIN_PROBABILITY)), axis=-1)
 
 
 def information_bits(p: Samples, confusion: Samples) -> float:
@@ -395,10 +398,10 @@ class AskingSession(Session):
             unknown=2 * n_unknown >= known.n_gestures,
             sure=known.sure,
             n_windows=known.n_gestures,
-            felt_s=(update.stop - min(self._taken)) / self.live.fs,
+            contact_s=(update.stop - min(self._taken)) / self.live.fs,
             gesture=name,
             advice=known.advice(),
-            **ranked(known.probabilities, known.surfaces),
+            **rank_surfaces(known.probabilities, known.surfaces),
         )
         return replace(update, verdict=verdict)
 

@@ -1,4 +1,4 @@
-"""A trained model: a recording in, an answer out, and with it what a user should know of the answer."""
+"""Trained models: predict the surface of a recording, save and load."""
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -12,9 +12,8 @@ from texclass.features.cepstrum import Banks, use_filter_banks
 from texclass.features.phase_view import TURN
 from texclass.features.plan import Computed, Plan
 from texclass.phases import find_phases
-from texclass.recognition.answers import Answer, Prediction, joined, ranked
-from texclass.recognition.array_form import Part, apply_all, decide, estimators_in
-from texclass.recognition.conformal import LEVELS, Conformity
+from texclass.recognition.answers import Answer, Prediction, average_answers, rank_surfaces
+from texclass.recognition.array_form import ArrayStep, apply_all, decide, estimators_in
 from texclass.recognition.model_files import (
     Manifest,
     ModelFileError,
@@ -23,121 +22,146 @@ from texclass.recognition.model_files import (
     read_model_file,
     write_model_file,
 )
-from texclass.recognition.probabilities import Calibration, log_of
+from texclass.recognition.novelty import (
+    FAR_OUTSIDE,
+    ClassMoments,
+    FeatureRanges,
+    NoveltyDetector,
+    novelty_scores,
+)
+from texclass.recognition.prediction_sets import DEFAULT_LEVELS, ConformalCalibration
+from texclass.recognition.probabilities import Calibration, log_probabilities
 from texclass.recognition.sources.training_input import Beside, Needs
-from texclass.recognition.unknown import ClassMoments, Novelty, Ranges, strangeness
 from texclass.recording import Recording, Samples, axes_differ, describe_axes
 
 if TYPE_CHECKING:
     from texclass.evaluation.feature_table import LeftOut
 
+CLOCK_TOLERANCE = 0.01
+"""Relative difference of sampling rates that is explained by the tolerance of sensor clocks."""
+MIN_NATIVE_RATE = 0.5
+"""Smallest native sampling rate of a recording, relative to that of the training recordings."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model:
-    """A trained recogniser with calibrated probabilities and a sense of what it does not know.
+    """Trained model with calibrated probabilities, prediction sets and novelty detection.
+
+    Models are made by `train` and read by `load_model`.
 
     Attributes
     ----------
-    plan
-        The features to compute of a recording.
-    surfaces
-        The surfaces it knows, in the order of its decisions.
-    steps
-        What prepares rows of features; see `texclass.recognition.array_form`.
-    classifier
-        What decides on prepared rows, likewise.
-    calibration
-        Decisions -> probabilities.
-    novelty
-        When a surface is unknown.
-    ranges
-        What values the columns had in training.
-    manifest
-        What a user should know of it.
-    conformity
-        How held-out answers conformed, of which sets are made: "answer"; of touches also "recording", which
-        all of them make together, and "contact 1", "contact 2", ... of a stream, after so many.
-    levels
-        How often the right surface is to be in the sets that answers tell.
-    left_out
-        Bad recordings that were skipped in training; not saved, but for their names in the manifest.
-    class_moments
-        Where they lay; None in an adapted model.
-    banks
-        Mel filters that the features need; see `texclass.features.cepstrum.use_filter_banks`.
+    plan : Plan
+        Features to compute.
+    surfaces : tuple of str
+        Surfaces of the training set, in the order of the decisions.
+    steps : sequence of mapping
+        Preparation of the features in array form; see `texclass.recognition.array_form`.
+    classifier : mapping
+        Classifier in array form.
+    calibration : Calibration
+        Map from decisions to probabilities.
+    novelty : NoveltyDetector
+        Detection of unknown surfaces.
+    ranges : FeatureRanges
+        Range of each column in the training set.
+    manifest : Manifest
+        Description of the model, as in the model card.
+    left_out : tuple of LeftOut
+        Invalid recordings that were skipped in training; a model file contains only their names.
+    set_calibrations : mapping of str to ConformalCalibration
+        Calibration of the prediction sets of an "answer". Models of windows also have those of a "recording"
+        (all windows) and of a stream after 1, 2, 4 ... windows ("contact 1", "contact 2", "contact 4" ...).
+    levels : tuple of float
+        Coverage of the prediction sets in answers.
+    class_moments : ClassMoments or None
+        Class means and within-class deviations for `adapt`; None in an adapted model.
+    banks : mapping
+        Mel filters of the features; see `texclass.features.cepstrum.use_filter_banks`.
 
     Examples
     --------
     >>> model = load_model("surface.skops")  # doctest: +SKIP
-    >>> model.predict("felt.txt").surface  # doctest: +SKIP
+    >>> model.predict("stroke.txt").surface  # doctest: +SKIP
     'oak'
     """
 
     plan: Plan
     surfaces: tuple[str, ...]
-    steps: Sequence[Part]
-    classifier: Part
+    steps: Sequence[ArrayStep]
+    classifier: ArrayStep
     calibration: Calibration
-    novelty: Novelty
-    ranges: Ranges
+    novelty: NoveltyDetector
+    ranges: FeatureRanges
     manifest: Manifest
     left_out: "tuple[LeftOut, ...]" = ()
-    conformity: Mapping[str, Conformity] = field(default_factory=dict)
-    levels: tuple[float, ...] = LEVELS
+    set_calibrations: Mapping[str, ConformalCalibration] = field(default_factory=dict)
+    levels: tuple[float, ...] = DEFAULT_LEVELS
     class_moments: ClassMoments | None = None
     banks: Banks = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        of = self.manifest.pipeline
-        return f"<Model of {len(self.surfaces)} surfaces: {of['row']} with {of['classifier']}>"
+        pipeline = self.manifest.pipeline
+        return f"<Model of {len(self.surfaces)} surfaces: {pipeline['row']} with {pipeline['classifier']}>"
 
     @property
     def estimators(self) -> tuple[str, ...]:
-        """The classes of scikit-learn in it that have no array form."""
-        return tuple(type(one).__name__ for one in estimators_in((self.steps, self.classifier)))
+        """Class names of the scikit-learn estimators without an array form."""
+        return tuple(type(estimator).__name__ for estimator in estimators_in((self.steps, self.classifier)))
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns that `answer_values` takes, in order."""
+        """Names of the feature columns, in the order of `answer_values`."""
         return self.plan.columns
 
     @property
     def needs(self) -> Needs:
-        """The columns of a stream that it can judge; axes before friction must be as many as in training."""
-        apart = self.plan.channels
-        axes = tuple(name for name in apart if name not in TURN)
-        beside: list[Beside] = ["turn_rate"] if len(axes) < len(apart) else []
+        """Columns that a stream must have: axes of the training recordings, turn rate, friction."""
+        channels = self.plan.channels
+        axes = tuple(name for name in channels if name not in TURN)
+        signals: list[Beside] = ["turn_rate"] if len(axes) < len(channels) else []
         members = [member for _, part in self.plan.parts for member in part.members]
-        of_friction = tuple(member.name for member in members if member.feature.phase == "friction")
-        if of_friction:
-            beside.append("friction")
+        friction_features = tuple(member.name for member in members if member.feature.phase == "friction")
+        if friction_features:
+            signals.append("friction")
         axes = axes or self.manifest.input.axes
-        return Needs(axes, tuple(beside), of_friction)
+        return Needs(axes, tuple(signals), friction_features)
 
     @overload
     def predict(
-        self, felt: Recording | str | Path, *, fs: float | None = ..., unit: str | None = ..., **reading: Any
+        self,
+        recordings: Recording | str | Path,
+        *,
+        fs: float | None = ...,
+        unit: str | None = ...,
+        **options: Any,
     ) -> Answer: ...
     @overload
     def predict(
         self,
-        felt: Iterable[Recording | str | Path],
+        recordings: Iterable[Recording | str | Path],
         *,
         fs: float | None = ...,
         unit: str | None = ...,
-        **reading: Any,
+        **options: Any,
     ) -> list[Answer]: ...
-    def predict(self, felt: Any, *, fs: float | None = None, unit: str | None = None, **reading: Any) -> Any:
-        """Say which surface was felt, in touches where the model was trained on touches.
+    def predict(
+        self, recordings: Any, *, fs: float | None = None, unit: str | None = None, **options: Any
+    ) -> Any:
+        """Predict the surface of one or several recordings.
+
+        A model of windows cuts a recording into windows and averages their probabilities.
 
         Parameters
         ----------
-        felt : Recording, str, Path, or iterable of these
-            A recording, a file, "DATASET:RECORDING"; or several, a dataset for example.
-        fs, unit : optional
-            Of files that do not state them; by default those of the training files.
-        **reading : optional
-            What else `load_recording` takes where a file is not like the training files: column, delimiter,
+        recordings : Recording, str, Path, or iterable of these
+            Recording, file or "DATASET:RECORDING"; or several of them, such as a dataset.
+        fs : float, optional
+            Sampling rate in Hz of files that do not state it (default: that of the training files).
+        unit : str, optional
+            Unit of files that do not state it (default: that of the training files).
+        **options : optional
+            Options of `load_recording` for files that differ from the training files: column, delimiter,
             time_column, time_unit, resample, skip_rows, comment, drop_incomplete.
 
         Returns
@@ -147,160 +171,202 @@ class Model:
         Raises
         ------
         RecordingError, ValueError
-            If a file is bad, or as `answer`; see the function `predict` for files of which some may be bad.
+            If a file is invalid, or for the reasons of `answer`. The function `predict` continues after an
+            invalid file.
         """
-        if not isinstance(felt, Recording | str | Path):
-            return [self.predict(one, fs=fs, unit=unit, **reading) for one in felt]
-        if not isinstance(felt, Recording):
-            felt = self.manifest.input.find(felt, fs=fs, unit=unit, **reading)
-        return self.answer_touches(felt)
+        if not isinstance(recordings, Recording | str | Path):
+            return [self.predict(one, fs=fs, unit=unit, **options) for one in recordings]
+        recording = recordings
+        if not isinstance(recording, Recording):
+            recording = self.manifest.input.find(recording, fs=fs, unit=unit, **options)
+        return self.answer_windows(recording)
 
     def predict_set(
-        self, felt: Recording | str | Path, level: float = LEVELS[-1], **reading: Any
+        self, recording: Recording | str | Path, level: float = DEFAULT_LEVELS[-1], **options: Any
     ) -> tuple[str, ...]:
-        """Return the surfaces, likeliest first, among which the right one is as often as `level` says.
+        """Return the prediction set of a recording: it contains the true surface with probability `level`.
 
-        Of all surfaces where too few contacts were held out; of none where no surface is thought as much of
-        as right ones are so often, or nothing can be judged.
+        The set contains all surfaces if too few recordings were held out. It may be empty if the model is
+        correct more often than the level requires, or if the recording cannot be classified.
 
         Parameters
         ----------
-        felt : Recording, str or Path
-            As `predict` takes it.
+        recording : Recording, str or Path
+            Recording, as for `predict`.
         level : float
-            Share of recordings of known surfaces; answers tell `levels` of them by themselves.
-        **reading : optional
-            As `predict` takes it.
+            Coverage for recordings of trained surfaces (default 0.95). Answers contain the sets of `levels`.
+        **options : optional
+            Options of `predict`.
+
+        Returns
+        -------
+        tuple of str
+            Surfaces, most probable first.
 
         Raises
         ------
         ValueError
-            If the level is none, or as `predict`.
+            If the level is not between 0 and 1, or for the reasons of `predict`.
         """
         if not 0 < level < 1:
-            raise ValueError(f"level is {level!r}. Expected a number between 0 and 1")
-        return replace(self, levels=(level,)).predict(felt, **reading).prediction_sets.get(level, ())
+            raise ValueError(f"level must be between 0 and 1, got {level!r}. Use 0.95 for 95 %")
+        return replace(self, levels=(level,)).predict(recording, **options).prediction_sets.get(level, ())
 
     def answer(self, recording: Recording) -> Answer:
-        """Say which surface a recording (or one touch) is of.
+        """Predict the surface of a recording, or of one window, as a whole.
 
         Parameters
         ----------
         recording : Recording
-            Rate, unit and channels as in training. Phases are found unless it declares them.
+            Recording with the sampling rate, unit and channels of the training. Its phases are detected
+            unless it declares them.
 
         Raises
         ------
         ValueError
-            If it lacks a channel, or nothing fills what is undefined; the message names the recording.
+            If a channel is missing, or a feature is undefined and no step fills it; the message names the
+            recording.
         """
-        unlike = self.unlike(recording.fs, recording.unit, f"--resample {self.manifest.fs:g}")
-        unlike += self.other_axes(recording.channels)
-        unlike += self.narrow_band(recording.native_fs or recording.fs)
+        problems = [
+            *self.rate_and_unit_problems(recording.fs, recording.unit, f"--resample {self.manifest.fs:g}"),
+            *self.axis_problems(recording.channels),
+            *self.bandwidth_problems(recording.native_fs or recording.fs),
+        ]
         phases = find_phases(recording, self.manifest.phase_settings)
         row = self.compute(recording.with_(phases=phases))
-        nothing = ["no feature has a value"] if np.isnan(row.values).all() else []
-        told = [*unlike, *nothing]
+        if np.isnan(row.values).all():
+            problems.append("no feature has a value")
+        reasons = list(problems)
         start, stop = phases.movement or (0, 0)
-        felt_s, least = (stop - start) / recording.fs, self.manifest.shortest_s
-        if "movement" in self.manifest.phases and least is not None and felt_s < least / 2:
-            told.append(f"too short: {felt_s:.3g} s of movement, trained on {least:.3g} s and more")
+        movement_s, shortest_s = (stop - start) / recording.fs, self.manifest.shortest_s
+        if "movement" in self.manifest.phases and shortest_s is not None and movement_s < shortest_s / 2:
+            reasons.append(
+                f"too short: {movement_s:.3g} s of movement, trained on {shortest_s:.3g} s and more"
+            )
         undefined: dict[str, list[str]] = {}
         for feature, reason in row.reasons:
             undefined.setdefault(reason, []).append(feature)
-        told += [f"undefined: {_named(names)} ({reason})" for reason, names in undefined.items()]
+        reasons += [f"undefined: {_list_names(names)} ({reason})" for reason, names in undefined.items()]
         return self.answer_values(
             row.values,
-            reasons=(*told, *recording.flags),
+            reasons=(*reasons, *recording.flags),
             recording_id=recording.recording_id,
-            judged=not (unlike or nothing),
+            is_valid=not problems,
         )
 
     def answer_values(
-        self, values: Samples, *, reasons: tuple[str, ...] = (), recording_id: str = "", judged: bool = True
+        self, values: Samples, *, reasons: tuple[str, ...] = (), recording_id: str = "", is_valid: bool = True
     ) -> Answer:
-        """Say which surface the values of the features are of.
+        """Predict the surface from the values of the features.
 
         Parameters
         ----------
         values : ndarray of shape (n_columns,)
-            As `columns` names them; NaN where undefined.
+            One value per column of `columns`; NaN where undefined.
         reasons : tuple of str
-            What is known of the recording already.
+            Warnings about the recording.
         recording_id : str
-            For the answer.
-        judged : bool
-            False makes the answer `unknown` whatever the values are.
+            Name of the recording.
+        is_valid : bool
+            Whether the recording can be classified; if not, the answer is `unknown`.
 
         Raises
         ------
         ValueError
-            If the number of values is another, or nothing fills what is undefined.
+            If the number of values is wrong, or a feature is undefined and no step fills it.
         """
         row = np.asarray(values, dtype=np.float64)
         if row.shape != (len(self.columns),):
             raise ValueError(
-                f"values have shape {row.shape}. Expected one of each of {len(self.columns)} columns"
+                f"values must have shape ({len(self.columns)},), one value per column, got {row.shape}"
             )
-        decisions, p_known = (one[0] for one in self._decided(row[None]))
-        strange = bool(p_known <= self.novelty.false_alarms)
-        said = [f"unlike every known surface (p = {p_known:.2g})"] if strange else []
-        said += ["whether it is of another surface is not judged"] * (not len(self.novelty.held_out))
-        said += reasons
-        far = self.ranges.far(row)
-        # Half a width of the training range outside of it is far out.
-        order = np.argsort(-far, kind="stable")[: np.count_nonzero(far > 0.5)].tolist()
-        if judged and order:
-            worst, names = order[0], _named([self.columns[i] for i in order])
-            seen = f"{self.ranges.low[worst]:.3g} to {self.ranges.high[worst]:.3g}"
-            trained = f"{self.columns[worst]} is {row[worst]:.3g}, trained on {seen}"
-            said.append(f"outside the range of training: {names} ({trained})")
-        if judged and "answer" in self.conformity and (few := self.conformity["answer"].too_few(self.levels)):
-            said.append(few)
+        decisions, p_known = (array[0] for array in self._decide_with_p_value(row[None]))
+        is_novel = bool(p_known <= self.novelty.false_alarms)
+        messages = [f"unlike every trained surface (p = {p_known:.2g})"] if is_novel else []
+        if not len(self.novelty.held_out):
+            messages.append("unknown surfaces are not detected: too few recordings were held out")
+        messages += reasons
+        if is_valid:
+            messages += self._range_warnings(row)
+            if "answer" in self.set_calibrations:
+                warning = self.set_calibrations["answer"].warning(self.levels)
+                messages += [warning] if warning else []
+        scores = self.calibration.beta * decisions
         return Answer(
             recording_id=recording_id,
-            unknown=strange or not judged,
+            unknown=is_novel or not is_valid,
             p_known=float(p_known),
-            reasons=tuple(said),
-            prediction_sets=self.sets_of("answer", self.calibration.beta * decisions) if judged else {},
-            **ranked(self.calibration(decisions[None])[0], self.surfaces),
+            reasons=tuple(messages),
+            prediction_sets=self.prediction_sets("answer", scores) if is_valid else {},
+            **rank_surfaces(self.calibration(decisions[None])[0], self.surfaces),
         )
 
-    def sets_of(self, kind: str, scores: Samples) -> dict[float, tuple[str, ...]]:
-        """Return the sets of an answer, a recording or a contact with such scores (n_surfaces,), if any."""
-        known = self.conformity.get(kind)
-        return {} if known is None else known.sets(scores, self.surfaces, self.levels)
+    def _range_warnings(self, row: Samples) -> list[str]:
+        """Return a warning about values (n_columns,) that are far outside the training range, if any."""
+        distance = self.ranges.distance_outside(row)
+        order = np.argsort(-distance, kind="stable")[: np.count_nonzero(distance > FAR_OUTSIDE)].tolist()
+        if not order:
+            return []
+        worst, names = order[0], _list_names([self.columns[i] for i in order])
+        limits = f"{self.ranges.low[worst]:.3g} to {self.ranges.high[worst]:.3g}"
+        example = f"{self.columns[worst]} is {row[worst]:.3g}, trained on {limits}"
+        return [f"outside the training range: {names} ({example})"]
+
+    def prediction_sets(self, kind: str, scores: Samples) -> dict[float, tuple[str, ...]]:
+        """Return the prediction sets of `levels` for scores (n_surfaces,); none for an uncalibrated kind.
+
+        Parameters
+        ----------
+        kind : str
+            Key of `set_calibrations`, such as "answer".
+        scores : ndarray of shape (n_surfaces,)
+            Decisions times the inverse temperature, or log posteriors.
+        """
+        calibration = self.set_calibrations.get(kind)
+        return {} if calibration is None else calibration.predict_sets(scores, self.surfaces, self.levels)
 
     @property
-    def conformity_so_far(self) -> dict[int, Conformity]:
-        """Windows of a contact -> how contacts conformed after so many."""
-        found = {kind.partition("contact ")[2]: known for kind, known in self.conformity.items()}
-        return {int(n): known for n, known in found.items() if n}
+    def contact_calibrations(self) -> dict[int, ConformalCalibration]:
+        """Number of windows of a contact -> calibration of the prediction sets after that number."""
+        numbers = {kind: kind.partition("contact ")[2] for kind in self.set_calibrations}
+        return {int(n): self.set_calibrations[kind] for kind, n in numbers.items() if n}
 
-    def judge(self, X: Samples) -> tuple[Samples, Samples]:
-        """Return probabilities (n, n_surfaces), and p-values of "known" (n,), of rows of features.
+    def classify(self, X: Samples) -> tuple[Samples, Samples]:
+        """Return probabilities and p-values of "the surface was trained" for rows of features.
+
+        Parameters
+        ----------
+        X : ndarray of shape (n, n_columns)
+            Features, in the order of `columns`; NaN where undefined.
+
+        Returns
+        -------
+        p : ndarray of shape (n, n_surfaces)
+            Calibrated probabilities.
+        p_known : ndarray of shape (n,)
+            Conformal p-values.
 
         Raises
         ------
         ValueError
-            If nothing fills what is undefined.
+            If a feature is undefined and no step fills it.
         """
-        decisions, p_known = self._decided(X)
+        decisions, p_known = self._decide_with_p_value(X)
         return self.calibration(decisions), p_known
 
-    def _decided(self, X: Samples) -> tuple[Samples, Samples]:
+    def _decide_with_p_value(self, X: Samples) -> tuple[Samples, Samples]:
         prepared, decisions = self.decide(X)
-        strange = strangeness(self.novelty.kind, decisions, prepared, self.novelty.nearness)
-        return decisions, self.novelty.p_value(strange)
+        scores = novelty_scores(self.novelty.kind, decisions, prepared, self.novelty.class_distance)
+        return decisions, self.novelty.p_value(scores)
 
     def compute(self, recording: Recording) -> Computed:
-        """Compute the features of a recording; its phases are found unless it declares them."""
-        with use_filter_banks(dict(self.banks)):  # those of other rates are not the model's
+        """Compute the features of a recording. Its phases are detected unless it declares them."""
+        with use_filter_banks(dict(self.banks)):  # banks for other rates are computed
             phases = find_phases(recording, self.manifest.phase_settings)
             return self.plan.compute(recording.with_(phases=phases))
 
     def prepare(self, X: Samples) -> Samples:
-        """Return rows of features (n, n_columns) as its classifier sees them, shape (n, n_prepared)."""
+        """Return features (n, n_columns) as the classifier takes them, shape (n, n_prepared)."""
         return apply_all(self.steps, X)
 
     def decide(self, X: Samples) -> tuple[Samples, Samples]:
@@ -313,25 +379,29 @@ class Model:
         """
         return decide(self.steps, self.classifier, X)
 
-    def answer_touches(self, recording: Recording) -> Answer:
-        """Say which surface a recording is of that is longer than the touches the model was trained on.
+    def answer_windows(self, recording: Recording) -> Answer:
+        """Predict the surface of a recording from the mean probabilities of its windows.
 
-        Its movement is cut into touches, whose probabilities are averaged: touches of one stroke are no
-        independent witnesses. It is unknown if half of the touches are. A model of whole recordings answers
-        the whole.
+        Windows of one stroke are correlated, so their probabilities are averaged rather than multiplied. The
+        recording is unknown if at least half of its windows are. A model of whole recordings, and a recording
+        that is shorter than one window, are treated as a whole.
         """
-        touches = self.cut(recording) if self.manifest.window_s is not None else ()
-        if not touches:
+        windows = self.cut(recording) if self.manifest.window_s is not None else ()
+        if not windows:
             return self.answer(recording)
-        answers = [self.answer(touch) for touch in touches]
-        together = joined(answers, recording.recording_id)
+        answers = [self.answer(window) for window in windows]
+        average = average_answers(answers, recording.recording_id)
         if not all(answer.prediction_sets for answer in answers):
-            return together
+            return average
         p = np.array([list(answer.probabilities.values()) for answer in answers])
-        return replace(together, prediction_sets=self.sets_of("recording", log_of(p).mean(axis=0)))
+        sets = self.prediction_sets("recording", log_probabilities(p).mean(axis=0))
+        return replace(average, prediction_sets=sets)
 
     def cut(self, recording: Recording) -> tuple[Recording, ...]:
-        """Return the touches of a recording, one after another; none without movement enough for one."""
+        """Cut the movement of a recording into consecutive windows; none if it is shorter than one window.
+
+        A model of whole recordings returns the recording.
+        """
         if self.manifest.window_s is None:
             return (recording.with_(phase_settings=self.manifest.phase_settings),)
         start, stop = find_phases(recording, self.manifest.phase_settings).movement or (0, 0)
@@ -342,54 +412,83 @@ class Model:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write a model file: arrays, or skops where an estimator has no array form; and a manifest."""
+        """Write a model file.
+
+        Parameters
+        ----------
+        path : str or Path
+            File with the suffix `.skops`.
+
+        Raises
+        ------
+        ValueError
+            If the suffix is wrong, or an estimator is not on the allow-list.
+        """
         with use_filter_banks(self.banks):
             values = probe_values(self.plan, self.manifest.fs, self.manifest.unit)
+        sets = {kind: dict(vars(calibration)) for kind, calibration in self.set_calibrations.items()}
         document = {
             "plan": self.plan.to_json(),
             "channels": list(self.plan.channels),
             "surfaces": list(self.surfaces),
             "steps": list(self.steps),
             "classifier": self.classifier,
-            "banks": [{"of": list(key), "weights": weights} for key, weights in self.banks.items()],
+            "banks": [{"key": list(key), "weights": weights} for key, weights in self.banks.items()],
             "calibration": dict(vars(self.calibration)),
             "novelty": self.novelty.document(),
             "ranges": dict(vars(self.ranges)),
-            "conformity": {kind: dict(vars(known)) for kind, known in self.conformity.items()},
+            "set_calibrations": sets,
             "class_moments": {} if self.class_moments is None else self.class_moments._asdict(),
-            "probe": {"values": values, "probabilities": self._typical()},
+            "probe": {"values": values, "probabilities": self._median_probabilities()},
         }
         write_model_file(path, document, self.manifest, is_arrays=not self.estimators)
 
-    def _typical(self) -> Samples:
-        """Return the probabilities (n_surfaces,) of the medians of training."""
-        probabilities, _ = self.judge(np.nan_to_num(self.ranges.median)[None])
+    def _median_probabilities(self) -> Samples:
+        """Return the probabilities (n_surfaces,) for the median features of the training set."""
+        probabilities, _ = self.classify(np.nan_to_num(self.ranges.median)[None])
         return np.asarray(probabilities[0])
 
-    def unlike(self, fs: float, unit: str, way_out: str = "--resample") -> list[str]:
-        """Return why recordings of such a sampling rate (Hz) and unit cannot be judged, and the way out."""
-        trained = self.manifest
-        found = []
-        if abs(fs / trained.fs - 1) > 0.01:  # the tolerance of sensors' clocks
-            found.append(f"wrong rate: {fs:g} Hz, trained at {trained.fs:g} Hz; {way_out} converts")
-        if unit != trained.unit:
-            found.append(f"wrong unit: {unit}, trained with {trained.unit}; nothing converts these")
-        return found
+    def rate_and_unit_problems(self, fs: float, unit: str, option: str = "--resample") -> list[str]:
+        """Return why recordings with another sampling rate or unit cannot be classified, and the remedy.
 
-    def other_axes(self, axes: Sequence[str]) -> list[str]:
-        """Return why recordings of such axes cannot be judged, and the option that selects others."""
+        Parameters
+        ----------
+        fs : float
+            Sampling rate in Hz.
+        unit : str
+            Unit of the acceleration.
+        option : str
+            Command line option that converts the sampling rate.
+        """
+        trained = self.manifest
+        problems = []
+        if abs(fs / trained.fs - 1) > CLOCK_TOLERANCE:
+            problems.append(f"wrong rate: {fs:g} Hz, trained at {trained.fs:g} Hz; {option} converts")
+        if unit != trained.unit:
+            problems.append(
+                f"wrong unit: {unit}, trained with {trained.unit}; --unit declares the unit of a file"
+            )
+        return problems
+
+    def axis_problems(self, axes: Sequence[str]) -> list[str]:
+        """Return why recordings with other axes cannot be classified, and the option that selects axes."""
         trained = self.manifest.input.axes
         if not (trained and axes_differ(axes, trained)):
             return []
         return [f"other axes: {describe_axes(axes)}, trained with {describe_axes(trained)}; --column selects"]
 
-    def narrow_band(self, native_fs: float) -> list[str]:
-        """Return why recordings of a sensor of such a rate (Hz) cannot be judged, although resampled.
+    def bandwidth_problems(self, native_fs: float) -> list[str]:
+        """Return why recordings of a slower sensor cannot be classified, even if resampled.
 
-        A model that was adapted to a sensor takes it as it is.
+        A model that was adapted to the slower sensor accepts them.
+
+        Parameters
+        ----------
+        native_fs : float
+            Sampling rate of the sensor in Hz, before resampling.
         """
         trained = self.manifest.native_fs or self.manifest.fs
-        if self.manifest.adapted or native_fs >= 0.5 * trained:
+        if self.manifest.adapted or native_fs >= MIN_NATIVE_RATE * trained:
             return []
         return [
             f"narrow band: sampled at {native_fs:g} Hz, nothing above {native_fs / 2:g} Hz; trained up to "
@@ -404,36 +503,42 @@ def predict(
     fs: float | None = None,
     unit: str | None = None,
     labels: str | Path | None = None,
-    **reading: Any,
+    **options: Any,
 ) -> Iterator[Prediction]:
-    """Yield the prediction for each recording, in the order of the names; a bad file stops nothing.
+    """Yield the prediction for each recording, in the order of the names; continue after invalid files.
 
     Parameters
     ----------
     model : Model
-        Trained on whole recordings, or on touches, into which longer recordings are cut.
+        Trained model.
     names : iterable of str
-        Files, folders, cards, or DATASET:RECORDING.
-    fs, unit, **reading : optional
-        As `Model.predict` takes them.
+        Files, folders, dataset cards, or DATASET:RECORDING.
+    fs, unit, **options : optional
+        Options of `Model.predict`.
     labels : str or Path, optional
-        Table with the surfaces of the recordings of a folder, as `open_dataset` takes it.
+        Table with the surfaces of the recordings of a folder, as for `open_dataset`.
+
+    Examples
+    --------
+    >>> for name, answer, problem, _ in predict(model, ["strokes/"]):  # doctest: +SKIP
+    ...     print(name, answer.surface if answer else problem)
     """
     for name in names:
         try:
-            members = model.manifest.input.members(name, labels, fs=fs, unit=unit, **reading)
+            members = model.manifest.input.members(name, labels, fs=fs, unit=unit, **options)
         except (ValueError, OSError) as error:
-            yield _refused(name, error)
+            yield _failed_prediction(name, error)
             continue
-        for one in members:
+        for member in members:
             try:
-                felt = one.load()
-                yield Prediction(one.name, model.predict(felt), surface=one.surface or felt.surface)
+                recording = member.load()
+                answer = model.predict(recording)
+                yield Prediction(member.name, answer, surface=member.surface or recording.surface)
             except (ValueError, OSError) as error:
-                yield _refused(one.name, error, one.surface)
+                yield _failed_prediction(member.name, error, member.surface)
 
 
-def _refused(name: str, error: Exception, surface: str | None = None) -> Prediction:
+def _failed_prediction(name: str, error: Exception, surface: str | None = None) -> Prediction:
     problem = str(error)
     return Prediction(name, None, problem if name in problem else f"{name}: {problem}", surface)
 
@@ -444,75 +549,84 @@ def load_model(path: str | Path) -> Model:
     Parameters
     ----------
     path : str or Path
-        File that `Model.save` wrote.
+        File written by `Model.save`.
 
     Returns
     -------
     Model
-        Ready to predict.
 
     Raises
     ------
     FileNotFoundError
         If the file does not exist.
     ModelFileError
-        If the file is no model, is damaged or of another format, names a class that is not on the allow-list
-        or an unknown feature, or predicts otherwise than when it was trained.
+        If the file is not a model, is damaged or has another format version, contains a class that is not on
+        the allow-list or an unknown feature, or predicts other probabilities than after training.
 
     Warns
     -----
     UserWarning
-        If the code of the features has changed since training.
+        If the code of the features has changed since training, and with it a value.
+
+    Examples
+    --------
+    >>> model = load_model("surface.skops")  # doctest: +SKIP
     """
     document, manifest = read_model_file(path)
     try:
-        with np.errstate(all="ignore"):  # of damaged numbers, whose answers are then others
-            model, is_same_code = _of_document(document, manifest)
+        with np.errstate(all="ignore"):  # damaged numbers are detected by the probabilities below
+            model, is_same_code = _from_document(document, manifest)
             if sorted(model.surfaces) != sorted(manifest.surfaces):
                 raise ValueError("its surfaces differ from those in its manifest")
-            # A difference of 1e-6 is what rounding on another machine explains.
-            if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=1e-6):
-                by = f"scikit-learn {manifest.versions.get('scikit-learn', 'unknown')}"
-                raise ValueError(f"it gives other answers than when it was trained with {by}; train it again")
+            # A difference of 1e-6 is explained by rounding on another machine.
+            if not np.allclose(model._median_probabilities(), document["probe"]["probabilities"], atol=1e-6):
+                version = f"scikit-learn {manifest.versions.get('scikit-learn', 'unknown')}"
+                raise ValueError(
+                    f"it predicts other probabilities than after training with {version}; train it again"
+                )
             changed = None
             if not is_same_code:
                 with use_filter_banks(dict(model.banks)):
-                    now = probe_values(model.plan, manifest.fs, manifest.unit)
-                changed = changed_value(np.asarray(document["probe"]["values"]), now, model.columns)
-    except Exception as error:  # its parts are known classes, but may not fit each other
+                    values = probe_values(model.plan, manifest.fs, manifest.unit)
+                changed = changed_value(np.asarray(document["probe"]["values"]), values, model.columns)
+    except Exception as error:  # steps of allowed classes may still not fit each other
         raise ModelFileError(f"{path}: not a model of texclass ({error})") from error
     if changed is not None:
         warnings.warn(
-            f"{path}: features give other values than when it was trained ({changed}); train it again",
+            f"{path}: features differ from those at training ({changed}); train it again",
             UserWarning,
             stacklevel=2,
         )
     return model
 
 
-def _of_document(document: Mapping[str, Any], manifest: Manifest) -> tuple[Model, bool]:
-    """Return the model that a file describes, and whether the code of its features is still the same."""
+def _from_document(document: Mapping[str, Any], manifest: Manifest) -> tuple[Model, bool]:
+    """Return the model that a file describes, and whether the code of its features is unchanged."""
 
-    def arrays(stated: Mapping[str, Any]) -> dict[str, Samples]:
-        return {name: np.asarray(values, dtype=np.float64) for name, values in stated.items()}
+    def arrays(values_by_name: Mapping[str, Any]) -> dict[str, Samples]:
+        return {name: np.asarray(values, dtype=np.float64) for name, values in values_by_name.items()}
 
     plan, is_same_code = Plan.of_json(document["plan"], document["channels"])
+    moments = document["class_moments"]
     model = Model(
         plan,
         tuple(document["surfaces"]),
         document["steps"],
         document["classifier"],
         Calibration(*(float(document["calibration"][name]) for name in ("beta", "lapse"))),
-        Novelty.of_document(document["novelty"]),
-        Ranges(**arrays(document["ranges"])),
+        NoveltyDetector.from_document(document["novelty"]),
+        FeatureRanges(**arrays(document["ranges"])),
         manifest,
-        conformity={kind: Conformity(**arrays(known)) for kind, known in document["conformity"].items()},
-        class_moments=ClassMoments(**arrays(lay)) if (lay := document["class_moments"]) else None,
-        banks={tuple(bank["of"]): bank["weights"] for bank in document["banks"]},
+        set_calibrations={
+            kind: ConformalCalibration(**arrays(values))
+            for kind, values in document["set_calibrations"].items()
+        },
+        class_moments=ClassMoments(**arrays(moments)) if moments else None,
+        banks={tuple(bank["key"]): bank["weights"] for bank in document["banks"]},
     )
     return model, is_same_code
 
 
-def _named(names: Sequence[str], max_names: int = 3) -> str:
-    more = len(names) - max_names
-    return ", ".join(names[:max_names]) + (f" and {more} more" if more > 0 else "")
+def _list_names(names: Sequence[str], max_names: int = 3) -> str:
+    n_more = len(names) - max_names
+    return ", ".join(names[:max_names]) + (f" and {n_more} more" if n_more > 0 else "")

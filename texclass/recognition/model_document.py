@@ -4,84 +4,104 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from texclass.recognition.answers import Answer
-from texclass.recognition.conformal import told
+from texclass.recognition.holdout import LATER
 from texclass.recognition.model import Model
 from texclass.recognition.model_files import Manifest
+from texclass.recognition.prediction_sets import describe_sets
 from texclass.reporting import Document, Table
 from texclass.reporting.wording import counted
 
 
 def model_document(model: Model) -> Document:
-    """Return the facts of a model: surfaces, features, accuracy, calibration, cost, versions."""
-    m, by_sklearn = model.manifest, ", ".join(model.estimators)
-    on, left_out = m.trained_on, ""
-    felt = counted(on["n_recordings"], "recording")
-    if m.window_s is not None:
-        felt += f", {on['n_windows']} windows of {m.window_s:g} s"
-    if "without_graph" in m.accuracy:  # features that an exportable model leaves out
-        left_out = (
-            f"{', '.join(m.accuracy['without_graph'])}: no graph for ONNX; with them, accuracy "
-            f" {100 * m.accuracy['with_all_features']:.1f} %"
-        )
-    facts = {
+    """Return the model card: surfaces, features, accuracy, calibration, cost, versions.
+
+    Parameters
+    ----------
+    model : Model
+        Trained or adapted model.
+
+    Examples
+    --------
+    >>> print(model_document(model))  # doctest: +SKIP
+    """
+    m, estimators = model.manifest, ", ".join(model.estimators)
+    rows = {
         "Surfaces": f"{len(m.surfaces)}: {', '.join(m.surfaces)}",
-        "Trained on": f"{on['name']}, {felt} ({on['hash'][:12]})",
-        "Adapted to": adapted_facts(m) if m.adapted else "",
+        "Trained on": _training_set(m),
+        "Adapted to": describe_adaptation(m) if m.adapted else "",
         "Pipeline": _pipeline(m),
         "Features": f"{counted(len(model.columns), 'column')} of {', '.join(m.features)}",
-        "Left out": left_out,
+        "Left out": _not_exportable(m.accuracy),
         "Recordings": _recordings(m),
-        "Accuracy": _promise(m.accuracy),
+        "Accuracy": _accuracy(m.accuracy),
         "Held out": _held_out(m),
-        "Not evaluated": "; ".join(m.accuracy.get("untold", ())) or "nothing that the recordings state",
+        "Not evaluated": "; ".join(m.accuracy.get("not_evaluated", ()))
+        or "nothing that the recordings state",
         "Probabilities": _probabilities(m.calibration),
-        "Prediction sets": _of_sets(model),
+        "Prediction sets": _prediction_sets(model),
         "Unknown surfaces": _unknown(m),
         "Cost": _cost(m.cost),
-        "Stored as": f"scikit-learn estimators: {by_sklearn}" if by_sklearn else "arrays",
+        "Stored as": f"scikit-learn estimators: {estimators}" if estimators else "arrays",
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
         "Format": str(m.format_version),
     }
-    shown = {name: fact for name, fact in facts.items() if fact}
-    return Document(f"Model of {counted(len(m.surfaces), 'surface')}", [shown])
+    return Document(
+        f"Model of {counted(len(m.surfaces), 'surface')}",
+        [{name: text for name, text in rows.items() if text}],
+    )
+
+
+def _training_set(m: Manifest) -> str:
+    data = m.trained_on
+    windows = "" if m.window_s is None else f", {data['n_windows']} windows of {m.window_s:g} s"
+    return f"{data['name']}, {counted(data['n_recordings'], 'recording')}{windows} ({data['hash'][:12]})"
+
+
+def _not_exportable(accuracy: Mapping[str, Any]) -> str:
+    if "not_exportable" not in accuracy:
+        return ""
+    names = ", ".join(accuracy["not_exportable"])
+    return f"{names}: not exportable to ONNX; with them, accuracy {100 * accuracy['with_all_features']:.1f} %"
 
 
 def _pipeline(m: Manifest) -> str:
     """Return row and classifier, the number of candidates, and the budget."""
-    of = m.pipeline
-    best_of = f", best of {m.accuracy['n_candidates']}" if m.accuracy["n_candidates"] > 1 else ""
-    few = f"; {of['few']}: too few to select on, thresholds are wider" if "few" in of else ""
-    within = f"; within {of['budget']}" if "budget" in of else ""
-    return f"{of['name']}: {of['row']} with {of['classifier']}{best_of}{few}{within}"
+    pipeline = m.pipeline
+    selection = f", best of {m.accuracy['n_candidates']}" if m.accuracy["n_candidates"] > 1 else ""
+    shortage = ""
+    if "shortage" in pipeline:
+        shortage = f"; {pipeline['shortage']}: too few to select on, thresholds are wider"
+    budget = f"; within {pipeline['budget']}" if "budget" in pipeline else ""
+    return f"{pipeline['name']}: {pipeline['row']} with {pipeline['classifier']}{selection}{shortage}{budget}"
 
 
 def _recordings(m: Manifest) -> str:
-    """Return the recordings that the model accepts."""
-    felt = f", movements of at least about {m.shortest_s:.2g} s" if m.shortest_s is not None else ""
+    """Return phases, sampling rate, unit and length of recordings."""
+    length = f", movements of at least about {m.shortest_s:.2g} s" if m.shortest_s is not None else ""
     if m.window_s is not None:
-        felt = f", windows of {m.window_s:g} s"
-    return f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{felt}"
+        length = f", windows of {m.window_s:g} s"
+    return f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{length}"
 
 
-def _promise(accuracy: Mapping[str, Any]) -> str:
+def _accuracy(accuracy: Mapping[str, Any]) -> str:
     """Return the accuracy on held-out recordings, and the interval for later ones."""
-    if "mean" not in accuracy:  # the model is of one recording of a surface
+    if "mean" not in accuracy:
         return "not evaluated: no recording could be held out"
     low, mean, high = (f"{100 * accuracy[name]:.1f}" for name in ("low", "mean", "high"))
-    untold, only = accuracy.get("untold"), ""
-    if later := accuracy.get("later"):
-        low_later, high_later = 100 * later["low"], 100 * later["high"]
-        only = f"; later recordings: {low_later:.0f} to {high_later:.0f} %, from other datasets"
-    elif untold and untold[0].startswith("later"):
-        only = "; later recordings: not evaluated"
-    return f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['how']}{only}"
+    conditions, addition = accuracy.get("not_evaluated"), ""
+    if later := accuracy.get("later_recordings"):
+        later_low, later_high = 100 * later["low"], 100 * later["high"]
+        addition = f"; later recordings: {later_low:.0f} to {later_high:.0f} %, from other datasets"
+    elif conditions and conditions[0].startswith(LATER):
+        addition = "; later recordings: not evaluated"
+    return f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['description']}{addition}"
 
 
 def _held_out(m: Manifest) -> str:
     """Return the protocol, its reason, and the effect of drift."""
-    stretch, folds = m.unknown["stretch"], counted(m.accuracy["n_folds"], "fold")
-    drift = f"; drift makes distances {stretch:.2g} times as large" * (stretch > 1)
-    return f"protocol {m.accuracy['protocol']}, {folds} ({m.accuracy['why']}){drift}"
+    factor, folds = m.unknown["drift_factor"], counted(m.accuracy["n_folds"], "fold")
+    drift = f"; drift multiplies distances by {factor:.2g}" * (factor > 1)
+    return f"protocol {m.accuracy['protocol']}, {folds} ({m.accuracy['reason']}){drift}"
 
 
 def _unknown(m: Manifest) -> str:
@@ -89,79 +109,95 @@ def _unknown(m: Manifest) -> str:
     unknown = m.unknown
     if unknown["threshold"] is None:
         return "not evaluated: too few recordings were held out"
-    wide = (
-        "; with so few, unknown surfaces are often missed"
-        if unknown.get("level", 1) < unknown["false_alarms"]
-        else ""
-    )
-    wide += "; later recordings may be reported as unknown more often" * bool(m.accuracy.get("later"))
+    notes = ""
+    if unknown.get("p_threshold", 1) < unknown["false_alarms"]:
+        notes += "; with so few, unknown surfaces are often missed"
+    if m.accuracy.get("later_recordings"):
+        notes += "; later recordings may be reported as unknown more often"
     return (
         f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
-        f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out{wide}"
+        f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out{notes}"
     )
 
 
 def _cost(cost: Mapping[str, float]) -> str:
     names = ("segmentation", "features", "classifier")
     steps = ", ".join(f"{name} {cost[f'{name}_ms']:.2f}" for name in names)
-    return f"{sum(cost.values()):.2f} ms per recording ({steps}) on the machine that trained it"
+    return f"{sum(cost.values()):.2f} ms per recording ({steps}) on the machine of the training"
 
 
-def adapted_facts(manifest: Manifest) -> str:
-    """Return the references of an adapted model, and the size of the map."""
+def describe_adaptation(manifest: Manifest) -> str:
+    """Return the references of an adapted model, and the size of the map.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        Manifest of an adapted model.
+    """
     surfaces = [surface for _, surface in manifest.adapted["references"] if surface is not None]
-    n = counted(len(manifest.adapted["references"]), "reference")
-    of = f"{len(surfaces)} of {counted(len(set(surfaces)), 'known surface')}" if surfaces else "unlabelled"
+    n_references = counted(len(manifest.adapted["references"]), "reference")
+    labels = "unlabelled"
+    if surfaces:
+        labels = f"{len(surfaces)} of {counted(len(set(surfaces)), 'known surface')}"
     low, median, high = manifest.adapted["scale"]
     return (
-        f"{n}, {of} ({manifest.adapted['hash'][:12]}), map {manifest.adapted.get('map', 'affine')}: "
-        f"columns scaled by {median:.2g} ({low:.2g} to "
-        f"{high:.2g}); threshold of unknown surfaces by {manifest.adapted['threshold_by']}; accuracy and "
-        "calibration are those of the training"
+        f"{n_references}, {labels} ({manifest.adapted['hash'][:12]}), map {manifest.adapted['map']}: "
+        f"columns scaled by {median:.2g} ({low:.2g} to {high:.2g}); threshold for unknown surfaces from "
+        f"{manifest.adapted['threshold_from']}; accuracy and calibration are those of the training"
     )
 
 
 def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
     """Return predictions as a table, one row per file, with the reasons below.
 
-    A file is named by its recording if no other file has the same name.
+    Parameters
+    ----------
+    answers : sequence of (str, Answer)
+        File and answer. A file is listed by the name of its recording, unless another file has the same.
+
+    Examples
+    --------
+    >>> answer = Answer("stroke_1", "oak", 0.9, "cork", unknown=False, p_known=0.4)
+    >>> answers_document([("stroke_1.txt", answer)]).blocks[0].frame["Surface"]
+    ['oak']
     """
     ids = [answer.recording_id for _, answer in answers]
-    named = [(name if ids.count(a.recording_id) > 1 else a.recording_id, a) for name, a in answers]
-    sets = [told(a.prediction_sets, len(a.probabilities)) for _, a in named]
+    rows = [(name if ids.count(a.recording_id) > 1 else a.recording_id, a) for name, a in answers]
+    sets = [describe_sets(a.prediction_sets, len(a.probabilities)) for _, a in rows]
     levels = dict.fromkeys(level for one in sets for level in one)
     frame = {
-        "Recording": [name for name, _ in named],
-        "Surface": [f"unknown (nearest: {a.surface})" if a.unknown else a.surface for _, a in named],
-        "Runner-up": [a.runner_up for _, a in named],
+        "Recording": [name for name, _ in rows],
+        "Surface": [f"unknown (nearest: {a.surface})" if a.unknown else a.surface for _, a in rows],
+        "Runner-up": [a.runner_up for _, a in rows],
         **{f"{level} set": [one.get(level, "") for one in sets] for level in levels},
     }
     n_words = len(frame)
-    frame["%"] = [f"{100 * a.probability:.1f}" for _, a in named]
-    strange = [i for i, (_, answer) in enumerate(named) if answer.unknown]
-    reasons = [f"{name}: {reason}" for name, answer in named for reason in answer.reasons]
-    return Document(
-        counted(len(named), "recording"), [Table(frame, n_words=n_words, strong=strange), reasons]
-    )
+    frame["%"] = [f"{100 * a.probability:.1f}" for _, a in rows]
+    unknown = [i for i, (_, answer) in enumerate(rows) if answer.unknown]
+    reasons = [f"{name}: {reason}" for name, answer in rows for reason in answer.reasons]
+    return Document(counted(len(rows), "recording"), [Table(frame, n_words=n_words, strong=unknown), reasons])
 
 
 def _probabilities(calibration: Mapping[str, Any]) -> str:
     """Return the calibration method and its error."""
-    scaling = f"{calibration['method']} scaling, beta {calibration['beta']:.3g}"
+    method = f"{calibration['method']} scaling, beta {calibration['beta']:.3g}"
     if "expected_error" not in calibration:
-        return f"{scaling}; from other datasets"
-    of_chance = calibration.get("error_of_chance")
-    by_chance = f" ({of_chance:.3f} expected by chance)" if of_chance else ""
-    held_out = f"{calibration['expected_error']:.3f} on {calibration['n']} held out"
-    return f"{scaling}; expected calibration error {held_out}{by_chance}"
+        return f"{method}; from other datasets"
+    chance = calibration.get("error_by_chance")
+    by_chance = f" ({chance:.3f} expected by chance)" if chance else ""
+    error = f"{calibration['expected_error']:.3f} on {calibration['n']} held out"
+    return f"{method}; expected calibration error {error}{by_chance}"
 
 
-def _of_sets(model: Model) -> str:
+def _prediction_sets(model: Model) -> str:
     """Return levels and calibration set of the prediction sets."""
-    if not model.conformity:
+    if not model.set_calibrations:
         return "none"
-    known, levels = model.conformity["answer"], " and ".join(f"{100 * level:g}" for level in model.levels)
-    referred = ", references among them" * ("references" in model.manifest.calibration["prediction_sets"])
-    return f"coverage {levels} %, from {known.n:.3g} held-out contacts{referred}" + (
-        f"; {few}" if (few := known.too_few(model.levels)) else ""
-    )
+    calibration = model.set_calibrations["answer"]
+    levels = " and ".join(f"{100 * level:g}" for level in model.levels)
+    references = ""
+    if "references" in model.manifest.calibration["prediction_sets"]:
+        references = ", including references"
+    warning = calibration.warning(model.levels)
+    source = f"{calibration.effective_n:.3g} held-out recordings{references}"
+    return f"coverage {levels} %, from {source}" + (f"; {warning}" if warning else "")

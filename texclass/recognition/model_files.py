@@ -1,7 +1,7 @@
-"""Files of trained models: arrays or a skops archive, facts about the model, a digest.
+"""Model files: arrays or a skops archive, with a manifest and a digest.
 
-A model whose steps all have an array form is JSON beside arrays: it is read without scikit-learn or skops.
-Any other is an archive of skops, of classes on the allow-list.
+A model whose steps all have an array form is stored as JSON and arrays, and is read without scikit-learn and
+skops. Other models are skops archives of classes on the allow-list.
 """
 
 import hashlib
@@ -33,74 +33,92 @@ from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import StrictModel, validate
 
-FORMAT = 4
-"""Version of the format of model files: a file of another version is refused."""
+FORMAT = 5
+"""Version of the format of model files; files of other versions are refused."""
 MANIFEST, ARRAYS = "manifest.json", "arrays.json"
-"""Members that are none of skops; the second names its arrays by their members."""
+"""Members of the archive that skops does not write; the second refers to the members of arrays."""
 MEMBERS = frozenset({MANIFEST, ARRAYS, SCHEMA})
 Positive = Annotated[float, Field(gt=0, le=1e12)]
-"""A rate in Hz, or a duration in seconds."""
+"""Sampling rate in Hz, or duration in s."""
 GOLDEN = 0.6180339887498949
+"""Fractional part of the golden ratio, for the noise of the probe recording."""
+PROBE_S = 1.5
+"""Duration of the probe recording in s."""
+PROBE_SAMPLES = (64, 1_000_000)
+"""Smallest and largest length of the probe recording in samples."""
+MAX_RELATIVE_CHANGE = 1e-4
+"""Relative difference of a feature that changes no answer: rounding differs between machines."""
 
 
 class ModelFileError(ValueError):
-    """A model file cannot be used; the message names the file and the rule."""
+    """A model file cannot be used; the message names the file and the reason.
+
+    Examples
+    --------
+    >>> issubclass(ModelFileError, ValueError)
+    True
+    """
 
 
 class Manifest(StrictModel):
-    """The facts of a model: written as JSON beside its arrays, readable without them.
+    """Description of a model, which is stored as JSON in its file and shown by `texclass model`.
 
     Attributes
     ----------
-    surfaces
-        Surfaces it knows, sorted.
-    pipeline
-        name, row, classifier and hash of what was trained; few, where recordings were too few to choose by;
-        the budget in ms, and whose ms they are, and in kB.
-    features
-        Features it computes.
-    phases
-        What it needs of a recording: "tap", "movement", "friction".
-    fs
-        Sampling rate of its recordings in Hz.
-    unit
-        Of their acceleration, as kept.
-    input
-        How files become such recordings.
-    trained_on
-        name, hash and number of recordings (and windows) of the dataset.
-    accuracy
-        mean, low, high (95 %), n_tested, protocol, why it, how: of held-out recordings, the choice included;
-        untold: what of the recordings to come they cannot tell; later: low and high of later ones, by what
-        became of them in other data sets, where those held out cannot tell.
-    calibration
-        method, beta, lapse, expected calibration error on held-out recordings, n_bins; of touches also
-        correlation (of those of one recording) and n_contacts (recordings). What `KnownGesture.of` reads:
-        confusion (row m: mean probabilities answered where m was felt), repetition (correlation of answers
-        about one surface, by one operator in one session).
-    unknown
-        score, false_alarms, level (p-value of the threshold), threshold, n of held-out recordings,
-        stretch (of distances, by drift).
-    cost
-        segmentation_ms, features_ms and classifier_ms per recording, on the machine that trained it.
-    window_s
-        Seconds of movement of one answer; None: whole recordings.
-    versions
-        Of texclass, Python and libraries.
-    shortest_s
-        Movement of about the shortest recording trained on, in seconds.
-    loudest
-        Largest acceleration of the recordings trained on, from the median of its axis.
-    adapted
-        Empty, or what another sensor told: references (each its name, and its surface or None), their hash,
-        map (affine, shift or none), threshold_by (what the threshold of unknown surfaces stands on), scale
-        (10, 50, 90 % of columns). The accuracy, calibration and n_tested above remain those of the training.
-    native_fs
-        Lowest rate in Hz of the sensors, below `fs` where recordings were resampled; None: as `fs`.
-    phase_settings
-        Settings by which phases are found; the file lists those that differ from the defaults.
-    format_version
-        Version of the format of the file.
+    surfaces : tuple of str
+        Surfaces of the training set, sorted.
+    pipeline : mapping
+        name, hash, feature_set, row, classifier; shortage (if recordings were too few to select on); budget
+        (limits of latency and size).
+    features : tuple of str
+        Names of the features.
+    phases : tuple of str
+        Phases that a recording must have: "tap", "movement", "friction".
+    fs : float
+        Sampling rate in Hz.
+    unit : str
+        Unit of the acceleration.
+    input : TrainingFiles
+        How files are converted to such recordings.
+    trained_on : mapping
+        name and hash of the dataset, n_recordings, n_windows, left_out (skipped recordings).
+    accuracy : mapping
+        mean, low, high (95 % confidence interval) and n_tested of held-out recordings, corrected for the
+        selection among n_candidates; protocol, reason, n_folds, description; not_evaluated (conditions that
+        the tests do not cover); later_recordings (low and high for later recordings, from other datasets);
+        not_exportable and with_all_features of an exportable model.
+    calibration : mapping
+        method, beta, lapse, n, expected_error and error_by_chance on held-out recordings; prediction_sets.
+        Models of windows: correlation between windows of one recording, n_contacts (recordings). For
+        exploration: confusion (row m is the mean probabilities for recordings of surface m) and
+        repetition_correlation (between repetitions by one operator in one session).
+    unknown : mapping
+        score, false_alarms, p_threshold, threshold, n held-out recordings, drift_factor (of distances).
+    cost : mapping
+        segmentation_ms, features_ms and classifier_ms per recording, on the machine of the training.
+    window_s : float or None
+        Length of a window in s; None for whole recordings.
+    versions : mapping
+        Versions of texclass, Python and libraries.
+    shortest_s : float or None
+        Shortest movement of a sample of the training recordings, in s.
+    peak_acceleration : float or None
+        Largest acceleration of a sample of the training recordings, relative to the median of its axis.
+    adapted : mapping
+        Empty, or the domain adaptation: references (name, and surface or None), hash, map ("affine", "shift"
+        or "none"), threshold_from, scale (10, 50 and 90 % quantile over columns). The accuracy and
+        calibration remain those of the training.
+    native_fs : float or None
+        Lowest native sampling rate of the sensors in Hz; below `fs` if recordings were resampled.
+    phase_settings : PhaseSettings
+        Settings of the segmentation; the file lists those that differ from the defaults.
+    format_version : int
+        Version of the file format.
+
+    Examples
+    --------
+    >>> read_manifest_of("surface.skops").fs  # doctest: +SKIP
+    10000.0
     """
 
     surfaces: tuple[str, ...]
@@ -118,7 +136,7 @@ class Manifest(StrictModel):
     window_s: Positive | None
     versions: Mapping[str, str]
     shortest_s: Positive | None = None
-    loudest: Annotated[float, Field(gt=0)] | None = None
+    peak_acceleration: Annotated[float, Field(gt=0)] | None = None
     adapted: Mapping[str, Any] = {}
     native_fs: Positive | None = None
     phase_settings: PhaseSettings = PhaseSettings()
@@ -129,61 +147,64 @@ class Manifest(StrictModel):
         return settings.changes
 
     def to_json(self) -> str:
-        """Return it as JSON."""
+        """Return the manifest as JSON."""
         return json.dumps(self.model_dump(mode="json"), sort_keys=True, indent=1)
 
 
 def read_manifest(text: bytes | str) -> Manifest:
-    """Read the facts of a model.
+    """Read a manifest from JSON.
 
     Raises
     ------
     ValueError
-        If they are of another version of the format, or not the facts of a model.
+        If it has another format version, or is not a manifest.
     """
     try:
-        stated = json.loads(text)
-        version = stated.get("format_version")
-        made_by = str(dict(stated.get("versions", {})).get("texclass", "?"))
-        stated.pop("digest", None)
+        values = json.loads(text)
+        version = values.get("format_version")
+        writer = str(dict(values.get("versions", {})).get("texclass", "?"))
+        values.pop("digest", None)
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"its manifest cannot be read ({type(error).__name__}: {error})") from error
     if version != FORMAT:
         raise ValueError(
-            f"its format is {version!r:.20}, written by texclass {made_by:.20}. Expected format {FORMAT}: "
+            f"its format is {version!r:.20}, written by texclass {writer:.20}. Expected format {FORMAT}: "
             "train the model again with `texclass train`, or update texclass"
         )
-    return validate(Manifest, stated, "its manifest")
+    return validate(Manifest, values, "its manifest")
 
 
 def write_model_file(
     path: str | Path, document: Mapping[str, Any], manifest: Manifest, *, is_arrays: bool
 ) -> None:
-    """Write a model file: complete, or not at all; the same bytes for the same model.
+    """Write a model file atomically, with the same bytes for the same model.
 
     Parameters
     ----------
     path : str or Path
-        The file.
+        File with the suffix `.skops`.
     document : mapping
-        Plain data, arrays and, unless `is_arrays`, estimators of scikit-learn.
+        Plain data, arrays and, unless `is_arrays`, scikit-learn estimators.
     manifest : Manifest
-        The facts.
+        Description of the model.
     is_arrays : bool
-        Whether it is written without skops.
+        Whether the model is stored as arrays, without skops.
 
     Raises
     ------
     ValueError
-        If it would hold a class that nobody could load again, or the suffix is another one.
+        If the document contains a class that is not on the allow-list, or the suffix is wrong.
     """
     check_suffix(path, ".skops")
     if not is_arrays and (foreign := unsafe_classes(document)):
-        raise ValueError(f"{path}: {foreign[0]} cannot be saved. Expected classes that load safely")
+        raise ValueError(
+            f"{path}: {foreign[0]} cannot be saved: it is not on the allow-list of model files. "
+            "Use another classifier"
+        )
     members = _array_members(document) if is_arrays else dict(members_of(archive_of(dict(document))))
-    stated = json.loads(manifest.to_json())
-    stated["digest"] = digest_of(stated, members)
-    members[MANIFEST] = json.dumps(stated, sort_keys=True, indent=1).encode()
+    values = json.loads(manifest.to_json())
+    values["digest"] = digest_of(values, members)
+    members[MANIFEST] = json.dumps(values, sort_keys=True, indent=1).encode()
     buffer = io.BytesIO()
     with ZipFile(buffer, "w") as archive:
         for name, content in members.items():
@@ -192,7 +213,7 @@ def write_model_file(
 
 
 def _array_members(document: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return the members of a document of plain data and arrays: each array once, however often it occurs."""
+    """Return the members of a document of plain data and arrays; equal arrays are stored once."""
     names: dict[bytes, str] = {}
 
     def as_json(value: Any) -> Any:
@@ -206,39 +227,50 @@ def _array_members(document: Mapping[str, Any]) -> dict[str, bytes]:
 
 
 def unsafe_classes(document: Mapping[str, Any]) -> list[str]:
-    """Return the classes in a document that nobody could load again, sorted."""
+    """Return the classes in a document that are not on the allow-list, sorted."""
     return foreign_in(archive_of(dict(document)))
 
 
 def read_manifest_of(path: str | Path) -> Manifest:
-    """Return what a model file says of itself, its digest checked; no object is made of it.
+    """Read the manifest of a model file, and check its digest, without loading the model.
+
+    Parameters
+    ----------
+    path : str or Path
+        File written by `Model.save`.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     ModelFileError
-        If it is no whole model file, was changed, or is of another format.
+        If the file is not a complete model file, was changed, or has another format version.
+
+    Examples
+    --------
+    >>> read_manifest_of("surface.skops").surfaces  # doctest: +SKIP
+    ('cork', 'oak')
     """
-    return _checked_file(path)[0]
+    return _read_checked(path)[0]
 
 
 def read_model_file(path: str | Path) -> tuple[Mapping[str, Any], Manifest]:
-    """Return what `write_model_file` wrote.
+    """Return the document and manifest of a model file.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     ModelFileError
-        If it is no whole model file, was changed, is of another format, or names a class that is not trusted.
+        If the file is not a complete model file, was changed, has another format version, or contains a class
+        that is not on the allow-list.
     """
-    manifest, members, data = _checked_file(path)
+    manifest, members, data = _read_checked(path)
 
-    def array_or_mapping(stated: dict[str, Any]) -> Any:
-        if stated.keys() != {"array"}:
-            return stated
-        return np.load(io.BytesIO(members[stated["array"]]), allow_pickle=False)
+    def array_or_mapping(values: dict[str, Any]) -> Any:
+        if values.keys() != {"array"}:
+            return values
+        return np.load(io.BytesIO(members[values["array"]]), allow_pickle=False)
 
     try:
         if SCHEMA in members:
@@ -246,7 +278,7 @@ def read_model_file(path: str | Path) -> tuple[Mapping[str, Any], Manifest]:
         else:
             document = json.loads(members[ARRAYS], object_hook=array_or_mapping)
         if not isinstance(document, dict):
-            raise ValueError(f"it holds a {type(document).__name__}. Expected a model of texclass")
+            raise ValueError(f"it contains a {type(document).__name__}. Expected a model of texclass")
     except UntrustedFileError as error:
         raise ModelFileError(f"{path}: {error}") from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
@@ -254,28 +286,28 @@ def read_model_file(path: str | Path) -> tuple[Mapping[str, Any], Manifest]:
     return document, manifest
 
 
-def _checked_file(path: str | Path) -> tuple[Manifest, Mapping[str, bytes], bytes]:
-    """Return the facts of a model file, its members without these, and its bytes."""
+def _read_checked(path: str | Path) -> tuple[Manifest, Mapping[str, bytes], bytes]:
+    """Return the manifest of a model file, its other members, and its bytes, after checking the digest."""
     try:
         data = read_bounded(path)
         check_archive(data, MEMBERS)
         members = dict(members_of(data))
         if MANIFEST not in members:
-            raise ValueError("it has no manifest. Expected a file that `texclass train` wrote")
+            raise ValueError("it has no manifest. Expected a file written by `texclass train`")
         text = members.pop(MANIFEST)
         manifest = read_manifest(text)
-        stated = json.loads(text)
-        if stated.pop("digest", None) != digest_of(stated, members):
-            raise ValueError("it was changed since it was written: its digest is another; train it again")
+        values = json.loads(text)
+        if values.pop("digest", None) != digest_of(values, members):
+            raise ValueError("it was changed since it was written: its digest differs. Train the model again")
         if (ARRAYS in members) == (SCHEMA in members):
-            raise ValueError(f"it must hold either {ARRAYS} or {SCHEMA}; train it again")
+            raise ValueError(f"it must contain either {ARRAYS} or {SCHEMA}. Train the model again")
     except ValueError as error:
         raise ModelFileError(f"{path}: {error}") from error
     return manifest, members, data
 
 
 def digest_of(manifest: Mapping[str, Any], members: Mapping[str, bytes]) -> str:
-    """Return the SHA-256 of facts and members; it tells of damage and edits, and not who wrote the file."""
+    """Return the SHA-256 of manifest and members. It detects damage and edits, but is not a signature."""
     digest = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode())
     for name in sorted(members):
         digest.update(f"\0{name}\0{len(members[name])}\0".encode() + members[name])
@@ -283,19 +315,28 @@ def digest_of(manifest: Mapping[str, Any], members: Mapping[str, bytes]) -> str:
 
 
 def probe_values(plan: Plan, fs: float, unit: str) -> Samples:
-    """Return the plan's columns (n_columns,) for a made-up recording; NaN where undefined.
+    """Return the features (n_columns,) of a synthetic probe recording; NaN where undefined.
 
-    They tell whether the code that computes features still gives the same values: the recording, with one tap
-    and a movement, is the same on every machine. Its noise is a Weyl sequence, frac(k^2 golden): no generator
-    of random numbers has to stay the same.
+    They show whether the code of the features has changed: the probe, with one tap and a movement, is the
+    same on every machine. Its noise is a Weyl sequence, frac(k^2 golden), which does not depend on the
+    version of a random number generator.
+
+    Parameters
+    ----------
+    plan : Plan
+        Features to compute.
+    fs : float
+        Sampling rate in Hz.
+    unit : str
+        Unit of the acceleration.
     """
-    n = max(64, min(round(1.5 * fs), 1_000_000))  # 1.5 s
+    n = max(PROBE_SAMPLES[0], min(round(PROBE_S * fs), PROBE_SAMPLES[1]))
     turn = tuple(name for name in plan.channels if name in TURN)
     channels = plan.channels[: len(plan.channels) - len(turn)] or ("x", "y", "z")
     axes = np.column_stack([_noise(n, i) for i in range(len(channels))])
-    first, last = n // 10, n // 5
-    axes[:first] *= 0.01
-    axes[first:last] *= np.exp(-np.linspace(0, 8, last - first))[:, None]
+    tap_start, tap_stop = n // 10, n // 5
+    axes[:tap_start] *= 0.01
+    axes[tap_start:tap_stop] *= np.exp(-np.linspace(0, 8, tap_stop - tap_start))[:, None]
     probe = Recording(
         axes,
         fs=fs,
@@ -304,22 +345,29 @@ def probe_values(plan: Plan, fs: float, unit: str) -> Samples:
         channels=channels,
         friction=1 + 0.1 * _noise(n, 7),
         turn_rate=np.column_stack([_noise(n, 8 + i) for i in range(3)]) if turn else None,
-        phases=Phases((Tap(first // 2, first, last),), (last, n), last),
+        phases=Phases((Tap(tap_start // 2, tap_start, tap_stop),), (tap_stop, n), tap_stop),
     )
     return plan.compute(probe).values
 
 
-def changed_value(before: Samples, now: Samples, columns: tuple[str, ...]) -> str | None:
-    """Return which column differs most between two computations of the probe; None if none does."""
-    scale = np.maximum(np.maximum(np.abs(before), np.abs(now)), 1e-9)
-    gap = np.abs(before - now) / scale
-    gap[np.isnan(before) != np.isnan(now)] = np.inf
+def changed_value(stored: Samples, current: Samples, columns: tuple[str, ...]) -> str | None:
+    """Return the column that differs most between two computations of the probe; None if none does.
+
+    Parameters
+    ----------
+    stored, current : ndarray of shape (n_columns,)
+        Features of the probe at training, and with the present code.
+    columns : tuple of str
+        Names of the columns.
+    """
+    scale = np.maximum(np.maximum(np.abs(stored), np.abs(current)), 1e-9)
+    gap = np.abs(stored - current) / scale
+    gap[np.isnan(stored) != np.isnan(current)] = np.inf
     gap = np.nan_to_num(gap, nan=0.0, posinf=np.inf)
     worst = int(gap.argmax())
-    # A relative difference of 1e-4 changes no answer: machines round otherwise, and spectra are single.
-    if gap[worst] <= 1e-4:
+    if gap[worst] <= MAX_RELATIVE_CHANGE:
         return None
-    return f"{columns[worst]} was {before[worst]:.6g}, is {now[worst]:.6g}"
+    return f"{columns[worst]} was {stored[worst]:.6g}, is {current[worst]:.6g}"
 
 
 def _noise(n: int, seed: int) -> Samples:

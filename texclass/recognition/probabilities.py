@@ -1,4 +1,4 @@
-"""From what a classifier decides to probabilities that mean what they say, of one answer and of several."""
+"""Calibrated probabilities: temperature scaling, and correlation between windows of one contact."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,137 +10,171 @@ from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
 LOG_BOUNDS = (-8.0, 8.0)
-"""Of log(beta): decisions span some 1e-3 (a kernel) to 1e3 (naive Bayes over many columns)."""
+"""Limits of log(beta): decisions range from about 1e-3 (kernel) to 1e3 (naive Bayes with many columns)."""
 N_BINS = 15
-"""Bins of equal width over the confidence, as Guo et al. (2017) have them."""
+"""Number of bins of the calibration error, as in Guo et al. (2017)."""
 PRIOR_BETA = 4.5
-"""Inverse temperature of decisions of a kernel that learnt one recording a class, over log K of K classes.
+"""Inverse temperature over log K of a kernel that was trained on one recording of each of K classes.
 
-The geometric mean of what fits the other recordings of six data sets of taps, strokes and wheels, each of
-which has another: probabilities after it are no more than a guess at how sure an answer is.
+It is the geometric mean over six datasets of taps, strokes and wheels, between which it varies: probabilities
+that are based on it are rough.
 """
-LEAST_PROBABILITY = 1e-12
-"""Of which a logarithm is still taken."""
-CORRELATION = 1.0
-"""Where nothing is known of how windows of one contact agree by their contact: they add no certainty."""
+MIN_PROBABILITY = 1e-12
+"""Lower bound of a probability before its logarithm is taken."""
+DEFAULT_CORRELATION = 1.0
+"""Correlation between windows of one contact if it could not be estimated: more windows add no confidence."""
 
 
 def softmax(scores: Samples) -> Samples:
-    """Return exp(s_k) / sum_j exp(s_j) over the last axis; scipy's takes its time for checks."""
+    """Return exp(s_k) / sum_j exp(s_j) over the last axis.
+
+    It is faster than `scipy.special.softmax` for single rows, which is the case of a stream.
+    """
     p = np.exp(scores - scores.max(axis=-1, keepdims=True))
     return np.asarray(p / p.sum(axis=-1, keepdims=True))
 
 
-def log_of(p: Samples) -> Samples:
-    """Return logarithms of probabilities, also where one is 0."""
-    return np.asarray(np.log(np.maximum(p, LEAST_PROBABILITY)))
+def log_probabilities(p: Samples) -> Samples:
+    """Return logarithms of probabilities, which are limited to `MIN_PROBABILITY`."""
+    return np.asarray(np.log(np.maximum(p, MIN_PROBABILITY)))
 
 
 def class_scores(classifier: Any, rows: Samples) -> Samples:
-    """Return the decisions of a classifier, one column a class, shape (n, n_classes).
+    """Return the decisions of a classifier, one column per class, shape (n, n_classes).
 
-    Its `decision_function`; the logarithm of `predict_proba` where it has no other; else 1 for its answer.
+    These are `decision_function`, else the logarithm of `predict_proba`, else 1 for the predicted class and 0
+    for the others.
     """
     if hasattr(classifier, "decision_function"):
-        found = np.asarray(classifier.decision_function(rows), dtype=np.float64)
-        return found if found.ndim == 2 else np.column_stack([-found, found])
+        scores = np.asarray(classifier.decision_function(rows), dtype=np.float64)
+        return scores if scores.ndim == 2 else np.column_stack([-scores, scores])
     if hasattr(classifier, "predict_proba"):
-        return log_of(classifier.predict_proba(rows))
-    return np.asarray(np.asarray(classifier.predict(rows))[:, None] == classifier.classes_, dtype=np.float64)
+        return log_probabilities(classifier.predict_proba(rows))
+    predicted = np.asarray(classifier.predict(rows))
+    return np.asarray(predicted[:, None] == classifier.classes_, dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Decisions -> probabilities: p = (1 - lapse) softmax(beta s) + lapse / K.
+    """Temperature scaling: p = (1 - lapse) softmax(beta s) + lapse / K for decisions s of K classes.
 
     Attributes
     ----------
-    beta
+    beta : float
         Inverse temperature.
-    lapse
-        What no number of right answers rules out: 1 / (n + 2) after n of them (Laplace's rule of succession).
+    lapse : float
+        Probability of an error that no number of correct answers excludes: 1 / (n + 2) after n answers
+        (Laplace's rule of succession).
 
     References
     ----------
     Guo, Pleiss, Sun, Weinberger: On calibration of modern neural networks, ICML 2017.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Calibration(beta=2.0, lapse=0.01)(np.array([[1.0, 0.0]])).round(3).tolist()
+    [[0.877, 0.123]]
     """
 
     beta: float
     lapse: float
 
     def __call__(self, scores: Samples) -> Samples:
-        """Return probabilities of decisions, both of shape (n, n_classes)."""
+        """Return the probabilities of decisions, both of shape (n, n_classes)."""
         return np.asarray((1 - self.lapse) * softmax(self.beta * scores) + self.lapse / scores.shape[1])
 
 
 def fit_calibration(scores: Samples, labels: Labels) -> Calibration:
-    """Return the temperature under which held-out labels are likeliest, or one that claims less.
+    """Fit the temperature to held-out decisions by maximum likelihood, with limited confidence.
 
-    The mean confidence is at most (hits + 1) / (n + 2), Laplace's estimate of their share: where every answer
-    was right, labels get likelier without end, and every probability would be 1 - lapse, whatever its margin.
+    The mean confidence is at most (hits + 1) / (n + 2), Laplace's estimate of the accuracy. Without this
+    limit, the likelihood has no maximum if every answer is correct, and every probability would be 1 - lapse.
 
     Parameters
     ----------
     scores : ndarray of shape (n, n_classes)
-        Decisions of a classifier on recordings it was not trained on.
+        Decisions of a classifier on held-out recordings.
     labels : ndarray of int, shape (n,)
-        Which column is right.
+        Column of the true class.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> labels = np.arange(40) % 4
+    >>> calibration = fit_calibration(np.eye(4)[labels], labels)
+    >>> calibration(np.eye(4)[:1]).round(3).tolist()
+    [[0.976, 0.008, 0.008, 0.008]]
     """
     from scipy.optimize import brentq, minimize_scalar
     from scipy.special import log_softmax
 
     n, n_classes = scores.shape
-    lapse, chosen = 1 / (n + 2), np.arange(n)
-    most = (np.count_nonzero(scores.argmax(axis=1) == labels) + 1) / (n + 2)
+    lapse, rows = 1 / (n + 2), np.arange(n)
+    max_confidence = float((np.count_nonzero(scores.argmax(axis=1) == labels) + 1) / (n + 2))
 
     def loss(log_beta: float) -> float:
-        p = np.exp(log_softmax(np.exp(log_beta) * scores, axis=1)[chosen, labels])
+        p = np.exp(log_softmax(np.exp(log_beta) * scores, axis=1)[rows, labels])
         return -float(np.mean(np.log((1 - lapse) * p + lapse / n_classes)))
 
-    def claimed(log_beta: float) -> float:
-        told = Calibration(float(np.exp(log_beta)), lapse)(scores).max(axis=1)
-        return float(told.mean()) - float(most)
+    def overconfidence(log_beta: float) -> float:
+        p = Calibration(float(np.exp(log_beta)), lapse)(scores)
+        return float(p.max(axis=1).mean()) - max_confidence
 
-    found = float(minimize_scalar(loss, bounds=LOG_BOUNDS, method="bounded", options={"xatol": 1e-4}).x)
-    if claimed(LOG_BOUNDS[0]) < 0 < claimed(found):
-        found = float(brentq(claimed, LOG_BOUNDS[0], found, xtol=1e-6))
-    return Calibration(float(np.exp(found)), lapse)
+    log_beta = float(minimize_scalar(loss, bounds=LOG_BOUNDS, method="bounded", options={"xatol": 1e-4}).x)
+    if overconfidence(LOG_BOUNDS[0]) < 0 < overconfidence(log_beta):
+        log_beta = float(brentq(overconfidence, LOG_BOUNDS[0], log_beta, xtol=1e-6))
+    return Calibration(float(np.exp(log_beta)), lapse)
 
 
 def prior_calibration(n_classes: int, n: int) -> Calibration:
-    """Return the calibration of a kernel's decisions where no recording tells: that of other data sets.
+    """Return the calibration of a kernel discriminant without held-out recordings, from other datasets.
 
-    Decisions are about P(class) - 1/K, shrunk towards 0: the more classes, the smaller is the largest.
+    Decisions estimate P(class) - 1/K and are shrunk towards 0, so the largest one falls with the number of
+    classes.
 
     Parameters
     ----------
     n_classes : int
-        K.
+        Number K of classes.
     n : int
-        Recordings that train; the lapse is 1 / (n + 2).
+        Number of training recordings; the lapse is 1 / (n + 2).
     """
     return Calibration(PRIOR_BETA * float(np.log(n_classes)), 1 / (n + 2))
 
 
-def independent(n: Any, correlation: float) -> Any:
-    """Return how many independent windows n of one contact are worth, n / (1 + r (n - 1)): at most 1 / r."""
+def effective_windows(n: Any, correlation: float) -> Any:
+    """Return the effective number of independent windows, n / (1 + r (n - 1)).
+
+    Parameters
+    ----------
+    n : float or ndarray
+        Number of windows of one contact.
+    correlation : float
+        Correlation r between windows; the result is at most 1 / r.
+
+    Examples
+    --------
+    >>> effective_windows(5, correlation=0.25).item()
+    2.5
+    """
     return n / (1 + correlation * np.maximum(n - 1, 0))
 
 
 def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
-    """Return the correlation of windows under which what contacts say in the end is likeliest.
+    """Fit the correlation between windows of one contact by maximum likelihood.
 
-    The mean log posterior of the first n windows of each contact, times what they are worth, is to be the
-    probability of the right surface; every contact counts once, however many windows it has.
+    The probability of the true surface is the softmax of the mean log posterior of the first n windows of a
+    contact, times their effective number. Every contact has the same weight.
 
     Parameters
     ----------
     p : ndarray of shape (n, n_classes)
-        Calibrated probabilities of windows that were held out, in the order in which they were felt.
+        Calibrated probabilities of held-out windows, in chronological order.
     labels : ndarray of int, shape (n,)
-        Which column is right.
+        Column of the true class.
     contacts : array_like of shape (n,)
-        Which contact (recording) each one is of.
+        Contact (recording) of each window.
 
     Raises
     ------
@@ -149,82 +183,96 @@ def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
     """
     from scipy.optimize import minimize_scalar
 
-    mean, n, of = so_far(p, contacts)
+    mean, n, contact = running_log_posterior(p, contacts)
     if n.max(initial=0) < 2:
-        raise ValueError("no contact has two windows. Expected several windows of some")
-    right, felt = np.arange(len(n)), np.bincount(of)
-    lapse, n_classes = 1 / (len(felt) + 2), p.shape[1]
+        raise ValueError("cannot estimate the correlation between windows: no contact has two windows")
+    rows, n_windows = np.arange(len(n)), np.bincount(contact)
+    lapse, n_classes = 1 / (len(n_windows) + 2), p.shape[1]
 
     def loss(correlation: float) -> float:
-        told = softmax(independent(n, correlation)[:, None] * mean)[right, labels]
-        return -float(np.sum(np.log((1 - lapse) * told + lapse / n_classes) / felt[of]))
+        p_true = softmax(effective_windows(n, correlation)[:, None] * mean)[rows, labels]
+        return -float(np.sum(np.log((1 - lapse) * p_true + lapse / n_classes) / n_windows[contact]))
 
     return float(minimize_scalar(loss, bounds=(0, 1), method="bounded", options={"xatol": 1e-3}).x)
 
 
-def so_far(p: Samples, contacts: ArrayLike) -> tuple[Samples, Labels, Labels]:
-    """Return what each contact has said when a window of it was felt, and how much of it.
+def running_log_posterior(p: Samples, contacts: ArrayLike) -> tuple[Samples, Labels, Labels]:
+    """Return the mean log posterior of each contact after each of its windows.
 
     Parameters
     ----------
     p : ndarray of shape (n, n_classes)
-        Calibrated probabilities of windows, in the order in which they were felt.
+        Calibrated probabilities of windows, in chronological order.
     contacts : array_like of shape (n,)
-        Which contact each one is of.
+        Contact of each window.
 
     Returns
     -------
     mean : ndarray of shape (n, n_classes)
-        Mean log posterior of the windows so far.
-    n : ndarray of int, shape (n,)
-        How many these are.
-    of : ndarray of int, shape (n,)
+        Mean log posterior of the windows of the contact, up to and including this one.
+    n_so_far : ndarray of int, shape (n,)
+        Number of these windows.
+    contact : ndarray of int, shape (n,)
         Number of the contact.
     """
     import pandas as pd
 
-    logs = pd.DataFrame(log_of(p))
-    of = pd.factorize(np.asarray(contacts))[0]
-    n = np.asarray(logs.groupby(of).cumcount(), dtype=np.intp) + 1
-    return logs.groupby(of).cumsum().to_numpy() / n[:, None], n, np.asarray(of, dtype=np.intp)
+    logs = pd.DataFrame(log_probabilities(p))
+    contact = pd.factorize(np.asarray(contacts))[0]
+    n_so_far = np.asarray(logs.groupby(contact).cumcount(), dtype=np.intp) + 1
+    mean = logs.groupby(contact).cumsum().to_numpy() / n_so_far[:, None]
+    return mean, n_so_far, np.asarray(contact, dtype=np.intp)
 
 
 def expected_calibration_error(
     confidence: ArrayLike, hits: ArrayLike, n_bins: int = N_BINS, *, equal_counts: bool = False
 ) -> float:
-    """Return sum_b n_b/n |mean hit rate of bin b - mean confidence of bin b|.
+    """Return sum_b n_b/n |hit rate of bin b - mean confidence of bin b|.
 
     Parameters
     ----------
     confidence : array_like of shape (n,)
-        Probability of the answer.
+        Probability of the predicted class.
     hits : array_like of bool, shape (n,)
-        Whether it was right.
+        Whether the prediction is correct.
     n_bins : int
-        Bins.
+        Number of bins (default 15).
     equal_counts : bool
-        Bins hold equally many answers instead of spanning equal widths of [0, 1]; answers of the same
-        confidence stay together.
+        Bins with equal numbers of answers instead of equal widths (default False). Answers of the same
+        confidence are in the same bin.
 
     Raises
     ------
     ValueError
         If there is no answer, or the lengths differ.
+
+    Examples
+    --------
+    >>> expected_calibration_error([0.75, 0.75, 0.75, 0.75], [True, True, True, False])
+    0.0
     """
-    p, right = np.asarray(confidence, dtype=np.float64), np.asarray(hits, dtype=np.float64)
-    if p.size == 0 or p.shape != right.shape:
-        raise ValueError(f"confidence has shape {p.shape}, hits {right.shape}. Expected one of each, n > 0")
-    gaps = np.bincount(_bins(p, n_bins, equal_counts), weights=right - p)
+    p, is_hit = np.asarray(confidence, dtype=np.float64), np.asarray(hits, dtype=np.float64)
+    if p.size == 0 or p.shape != is_hit.shape:
+        raise ValueError(
+            f"confidence and hits must be of the same length and not empty, got shapes {p.shape} "
+            f"and {is_hit.shape}"
+        )
+    gaps = np.bincount(_bins(p, n_bins, equal_counts), weights=is_hit - p)
     return float(np.abs(gaps).sum() / p.size)
 
 
-def calibration_error_of_chance(
+def calibration_error_by_chance(
     confidence: ArrayLike, n_bins: int = N_BINS, *, equal_counts: bool = False
 ) -> float:
-    """Return what `expected_calibration_error` is on the average where probabilities are perfect.
+    """Return the mean of `expected_calibration_error` for perfectly calibrated probabilities.
 
-    Gaps of bins are absolute, so chance does not cancel: sum_b sqrt(2/pi sum_{i in b} p_i (1 - p_i)) / n, the
-    mean of as many absolute normal deviates. An error is one only as far as it is larger.
+    The error adds absolute gaps, so it is positive by chance: sum_b sqrt(2/pi sum_{i in b} p_i (1 - p_i)) /
+    n, the mean of absolute normal deviates. Only an error above it shows poor calibration.
+
+    Parameters
+    ----------
+    confidence, n_bins, equal_counts
+        Confidence and bins, as for `expected_calibration_error`.
     """
     p = np.asarray(confidence, dtype=np.float64)
     variances = np.bincount(_bins(p, n_bins, equal_counts), weights=p * (1 - p))
@@ -234,5 +282,5 @@ def calibration_error_of_chance(
 def _bins(p: Samples, n_bins: int, equal_counts: bool) -> Labels:
     from scipy.stats import rankdata
 
-    place = (rankdata(p) - 0.5) / p.size if equal_counts else p
-    return np.minimum((place * n_bins).astype(np.intp), n_bins - 1)
+    position = (rankdata(p) - 0.5) / p.size if equal_counts else p
+    return np.minimum((position * n_bins).astype(np.intp), n_bins - 1)

@@ -1,4 +1,4 @@
-"""Recordings and a pipeline in, a trained model out; what is chosen is chosen by cross-validation alone."""
+"""Training: selection by cross-validation, fit on all recordings, calibration on held-out recordings."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -23,45 +23,64 @@ from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import versions
-from texclass.recognition.array_form import Part, apply_all, classifier_of, decide, estimators_in, steps_of
+from texclass.recognition.array_form import (
+    ArrayStep,
+    apply_all,
+    classifier_of,
+    decide,
+    estimators_in,
+    steps_of,
+)
 from texclass.recognition.candidates import (
     Candidate,
-    HeldOut,
-    accuracy_of_choice,
-    candidates_of,
-    hold_out,
-    untested,
-    without_choice,
+    exportable_candidates,
+    list_candidates,
+    select_best,
+    without_holdout,
+    without_selection,
 )
-from texclass.recognition.candidates import exportable as with_graph
-from texclass.recognition.conformal import HALF_LIFE, Conformity, conformities, facts_of, n_later, recency
-from texclass.recognition.holding_out import AT_RANDOM, FALSE_ALARMS, IN_TIME, HoldingOut, holding_out
+from texclass.recognition.held_out_predictions import HeldOutPredictions, predict_held_out
+from texclass.recognition.holdout import (
+    CHRONOLOGICAL_PROTOCOL,
+    DEFAULT_FALSE_ALARMS,
+    RANDOM_PROTOCOL,
+    Holdout,
+    select_protocol,
+)
 from texclass.recognition.model import Model
 from texclass.recognition.model_files import Manifest, unsafe_classes
+from texclass.recognition.novelty import (
+    ClassMoments,
+    FeatureRanges,
+    NoveltyDetector,
+    fit_class_distance,
+    min_held_out,
+    score_kind,
+)
+from texclass.recognition.prediction_sets import (
+    HALF_LIFE,
+    ConformalCalibration,
+    calibrate_sets,
+    manifest_entry,
+    n_later_repetitions,
+    recency_weights,
+)
 from texclass.recognition.probabilities import (
-    CORRELATION,
+    DEFAULT_CORRELATION,
     Calibration,
-    calibration_error_of_chance,
+    calibration_error_by_chance,
     expected_calibration_error,
     fit_calibration,
     fit_correlation,
     prior_calibration,
 )
 from texclass.recognition.sources.training_input import TrainingFiles
-from texclass.recognition.unknown import (
-    ClassMoments,
-    Novelty,
-    Ranges,
-    fit_nearness,
-    kind_for,
-    least_held_out,
-)
 from texclass.recording import RecordingError, Samples
 from texclass.tradeoff.recogniser import fit_recogniser, prune
 from texclass.validation import check_positive
 
-Facts = dict[str, Any]
-"""What a manifest states."""
+Entry = dict[str, Any]
+"""Entry of a manifest, or arguments of a model."""
 
 
 def train(
@@ -76,7 +95,7 @@ def train(
     window_s: float | None = None,
     exportable: bool = False,
     protocol: str | None = None,
-    false_alarms: float = FALSE_ALARMS,
+    false_alarms: float = DEFAULT_FALSE_ALARMS,
     fs: float | None = None,
     unit: str | None = None,
     n_jobs: int = 1,
@@ -86,7 +105,7 @@ def train(
     """Train a model: select feature subset and classifier, fit them on all recordings, and calibrate.
 
     The default pipeline has one row and one classifier, so nothing is selected (`pipeline_for`); nor is
-    anything below ten recordings (or runs) per surface (`without_choice`). One recording per surface is
+    anything below ten recordings (or runs) per surface (`without_selection`). One recording per surface is
     enough to train. Then none can be held out: the model states no accuracy, its probabilities are those of
     `prior_calibration`, and no recording is unknown.
 
@@ -104,20 +123,21 @@ def train(
     row, classifier : str, optional
         Row and classifier of the pipeline (default: selected by cross-validation).
     max_ms : float, optional
-        Largest latency per recording on this machine in ms, from samples to features; see `CostMeter.kept`.
+        Largest latency per recording on this machine in ms, from samples to features (default: no limit); see
+        `CostMeter.kept`.
     max_features : int, optional
-        Largest number of columns at the classifier.
+        Largest number of columns at the classifier (default: no limit).
     max_kb : float, optional
-        Largest size of an exported kernel discriminant in kB; see `KernelDiscriminant`. No effect on other
-        classifiers.
+        Largest size of an exported kernel discriminant in kB (default: no limit); see `KernelDiscriminant`.
+        No effect on other classifiers.
     window_s : float, optional
         Length of a window in s (default: whole recordings).
     exportable : bool
         Use only features that `export_onnx` can compute from samples (default False). The manifest lists the
         others, and the accuracy with them.
     protocol : str, optional
-        Protocol by which recordings are held out (default: see `holding_out`). `chronological` tests on later
-        repetitions, as sensors drift.
+        Protocol by which recordings are held out (default: see `select_protocol`). `chronological` tests on
+        later repetitions, as sensors drift.
     false_alarms : float
         Accepted rate of trained surfaces that are reported as unknown (default 0.05). With too few held-out
         recordings no surface is unknown, unless a smaller rate than the default is given.
@@ -130,7 +150,7 @@ def train(
     skip_bad : bool
         Leave out invalid recordings instead of stopping at the first (default False).
     progress : callable, optional
-        Called with (done, total, what).
+        Function called with (n_finished, n_total, task).
 
     Returns
     -------
@@ -139,50 +159,53 @@ def train(
     Raises
     ------
     RecordingError
-        At a bad recording, or if none is left.
+        If a recording is invalid, or all are.
     ValueError
-        If one recording of a surface is to train what needs several, the protocol cannot hold recordings out,
-        a name is unknown, or nothing is affordable.
+        If the classifier needs several recordings per surface, the protocol cannot hold recordings out, a
+        name is unknown, or no candidate is within the budget.
 
     Examples
     --------
     >>> train("simulated", row="Movement", window_s=1.0).save("surfaces.skops")  # doctest: +SKIP
     """
     check_positive(max_ms=max_ms, max_features=max_features, max_kb=max_kb)
-    felt = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, fs=fs, unit=unit)
-    # What is named without a pipeline is of `texclass`: its columns can be selected.
-    is_named = row or classifier or max_ms or max_features
-    named = pipeline or ("texclass" if is_named else pipeline_for(felt))
-    defined = named if isinstance(named, PipelineDefinition) else load_pipeline(named)
-    felt = felt.with_phase_settings(defined.phase_settings.changes, override=False)
+    recordings = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, fs=fs, unit=unit)
+    # A row, classifier or budget without a pipeline refers to `texclass`, whose columns can be selected.
+    has_selection = row or classifier or max_ms or max_features
+    name = pipeline or ("texclass" if has_selection else pipeline_for(recordings))
+    definition = name if isinstance(name, PipelineDefinition) else load_pipeline(name)
+    recordings = recordings.with_phase_settings(definition.phase_settings.changes, override=False)
     work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
     if window_s is not None:
-        felt = cut_windows(felt, window_s, **work)
-    felt = overlapping(felt, defined.overlap)
-    known = metadata(felt.entries)
-    held_out_by, why = holding_out(protocol, defined.protocol.name, known, false_alarms)
-    tests = HoldingOut(known, held_out_by, why, protocol is not None, defined.seed)
-    # Before the features: what is impossible should not cost an extraction.
-    tests.check_vouched_for(false_alarms)
-    table = cached_table(felt, *defined.needed, channels=defined.channels, skip_bad=skip_bad, **work)
-    tests = replace(tests, table=table.frame)
-    meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), defined.channels)
+        recordings = cut_windows(recordings, window_s, **work)
+    recordings = overlapping(recordings, definition.overlap)
+    entries = metadata(recordings.entries)
+    selected_protocol, reason = select_protocol(protocol, definition.protocol.name, entries, false_alarms)
+    holdout = Holdout(entries, selected_protocol, reason, protocol is not None, definition.seed)
+    # Impossible rates are refused before the features are computed.
+    holdout.check_rate(false_alarms)
+    table = cached_table(
+        recordings, *definition.needed, channels=definition.channels, skip_bad=skip_bad, **work
+    )
+    holdout = replace(holdout, table=table.frame)
+    meter = CostMeter.on(recordings, table.frame["recording_id"].tolist(), definition.channels)
     limits: dict[str, Any] = {"max_ms": max_ms, "max_features": max_features, "max_kb": max_kb}
-    candidates = candidates_of(defined, table, meter, row=row, classifier=classifier, **limits)
-    chosen, held_out, fitted, accuracy = _choice(candidates, tests, exportable=exportable, **work)
-    calibration, conformity, calibrated = _calibrated(held_out, tests)
-    far, stretch = _distances(chosen, held_out, tests, false_alarms)
+    candidates = list_candidates(definition, table, meter, row=row, classifier=classifier, **limits)
+    candidate, held_out, fitted, accuracy = _select(candidates, holdout, exportable=exportable, **work)
+    calibration, set_calibrations, calibration_entry = _calibrate(held_out, holdout)
+    scores, drift_factor = _held_out_novelty(candidate, held_out, holdout, false_alarms)
     plan: Plan = fitted["plan"]
-    X, y = replace(chosen, plan=plan).trained_on(table.frame)
-    novelty = _novelty(chosen, fitted["steps"], X, y, far, tests.level(false_alarms, len(far)))
+    X, y = replace(candidate, plan=plan).training_set(table.frame)
+    p_threshold = holdout.p_threshold(false_alarms, len(scores))
+    novelty = _novelty_detector(candidate, fitted["steps"], X, y, scores, p_threshold)
     manifest = Manifest(
-        **_recordings(felt, meter, table, plan),
+        **_recordings_entries(recordings, meter, table, plan),
         surfaces=fitted["surfaces"],
-        pipeline=_pipeline(defined, chosen, meter, tests.few, max_kb, max_ms),
+        pipeline=_pipeline_entry(definition, candidate, meter, holdout.shortage, max_kb, max_ms),
         accuracy=accuracy,
-        calibration=calibrated,
-        unknown=_unknown(novelty, false_alarms, stretch),
-        cost=_cost(fitted, meter, X[:1]),
+        calibration=calibration_entry,
+        unknown=_novelty_entry(novelty, false_alarms, drift_factor),
+        cost=_cost_entry(fitted, meter, X[:1]),
         window_s=window_s,
         versions=versions("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa"),
     )
@@ -190,177 +213,201 @@ def train(
         **fitted,
         calibration=calibration,
         novelty=novelty,
-        ranges=Ranges.of(X),
+        ranges=FeatureRanges.from_features(X),
         manifest=manifest,
         left_out=table.left_out,
-        conformity=conformity,
-        class_moments=ClassMoments.of(X, y),
+        set_calibrations=set_calibrations,
+        class_moments=ClassMoments.from_features(X, y),
     )
 
 
-def _choice(
+def _select(
     candidates: Sequence[Candidate],
-    tests: HoldingOut,
+    holdout: Holdout,
     *,
     exportable: bool,
     n_jobs: int,
     progress: Progress | None,
-) -> tuple[Candidate, HeldOut, Facts, Facts]:
-    """Return the best candidate, what it said, its parts of a model, and what the manifest says of it."""
-    candidates = without_choice(candidates) if tests.few else candidates
-    candidates = candidates if tests.splits else untested(candidates)
-    candidates, others, lacking = with_graph(candidates) if exportable else (candidates, [], ())
-    calls = [partial(hold_out, one, tests.table, tests.splits) for one in (*candidates, *others)]
+) -> tuple[Candidate, HeldOutPredictions, Entry, Entry]:
+    """Return the best candidate, its held-out predictions, arguments of its model, and the accuracy entry."""
+    candidates = without_selection(candidates) if holdout.shortage else candidates
+    candidates = candidates if holdout.splits else without_holdout(candidates)
+    others, not_exportable = list[Candidate](), tuple[str, ...]()
+    if exportable:
+        candidates, others, not_exportable = exportable_candidates(candidates)
+    calls = [partial(predict_held_out, one, holdout.table, holdout.splits) for one in (*candidates, *others)]
     n_jobs = n_jobs if len(calls) > 1 else 1
-    said = list(each(calls, n_jobs=n_jobs, progress=progress, what="candidates", total=len(calls)))
-    clusters = tests.protocol.clusters(tests.table)[said[0].rows]
-    tried = list(zip(candidates, said, strict=False))
-    candidate, held_out, fitted, expected = _best(tried, tests, clusters)
-    accuracy = tests.promised(expected, len(set(clusters)), len(fitted["surfaces"]))
+    predictions = list(each(calls, n_jobs=n_jobs, progress=progress, what="candidates", total=len(calls)))
+    clusters = holdout.protocol.clusters(holdout.table)[predictions[0].rows]
+    evaluated = list(zip(candidates, predictions, strict=False))
+    candidate, held_out, fitted, expected = _fit_best(evaluated, holdout, clusters)
+    accuracy = holdout.accuracy_entry(expected, len(set(clusters)), len(fitted["surfaces"]))
     if others:
-        hits = np.array([one.hits for one in said[len(candidates) :]])
-        _, with_all = accuracy_of_choice(hits, [c.n_columns for c in others], clusters, tests.seed)
-        accuracy |= {"without_graph": list(lacking), "with_all_features": with_all.mean}
+        hits = np.array([one.hits for one in predictions[len(candidates) :]])
+        _, with_all = select_best(hits, [c.n_columns for c in others], clusters, holdout.seed)
+        accuracy |= {"not_exportable": list(not_exportable), "with_all_features": with_all.mean}
     return candidate, held_out, fitted, accuracy
 
 
-def _best(
-    tried: Sequence[tuple[Candidate, HeldOut]], tests: HoldingOut, clusters: NDArray[Any]
-) -> tuple[Candidate, HeldOut, Facts, Facts]:
-    """Return the best candidate that can be saved, its parts of a model, and its expected accuracy."""
-    left = list(tried)
-    while left:
+def _fit_best(
+    evaluated: Sequence[tuple[Candidate, HeldOutPredictions]], holdout: Holdout, clusters: NDArray[Any]
+) -> tuple[Candidate, HeldOutPredictions, Entry, Entry]:
+    """Fit the best candidate that can be saved; return it as `_select` does, with its expected accuracy."""
+    remaining = list(evaluated)
+    while remaining:
         best, expected = 0, dict[str, Any]()
         if len(clusters):
-            hits = np.array([held_out.hits for _, held_out in left])
-            best, accuracy = accuracy_of_choice(hits, [c.n_columns for c, _ in left], clusters, tests.seed)
+            hits = np.array([held_out.hits for _, held_out in remaining])
+            n_columns = [candidate.n_columns for candidate, _ in remaining]
+            best, accuracy = select_best(hits, n_columns, clusters, holdout.seed)
             low, high = accuracy.interval
             expected = {"mean": accuracy.mean, "low": low, "high": high, "n_tested": accuracy.n_tested}
-        candidate, held_out = left[best]
-        fitted = fitted_on(candidate, tests.table)
+        candidate, held_out = remaining[best]
+        fitted = fit_candidate(candidate, holdout.table)
         estimators = estimators_in((fitted["steps"], fitted["classifier"]))
         if not (unsafe := unsafe_classes({"estimators": estimators}) if estimators else []):
-            return candidate, held_out, fitted, expected | {"n_candidates": len(left)}
-        left = [pair for pair in left if pair[0].classifier_name != candidate.classifier_name]
-    raise ValueError(f"{candidate} holds {unsafe[0]}. Expected a classifier whose file can be loaded safely")
+            return candidate, held_out, fitted, expected | {"n_candidates": len(remaining)}
+        remaining = [pair for pair in remaining if pair[0].classifier_name != candidate.classifier_name]
+    raise ValueError(
+        f"{candidate} contains {unsafe[0]}, which is not on the allow-list of model files. "
+        "Use another classifier"
+    )
 
 
-def fitted_on(candidate: Candidate, table: pd.DataFrame) -> Facts:
-    """Fit a candidate on all rows of a table, and return what a model computes with it: its parts, pruned."""
-    X, y = candidate.trained_on(table)
-    with quiet_fits(), one_thread():  # the number of threads would change last digits
+def fit_candidate(candidate: Candidate, table: pd.DataFrame) -> Entry:
+    """Fit a candidate to a feature table, and return plan, surfaces, steps and classifier of a model.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Feature subset and classifier.
+    table : DataFrame
+        Feature table with the surfaces.
+    """
+    X, y = candidate.training_set(table)
+    with quiet_fits(), one_thread():  # the number of threads would change the last digits
         recogniser = prune(fit_recogniser(candidate.plan, X, y, candidate.steps))
         plan: Plan = recogniser[0].plan_
-        X, y = replace(candidate, plan=plan).trained_on(table)
-        steps = [part for _, step in recogniser.steps[1:-1] for part in steps_of(step)]
+        X, y = replace(candidate, plan=plan).training_set(table)
+        steps = [array_step for _, step in recogniser.steps[1:-1] for array_step in steps_of(step)]
         classifier = classifier_of(recogniser[-1], (apply_all(steps, X), y))
     surfaces = tuple(str(name) for name in recogniser.classes_)
     return {"plan": plan, "surfaces": surfaces, "steps": steps, "classifier": classifier}
 
 
-def _calibrated(held_out: HeldOut, tests: HoldingOut) -> tuple[Calibration, dict[str, Conformity], Facts]:
-    """Return how decisions become probabilities, and sets, and what the manifest says of both."""
-    told, decisions = tests.table.iloc[held_out.rows], held_out.decisions
-    n_apart = int(asked(tests.table).sum())
-    calibration, how = prior_calibration(decisions.shape[1], n_apart), "prior temperature"
-    if len(told):
-        calibration, how = fit_calibration(decisions, held_out.labels), "temperature"
+def _calibrate(
+    held_out: HeldOutPredictions, holdout: Holdout
+) -> tuple[Calibration, dict[str, ConformalCalibration], Entry]:
+    """Return the calibration of probabilities and of prediction sets, and the manifest entry of both."""
+    tests, decisions = holdout.table.iloc[held_out.rows], held_out.decisions
+    n_recordings = int(asked(holdout.table).sum())
+    calibration, method = prior_calibration(decisions.shape[1], n_recordings), "prior temperature"
+    if len(tests):
+        calibration, method = fit_calibration(decisions, held_out.labels), "temperature"
     p = calibration(decisions)
-    of_contacts = _of_contacts(p, held_out, told)
-    ages = np.zeros(len(told), dtype=np.intp)
-    if tests.protocol.name == IN_TIME:
-        ages = n_later(told["surface"].to_numpy(dtype=str), told["repetition"].to_numpy())
-    conformity = conformities(
+    window_entry = _window_entry(p, held_out, tests)
+    ages = np.zeros(len(tests), dtype=np.intp)
+    if holdout.protocol.name == CHRONOLOGICAL_PROTOCOL:
+        ages = n_later_repetitions(tests["surface"].to_numpy(dtype=str), tests["repetition"].to_numpy())
+    set_calibrations = calibrate_sets(
         decisions,
         held_out.labels,
-        parents(told),
+        parents(tests),
         calibration,
-        correlation=of_contacts.get("correlation"),
-        counts=recency(ages, HALF_LIFE),
+        correlation=window_entry.get("correlation"),
+        weights=recency_weights(ages, HALF_LIFE),
     )
-    facts = {
-        "method": how,
+    entry = {
+        "method": method,
         **vars(calibration),
         "n": len(p),
-        **of_contacts,
-        "prediction_sets": facts_of(conformity),
+        **window_entry,
+        "prediction_sets": manifest_entry(set_calibrations),
     }
-    if len(told):
-        facts["expected_error"] = expected_calibration_error(p.max(axis=1), held_out.hits)
-        facts["error_of_chance"] = calibration_error_of_chance(p.max(axis=1))
-    return calibration, conformity, facts | _of_gestures(p, held_out, tests.table)
+    if len(tests):
+        entry["expected_error"] = expected_calibration_error(p.max(axis=1), held_out.hits)
+        entry["error_by_chance"] = calibration_error_by_chance(p.max(axis=1))
+    return calibration, set_calibrations, entry | _exploration_entry(p, held_out, holdout.table)
 
 
-def _of_contacts(p: Samples, held_out: HeldOut, told: pd.DataFrame) -> dict[str, float]:
-    """Return how windows of one recording agree by their recording; nothing where each has but one."""
-    contacts = parents(told).to_numpy()
-    n_contacts = len(set(contacts))
-    if "parent" not in told or n_contacts == len(contacts):  # several starts ask about a recording again
+def _window_entry(p: Samples, held_out: HeldOutPredictions, tests: pd.DataFrame) -> dict[str, float]:
+    """Return the correlation between windows of one recording; empty if each recording has one window."""
+    recordings = parents(tests).to_numpy()
+    n_contacts = len(set(recordings))
+    # Without windows, a recording is repeated if the protocol tests it in several folds.
+    if "parent" not in tests or n_contacts == len(recordings):
         return {}
-    return {"correlation": fit_correlation(p, held_out.labels, contacts), "n_contacts": n_contacts}
+    return {"correlation": fit_correlation(p, held_out.labels, recordings), "n_contacts": n_contacts}
 
 
-def _of_gestures(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> Facts:
-    """Return what is answered where a surface is felt, and how answers agree by the hand that repeats it.
+def _exploration_entry(p: Samples, held_out: HeldOutPredictions, frame: pd.DataFrame) -> Entry:
+    """Return the confusion matrix of probabilities, and the correlation between repetitions, for exploration.
 
-    Of the confusion, row m is the mean probability of each surface where m was felt; one answer that knows
-    nothing is added to each, so that few recordings promise little.
+    Row m of the confusion matrix is the mean probability of each surface for recordings of surface m. One
+    uniform answer is added to each row, so that a few recordings do not give certainty.
     """
     n_classes = p.shape[1]
-    felt = np.eye(n_classes)[held_out.labels]
-    confusion = (felt.T @ p + 1 / n_classes) / (felt.sum(axis=0)[:, None] + 1)
-    hands = frame.groupby(["surface", "operator", "session"], dropna=False).ngroup()
-    same = hands.to_numpy()[held_out.rows]
-    repeated = len(set(same)) < len(same)
-    repetition = fit_correlation(p, held_out.labels, same) if repeated else CORRELATION
-    return {"confusion": confusion.round(4).tolist(), "repetition": repetition}
+    is_true = np.eye(n_classes)[held_out.labels]
+    confusion = (is_true.T @ p + 1 / n_classes) / (is_true.sum(axis=0)[:, None] + 1)
+    # Repetitions by one operator in one session.
+    numbers = frame.groupby(["surface", "operator", "session"], dropna=False).ngroup()
+    group = numbers.to_numpy()[held_out.rows]
+    has_repetitions = len(set(group)) < len(group)
+    correlation = fit_correlation(p, held_out.labels, group) if has_repetitions else DEFAULT_CORRELATION
+    return {"confusion": confusion.round(4).tolist(), "repetition_correlation": correlation}
 
 
-def _distances(
-    chosen: Candidate, held_out: HeldOut, tests: HoldingOut, false_alarms: float
+def _held_out_novelty(
+    candidate: Candidate, held_out: HeldOutPredictions, holdout: Holdout, false_alarms: float
 ) -> tuple[Samples, float]:
-    """Return how far held-out recordings lie, shape (n,), ascending, and by what drift stretched that.
+    """Return the held-out novelty scores, ascending, and the factor by which drift increases them.
 
-    Distances shrink with every recording that trains: those of blocks in time, for which a half trains,
-    tell of the smaller half and of drift in one. Folds at random tell of neither. Their distances are
-    stretched by what later recordings are farther, in the median, than as many drawn at random.
+    Distances decrease with the number of training recordings. The chronological split trains on half of them,
+    so its distances reflect both the smaller training set and drift; random folds reflect neither. Their
+    distances are multiplied by the ratio of the medians of the chronological split and a random split in
+    half.
     """
-    if len(held_out.rows) < least_held_out(false_alarms):
+    if len(held_out.rows) < min_held_out(false_alarms):
         return np.empty(0), 1.0
-    if tests.protocol.name != IN_TIME or kind_for(chosen.classifier) != "distance":
-        return np.sort(held_out.strange), 1.0
-    at_random, table = find_protocol(AT_RANDOM), tests.table
-    halves = hold_out(chosen, table, at_random.split(table, 2, tests.seed)).strange
-    folds = hold_out(chosen, table, splits_of(at_random, table, tests.seed)).strange
-    stretch = max(1.0, float(np.median(held_out.strange) / max(np.median(halves), 1e-300)))
-    return np.sort(stretch * folds), stretch
+    is_chronological = holdout.protocol.name == CHRONOLOGICAL_PROTOCOL
+    if not is_chronological or score_kind(candidate.classifier) != "distance":
+        return np.sort(held_out.novelty), 1.0
+    random, table = find_protocol(RANDOM_PROTOCOL), holdout.table
+    halves = predict_held_out(candidate, table, random.split(table, 2, holdout.seed)).novelty
+    folds = predict_held_out(candidate, table, splits_of(random, table, holdout.seed)).novelty
+    factor = max(1.0, float(np.median(held_out.novelty) / max(np.median(halves), 1e-300)))
+    return np.sort(factor * folds), factor
 
 
-def _novelty(
-    chosen: Candidate, steps: Sequence[Part], X: Samples, y: NDArray[Any], far: Samples, level: float
-) -> Novelty:
-    """Return when a surface is unknown to a candidate that was trained on X and y."""
-    kind, near = kind_for(chosen.classifier), None
+def _novelty_detector(
+    candidate: Candidate,
+    steps: Sequence[ArrayStep],
+    X: Samples,
+    y: NDArray[Any],
+    held_out: Samples,
+    p_threshold: float,
+) -> NoveltyDetector:
+    """Return the detector of a candidate trained on X and y, from held-out novelty scores."""
+    kind, distance = score_kind(candidate.classifier), None
     if kind == "distance":
         with one_thread():
-            near = fit_nearness(apply_all(steps, X), np.unique(y, return_inverse=True)[1])
-    return Novelty(kind, far, level, near)
+            distance = fit_class_distance(apply_all(steps, X), np.unique(y, return_inverse=True)[1])
+    return NoveltyDetector(kind, held_out, p_threshold, distance)
 
 
-def _unknown(novelty: Novelty, false_alarms: float, stretch: float) -> Facts:
-    """Return what the manifest states of unknown surfaces."""
+def _novelty_entry(novelty: NoveltyDetector, false_alarms: float, drift_factor: float) -> Entry:
     return {
         "score": novelty.kind,
         "false_alarms": false_alarms,
-        "level": novelty.false_alarms,
+        "p_threshold": novelty.false_alarms,
         "threshold": novelty.threshold if len(novelty.held_out) else None,
         "n": len(novelty.held_out),
-        "stretch": stretch,
+        "drift_factor": drift_factor,
     }
 
 
-def _cost(fitted: Facts, meter: CostMeter, row: Samples) -> dict[str, float]:
-    """Return what the manifest states of milliseconds here, the classifier's on one row of features."""
+def _cost_entry(fitted: Entry, meter: CostMeter, row: Samples) -> dict[str, float]:
+    """Return the latency of each stage in ms on this machine."""
     call = partial(decide, fitted["steps"], fitted["classifier"], row)
     return {
         "segmentation_ms": meter.segmentation_ms,
@@ -369,49 +416,51 @@ def _cost(fitted: Facts, meter: CostMeter, row: Samples) -> dict[str, float]:
     }
 
 
-def _pipeline(
-    defined: PipelineDefinition,
-    chosen: Candidate,
+def _pipeline_entry(
+    definition: PipelineDefinition,
+    candidate: Candidate,
     meter: CostMeter,
-    few: str,
+    shortage: str,
     max_kb: float | None,
     max_ms: float | None,
 ) -> dict[str, str]:
-    """Return what the manifest states of what was trained, within which limits."""
     limits = [f"{max_kb:g} kB of a kernel"] if max_kb else []
-    limits += [f"{max_ms:g} ms on {meter.kept(defined.features).machine}"] if max_ms else []
+    limits += [f"{max_ms:g} ms on {meter.kept(definition.features).machine}"] if max_ms else []
     return {
-        "name": defined.name,
-        "hash": defined.hash,
-        "feature_set": defined.features.name,
-        "row": chosen.row,
-        "classifier": chosen.classifier_name,
-        **({"few": few} if few else {}),
+        "name": definition.name,
+        "hash": definition.hash,
+        "feature_set": definition.features.name,
+        "row": candidate.row,
+        "classifier": candidate.classifier_name,
+        **({"shortage": shortage} if shortage else {}),
         **({"budget": ", ".join(limits)} if limits else {}),
     }
 
 
-def _recordings(felt: Dataset, meter: CostMeter, table: FeatureTable, plan: Plan) -> Facts:
-    """Return what the manifest states of the recordings: those trained on, and which ones a model is for."""
-    like = meter.recordings[0]
-    if others := {recording.fs for recording in meter.recordings} - {like.fs}:
-        raise RecordingError(f"{felt.name}: rates are {like.fs:g} and {others.pop():g} Hz. Expected one")
-    spans = [r.phases.movement for r in meter.recordings if r.phases and r.phases.movement]
+def _recordings_entries(dataset: Dataset, meter: CostMeter, table: FeatureTable, plan: Plan) -> Entry:
+    """Return the entries of a manifest that describe the training recordings and the required input."""
+    example = meter.recordings[0]
+    if other_rates := {recording.fs for recording in meter.recordings} - {example.fs}:
+        raise RecordingError(
+            f"{dataset.name}: sampling rates differ ({example.fs:g} and {other_rates.pop():g} Hz). Expected "
+            "one rate; pass --resample"
+        )
+    movements = [r.phases.movement for r in meter.recordings if r.phases and r.phases.movement]
     members = [member for _, part in plan.parts for member in part.members]
-    sizes = [np.abs(r.acceleration - np.median(r.acceleration, axis=0)).max() for r in meter.recordings]
+    peaks = [np.abs(r.acceleration - np.median(r.acceleration, axis=0)).max() for r in meter.recordings]
     return {
         "features": tuple(dict.fromkeys(member.name for member in members)),
         "phases": tuple(sorted({member.feature.phase for member in members})),
-        "fs": like.fs,
+        "fs": example.fs,
         "native_fs": min(r.native_fs for r in meter.recordings if r.native_fs is not None),
-        "unit": like.unit,
-        "phase_settings": like.phase_settings,
-        "input": TrainingFiles.of(felt, like),
-        "loudest": float(max(sizes)) or None,
-        "shortest_s": min(((stop - start) / like.fs for start, stop in spans), default=None),
+        "unit": example.unit,
+        "phase_settings": example.phase_settings,
+        "input": TrainingFiles.of(dataset, example),
+        "peak_acceleration": float(max(peaks)) or None,
+        "shortest_s": min(((stop - start) / example.fs for start, stop in movements), default=None),
         "trained_on": {
-            "name": felt.name,
-            "hash": felt.input_hash,
+            "name": dataset.name,
+            "hash": dataset.input_hash,
             "n_recordings": int(parents(table.frame).nunique()),
             "n_windows": len(table.frame),
             "left_out": [item.recording_id for item in table.left_out],
@@ -420,12 +469,17 @@ def _recordings(felt: Dataset, meter: CostMeter, table: FeatureTable, plan: Plan
 
 
 def pipeline_for(dataset: Dataset) -> str:
-    """Return the pipeline that is trained where none is named.
+    """Return the name of the default pipeline for a dataset.
 
-    `coarse` for an inertial unit (a turn rate beside the acceleration): slow, its axes kept apart; for any
-    other recordings `surfaces`.
+    It is `coarse` for an inertial unit, whose recordings have a turn rate, a low sampling rate and separate
+    axes; otherwise `surfaces`.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Labelled recordings.
     """
     for entry in dataset.entries:
-        with suppress(RecordingError):  # bad ones are told, or skipped, by the extraction
+        with suppress(RecordingError):  # invalid recordings are reported by the extraction
             return "surfaces" if dataset.load(entry).turn_rate is None else "coarse"
     return "surfaces"

@@ -62,7 +62,7 @@ def test_it_publishes_the_answer_of_the_model(node, turning, terrain):
     (said,) = [json.loads(message.data) for message in node.publishers["~/surface"].sent]
     asked = turning.answer(recording(terrain, 90))
     assert said["surface"] == asked.surface == terrain
-    assert said["felt_s"] == pytest.approx(N / FS)
+    assert said["contact_s"] == pytest.approx(N / FS)
     (array,) = node.publishers["/diagnostics"].sent
     (status,) = array.status
     unknown = said["unknown"]

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.features.phase_view import TURN
-from texclass.recognition.answers import CONFIDENCE, Answer, ContactVerdict, Evidence, Kind
+from texclass.recognition.answers import DEFAULT_CONFIDENCE, Answer, ContactVerdict, Evidence, Kind
 from texclass.recognition.live.contact import Contact, ContactRules, Event, Level, Ring, TapMemory, Tapped
 from texclass.recognition.model import Model
-from texclass.recognition.probabilities import CORRELATION
+from texclass.recognition.probabilities import DEFAULT_CORRELATION
 from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples
 from texclass.signals import causal
 from texclass.validation import check_positive
@@ -61,7 +61,7 @@ class OnlineSettings:
     window_s: float | None = None
     hop_s: float | None = None
     evidence: Kind = "sequential"
-    confidence: float = CONFIDENCE
+    confidence: float = DEFAULT_CONFIDENCE
     correlation: float | None = None
     forget_s: float = math.inf
     stop_when_sure: bool = False
@@ -443,10 +443,10 @@ def _evidence(model: Model, settings: OnlineSettings, window_s: float, hop_s: fl
         settings.evidence,
         window_s=window_s,
         hop_s=hop_s,
-        correlation=next(r for r in (settings.correlation, found, CORRELATION) if r is not None),
+        correlation=next(r for r in (settings.correlation, found, DEFAULT_CORRELATION) if r is not None),
         lapse=0.0 if found is None else 1 / (known["n_contacts"] + 2),
         forget_s=forget_s,
         confidence=settings.confidence,
-        conformity=model.conformity_so_far if like_training else None,
+        set_calibrations=model.contact_calibrations if like_training else None,
         levels=model.levels,
     )

@@ -62,7 +62,7 @@ class Defects:
     """
 
     def __init__(self, model: Model, n_axes: int, fs: float, scale: float) -> None:
-        loudest = model.manifest.loudest
+        loudest = model.manifest.peak_acceleration
         # A step of a hundred times the largest acceleration of training is a loose wire, not a surface; a tap
         # on a hard surface may make one of 1000 m/s^2, whatever was trained.
         far = 1e6 if loudest is None else 100 * loudest
@@ -192,7 +192,7 @@ class Session:
             for event in told:
                 if isinstance(event, Event) and event.kind == "lift-off" and event.what:
                     found += self._noticed(block.t_s, f"noise: {event.what}")
-                elif isinstance(event, WindowAnswer) and (before := event.verdict.changed_from):
+                elif isinstance(event, WindowAnswer) and (before := event.verdict.previous_surface):
                     what = f"the last windows are of {event.verdict.surface}, not {before}: evidence restarts"
                     found += self._noticed(block.t_s, f"surface: {what}")
         return tuple(found)
@@ -238,9 +238,9 @@ class Session:
                 f"windows (texclass train --window {felt_s:g}) knows how sure it may be",
             )
         kept = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
-        for unlike in self.model.unlike(block.fs, kept):
+        for unlike in self.model.rate_and_unit_problems(block.fs, kept):
             found += self._noticed(block.t_s, unlike)
-        if narrow := self.model.narrow_band(block.native_fs or block.fs):
+        if narrow := self.model.bandwidth_problems(block.native_fs or block.fs):
             raise RecordingError(f"the source cannot be judged: {narrow[0]}")
         return found
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.impute import SimpleImputer
 
-from texclass.recognition.array_form import Part
+from texclass.recognition.array_form import ArrayStep
 from texclass.recognition.model import Model
-from texclass.recognition.probabilities import LEAST_PROBABILITY
+from texclass.recognition.probabilities import MIN_PROBABILITY
 from texclass.recording import Samples
 from texclass.robot.export.graph import OPSETS, Graph, OnnxExportError, Tensor, along, tensor_of
 
@@ -92,11 +92,11 @@ def add_answers(model: Model, features: Tensor, silent: Tensor | None = None) ->
     graph.add("Where", undefined, np.array(UNDEFINED, dtype=object), names, name="label")
     graph.add("Where", undefined.unsqueeze(), np.nan, p, name="probabilities")
     # p = (1 + #{held-out scores >= score}) / (n + 1), and whether false alarms may have it as small
-    novelty, near = model.novelty, model.novelty.nearness
-    if novelty.kind == "decision" or near is None:
+    novelty, distance = model.novelty, model.novelty.class_distance
+    if novelty.kind == "decision" or distance is None:
         strange = -decisions.reduced("ReduceMax", 1, keepdims=False)
     else:
-        squares = _squares((prepared - near.mean) @ near.view, near.means)
+        squares = _squares((prepared - distance.mean) @ distance.projection, distance.class_means)
         strange = squares.reduced("ReduceMin", 1, keepdims=False)
     at_least = (strange.unsqueeze() <= novelty.held_out[None]).cast(np.float64)
     p_known = (at_least.reduced("ReduceSum", 1, keepdims=False) + 1.0) / float(len(novelty.held_out) + 1)
@@ -117,7 +117,7 @@ def _of_rows(reduction: str, truths: Tensor) -> Tensor:
     return truths.cast(np.float64).reduced(reduction, 1, keepdims=False).cast(np.bool_)
 
 
-def add_part(part: Part, rows: Tensor) -> Tensor:
+def add_part(part: ArrayStep, rows: Tensor) -> Tensor:
     """Add a step of a recogniser, or what decides, to a graph.
 
     Parameters
@@ -137,8 +137,8 @@ def add_part(part: Part, rows: Tensor) -> Tensor:
     OnnxExportError
         If it has no export.
     """
-    held = {name: value for name, value in part.items() if name != "does"}
-    return BUILDERS[part["does"]](rows, **held)
+    held = {name: value for name, value in part.items() if name != "operation"}
+    return BUILDERS[part["operation"]](rows, **held)
 
 
 def _standardise(rows: Tensor, center: Samples | float, scale: Samples | float) -> Tensor:
@@ -187,11 +187,11 @@ def _kernel(
     return graph.add("Sum", *kernels) @ graph.short(dual / len(kernels))
 
 
-def _gauss(rows: Tensor, mean: Samples, variance: Samples, prior: Samples, votes: bool) -> Tensor:
+def _gauss(rows: Tensor, mean: Samples, variance: Samples, prior: Samples, is_averaged: bool) -> Tensor:
     """Add log posteriors, from sum (x - mean)^2 / variance."""
     level = np.log(prior) - 0.5 * np.log(2 * np.pi * variance).sum(axis=1)
     joint = level - _squares(rows, mean, np.sqrt(0.5 / variance))
-    return _as_decisions(rows.graph.add("Softmax", joint, axis=1), len(prior), votes)
+    return _as_decisions(rows.graph.add("Softmax", joint, axis=1), len(prior), is_averaged)
 
 
 def _centroids(rows: Tensor, points: Samples, scale: Samples, prior: Samples) -> Tensor:
@@ -204,25 +204,25 @@ def _centroids(rows: Tensor, points: Samples, scale: Samples, prior: Samples) ->
 
 
 def _neighbours(
-    rows: Tensor, points: Samples, classes: NDArray[Any], n: int, n_classes: int, votes: bool
+    rows: Tensor, points: Samples, classes: NDArray[Any], n: int, n_classes: int, is_averaged: bool
 ) -> Tensor:
     """Add the shares of the nearest points: those with the smallest |b|^2 - 2 a b."""
     products = rows @ np.ascontiguousarray(-2 * points.T)
     nearness = -(products + np.einsum("ij,ij->i", points, points))
     nearest = rows.graph.largest(nearness, n, axis=1, largest=1, sorted=1)[1]
     right = rows.graph.add("Gather", np.eye(n_classes)[classes], nearest, axis=0)
-    return _as_decisions(right.reduced("ReduceMean", 1, keepdims=False), n_classes, votes)
+    return _as_decisions(right.reduced("ReduceMean", 1, keepdims=False), n_classes, is_averaged)
 
 
 def _vote(
-    rows: Tensor, columns: NDArray[Any], piece: Part, whole: Part | None, whole_weight: float
+    rows: Tensor, columns: NDArray[Any], segment: ArrayStep, whole: ArrayStep | None, whole_weight: float
 ) -> Tensor:
     """Add the mean over the pieces, then that and the whole.
 
     Pieces that are all the same need no rule of their own: their mean is their decision.
     """
     n_asked = 1 if rows.graph.same_pieces else columns.shape[1]
-    votes = [add_part(piece, rows.take(columns[:, i])) for i in range(n_asked)]
+    votes = [add_part(segment, rows.take(columns[:, i])) for i in range(n_asked)]
     mean = rows.graph.add("Sum", *votes) / len(votes)
     if whole is None:
         return mean
@@ -230,15 +230,15 @@ def _vote(
     return (mean / whole_weight + add_part(whole, rows)) / (1 / whole_weight + 1)
 
 
-def _chain(rows: Tensor, steps: Sequence[Part], decide: Part) -> Tensor:
-    for part in (*steps, decide):
+def _chain(rows: Tensor, steps: Sequence[ArrayStep], classifier: ArrayStep) -> Tensor:
+    for part in (*steps, classifier):
         rows = add_part(part, rows)
     return rows
 
 
-def _ask(rows: Tensor, estimator: Any, votes: bool | None = None) -> Tensor:
+def _ask(rows: Tensor, estimator: Any, is_averaged: bool | None = None) -> Tensor:
     """Add what skl2onnx makes of an estimator that has no array form."""
-    if votes is None:
+    if is_averaged is None:
         if isinstance(estimator, SimpleImputer):
             raise OnnxExportError(
                 f"{_class_name(estimator)} has add_indicator = {estimator.add_indicator}, missing_values = "
@@ -255,11 +255,11 @@ def _ask(rows: Tensor, estimator: Any, votes: bool | None = None) -> Tensor:
             f"{_class_name(estimator)} has labels only, no decisions or probabilities. "
             "Expected a classifier with decisions or probabilities"
         )
-    return _as_decisions(_converted(estimator, rows, {"zipmap": False}), n_classes, votes)
+    return _as_decisions(_converted(estimator, rows, {"zipmap": False}), n_classes, is_averaged)
 
 
 BUILDERS: Mapping[str, Callable[..., Tensor]] = {
-    "take": lambda rows, columns: rows.take(columns),
+    "select": lambda rows, columns: rows.take(columns),
     "fill": lambda rows, values: rows.graph.add("Where", rows.graph.add("IsNaN", rows), values, rows),
     "standardise": _standardise,
     "affine": lambda rows, scale, shift: rows * scale + shift,
@@ -271,15 +271,15 @@ BUILDERS: Mapping[str, Callable[..., Tensor]] = {
     "neighbours": _neighbours,
     "vote": _vote,
     "chain": _chain,
-    "ask": _ask,
+    "estimator": _ask,
 }
 """What is done -> what adds it to a graph; see `texclass.recognition.array_form`."""
 
 
-def _as_decisions(p: Tensor, n_classes: int, votes: bool) -> Tensor:
+def _as_decisions(p: Tensor, n_classes: int, is_averaged: bool) -> Tensor:
     """Add probabilities as decisions: logarithms; a voter's as they are, of two classes about 0."""
-    if not votes:
-        return p.graph.add("Log", p.graph.add("Max", p, LEAST_PROBABILITY))
+    if not is_averaged:
+        return p.graph.add("Log", p.graph.add("Max", p, MIN_PROBABILITY))
     return _both(p - 0.5) if n_classes == 2 else p
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.neighbors import KNeighborsClassifier
 
-from texclass.recognition.array_form import Part, apply, squared_distances
+from texclass.recognition.array_form import ArrayStep, apply, squared_distances
 from texclass.recognition.model import Model
-from texclass.recognition.unknown import strangeness
+from texclass.recognition.novelty import novelty_scores
 from texclass.recording import Samples
 from texclass.robot.export.answers_graph import FEATURES, OUTPUTS, UNDEFINED
 from texclass.robot.export.graph import OnnxExportError
@@ -85,7 +85,7 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     ------
     ParityError
         If a label, a verdict or a probability differs by more than rounding explains: of two labels whose
-        probabilities are equal within the tolerance, of neighbours equally far, of a strangeness equal to
+        probabilities are equal within the tolerance, of neighbours equally far, of a novelty score equal to
         one that was held out, and where features changed by 1e-13 of themselves give other probabilities.
     OnnxExportError
         If onnxruntime cannot run it.
@@ -94,7 +94,7 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     expected, found = reference(model, X), run(graph, X)
     allowed = TOLERANCE + _rounding(model, X, expected["probabilities"], np.random.default_rng(seed))
     allowed[expected["tied"]] = np.inf
-    # Decisions of a kernel reach 1: below 1e-3, differences of the strangeness count as there.
+    # Decisions of a kernel reach 1: below 1e-3, differences of the novelty score count as there.
     rounding = TOLERANCE * np.maximum(np.abs(expected["strange"]), 1e-3)
     names = [f"row {i} ({kind})" for i, kind in enumerate(kinds)]
     gap = check_same(
@@ -161,7 +161,7 @@ def check_same(
     k = np.array([place.get(label, -1) for label in found["label"].tolist()])
     own, chosen = (np.where(k >= 0, one[at[0], k], np.nan) for one in (p, other))
     right = (own == p.max(axis=1)) & (chosen >= other.max(axis=1) - 2 * allowed)
-    # A p-value is that of the expected strangeness, within its rounding.
+    # A p-value is that of the expected novelty score, within its rounding.
     p_known = found["p_known"]
     low, high = (model.novelty.p_value(expected["strange"] + side * rounding) for side in (1, -1))
     between = (low <= p_known) & (p_known <= high)
@@ -195,7 +195,7 @@ def reference(model: Model, X: Samples) -> Said:
     defined = np.isfinite(prepared).all(axis=1)
     seen = prepared[defined]
     decisions = apply(model.classifier, seen)
-    strange = strangeness(model.novelty.kind, decisions, seen, model.novelty.nearness)
+    strange = novelty_scores(model.novelty.kind, decisions, seen, model.novelty.class_distance)
     p = model.calibration(decisions)
     said: Said = {}
     for name, values, undefined in (
@@ -210,10 +210,10 @@ def reference(model: Model, X: Samples) -> Said:
     return said | {"unknown": _verdict(model, X, np.nan_to_num(said["p_known"]))}
 
 
-def _tied(classifier: Part, rows: Samples) -> NDArray[np.bool_]:
+def _tied(classifier: ArrayStep, rows: Samples) -> NDArray[np.bool_]:
     """Return of which prepared rows the last neighbour that counts and the next one are equally far."""
     tied, estimator = np.zeros(len(rows), dtype=bool), classifier.get("estimator")
-    if classifier["does"] == "neighbours":
+    if classifier["operation"] == "neighbours":
         n, squares = classifier["n"], np.sort(squared_distances(rows, classifier["points"]), axis=1)
     elif isinstance(estimator, KNeighborsClassifier) and len(rows):
         n, most = estimator.n_neighbors, estimator.n_samples_fit_
@@ -334,22 +334,22 @@ def remembered(model: Model) -> Samples:
 
     None, shape (0, n_columns), where nothing is remembered, or a step cannot be undone.
     """
-    near, nothing = model.novelty.nearness, np.empty((0, len(model.columns)))
+    distance, nothing = model.novelty.class_distance, np.empty((0, len(model.columns)))
     prepared = _in_classifier(model.classifier)
-    if near is not None:  # the rows in which its view sees the class means: those closest to the mean of all
-        prepared.append(near.mean + near.means @ np.linalg.pinv(near.view))
+    if distance is not None:  # the features of the class means that are closest to the mean of all
+        prepared.append(distance.mean + distance.class_means @ np.linalg.pinv(distance.projection))
     if not prepared:
         return nothing
     rows = np.concatenate(prepared)
     for part in reversed(model.steps):
         match part:
-            case {"does": "fill" | "clip"}:
+            case {"operation": "fill" | "clip"}:
                 pass
-            case {"does": "standardise", "center": center, "scale": scale}:
+            case {"operation": "standardise", "center": center, "scale": scale}:
                 rows = rows * scale + center
-            case {"does": "affine", "scale": scale, "shift": shift}:
+            case {"operation": "affine", "scale": scale, "shift": shift}:
                 rows = (rows - shift) / scale
-            case {"does": "ask", "estimator": step} if hasattr(step, "inverse_transform"):
+            case {"operation": "estimator", "estimator": step} if hasattr(step, "inverse_transform"):
                 rows = step.inverse_transform(rows)
             case _:
                 return nothing
@@ -376,22 +376,22 @@ def listed(values: Samples) -> list[float | None]:
     return [None if np.isnan(value) else value for value in values.tolist()]
 
 
-def _in_classifier(part: Part) -> list[Samples]:  # noqa: PLR0911  (one for each kind)
+def _in_classifier(part: ArrayStep) -> list[Samples]:  # noqa: PLR0911  (one for each kind)
     """Return the prepared rows that a classifier remembers."""
     match part:
-        case {"does": "vote", "whole": dict(whole)}:
+        case {"operation": "vote", "whole": dict(whole)}:
             return _in_classifier(whole)
-        case {"does": "chain", "steps": [{"does": "clip"}], "decide": dict(kernel)}:
+        case {"operation": "chain", "steps": [{"operation": "clip"}], "classifier": dict(kernel)}:
             return _in_classifier(kernel)
-        case {"does": "kernel", "views": [{"mean": mean, "scale": scale, "weights": weights}, *_]}:
+        case {"operation": "kernel", "views": [{"mean": mean, "scale": scale, "weights": weights}, *_]}:
             if weights.ndim > 1:
                 return []
             is_constant = np.isinf(scale)
             size = np.where(is_constant, 0.0, np.where(is_constant, 1.0, scale) / weights)
             return [mean + part["prototypes"][0] * size]
-        case {"does": "gauss", "mean": rows} | {"does": "centroids" | "neighbours", "points": rows}:
+        case {"operation": "gauss", "mean": rows} | {"operation": "centroids" | "neighbours", "points": rows}:
             return [rows]
-        case {"does": "ask", "estimator": classifier}:
+        case {"operation": "estimator", "estimator": classifier}:
             names = ("means_", "theta_", "centroids_")  # in which scikit-learn keeps means of classes
             return [np.asarray(getattr(classifier, name)) for name in names if hasattr(classifier, name)]
     return []

@@ -159,7 +159,7 @@ def recording_of(model: Model, window: Samples) -> Recording:
 
 def _same_pieces(model: Model, n_samples: int) -> bool:
     """Return whether windows are too short to be cut, and all steps leave their equal pieces equal."""
-    n_segments = model.classifier["columns"].shape[1] if model.classifier["does"] == "vote" else 1
+    n_segments = model.classifier["columns"].shape[1] if model.classifier["operation"] == "vote" else 1
     given = [
         member.parameters.get("n_segments", 1) for _, part in model.plan.parts for member in part.members
     ]

@@ -123,18 +123,18 @@ def features_of_windows(model: Model, windows: NDArray[np.float32]) -> Samples:
 
 def outside(model: Model, X: Samples) -> Samples:
     """Return how many widths features lie outside the range of training at most, shape (n,), at least 1."""
-    return np.maximum(1.0, [model.ranges.far(row).max(initial=0.0) for row in X])
+    return np.maximum(1.0, [model.ranges.distance_outside(row).max(initial=0.0) for row in X])
 
 
 def recipes(model: Model) -> list[dict[str, Any]]:
     """Return what to make windows of by `FORMULA`: noise of several colours and levels, and silence."""
     channels = channels_of(model)
-    loudest = model.manifest.loudest or 1.0
+    peak = model.manifest.peak_acceleration or 1.0
     tilt = STANDARD_GRAVITY if model.manifest.unit == "m/s^2" else 0.0
     rest, seeds = [0.0] * len(channels), (1, 2, 3)
     colours = (-0.7, 0.0, 0.6, 0.9, 0.98, 0.998)
     found = [
-        {"seed": seed, "smooth": smooth, "gain": loudest * gain, "offset": rest}
+        {"seed": seed, "smooth": smooth, "gain": peak * gain, "offset": rest}
         for smooth, gain, seed in product(colours, (1.0, 0.3, 0.03), seeds)
     ]
     tilted = [one | {"offset": [*rest[1:], tilt]} for one in found[:: len(seeds)]] if tilt else []

@@ -1,0 +1,246 @@
+"""Protocols by which recordings are held out of a training, and what their accuracy covers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import pandas as pd
+
+from texclass.evaluation.protocols import Protocol, fewest, find_protocol, splits_of
+from texclass.evaluation.splits import Split
+from texclass.evaluation.windows import parents
+from texclass.recognition.novelty import check_false_alarms, conservative_rate, min_held_out
+from texclass.reporting.wording import counted
+
+DEFAULT_FALSE_ALARMS = 0.05
+"""Accepted share of recordings of trained surfaces that are reported as unknown."""
+MIN_REPETITIONS = 20
+"""Repetitions per surface from which the later half is held out, so that ten are left for training."""
+FEW_RECORDINGS = 10
+"""Recordings (or runs) per surface below which nothing is selected, and thresholds are wider."""
+LATER_SHARE = 0.45
+"""Smallest share of the accuracy above chance that later recordings reached in the study `few_recordings`."""
+LATER_ALARM_FACTOR = 3.0
+"""Median ratio of false alarms of later recordings to held-out ones in the study `few_recordings`."""
+RANDOM_PROTOCOL, CHRONOLOGICAL_PROTOCOL = "recording", "chronological"
+LATER = "later recordings"
+"""First words of `Holdout.not_evaluated` if the held-out recordings are not later than the training set."""
+
+
+def select_protocol(
+    requested: str | None, default: str, table: pd.DataFrame, false_alarms: float
+) -> tuple[Protocol, str]:
+    """Return the protocol by which recordings are held out, and the reason.
+
+    Random folds are replaced by the chronological split if there are many numbered repetitions: a deployed
+    model meets a sensor that is older than in its training, which random folds do not show.
+
+    Parameters
+    ----------
+    requested : str or None
+        Protocol that the user requested.
+    default : str
+        Protocol of the pipeline.
+    table : DataFrame
+        Metadata of recordings, or of their windows.
+    false_alarms : float
+        Accepted rate of false alarms, which needs a number of held-out recordings.
+
+    Returns
+    -------
+    protocol : Protocol
+        Protocol for selection, calibration and threshold.
+    reason : str
+        Reason, for the model card.
+    """
+    if requested is not None:
+        return find_protocol(requested), "requested"
+    recordings = table[~parents(table).duplicated()]
+    counts = recordings["surface"].value_counts()
+    n_held_out = int((counts - counts // 2).sum())
+    # Repetitions are in chronological order only if one operator made them one after the other.
+    is_sequence = (
+        table["repetition"].notna().all()
+        and not recordings.duplicated(["surface", "repetition"]).any()
+        and len(recordings["operator"].unique()) == 1
+    )
+    is_enough = counts.min() >= MIN_REPETITIONS and n_held_out >= min_held_out(false_alarms)
+    if default == RANDOM_PROTOCOL and is_sequence and is_enough:
+        reason = f"at least {counts.min()} numbered repetitions per surface: the sensor may drift"
+        return find_protocol(CHRONOLOGICAL_PROTOCOL), reason
+    return find_protocol(default), "of the pipeline"
+
+
+def rule_of_succession(share: float, n: int) -> float:
+    """Return Laplace's estimate of the share of hits, (n share + 1) / (n + 2).
+
+    A few tests may all be correct by chance; their share of 1 would state that no answer will ever be wrong.
+
+    Parameters
+    ----------
+    share : float
+        Share of hits.
+    n : int
+        Number of tests.
+
+    Examples
+    --------
+    >>> rule_of_succession(1.0, 8)
+    0.9
+    """
+    return (n * share + 1) / (n + 2)
+
+
+def later_accuracy(interval: Mapping[str, float], n_classes: int) -> dict[str, float]:
+    """Return the range of accuracies to expect for later recordings, `low` and `high`.
+
+    Recordings of one session resemble each other. In some datasets later recordings reached the accuracy of
+    the held-out ones, in others only `LATER_SHARE` of it above chance, so the lower limit is moved towards
+    chance.
+
+    Parameters
+    ----------
+    interval : mapping
+        `low` and `high` of the accuracy on held-out recordings.
+    n_classes : int
+        Number of surfaces.
+    """
+    chance = 1 / n_classes
+    low = chance + LATER_SHARE * (interval["low"] - chance)
+    return {"low": min(low, interval["low"]), "high": interval["high"]}
+
+
+@dataclass(frozen=True, eq=False)
+class Holdout:
+    """Protocol by which the recordings of a table are held out, with its folds.
+
+    Attributes
+    ----------
+    table : DataFrame
+        Metadata of recordings, or of their windows.
+    protocol : Protocol
+        Protocol.
+    reason : str
+        Reason for the protocol.
+    is_requested : bool
+        Whether the user requested the protocol.
+    seed : int
+        Seed of the folds.
+    """
+
+    table: pd.DataFrame
+    protocol: Protocol
+    reason: str
+    is_requested: bool
+    seed: int
+
+    @cached_property
+    def splits(self) -> tuple[Split, ...]:
+        """Rows of the training set and the test set of each fold; empty for one recording per surface."""
+        can_split = self.is_requested or self.n_per_surface > 1
+        return splits_of(self.protocol, self.table, self.seed) if can_split else ()
+
+    @cached_property
+    def n_per_surface(self) -> int:
+        """Number of recordings (or runs) of the rarest surface."""
+        return fewest(self.protocol, self.table)
+
+    @property
+    def shortage(self) -> str:
+        """Number of recordings (or runs) of the rarest surface as text; empty from `FEW_RECORDINGS` on."""
+        if self.n_per_surface >= FEW_RECORDINGS:
+            return ""
+        return f"{counted(self.n_per_surface, self.protocol.unit)} of a surface"
+
+    @cached_property
+    def not_evaluated(self) -> list[str]:
+        """Conditions of later use that the test sets do not cover, the most frequent first.
+
+        Recordings that are held out at random were made between those of the training set, by the same
+        operator in the same session.
+        """
+        table = self.table
+        folds = [(table.iloc[train], table.iloc[test]) for train, test in self.splits]
+        if not self.splits:
+            return ["accuracy on other recordings (1 per surface: none could be held out)"]
+        conditions = []
+        is_later = [
+            (test.groupby("surface")["repetition"].min() > train.groupby("surface")["repetition"].max()).all()
+            for train, test in folds
+        ]
+        if table["repetition"].isna().any() or not all(is_later):
+            n = int(table[~parents(table).duplicated()]["surface"].value_counts().min())
+            conditions.append(
+                f"{LATER} ({n} of each surface, held out at random; from {MIN_REPETITIONS} numbered "
+                f"repetitions on, or with `--protocol {CHRONOLOGICAL_PROTOCOL}`, the later half is held out)"
+            )
+        shared = [
+            name
+            for name in ("session", "operator")
+            if table[name].isna().any() or any(set(test[name]) & set(train[name]) for train, test in folds)
+        ]
+        if shared:
+            conditions.append(
+                f"another {' or '.join(shared)} (`--leave-out {shared[0]}`, if the card names it)"
+            )
+        return conditions
+
+    @property
+    def is_random_order(self) -> bool:
+        """Whether recordings are held out at random although later ones may differ."""
+        return self.protocol.name == RANDOM_PROTOCOL and any(
+            condition.startswith(LATER) for condition in self.not_evaluated
+        )
+
+    def check_rate(self, false_alarms: float) -> None:
+        """Check that a rate of false alarms below the default is supported by enough held-out recordings.
+
+        Raises
+        ------
+        ValueError
+            If there are too few, or the rate is not between 0 and 1.
+        """
+        min_held_out(false_alarms)
+        if self.splits and false_alarms < DEFAULT_FALSE_ALARMS:
+            check_false_alarms(false_alarms, sum(len(test) for _, test in self.splits))
+
+    def p_threshold(self, false_alarms: float, n_held_out: int) -> float:
+        """Return the largest p-value of an unknown recording: below the rate if recordings are few."""
+        if self.n_per_surface >= (MIN_REPETITIONS if self.is_random_order else FEW_RECORDINGS):
+            return false_alarms
+        return conservative_rate(
+            false_alarms, n_held_out, LATER_ALARM_FACTOR if self.is_random_order else 1.0
+        )
+
+    def accuracy_entry(
+        self, expected: Mapping[str, Any], n_recordings: int, n_classes: int
+    ) -> dict[str, Any]:
+        """Return the entry `accuracy` of a manifest: expected accuracy, protocol and what it does not cover.
+
+        Parameters
+        ----------
+        expected : mapping
+            mean, low, high and n_tested of the selected candidate, unless nothing was held out; n_candidates.
+        n_recordings : int
+            Number of held-out recordings (or runs). If they are few, one correct and one wrong answer are
+            added.
+        n_classes : int
+            Number of surfaces.
+        """
+        selection = ", selection of the pipeline included" * (expected["n_candidates"] > 1)
+        correction = " (few: one correct and one wrong answer are added)" * bool(self.shortage)
+        unit = "windows" if "parent" in self.table else "recordings"
+        entry = {
+            "protocol": self.protocol.name,
+            "reason": self.reason if self.splits else f"1 {self.protocol.unit} of a surface",
+            "n_folds": len(self.splits),
+            "not_evaluated": self.not_evaluated,
+            **expected,
+            "description": f"held-out {unit}{selection}{correction}",
+        }
+        if self.shortage and self.splits:
+            entry["mean"] = rule_of_succession(expected["mean"], n_recordings)
+        if self.is_random_order:
+            entry["later_recordings"] = later_accuracy(expected, n_classes)
+        return entry
