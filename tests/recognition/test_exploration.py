@@ -121,22 +121,23 @@ def test_training_says_what_a_gesture_confuses_and_what_it_costs(models):
     assert slow > fast + 0.5
 
 
-def test_what_is_confused_is_what_was_held_out():
+def test_the_confusion_matrix_is_that_of_held_out_probabilities():
     import pandas as pd
 
-    from texclass.recognition.candidates import HeldOut
-    from texclass.recognition.training import _of_gestures
+    from texclass.recognition.held_out_predictions import HeldOutPredictions
+    from texclass.recognition.training import _exploration_entry
 
     labels = np.array([0, 0, 1, 1])
     p = np.array([[0.8, 0.2], [0.8, 0.2], [0.1, 0.9], [0.0, 1.0]])
     frame = pd.DataFrame({"surface": list("aabb"), "operator": [None] * 4, "session": [None] * 4})
-    found = _of_gestures(p, HeldOut(np.arange(4), np.log(p + 1e-9), np.zeros(4), labels), frame)
-    # One answer that knows nothing is added to the two of each.
-    assert found["confusion"] == [[0.7, 0.3], [0.2, 0.8]]
-    # The hand of `a` says the same twice.
-    assert found["repetition"] > 0
+    held_out = HeldOutPredictions(np.arange(4), np.log(p + 1e-9), np.zeros(4), labels)
+    entry = _exploration_entry(p, held_out, frame)
+    # One uniform answer is added to the two of each surface.
+    assert entry["confusion"] == [[0.7, 0.3], [0.2, 0.8]]
+    # One operator made both repetitions of `a`, with equal answers.
+    assert entry["repetition_correlation"] > 0
     frame["operator"] = list("wxyz")
-    assert _of_gestures(p, HeldOut(np.arange(4), p, np.zeros(4), labels), frame)["repetition"] == 1.0
+    assert _exploration_entry(p, held_out, frame)["repetition_correlation"] == 1.0
 
 
 def blocks_of(pieces, surface=0, rest_s=0.7):

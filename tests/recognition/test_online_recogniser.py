@@ -280,13 +280,13 @@ def test_a_wild_sample_in_a_stream_is_no_tap(linear_model, stream, heard):
 def test_overlapping_windows_count_by_the_share_of_new_signal(linear_model, hop_s, share):
     live = OnlineRecogniser(linear_model, settings=OnlineSettings(window_s=0.5, hop_s=hop_s))
     assert live.window == round(0.5 * FS)
-    assert live.evidence.constants["later"] == pytest.approx(share)
+    assert live.evidence.constants["new_share"] == pytest.approx(share)
 
 
 def test_evidence_is_forgotten_with_its_time_constant_in_seconds(linear_model):
     settings = OnlineSettings(window_s=0.5, hop_s=0.25, forget_s=2.0)
     constants = OnlineRecogniser(linear_model, settings=settings).evidence.constants
-    assert constants["remembered"] == pytest.approx(np.exp(-0.25 / 2.0))
+    assert constants["decay"] == pytest.approx(np.exp(-0.25 / 2.0))
 
 
 def test_a_recogniser_that_has_seen_no_sample_holds_none(linear_model, stream):

@@ -247,7 +247,7 @@ def test_surfaces_that_were_not_trained_are_left_out_of_the_accuracy(run, traine
     assert code == 0
     assert "accuracy 100.0 [" in said
     assert "on 2 recordings of trained surfaces" in said
-    assert "not trained on new: 1 of 1 recording called unknown" in said
+    assert "not trained on new: 1 of 1 recording reported as unknown" in said
     assert (work / "mixed.csv").read_text().splitlines()[-1].startswith("new,")
 
 

@@ -136,7 +136,9 @@ def test_mended_samples_do_not_depend_on_blocks(linear_model, size):
     np.testing.assert_array_equal(whole, mended(400)[1])
     np.testing.assert_allclose(whole[48], (rows[49] + rows[51]) / 2)
     assert len(whole) + sum(lost) == 400
-    assert Defects(linear_model, 1, FS, 0.5).far == 2 * max(100 * linear_model.manifest.loudest, 1000)
+    assert Defects(linear_model, 1, FS, 0.5).far == 2 * max(
+        100 * linear_model.manifest.peak_acceleration, 1000
+    )
 
 
 def test_a_loss_that_is_reported_without_samples_interrupts_the_stream(linear_model, oak):

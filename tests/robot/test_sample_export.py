@@ -380,19 +380,21 @@ def test_training_for_export_leaves_out_what_has_no_graph_and_says_what_that_cos
     model = train(surfaces(), pipeline(), **asked, exportable=True)
     assert model.columns == ("fineness",)
     accuracy = model.manifest.accuracy
-    assert accuracy["without_graph"] == ["temporal_roughness"]
+    assert accuracy["not_exportable"] == ["temporal_roughness"]
     whole = train(surfaces(), pipeline(), **asked)
     assert accuracy["with_all_features"] == whole.manifest.accuracy["mean"] != accuracy["mean"]
     export_onnx(model, folder / "surfaces.onnx", start="samples")
     model.save("surfaces.skops")
     _, out, _ = command("model", "surfaces.skops")
-    assert "temporal_roughness: no graph for ONNX; with them" in " ".join(out.split())
+    assert "temporal_roughness: not exportable to ONNX; with them" in " ".join(out.split())
     nothing = train(surfaces(), pipeline(), **asked | {"row": "Spectrum"}, exportable=True)
-    assert "without_graph" not in nothing.manifest.accuracy
+    assert "not_exportable" not in nothing.manifest.accuracy
 
 
 @pytest.mark.usefixtures("_without_roughness")
 def test_rows_without_any_graph_cannot_be_trained_for_export():
     rows = (RowDefinition(name="Taps", features=("temporal_roughness",)),)
-    with pytest.raises(ValueError, match=r"no row has a feature with a graph \(temporal_roughness have none"):
+    with pytest.raises(
+        ValueError, match="no row has an exportable feature: temporal_roughness cannot be computed"
+    ):
         train(surfaces(), pipeline(rows=rows), exportable=True, window_s=0.25)

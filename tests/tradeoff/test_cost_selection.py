@@ -108,9 +108,9 @@ def test_groups_are_never_divided():
 
 def test_a_lonely_class_or_group_is_refused_and_costs_that_do_not_fit_the_columns_too():
     X, y = columns_of_classes()
-    with pytest.raises(ValueError, match="class 3 has 1 sample to train on"):
+    with pytest.raises(ValueError, match="at least 2 samples of each class, got 1 sample of class 3"):
         CostAwareSelector().fit(X[:61], y[:61])
-    with pytest.raises(ValueError, match="class 0 has 1 group to train on"):
+    with pytest.raises(ValueError, match="at least 2 groups of each class, got 1 group of class 0"):
         CostAwareSelector().fit(X, y, y)
     for costs in ([1.0], [1.0, 1, 1, 1, 1, -1]):
         with pytest.raises(ValueError, match="Expected a finite cost of at least 0 for each"):

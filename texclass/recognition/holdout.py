@@ -10,6 +10,7 @@ import pandas as pd
 from texclass.evaluation.protocols import Protocol, fewest, find_protocol, splits_of
 from texclass.evaluation.splits import Split
 from texclass.evaluation.windows import parents
+from texclass.recognition.model_files import LATER_RECORDINGS
 from texclass.recognition.novelty import check_false_alarms, conservative_rate, min_held_out
 from texclass.reporting.wording import counted
 
@@ -24,8 +25,6 @@ LATER_SHARE = 0.45
 LATER_ALARM_FACTOR = 3.0
 """Median ratio of false alarms of later recordings to held-out ones in the study `few_recordings`."""
 RANDOM_PROTOCOL, CHRONOLOGICAL_PROTOCOL = "recording", "chronological"
-LATER = "later recordings"
-"""First words of `Holdout.not_evaluated` if the held-out recordings are not later than the training set."""
 
 
 def select_protocol(
@@ -172,8 +171,8 @@ class Holdout:
         if table["repetition"].isna().any() or not all(is_later):
             n = int(table[~parents(table).duplicated()]["surface"].value_counts().min())
             conditions.append(
-                f"{LATER} ({n} of each surface, held out at random; from {MIN_REPETITIONS} numbered "
-                f"repetitions on, or with `--protocol {CHRONOLOGICAL_PROTOCOL}`, the later half is held out)"
+                f"{LATER_RECORDINGS} ({n} of each surface, held out at random; from {MIN_REPETITIONS} "
+                f"numbered repetitions on, or with `--protocol {CHRONOLOGICAL_PROTOCOL}`, the later half is held out)"
             )
         shared = [
             name
@@ -190,7 +189,7 @@ class Holdout:
     def is_random_order(self) -> bool:
         """Whether recordings are held out at random although later ones may differ."""
         return self.protocol.name == RANDOM_PROTOCOL and any(
-            condition.startswith(LATER) for condition in self.not_evaluated
+            condition.startswith(LATER_RECORDINGS) for condition in self.not_evaluated
         )
 
     def check_rate(self, false_alarms: float) -> None:

@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from texclass.recognition.answers import Answer
-from texclass.recognition.holdout import LATER
 from texclass.recognition.model import Model
-from texclass.recognition.model_files import Manifest
+from texclass.recognition.model_files import LATER_RECORDINGS, Manifest
 from texclass.recognition.prediction_sets import describe_sets
 from texclass.reporting import Document, Table
 from texclass.reporting.wording import counted
@@ -92,7 +91,7 @@ def _accuracy(accuracy: Mapping[str, Any]) -> str:
     if later := accuracy.get("later_recordings"):
         later_low, later_high = 100 * later["low"], 100 * later["high"]
         addition = f"; later recordings: {later_low:.0f} to {later_high:.0f} %, from other datasets"
-    elif conditions and conditions[0].startswith(LATER):
+    elif conditions and conditions[0].startswith(LATER_RECORDINGS):
         addition = "; later recordings: not evaluated"
     return f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['description']}{addition}"
 

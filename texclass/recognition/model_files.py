@@ -40,6 +40,8 @@ MANIFEST, ARRAYS = "manifest.json", "arrays.json"
 MEMBERS = frozenset({MANIFEST, ARRAYS, SCHEMA})
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 """Sampling rate in Hz, or duration in s."""
+LATER_RECORDINGS = "later recordings"
+"""First words of a condition in `accuracy["not_evaluated"]` if no test is later than the training set."""
 GOLDEN = 0.6180339887498949
 """Fractional part of the golden ratio, for the noise of the probe recording."""
 PROBE_S = 1.5
