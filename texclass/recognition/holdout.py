@@ -172,7 +172,8 @@ class Holdout:
             n = int(table[~parents(table).duplicated()]["surface"].value_counts().min())
             conditions.append(
                 f"{LATER_RECORDINGS} ({n} of each surface, held out at random; from {MIN_REPETITIONS} "
-                f"numbered repetitions on, or with `--protocol {CHRONOLOGICAL_PROTOCOL}`, the later half is held out)"
+                f"numbered repetitions on, or with `--protocol {CHRONOLOGICAL_PROTOCOL}`, the later half is "
+                "held out)"
             )
         shared = [
             name
