@@ -58,7 +58,7 @@ def shipped() -> Iterator[tuple[str, Rendition]]:
     """Yield each surface of the shipped scenes, as planned."""
     for name in ("example", "twenty"):
         scene = plan_scene(name).scene
-        for surface in scene.assigned:
+        for surface in scene.model_indices:
             one = SceneSurface(scene, surface)
             yield f"shipped scene {name}", play_texture(one, unit=scene.unit, seconds=SECONDS)
 

@@ -34,7 +34,7 @@ from texclass import cli, vibration
 from texclass.evaluation.cost import CostMeter
 from texclass.features import FeatureExtractor
 from texclass.haptics import exchange
-from texclass.haptics.scene import load_scene, play_path, sweep_of
+from texclass.haptics.scene import default_path, load_scene, render_path
 from texclass.haptics.textures import abdulali2016, guruswamy2011, oeztuerk2018, okamura2001
 from texclass.loaders import load_recording, open_dataset
 from texclass.phases import find_phases
@@ -257,11 +257,11 @@ def scene() -> Any:
     file, plan = SCRATCH / "example.texture", SCRATCH / "plan.json"
     command("scene", "plan", "example", "--output", file, "--json", plan)
     planned = load_scene(file)
-    hand = sweep_of(planned)
-    velocity, force, _ = hand.at_rate(planned.fs)
+    hand = default_path(planned)
+    velocity, force, _ = hand.resample(planned.fs)
     results: dict[str, Any] = {
-        "plan": {key: value for key, value in json.loads(plan.read_text()).items() if key != "budget"},
-        "played": play_path(planned, hand, seed=0).samples,
+        "plan": {key: value for key, value in json.loads(plan.read_text()).items() if key != "measurement"},
+        "played": render_path(planned, hand, seed=0).samples,
     }
     rng, rubber = np.random.default_rng(3), guruswamy2011_objects.OBJECTS[2]
     surface = abdulali2016_simulated.surface("S7")

@@ -14,7 +14,7 @@ from study import command_line, table, write
 
 from texclass.evaluation import cached_table
 from texclass.features import load_feature_set
-from texclass.haptics import OVER_THE_WAY, SCALES, scale_values
+from texclass.haptics import SCALES, SPATIAL_SCALES, scale_values
 from texclass.loaders import open_dataset, read_card
 from texclass.loaders.places import find_folder
 from texclass.loaders.simulated import open_simulated
@@ -36,8 +36,8 @@ def simulated_values(n_surfaces, seed, n_jobs=1):
 def of_surfaces(dataset, n_jobs=1):
     """Return the scales of a dataset's surfaces, the median over recordings; some also "without speed"."""
     frame = cached_table(dataset, load_feature_set("scales"), n_jobs=n_jobs).frame
-    by_time = scale_values(frame.drop(columns=[scale.column for scale in OVER_THE_WAY.values()]))
-    told = scale_values(frame).join(by_time[list(OVER_THE_WAY)].add_suffix(WITHOUT))
+    by_time = scale_values(frame.drop(columns=[scale.column for scale in SPATIAL_SCALES.values()]))
+    told = scale_values(frame).join(by_time[list(SPATIAL_SCALES)].add_suffix(WITHOUT))
     return told.groupby(frame["surface"]).median()
 
 

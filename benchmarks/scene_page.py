@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from study import ROOT, command_line, table, write
 
-from texclass.haptics.scene import PlannedScene, plan_scene, write_feel_page
+from texclass.haptics.scene import PlannedScene, plan_scene, write_scene_page
 from texclass.haptics.scene.pages import N_CONTACTS
-from texclass.haptics.scene.renderer import packed
+from texclass.haptics.scene.renderer import build_kernel_arrays
 from texclass.haptics.textures.grid import GridModel
 from texclass.reporting.blocks import Block
 
@@ -29,26 +29,26 @@ from chromium import Browser
 
 QUANTUM_MS = 1000 * 128 / 48_000
 HAND = """
-const move = (feel, i, contacts, models) => {
+const move = (processor, i, contacts, models) => {
   if (i % 20 === 0) for (let contact = 0; contact < contacts; contact++) {
     const model = models[(i / 20 + contact) % models.length];
-    feel.hear({ contact, model, vx: 100 + 90 * Math.sin(i), vy: 0, force: 1 });
+    processor.receive({ contact, model, vx: 100 + 90 * Math.sin(i), vy: 0, force: 1 });
   }
-  if (i % 100 === 0) feel.hear({ tap: [[30, 90, 210, -Math.PI / 2]], velocity: 0.1 });
+  if (i % 100 === 0) processor.receive({ tap: [[30, 90, 210, -Math.PI / 2]], velocity: 0.1 });
 };
 """
 """All contacts move, from surface to surface, and tap."""
 NODE = """
 globalThis.sampleRate = 48000; globalThis.currentTime = 0;
 const { bank, index, fs, contacts, n, models } = JSON.parse(require("fs").readFileSync(0, "utf8"));
-const Feel = defineProcessor(class { constructor() { this.port = { postMessage() {} }; } });
-const options = { bank: Float64Array.from(bank), index, fs, contacts, full: 1, gain: 1 };
-const feel = new Feel({ processorOptions: options });
+const Processor = defineProcessor(class { constructor() { this.port = { postMessage() {} }; } });
+const options = { bank: Float64Array.from(bank), index, fs, contacts, fullScale: 1, gain: 1 };
+const processor = new Processor({ processorOptions: options });
 const blocks = [[new Float32Array(128)], [new Float32Array(128)]], took = [];
 for (let i = 0; i < n; i++) {
-  move(feel, i, contacts, models);
+  move(processor, i, contacts, models);
   const cpu = process.cpuUsage(), before = process.hrtime.bigint();
-  feel.process([], blocks);
+  processor.process([], blocks);
   const clock = Number(process.hrtime.bigint() - before) / 1e6, used = process.cpuUsage(cpu);
   took.push([clock, (used.user + used.system) / 1000]);
 }
@@ -65,7 +65,8 @@ PAGE = """(async ({ n, contacts, models, code, ...options }) => {
         return super.process(inputs, outputs);
       }
     });`));
-  const processorOptions = { ...options, contacts, bank: Float64Array.from(options.bank), full: 1, gain: 1 };
+  const bank = Float64Array.from(options.bank);
+  const processorOptions = { ...options, contacts, bank, fullScale: 1, gain: 1 };
   const node = new AudioWorkletNode(context, "moved", { numberOfInputs: 0, numberOfOutputs: 2,
     outputChannelCount: [1, 1], processorOptions });
   node.connect(context.destination);
@@ -79,10 +80,10 @@ WARM = 100
 
 def block_times(page: Path, scene: PlannedScene, n: int, n_live: int) -> dict[str, np.ndarray]:
     """Milliseconds of blocks (n, 2), clock and CPU time, in node, and live in Chromium."""
-    folder = ROOT / "texclass" / "haptics" / "scene" / "feel"
+    folder = ROOT / "texclass" / "haptics" / "scene" / "web"
     text = "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in ("kernels", "worklet"))
-    bank, index = packed(scene)
-    models = [scene.assigned[name] for name in scene.assigned]
+    bank, index = build_kernel_arrays(scene)
+    models = list(scene.model_indices.values())
     given = {"bank": bank.tolist(), "index": index.ravel().tolist(), "fs": scene.fs, "contacts": N_CONTACTS}
     given |= {"n": n, "models": models}
     done = subprocess.run(
@@ -138,7 +139,7 @@ def main() -> None:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name, scene in scenes.items():
-            page = write_feel_page(Path(folder) / "feel.html", scene)
+            page = write_scene_page(Path(folder) / "scene.html", scene)
             for where, times in block_times(page, scene, asked.blocks, asked.live).items():
                 took = np.vstack([times.mean(axis=0), np.quantile(times, [0.5, 0.99, 0.999, 1.0], axis=0)])
                 base = {"scene": name, "bytes": page.stat().st_size, "where": where, "blocks": len(times)}

@@ -15,7 +15,7 @@ import numpy as np
 from study import command_line, table, write
 
 from texclass.haptics.scene import PlannedScene, SceneRenderer, plan_scene, read_scene
-from texclass.haptics.scene.proof import quantiles, run_steps, without_garbage_collection
+from texclass.haptics.scene.measurement import garbage_collection_off, time_quantiles, time_steps
 from texclass.haptics.scene.renderer import PEAK_FACTOR
 from texclass.haptics.textures.grid import GridModel
 from texclass.reporting import Heading
@@ -35,14 +35,14 @@ def order_400(seed: int) -> PlannedScene:
 
 def timings(scene: PlannedScene, n: int, *, paced: bool) -> dict[str, dict[str, float]]:
     """Microseconds of one sample of all contacts, over n of them at the scene's rate."""
-    renderer, names = SceneRenderer(scene, n_contacts=CONTACTS), list(scene.assigned)
+    renderer, names = SceneRenderer(scene, n_contacts=CONTACTS), list(scene.model_indices)
     motion = (40.0, 200.0), (0.4, 2.0)
-    with without_garbage_collection():
-        runs = np.stack([run_steps(renderer, names, *motion, n) for _ in range(N_RUNS)])
-        found = {"quiet": quantiles(runs.min(axis=0)), "one run": quantiles(runs[0])}
+    with garbage_collection_off():
+        runs = np.stack([time_steps(renderer, names, *motion, n) for _ in range(N_RUNS)])
+        found = {"quiet": time_quantiles(runs.min(axis=0)), "one run": time_quantiles(runs[0])}
         if paced:
-            alone = run_steps(renderer, names, *motion, n, paced=True)
-            found["paced"] = quantiles(alone)
+            alone = time_steps(renderer, names, *motion, n, real_time=True)
+            found["paced"] = time_quantiles(alone)
     return found
 
 
@@ -64,7 +64,7 @@ def largest_output(scene: PlannedScene, seed: int, n_paths: int) -> dict[str, fl
     """The largest sample over random paths, the device's own limit out of the way, beside the bound."""
     scene = replace(scene, largest_output=1e6)
     renderer, rng = SceneRenderer(scene, n_contacts=CONTACTS, seed=seed), np.random.default_rng(seed)
-    names: list[str | None] = [*scene.assigned, None]
+    names: list[str | None] = [*scene.model_indices, None]
     peak, finite = 0.0, True
     for _ in range(n_paths):
         x = renderer.process(*random_path(rng, names, PATH_SAMPLES))
@@ -94,9 +94,9 @@ def main() -> None:
             "s": s,
             "m": s.model,
             "nodes": "x".join(map(str, s.model.n_nodes)),
-            "worst": (min if t.score == "gfc" else max)(s.verdict["scores"]),
+            "worst": (min if t.score == "gfc" else max)(s.score["scores"]),
             "operations": s.model.operations(plan.scene.fs),
-            "shares": s.shares or "",
+            "shared_from": s.shared_from or "",
         }
         for s in plan.surfaces
     ]
@@ -106,18 +106,19 @@ def main() -> None:
         for clock, found in of_scene.items()
     ]
     blocks = [
-        f"Scene `{SCENE}` (simulated surfaces), tolerance {t.score} {t.limit:g} ({t.over} held-out point, "
-        f"level within {t.level_db:g} dB).",
+        f"Scene `{SCENE}` (simulated surfaces), tolerance {t.score} {t.limit:g} "
+        f"({t.aggregate} over the test set, level within {t.level_db:g} dB).",
         f"**{plan.saving:.1f} times fewer operations per sample** than order 400 everywhere "
-        f"({plan.scene.operations:.0f} against {plan.everything:.0f} per contact, mean over the surfaces); "
-        f"{sum(s.verdict['within'] for s in plan.surfaces)} of {len(plan.surfaces)} surfaces within the "
-        f"tolerance on held-out speeds and forces; {len(plan.scene.models)} models, "
+        f"({plan.scene.operations:.0f} against {plan.operations_at_order_400:.0f} per contact, mean over the "
+        f"surfaces); {sum(s.score['within_tolerance'] for s in plan.surfaces)} of {len(plan.surfaces)} "
+        f"surfaces within the tolerance on held-out speeds and forces; {len(plan.scene.models)} models, "
         f"{plan.scene.n_bytes} bytes.",
         table(
             planned,
             "surface = {s.name} | family = {m.kind} | order = {m.order} | lines = {m.n_lines} | "
-            "nodes = {nodes} | worst score = {worst:.3f} | of the tolerance = {s.verdict[relative]:.0%} | "
-            "operations = {operations:.0f} | shares = {shares}",
+            "nodes = {nodes} | worst score = {worst:.3f} | "
+            "of the tolerance = {s.score[tolerance_ratio]:.0%} | operations = {operations:.0f} | "
+            "shared from = {shared_from}",
             n_words=2,
         ),
         Heading(f"Microseconds per sample, {CONTACTS} contacts, {asked.samples / 1000:g} s at 1 kHz"),
@@ -136,7 +137,7 @@ def main() -> None:
         f"{b['bound']:.2f} ({PEAK_FACTOR:g} x the recorded peak, sqrt(2) x that in a crossfade; the device's "
         "largest output bounds it further).",
     ]
-    write(asked.out, "scene", result, "A scene of 20 surfaces: planned, proved, rendered", blocks)
+    write(asked.out, "scene", result, "A scene of 20 surfaces: planned, tested, rendered", blocks)
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ def _once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Recipe, "record", cache(Recipe.record))
         patch.setitem(trade_off.__kwdefaults__, "n_repeats", 1)
-        patch.setattr(pages, "VALUES", (7.0,))
+        patch.setattr(pages, "SLIDER_VALUES", (7.0,))
         yield
 
 

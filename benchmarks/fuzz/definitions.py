@@ -79,7 +79,7 @@ band_hz = [20.0, 450.0]
 noise_floor = 0.01
 largest_output = 20
 unit = "m/s^2"
-[expected]
+[motion]
 speeds_mm_s = [40.0, 160.0]
 forces_n = [0.5, 2.0]
 [tolerance]
@@ -133,7 +133,7 @@ def _scene(path: Path) -> object:
 
 def _hand(path: Path) -> object:
     found = read_path(path)
-    assert len(found.surface) == len(found.time_s)
+    assert len(found.surfaces) == len(found.time_s)
     try:
         (slow, fast), forces = found.ranges()
     except ValueError as error:  # read_scene, which asks for it, names the file

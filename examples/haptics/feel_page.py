@@ -44,7 +44,7 @@ named, band = {name: i for i, name in enumerate(models)}, (20.0, 450.0)
 scene = tx.haptics.scene.PlannedScene("a dozen", FS, "m/s^2", band, 30.0, 4, named, tuple(models.values()))
 
 # %%
-# `tx.haptics.scene.write_feel_page("feel.html", scene)` writes this page. Press a surface and stroke it.
+# `tx.haptics.scene.write_scene_page("scene.html", scene)` writes this page. Press a surface and stroke it.
 
 
 class Framed(str):
@@ -52,7 +52,7 @@ class Framed(str):
         return f'<iframe srcdoc="{escape(self)}" title="Surfaces" width="100%" height="960"></iframe>'
 
 
-Framed(tx.haptics.scene.feel_page(scene))
+Framed(tx.haptics.scene.scene_page(scene))
 
 # %%
 # Level against speed for three of them:

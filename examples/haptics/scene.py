@@ -16,23 +16,23 @@ scene = tx.haptics.scene.read_scene("example")
 two = {name: scene.surfaces[name] for name in ("fabric", "plastic")}
 plan = tx.haptics.plan_scene(scene.model_copy(update={"surfaces": two}))
 for surface in plan.surfaces:
-    print(f"{surface.name}: {surface.model.kind}, order {surface.model.order}; {surface.why}")
+    print(f"{surface.name}: {surface.model.kind}, order {surface.model.order}; {surface.reason}")
 
 # %%
 # Compared with order 400 for every surface, as in the thesis:
 
-print(f"{plan.saving:.0f} times fewer operations per sample; budget kept: {plan.met}")
+print(f"{plan.saving:.0f} times fewer operations per sample; within tolerance and budget: {plan.is_feasible}")
 
 # %%
 # Level against speed of recordings (held out) and models:
 
 figure, axis = plt.subplots(figsize=(6, 3))
 for surface, colour in zip(json.loads(plan.to_json())["surfaces"], ("C2", "C1"), strict=True):
-    held_out, curve = (surface["over_speed"][key] for key in ("points", "curve"))
+    held_out, curve = (surface["speed_dependence"][key] for key in ("test", "curve"))
     axis.plot(
         held_out["speed"], held_out["level"], "o", color=colour, label=f"{surface['surface']}, held out"
     )
-    axis.plot(held_out["speed"], held_out["model"], "kx")
+    axis.plot(held_out["speed"], held_out["model_level"], "kx")
     axis.fill_between(curve["speed"], curve["level"][0], curve["level"][2], color=colour, alpha=0.2)
 axis.set_xscale("log")
 axis.set_xlabel("mm/s; crosses and bands (lowest to highest force): the models")
@@ -43,14 +43,14 @@ plt.show()
 # %%
 # Render a path that strokes each surface from slow to fast.
 
-path = tx.haptics.scene.sweep(
-    list(plan.scene.assigned), speeds_mm_s=(40, 160), forces_n=(0.5, 1.5), fs=plan.scene.fs
+path = tx.haptics.scene.sweep_path(
+    list(plan.scene.model_indices), speeds_mm_s=(40, 160), forces_n=(0.5, 1.5), fs=plan.scene.fs
 )
-played = tx.haptics.scene.play_path(plan.scene, path)
+rendered = tx.haptics.scene.render_path(plan.scene, path)
 figure, axis = plt.subplots(figsize=(9, 3))
-axis.plot(path.time_s[1:], played.samples, linewidth=0.5)
+axis.plot(path.time_s[1:], rendered.samples, linewidth=0.5)
 for name in two:
-    on = np.array(path.surface) == name
+    on = np.array(path.surfaces) == name
     axis.axvspan(
         path.time_s[on].min(), path.time_s[on].max(), alpha=0.1, color="C2" if name == "fabric" else "C1"
     )

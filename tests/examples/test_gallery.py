@@ -32,7 +32,7 @@ def test_a_script_runs(script, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(plt, "show", lambda: None)
     monkeypatch.setattr("texclass.features.contract._REGISTRY", list_features())
-    monkeypatch.setattr(pages, "VALUES", (7.0,))  # one a slider, of those that the tests of its page hold
+    monkeypatch.setattr(pages, "SLIDER_VALUES", (7.0,))  # one value per slider, for speed
     runpy.run_path(str(script))
     plt.close("all")
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Rendered surfaces: textures, files of other devices, scenes, and how a surface feels on six scales."""
+"""Rendering of surfaces: textures, file formats of devices, scenes, and perceptual scales."""
 
 import lazy_loader
 

@@ -2,14 +2,14 @@ from . import exchange as exchange
 from . import scene as scene
 from . import textures as textures
 from .descriptions import describe as describe
-from .descriptions import felt_document as felt_document
+from .descriptions import description_document as description_document
 from .exchange import load_texture as load_texture
 from .exchange import save_texture as save_texture
-from .scales import OVER_THE_WAY as OVER_THE_WAY
 from .scales import SCALES as SCALES
+from .scales import SPATIAL_SCALES as SPATIAL_SCALES
 from .scales import Scale as Scale
-from .scales import link_of as link_of
 from .scales import scale_values as scale_values
+from .scales import select_scale as select_scale
 from .scene import SceneRenderer as SceneRenderer
 from .scene import load_scene as load_scene
 from .scene import plan_scene as plan_scene

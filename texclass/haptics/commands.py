@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from texclass.haptics.scene import PlannedScene
 
 TEXTURES, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap")
-"""Suffixes of files that hold a texture, and of those that hold its vibration at one speed and force."""
+"""Suffixes of files with a texture, and of files with its vibration at one speed and force."""
 
 scene = typer.Typer(no_args_is_help=True)
 
@@ -26,11 +26,11 @@ PlannedSceneName = Annotated[
     str,
     Argument(
         metavar="SCENE",
-        help="Planned scene (.texture), or a scene to be planned first: TOML, example, twenty.",
+        help="Planned scene (.texture), or a scene to plan first: TOML, example, twenty.",
     ),
 ]
 Physical = Annotated[
-    bool, Option("--physical", help="Write 32-bit float in the unit of the vibration, for devices, not ears.")
+    bool, Option("--physical", help="Write 32-bit float in the unit of the vibration, for haptic devices.")
 ]
 
 
@@ -67,15 +67,15 @@ def describe(
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
     )
-    found = [find_recording(name, **reader, resample=resample) for name in recordings]
+    loaded = [find_recording(name, **reader, resample=resample) for name in recordings]
     from texclass import haptics
     from texclass.reporting import print_document
 
     with progress_bar() as progress:
-        scales = haptics.describe(found, references, n_jobs=jobs, progress=progress)
-    write_json(json_file, scales.to_json(orient="records", indent=1))
+        description = haptics.describe(loaded, references, n_jobs=jobs, progress=progress)
+    write_json(json_file, description.to_json(orient="records", indent=1))
     if json_file != Path("-"):
-        print_document(haptics.felt_document(scales))
+        print_document(haptics.description_document(description))
 
 
 @scene.command(epilog="Example: texclass scene plan example -o example.texture")
@@ -97,24 +97,24 @@ def plan(
     ] = None,
     json_file: p.JsonFile = None,
 ) -> None:
-    """Choose the cheapest texture of each surface within the tolerance.
+    """Select the cheapest model of each surface within the tolerance.
 
-    Exit code 1 if a surface is outside the tolerance, or the measured time exceeds the budget.
+    The exit code is 1 if a surface is outside the tolerance, or time or memory exceed the budget.
     """
     from texclass.haptics.scene import plan_scene, read_scene
     from texclass.reporting import print_document, write_document
 
-    wanted = read_scene(definition)
+    scene_definition = read_scene(definition)
     with progress_bar() as progress:
-        result = plan_scene(wanted, progress=progress)
+        result = plan_scene(scene_definition, progress=progress)
     document = result.document()
     print_document(document)
     write_json(json_file, result.to_json())
     if report is not None:
-        print_lines("wrote", write_document(document, report, wanted.source.stem))
-    path = result.scene.save(output or Path(f"{wanted.source.stem}.texture"))
+        print_lines("wrote", write_document(document, report, scene_definition.source.stem))
+    path = result.scene.save(output or Path(f"{scene_definition.source.stem}.texture"))
     typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
-    if not result.met:
+    if not result.is_feasible:
         raise typer.Exit(1)
 
 
@@ -129,7 +129,7 @@ def render(
     ] = None,
     physical: Physical = False,
     shift: Annotated[
-        float, Option(metavar="HZ", help="Move the whole band up by 0 to 10000 Hz, for ears.")
+        float, Option(metavar="HZ", help="Shift the band up by 0 to 10000 Hz, to make it audible.")
     ] = 0.0,
     seed: p.Seed = 0,
     output: Annotated[
@@ -138,48 +138,53 @@ def render(
 ) -> None:
     """Render a path over a scene to WAV, sample by sample, and measure the time.
 
-    The WAV file is for ears: 48 kHz, 16 bit, scaled to full scale. The gain is printed and stored in it.
+    By default the WAV file is for listening: 48 kHz, 16 bit, scaled to full scale. The gain is printed and
+    stored in the file.
     """
     from texclass.haptics.exchange import read_wav, write_wav
-    from texclass.haptics.scene import play_path, read_path, sweep_of
+    from texclass.haptics.scene import default_path, read_path, render_path
 
-    planned = _planned(definition)
-    played = play_path(planned, sweep_of(planned) if path is None else read_path(path), seed=seed)
+    planned = _planned_scene(definition)
+    hand_path = default_path(planned) if path is None else read_path(path)
+    rendered = render_path(planned, hand_path, seed=seed)
     write_wav(
         output,
-        played.samples,
+        rendered.samples,
         planned.fs,
         unit=planned.unit,
         encoding="float32" if physical else "audible",
         shift_hz=shift,
     )
-    for line in played.lines(planned):
+    for line in rendered.summary_lines(planned):
         typer.echo(line)
     wav = read_wav(output)
     scale = f"; full scale is {wav.peak:.4g} {wav.unit}, gain {1 / max(wav.peak, 1e-300):.4g}"
     typer.echo(f"wrote {output}, {wav.fs:g} Hz{'' if physical else scale}")
 
 
-@scene.command(epilog="Example: texclass scene page example.texture -o feel.html")
+@scene.command(epilog="Example: texclass scene page example.texture -o scene.html")
 def page(
     definition: PlannedSceneName = "example",
     taps: Annotated[
         Path | None,
-        Option(metavar="FILE", help="Tap library (.texture) by names of surfaces (default: estimated taps)."),
+        Option(
+            metavar="FILE",
+            help="Tap library (.texture) with the names of the surfaces (default: estimated taps).",
+        ),
     ] = None,
     output: Annotated[
         Path, p.output_file("--output", "-o", suffixes=[".html"], help="Page to write (.html).")
-    ] = Path("feel.html"),
+    ] = Path("scene.html"),
 ) -> None:
-    """Write a self-contained page on which a scene can be stroked, tapped, heard and felt.
+    """Write a self-contained HTML page on which a scene can be stroked, tapped and heard.
 
-    The page renders the textures of the plan, driven by speed and pressure of the pointer.
+    Speed and pressure of the pointer drive the models of the plan.
     """
     from texclass.haptics.exchange import load_taps
-    from texclass.haptics.scene import write_feel_page
+    from texclass.haptics.scene import write_scene_page
 
     library = None if taps is None else load_taps(taps)
-    path = write_feel_page(output, _planned(definition), taps=library)
+    path = write_scene_page(output, _planned_scene(definition), taps=library)
     typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
 
 
@@ -187,12 +192,12 @@ app.add_typer(
     scene,
     name="scene",
     rich_help_panel="Rendering",
-    help="Plan the cheapest textures of a scene, and render it.",
+    help="Plan the cheapest models of a scene, and render it.",
 )
 
 
-def _planned(definition: str) -> "PlannedScene":
-    """Return a planned scene from its file, or plan a scene."""
+def _planned_scene(definition: str) -> "PlannedScene":
+    """Load a planned scene, or plan a scene file."""
     from texclass.haptics.scene import load_scene, plan_scene, read_scene
 
     if definition.endswith(".texture"):
@@ -228,7 +233,7 @@ def texture(
     print_document(Document(str(file), [{key: _as_text(value) for key, value in facts.items()}]))
     write_json(json_file, json.dumps(facts, indent=1))
     if page_file is not None:
-        from texclass.haptics.scene import load_scene, plan_scene, scene_of_texture, write_feel_page
+        from texclass.haptics.scene import load_scene, plan_scene, scene_from_texture, write_scene_page
         from texclass.haptics.textures import PackedTexture
 
         taps = {}
@@ -236,11 +241,11 @@ def texture(
             planned = load_scene(file)
         else:
             with progress_bar() as progress:
-                planned = plan_scene(scene_of_texture(file), progress=progress).scene
+                planned = plan_scene(scene_from_texture(file), progress=progress).scene
         if facts["family"] == PackedTexture.family:
             tap = PackedTexture.from_bytes(file.read_bytes()).tap
-            taps = dict.fromkeys(planned.assigned, tap) if tap.n_modes else {}
-        write_feel_page(page_file, planned, taps=taps)
+            taps = dict.fromkeys(planned.model_indices, tap) if tap.n_modes else {}
+        write_scene_page(page_file, planned, taps=taps)
         typer.echo(f"wrote {page_file}, {page_file.stat().st_size} bytes")
     if slider_file is not None:
         from texclass.haptics.exchange import load_texture
@@ -322,7 +327,7 @@ def convert(
         ),
     ],
 ) -> None:
-    """Convert a surface to the format of another device, and list what is lost.
+    """Convert a surface to the format of another device, and list the losses.
 
     .texture and HaTT .xml hold a texture for all speeds and forces. MPEG haptics
     (.hjif), Apple patterns (.ahap) and WAV hold its vibration at one speed and
@@ -334,31 +339,31 @@ def convert(
 
     kinds = source.suffix.lower(), output.suffix.lower()
     if scales:
-        lost = _retouch(source, output, scales, n_bytes)
+        losses = _retouch(source, output, scales, n_bytes)
     elif n_bytes is not None:
-        lost = _pack(source, output, n_bytes, fs, unit)
+        losses = _pack(source, output, n_bytes, fs, unit)
     elif kinds[0] in PATTERNS and kinds[1] in (".wav", ".texture") and kinds != (".ahap", ".texture"):
         try:
             is_wav = kinds[1] == ".wav"
-            lost = _play_pattern(source, output, physical) if is_wav else _read_played(source, output)
-        except ValueError as error:  # the reader of a pattern does not know the name of the file
+            losses = _render_pattern(source, output, physical) if is_wav else _read_texture(source, output)
+        except ValueError as error:  # readers of patterns do not name the file
             raise ValueError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
     elif kinds[0] in TEXTURES and kinds[1] in (*PATTERNS, ".wav"):
-        lost = _write_played(_rendition(source, surface, speed, force, duration, seed), output, physical)
+        losses = _write_rendition(_rendition(source, surface, speed, force, duration, seed), output, physical)
     elif kinds in {(".xml", ".texture"), (".texture", ".xml")}:
-        lost = _convert_texture(source, output, 1000.0 if fs is None else fs, order)
+        losses = _convert_texture(source, output, 1000.0 if fs is None else fs, order)
     else:
         raise ValueError(
             f"cannot convert {source} to {output.name}. Expected .texture or .xml to each other or to .hjif, "
             ".ahap or .wav; .hjif or .ahap to .wav; or .hjif to .texture"
         )
     typer.echo(f"wrote {output}, {output.stat().st_size} bytes")
-    if lost:
-        print_document(Document("Perceptual scales" if scales else "Lost in conversion", [lost]))
+    if losses:
+        print_document(Document("Perceptual scales" if scales else "Losses of the conversion", [losses]))
 
 
 def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str | None) -> dict[str, str]:
-    """Write a texture or a recording as a small texture of `n_bytes`, and return what is lost."""
+    """Write a texture or a recording as a small texture of `n_bytes`, and return the losses."""
     from texclass.haptics import exchange
     from texclass.haptics.textures import pack
     from texclass.loaders import load_recording
@@ -370,7 +375,7 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
     else:
         packed = pack(load_recording(source, fs=fs, unit=unit), n_bytes, name=source.stem)
         validity = "those of the recording"
-        taps = "none found, or too few bytes"
+        taps = "none detected, or too few bytes"
         friction = ", in the unit of the recording's channel; other devices read it as a coefficient"
     if packed.model.speeds.size > 1:
         conditions = f"{validity}: level as a function of both, two spectra"
@@ -388,7 +393,7 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
 
 
 def _retouch(source: Path, target: Path, scales: dict[str, float], n_bytes: int | None) -> dict[str, str]:
-    """Write a texture with other values on some perceptual scales; return all scales before and after."""
+    """Write a texture with new values on some scales, and return the old and new values of all scales."""
     from texclass.haptics import exchange
     from texclass.haptics.textures import measure_scales, retouch
 
@@ -396,12 +401,12 @@ def _retouch(source: Path, target: Path, scales: dict[str, float], n_bytes: int 
     unit = exchange.describe(source)["unit"]
     retouched = retouch(texture, 128 if n_bytes is None else n_bytes, unit=unit, **scales)
     exchange.save_texture(retouched, target)
-    before, after = measure_scales(texture), measure_scales(retouched)
-    return {name: f"{before[name]:.1f} before, {after[name]:.1f} now" for name in after}
+    old_values, new_values = measure_scales(texture), measure_scales(retouched)
+    return {name: f"{old_values[name]:.1f} before, {new_values[name]:.1f} now" for name in new_values}
 
 
 def _convert_texture(source: Path, target: Path, fs: float, order: int) -> dict[str, str]:
-    """Convert between .texture and HaTT .xml, and return what is lost."""
+    """Convert between .texture and HaTT .xml, and return the losses."""
     from texclass.haptics import exchange
     from texclass.haptics.exchange.rendition import describe_level_change
 
@@ -409,16 +414,16 @@ def _convert_texture(source: Path, target: Path, fs: float, order: int) -> dict[
         exchange.save_texture(exchange.read_hatt(source), target)
         return {}
     texture, unit = exchange.load_texture(source), exchange.describe(source)["unit"]
-    written = exchange.to_hatt(texture, unit=unit, fs=fs, order=order)
-    exchange.write_hatt(written, target)
+    hatt = exchange.to_hatt(texture, unit=unit, fs=fs, order=order)
+    exchange.write_hatt(hatt, target)
     if texture.family == "hatt":
         return {}
-    meant = exchange.play_texture(texture, unit=unit)
-    played = exchange.play_texture(written, speed=meant.speed, force=meant.force)
+    original = exchange.play_texture(texture, unit=unit)
+    converted = exchange.play_texture(hatt, speed=original.speed, force=original.force)
     return {
-        "level": f"{describe_level_change(played.samples, meant.samples)}, {meant.caption}",
-        "band": f"0 to {written.fs / 2:g} Hz of 0 to {texture.fs / 2:g} Hz",
-        "models": f"{written.mesh.speed.size} of order {written.order}, strokes along +x",
+        "level": f"{describe_level_change(converted.samples, original.samples)}, {original.caption}",
+        "band": f"0 to {hatt.fs / 2:g} Hz of 0 to {texture.fs / 2:g} Hz",
+        "models": f"{hatt.mesh.speed.size} of order {hatt.order}, strokes along +x",
     }
 
 
@@ -431,25 +436,25 @@ def _rendition(
     from texclass.haptics.scene import SceneSurface, load_scene
     from texclass.haptics.textures.okamura2001 import TapLibrary
 
-    known = describe(source)
-    if known["family"] == TapLibrary.family:
+    facts = describe(source)
+    if facts["family"] == TapLibrary.family:
         taps = load_taps(source)
         if surface is not None:
             _check_surface(source, surface, list(taps))
             taps = TapLibrary((surface,), (taps[surface],), taps.unit)
         return play_taps(taps, velocity=TAP_M_S if speed is None else speed / 1000)
     texture: Playable
-    if known["family"] == "scene":
+    if facts["family"] == "scene":
         scene = load_scene(source)
-        names = list(scene.assigned)
+        names = list(scene.model_indices)
         name = names[0] if surface is None and len(names) == 1 else surface
         _check_surface(source, name, names)
         texture = SceneSurface(scene, str(name))
     elif surface is not None:
-        raise ValueError(f"{source} contains a single texture. Omit --surface")
+        raise ValueError(f"{source} contains a single texture, got --surface {surface!r}. Omit --surface")
     else:
         texture = load_texture(source)
-    return play_texture(texture, unit=known["unit"], speed=speed, force=force, seconds=seconds, seed=seed)
+    return play_texture(texture, unit=facts["unit"], speed=speed, force=force, seconds=seconds, seed=seed)
 
 
 def _check_surface(source: Path, surface: str | None, names: list[str]) -> None:
@@ -457,8 +462,8 @@ def _check_surface(source: Path, surface: str | None, names: list[str]) -> None:
         raise ValueError(f"{source}: --surface must be one of {', '.join(names)}, got {surface!r}")
 
 
-def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[str, str]:
-    """Write a vibration in the format of the suffix, and return what is lost."""
+def _write_rendition(rendition: "Rendition", target: Path, physical: bool) -> dict[str, str]:
+    """Write a vibration in the format of the suffix, and return the losses."""
     from texclass.haptics.exchange import write_ahap, write_hjif, write_wav
 
     match target.suffix.lower():
@@ -471,33 +476,31 @@ def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[
     return dict(rendition.losses)
 
 
-def _read_played(source: Path, target: Path) -> dict[str, str]:
-    """Write the texture in a .hjif file, and return what is lost."""
+def _read_texture(source: Path, target: Path) -> dict[str, str]:
+    """Write the texture in a .hjif file, and return the losses."""
     from texclass.haptics.exchange import read_hjif, save_texture, to_rendition, to_texture
 
-    played = to_rendition(read_hjif(source))
-    texture, lost = to_texture(played)
-    save_texture(texture, target, unit=played.unit)
-    return lost
+    rendition = to_rendition(read_hjif(source))
+    texture, losses = to_texture(rendition)
+    save_texture(texture, target, unit=rendition.unit)
+    return losses
 
 
-def _play_pattern(source: Path, target: Path, physical: bool) -> dict[str, str]:
-    """Render a .hjif or .ahap pattern to WAV, and return what is lost."""
+def _render_pattern(source: Path, target: Path, physical: bool) -> dict[str, str]:
+    """Render a .hjif or .ahap pattern to WAV, and return the losses."""
     from texclass.haptics.exchange import play_ahap, play_hjif, read_ahap, read_hjif, write_wav
     from texclass.haptics.exchange.hjif import FS
 
     encoding: Encoding = "float32" if physical else "audible"
     if source.suffix.lower() == ".hjif":
         haptics = read_hjif(source)
-        vibrations = [
-            one for one in haptics.perceptions if one.perception_modality.startswith("Vibrotactile")
-        ]
+        vibrations = [p for p in haptics.perceptions if p.perception_modality.startswith("Vibrotactile")]
         if not vibrations:
             raise ValueError(f"{source} contains no vibration. Expected a Vibrotactile perception")
-        played = play_hjif(haptics.model_copy(update={"perceptions": tuple(vibrations)}))
-        write_wav(target, played[:, 0] if played.shape[1] == 1 else played, FS, encoding=encoding)
-        left = len(haptics.perceptions) - len(vibrations)
-        return {"perceptions": f"{left} other than vibrations"} if left else {}
-    played = play_ahap(read_ahap(source), FS)
-    write_wav(target, played, FS, unit="arbitrary", encoding=encoding)
+        samples = play_hjif(haptics.model_copy(update={"perceptions": tuple(vibrations)}))
+        write_wav(target, samples[:, 0] if samples.shape[1] == 1 else samples, FS, encoding=encoding)
+        n_dropped = len(haptics.perceptions) - len(vibrations)
+        return {"perceptions": f"{n_dropped} other than vibrations"} if n_dropped else {}
+    samples = play_ahap(read_ahap(source), FS)
+    write_wav(target, samples, FS, unit="arbitrary", encoding=encoding)
     return {"unit": "AHAP has no unit: 1 is its full intensity"}

@@ -1,4 +1,4 @@
-"""How recordings feel: six scales, and their places among reference surfaces."""
+"""Values of recordings on six perceptual scales, and their ranks among reference surfaces."""
 
 from collections.abc import Iterable
 from itertools import product
@@ -12,7 +12,7 @@ from texclass.evaluation.feature_table import cached_table
 from texclass.evaluation.workers import Progress
 from texclass.features.extractor import FeatureExtractor
 from texclass.features.sets import load_feature_set
-from texclass.haptics.scales import COLUMNS, OVER_THE_WAY, SCALES, Scale, link_of, scale_values
+from texclass.haptics.scales import COLUMNS, SCALES, SPATIAL_SCALES, Scale, scale_values, select_scale
 from texclass.loaders import find_recording, open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Recording
@@ -20,10 +20,10 @@ from texclass.reporting import Document, Table
 from texclass.reporting.blocks import Block, Heading
 from texclass.reporting.wording import digits
 
-NOMINAL_FS = 1.0
-"""Rate of recordings whose rate nobody knows."""
-LITTLE, MUCH = 3.0, 7.0
-"""Below and above these a surface is called by the name of the scale's end."""
+PLACEHOLDER_FS = 1.0
+"""Sampling rate in Hz that loaders set if it is unknown."""
+LOW, HIGH = 3.0, 7.0
+"""Below and above these values a surface is described by the name of that end of the scale."""
 
 
 def describe(
@@ -36,122 +36,173 @@ def describe(
     progress: Progress | None = None,
     **reading: Any,
 ) -> pd.DataFrame:
-    """Say how recordings feel: hard, rough, bumpy, sticky, fine, regular, and among which surfaces.
+    """Rate recordings on the scales hard, rough, bumpy, sticky, fine and regular, among reference surfaces.
 
     Parameters
     ----------
     recordings : Recording, str, Path or sequence of these
-        Recordings, files, or "DATASET:RECORDING"; a dataset is a sequence of recordings.
+        Recordings, files or "DATASET:RECORDING". A dataset is a sequence of recordings.
     references : Dataset, str or Path
-        Labelled recordings, or what `open_dataset` opens; each surface counts by the median of its
-        recordings. By default the 24 simulated surfaces, which are made at the first call and remembered.
-    fs, unit : optional
-        As `load_recording` takes them, for the files; `reading` is what else it takes.
+        Labelled recordings, or an argument of `open_dataset` (default: the 24 simulated surfaces, which are
+        simulated once and cached). Each surface is represented by the median of its recordings.
+    fs : float, optional
+        Sampling rate of the files in Hz, see `load_recording`.
+    unit : str, optional
+        Unit of the files, see `load_recording`.
     n_jobs : int
-        Processes for the references.
+        Number of processes for the references (default 1).
     progress : callable, optional
-        Called with (done, total, what).
+        Called with the number of finished recordings, the number of recordings, and a label.
+    **reading
+        Other arguments of `load_recording`.
 
     Returns
     -------
     DataFrame
-        Six rows a recording: `recording`, `scale`, `value` (see `texclass.haptics.scales`), `measured`,
-        `unit`, `feature` (what was measured; `fine` and `regular` over the way of the tool, where its speed
-        is known), `below` (how many reference surfaces lie below), `of` (how many have it), `between` (the
-        nearest of them), and `why` where something is not told.
+        Six rows per recording with the columns
+
+        - `recording` and `scale`;
+        - `value`: value on the scale, see `texclass.haptics.scales`;
+        - `feature_value`, `unit` and `feature`: value, unit and column of the measured feature;
+        - `n_below` and `n_references`: number of reference surfaces with a lower feature value, and in total;
+        - `nearest`: the next lower and the next higher reference surface;
+        - `reason`: reason for a missing value, or "".
 
     Raises
     ------
     RecordingError
-        If a recording breaks a rule.
+        If a recording is invalid.
     """
-    listed = [recordings] if isinstance(recordings, Recording | str | Path) else recordings
-    given = [
+    inputs = [recordings] if isinstance(recordings, Recording | str | Path) else recordings
+    loaded = [
         one if isinstance(one, Recording) else find_recording(one, fs=fs, unit=unit, **reading)
-        for one in listed
+        for one in inputs
     ]
     dataset = references if isinstance(references, Dataset) else open_dataset(references)
-    surfaces, known_unit = _surfaces(dataset, n_jobs, progress), dataset[0].unit
-    found = FeatureExtractor("scales").fit(given).extract(given)
-    measured = found.table.set_axis(range(len(given)))
-    values, reasons = scale_values(measured), {(r.recording_id, r.feature): r.reason for r in found.reasons}
-    rows, told = [], measured.to_dict("records")
-    for (at, recording), name in product(enumerate(given), SCALES):
-        scale = link_of(name, told[at])
-        alike = known_unit if scale.unit.startswith("log10") else recording.unit
-        why = reasons.get((recording.recording_id, scale.column.partition(".")[0]), "")
-        if not why and (why := _not_absolute(scale, recording)):
-            values.loc[at, name] = np.nan
-        m, among = float(told[at][scale.column]), surfaces[scale.column].dropna().sort_values()
+    reference_features = _reference_features(dataset, n_jobs, progress)
+    reference_unit = dataset[0].unit
+    extraction = FeatureExtractor("scales").fit(loaded).extract(loaded)
+    features = extraction.table.set_axis(range(len(loaded)))
+    values, feature_rows = scale_values(features), features.to_dict("records")
+    reasons = {(r.recording_id, r.feature): r.reason for r in extraction.reasons}
+    rows = []
+    for (i, recording), name in product(enumerate(loaded), SCALES):
+        scale = select_scale(name, feature_rows[i])
+        reason = reasons.get((recording.recording_id, scale.column.partition(".")[0]), "")
+        if not reason and (reason := _missing_value_reason(scale, recording)):
+            values.loc[i, name] = np.nan
+        feature_value = float(feature_rows[i][scale.column])
+        ranked = reference_features[scale.column].dropna().sort_values()
+        has_same_unit = not scale.unit.startswith("log10") or recording.unit == reference_unit
+        is_comparable = has_same_unit and recording.fs != PLACEHOLDER_FS
         rows.append(
-            {"recording": recording.recording_id, "scale": name, "value": values.loc[at, name], "measured": m}
-            | {"unit": scale.unit.replace("m/s^2", recording.unit), "feature": scale.column, "why": why}
-            | _place(m, among if recording.unit == alike and recording.fs != NOMINAL_FS else among[:0])
+            {
+                "recording": recording.recording_id,
+                "scale": name,
+                "value": values.loc[i, name],
+                "feature_value": feature_value,
+                "unit": scale.unit.replace("m/s^2", recording.unit),
+                "feature": scale.column,
+                **_rank(feature_value, ranked if is_comparable else ranked[:0]),
+                "reason": reason,
+            }
         )
-    columns = ["recording", "scale", "value", "measured", "unit", "feature", "below", "of", "between", "why"]
-    return pd.DataFrame(rows, columns=columns).astype({"below": "Int64", "of": "Int64"})
+    columns = [
+        "recording", "scale", "value", "feature_value", "unit", "feature", "n_below", "n_references",
+        "nearest", "reason",
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=columns).astype({"n_below": "Int64", "n_references": "Int64"})
 
 
-def _place(m: float, among: "pd.Series[float]") -> dict[str, Any]:
-    """Return how many of the sorted reference surfaces lie below, of how many, and the nearest of them."""
-    if np.isnan(m) or among.empty:
-        return {"below": None, "of": None, "between": ()}
-    below = int((among < m).sum())
-    return {"below": below, "of": len(among), "between": tuple(among.index[max(below - 1, 0) : below + 1])}
+def _rank(feature_value: float, ranked: "pd.Series[float]") -> dict[str, Any]:
+    """Return the number of reference surfaces below a value, their total number, and the nearest of them."""
+    if np.isnan(feature_value) or ranked.empty:
+        return {"n_below": None, "n_references": None, "nearest": ()}
+    n_below = int((ranked < feature_value).sum())
+    nearest = tuple(ranked.index[max(n_below - 1, 0) : n_below + 1])
+    return {"n_below": n_below, "n_references": len(ranked), "nearest": nearest}
 
 
-def _not_absolute(scale: Scale, recording: Recording) -> str:
-    """Return why a value of a recording cannot be put between 0 and 10, if it cannot."""
-    if scale.unit == "Hz" and recording.fs == NOMINAL_FS:
-        return "fs is 1 Hz. Expected the sampling rate of the recording"
+def _missing_value_reason(scale: Scale, recording: Recording) -> str:
+    """Return the reason why a recording has no value between 0 and 10, or ""."""
+    if scale.unit == "Hz" and recording.fs == PLACEHOLDER_FS:
+        return "the sampling rate is missing. Pass fs"
     if scale.unit.startswith("log10") and recording.unit != "m/s^2":
-        return f"the unit is {recording.unit}. Expected m/s^2: places alone, among references of this unit"
+        return (
+            f"the unit must be m/s^2 for a value, got {recording.unit}. References in this unit give a rank"
+        )
     return ""
 
 
-def _surfaces(dataset: Dataset, n_jobs: int, progress: Progress | None) -> pd.DataFrame:
-    """Return the features of the set `scales`, the median of each reference surface.
+def _reference_features(dataset: Dataset, n_jobs: int, progress: Progress | None) -> pd.DataFrame:
+    """Return the median features of each reference surface.
 
-    Ribs, which not every surface has, are those of at least half of its recordings.
+    A surface has ridges if at least half of its recordings have them.
     """
     table = cached_table(dataset, load_feature_set("scales"), n_jobs=n_jobs, progress=progress)
     surfaces = table.frame.groupby("surface")[list(COLUMNS)]
-    ribs = [scale.column for scale in OVER_THE_WAY.values()]
-    often = (2 * surfaces.count()).ge(surfaces.size(), axis=0)
-    return surfaces.median().where(often | ~often.columns.isin(ribs))
+    ridge_columns = [scale.column for scale in SPATIAL_SCALES.values()]
+    is_frequent = (2 * surfaces.count()).ge(surfaces.size(), axis=0)
+    return surfaces.median().where(is_frequent | ~is_frequent.columns.isin(ridge_columns))
 
 
-def felt_document(felt: pd.DataFrame) -> Document:
-    """Return what `describe` found, one table a recording."""
+def description_document(description: pd.DataFrame) -> Document:
+    """Return a report of the result of `describe`, with one table per recording.
+
+    Parameters
+    ----------
+    description : DataFrame
+        Result of `describe`.
+
+    Returns
+    -------
+    Document
+        Report.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from texclass.haptics import description_document
+    >>> description = pd.DataFrame(
+    ...     [["oak", "hard", 8.0, 260.0, "Hz", "damping", 20, 24, ("cork", "metal"), ""]],
+    ...     columns=["recording", "scale", "value", "feature_value", "unit", "feature", "n_below",
+    ...              "n_references", "nearest", "reason"],
+    ... )
+    >>> description_document(description).blocks[1]
+    'Hard.'
+    """
     blocks: list[Block] = []
-    for recording, rows in felt.groupby("recording", sort=False):
-        ends = [
-            scale if value > MUCH else SCALES[scale].other_end
+    for recording, rows in description.groupby("recording", sort=False):
+        adjectives = [
+            scale if value > HIGH else SCALES[scale].low_end
             for scale, value in zip(rows["scale"], rows["value"], strict=True)
-            if value > MUCH or value < LITTLE
+            if value > HIGH or value < LOW
         ]
-        shown = pd.DataFrame(
+        table = pd.DataFrame(
             [
                 (
-                    f"{row['scale']} (0: {SCALES[row['scale']].other_end})",
+                    f"{row['scale']} (0: {SCALES[row['scale']].low_end})",
                     "" if np.isnan(row["value"]) else f"{row['value']:.1f}",
-                    f"{row['below']} of {row['of']}" if row["between"] else "",
-                    "" if np.isnan(row["measured"]) else f"{digits(row['measured'])} {row['unit']}".strip(),
-                    " and ".join(row["between"]),
+                    f"{row['n_below']} of {row['n_references']}" if row["nearest"] else "",
+                    ""
+                    if np.isnan(row["feature_value"])
+                    else f"{digits(row['feature_value'])} {row['unit']}".strip(),
+                    " and ".join(row["nearest"]),
                 )
                 for row in rows.to_dict("records")
             ],
-            columns=["scale", "0-10", "above", "measured", "nearest"],
+            columns=["scale", "0-10", "above", "feature", "nearest"],
         )
-        blocks += [Heading(str(recording)), f"{', '.join(ends) or 'nothing stands out'}.".capitalize()]
-        blocks.append(Table(shown, n_kept=3))
-        why = rows[rows["why"] != ""].groupby("why", sort=False)["scale"].agg(", ".join)
-        blocks.append([f"{scales}: {reason}" for reason, scales in why.items()])
+        blocks += [Heading(str(recording)), f"{', '.join(adjectives) or 'average'}.".capitalize()]
+        blocks.append(Table(table, n_kept=3))
+        reasons = rows[rows["reason"] != ""].groupby("reason", sort=False)["scale"].agg(", ".join)
+        blocks.append([f"{scales}: {reason}" for reason, scales in reasons.items()])
     blocks.append(
         [
-            "0 and 10: the lowest and the highest twentieth of simulated everyday surfaces, freehand.",
-            "Above: how many reference surfaces lie below.",
-            "Fine in 1/mm: ribs along the way of the tool, by its recorded speed; in Hz: none, or no speed.",
+            "0 and 10: the 5th and 95th percentile of simulated everyday surfaces, explored freehand.",
+            "Above: number of reference surfaces with a lower value.",
+            "Fine in 1/mm: ridges over the position of the tool, from its recorded speed; in Hz: no ridges, "
+            "or no speed.",
         ]
     )
-    return Document("How it feels", blocks)
+    return Document("Perceptual scales", blocks)

@@ -1,23 +1,23 @@
-"""Six scales of how a surface feels, each a monotone link to one measured feature of the set `scales`.
+"""Six perceptual scales, each a monotone function of one measured feature of the set `scales`.
 
-| scale | its other end | measured | of the simulated surfaces it follows |
+| scale | low end | feature | related property of simulated surfaces |
 |---|---|---|---|
 | hard | soft | spectral centroid of a tap | stiffness of the contact |
-| rough | smooth | level of the movement's vibration | heights of structures below 1 mm |
-| bumpy | even | waviness: how the level below 100 Hz varies | heights of all structures |
-| sticky | slippery | kinetic friction | the same |
-| fine | coarse | ribs per mm; without: frequency of the grain | period of ribs, read backwards |
-| regular | irregular | how far ribs stand out; without: rises of the autocorrelation | that there are ribs |
+| rough | smooth | vibration level of the movement | height of structures below 1 mm |
+| bumpy | even | waviness: variation of the level below 100 Hz | height of all structures |
+| sticky | slippery | kinetic friction | kinetic friction |
+| fine | coarse | ridges per mm; otherwise frequency of the grain | period of the ridges, inverted |
+| regular | irregular | prominence of the ridges; otherwise of the autocorrelation | presence of ridges |
 
-Ribs are looked for along the way of the tool: that needs its recorded speed. Without a speed, on a way that
-is too short, and for `fine` where no ribs stand out, the scale is linked to what is felt over time, which
-ranks surfaces less well (`reports/studies/scales`).
+Ridges are detected over the position of the tool, which requires its recorded speed. Without a speed, on a
+movement that is too short, and for `fine` without ridges, the scale uses a feature over time, which ranks
+surfaces less well (`reports/studies/scales`).
 
-0 and 10 are where the lowest and the highest twentieth of simulated everyday surfaces begin
-(`texclass.simulate.surface_catalogue`), explored freehand with its tool; of ribs per mm, those with ribs.
-Values go on beyond them.
-Frequencies are compared by their logarithm, and so are levels. What hands do (speed, force) and what tools do
-moves them: values of one tool and usual strokes compare.
+0 and 10 are the 5th and the 95th percentile of simulated everyday surfaces
+(`texclass.simulate.surface_catalogue`), explored freehand with the simulated tool; for ridges per mm, of the
+surfaces with ridges. Values can lie beyond 0 and 10. Frequencies and levels are compared by their logarithms.
+
+Speed, force and tool change the values. Compare values only for the same tool and usual strokes.
 """
 
 from collections.abc import Mapping
@@ -30,37 +30,43 @@ if TYPE_CHECKING:
 
 
 class Scale(NamedTuple):
-    """A scale, from what it is at 0 to what it is at 10.
+    """Perceptual scale from 0 to 10, as a function of one feature.
 
     Attributes
     ----------
-    other_end : str
-        Its name is that of 10.
+    low_end : str
+        Name of the lower end, at 0. The name of the scale is that of the upper end, at 10.
     column : str
-        Of the set `scales`.
+        Column of the feature in the set `scales`.
     at_0, at_10 : float
-        The feature there.
+        Values of the feature at 0 and at 10.
     unit : str
-        Of the feature. Where it is log10(m/s^2), 0 and 10 are for recordings in m/s^2.
+        Unit of the feature. With log10(m/s^2), `at_0` and `at_10` hold for recordings in m/s^2.
+
+    Examples
+    --------
+    >>> from texclass.haptics import SCALES
+    >>> SCALES["hard"].low_end, SCALES["hard"].value(370.0), SCALES["hard"].feature_value(0.0)
+    ('soft', 10.0, 45.0)
     """
 
-    other_end: str
+    low_end: str
     column: str
     at_0: float
     at_10: float
     unit: str
 
-    def told(self, m: float) -> float:
-        """Return what a value of the feature says on the scale."""
+    def value(self, feature: float) -> float:
+        """Return the value on the scale of a feature value."""
         if self.unit in ("Hz", "1/mm"):
-            return float(10 * np.log(m / self.at_0) / np.log(self.at_10 / self.at_0))
-        return 10 * (m - self.at_0) / (self.at_10 - self.at_0)
+            return float(10 * np.log(feature / self.at_0) / np.log(self.at_10 / self.at_0))
+        return 10 * (feature - self.at_0) / (self.at_10 - self.at_0)
 
-    def measured(self, told: float) -> float:
-        """Return the value of the feature at a place of the scale."""
+    def feature_value(self, value: float) -> float:
+        """Return the feature value of a value on the scale; the inverse of `value`."""
         if self.unit in ("Hz", "1/mm"):
-            return float(self.at_0 * (self.at_10 / self.at_0) ** (told / 10))
-        return self.at_0 + (self.at_10 - self.at_0) * told / 10
+            return float(self.at_0 * (self.at_10 / self.at_0) ** (value / 10))
+        return self.at_0 + (self.at_10 - self.at_0) * value / 10
 
 
 SCALES = {
@@ -71,44 +77,55 @@ SCALES = {
     "fine": Scale("coarse", "grain_frequency", 36.0, 76.0, "Hz"),
     "regular": Scale("irregular", "regularity", 0.07, 0.18, ""),
 }
-
-OVER_THE_WAY = {
+"""Scales by name."""
+SPATIAL_SCALES = {
     "fine": Scale("coarse", "ridge_density", 0.2, 1.45, "1/mm"),
     "regular": Scale("irregular", "ridge_prominence", 2.2, 9.0, "dB"),
 }
-"""Links that hold instead where their feature is defined."""
-COLUMNS = tuple(scale.column for scale in (*SCALES.values(), *OVER_THE_WAY.values()))
+"""Scales that replace those of `SCALES` where their feature is defined."""
+COLUMNS = tuple(scale.column for scale in (*SCALES.values(), *SPATIAL_SCALES.values()))
 
 
-def link_of(name: str, measured: Mapping[Any, Any]) -> Scale:
-    """Return the link by which a scale is told of one recording.
+def select_scale(name: str, features: Mapping[Any, Any]) -> Scale:
+    """Return the scale that applies to one recording: the spatial one where its feature is defined.
 
     Parameters
     ----------
     name : str
-        Of the scale.
-    measured : mapping of str to float
+        Name of the scale.
+    features : mapping of str to float
         Column of the set `scales` -> value, NaN where it is undefined.
+
+    Returns
+    -------
+    Scale
+        Scale from `SPATIAL_SCALES` or `SCALES`.
+
+    Examples
+    --------
+    >>> from texclass.haptics import select_scale
+    >>> select_scale("fine", {"ridge_density": 0.6}).unit, select_scale("fine", {}).unit
+    ('1/mm', 'Hz')
     """
-    by_way = OVER_THE_WAY.get(name)
-    return by_way if by_way and np.isfinite(measured.get(by_way.column, np.nan)) else SCALES[name]
+    spatial = SPATIAL_SCALES.get(name)
+    return spatial if spatial and np.isfinite(features.get(spatial.column, np.nan)) else SCALES[name]
 
 
-def scale_values(measured: "pd.DataFrame") -> "pd.DataFrame":
-    """Return what the features of the set `scales` say on each scale.
+def scale_values(features: "pd.DataFrame") -> "pd.DataFrame":
+    """Return the values of recordings on the six scales.
 
-    (m - m_0) / (m_10 - m_0) * 10 with m the feature of `link_of`, or its logarithm where it is a frequency.
+    10 (m - m_0) / (m_10 - m_0), with m the feature of `select_scale`, or its logarithm if it is a frequency.
 
     Parameters
     ----------
-    measured : DataFrame of shape (n_recordings, n_columns)
-        As `texclass.extract(recordings, "scales")` gives it, of recordings in m/s^2; columns of ribs may be
-        missing.
+    features : DataFrame of shape (n_recordings, n_columns)
+        Result of `texclass.extract(recordings, "scales")` for recordings in m/s^2. The columns of ridges are
+        optional.
 
     Returns
     -------
     DataFrame of shape (n_recordings, 6)
-        NaN where the feature is undefined: without a tap `hard`, without friction `sticky`.
+        Values; NaN where the feature is undefined (`hard` needs a tap, `sticky` a friction channel).
 
     Examples
     --------
@@ -120,11 +137,11 @@ def scale_values(measured: "pd.DataFrame") -> "pd.DataFrame":
     """
     import pandas as pd
 
-    def told(scale: Scale) -> "pd.Series[float]":
-        return measured[scale.column].astype(float).map(scale.told)
+    def values_of(scale: Scale) -> "pd.Series[float]":
+        return features[scale.column].astype(float).map(scale.value)
 
-    found = pd.DataFrame({name: told(scale) for name, scale in SCALES.items()}, index=measured.index)
-    for name, scale in OVER_THE_WAY.items():
-        if scale.column in measured:
-            found[name] = told(scale).fillna(found[name])
-    return found
+    values = pd.DataFrame({name: values_of(scale) for name, scale in SCALES.items()}, index=features.index)
+    for name, scale in SPATIAL_SCALES.items():
+        if scale.column in features:
+            values[name] = values_of(scale).fillna(values[name])
+    return values

@@ -1,4 +1,4 @@
-"""The scene's renderer: any blocking alike, no click, no allocation, bounded whatever a hand does."""
+"""The renderer of a scene: same samples in any blocks, no clicks, no allocation, bounded output."""
 
 import gc
 import tracemalloc
@@ -30,11 +30,11 @@ LONG = GridModel((V, F), K400, np.ones((2, 2)), 4.0)
 @pytest.fixture
 def scene():
     models = (LATTICE, LINES, GridModel.silence(), LONG)
-    assigned = {"a": 0, "b": 1, "c": 2, "d": 3, "a too": 0}
-    return PlannedScene("test", FS, "m/s^2", (20.0, 450.0), 20.0, 2, assigned, models)
+    indices = {"a": 0, "b": 1, "c": 2, "d": 3, "a too": 0}
+    return PlannedScene("test", FS, "m/s^2", (20.0, 450.0), 20.0, 2, indices, models)
 
 
-def steady(renderer, surface, n, *, speed=80.0, force=1.0):
+def render_steady(renderer, surface, n, *, speed=80.0, force=1.0):
     renderer.reset()
     for contact in range(renderer.n_contacts):
         renderer.touch(contact, surface)
@@ -43,46 +43,46 @@ def steady(renderer, surface, n, *, speed=80.0, force=1.0):
     return renderer.process(velocity, np.full((renderer.n_contacts, n), force))
 
 
-def hand(rng, n, n_contacts, surfaces):
-    """Velocity, force and surfaces of a wild hand: jumps of everything, lifts, rests, absurd values."""
-    stay = np.repeat(rng.integers(0, 1000, (n_contacts, n // 20 + 1)), 20, axis=1)[:, :n]
+def random_motion(rng, n, n_contacts, surfaces):
+    """Return velocity, force and surfaces with jumps, lifts, rests and extreme values."""
+    block = np.repeat(rng.integers(0, 1000, (n_contacts, n // 20 + 1)), 20, axis=1)[:, :n]
     velocity = rng.normal(0, 1, (n_contacts, 1000, 2)) * 10.0 ** rng.uniform(-2, 4, (n_contacts, 1000, 1))
     force = rng.choice([-1.0, 0.0, 0.01, 1.0, 100.0], (n_contacts, 1000))
     names = rng.choice(np.array([*surfaces, None], dtype=object), (n_contacts, 1000))
     row = np.arange(n_contacts)[:, np.newaxis]
-    return velocity[row, stay], force[row, stay], names[row, stay].tolist()
+    return velocity[row, block], force[row, block], names[row, block].tolist()
 
 
 def test_any_blocking_and_single_steps_give_the_same_samples(scene):
-    velocity, force, names = hand(np.random.default_rng(1), 300, 2, scene.assigned)
+    velocity, force, names = random_motion(np.random.default_rng(1), 300, 2, scene.model_indices)
     whole = SceneRenderer(scene, seed=3).process(velocity, force, names)
-    cut, single, together = (SceneRenderer(scene, seed=3) for _ in range(3))
-    pieces = [
-        cut.process(velocity[:, i : i + 37], force[:, i : i + 37], [row[i : i + 37] for row in names])
+    in_blocks, by_step, by_step_all = (SceneRenderer(scene, seed=3) for _ in range(3))
+    blocks = [
+        in_blocks.process(velocity[:, i : i + 37], force[:, i : i + 37], [row[i : i + 37] for row in names])
         for i in range(0, 300, 37)
     ]
-    np.testing.assert_array_equal(np.concatenate(pieces, axis=1), whole)
+    np.testing.assert_array_equal(np.concatenate(blocks, axis=1), whole)
     for t in range(300):
         for contact in range(2):
-            single.touch(contact, names[contact][t])
-            together.touch(contact, names[contact][t])
-            assert single.step(contact, *velocity[contact, t], force[contact, t]) == whole[contact, t]
-            together.motion[contact] = *velocity[contact, t], force[contact, t]
-        np.testing.assert_array_equal(together.step_all(), whole[:, t])
+            by_step.touch(contact, names[contact][t])
+            by_step_all.touch(contact, names[contact][t])
+            assert by_step.step(contact, *velocity[contact, t], force[contact, t]) == whole[contact, t]
+            by_step_all.motion[contact] = *velocity[contact, t], force[contact, t]
+        np.testing.assert_array_equal(by_step_all.step_all(), whole[:, t])
 
 
 def test_reset_returns_to_the_first_sample_and_contacts_have_their_own_noise(scene):
     renderer = SceneRenderer(scene, seed=1)
-    first = steady(renderer, "a", 500)
-    np.testing.assert_array_equal(steady(renderer, "a", 500), first)
+    first = render_steady(renderer, "a", 500)
+    np.testing.assert_array_equal(render_steady(renderer, "a", 500), first)
     assert np.corrcoef(first)[0, 1] < 0.3
-    alone = SceneRenderer(scene, n_contacts=1, seed=1)
-    np.testing.assert_array_equal(steady(alone, "a", 500)[0], first[0])
+    single = SceneRenderer(scene, n_contacts=1, seed=1)
+    np.testing.assert_array_equal(render_steady(single, "a", 500)[0], first[0])
 
 
-def test_a_lattice_has_the_spectrum_of_its_node_and_power_follows_a_power_law_between(scene):
+def test_a_lattice_has_the_spectrum_of_its_node_and_power_follows_a_power_law_between_nodes(scene):
     renderer = SceneRenderer(scene, n_contacts=4, seed=5)
-    x = steady(renderer, "a", 60_000, speed=160.0, force=2.0)[:, 1000:]
+    x = render_steady(renderer, "a", 60_000, speed=160.0, force=2.0)[:, 1000:]
     assert np.sqrt(np.mean(x**2)) == pytest.approx(4.0, rel=0.02)
     f, power = signal.welch(x, FS, nperseg=256)
     k = LATTICE.rows[1, 1]
@@ -90,26 +90,26 @@ def test_a_lattice_has_the_spectrum_of_its_node_and_power_follows_a_power_law_be
     expected = model.log_spectrum_db(2 * np.pi * f / FS) + 10 * np.log10(2 / FS)
     measured = 10 * np.log10(power.mean(axis=0))
     assert np.sqrt(np.mean((measured - expected)[2:-2] ** 2)) < 0.4
-    x = steady(renderer, "a", 60_000, speed=80.0, force=1.0)[:, 1000:]
-    assert np.mean(x**2) == pytest.approx(4.0, rel=0.05)  # halfway, in the logarithms, from 1 to 16
+    x = render_steady(renderer, "a", 60_000, speed=80.0, force=1.0)[:, 1000:]
+    assert np.mean(x**2) == pytest.approx(4.0, rel=0.05)  # geometric mean of 1 and 16
 
 
-def test_lines_stand_or_follow_the_speed(scene):
-    x = steady(SceneRenderer(scene, n_contacts=1), "b", 9192, speed=120.0)[0, 1000:]
+def test_lines_are_constant_or_proportional_to_the_speed(scene):
+    x = render_steady(SceneRenderer(scene, n_contacts=1), "b", 9192, speed=120.0)[0, 1000:]
     power = np.abs(np.fft.rfft(x * np.hanning(x.size)))
     f = np.fft.rfftfreq(x.size, 1 / FS)
     assert np.abs(f[np.argmax(np.where(f > 90, power, 0))] - 120) < 0.2
     assert np.abs(f[np.argmax(np.where(f < 90, power, 0))] - 60) < 0.2
 
 
-def test_silence_no_contact_and_rest_are_silent(scene):
+def test_the_output_is_silent_without_model_contact_speed_or_force(scene):
     renderer = SceneRenderer(scene)
     for surface, speed, force in (("c", 80, 1), (None, 80, 1), ("a", 0, 1), ("a", 80, 0), ("a", 80, -3)):
-        assert not steady(renderer, surface, 300, speed=speed, force=force).any(), surface
+        assert not render_steady(renderer, surface, 300, speed=speed, force=force).any(), surface
 
 
-def test_nothing_clicks_when_contact_surface_speed_or_force_change():
-    """A smooth vibration has no step beyond its own; a click would stand out of it."""
+def test_there_is_no_click_when_contact_surface_speed_or_force_change():
+    """The vibration is so smooth that a click would exceed the largest step between its samples."""
     smooth = np.full((2, 2, 1), np.sqrt(2)), np.ones((2, 2)), 2.0
     models = tuple(GridModel((V, F), *smooth, [hz], [0.0]) for hz in (5.0, 7.0))
     scene = PlannedScene("s", 10_000.0, "m/s^2", (1.0, 4500.0), 20.0, 1, {"a": 0, "b": 1}, models)
@@ -126,7 +126,7 @@ def test_nothing_clicks_when_contact_surface_speed_or_force_change():
 
 
 @pytest.mark.parametrize("surface", ["a", "b"])
-def test_steps_grow_no_memory(scene, surface):
+def test_steps_allocate_no_memory(scene, surface):
     renderer = SceneRenderer(scene)
     for contact in range(2):
         renderer.touch(contact, surface)
@@ -140,48 +140,48 @@ def test_steps_grow_no_memory(scene, surface):
     loop(50)
     gc.collect()
     _nrt_python.memsys_enable_stats()
-    compiled = rtsys.get_allocation_stats()
+    initial = rtsys.get_allocation_stats()
     tracemalloc.start()
     loop(50)
-    before, _ = tracemalloc.get_traced_memory()
+    start, _ = tracemalloc.get_traced_memory()
     tracemalloc.reset_peak()
     loop(300)
-    after, peak = tracemalloc.get_traced_memory()
+    end, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert after - before < 200
-    assert peak - before < 1000  # a float and what a call needs, not 300 of them
-    now = rtsys.get_allocation_stats()
-    assert now.alloc - now.free == compiled.alloc - compiled.free
+    assert end - start < 200
+    assert peak - start < 1000  # one float and one call, not 300
+    final = rtsys.get_allocation_stats()
+    assert final.alloc - final.free == initial.alloc - initial.free
 
 
-def test_output_is_finite_and_bounded_whatever_the_hand_does(scene):
+def test_the_output_is_finite_and_bounded_for_any_motion(scene):
     renderer, rng = SceneRenderer(scene, n_contacts=100), np.random.default_rng(2)
     for _ in range(4):
-        x = renderer.process(*hand(rng, 400, 100, scene.assigned))
+        x = renderer.process(*random_motion(rng, 400, 100, scene.model_indices))
         assert np.isfinite(x).all()
         assert np.abs(x).max() <= min(scene.largest_output, np.sqrt(2) * PEAK_FACTOR * 8.0)
     loud = GridModel((V, F), np.full((2, 2, 1), -0.9), np.full((2, 2), 100.0), 1.0)
-    one = PlannedScene("s", FS, "m/s^2", (20.0, 450.0), 20.0, 1, {"a": 0}, (loud,))
-    assert np.abs(steady(SceneRenderer(one), "a", 1000)).max() == PEAK_FACTOR * 1.0
+    loud_scene = PlannedScene("s", FS, "m/s^2", (20.0, 450.0), 20.0, 1, {"a": 0}, (loud,))
+    assert np.abs(render_steady(SceneRenderer(loud_scene), "a", 1000)).max() == PEAK_FACTOR * 1.0
 
 
-def test_what_breaks_a_rule_is_refused_by_value_and_changes_nothing(scene):
+def test_invalid_arguments_are_rejected_with_their_value_and_change_nothing(scene):
     renderer, twin = (SceneRenderer(scene, n_contacts=2) for _ in range(2))
-    for one in (renderer, twin):
-        one.touch(0, "a")
-    for match, break_rule in (
-        ("Expected (a )?finite", lambda: renderer.step(0, np.nan, 0.0, 1.0)),
-        ("Expected (a )?finite", lambda: renderer.step(0, 0.0, 0.0, np.inf)),
-        ("Expected (a )?finite", lambda: renderer.process(np.full((2, 1, 2), np.nan), np.ones((2, 1)))),
-        (r"Expected \(2, n, 2\)", lambda: renderer.process(np.ones((1, 1, 2)), np.ones((1, 1)))),
-        ("as the force", lambda: renderer.process(np.ones((2, 1, 2)), np.ones((2, 1)), [["a", "a"]])),
-        (r"contact is 7. Expected 0 \.\.\. 1", lambda: renderer.step(7, 0.0, 0.0, 0.0)),
-        ("surface is 'x'. Expected one of a, b", lambda: renderer.touch(0, "x")),
-        ("n_contacts is 0", lambda: SceneRenderer(scene, n_contacts=0)),
+    for either in (renderer, twin):
+        either.touch(0, "a")
+    for match, call in (
+        ("must be finite", lambda: renderer.step(0, np.nan, 0.0, 1.0)),
+        ("must be finite", lambda: renderer.step(0, 0.0, 0.0, np.inf)),
+        ("must be finite", lambda: renderer.process(np.full((2, 1, 2), np.nan), np.ones((2, 1)))),
+        (r"\(2, n, 2\)", lambda: renderer.process(np.ones((1, 1, 2)), np.ones((1, 1)))),
+        ("shape of force", lambda: renderer.process(np.ones((2, 1, 2)), np.ones((2, 1)), [["a", "a"]])),
+        ("between 0 and 1, got 7", lambda: renderer.step(7, 0.0, 0.0, 0.0)),
+        ("one of a, b, c, d, a too, got 'x'", lambda: renderer.touch(0, "x")),
+        ("n_contacts must be at least 1, got 0", lambda: SceneRenderer(scene, n_contacts=0)),
     ):
         with pytest.raises(ValueError, match=match):
-            break_rule()
+            call()
     assert renderer.step(0, 80.0, 0.0, 1.0) == twin.step(0, 80.0, 0.0, 1.0)
     renderer.motion[1, 2] = np.nan
-    with pytest.raises(ValueError, match=r"Expected (a )?finite"):
+    with pytest.raises(ValueError, match=r"must be finite"):
         renderer.step_all()

@@ -1,4 +1,4 @@
-"""From textures to a scene: the cheapest that serve, rendered sample by sample."""
+"""Scenes: the cheapest model of each surface within a tolerance, and a real-time renderer for all of them."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""What people write of a scene: its TOML, strictly checked, and the paths of hands over it.
+"""Scene files (TOML) and hand paths (CSV), with strict validation.
 
-The TOML names surfaces, device, what is expected of the hand, tolerance and budget.
+A scene file defines the surfaces, the device, the motion of the hand, the tolerance and the budget.
 """
 
 import math
@@ -29,54 +29,59 @@ EXAMPLES = Path(__file__).with_name("examples")
 COLUMNS = ("time", "x", "y", "force", "surface")
 
 
-def _rising(pair: tuple[float, float]) -> tuple[float, float]:
+def _check_range(pair: tuple[float, float]) -> tuple[float, float]:
     if not 0 <= pair[0] <= pair[1]:
-        raise ValueError(f"is {list(pair)}. Expected rising numbers of at least 0")
+        raise ValueError(f"must be two rising numbers of at least 0, got {list(pair)}")
     return pair
 
 
-def _existing(path: Path, info: ValidationInfo) -> Path:
-    """Return the path of a file beside the definition, whose own path is the context."""
-    found = Path(info.context or "").parent / os.path.expanduser(path)  # no error where there is no such user
-    if not os.path.isfile(found):  # no error where a name is too long for one
-        raise ValueError(f"is {str(path)!r:.200}. Expected an existing file")
-    return found
+def _resolve_file(path: Path, info: ValidationInfo) -> Path:
+    """Return a file path relative to the scene file, whose own path is the validation context."""
+    file = Path(info.context or "").parent / os.path.expanduser(path)  # does not raise for an unknown user
+    if not os.path.isfile(file):  # Path.is_file raises if the name is too long
+        raise ValueError(f"must be an existing file, got {str(path)!r:.200}")
+    return file
 
 
-def _card(name: str, info: ValidationInfo) -> str:
-    """Return the path of a dataset card beside the definition, or the name of another one."""
-    beside = Path(info.context or "").parent / name
-    return str(beside) if name.endswith(".toml") and beside.is_file() else name
+def _resolve_card(name: str, info: ValidationInfo) -> str:
+    """Return the path of a dataset card next to the scene file, or the name of a shipped card."""
+    path = Path(info.context or "").parent / name
+    return str(path) if name.endswith(".toml") and path.is_file() else name
 
 
-def _motion(value: Any) -> float | str:
-    """Return the name of a column, or a number that holds throughout."""
-    named = isinstance(value, str) and value
-    if not named and not (type(value) in (int, float) and 0 < value < math.inf):
-        raise ValueError(f"is {value!r:.80}. Expected the name of a column, or a number above 0")
+def _check_motion(value: Any) -> float | str:
+    """Return a column name or a positive constant."""
+    is_column = isinstance(value, str) and value
+    if not is_column and not (type(value) in (int, float) and 0 < value < math.inf):
+        raise ValueError(f"must be a column name or a positive number, got {value!r:.80}")
     return value  # type: ignore[no-any-return]
 
 
 Text = Annotated[str, Field(min_length=1)]
-File = Annotated[Path, Strict(False), AfterValidator(_existing)]
-Range = Annotated[tuple[float, float], Strict(False), AfterValidator(_rising)]
+File = Annotated[Path, Strict(False), AfterValidator(_resolve_file)]
+Range = Annotated[tuple[float, float], Strict(False), AfterValidator(_check_range)]
 
 
 class Device(StrictModel):
-    """What plays the scene.
+    """Table `[device]`: the device that renders the scene.
 
     Attributes
     ----------
     rate_hz : float
-        Samples per second.
+        Sampling rate of the output in Hz.
     band_hz : (float, float)
-        What it can make felt.
+        Frequency range that the device reproduces, in Hz.
     noise_floor : float
-        RMS of its own noise within the band, in `unit`: what is weaker is not felt.
+        RMS of the device's own noise within the band, in `unit`. Weaker vibration is imperceptible.
     largest_output : float
-        In `unit`.
+        Largest output in `unit`.
     unit : str
-        Of the vibration.
+        Unit of the vibration (default "m/s^2").
+
+    Examples
+    --------
+    >>> Device(rate_hz=1000, band_hz=(20, 450), noise_floor=0.05, largest_output=30).unit
+    'm/s^2'
     """
 
     rate_hz: float = Field(ge=50, le=1e6)
@@ -86,20 +91,28 @@ class Device(StrictModel):
     unit: Unit = "m/s^2"
 
     @model_validator(mode="after")
-    def _can_play_its_band(self) -> Self:
+    def _check_band(self) -> Self:
         if not self.band_hz[0] < self.band_hz[1] <= self.rate_hz / 2:
-            raise ValueError(f"band_hz is {list(self.band_hz)}. Expected rising, at most rate_hz / 2")
+            raise ValueError(f"band_hz must rise and end at most at rate_hz / 2, got {list(self.band_hz)}")
         return self
 
 
-class Expected(StrictModel):
-    """What the hand will do: ranges, or the path file that they are taken from.
+class MotionRange(StrictModel):
+    """Table `[motion]`: the range of hand motion, or a path file to derive it from.
 
     Attributes
     ----------
-    speeds_mm_s, forces_n : (float, float)
-        Lowest and highest, above 0.
+    speeds_mm_s : (float, float)
+        Lowest and highest speed in mm/s, both positive.
+    forces_n : (float, float)
+        Lowest and highest normal force in N, both positive.
     path : Path or None
+        CSV file whose 5th and 95th percentiles give both ranges, see `read_path`.
+
+    Examples
+    --------
+    >>> MotionRange(speeds_mm_s=(40, 200), forces_n=(0.4, 2)).forces_n
+    (0.4, 2.0)
     """
 
     speeds_mm_s: Range
@@ -108,66 +121,90 @@ class Expected(StrictModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_path(cls, given: Any, info: ValidationInfo) -> Any:
-        if not (isinstance(given, dict) and isinstance(given.get("path"), str)):
-            return given
-        if len(given) > 1:
-            raise ValueError(f"holds {', '.join(given)}. Expected a path alone, or speeds_mm_s and forces_n")
+    def _read_path(cls, content: Any, info: ValidationInfo) -> Any:
+        if not (isinstance(content, dict) and isinstance(content.get("path"), str)):
+            return content
+        if len(content) > 1:
+            keys = ", ".join(content)
+            raise ValueError(f"must define either path or speeds_mm_s and forces_n, got {keys}")
         try:
-            speeds, forces = read_path(_existing(Path(given["path"]), info)).ranges()
-            return given | {"speeds_mm_s": speeds, "forces_n": forces}
+            speeds, forces = read_path(_resolve_file(Path(content["path"]), info)).ranges()
+            return content | {"speeds_mm_s": speeds, "forces_n": forces}
         except ValueError as error:
             raise ValueError(f"path: {error}") from error
 
     @model_validator(mode="after")
-    def _moves(self) -> Self:
+    def _check_positive(self) -> Self:
         for key in ("speeds_mm_s", "forces_n"):
             if not getattr(self, key)[0] > 0:
-                raise ValueError(f"{key} begins at {getattr(self, key)[0]:g}. Expected a positive number")
+                raise ValueError(f"{key} must begin above 0, got {getattr(self, key)[0]:g}")
         return self
 
 
 class Tolerance(StrictModel):
-    """How far a model may be from the surface.
+    """Table `[tolerance]`: the largest accepted difference between a model and its surface.
 
     Attributes
     ----------
-    score : str
-        "log_spectral_db": RMS difference of the power spectra over 64 equal parts of the band, dB.
-        "band_db": the same over third octaves. "gfc": goodness of fit of the amplitudes, blind to level.
+    score : {"log_spectral_db", "band_db", "gfc"}
+        "log_spectral_db": RMS difference of the power spectra in dB, over 64 equal subbands.
+        "band_db": the same over third-octave bands.
+        "gfc": goodness of fit of the amplitude spectra, which ignores the level.
     limit : float
-        At most so many dB; for "gfc" at least so much.
-    over : {"worst", "mean"}
-        Whether the worst held-out speed and force must be within it, or their mean.
+        Largest score in dB; for "gfc" the smallest score.
+    aggregate : {"worst", "mean"}
+        Whether the worst test point must be within the limits (default), or the mean.
     level_db : float or None
-        Largest difference of level; None: none of its own (the scores in dB contain it). 3 for "gfc".
+        Largest level error in dB. None (default): no separate limit, since the scores in dB include the
+        level. Default 3 for "gfc".
     slope_db : float
-        Largest difference between how much the levels rise from one speed, or force, to twice as much, over
-        all held-out points: what keeps a surface within the limits on average may not lose what speed does.
+        Largest error of the level change per doubling of speed or force, in dB, over all test points
+        (default 1.5). It keeps a model from ignoring the speed while its mean error is within the limits.
+
+    Examples
+    --------
+    >>> Tolerance(score="gfc", limit=0.9).level_db
+    3.0
     """
 
     score: Literal["log_spectral_db", "band_db", "gfc"]
     limit: float
-    over: Literal["worst", "mean"] = "worst"
+    aggregate: Literal["worst", "mean"] = "worst"
     level_db: float | None = Field(default=None, gt=0)
     slope_db: float = Field(default=1.5, gt=0)  # 3 dB over two octaves
 
     @model_validator(mode="before")
     @classmethod
-    def _with_level(cls, given: Any) -> Any:
-        blind = isinstance(given, dict) and given.get("score") == "gfc"
-        return {"level_db": 3.0} | given if blind else given
+    def _add_level(cls, content: Any) -> Any:
+        ignores_level = isinstance(content, dict) and content.get("score") == "gfc"
+        return {"level_db": 3.0} | content if ignores_level else content
 
     @model_validator(mode="after")
-    def _can_be_met(self) -> Self:
-        rule = "at least 0, at most 0.9999" if self.score == "gfc" else "above 0"
-        if not (0 <= self.limit <= 0.9999 if self.score == "gfc" else self.limit > 0):
-            raise ValueError(f"limit is {self.limit:g}. Expected for {self.score}: {rule}")
+    def _check_limit(self) -> Self:
+        if self.score == "gfc" and not 0 <= self.limit <= 0.9999:
+            raise ValueError(f"limit must be between 0 and 0.9999 for gfc, got {self.limit:g}")
+        if self.score != "gfc" and not self.limit > 0:
+            raise ValueError(f"limit must be positive for {self.score}, got {self.limit:g}")
         return self
 
 
 class Budget(StrictModel):
-    """What the loop can afford: microseconds per sample for all contacts together, bytes, contacts."""
+    """Table `[budget]`: the time and memory available in the haptic loop.
+
+    Attributes
+    ----------
+    microseconds : float
+        Time per sample in us, for all contacts together.
+    bytes : int
+        Memory of the renderer.
+    contacts : int
+        Number of simultaneous contacts, 1 to 1000.
+
+    Examples
+    --------
+    >>> Budget(microseconds=10, bytes=100_000, contacts=4).contacts
+    4
+    """
 
     microseconds: float = Field(gt=0)
     bytes: int = Field(ge=1)
@@ -175,58 +212,110 @@ class Budget(StrictModel):
 
 
 class RecordingDefinition(StrictModel):
-    """One recording file: speed and force are the name of a column, or one number that holds throughout."""
+    """One recording file of a surface.
+
+    Attributes
+    ----------
+    file : Path
+        Recording, in any format that `texclass.load_recording` reads.
+    speed : float or str
+        Constant speed in mm/s, or the name of the column that contains it.
+    force : float or str
+        Constant normal force in N, or the name of the column that contains it.
+    fs_hz : float or None
+        Sampling rate in Hz, if the file does not contain it.
+    unit : str or None
+        Unit of the vibration (default: unit of the device).
+    column : str or None
+        Name of the acceleration column.
+
+    Examples
+    --------
+    >>> RecordingDefinition(file=__file__, speed=80, force="normal_force").speed
+    80
+    """
 
     file: File
-    speed: Annotated[float | str, PlainValidator(_motion)]
-    force: Annotated[float | str, PlainValidator(_motion)]
+    speed: Annotated[float | str, PlainValidator(_check_motion)]
+    force: Annotated[float | str, PlainValidator(_check_motion)]
     fs_hz: float | None = Field(default=None, gt=0)
     unit: Unit | None = None
     column: Text | None = None
 
 
 class SurfaceDefinition(StrictModel):
-    """Where one surface comes from: exactly one of the four sources.
+    """Table `[surfaces.NAME]`: the source of one surface, exactly one of four.
 
     Attributes
     ----------
     texture : Path or None
-        A `.texture` file of ours or the `.xml` of a HaTT texture.
+        A `.texture` file, or the `.xml` file of a HaTT texture.
     simulated : str or None
-        "abdulali2016/S1" ... "abdulali2016/S9", or "catalogue/0", "catalogue/1", ...
+        "abdulali2016/S1" to "abdulali2016/S9", or "catalogue/0", "catalogue/1", ...
     recordings : tuple of RecordingDefinition
-        Files, each with columns of speed and force, or constants.
-    dataset, surface : str or None
-        A dataset card whose recordings carry speed and force, and a surface in it: the surface's name by
-        default.
+        Recording files with speed and force.
+    dataset : str or None
+        Dataset card whose recordings contain speed and force.
+    surface : str or None
+        Surface of the dataset (default: NAME).
     friction : float or None
-        Kinetic friction coefficient, if known: bounds the number of speeds.
+        Kinetic friction coefficient, if available; it limits the number of speeds of the model.
+
+    Examples
+    --------
+    >>> SurfaceDefinition(simulated="abdulali2016/S8", friction=0.4).friction
+    0.4
     """
 
     texture: File | None = None
     simulated: Text | None = None
     recordings: tuple[RecordingDefinition, ...] = ()
-    dataset: Annotated[Text, AfterValidator(_card)] | None = None
+    dataset: Annotated[Text, AfterValidator(_resolve_card)] | None = None
     surface: Text | None = None
     friction: float | None = Field(default=None, ge=0)
 
     @model_validator(mode="after")
-    def _has_one_source(self) -> Self:
+    def _check_source(self) -> Self:
         sources = ("texture", "simulated", "recordings", "dataset")
-        given = [key for key in sources if getattr(self, key)]
-        if len(given) != 1:
-            raise ValueError(f"sources are {given}. Expected one of {', '.join(sources)}")
+        defined = [key for key in sources if getattr(self, key)]
+        if len(defined) != 1:
+            raise ValueError(f"must define exactly one of {', '.join(sources)}, got {defined}")
         if self.surface and not self.dataset:
-            raise ValueError(f"surface is {self.surface!r}. Expected it only with a dataset")
+            raise ValueError(f"surface requires dataset, got surface {self.surface!r} alone")
         return self
 
 
 class SceneDefinition(StrictModel):
-    """A scene, as its TOML says; paths in it are relative to it."""
+    """Content of a scene file. Paths in the file are relative to it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the scene (default: name of the file).
+    device : Device
+        Device that renders the scene.
+    motion : MotionRange
+        Range of hand motion.
+    tolerance : Tolerance
+        Largest accepted difference between models and surfaces.
+    budget : Budget
+        Time and memory available in the haptic loop.
+    surfaces : dict of str to SurfaceDefinition
+        Surfaces by name, at least one.
+    seed : int
+        Seed of simulations and random test points (default 0).
+
+    Examples
+    --------
+    >>> from texclass.haptics.scene import read_scene
+    >>> scene = read_scene("example")
+    >>> scene.device.rate_hz, list(scene.surfaces)[:2]
+    (1000.0, ['fabric', 'wood'])
+    """
 
     name: Text
     device: Device
-    expected: Expected
+    motion: MotionRange
     tolerance: Tolerance
     budget: Budget
     surfaces: dict[str, SurfaceDefinition] = Field(min_length=1)
@@ -234,156 +323,251 @@ class SceneDefinition(StrictModel):
     _source: Path = PrivateAttr(default=Path())
 
     def model_post_init(self, context: Any, /) -> None:
-        """Keep the file that was read, which is the context."""
+        """Store the path of the scene file, which is the validation context."""
         self._source = Path(context or "")
 
     @property
     def source(self) -> Path:
-        """The file."""
+        """Path of the scene file."""
         return self._source
 
 
-def examples() -> tuple[str, ...]:
-    """Return the names of the scenes that are shipped."""
+def shipped_scenes() -> tuple[str, ...]:
+    """Return the names of the shipped scenes."""
     return tuple(sorted(path.stem for path in EXAMPLES.glob("*.toml")))
 
 
 def read_scene(name_or_path: str | Path) -> SceneDefinition:
-    """Return a scene's definition; the paths in it are relative to its file.
+    """Read and validate a scene file.
 
     Parameters
     ----------
     name_or_path : str or Path
-        A shipped scene (`examples`), or a TOML file.
+        Name of a shipped scene ("example", "twenty") or path of a TOML file.
+
+    Returns
+    -------
+    SceneDefinition
+        Validated scene; paths are relative to its file.
 
     Raises
     ------
     ValueError
-        If it is no TOML, a key is missing or unknown, or a value breaks its rule; the message names file,
-        key, value and rule.
+        If the file is not valid TOML, or a key is missing, unknown or has an invalid value. The message
+        names file, key and value.
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
+
+    Examples
+    --------
+    >>> from texclass.haptics.scene import read_scene
+    >>> read_scene("example").tolerance.limit
+    3.0
     """
     path = Path(name_or_path).expanduser()
-    if str(name_or_path) in examples():
+    if str(name_or_path) in shipped_scenes():
         path = EXAMPLES / f"{name_or_path}.toml"
     elif not path.is_file():
         raise FileNotFoundError(
-            f"{path}: no such file, and none of the shipped scenes ({', '.join(examples())})"
+            f"{path} does not exist. Expected a scene file (TOML) or a shipped scene: "
+            f"{', '.join(shipped_scenes())}"
         )
     return validate(SceneDefinition, {"name": path.stem, **read_toml(path)}, path, context=path)
 
 
-def scene_of_texture(file: str | Path) -> SceneDefinition:
-    """Return a scene of one texture file, for a device of at most 2 kHz and everyday speeds and forces.
+def scene_from_texture(file: str | Path) -> SceneDefinition:
+    """Return a scene that contains a single texture file.
 
-    Its tolerance is 3 dB between 20 Hz and 0.45 of the rate, its unit the texture's.
+    The device renders at most 2 kHz, from 20 Hz to 0.45 of its sampling rate, in the unit of the texture. The
+    motion is 40 to 200 mm/s and 0.4 to 2 N, and the tolerance 3 dB.
+
+    Parameters
+    ----------
+    file : str or Path
+        A `.texture` file, or the `.xml` file of a HaTT texture.
+
+    Returns
+    -------
+    SceneDefinition
+        Scene with one surface, named after the texture.
 
     Raises
     ------
     ValueError
-        If the file is damaged, or holds no texture to be stroked.
+        If the file is damaged or contains no texture.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from texclass.haptics import save_texture
+    >>> from texclass.haptics.scene import scene_from_texture
+    >>> from texclass.haptics.textures.hatt import HattTexture
+    >>> speed, force = [20.0, 200.0, 20.0, 200.0], [0.5, 0.5, 2.0, 2.0]
+    >>> lsf = [[0.6, 1.1]] * 4
+    >>> texture = HattTexture.from_models(speed, force, lsf, [1.0] * 4, 1000.0, name="oak")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     scene = scene_from_texture(save_texture(texture, f"{folder}/oak.texture"))
+    >>> list(scene.surfaces), scene.device.band_hz
+    (['oak'], (20.0, 450.0))
     """
     from texclass.haptics.exchange import describe
 
     path = Path(file)
-    found = describe(path)
-    if found["fs"] is None:
-        raise ValueError(f"{path}: holds {found['family']!r}, which has no rate. Expected a texture")
-    rate = min(float(found["fs"]), 2000.0)
+    facts = describe(path)
+    if facts["fs"] is None:
+        raise ValueError(
+            f"{path}: must contain a texture, got {facts['family']!r}, which has no sampling rate"
+        )
+    rate = min(float(facts["fs"]), 2000.0)
     band = (min(20.0, 0.1 * rate), 0.45 * rate)
+    name = facts["name"] or path.stem
     content = {
-        "name": found["name"] or path.stem,
+        "name": name,
         "device": {
             "rate_hz": rate, "band_hz": band, "noise_floor": 0.0, "largest_output": 1e6,
-            "unit": found["unit"],
+            "unit": facts["unit"],
         },
-        "expected": {"speeds_mm_s": (40.0, 200.0), "forces_n": (0.4, 2.0)},
+        "motion": {"speeds_mm_s": (40.0, 200.0), "forces_n": (0.4, 2.0)},
         "tolerance": {"score": "log_spectral_db", "limit": 3.0},
         "budget": {"microseconds": 1e6, "bytes": 1 << 30, "contacts": 1},
-        "surfaces": {found["name"] or path.stem: {"texture": str(path.resolve())}},
+        "surfaces": {name: {"texture": str(path.resolve())}},
     }  # fmt: skip
     return validate(SceneDefinition, content, path, context=path)
 
 
 @dataclass(frozen=True, eq=False)
 class HandPath:
-    """A path at any times.
+    """Position and force of one contact over time, at any sampling times.
 
     Attributes
     ----------
     time_s : ndarray of shape (n,)
-        Rising.
+        Rising times in s.
     position_mm : ndarray of shape (n, 2)
+        Position in mm.
     force_n : ndarray of shape (n,)
-    surface : tuple of (str or None), n of them
-        Under the finger; None: none.
+        Normal force in N.
+    surfaces : tuple of (str or None) of length n
+        Surface in contact at each time; None without contact.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from texclass.haptics.scene import HandPath
+    >>> position = np.array([[0.0, 0.0], [30.0, 40.0], [60.0, 80.0]])
+    >>> HandPath(np.arange(3.0), position, np.ones(3), ("oak",) * 3).speed_mm_s
+    array([50., 50., 50.])
     """
 
     time_s: Samples
     position_mm: Samples
     force_n: Samples
-    surface: tuple[str | None, ...]
+    surfaces: tuple[str | None, ...]
 
     @property
     def speed_mm_s(self) -> Samples:
-        """Magnitude of the velocity, shape (n,)."""
-        with np.errstate(all="ignore"):  # of places and times that no hand reaches
+        """Magnitude of the velocity in mm/s, shape (n,)."""
+        with np.errstate(all="ignore"):  # huge positions overflow; `ranges` rejects infinite speeds
             return np.asarray(np.hypot(*np.gradient(self.position_mm, self.time_s, axis=0).T))
 
     def ranges(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Return what speeds (mm/s) and forces (N) in contact lie between: their 5th and 95th percentiles."""
+        """Return the 5th and 95th percentile of speed (mm/s) and force (N) during contact.
+
+        Raises
+        ------
+        ValueError
+            If a speed is infinite, or the path has no movement under force.
+        """
         speed = self.speed_mm_s
-        touching = (self.force_n > 0) & (speed > 0)
+        in_contact = (self.force_n > 0) & (speed > 0)
         if not np.isfinite(speed).all():
-            raise ValueError("the path has infinite speeds. Expected finite speeds")
-        if not touching.any():
-            raise ValueError("the path never moves under force. Expected a movement with force")
-        (slow, fast), (light, hard) = (np.quantile(x[touching], (0.05, 0.95)) for x in (speed, self.force_n))
+            raise ValueError("path must have finite speeds, got infinity. Check the columns time, x and y")
+        if not in_contact.any():
+            raise ValueError("path must contain a movement with a positive force, got none")
+        (slow, fast), (light, hard) = (
+            np.quantile(x[in_contact], (0.05, 0.95)) for x in (speed, self.force_n)
+        )
         return (float(slow), float(fast)), (float(light), float(hard))
 
-    def at_rate(self, fs: float) -> tuple[Samples, Samples, list[str | None]]:
-        """Return velocity (n, 2) in mm/s, force (n,) in N and surface of each sample, at a rate in Hz."""
+    def resample(self, fs: float) -> tuple[Samples, Samples, list[str | None]]:
+        """Return velocity, force and surface at a constant sampling rate.
+
+        Parameters
+        ----------
+        fs : float
+            Sampling rate in Hz.
+
+        Returns
+        -------
+        velocity : ndarray of shape (n, 2)
+            Velocity in mm/s.
+        force : ndarray of shape (n,)
+            Normal force in N.
+        surfaces : list of (str or None)
+            Surface in contact at each sample.
+        """
         t = np.arange(max(1, int((self.time_s[-1] - self.time_s[0]) * fs))) / fs + self.time_s[0]
-        velocity = np.gradient(self.position_mm, self.time_s, axis=0)
-        moved = np.column_stack([np.interp(t, self.time_s, one) for one in velocity.T])
-        before = np.searchsorted(self.time_s, t, side="right") - 1
-        return moved, np.interp(t, self.time_s, self.force_n), [self.surface[i] for i in before]
+        gradient = np.gradient(self.position_mm, self.time_s, axis=0)
+        velocity = np.column_stack([np.interp(t, self.time_s, axis) for axis in gradient.T])
+        rows = np.searchsorted(self.time_s, t, side="right") - 1
+        return velocity, np.interp(t, self.time_s, self.force_n), [self.surfaces[row] for row in rows]
 
 
 def read_path(file: str | Path) -> HandPath:
-    """Return the path of a CSV file with the columns time (s), x, y (mm), force (N) and surface.
+    """Read a hand path from a CSV file.
 
-    An empty surface is none.
+    Parameters
+    ----------
+    file : str or Path
+        CSV file with the columns time (s), x and y (mm), force (N) and surface. An empty surface means no
+        contact.
+
+    Returns
+    -------
+    HandPath
+        Path with the sampling times of the file.
 
     Raises
     ------
     ValueError
-        If it is no such file, a number is NaN or infinite, or the time does not rise; the message says where.
+        If columns are missing or unknown, a number is not finite, or the time does not rise.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from texclass.haptics.scene import read_path
+    >>> rows = ["time,x,y,force,surface", "0,0,0,1,oak", "1,50,0,1,oak"]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "path.csv")
+    ...     size = file.write_text(chr(10).join(rows))
+    ...     path = read_path(file)
+    >>> path.ranges()
+    ((50.0, 50.0), (1.0, 1.0))
     """
     try:
         table = pd.read_csv(file, dtype={"surface": "string"})
-        rest = [name for name in COLUMNS if name not in table.columns]
-        if rest or len(table.columns) != len(COLUMNS):
-            raise ValueError(
-                f"columns are {', '.join(map(str, table.columns))}. Expected {', '.join(COLUMNS)}"
-            )
+        if len(table.columns) != len(COLUMNS) or not set(COLUMNS) <= set(table.columns):
+            columns = ", ".join(map(str, table.columns))
+            raise ValueError(f"columns must be {', '.join(COLUMNS)}, got {columns}")
         t, x, y, force = (table[name].to_numpy(dtype=np.float64) for name in COLUMNS[:4])
-    except (ValueError, TypeError, OverflowError) as error:  # pandas has its own kinds of ValueError
+    except (ValueError, TypeError, OverflowError) as error:  # pandas raises several subclasses of ValueError
         raise ValueError(f"{file}: {error}") from error
     numbers = np.column_stack([t, x, y, force])
     if len(t) < 2 or not np.isfinite(numbers).all() or np.any(np.diff(t) <= 0):
         row = int(np.argmin(np.isfinite(numbers).all(axis=1))) if len(t) else 0
-        raise ValueError(f"{file}: row {row + 2}. Expected finite numbers, a time that rises, 2 rows or more")
-    surface = tuple(None if pd.isna(name) else str(name) for name in table["surface"])
-    return HandPath(t, np.column_stack([x, y]), force, surface)
+        raise ValueError(
+            f"{file}: row {row + 2} is invalid. Expected finite numbers, a rising time and at least 2 rows"
+        )
+    surfaces = tuple(None if pd.isna(name) else str(name) for name in table["surface"])
+    return HandPath(t, np.column_stack([x, y]), force, surfaces)
 
 
-def sweep(
+def sweep_path(
     surfaces: Sequence[str],
     speeds_mm_s: tuple[float, float],
     forces_n: tuple[float, float],
@@ -391,16 +575,41 @@ def sweep(
     seconds: float = 2.0,
     fs: float = 1000.0,
 ) -> HandPath:
-    """Return the default path: over each surface in turn, from slow to fast, harder and softer meanwhile."""
+    """Return a path that strokes one surface after the other, each with rising speed.
+
+    Parameters
+    ----------
+    surfaces : sequence of str
+        Names of the surfaces, in order.
+    speeds_mm_s : (float, float)
+        First and last speed on each surface in mm/s.
+    forces_n : (float, float)
+        Force at both ends and in the middle of each surface, in N.
+    seconds : float
+        Duration on each surface in s (default 2).
+    fs : float
+        Sampling rate in Hz (default 1000).
+
+    Returns
+    -------
+    HandPath
+        Path along x.
+
+    Examples
+    --------
+    >>> from texclass.haptics.scene import sweep_path
+    >>> path = sweep_path(["oak", "cork"], (40.0, 200.0), (0.5, 2.0), seconds=1.0)
+    >>> path.time_s.size, path.surfaces[0], path.surfaces[-1]
+    (2000, 'oak', 'cork')
+    """
     n = max(4, round(seconds * fs))
-    rising = np.linspace(0, 1, n, endpoint=False)
-    speed = speeds_mm_s[0] + (speeds_mm_s[1] - speeds_mm_s[0]) * rising
-    force = forces_n[0] + (forces_n[1] - forces_n[0]) * np.sin(np.pi * rising) ** 2
+    phase = np.linspace(0, 1, n, endpoint=False)
+    speed = speeds_mm_s[0] + (speeds_mm_s[1] - speeds_mm_s[0]) * phase
+    force = forces_n[0] + (forces_n[1] - forces_n[0]) * np.sin(np.pi * phase) ** 2
     x = np.cumsum(np.tile(speed, len(surfaces))) / fs
-    named = tuple(name for name in surfaces for _ in range(n))
     return HandPath(
         np.arange(x.size) / fs,
         np.column_stack([x, np.zeros(x.size)]),
         np.tile(force, len(surfaces)),
-        named,
+        tuple(name for name in surfaces for _ in range(n)),
     )

@@ -1,7 +1,7 @@
-"""Models fitted to a surface at the nodes of a grid of speeds and forces, and what these sound like.
+"""Models of a surface at the nodes of a grid of speeds and forces, and the spectra of these models.
 
-Two kinds are cheap to play: an autoregressive process, of which every order from 1 to the largest is looked
-at in one go, and a few lines; and both together.
+Two kinds of models are cheap to render: autoregressive models, of which all orders up to the largest are
+evaluated at once, and a few spectral lines. Both can be combined.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from texclass.haptics.scene.observations import Judge, Observed, Points
+from texclass.haptics.scene.surface_spectra import OperatingPoints, SpectralScorer, SurfaceSpectra
 from texclass.haptics.textures.grid import (
     GridModel,
     fit_gamma_regression,
@@ -24,280 +24,422 @@ from texclass.vibration.autoregressive import from_autocorrelation
 from texclass.vibration.major_frequencies import strongest_lines
 
 LARGEST_ORDER = 400
-"""What is tried at most, and what a plan is compared with; `oeztuerk2018`, figure 3.2."""
-WIDTH = 0.03
-"""A line reaches this part of its frequency to each side, beyond the window's own two bins: people's gratings
-are never quite regular."""
+"""Largest model order, and the order that a plan is compared with; `oeztuerk2018`, figure 3.2."""
+LINE_WIDTH = 0.03
+"""Half width of a line relative to its frequency, in addition to two bins of the window; gratings of real
+surfaces are never quite regular."""
 
 Axes = tuple[Samples, Samples]
 """Speeds (mm/s) and forces (N) of the nodes."""
-Course = Literal["fixed", "along"]
-"""What rings keeps its frequency, what repeats in space follows the speed."""
+LineKind = Literal["fixed", "spatial"]
+"""A fixed line keeps its frequency (resonance); a spatial line is proportional to the speed (ridges)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LatticeGrid:
-    """Autoregressive models of all orders at the nodes of one grid, with the same lines or none.
+    """Autoregressive models of all orders at the nodes of a grid, and the lines that they share.
 
     Attributes
     ----------
     axes : (ndarray, ndarray)
-        Of the nodes.
+        Speeds (mm/s) and forces (N) of the nodes.
     reflection : ndarray of shape (n_nodes, p)
-        Of the largest order; a model of order m has the first m.
-    noise : ndarray of shape (n_nodes, p + 1)
-        Mean square of the process at which order m has the surface's power within the band.
-    tones : ndarray of shape (n_nodes, n_lines)
+        Reflection coefficients of the largest order; the model of order m uses the first m.
+    noise_power : ndarray of shape (n_nodes, p + 1)
+        Mean square at which the process of order m has the power of the surface within the band.
+    line_power : ndarray of shape (n_nodes, n_lines)
         Power of each line.
     per_mm : ndarray of shape (n_lines,)
-        Spatial frequencies of the lines, 1/mm.
+        Spatial frequencies of the lines in 1/mm.
     peak : float
         Largest recorded magnitude.
     """
 
     axes: Axes
     reflection: Samples
-    noise: Samples
-    tones: Samples
+    noise_power: Samples
+    line_power: Samples
     per_mm: Samples
     peak: float
 
     @property
     def n_nodes(self) -> int:
-        """Of the grid."""
+        """Number of nodes."""
         return len(self.reflection)
 
     def model(self, order: int) -> GridModel:
-        """Return the model of one order, 1 ... p."""
-        power, still = self.noise[:, order] + self.tones.sum(axis=1), np.zeros_like(self.per_mm)
-        facts = {"peak": self.peak, "frequency_hz": still, "per_mm": self.per_mm}
-        return _on_grid(self.axes, self.reflection[:, :order], self.tones, power, **facts)
+        """Return the model of one order between 1 and p."""
+        power = self.noise_power[:, order] + self.line_power.sum(axis=1)
+        properties = {"peak": self.peak, "frequency_hz": np.zeros_like(self.per_mm), "per_mm": self.per_mm}
+        return _grid_model(self.axes, self.reflection[:, :order], self.line_power, power, **properties)
 
-    def spectra(self, points: Points, judge: Judge, orders: NDArray[np.int64]) -> Samples:
-        """Return what the models of some orders sound like at points: (n_points, n_orders, n_bins)."""
-        share = interpolation_weights(self.axes, (points.speed, points.force))
-        k, total = share @ self.reflection, self.noise[:, orders] + self.tones.sum(axis=1, keepdims=True)
-        tonal = self.tones[:, np.newaxis] / np.where(total > 0, total, 1.0)[..., np.newaxis]
-        tonal = np.tensordot(share, np.sqrt(tonal), axes=1) ** 2
-        hz = np.multiply.outer(points.speed, self.per_mm)
-        return _mixed_spectra(k, orders, interpolate_power(share, total), tonal, hz, judge)
+    def spectra(self, points: OperatingPoints, scorer: SpectralScorer, orders: NDArray[np.int64]) -> Samples:
+        """Return the power densities of several orders at operating points.
+
+        Parameters
+        ----------
+        points : OperatingPoints
+            Speeds and forces.
+        scorer : SpectralScorer
+            Frequencies of the spectra.
+        orders : ndarray of shape (n_orders,)
+            Model orders.
+
+        Returns
+        -------
+        ndarray of shape (n_points, n_orders, n_bins)
+            Power densities in unit^2/Hz.
+        """
+        weights = interpolation_weights(self.axes, (points.speed, points.force))
+        k = weights @ self.reflection
+        total = self.noise_power[:, orders] + self.line_power.sum(axis=1, keepdims=True)
+        line_share = self.line_power[:, np.newaxis] / np.where(total > 0, total, 1.0)[..., np.newaxis]
+        line_share = np.tensordot(weights, np.sqrt(line_share), axes=1) ** 2
+        line_hz = np.multiply.outer(points.speed, self.per_mm)
+        return _mixed_spectra(k, orders, interpolate_power(weights, total), line_share, line_hz, scorer)
 
 
 def fit_lattices(
-    observed: Observed,
-    judge: Judge,
+    surface: SurfaceSpectra,
+    scorer: SpectralScorer,
     axes: Axes,
     order: int,
     per_mm: Samples,
 ) -> LatticeGrid:
-    """Fit autoregressive models to what was observed, at the nodes of a grid.
+    """Fit autoregressive models to the fitting set of a surface, at the nodes of a grid.
 
-    Only the device's band counts: beyond its ends a spectrum is continued smoothly, and within it is at least
-    the device's noise, so that no order is spent on what the device cannot play, nor on what drowns in it.
+    The fit uses the band of the device only. Beyond the band the spectrum is continued smoothly, and within
+    it the spectrum is at least the noise of the device. No order is spent on vibration that the device cannot
+    render or that its noise masks.
 
     Parameters
     ----------
-    observed : Observed
-    judge : Judge
+    surface : SurfaceSpectra
+        Spectra of the surface.
+    scorer : SpectralScorer
+        Band and noise of the device.
     axes : (ndarray, ndarray)
-        Speeds and forces of the nodes.
+        Speeds (mm/s) and forces (N) of the nodes.
     order : int
         Largest order.
     per_mm : ndarray of shape (n_lines,)
-        Lines that are played as lines; the models are then fitted to the noise between them.
+        Spatial frequencies in 1/mm that are rendered as lines; the autoregressive models are fitted to the
+        remaining noise.
+
+    Returns
+    -------
+    LatticeGrid
+        Models of all orders up to `order`.
     """
-    noise, tonal = split(observed.fit, per_mm, judge)
-    X = node_spectra(noise, axes, judge)
-    # within the band at least the device's noise; beyond it as at its ends, and falling by 6 dB an octave
-    f, (low, high) = judge.frequencies, judge.device.band_hz
-    within = np.flatnonzero((f >= low) & (f <= high))
-    first, last = int(within[0]), int(within[-1])
-    S = np.maximum(X, judge.floor)
+    noise, line_power = separate_lines(surface.fitting, per_mm, scorer)
+    X = node_spectra(noise, axes, scorer)
+    # Beyond the band the spectrum is constant below and falls by 6 dB per octave above.
+    f, (low, high) = scorer.frequencies, scorer.device.band_hz
+    bins = np.flatnonzero((f >= low) & (f <= high))
+    first, last = int(bins[0]), int(bins[-1])
+    S = np.maximum(X, scorer.noise_density)
     S[:, :first] = S[:, [first]]
     S[:, last + 1 :] = S[:, [last]] * (f[last] / f[last + 1 :]) ** 2
     r = np.fft.irfft(S, axis=-1)[:, : order + 1]
     k = from_autocorrelation(r).reflection
-    unit = np.stack([judge.power(unit_spectra(row, judge)) for row in k])
-    share = interpolation_weights(axes, (noise.speed, noise.force))
-    least = 1e-6 * max(float(tonal.max(initial=0.0)), 1e-200)
-    tones = [node_powers(share, np.maximum(one, least), axes) for one in tonal.T]
-    level = judge.power(X)[:, np.newaxis] / unit
-    return LatticeGrid(axes, k, level, np.array(tones).T.reshape(len(k), -1), per_mm, observed.peak)
+    unit_power = np.stack([scorer.power(unit_spectra(row, scorer)) for row in k])
+    weights = interpolation_weights(axes, (noise.speed, noise.force))
+    lowest = 1e-6 * max(float(line_power.max(initial=0.0)), 1e-200)
+    node_lines = [node_powers(weights, np.maximum(power, lowest), axes) for power in line_power.T]
+    noise_power = scorer.power(X)[:, np.newaxis] / unit_power
+    return LatticeGrid(axes, k, noise_power, np.array(node_lines).T.reshape(len(k), -1), per_mm, surface.peak)
 
 
-def fit_lines(observed: Observed, judge: Judge, axes: Axes, n: int, course: Course) -> GridModel | None:
-    """Return the model of the n strongest lines that do not beat, each with the power of its surroundings.
+def fit_lines(
+    surface: SurfaceSpectra, scorer: SpectralScorer, axes: Axes, n_lines: int, kind: LineKind
+) -> GridModel | None:
+    """Fit the strongest lines that do not beat with each other, each with the power of its neighbourhood.
 
     Parameters
     ----------
-    observed : Observed
-    judge : Judge
+    surface : SurfaceSpectra
+        Spectra of the surface.
+    scorer : SpectralScorer
+        Band and noise of the device.
     axes : (ndarray, ndarray)
-        Speeds and forces of the nodes.
-    n : int
-        Lines.
-    course : {"fixed", "along"}
-        Whether frequencies stay, or go with the speed.
+        Speeds (mm/s) and forces (N) of the nodes.
+    n_lines : int
+        Number of lines.
+    kind : {"fixed", "spatial"}
+        Whether frequencies are constant or proportional to the speed.
 
     Returns
     -------
     GridModel or None
-        None where the band has not so many lines.
+        None if the band has fewer lines.
     """
-    middle, along = float(np.exp(np.mean(np.log(observed.fit.speed)))), course == "along"
-    f, (low, high) = judge.frequencies, judge.device.band_hz
-    scale = observed.fit.speed / middle if along else np.ones(len(observed.fit))
-    spectra = zip(scale, observed.fit.spectra, judge.power(observed.fit.spectra), strict=True)
-    rows = [np.interp(f * r, f, S, right=0.0) / P for r, S, P in spectra if P]
-    within = (f >= low) & (f <= high) & (f > 0)
-    shape = np.where(within, np.mean(rows, axis=0) if rows else 0.0, 0.0)
-    found = np.sort(f[strongest_lines(shape, f, n)])
-    if len(found) < n:
+    points, is_spatial = surface.fitting, kind == "spatial"
+    middle = float(np.exp(np.mean(np.log(points.speed))))
+    f, (low, high) = scorer.frequencies, scorer.device.band_hz
+    scale = points.speed / middle if is_spatial else np.ones(len(points))
+    spectra = zip(scale, points.spectra, scorer.power(points.spectra), strict=True)
+    rows = [np.interp(f * ratio, f, S, right=0.0) / P for ratio, S, P in spectra if P]
+    in_band = (f >= low) & (f <= high) & (f > 0)
+    mean_spectrum = np.where(in_band, np.mean(rows, axis=0) if rows else 0.0, 0.0)
+    lines_hz = np.sort(f[strongest_lines(mean_spectrum, f, n_lines)])
+    if len(lines_hz) < n_lines:
         return None
-    X = node_spectra(observed.fit, axes, judge)
+    X = node_spectra(points, axes, scorer)
     node_speed = np.repeat(axes[0], axes[1].size)
-    ratio = node_speed / middle if along else np.ones(node_speed.size)
-    power = np.zeros((len(X), n))
-    for row, x, hz in zip(power, X, np.multiply.outer(ratio, found), strict=True):
-        nearest = np.searchsorted((hz[1:] + hz[:-1]) / 2, judge.frequencies, side="right")
-        row[:] = np.bincount(nearest, x * judge.in_band, minlength=n)
-    hz, per_mm = (np.zeros(n), found / middle) if along else (found, np.zeros(n))
-    facts = {"peak": observed.peak, "frequency_hz": hz, "per_mm": per_mm}
-    return _on_grid(axes, np.zeros((len(X), 0)), power, power.sum(axis=1), **facts)
+    node_scale = node_speed / middle if is_spatial else np.ones(node_speed.size)
+    power = np.zeros((len(X), n_lines))
+    for row, x, hz in zip(power, X, np.multiply.outer(node_scale, lines_hz), strict=True):
+        nearest = np.searchsorted((hz[1:] + hz[:-1]) / 2, scorer.frequencies, side="right")
+        row[:] = np.bincount(nearest, x * scorer.bin_widths, minlength=n_lines)
+    zeros = np.zeros(n_lines)
+    hz, per_mm = (zeros, lines_hz / middle) if is_spatial else (lines_hz, zeros)
+    properties = {"peak": surface.peak, "frequency_hz": hz, "per_mm": per_mm}
+    return _grid_model(axes, np.zeros((len(X), 0)), power, power.sum(axis=1), **properties)
 
 
-def _on_grid(axes: Axes, k: Samples, lines: Samples, power: Samples, **facts: Any) -> GridModel:
-    """Return the model of reflection coefficients, powers of lines and whole powers (n_nodes, ...)."""
+def _grid_model(axes: Axes, k: Samples, line_power: Samples, total: Samples, **properties: Any) -> GridModel:
+    """Return a model from reflection coefficients, line powers and total powers, each (n_nodes, ...)."""
     size = axes[0].size, axes[1].size
-    amplitudes = np.sqrt(2 * lines / np.where(power > 0, power, 1.0)[:, np.newaxis])
-    return GridModel(axes, np.hstack([k, amplitudes]).reshape(*size, -1), power.reshape(size), **facts)
+    amplitudes = np.sqrt(2 * line_power / np.where(total > 0, total, 1.0)[:, np.newaxis])
+    return GridModel(axes, np.hstack([k, amplitudes]).reshape(*size, -1), total.reshape(size), **properties)
 
 
-def model_spectra(model: GridModel, points: Points, judge: Judge) -> Samples:
-    """Return the power densities of a model at speeds and forces, shape (n_points, n_bins), unit^2/Hz.
+def model_spectra(model: GridModel, points: OperatingPoints, scorer: SpectralScorer) -> Samples:
+    """Return the power densities of a model at operating points.
 
-    Lines are seen through the window of the spectra.
+    Lines have the shape of the Hann window that the spectra of the surface were estimated with.
+
+    Parameters
+    ----------
+    model : GridModel
+        Model of one order.
+    points : OperatingPoints
+        Speeds and forces.
+    scorer : SpectralScorer
+        Frequencies of the spectra.
+
+    Returns
+    -------
+    ndarray of shape (n_points, n_bins)
+        Power densities in unit^2/Hz.
     """
     rows, power = model.at(points.speed, points.force)
-    k, tonal = rows[:, : model.order], rows[:, model.order :] ** 2 / 2
-    hz = model.frequency_hz + np.multiply.outer(points.speed, model.per_mm)
+    k, line_share = rows[:, : model.order], rows[:, model.order :] ** 2 / 2
+    line_hz = model.frequency_hz + np.multiply.outer(points.speed, model.per_mm)
     orders = np.array([model.order])
-    return _mixed_spectra(k, orders, power[:, np.newaxis], tonal[:, np.newaxis], hz, judge)[:, 0]
+    shares_of_order = line_share[:, np.newaxis]
+    return _mixed_spectra(k, orders, power[:, np.newaxis], shares_of_order, line_hz, scorer)[:, 0]
 
 
 def _mixed_spectra(
-    k: Samples, orders: NDArray[np.int64], power: Samples, tonal: Samples, hz: Samples, judge: Judge
+    k: Samples,
+    orders: NDArray[np.int64],
+    power: Samples,
+    line_share: Samples,
+    line_hz: Samples,
+    scorer: SpectralScorer,
 ) -> Samples:
-    """Return what first stages of lattices (n_points, p) and lines sound like: (n_points, n_orders, n_bins).
+    """Return the power densities of lattices with lines, (n_points, n_orders, n_bins).
 
-    Of the power (n_points, n_orders) each line at `hz` (n_points, n_lines) has its part, `tonal` (n_points,
-    n_orders, n_lines), and noise through the lattice has the rest.
+    Each line at `line_hz` (n_points, n_lines) has its share (n_points, n_orders, n_lines) of the power
+    (n_points, n_orders). Noise through the lattice of coefficients k (n_points, p) has the rest.
     """
-    found = np.einsum("nol,nlf->nof", power[..., np.newaxis] * tonal, line_shapes(hz, judge))
+    shapes = line_shapes(line_hz, scorer)
+    spectra = np.einsum("nol,nlf->nof", power[..., np.newaxis] * line_share, shapes)
     if k.shape[1]:
-        left = power * np.maximum(1 - tonal.sum(axis=-1), 0.0)
+        noise_power = power * np.maximum(1 - line_share.sum(axis=-1), 0.0)
         for i, row in enumerate(k):
-            found[i] += left[i, :, np.newaxis] * unit_spectra(row, judge)[orders]
-    return np.asarray(found)
+            spectra[i] += noise_power[i, :, np.newaxis] * unit_spectra(row, scorer)[orders]
+    return np.asarray(spectra)
 
 
-def unit_spectra(k: Samples, judge: Judge) -> Samples:
-    """Return the spectra of the orders 0 ... p of a model (p,) of unit power: (p + 1, n_bins), 1/Hz.
+def unit_spectra(k: Samples, scorer: SpectralScorer) -> Samples:
+    """Return the power densities of orders 0 ... p of an autoregressive model with unit power.
 
     S_m(f) = (2 / fs) g_m^2 / |A_m|^2,    g_m^2 = prod_{i <= m} (1 - k_i^2)
+
+    Parameters
+    ----------
+    k : ndarray of shape (p,)
+        Reflection coefficients.
+    scorer : SpectralScorer
+        Frequencies of the spectra.
+
+    Returns
+    -------
+    ndarray of shape (p + 1, n_bins)
+        Power densities in 1/Hz.
     """
-    fs = judge.device.rate_hz
-    ln_a = recursions.log_magnitudes(np.ascontiguousarray(k), 2 * np.pi * judge.frequencies / fs)
+    fs = scorer.device.rate_hz
+    ln_a = recursions.log_magnitudes(np.ascontiguousarray(k), 2 * np.pi * scorer.frequencies / fs)
     ln_g2 = np.concatenate([[0.0], np.cumsum(np.log1p(-k) + np.log1p(k))])
     return np.asarray(2 / fs * np.exp(ln_g2[:, np.newaxis] - 2 * ln_a))
 
 
-def line_shapes(hz: Samples, judge: Judge) -> Samples:
-    """Return the power densities of lines of unit power at frequencies (...), Hz: (..., n_bins), 1/Hz.
+def line_shapes(hz: Samples, scorer: SpectralScorer) -> Samples:
+    """Return the power densities of lines with unit power, as a Hann window shows them.
 
-    That of a Hann window, whose integral is 1; none beyond half the device's rate, where no line is played.
+    Lines at or above half the sampling rate are not rendered and have no power.
+
+    Parameters
+    ----------
+    hz : ndarray of shape (...)
+        Frequencies of the lines in Hz.
+    scorer : SpectralScorer
+        Frequencies of the spectra.
+
+    Returns
+    -------
+    ndarray of shape (..., n_bins)
+        Power densities in 1/Hz.
     """
-    width = judge.device.rate_hz / judge.n_segment
-    bins = (judge.frequencies - hz[..., np.newaxis]) / width
-    near = np.where(np.abs(np.abs(bins) - 1) < 1e-6, bins + 1e-5, bins)
-    shape = (np.sinc(near) / (1 - near**2)) ** 2 / 1.5 / width
-    return np.asarray(np.where(hz[..., np.newaxis] < judge.device.rate_hz / 2, shape, 0.0))
+    width = scorer.device.rate_hz / scorer.n_segment
+    bins = (scorer.frequencies - hz[..., np.newaxis]) / width
+    regular = np.where(
+        np.abs(np.abs(bins) - 1) < 1e-6, bins + 1e-5, bins
+    )  # avoids 0 / 0 one bin from the line
+    shape = (np.sinc(regular) / (1 - regular**2)) ** 2 / 1.5 / width
+    return np.asarray(np.where(hz[..., np.newaxis] < scorer.device.rate_hz / 2, shape, 0.0))
 
 
-def node_spectra(points: Points, axes: Axes, judge: Judge) -> Samples:
-    """Return the spectra at the nodes, (n_nodes, n_bins): shapes from the nearest points, powers from all.
+def node_spectra(points: OperatingPoints, axes: Axes, scorer: SpectralScorer) -> Samples:
+    """Return the power densities at the nodes: shapes from the nearest points, powers from all points.
 
-    Resonances that move with speed are lost in a mean of distant spectra, while reflection coefficients
-    between two nodes let them move: hence shapes of few points. Powers scatter more and follow simple laws:
-    hence `node_powers`.
+    A mean over distant points would blur resonances that move with the speed, whereas reflection coefficients
+    interpolated between two nodes let them move. Powers scatter more and follow simple laws, see
+    `node_powers`.
+
+    Parameters
+    ----------
+    points : OperatingPoints
+        Spectra of the surface.
+    axes : (ndarray, ndarray)
+        Speeds (mm/s) and forces (N) of the nodes.
+    scorer : SpectralScorer
+        Band of the device.
+
+    Returns
+    -------
+    ndarray of shape (n_nodes, n_bins)
+        Power densities in unit^2/Hz.
     """
-    power = judge.power(points.spectra)
-    felt = power > 0
-    if not felt.any():
+    power = scorer.power(points.spectra)
+    has_power = power > 0
+    if not has_power.any():
         return np.zeros((axes[0].size * axes[1].size, points.spectra.shape[1]))
+    speed, force = points.speed[has_power], points.force[has_power]
     v, f = (grid.ravel()[:, np.newaxis] for grid in np.meshgrid(*axes, indexing="ij"))
-    octaves = np.log2(points.speed[felt] / v) ** 2 + np.log2(points.force[felt] / f) ** 2
-    # to half at 0.24 octaves of speed and force
-    near = np.exp(-12.0 * (octaves - octaves.min(axis=1, keepdims=True)))
-    shape = (near / near.sum(axis=1, keepdims=True)) @ (points.spectra[felt] / power[felt, np.newaxis])
-    share = interpolation_weights(axes, (points.speed[felt], points.force[felt]))
-    return np.asarray(node_powers(share, power[felt], axes)[:, np.newaxis] * shape)
+    octaves_squared = np.log2(speed / v) ** 2 + np.log2(force / f) ** 2
+    # The weight of a point halves at a distance of 0.24 octaves of speed and force.
+    closeness = np.exp(-12.0 * (octaves_squared - octaves_squared.min(axis=1, keepdims=True)))
+    closeness /= closeness.sum(axis=1, keepdims=True)
+    shape = closeness @ (points.spectra[has_power] / power[has_power, np.newaxis])
+    weights = interpolation_weights(axes, (speed, force))
+    return np.asarray(node_powers(weights, power[has_power], axes)[:, np.newaxis] * shape)
 
 
-def node_powers(share: Samples, power: Samples, axes: Axes) -> Samples:
-    """Return the powers of the nodes that make those of the points likeliest, see `fit_gamma_regression`.
+def node_powers(weights: Samples, power: Samples, axes: Axes) -> Samples:
+    """Return the maximum-likelihood powers at the nodes, see `fit_gamma_regression`.
 
-    Between the nodes ln powers mix linearly, by the shares; T is tie D'D, with D the differences between
-    neighbouring nodes.
+    ln power is a linear mixture of the nodes. The prior is a weak tie D'D to the neighbouring nodes, with D
+    the differences between neighbours; it matters only at nodes without points.
+
+    Parameters
+    ----------
+    weights : ndarray of shape (n_points, n_nodes)
+        Interpolation weights of the nodes at each point.
+    power : ndarray of shape (n_points,)
+        Powers at the points.
+    axes : (ndarray, ndarray)
+        Speeds (mm/s) and forces (N) of the nodes.
+
+    Returns
+    -------
+    ndarray of shape (n_nodes,)
+        Powers at the nodes.
     """
-    steps = [np.diff(np.eye(nodes.size), axis=0) for nodes in axes]
-    along = [one.T @ one for one in steps]
-    D2 = np.kron(along[0], np.eye(axes[1].size)) + np.kron(np.eye(axes[0].size), along[1])
-    # so weak a tie to the neighbours decides only where no point does
-    return np.asarray(np.exp(fit_gamma_regression(share, power, 1e-3 * D2)))
+    differences = [np.diff(np.eye(nodes.size), axis=0) for nodes in axes]
+    squared = [D.T @ D for D in differences]
+    D2 = np.kron(squared[0], np.eye(axes[1].size)) + np.kron(np.eye(axes[0].size), squared[1])
+    return np.asarray(np.exp(fit_gamma_regression(weights, power, 1e-3 * D2)))
 
 
-def pattern_frequencies(points: Points, judge: Judge, most: int) -> Samples:
-    """Return up to `most` spatial frequencies, 1/mm, the most outstanding first."""
+def spatial_frequencies(points: OperatingPoints, scorer: SpectralScorer, n_max: int) -> Samples:
+    """Return the spatial frequencies of ridges, the most prominent first.
+
+    Parameters
+    ----------
+    points : OperatingPoints
+        Spectra of the surface.
+    scorer : SpectralScorer
+        Band and noise of the device.
+    n_max : int
+        Largest number of frequencies.
+
+    Returns
+    -------
+    ndarray of shape (n_lines,)
+        Spatial frequencies in 1/mm, at most `n_max`.
+    """
     if not len(points) or np.ptp(np.log(points.speed)) < np.log(1.5):
-        return np.zeros(0)  # at one speed nothing tells what follows it
+        return np.zeros(0)  # lines that follow the speed cannot be identified at a single speed
     middle = float(np.exp(np.mean(np.log(points.speed))))
-    low, high = judge.device.band_hz
-    s = np.geomspace(max(low, judge.frequencies[2]) / middle, high / middle, 1000)
-    excess = np.full((len(points), s.size), np.nan)
-    for row, S, v in zip(excess, points.spectra, points.speed, strict=True):
-        above = np.log(S + judge.floor) - np.log(smoothed(S, judge) + judge.floor)
-        within = (s * v >= low) & (s * v <= high)
-        row[within] = np.interp(s[within] * v, judge.frequencies, above)
-    often = np.isfinite(excess).sum(axis=0) >= max(2, len(points) / 3)  # a third has it within the band
-    middling = np.zeros(s.size)
-    middling[often] = np.nanmedian(excess[:, often], axis=0)
-    # 1.8 dB out of the noise at half of the speeds and forces: what keeps its frequency is so at few
-    return s[strongest_lines(middling, s * middle, most, min_magnitude=np.log(1.5), width=WIDTH)]
+    low, high = scorer.device.band_hz
+    s = np.geomspace(max(low, scorer.frequencies[2]) / middle, high / middle, 1000)
+    prominence = np.full((len(points), s.size), np.nan)
+    for row, S, v in zip(prominence, points.spectra, points.speed, strict=True):
+        noise = median_spectrum(S, scorer)
+        log_ratio = np.log(S + scorer.noise_density) - np.log(noise + scorer.noise_density)
+        in_band = (s * v >= low) & (s * v <= high)
+        row[in_band] = np.interp(s[in_band] * v, scorer.frequencies, log_ratio)
+    # A frequency must lie in the band at a third of the points.
+    has_points = np.isfinite(prominence).sum(axis=0) >= max(2, len(points) / 3)
+    median = np.zeros(s.size)
+    median[has_points] = np.nanmedian(prominence[:, has_points], axis=0)
+    # 1.8 dB above the noise in the median over points excludes fixed lines, which align at few speeds.
+    return s[strongest_lines(median, s * middle, n_max, min_magnitude=np.log(1.5), width=LINE_WIDTH)]
 
 
-def smoothed(spectrum: Samples, judge: Judge) -> Samples:
-    """Return the noise that lines stand in: the running median over 40 Hz."""
-    n = max(3, round(40.0 / judge.frequencies[1]))
+def median_spectrum(spectrum: Samples, scorer: SpectralScorer) -> Samples:
+    """Return the running median over 40 Hz of a spectrum (n_bins,): the noise level below its lines."""
+    n = max(3, round(40.0 / scorer.frequencies[1]))
     return np.asarray(ndimage.median_filter(spectrum, n, mode="nearest"), dtype=np.float64)
 
 
-def split(points: Points, per_mm: Samples, judge: Judge) -> tuple[Points, Samples]:
-    """Return the points without the lines, and the power of each line, (n_points, n_lines).
+def separate_lines(
+    points: OperatingPoints, per_mm: Samples, scorer: SpectralScorer
+) -> tuple[OperatingPoints, Samples]:
+    """Separate spectra into noise and lines.
 
-    About a line only the median stays; what is above it is the line's. Of two lines that reach into each
-    other the nearer one takes it.
+    In the neighbourhood of a line the noise is the running median, and the line has the power above it. Where
+    two neighbourhoods overlap, the power belongs to the nearer line.
+
+    Parameters
+    ----------
+    points : OperatingPoints
+        Spectra of the surface.
+    per_mm : ndarray of shape (n_lines,)
+        Spatial frequencies of the lines in 1/mm.
+    scorer : SpectralScorer
+        Band of the device.
+
+    Returns
+    -------
+    noise : OperatingPoints
+        Spectra without the lines.
+    line_power : ndarray of shape (n_points, n_lines)
+        Power of each line.
     """
-    noise, power = points.spectra.copy(), np.zeros((len(points), per_mm.size))
+    noise, line_power = points.spectra.copy(), np.zeros((len(points), per_mm.size))
     if not per_mm.size:
-        return points, power
-    f, own = judge.frequencies, 2 * judge.device.rate_hz / judge.n_segment
+        return points, line_power
+    f, window_width = scorer.frequencies, 2 * scorer.device.rate_hz / scorer.n_segment
     for i, (S, v) in enumerate(zip(points.spectra, points.speed, strict=True)):
         hz = per_mm * v
         distance = np.abs(f - hz[:, np.newaxis])
-        reach = distance <= (own + WIDTH * hz)[:, np.newaxis]
-        nearest = reach & (distance == distance.min(axis=0))
-        floor = np.minimum(S, smoothed(S, judge))
-        power[i] = (nearest * (S - floor)) @ judge.in_band
-        noise[i] = np.where(nearest.any(axis=0), floor, S)
-    return Points(noise, points.speed, points.force), power
+        in_reach = distance <= (window_width + LINE_WIDTH * hz)[:, np.newaxis]
+        is_of_line = in_reach & (distance == distance.min(axis=0))
+        floor = np.minimum(S, median_spectrum(S, scorer))
+        line_power[i] = (is_of_line * (S - floor)) @ scorer.bin_widths
+        noise[i] = np.where(is_of_line.any(axis=0), floor, S)
+    return OperatingPoints(noise, points.speed, points.force), line_power

@@ -1,9 +1,10 @@
-"""Pages to be stroked in a browser: a planned scene, or one texture with sliders for how it feels.
+"""HTML pages on which a planned scene, or one texture with sliders, can be stroked in a browser.
 
-`feel/kernels.js` is `render_kernels` again, function by function, and plays the same arrays (`packed`);
-around it stand a worklet, which brings the samples to the loudspeaker's rate below a limit, and the page.
-A page with sliders holds the texture as `retouch` makes it at some values of each scale, one scale at a time.
-`feel/sliders.js` adds up what several do: at those values it plays what `texclass convert --scale` writes.
+`web/kernels.js` has the functions of `render_kernels` and renders the same arrays, see
+`build_kernel_arrays`. A worklet resamples the vibration to the rate of the loudspeaker and limits its
+level. A page with sliders contains the models that `retouch` makes at some values of each scale;
+`web/sliders.js` interpolates between them. At these values the page renders the texture that `texclass
+convert --scale` writes.
 """
 
 import base64
@@ -20,7 +21,7 @@ from markupsafe import Markup
 
 from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.scales import SCALES
-from texclass.haptics.scene.renderer import PlannedScene, packed
+from texclass.haptics.scene.renderer import PlannedScene, build_kernel_arrays
 from texclass.haptics.textures import PackedTexture, Texture, measure_scales, retouch
 from texclass.haptics.textures.grid import GridModel
 from texclass.haptics.textures.packing import SPECTRAL_SCALES, scales_halfway
@@ -28,99 +29,109 @@ from texclass.reporting.page import templates
 from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
 
-HIGHEST_FS = 44_100.0
-"""Models are brought up to the rate of the loudspeaker, never down."""
+MAX_FS = 44_100.0
+"""Largest sampling rate of a scene in Hz: the worklet only resamples up, to the rate of the loudspeaker."""
 N_CONTACTS = 5
-"""Four pointers, and one for keys or a gamepad."""
-LOUDEST = 4.0
-"""Full scale, in parts of the RMS of the loudest surface at a middle speed and force."""
-QUICK_M_S = 0.1
-"""Impact velocity that belongs to a force of 1 N."""
-VALUES = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
-"""Of each scale, beside its own; of `hard`, which goes by a law, and of `sticky`, not heard, the ends."""
-APART = 0.5
-"""From the texture's own value, at least."""
-BLEND_ERROR = 0.75
-"""Largest error of any scale halfway between two values of a slider, where the page blends their models."""
+"""Four pointers, and one contact for keys or a gamepad."""
+FULL_SCALE_FACTOR = 4.0
+"""Full scale relative to the RMS of the strongest surface at medium speed and force."""
+TAP_M_S_PER_N = 0.1
+"""Impact velocity of a tap per force of the pointer, in m/s per N."""
+SLIDER_VALUES = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
+"""Values of each scale for which a page contains a model, in addition to the texture's own value. `hard` and
+`sticky` use only the ends: `hard` follows a closed formula, and `sticky` is not audible."""
+MIN_DISTANCE = 0.5
+"""Smallest distance of slider values to the texture's own value."""
+MAX_BLEND_ERROR = 0.75
+"""Largest error of any scale halfway between two values of a slider, where the page interpolates."""
 
 
-def feel_page(
+def scene_page(
     scene: PlannedScene,
     *,
     taps: Mapping[str, TapModel | DecayingModes] | None = None,
     title: str = "",
-    more: Mapping[str, Any] | None = None,
+    sliders: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return a planned scene as a page of HTML that needs no network.
+    """Return an HTML page on which a planned scene can be stroked; it needs no network.
 
-    The pointer's speed and force drive the scene's models in an AudioWorklet; a press also taps.
+    Speed and force of the pointer drive the models in an AudioWorklet. Pressing a surface also taps it.
 
     Parameters
     ----------
     scene : PlannedScene
-        At most at 44.1 kHz.
+        Scene with a sampling rate of at most 44.1 kHz.
     taps : mapping of str to TapModel or DecayingModes, optional
-        Surface -> its tap, as a `TapLibrary` has them, in the scene's unit; modes are those of a tap of 0.1
-        m/s. Surfaces without one get a guess: a tap that rings at the strongest resonance of the planned
-        model.
+        Tap of each surface, in the unit of the scene; `DecayingModes` are those of a tap at 0.1 m/s. For
+        other surfaces a tap is estimated from the strongest resonance of the model.
     title : str
-        The scene's name by default.
-    more : mapping, optional
-        What `slider_page` adds.
+        Title of the page (default: from the name of the scene).
+    sliders : mapping, optional
+        Scales and command of `slider_page`.
+
+    Returns
+    -------
+    str
+        The page.
 
     Raises
     ------
     ValueError
-        If the scene's rate is above 44.1 kHz.
+        If the sampling rate of the scene is above 44.1 kHz.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from texclass.haptics.scene import PlannedScene, feel_page
+    >>> from texclass.haptics.scene import PlannedScene, scene_page
     >>> from texclass.haptics.textures.grid import GridModel
     >>> model = GridModel(([40.0, 160.0], [1.0]), np.full((2, 1, 1), 0.5), [[1.0], [4.0]], 8.0)
     >>> scene = PlannedScene("desk", 1000.0, "m/s^2", (20.0, 450.0), 30.0, 1, {"wood": 0}, (model,))
-    >>> "AudioWorklet" in feel_page(scene)
+    >>> "AudioWorklet" in scene_page(scene)
     True
     """
-    if scene.fs > HIGHEST_FS:
+    if scene.fs > MAX_FS:
         raise ValueError(
-            f"scene {scene.name} has {scene.fs:g} Hz. Expected for a page at most {HIGHEST_FS:g}: "
-            "plan it for a lower rate_hz"
+            f"scene {scene.name}: sampling rate must be at most {MAX_FS:g} Hz for a page, got "
+            f"{scene.fs:g} Hz. Plan it with a lower device.rate_hz"
         )
-    folder = files(__package__).joinpath("feel")
-    named = [name for name in ("kernels", "worklet", "sliders", "page") if more or name != "sliders"]
-    scripts = {name: folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in named}
+    folder = files(__package__).joinpath("web")
+    script_names = [
+        name for name in ("kernels", "worklet", "sliders", "page") if sliders or name != "sliders"
+    ]
+    scripts = {name: folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in script_names}
     styles = files("texclass.reporting").joinpath("templates", "page.css"), folder.joinpath("page.css")
-    bank, index = packed(scene)
-    surfaces = [_surface(name, scene, taps or {}) for name in scene.assigned]
-    heard = [one for one in surfaces if one["rms"] > 0]
-    nodes = [np.array([one[key] for one in heard or surfaces[:1]]) for key in ("speeds", "forces")]
-    ends = [(x.min(), x.max()) if x.min() < x.max() else (x.min() / 2, 2 * x.max()) for x in nodes]
-    (slow, fast), (soft, hard) = ends
+    bank, index = build_kernel_arrays(scene)
+    surfaces = [_surface(name, scene, taps or {}) for name in scene.model_indices]
+    audible = [surface for surface in surfaces if surface["rms"] > 0]
+    nodes = [np.array([surface[key] for surface in audible or surfaces[:1]]) for key in ("speeds", "forces")]
+    ranges = [(x.min(), x.max()) if x.min() < x.max() else (x.min() / 2, 2 * x.max()) for x in nodes]
+    (slow, fast), (soft, hard) = ranges
     speed, force = np.sqrt(slow * fast), np.sqrt(soft * hard)
     data = {
-        "fs": scene.fs, "unit": _shown(scene.unit), "forces": (soft, hard), "surfaces": surfaces,
-        "full": LOUDEST * max([one["rms"] for one in heard], default=1.0),
+        "fs": scene.fs, "unit": _display_unit(scene.unit), "forces": (soft, hard), "surfaces": surfaces,
+        "full_scale": FULL_SCALE_FACTOR * max([surface["rms"] for surface in audible], default=1.0),
         "bank": base64.b64encode(bank.astype("<f8").tobytes()).decode(), "index": index.ravel().tolist(),
     }  # fmt: skip
-    data |= more or {}
-    if more:
-        surfaces[0]["about"] = "as the sliders say"
-    n_guessed = sum(one["guessed"] for one in surfaces)
-    return templates("texclass.haptics.scene", "feel").get_template("page.html").render(
-        title=title or f"Feel: {scene.name}",
+    data |= sliders or {}
+    if sliders:
+        surfaces[0]["description"] = "set by the sliders"
+    n_estimated = sum(surface["is_tap_estimated"] for surface in surfaces)
+    if n_estimated == len(surfaces):
+        tap_note = "Taps are estimated from the textures."
+    else:
+        tap_note = f"Taps were measured{f', except {n_estimated} that are estimated' if n_estimated else ''}."
+    return templates("texclass.haptics.scene", "web").get_template("page.html").render(
+        title=title or f"Surfaces: {scene.name}",
         scene=scene,
-        scales=(more or {}).get("scales", {}),
-        unit=_shown(scene.unit),
+        scales=(sliders or {}).get("scales", {}),
+        unit=_display_unit(scene.unit),
         surfaces=surfaces,
         sliders=[
             ("volume", "Volume", -48, 0, 1, -18, "dB"),
             ("force", "Force without a pen", *(f"{x:.2g}" for x in (soft, hard)), 0.05, f"{force:.2g}", "N"),
             ("speed", "Speed of arrow keys", round(slow), round(fast), 1, round(speed), "mm/s"),
         ],
-        tap_note="Taps are guessed from the textures: none was measured." if n_guessed == len(surfaces)
-        else f"Taps were measured{f', but for {n_guessed} that are guessed' if n_guessed else ''}.",
+        tap_note=tap_note,
         data=Markup(json.dumps(data).replace("<", "\\u003c")),
         scripts={name: Markup(text) for name, text in scripts.items()},
         style=Markup("\n".join(style.read_text(encoding="utf-8") for style in styles)),
@@ -128,22 +139,46 @@ def feel_page(
     )  # fmt: skip
 
 
-def write_feel_page(
+def write_scene_page(
     path: str | Path,
     scene: PlannedScene,
     *,
     taps: Mapping[str, TapModel | DecayingModes] | None = None,
     title: str = "",
 ) -> Path:
-    """Write what `feel_page` returns; a file of that name is replaced at once.
+    """Write the page of `scene_page` to a file; an existing file is replaced.
+
+    Parameters
+    ----------
+    path : str or Path
+        File name ending in `.html`.
+    scene, taps, title
+        As `scene_page`.
+
+    Returns
+    -------
+    Path
+        Path of the file.
 
     Raises
     ------
     ValueError
-        As `feel_page`, or if the name does not end in `.html`.
+        As `scene_page`, or if the name does not end in `.html`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from texclass.haptics.scene import PlannedScene, write_scene_page
+    >>> from texclass.haptics.textures.grid import GridModel
+    >>> scene = PlannedScene(
+    ...     "desk", 1000.0, "m/s^2", (20.0, 450.0), 30.0, 1, {"oak": 0}, (GridModel.silence(),)
+    ... )
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_scene_page(f"{folder}/desk.html", scene).name
+    'desk.html'
     """
     path = check_suffix(path, ".html")
-    write_atomic(path, feel_page(scene, taps=taps, title=title).encode())
+    write_atomic(path, scene_page(scene, taps=taps, title=title).encode())
     return path
 
 
@@ -155,56 +190,75 @@ def slider_page(
     n_bytes: int = 128,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> str:
-    """Return a texture as a page of HTML with a slider for each scale that it has (see `measure_scales`).
+    """Return an HTML page of a texture with a slider for each of its perceptual scales.
 
     Parameters
     ----------
     texture : Texture
-        As for `retouch`.
+        Texture to change, see `retouch`.
     file : str
-        Its name in the command that the page says.
+        File name of the texture in the command that the page shows (default "surface.texture").
     unit : str
-        Of the vibration.
+        Unit of the vibration (default "m/s^2").
     n_bytes : int
-        Of each model; see `pack`.
+        Size of each model in bytes (default 128), see `pack`.
     progress : callable, optional
-        Called with (done, total, what).
+        Called with the number of finished scales, the number of scales, and the name of the next one.
+
+    Returns
+    -------
+    str
+        The page. A slider covers only values that `retouch` can reach.
 
     Raises
     ------
     ValueError
-        If the texture cannot be retouched at all. What is out of reach shortens a slider.
+        If the texture cannot be changed on any scale.
     """
-    felt = {name: round(value, 1) for name, value in measure_scales(texture).items()}
-    base = retouch(texture, n_bytes, unit=unit, rough=felt["rough"])
+    own_values = {name: round(value, 1) for name, value in measure_scales(texture).items()}
+    base = retouch(texture, n_bytes, unit=unit, rough=own_values["rough"])
     models, scales = [base], dict[str, Any]()
-    for done, (name, value) in enumerate(felt.items()):
+    for n_done, (name, value) in enumerate(own_values.items()):
         if progress is not None:
-            progress(done, len(felt), name)
+            progress(n_done, len(own_values), name)
         source = texture if name in SPECTRAL_SCALES else base
-        found = _along(source, name, felt, base, n_bytes, unit)
-        if len(found) == 1:  # nothing else is in reach
+        variants = _slider_variants(source, name, own_values, base, n_bytes, unit)
+        if len(variants) == 1:  # no other value can be reached
             continue
-        scales[name] = {"value": value, "values": list(found), "end": SCALES[name].other_end}
+        scales[name] = {"value": value, "values": list(variants), "low_end": SCALES[name].low_end}
         if name in SPECTRAL_SCALES:
-            scales[name]["models"] = list(range(len(models), len(models) + len(found)))
-            models += found.values()
+            scales[name]["models"] = list(range(len(models), len(models) + len(variants)))
+            models += variants.values()
         elif name == "hard":
-            scales[name]["taps"] = [tap_modes(one.tap) for one in found.values()]
-    grids = [one.model for one in (*models, base, base)]  # the last two take what is blended
-    order = max(one.order for one in grids)
-    grids = [replace(one, rows=np.pad(one.rows, [(0, 0), (0, 0), (0, order - one.order)])) for one in grids]
+            scales[name]["taps"] = [tap_modes(variant.tap) for variant in variants.values()]
+    grids = [packed.model for packed in (*models, base, base)]  # the page overwrites the last two
+    order = max(grid.order for grid in grids)
+    grids = [replace(g, rows=np.pad(g.rows, [(0, 0), (0, 0), (0, order - g.order)])) for g in grids]
     name = texture.name or Path(file).stem
     scene = PlannedScene(name, base.fs, base.unit, (20.0, 0.45 * base.fs), 1e6, 1, {name: 0}, tuple(grids))
     command = f"texclass convert {shlex.quote(file)} -o changed.texture"
     command += f" --bytes {n_bytes}" if n_bytes != 128 else ""
     taps = {name: base.tap} if base.tap.n_modes else {}
-    more = {"scales": scales, "command": command}
-    return feel_page(scene, taps=taps, title=f"How {name} feels", more=more)
+    sliders = {"scales": scales, "command": command}
+    return scene_page(scene, taps=taps, title=f"Perceptual scales of {name}", sliders=sliders)
 
 
-def write_slider_page(path: str | Path, texture: Texture, **given: Any) -> Path:
-    """Write what `slider_page` returns; a file of that name is replaced at once.
+def write_slider_page(path: str | Path, texture: Texture, **options: Any) -> Path:
+    """Write the page of `slider_page` to a file; an existing file is replaced.
+
+    Parameters
+    ----------
+    path : str or Path
+        File name ending in `.html`.
+    texture : Texture
+        Texture to change.
+    **options
+        Other arguments of `slider_page`.
+
+    Returns
+    -------
+    Path
+        Path of the file.
 
     Raises
     ------
@@ -212,84 +266,87 @@ def write_slider_page(path: str | Path, texture: Texture, **given: Any) -> Path:
         As `slider_page`, or if the name does not end in `.html`.
     """
     path = check_suffix(path, ".html")
-    write_atomic(path, slider_page(texture, **given).encode())
+    write_atomic(path, slider_page(texture, **options).encode())
     return path
 
 
 def tap_modes(tap: TapModel | DecayingModes) -> list[list[float]]:
     """Return amplitude per m/s, decay rate (1/s), frequency (Hz) and phase (rad, of a sine) of each mode."""
-    modes = tap.modes(QUICK_M_S) if isinstance(tap, TapModel) else tap
-    rows = modes.amplitude / QUICK_M_S, modes.decay_per_s, modes.frequency_hz, modes.phase + np.pi / 2
+    modes = tap.modes(TAP_M_S_PER_N) if isinstance(tap, TapModel) else tap
+    rows = modes.amplitude / TAP_M_S_PER_N, modes.decay_per_s, modes.frequency_hz, modes.phase + np.pi / 2
     return [[float(x) for x in row] for row in np.transpose(rows)]
 
 
 def _surface(name: str, scene: PlannedScene, taps: Mapping[str, TapModel | DecayingModes]) -> dict[str, Any]:
-    """Return what the page knows of a surface beside its model."""
+    """Return the data of a surface for the page, except its model."""
     model = scene.model_of(name)
     middle = [float(np.sqrt(axis[0] * axis[-1])) for axis in model.axes]
     rms = float(np.sqrt(model.at(*([x] for x in middle))[1][0]))
-    tap = taps[name] if name in taps else _guessed_tap(model, scene, middle, rms)
-    parts = [f"AR of order {model.order}"] * bool(model.order) + [f"{model.n_lines} lines"] * bool(
-        model.n_lines
-    )
-    where = f"{middle[0]:.0f}\u00a0mm/s and {middle[1]:.2g}\u00a0N"
-    felt = f"{' + '.join(parts)}, {rms:.2g}\u00a0{_shown(scene.unit)} at {where}"
+    tap = taps[name] if name in taps else _estimate_tap(model, scene, middle, rms)
+    components = [f"AR of order {model.order}"] if model.order else []
+    components += [f"{model.n_lines} lines"] if model.n_lines else []
+    conditions = f"{middle[0]:.0f}\u00a0mm/s and {middle[1]:.2g}\u00a0N"
+    level = f"{rms:.2g}\u00a0{_display_unit(scene.unit)}"
     return {
         "name": name,
-        "model": scene.assigned[name],
+        "model": scene.model_indices[name],
         "speeds": (model.speeds[0], model.speeds[-1]),
         "forces": (model.forces[0], model.forces[-1]),
         "rms": rms,
         "tap": None if tap is None else tap_modes(tap),
-        "guessed": name not in taps,
-        "about": felt if parts else "too weak for the device to be felt",
+        "is_tap_estimated": name not in taps,
+        "description": f"{' + '.join(components)}, {level} at {conditions}"
+        if components
+        else "too weak for the device",
     }
 
 
-def _shown(unit: str) -> str:
+def _display_unit(unit: str) -> str:
     return unit.replace("^2", "²")
 
 
-def _guessed_tap(model: GridModel, scene: PlannedScene, middle: list[float], rms: float) -> TapModel | None:
-    """Return a tap at a model's strongest resonance: f of its largest power, B of its half-power width."""
+def _estimate_tap(model: GridModel, scene: PlannedScene, middle: list[float], rms: float) -> TapModel | None:
+    """Return a tap at the strongest resonance of a model; its decay follows from the half-power bandwidth."""
     if model.kind == "silence" or not rms:
         return None
     row = model.at(*([x] for x in middle))[0][0]
     hz = np.linspace(*scene.band_hz, 500)
     if model.order:
         power = Autoregression(row[: model.order], np.ones(())).log_spectrum_db(2 * np.pi * hz / scene.fs)
-        at, width = hz[np.argmax(power)], np.sum(power > power.max() - 3) * (hz[1] - hz[0])
+        resonance_hz, bandwidth_hz = hz[np.argmax(power)], np.sum(power > power.max() - 3) * (hz[1] - hz[0])
     else:
-        at, width = (model.frequency_hz + middle[0] * model.per_mm)[np.argmax(row)], 0.0
-    decay = float(np.clip(np.pi * width, 20.0, 400.0))
-    return TapModel(LOUDEST * rms / QUICK_M_S, decay, float(max(at, scene.band_hz[0], 1.0)))
+        resonance_hz = (model.frequency_hz + middle[0] * model.per_mm)[np.argmax(row)]
+        bandwidth_hz = 0.0
+    decay_per_s = float(np.clip(np.pi * bandwidth_hz, 20.0, 400.0))
+    amplitude = FULL_SCALE_FACTOR * rms / TAP_M_S_PER_N
+    return TapModel(amplitude, decay_per_s, float(max(resonance_hz, scene.band_hz[0], 1.0)))
 
 
-def _along(
-    texture: Texture, name: str, own: dict[str, float], base: PackedTexture, n_bytes: int, unit: str
+def _slider_variants(
+    texture: Texture, name: str, own_values: dict[str, float], base: PackedTexture, n_bytes: int, unit: str
 ) -> dict[float, PackedTexture]:
-    """Return the texture at values of a scale, on both sides of its own.
+    """Return the texture at values of a scale on both sides of its own value.
 
-    A side ends where a value is out of reach, or where the blend halfway to it (what the page plays between
-    them) would change another scale.
+    A side ends where a value cannot be reached, or where the interpolation halfway to it would change another
+    scale.
     """
-    value = own[name]
-    found = {value: base}
-    below = [v for v in reversed(VALUES) if v < value - APART]
-    above = [v for v in VALUES if v > value + APART]
-    for beyond in (below, above):
-        at = value
-        for v in beyond if name in SPECTRAL_SCALES else beyond[-1:]:
+    own_value = own_values[name]
+    variants = {own_value: base}
+    lower = [v for v in reversed(SLIDER_VALUES) if v < own_value - MIN_DISTANCE]
+    higher = [v for v in SLIDER_VALUES if v > own_value + MIN_DISTANCE]
+    for side in (lower, higher):
+        previous = own_value
+        for value in side if name in SPECTRAL_SCALES else side[-1:]:
             try:
-                one = retouch(texture, n_bytes, unit=unit, **{name: v})
+                variant = retouch(texture, n_bytes, unit=unit, **{name: value})
             except ValueError:
                 break
             if name in SPECTRAL_SCALES:
-                halfway = scales_halfway(found[at], one)
-                wanted = own | {name: (at + v) / 2}
-                if any(
-                    abs(halfway[scale] - wanted[scale]) > BLEND_ERROR for scale in halfway if scale in own
-                ):
+                halfway = scales_halfway(variants[previous], variant)
+                expected = own_values | {name: (previous + value) / 2}
+                errors = [abs(halfway[scale] - expected[scale]) for scale in halfway if scale in own_values]
+                if any(error > MAX_BLEND_ERROR for error in errors):
                     break
-            found[at := v] = one
-    return dict(sorted(found.items()))
+            variants[value] = variant
+            previous = value
+    return dict(sorted(variants.items()))

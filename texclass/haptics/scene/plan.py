@@ -1,6 +1,7 @@
-"""The choice: for each surface the cheapest model within the tolerance, one model where two do not differ.
+"""Planning of a scene: the cheapest model of each surface within the tolerance.
 
-All that could stand for a surface is fitted, from cheap to dear, and judged on what it was not fitted to.
+Candidate models are fitted to the fitting set of a surface, from cheap to expensive. A model is selected on
+the selection set and scored on the test set. Surfaces that do not differ share a model.
 """
 
 import json
@@ -14,128 +15,154 @@ from typing import Any, get_args
 import numpy as np
 import pandas as pd
 
-from texclass.haptics.scene.definition import Expected, SceneDefinition, SurfaceDefinition, read_scene
+from texclass.haptics.scene.definition import MotionRange, SceneDefinition, SurfaceDefinition, read_scene
 from texclass.haptics.scene.fits import (
     LARGEST_ORDER,
     Axes,
-    Course,
     LatticeGrid,
+    LineKind,
     fit_lattices,
     fit_lines,
     model_spectra,
-    pattern_frequencies,
+    spatial_frequencies,
 )
-from texclass.haptics.scene.observations import Judge, Observed, Scored, observe, slopes
-from texclass.haptics.scene.proof import measure, prove
+from texclass.haptics.scene.measurement import measure_scene, score_rendered
 from texclass.haptics.scene.renderer import PlannedScene
-from texclass.haptics.scene.speed_figure import against_speed, speed_figure
+from texclass.haptics.scene.speed_figure import speed_dependence, speed_figure
+from texclass.haptics.scene.surface_spectra import (
+    Score,
+    SpectralScorer,
+    SurfaceSpectra,
+    level_slopes,
+    load_surface_spectra,
+)
 from texclass.haptics.textures.grid import GridModel, operations
 from texclass.recording import Samples
 from texclass.reporting import Document, Table
 from texclass.reporting.wording import counted
 
-UNITS = {"log_spectral_db": "dB", "band_db": "dB", "gfc": "GFC"}
+SCORE_UNITS = {"log_spectral_db": "dB", "band_db": "dB", "gfc": "GFC"}
 Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """What is tried for a surface, from cheap to dear.
+    """Candidate models of a surface, from cheap to expensive.
 
     Attributes
     ----------
-    margins : tuple[float, ...]
-        Parts of the tolerance that a choice is given, one after the other, until the proof holds.
-    n_speeds, n_forces : tuple[int, ...]
-        Nodes of the grids.
-    few_grids : tuple[tuple[int, int], ...]
-        Nodes of the grids for lines and for high orders.
-    stages : tuple[range, ...]
-        Orders, one stage after the other, until one is within the tolerance.
-    n_lines : tuple[int, ...]
-        Lines without a lattice; `oeztuerk2018`, section 3.2: from 2 to 30 were tried.
+    margins : tuple of float
+        Fractions of the tolerance that a model must meet on the selection set, tried in this order until the
+        model is within the tolerance on the test set.
+    n_speeds, n_forces : tuple of int
+        Numbers of nodes of the grids.
+    reduced_grids : tuple of (int, int)
+        Numbers of nodes of the grids for lines and for high orders.
+    stages : tuple of range
+        Model orders by stage. The search ends with the first stage that has a model well within the
+        tolerance.
+    n_lines : tuple of int
+        Numbers of lines without a lattice; `oeztuerk2018`, section 3.2, has 2 to 30.
+    stop_margin : float
+        Fraction of the tolerance at which a stage ends the search.
     """
 
     margins: tuple[float, ...] = (0.95, 0.85, 0.75, 0.65, 0.55, 0.45, 0.35)
     n_speeds: tuple[int, ...] = (1, 2, 3, 4, 6, 8)
     n_forces: tuple[int, ...] = (1, 2, 3, 4)
-    few_grids: tuple[tuple[int, int], ...] = ((2, 2), (4, 3), (8, 4))
+    reduced_grids: tuple[tuple[int, int], ...] = ((2, 2), (4, 3), (8, 4))
     stages: tuple[range, ...] = (range(1, 33), range(40, 129, 8), range(160, LARGEST_ORDER + 1, 40))
     n_lines: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 10, 13, 16, 20, 25, 30)
+    stop_margin: float = 0.75
 
 
 SEARCH = SearchSettings()
-MOST_SPEEDS = SEARCH.n_speeds[-1]
+MAX_SPEEDS = SEARCH.n_speeds[-1]
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedSurface:
-    """What one surface got, and why.
+    """Selected model of one surface.
 
     Attributes
     ----------
     name : str
+        Name of the surface.
     model : GridModel
-    verdict : dict
-        Of the rendered model on the held-out speeds and forces, see `Judge.verdict`.
-    why : str
-        In words.
-    observed : Observed
-        What it was fitted to and judged on.
-    shares : str or None
-        The surface whose model it uses.
+        Selected model.
+    score : dict
+        Score of the rendered model on the test set, see `SpectralScorer.score`.
+    reason : str
+        Reason for the selection.
+    spectra : SurfaceSpectra
+        Fitting set, selection set and test set.
+    shared_from : str or None
+        Surface whose model is used; None if the model was fitted to this surface.
+
+    Examples
+    --------
+    >>> from texclass.haptics.scene import PlannedSurface
+    >>> from texclass.haptics.scene.surface_spectra import OperatingPoints, SurfaceSpectra
+    >>> from texclass.haptics.textures import GridModel
+    >>> points = OperatingPoints(np.zeros((1, 513)), np.array([80.0]), np.array([1.0]))
+    >>> spectra = SurfaceSpectra("felt", points, points, points, 0.0, "speeds 80 mm/s")
+    >>> PlannedSurface("felt", GridModel.silence(), {"within_tolerance": True}, "weak", spectra).test_set
+    'speeds 80 mm/s'
     """
 
     name: str
     model: GridModel
-    verdict: Scored
-    why: str
-    observed: Observed
-    shares: str | None = None
+    score: Score
+    reason: str
+    spectra: SurfaceSpectra
+    shared_from: str | None = None
 
     @property
-    def held_out(self) -> str:
-        """What it was judged on, in words."""
-        return self.observed.how
+    def test_set(self) -> str:
+        """Description of the test set."""
+        return self.spectra.test_set
 
 
 @dataclass(frozen=True, eq=False)
 class ScenePlan:
-    """A planned scene and the reasons.
+    """Result of `plan_scene`.
 
     Attributes
     ----------
     definition : SceneDefinition
+        Scene that was planned.
     surfaces : tuple of PlannedSurface
+        Selected model of each surface.
     scene : PlannedScene
-        For the renderer.
-    proof : dict
-        The budget beside measured time and bytes; see `proof.measure`.
+        Input of the renderer.
+    measurement : dict
+        Time and memory of the renderer, and the budget; see `measure_scene`.
     """
 
     definition: SceneDefinition
     surfaces: tuple[PlannedSurface, ...]
     scene: PlannedScene
-    proof: Mapping[str, Any]
+    measurement: Mapping[str, Any]
 
     @property
-    def met(self) -> bool:
-        """Whether every surface is within the tolerance, and the budget holds."""
-        return self.proof["met"] and all(one.verdict["within"] for one in self.surfaces)
+    def is_feasible(self) -> bool:
+        """Whether all surfaces are within the tolerance and the renderer is within the budget."""
+        is_within_tolerance = all(surface.score["within_tolerance"] for surface in self.surfaces)
+        return self.measurement["within_budget"] and is_within_tolerance
 
     @property
-    def everything(self) -> float:
+    def operations_at_order_400(self) -> float:
         """Operations per sample of one contact if every surface had a model of order 400."""
         return operations(LARGEST_ORDER, 0, self.scene.fs)
 
     @property
     def saving(self) -> float:
-        """How many times fewer operations per sample the plan needs, mean over the surfaces."""
-        return self.everything / max(self.scene.operations, 1.0)
+        """Ratio of the operations at order 400 to those of the plan, mean over the surfaces."""
+        return self.operations_at_order_400 / max(self.scene.operations, 1.0)
 
     @property
-    def recognition(self) -> tuple[str, ...]:
-        """Commands that pick the fewest features that separate the surfaces, where a dataset has them."""
+    def recognition_commands(self) -> tuple[str, ...]:
+        """Commands that find the fewest features to separate the surfaces of each dataset."""
         surfaces: dict[str, list[str]] = {}
         for name, surface in self.definition.surfaces.items():
             if surface.dataset is not None:
@@ -147,116 +174,128 @@ class ScenePlan:
         )
 
     def to_json(self) -> str:
-        """Return all of it as JSON."""
-        return json.dumps(self._told, indent=1)
+        """Return the plan as JSON."""
+        return json.dumps(self._content, indent=1)
 
     @cached_property
-    def _told(self) -> dict[str, Any]:
-        judge = Judge(self.definition.device, self.definition.tolerance)
+    def _content(self) -> dict[str, Any]:
+        scorer = SpectralScorer(self.definition.device, self.definition.tolerance)
         surfaces = [
             {
-                "surface": one.name,
-                "family": one.model.kind,
-                "order": one.model.order,
-                "lines": one.model.n_lines,
-                "speeds": one.model.speeds.tolist(),
-                "forces": one.model.forces.tolist(),
-                "operations": one.model.operations(self.scene.fs),
-                "bytes": one.model.n_bytes,
-                **one.verdict,
-                "held_out": one.held_out,
-                "why": one.why,
-                "over_speed": against_speed(one.model, one.observed, one.verdict, judge),
-                "shares": one.shares,
+                "surface": surface.name,
+                "model": surface.model.kind,
+                "order": surface.model.order,
+                "lines": surface.model.n_lines,
+                "speeds": surface.model.speeds.tolist(),
+                "forces": surface.model.forces.tolist(),
+                "operations": surface.model.operations(self.scene.fs),
+                "bytes": surface.model.n_bytes,
+                **surface.score,
+                "test_set": surface.test_set,
+                "reason": surface.reason,
+                "speed_dependence": speed_dependence(surface.model, surface.spectra, surface.score, scorer),
+                "shared_from": surface.shared_from,
             }
-            for one in self.surfaces
+            for surface in self.surfaces
         ]
         return {
             "scene": self.scene.name,
-            "met": self.met,
+            "is_feasible": self.is_feasible,
             "tolerance": self.definition.tolerance.model_dump(),
             "device": self.definition.device.model_dump(),
             "surfaces": surfaces,
             "operations_per_sample": self.scene.operations,
-            "operations_at_order_400": self.everything,
+            "operations_at_order_400": self.operations_at_order_400,
             "saving": self.saving,
-            "models": len(self.scene.models),
+            "n_models": len(self.scene.models),
             "bytes": self.scene.n_bytes,
-            "budget": self.proof,
-            "recognition": self.recognition,
+            "measurement": self.measurement,
+            "recognition_commands": self.recognition_commands,
             "seed": self.definition.seed,
         }
 
     def document(self) -> Document:
-        """Return the plan as a table of surfaces, with the reasons and the budget."""
-        data, tolerance = self._told, self.definition.tolerance
-        each, score = self.proof["microseconds_each"], f"{tolerance.over} {UNITS[tolerance.score]}"
+        """Return a report: a table of the surfaces, reasons, budget, and a figure per surface."""
+        content, tolerance = self._content, self.definition.tolerance
+        microseconds = self.measurement["microseconds_per_surface"]
         rows = []
-        for one in data["surfaces"]:
-            scores = one["scores"]
+        for surface in content["surfaces"]:
+            scores = surface["scores"]
             worst = min(scores) if tolerance.score == "gfc" else max(scores)
-            judged = worst if tolerance.over == "worst" else sum(scores) / len(scores)
-            nodes = "" if one["family"] == "silence" else f"{len(one['speeds'])}x{len(one['forces'])}"
-            words = (
-                one["family"].replace("AR", f"AR {one['order']}").replace("lines", f"{one['lines']} lines")
-            )
+            score = worst if tolerance.aggregate == "worst" else sum(scores) / len(scores)
+            kind = surface["model"]
+            model = kind.replace("AR", f"AR {surface['order']}").replace("lines", f"{surface['lines']} lines")
             rows.append(
                 {
-                    "surface": one["surface"],
-                    "model": words,
-                    "nodes": nodes,
-                    score: f"{judged:.2f}",
-                    "level": f"{max(map(abs, one['levels_db'])):.1f}",
-                    "slope": f"{max(map(abs, one['slopes_db'])):.1f}",
-                    "of it all": f"{100 * one['relative']:.0f} %",
-                    "operations": f"{one['operations']:.0f}",
-                    "bytes": "shared" if one["shares"] else str(one["bytes"]),
-                    "us": f"{each[one['surface']]:.1f}",
+                    "surface": surface["surface"],
+                    "model": model,
+                    "nodes": ""
+                    if kind == "silence"
+                    else f"{len(surface['speeds'])}x{len(surface['forces'])}",
+                    f"{tolerance.aggregate} {SCORE_UNITS[tolerance.score]}": f"{score:.2f}",
+                    "level": f"{max(map(abs, surface['level_errors_db'])):.1f}",
+                    "slope": f"{max(map(abs, surface['slope_errors_db'])):.1f}",
+                    "tolerance": f"{100 * surface['tolerance_ratio']:.0f} %",
+                    "operations": f"{surface['operations']:.0f}",
+                    "bytes": "shared" if surface["shared_from"] else str(surface["bytes"]),
+                    "us": f"{microseconds[surface['surface']]:.1f}",
                 }
             )
         table = Table(
             pd.DataFrame(rows),
-            "Where it was not fitted: the score asked for, the largest difference of level (dB) and of its "
-            "slope (dB at twice the speed or force), and the deciding one in parts of the tolerance.",
+            "On the test set: the score, the largest level error (dB), the largest slope error (dB per "
+            "doubling of speed or force), and the largest error relative to the tolerance. Operations and us "
+            "are per sample.",
             n_words=2,
-            strong=[i for i, one in enumerate(data["surfaces"]) if not one["within"]],
+            strong=[i for i, surface in enumerate(content["surfaces"]) if not surface["within_tolerance"]],
         )
-        figures = [speed_figure(one["surface"], one["over_speed"], one) for one in data["surfaces"]]
-        return Document(f"Scene {data['scene']}", [table, list(_notes(data)), *figures])
+        figures = [
+            speed_figure(surface["surface"], surface["speed_dependence"], surface)
+            for surface in content["surfaces"]
+        ]
+        return Document(f"Scene {content['scene']}", [table, list(_notes(content)), *figures])
 
 
 def plan_scene(
     scene: str | Path | SceneDefinition = "example", *, progress: Progress | None = None
 ) -> ScenePlan:
-    """Choose, share, prove and measure.
+    """Select the cheapest model of each surface within the tolerance, share models, and measure the scene.
 
     Parameters
     ----------
     scene : str, Path or SceneDefinition
-        A shipped scene ("example", "twenty"), a scene's TOML, or what `read_scene` returned.
+        Name of a shipped scene ("example", "twenty"), path of a scene file, or result of `read_scene`.
     progress : callable, optional
-        Told how many of how many surfaces are done, and what is being done.
+        Called with the number of finished surfaces, the number of surfaces, and "surfaces".
 
     Returns
     -------
     ScenePlan
-        Also where tolerance or budget are not met: it says which surface costs what.
+        Plan, also if the tolerance or the budget is exceeded; see `ScenePlan.is_feasible`.
 
     Raises
     ------
     ValueError, OSError
-        As `read_scene`, or if what a surface is made of is bad, too short, or not in the device's unit.
+        As `read_scene`, or if the source of a surface is damaged, too short or in another unit.
+
+    Examples
+    --------
+    >>> from texclass.haptics.scene import plan_scene
+    >>> plan_scene("desk.toml")
+    Traceback (most recent call last):
+    FileNotFoundError: desk.toml does not exist. Expected a scene file (TOML)
+        or a shipped scene: example, twenty
     """
     definition = scene if isinstance(scene, SceneDefinition) else read_scene(scene)
-    judge, found = Judge(definition.device, definition.tolerance), []
+    scorer, selected = SpectralScorer(definition.device, definition.tolerance), []
     for i, (name, surface) in enumerate(definition.surfaces.items(), 1):
-        observed = observe(name, surface, definition, judge)
-        found.append((choose(observed, surface, definition, judge), observed))
+        spectra = load_surface_spectra(name, surface, definition, scorer)
+        selected.append(select_model(spectra, surface, definition, scorer))
         if progress is not None:
             progress(i, len(definition.surfaces), "surfaces")
-    chosen = share(found, judge)
-    owners = [one for one in chosen if one.shares is None]
-    index = {one.name: i for i, one in enumerate(owners)}
+    surfaces = share_models(selected, scorer)
+    owners = [surface for surface in surfaces if surface.shared_from is None]
+    index = {owner.name: i for i, owner in enumerate(owners)}
     device = definition.device
     planned = PlannedScene(
         definition.name,
@@ -265,221 +304,280 @@ def plan_scene(
         device.band_hz,
         device.largest_output,
         definition.budget.contacts,
-        {one.name: index[one.shares or one.name] for one in chosen},
-        tuple(one.model for one in owners),
+        {surface.name: index[surface.shared_from or surface.name] for surface in surfaces},
+        tuple(owner.model for owner in owners),
     )
-    return ScenePlan(definition, chosen, planned, measure(planned, definition))
+    return ScenePlan(definition, surfaces, planned, measure_scene(planned, definition))
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
-    """Everything that was fitted to one surface.
+class Candidates:
+    """Candidate models of one surface, with their scores on the selection set.
 
     Attributes
     ----------
-    observed : Observed
-    judge : Judge
-    expected : Expected
-        Speeds and forces, between which nodes lie.
-    fitted : list of (LatticeGrid, ndarray of shape (p + 1,))
-        Grids of nodes, and what their orders score, in parts of the tolerance; infinity where one was not
-        tried.
+    spectra : SurfaceSpectra
+        Spectra of the surface.
+    scorer : SpectralScorer
+        Score and tolerance.
+    motion : MotionRange
+        Range of the nodes.
+    grids : list of (LatticeGrid, ndarray of shape (p + 1,))
+        Lattices on different grids, and the tolerance ratio of each order; infinity if the order was not
+        evaluated.
     """
 
-    observed: Observed
-    judge: Judge
-    expected: Expected
-    fitted: list[tuple[LatticeGrid, Samples]]
+    spectra: SurfaceSpectra
+    scorer: SpectralScorer
+    motion: MotionRange
+    grids: list[tuple[LatticeGrid, Samples]]
 
-    def cheapest(self, margin: float, most_speeds: int = MOST_SPEEDS) -> GridModel | None:
-        """Return the model of the fewest operations, then bytes, that scores at most `margin`."""
-        if self.silence <= margin:
+    def cheapest(self, margin: float, max_speeds: int = MAX_SPEEDS) -> GridModel | None:
+        """Return the model with fewest operations, then bytes, whose tolerance ratio is at most `margin`."""
+        if self.silence_ratio <= margin:
             return GridModel.silence()
-        lattice, fs = self._lattice(margin, most_speeds), self.judge.device.rate_hz
+        lattice, fs = self._cheapest_lattice(margin, max_speeds), self.scorer.device.rate_hz
         limit = np.inf if lattice is None else lattice.operations(fs)
-        for n, course, (n_v, n_f) in product(SEARCH.n_lines, get_args(Course), SEARCH.few_grids):
+        for n, kind, (n_v, n_f) in product(SEARCH.n_lines, get_args(LineKind), SEARCH.reduced_grids):
             if operations(0, n, fs) >= limit:
                 break
-            axes = nodes_between(self.observed, self.expected, (min(n_v, most_speeds), n_f))
-            model = fit_lines(self.observed, self.judge, axes, n, course)
-            if model and _chosen_by(model, self.observed, self.judge)["relative"] <= margin:
+            axes = grid_nodes(self.spectra, self.motion, (min(n_v, max_speeds), n_f))
+            model = fit_lines(self.spectra, self.scorer, axes, n, kind)
+            if model and _selection_score(model, self.spectra, self.scorer)["tolerance_ratio"] <= margin:
                 return model
         return lattice
 
-    def nearest(self) -> GridModel:
-        """Return the model of the best score, whatever it costs; 5 % of it may be given away."""
-        found = self._lattice(1.05 * min(float(row[1:].min()) for _, row in self.fitted), MOST_SPEEDS)
-        assert found is not None
-        return found
+    def most_accurate(self) -> GridModel:
+        """Return the cheapest lattice within 5 % of the best tolerance ratio."""
+        best_ratio = min(float(ratios[1:].min()) for _, ratios in self.grids)
+        model = self._cheapest_lattice(1.05 * best_ratio, MAX_SPEEDS)
+        assert model is not None
+        return model
 
     @property
-    def silence(self) -> float:
-        """What silence scores."""
-        return float(_chosen_by(GridModel.silence(), self.observed, self.judge)["relative"])
+    def silence_ratio(self) -> float:
+        """Tolerance ratio of silence."""
+        score = _selection_score(GridModel.silence(), self.spectra, self.scorer)
+        return float(score["tolerance_ratio"])
 
-    def _lattice(self, margin: float, most_speeds: int) -> GridModel | None:
-        fs, best, found = self.judge.device.rate_hz, (np.inf, np.inf), None
-        for grid, row in self.fitted:
-            if grid.axes[0].size <= most_speeds and np.any(row[1:] <= margin):
-                order = int(np.argmax(row[1:] <= margin)) + 1
+    def _cheapest_lattice(self, margin: float, max_speeds: int) -> GridModel | None:
+        fs, lowest_cost, cheapest = self.scorer.device.rate_hz, (np.inf, np.inf), None
+        for grid, ratios in self.grids:
+            if grid.axes[0].size <= max_speeds and np.any(ratios[1:] <= margin):
+                order = int(np.argmax(ratios[1:] <= margin)) + 1
                 cost = operations(order, grid.per_mm.size, fs), grid.n_nodes
-                if cost < best:
-                    best, found = cost, (grid, order)
-        return None if found is None else found[0].model(found[1])
+                if cost < lowest_cost:
+                    lowest_cost, cheapest = cost, (grid, order)
+        return None if cheapest is None else cheapest[0].model(cheapest[1])
 
 
-def search(observed: Observed, judge: Judge, expected: Expected) -> Search:
-    """Fit models of every order on every grid of nodes to a surface, and judge them where it is chosen.
+def fit_candidates(spectra: SurfaceSpectra, scorer: SpectralScorer, motion: MotionRange) -> Candidates:
+    """Fit models of all orders on all grids to a surface, and score them on the selection set.
 
-    Beyond the first stage of orders only a few grids are tried.
+    After the first stage of orders only the reduced grids are used, to limit the time.
     """
-    most = [np.unique(np.round(at, 3)).size for at in (observed.fit.speed, observed.fit.force)]
-    every = product(SEARCH.n_speeds, SEARCH.n_forces)
-    sizes = [(n_v, n_f) for n_v, n_f in every if n_v <= most[0] and n_f <= most[1]]
-    # beside a lattice, lines that follow the speed
-    pattern = pattern_frequencies(observed.fit, judge, 12)
-    tones = [pattern[:n] for n in (2, 4, 8, pattern.size) if 0 < n <= pattern.size]
-    few = [size for size in sizes if size in SEARCH.few_grids]
-    found = Search(observed, judge, expected, [])
+    points = spectra.fitting
+    n_observed = [np.unique(np.round(values, 3)).size for values in (points.speed, points.force)]
+    all_sizes = product(SEARCH.n_speeds, SEARCH.n_forces)
+    sizes = [(n_v, n_f) for n_v, n_f in all_sizes if n_v <= n_observed[0] and n_f <= n_observed[1]]
+    reduced_sizes = [size for size in sizes if size in SEARCH.reduced_grids]
+    # Lattices are also combined with the most prominent spatial lines.
+    per_mm = spatial_frequencies(points, scorer, 12)
+    line_sets = [per_mm[:n] for n in (2, 4, 8, per_mm.size) if 0 < n <= per_mm.size]
+    candidates = Candidates(spectra, scorer, motion, [])
     for stage in SEARCH.stages:
-        orders = np.array([order for order in stage if order < judge.n_segment])
-        for n, lines in (*product(sizes, [pattern[:0]]), *product(few, tones)):
-            grid = fit_lattices(observed, judge, nodes_between(observed, expected, n), int(orders[-1]), lines)
-            seen = grid.spectra(observed.choose, judge, orders)
-            relative = np.full(orders[-1] + 1, np.inf)
-            scores, levels = judge.errors(observed.choose.spectra[:, np.newaxis], seen)
-            relative[orders] = judge.relative(scores, levels, slopes(levels, observed.choose))
-            found.fitted.append((grid, relative))
-        if found.cheapest(0.75) is not None:  # of the tolerance: no higher order is tried
+        orders = np.array([order for order in stage if order < scorer.n_segment])
+        for size, lines in (*product(sizes, [per_mm[:0]]), *product(reduced_sizes, line_sets)):
+            nodes = grid_nodes(spectra, motion, size)
+            grid = fit_lattices(spectra, scorer, nodes, int(orders[-1]), lines)
+            modelled = grid.spectra(spectra.selection, scorer, orders)
+            ratios = np.full(orders[-1] + 1, np.inf)
+            scores, levels = scorer.errors(spectra.selection.spectra[:, np.newaxis], modelled)
+            slopes = level_slopes(levels, spectra.selection)
+            ratios[orders] = scorer.tolerance_ratio(scores, levels, slopes)
+            candidates.grids.append((grid, ratios))
+        if candidates.cheapest(SEARCH.stop_margin) is not None:
             break
-        sizes, tones = few, tones[-1:]
-    return found
+        sizes, line_sets = reduced_sizes, line_sets[-1:]
+    return candidates
 
 
-def nodes_between(observed: Observed, expected: Expected, size: tuple[int, int]) -> Axes:
-    """Return nodes at equal ratios between the ends of what is expected, as far as was observed."""
-    speeds = expected.speeds_mm_s, observed.fit.speed, size[0]
+def grid_nodes(spectra: SurfaceSpectra, motion: MotionRange, size: tuple[int, int]) -> Axes:
+    """Return geometrically spaced nodes over the part of the motion range that the fitting set covers.
+
+    Parameters
+    ----------
+    spectra : SurfaceSpectra
+        Spectra of the surface.
+    motion : MotionRange
+        Motion range of the scene.
+    size : (int, int)
+        Number of speeds and of forces.
+
+    Returns
+    -------
+    (ndarray, ndarray)
+        Speeds (mm/s) and forces (N). An axis with one node, or without overlap, has the geometric mean of the
+        fitting set.
+    """
     axes = []
-    for within, values, n in (speeds, (expected.forces_n, observed.fit.force, size[1])):
-        low, high = max(within[0], values.min()), min(within[1], values.max())
-        alone = n == 1 or low >= high
-        axes.append(np.array([np.sqrt(values.min() * values.max())]) if alone else np.geomspace(low, high, n))
+    ranges = (motion.speeds_mm_s, spectra.fitting.speed), (motion.forces_n, spectra.fitting.force)
+    for (limits, values), n in zip(ranges, size, strict=True):
+        low, high = max(limits[0], values.min()), min(limits[1], values.max())
+        if n == 1 or low >= high:
+            axes.append(np.array([np.sqrt(values.min() * values.max())]))
+        else:
+            axes.append(np.geomspace(low, high, n))
     return axes[0], axes[1]
 
 
-def reaching_lowest(model: GridModel, expected: Expected) -> GridModel:
-    """Return a model whose only speed, or force, is the lowest expected: below its nodes it fades out."""
-    lowest = expected.speeds_mm_s[0], expected.forces_n[0]
+def extend_to_lowest(model: GridModel, motion: MotionRange) -> GridModel:
+    """Return a model whose only speed or force is at most the lowest of the motion range.
+
+    The renderer fades out below the nodes of a model, which must not happen within the motion range.
+    """
+    lowest = motion.speeds_mm_s[0], motion.forces_n[0]
     axes = (np.minimum(a, low) if a.size == 1 else a for a, low in zip(model.axes, lowest, strict=True))
     return replace(model, axes=tuple(axes))
 
 
-def _chosen_by(model: GridModel, observed: Observed, judge: Judge) -> Scored:
-    """Return what a model scores where models are chosen."""
-    return judge.verdict(observed.choose, model_spectra(model, observed.choose, judge))
+def _selection_score(model: GridModel, spectra: SurfaceSpectra, scorer: SpectralScorer) -> Score:
+    return scorer.score(spectra.selection, model_spectra(model, spectra.selection, scorer))
 
 
-def choose(
-    observed: Observed, surface: SurfaceDefinition, definition: SceneDefinition, judge: Judge
+def select_model(
+    spectra: SurfaceSpectra, surface: SurfaceDefinition, definition: SceneDefinition, scorer: SpectralScorer
 ) -> PlannedSurface:
-    """Return the cheapest model of a surface whose rendered form is within the tolerance where held out."""
-    found, limits = search(observed, judge, definition.expected), [(MOST_SPEEDS, "")]
+    """Return the cheapest model of a surface that is within the tolerance on the test set.
+
+    1. Fit the candidates.
+    2. Take the cheapest candidate within a margin of the tolerance on the selection set.
+    3. Render it and score it on the test set. Narrow the margin until it is within the tolerance.
+    4. If none is, return the most accurate candidate.
+
+    A friction coefficient limits the number of speeds first (`oeztuerk2018`, chapter 4), unless that is too
+    few.
+    """
+    candidates, limits = fit_candidates(spectra, scorer, definition.motion), [(MAX_SPEEDS, "")]
     if surface.friction is not None:
         from texclass.haptics.textures.oeztuerk2018 import speed_intervals
 
         n = speed_intervals(surface.friction).n_intervals
-        bound = f"friction {surface.friction:g} allows {n} speeds"
-        limits = [(min(n, MOST_SPEEDS), bound), (MOST_SPEEDS, f"{bound}, too few")]
-    for most, bound in limits:
-        tried = set()
-        for margin in SEARCH.margins:  # narrowed until the model holds in the proof
-            model = found.cheapest(margin, most)
+        note = f"friction {surface.friction:g} allows {n} speeds"
+        limits = [(min(n, MAX_SPEEDS), note), (MAX_SPEEDS, f"{note}, too few")]
+    for max_speeds, note in limits:
+        tested = set()
+        for margin in SEARCH.margins:
+            model = candidates.cheapest(margin, max_speeds)
             if model is None:
                 break
-            model = reaching_lowest(model, definition.expected)
+            model = extend_to_lowest(model, definition.motion)
             key = model.kind, model.order, model.n_nodes
-            if key not in tried:
-                tried.add(key)
-                verdict = prove(model, observed.prove, judge)
-                if verdict["within"]:
-                    why = _why(found, model, margin, bound)
-                    return PlannedSurface(observed.name, model, verdict, why, observed)
-    nearest = reaching_lowest(found.nearest(), definition.expected)
-    verdict = prove(nearest, observed.prove, judge)
-    why = "; all cheaper ones failed in the proof" if verdict["within"] else ": nothing met the tolerance"
-    return PlannedSurface(observed.name, nearest, verdict, f"the best there is{why}", observed)
+            if key not in tested:
+                tested.add(key)
+                score = score_rendered(model, spectra.test, scorer)
+                if score["within_tolerance"]:
+                    reason = _reason(candidates, model, margin, note)
+                    return PlannedSurface(spectra.name, model, score, reason, spectra)
+    model = extend_to_lowest(candidates.most_accurate(), definition.motion)
+    score = score_rendered(model, spectra.test, scorer)
+    cause = "cheaper models exceeded it on the test set" if score["within_tolerance"] else "none is within it"
+    reason = f"most accurate model, regardless of cost: {cause}"
+    return PlannedSurface(spectra.name, model, score, reason, spectra)
 
 
-def _why(found: Search, model: GridModel, margin: float, bound: str) -> str:
-    """Say what the next cheaper choices miss the tolerance by."""
+def _reason(candidates: Candidates, model: GridModel, margin: float, note: str) -> str:
+    """Return the tolerance ratios of the next cheaper candidates."""
     if model.kind == "silence":
-        return "not above the device's noise by more than the tolerance"
+        return "does not exceed the noise of the device by more than the tolerance"
     if model.kind == "lines":
         return "fewer operations than any lattice within the tolerance"
-    fs = found.judge.device.rate_hz
+    fs = candidates.scorer.device.rate_hz
     cost, size = model.operations(fs), model.power.size
-    cheaper, fewer = [found.silence], []
-    for grid, row in found.fitted:
-        lines = grid.per_mm.size
-        cheaper += [row[p] for p in range(1, row.size) if operations(p, lines, fs) < cost]
-        if lines == model.n_lines and grid.n_nodes < size and row.size > model.order:
-            fewer.append(float(row[model.order]))
-    words = [f"with fewer operations {min(cheaper):.2f} of the tolerance"]
-    words += [f"with fewer nodes {min(fewer):.2f}"] if fewer else []
-    words += [f"{margin:g} asked for, as the proof failed at more"] if margin < SEARCH.margins[0] else []
-    return "; ".join([*words, *([bound] if bound else [])])
+    cheaper_ratios, smaller_ratios = [candidates.silence_ratio], []
+    for grid, ratios in candidates.grids:
+        n_lines = grid.per_mm.size
+        cheaper_ratios += [ratios[p] for p in range(1, ratios.size) if operations(p, n_lines, fs) < cost]
+        if n_lines == model.n_lines and grid.n_nodes < size and ratios.size > model.order:
+            smaller_ratios.append(float(ratios[model.order]))
+    reasons = [f"best with fewer operations: {min(cheaper_ratios):.2f} of the tolerance"]
+    if smaller_ratios:
+        reasons.append(f"with fewer nodes: {min(smaller_ratios):.2f}")
+    if margin < SEARCH.margins[0]:
+        reasons.append(f"margin {margin:g}, since larger margins exceeded the tolerance on the test set")
+    if note:
+        reasons.append(note)
+    return "; ".join(reasons)
 
 
-def share(found: Sequence[tuple[PlannedSurface, Observed]], judge: Judge) -> tuple[PlannedSurface, ...]:
-    """Let surfaces use the model of another one that serves them within the tolerance, at no more operations.
+def share_models(surfaces: Sequence[PlannedSurface], scorer: SpectralScorer) -> tuple[PlannedSurface, ...]:
+    """Let surfaces share a model that is within the tolerance for them and needs no more operations.
 
-    The model that serves most of those that are left is taken first; of several, the one of fewest bytes.
+    Greedy set cover: the model that serves most of the remaining surfaces comes first; among equals, the
+    model with the fewest bytes.
     """
-    fs, chosen = judge.device.rate_hz, {one.name: one for one, _ in found}
-    serves: dict[str, dict[str, PlannedSurface]] = {name: {name: one} for name, one in chosen.items()}
-    for giver, (taker, observed) in product(chosen.values(), found):
-        cheaper = giver.model.operations(fs) <= taker.model.operations(fs)
-        if taker is giver or not (cheaper and giver.verdict["within"]):
+    fs, own = scorer.device.rate_hz, {surface.name: surface for surface in surfaces}
+    served: dict[str, dict[str, PlannedSurface]] = {name: {name: surface} for name, surface in own.items()}
+    for source, target in product(surfaces, surfaces):
+        is_cheaper = source.model.operations(fs) <= target.model.operations(fs)
+        if target is source or not (is_cheaper and source.score["within_tolerance"]):
             continue
-        verdict = _chosen_by(giver.model, observed, judge)
-        if verdict["within"] and (verdict := prove(giver.model, observed.prove, judge))["within"]:
-            why = f"does not differ from {giver.name} within the tolerance"
-            served = replace(taker, model=giver.model, verdict=verdict, why=why, shares=giver.name)
-            serves[giver.name][taker.name] = served
-    final: dict[str, PlannedSurface] = {}
-    while left := [name for name in chosen if name not in final]:
-        best = max(left, key=lambda g: (sum(n in serves[g] for n in left), -chosen[g].model.n_bytes))
-        final.update({name: serves[best][name] for name in left if name in serves[best]})
-    return tuple(final[name] for name in chosen)
+        score = _selection_score(source.model, target.spectra, scorer)
+        if not score["within_tolerance"]:
+            continue
+        score = score_rendered(source.model, target.spectra.test, scorer)
+        if score["within_tolerance"]:
+            served[source.name][target.name] = replace(
+                target,
+                model=source.model,
+                score=score,
+                reason=f"does not differ from {source.name} within the tolerance",
+                shared_from=source.name,
+            )
+    shared: dict[str, PlannedSurface] = {}
+    while remaining := [name for name in own if name not in shared]:
+        best = max(
+            remaining,
+            key=lambda source: (sum(n in served[source] for n in remaining), -own[source].model.n_bytes),
+        )
+        shared.update({name: served[best][name] for name in remaining if name in served[best]})
+    return tuple(shared[name] for name in own)
 
 
-def _notes(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield reasons, what was held out, savings, budget, and how to recognise the surfaces."""
-    surfaces, proof = data["surfaces"], data["budget"]
-    budget, quiet, once = proof["budget"], proof["microseconds"], proof["microseconds_as_it_was"]
-    yield from (f"{one['surface']}: {one['why']}" for one in surfaces)
-    yield f"judged on, and not fitted to: {'; '.join(sorted({one['held_out'] for one in surfaces}))}"
+def _notes(content: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the reasons, the test set, the saving, the budget, and the recognition commands."""
+    surfaces, measurement = content["surfaces"], content["measurement"]
+    budget, fastest = measurement["budget"], measurement["microseconds"]
+    single_run = measurement["microseconds_single_run"]
+    yield from (f"{surface['surface']}: {surface['reason']}" for surface in surfaces)
+    yield f"test set, excluded from fitting: {'; '.join(sorted({s['test_set'] for s in surfaces}))}"
     yield (
-        f"{data['operations_per_sample']:.0f} operations per sample and contact, "
-        f"{data['operations_at_order_400']:.0f} at order 400 everywhere: {data['saving']:.1f} times fewer"
+        f"{content['operations_per_sample']:.0f} operations per sample and contact, "
+        f"{content['operations_at_order_400']:.0f} with order 400 for all surfaces: "
+        f"{content['saving']:.1f} times fewer"
     )
-    yield f"models for {counted(len(surfaces), 'surface')}: {data['models']}, {data['bytes']} bytes"
+    yield f"models for {counted(len(surfaces), 'surface')}: {content['n_models']}, {content['bytes']} bytes"
     yield (
-        f"{counted(budget['contacts'], 'contact')}: {quiet['p50']:.1f} us a sample (median), "
-        f"{quiet['p999']:.1f} us (99.9 %), each sample the least of 5 runs; "
-        f"one run by itself {once['p999']:.1f} us (99.9 %), "
-        f"{once['worst']:.0f} us (worst); budget {budget['microseconds']:g} us: "
-        f"{'met' if quiet['p999'] <= budget['microseconds'] else 'NOT met'}"
+        f"{counted(budget['contacts'], 'contact')}: {fastest['p50']:.1f} us per sample (median), "
+        f"{fastest['p999']:.1f} us (99.9 %), minimum of 5 runs per sample; "
+        f"single run {single_run['p999']:.1f} us (99.9 %), {single_run['worst']:.0f} us (worst); "
+        f"budget {budget['microseconds']:g} us: "
+        f"{'met' if fastest['p999'] <= budget['microseconds'] else 'NOT met'}"
     )
     yield (
-        f"renderer: {proof['bytes']} bytes; budget {budget['bytes']}: "
-        f"{'met' if proof['bytes'] <= budget['bytes'] else 'NOT met'}"
+        f"renderer: {measurement['bytes']} bytes; budget {budget['bytes']}: "
+        f"{'met' if measurement['bytes'] <= budget['bytes'] else 'NOT met'}"
     )
-    if not proof["met"]:
-        each = proof["microseconds_each"]
-        dearest = sorted(surfaces, key=lambda one: -each[one["surface"]])
-        costs = [f"{one['surface']} {each[one['surface']]:.1f} us, {one['bytes']} bytes" for one in dearest]
-        yield f"what a contact costs on each: {'; '.join(costs)}"
-    if outside := [f"{o['surface']} ({100 * o['relative']:.0f} %)" for o in surfaces if not o["within"]]:
-        yield f"outside the tolerance: {', '.join(outside)}"
-    yield from (f"to recognise them: {command}" for command in data["recognition"])
+    if not measurement["within_budget"]:
+        microseconds = measurement["microseconds_per_surface"]
+        by_cost = sorted(surfaces, key=lambda surface: -microseconds[surface["surface"]])
+        costs = [f"{s['surface']} {microseconds[s['surface']]:.1f} us, {s['bytes']} bytes" for s in by_cost]
+        yield f"cost of one contact on each surface: {'; '.join(costs)}"
+    exceeded = [
+        f"{surface['surface']} ({100 * surface['tolerance_ratio']:.0f} %)"
+        for surface in surfaces
+        if not surface["within_tolerance"]
+    ]
+    if exceeded:
+        yield f"outside the tolerance: {', '.join(exceeded)}"
+    yield from (f"to recognize these surfaces: {command}" for command in content["recognition_commands"])

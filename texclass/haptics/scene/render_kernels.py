@@ -1,7 +1,7 @@
-"""The loop over samples: every contact plays one model, or two while one fades into the other.
+"""Compiled loop over samples: each contact renders one model, or two during a crossfade.
 
-Four arrays hold everything: what the models are is in `bank` (numbers) and `index` (counts and places), what
-each contact is doing in `state` (numbers) and `phase` (counts). Nothing is allocated in the loop.
+Four arrays contain everything, and the loop allocates nothing. `bank` (numbers) and `index` (counts and
+offsets) describe the models; `state` (numbers) and `status` (integers) describe the contacts.
 """
 
 from enum import IntEnum
@@ -14,205 +14,219 @@ from texclass.haptics.textures.motion_renderer import lattice, oscillators
 from texclass.vibration.reflection import MAX_REFLECTION
 
 
-class Fact(IntEnum):
-    """Places at the beginning of `bank`.
+class Constant(IntEnum):
+    """Positions at the beginning of `bank`.
 
-    Share of the way that speed and force go per sample, samples between renewals, samples of a crossfade, the
-    part of the slowest speed where fading begins, 2 pi / fs, the device's largest output.
+    - SMOOTHING: share of the distance that the smoothed speed and force move per sample;
+    - UPDATE_INTERVAL: samples between two updates of the coefficients;
+    - FADE_SAMPLES: samples of a crossfade;
+    - REST_RATIO: the output fades in up to this ratio of the slowest speed;
+    - RADIANS_PER_HZ: 2 pi / fs;
+    - OUTPUT_LIMIT: largest output of the device.
     """
 
-    GLIDE, HOP, FADE, STILL, RADIANS, OUTPUT = range(6)
+    SMOOTHING, UPDATE_INTERVAL, FADE_SAMPLES, REST_RATIO, RADIANS_PER_HZ, OUTPUT_LIMIT = range(6)
 
 
 class Column(IntEnum):
-    """Columns of `index`: what a model is, and where its parts begin in `bank`.
+    """Columns of `index`: sizes of a model, and offsets of its arrays in `bank`.
 
-    Axes are logarithms there, and so is power; bounds are the slowest speed, the softest force and the
+    Speeds, forces and power are stored as logarithms. Bounds are the slowest speed, the lowest force and the
     largest sample.
     """
 
     N_LINES, ORDER, N_SPEEDS, N_FORCES = range(4)
-    AT_SPEEDS, AT_FORCES, AT_ROWS, AT_POWER, AT_COURSE, AT_BOUNDS = range(4, 10)
+    SPEED_OFFSET, FORCE_OFFSET, ROW_OFFSET, POWER_OFFSET, LINE_OFFSET, BOUND_OFFSET = range(4, 10)
 
 
 class State(IntEnum):
-    """Columns of `state`: motion to come, the sample that came of it, followed speed and force.
+    """Columns of `state`: velocity and force of the next sample, last output, smoothed speed and force.
 
-    From `VOICES` on stand two voices of 3 (order + lines + 1) numbers each.
+    From `VOICES` on there are two voices of 3 (order + lines + 1) numbers each.
     """
 
-    VX, VY, PRESS, OUT, SPEED, FORCE, VOICES = range(7)
+    VX, VY, INPUT_FORCE, OUTPUT, SPEED, FORCE, VOICES = range(7)
 
 
-class Phase(IntEnum):
-    """Columns of `phase`.
+class Status(IntEnum):
+    """Columns of `status`.
 
-    The model that plays, the one that fades out, the one asked for (-1: none), samples into the crossfade (0:
-    none), samples since the renewal, whether speed and force are known, the noise.
+    - MODEL, PREVIOUS, NEXT: index of the model that is rendered, that fades out, and that was requested;
+    - FADE_COUNT: samples since the crossfade began (0: no crossfade);
+    - UPDATE_COUNT: samples since the last update of the coefficients;
+    - HAS_MOTION: whether the smoothed speed and force are initialized;
+    - NOISE: state of the random number generator.
     """
 
-    MODEL, OTHER, WANTED, FADED, COUNT, STARTED, NOISE = range(7)
+    MODEL, PREVIOUS, NEXT, FADE_COUNT, UPDATE_COUNT, HAS_MOTION, NOISE = range(7)
 
 
-NONE = -1
-UNKNOWN = -1.0
-"""Loudness before the first sample of a voice, which takes its own at once."""
+NO_MODEL = -1
+UNSET = -1.0
+"""Loudness of a voice without a first sample; the first sample sets it without smoothing."""
 
 
 @njit(cache=True, error_model="numpy")
-def draw(phase, contact):  # type: ignore[no-untyped-def]
-    """Return white noise of unit variance within 3.47 deviations: four 16-bit parts of SplitMix64, summed."""
-    z = np.uint64(phase[contact, Phase.NOISE]) + np.uint64(0x9E3779B97F4A7C15)
-    phase[contact, Phase.NOISE] = np.int64(z)
+def draw_noise(status, contact):  # type: ignore[no-untyped-def]
+    """Return unit-variance white noise within 3.47 deviations: a sum of four 16-bit parts of SplitMix64."""
+    z = np.uint64(status[contact, Status.NOISE]) + np.uint64(0x9E3779B97F4A7C15)
+    status[contact, Status.NOISE] = np.int64(z)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     z = z ^ (z >> np.uint64(31))
-    low, total = np.uint64(0xFFFF), z >> np.uint64(48)
+    low_bits, total = np.uint64(0xFFFF), z >> np.uint64(48)
     for shift in (0, 16, 32):
-        total += (z >> np.uint64(shift)) & low
-    return (np.float64(total) - 2 * 65535.0) / np.sqrt((65536.0**2 - 1) / 3)  # of four uniform parts
+        total += (z >> np.uint64(shift)) & low_bits
+    # Mean and standard deviation of the sum of four uniform 16-bit integers.
+    return (np.float64(total) - 2 * 65535.0) / np.sqrt((65536.0**2 - 1) / 3)
 
 
 @njit(cache=True, error_model="numpy")
-def start(index, state, phase, contact, model, voice):  # type: ignore[no-untyped-def]
-    """Give a voice the state of a vibration that has been going on: all residuals of unit variance."""
+def start_voice(index, state, status, contact, model, voice):  # type: ignore[no-untyped-def]
+    """Initialize a voice in its stationary state: all lattice residuals have unit variance."""
     p, n = index[model, Column.ORDER], index[model, Column.N_LINES]
     for m in range(p + 1):
-        state[contact, voice + m] = draw(phase, contact)
+        state[contact, voice + m] = draw_noise(status, contact)
     for m in range(p + 1, p + 1 + n):
-        state[contact, voice + m] = draw(phase, contact) * (np.pi / 3.5)
-    state[contact, voice + 2 * ((state.shape[1] - State.VOICES) // 6) + p + n] = UNKNOWN
+        state[contact, voice + m] = draw_noise(status, contact) * (np.pi / 3.5)
+    state[contact, voice + 2 * ((state.shape[1] - State.VOICES) // 6) + p + n] = UNSET
 
 
 @njit(cache=True, error_model="numpy")
-def sound(bank, index, state, phase, contact, model, voice, renew):  # type: ignore[no-untyped-def]
+def render_voice(bank, index, state, status, contact, model, voice, update):  # type: ignore[no-untyped-def]
     """Return the next sample of one voice.
 
-    `b` holds the lattice and the phases, `k` reflection coefficients, amplitudes and the share of the noise,
-    `c` sqrt(1 - k^2), the steps of the phases and the followed loudness.
+    Array `b` contains the lattice state and the phases; `k` the reflection coefficients, the amplitudes and
+    the gain of the noise; `c` sqrt(1 - k^2), the phase steps and the smoothed loudness.
     """
-    here, parts = state[contact], index[model]
-    p, n = parts[Column.ORDER], parts[Column.N_LINES]
+    row, layout = state[contact], index[model]
+    p, n = layout[Column.ORDER], layout[Column.N_LINES]
     if p + n == 0:
         return 0.0
-    v, f = here[State.SPEED], here[State.FORCE]
-    n_f, at_v, at_f = parts[Column.N_FORCES], parts[Column.AT_SPEEDS], parts[Column.AT_FORCES]
-    i0, i1, wv = cell(bank[at_v : at_v + parts[Column.N_SPEEDS]], np.log(v))
-    j0, j1, wf = cell(bank[at_f : at_f + n_f], np.log(f))
+    v, f = row[State.SPEED], row[State.FORCE]
+    n_v, n_f = layout[Column.N_SPEEDS], layout[Column.N_FORCES]
+    speed_offset, force_offset = layout[Column.SPEED_OFFSET], layout[Column.FORCE_OFFSET]
+    i0, i1, wv = cell(bank[speed_offset : speed_offset + n_v], np.log(v))
+    j0, j1, wf = cell(bank[force_offset : force_offset + n_f], np.log(f))
     n00, n01, n10, n11 = i0 * n_f + j0, i0 * n_f + j1, i1 * n_f + j0, i1 * n_f + j1
     w00, w01, w10, w11 = (1 - wv) * (1 - wf), (1 - wv) * wf, wv * (1 - wf), wv * wf
     span = (state.shape[1] - State.VOICES) // 6
     b, k, c = voice, voice + span, voice + 2 * span
-    if renew:
-        at, row = parts[Column.AT_ROWS], p + n
-        a00, a01, a10, a11 = at + n00 * row, at + n01 * row, at + n10 * row, at + n11 * row
-        share = 1.0
-        for m in range(row):
+    if update:
+        offset, width = layout[Column.ROW_OFFSET], p + n
+        a00, a01 = offset + n00 * width, offset + n01 * width
+        a10, a11 = offset + n10 * width, offset + n11 * width
+        noise_share = 1.0
+        for m in range(width):
             x = w00 * bank[a00 + m] + w01 * bank[a01 + m] + w10 * bank[a10 + m] + w11 * bank[a11 + m]
             if m < p:
                 x = min(max(x, -MAX_REFLECTION), MAX_REFLECTION)
-                here[c + m] = np.sqrt((1.0 - x) * (1.0 + x))
+                row[c + m] = np.sqrt((1.0 - x) * (1.0 + x))
             else:
-                course = parts[Column.AT_COURSE] + m - p
-                hz = bank[course] + bank[course + n] * v
-                here[c + m] = min(hz * bank[Fact.RADIANS], np.pi)
-                share -= 0.5 * x * x
-            here[k + m] = x
-        here[k + row] = np.sqrt(max(share, 0.0))
+                line = layout[Column.LINE_OFFSET] + m - p
+                hz = bank[line] + bank[line + n] * v
+                row[c + m] = min(hz * bank[Constant.RADIANS_PER_HZ], np.pi)
+                noise_share -= 0.5 * x * x
+            row[k + m] = x
+        row[k + width] = np.sqrt(max(noise_share, 0.0))
     x = 0.0
     if p > 0:
-        x = lattice(draw(phase, contact), here[k : k + p], here[c : c + p], here[b : b + p + 1])
-        x *= here[k + p + n]
-    x = oscillators(x, here[k + p : k + p + n], here[c + p : c + p + n], here[b + p + 1 : b + p + 1 + n])
-    at, bounds = parts[Column.AT_POWER], parts[Column.AT_BOUNDS]
-    ln_power = w00 * bank[at + n00] + w01 * bank[at + n01] + w10 * bank[at + n10] + w11 * bank[at + n11]
-    loud = min(v / (bank[Fact.STILL] * bank[bounds]), 1.0) * min(f / bank[bounds + 1], 1.0)
-    heard = here[c + p + n]
-    heard = loud if heard < 0.0 else heard + bank[Fact.GLIDE] * (loud - heard)
-    here[c + p + n] = heard if heard > 1e-30 else 0.0
+        x = lattice(draw_noise(status, contact), row[k : k + p], row[c : c + p], row[b : b + p + 1])
+        x *= row[k + p + n]
+    x = oscillators(x, row[k + p : k + p + n], row[c + p : c + p + n], row[b + p + 1 : b + p + 1 + n])
+    offset, bounds = layout[Column.POWER_OFFSET], layout[Column.BOUND_OFFSET]
+    ln_power = w00 * bank[offset + n00] + w01 * bank[offset + n01]
+    ln_power = ln_power + w10 * bank[offset + n10] + w11 * bank[offset + n11]
+    target = min(v / (bank[Constant.REST_RATIO] * bank[bounds]), 1.0) * min(f / bank[bounds + 1], 1.0)
+    loudness = row[c + p + n]
+    loudness = target if loudness < 0.0 else loudness + bank[Constant.SMOOTHING] * (target - loudness)
+    row[c + p + n] = loudness if loudness > 1e-30 else 0.0
     limit = bank[bounds + 2]
-    return min(max(heard * np.exp(0.5 * ln_power) * x, -limit), limit)
+    return min(max(loudness * np.exp(0.5 * ln_power) * x, -limit), limit)
 
 
 @njit(cache=True, error_model="numpy")
-def follow(bank, state, phase, contact, vx, vy, force):  # type: ignore[no-untyped-def]
-    """Move speed and force one sample towards the hand's: s += glide (target - s)."""
+def smooth_motion(bank, state, status, contact, vx, vy, force):  # type: ignore[no-untyped-def]
+    """Move the smoothed speed and force one sample towards the input: s += smoothing (input - s)."""
     v, f = np.sqrt(vx * vx + vy * vy), max(force, 0.0)
-    here, now = state[contact], phase[contact]
-    share = bank[Fact.GLIDE] if now[Phase.STARTED] else 1.0
-    now[Phase.STARTED] = 1
-    here[State.SPEED] += share * (v - here[State.SPEED])
-    here[State.FORCE] += share * (f - here[State.FORCE])
+    row, counters = state[contact], status[contact]
+    smoothing = bank[Constant.SMOOTHING] if counters[Status.HAS_MOTION] else 1.0
+    counters[Status.HAS_MOTION] = 1
+    row[State.SPEED] += smoothing * (v - row[State.SPEED])
+    row[State.FORCE] += smoothing * (f - row[State.FORCE])
     for s in (State.SPEED, State.FORCE):
-        if here[s] < 1e-30:  # not into the range of slow, subnormal numbers
-            here[s] = 0.0
+        if row[s] < 1e-30:  # subnormal numbers are slow
+            row[s] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def change_over(index, state, phase, contact):  # type: ignore[no-untyped-def]
-    """Begin the crossfade to what was asked for, unless one is under way."""
-    here, now = state[contact], phase[contact]
-    if now[Phase.FADED] != 0 or now[Phase.WANTED] == now[Phase.MODEL]:
+def start_crossfade(index, state, status, contact):  # type: ignore[no-untyped-def]
+    """Start the crossfade to the requested model, unless another crossfade is in progress."""
+    row, counters = state[contact], status[contact]
+    if counters[Status.FADE_COUNT] != 0 or counters[Status.NEXT] == counters[Status.MODEL]:
         return
     width = (state.shape[1] - State.VOICES) // 2
     for i in range(width):
-        here[State.VOICES + width + i] = here[State.VOICES + i]
-    now[Phase.OTHER] = now[Phase.MODEL]
-    now[Phase.MODEL] = now[Phase.WANTED]
-    now[Phase.FADED] = 1
-    now[Phase.COUNT] = 0
-    if now[Phase.MODEL] >= 0:
-        start(index, state, phase, contact, now[Phase.MODEL], State.VOICES)
+        row[State.VOICES + width + i] = row[State.VOICES + i]
+    counters[Status.PREVIOUS] = counters[Status.MODEL]
+    counters[Status.MODEL] = counters[Status.NEXT]
+    counters[Status.FADE_COUNT] = 1
+    counters[Status.UPDATE_COUNT] = 0
+    if counters[Status.MODEL] >= 0:
+        start_voice(index, state, status, contact, counters[Status.MODEL], State.VOICES)
 
 
 @njit(cache=True, error_model="numpy")
-def step(bank, index, state, phase, contact, vx, vy, force):  # type: ignore[no-untyped-def]
-    """Return the next sample of a contact; NaN, and nothing done, if the input is not finite."""
+def step(bank, index, state, status, contact, vx, vy, force):  # type: ignore[no-untyped-def]
+    """Return the next sample of a contact; NaN without any change if the input is not finite."""
     if not (np.isfinite(vx) and np.isfinite(vy) and np.isfinite(force)):
         return np.nan
-    change_over(index, state, phase, contact)
-    now = phase[contact]
-    model, other, faded = now[Phase.MODEL], now[Phase.OTHER], now[Phase.FADED]
-    if model < 0 and other < 0:
-        now[Phase.STARTED] = 0
-        now[Phase.FADED] = 0
+    start_crossfade(index, state, status, contact)
+    counters = status[contact]
+    model, previous = counters[Status.MODEL], counters[Status.PREVIOUS]
+    fade_count = counters[Status.FADE_COUNT]
+    if model < 0 and previous < 0:
+        counters[Status.HAS_MOTION] = 0
+        counters[Status.FADE_COUNT] = 0
         return 0.0
-    follow(bank, state, phase, contact, vx, vy, force)
-    renew = now[Phase.COUNT] == 0
-    now[Phase.COUNT] += 1
-    if now[Phase.COUNT] >= bank[Fact.HOP]:
-        now[Phase.COUNT] = 0
+    smooth_motion(bank, state, status, contact, vx, vy, force)
+    update = counters[Status.UPDATE_COUNT] == 0
+    counters[Status.UPDATE_COUNT] += 1
+    if counters[Status.UPDATE_COUNT] >= bank[Constant.UPDATE_INTERVAL]:
+        counters[Status.UPDATE_COUNT] = 0
     x = 0.0
     if model >= 0:
-        x = sound(bank, index, state, phase, contact, model, State.VOICES, renew)
-    if faded > 0:
-        angle = 0.5 * np.pi * faded / bank[Fact.FADE]  # powers add up to one: sin^2 + cos^2
+        x = render_voice(bank, index, state, status, contact, model, State.VOICES, update)
+    if fade_count > 0:
+        # Equal-power crossfade: sin^2 + cos^2 = 1.
+        angle = 0.5 * np.pi * fade_count / bank[Constant.FADE_SAMPLES]
         x *= np.sin(angle)
-        if other >= 0:
+        if previous >= 0:
             voice = State.VOICES + (state.shape[1] - State.VOICES) // 2
-            x += np.cos(angle) * sound(bank, index, state, phase, contact, other, voice, renew)
-        now[Phase.FADED] = faded + 1
-        if faded + 1 >= bank[Fact.FADE]:
-            now[Phase.FADED], now[Phase.OTHER] = 0, NONE
-    return min(max(x, -bank[Fact.OUTPUT]), bank[Fact.OUTPUT])
+            x += np.cos(angle) * render_voice(bank, index, state, status, contact, previous, voice, update)
+        counters[Status.FADE_COUNT] = fade_count + 1
+        if fade_count + 1 >= bank[Constant.FADE_SAMPLES]:
+            counters[Status.FADE_COUNT], counters[Status.PREVIOUS] = 0, NO_MODEL
+    return min(max(x, -bank[Constant.OUTPUT_LIMIT]), bank[Constant.OUTPUT_LIMIT])
 
 
 @njit(cache=True, error_model="numpy")
-def step_all(bank, index, state, phase):  # type: ignore[no-untyped-def]
-    """Take the motion of every contact out of its state, and put its sample there; return whether finite."""
-    finite = True
+def step_all(bank, index, state, status):  # type: ignore[no-untyped-def]
+    """Render one sample of each contact from the motion in its state; return whether all are finite."""
+    is_finite = True
     for c in range(state.shape[0]):
-        x = step(bank, index, state, phase, c, state[c, State.VX], state[c, State.VY], state[c, State.PRESS])
-        state[c, State.OUT] = x
-        finite = finite and np.isfinite(x)
-    return finite
+        vx, vy, force = state[c, State.VX], state[c, State.VY], state[c, State.INPUT_FORCE]
+        x = step(bank, index, state, status, c, vx, vy, force)
+        state[c, State.OUTPUT] = x
+        is_finite = is_finite and np.isfinite(x)
+    return is_finite
 
 
 @njit(cache=True, error_model="numpy")
-def play(bank, index, state, phase, velocity, force, wanted, out):  # type: ignore[no-untyped-def]
-    """Fill `out` (n_contacts, n); `wanted` is the model of each contact and sample, or of none, (0, 0)."""
+def render_block(bank, index, state, status, velocity, force, models, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (n_contacts, n); `models` has the model of each contact and sample, or shape (0, 0)."""
     for t in range(force.shape[1]):
         for c in range(force.shape[0]):
-            if wanted.size:
-                phase[c, Phase.WANTED] = wanted[c, t]
-            out[c, t] = step(bank, index, state, phase, c, velocity[c, t, 0], velocity[c, t, 1], force[c, t])
+            if models.size:
+                status[c, Status.NEXT] = models[c, t]
+            out[c, t] = step(bank, index, state, status, c, velocity[c, t, 0], velocity[c, t, 1], force[c, t])

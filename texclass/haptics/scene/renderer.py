@@ -1,4 +1,4 @@
-"""A planned scene, kept in one file, and being felt: several contacts, one sample per call, no click."""
+"""A planned scene, its file format, and a renderer for several contacts without clicks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,49 +10,61 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.haptics.exchange.texture_file import read_object, write_object
 from texclass.haptics.scene import render_kernels as kernels
-from texclass.haptics.scene.render_kernels import NONE, Column, Fact, Phase, State
+from texclass.haptics.scene.render_kernels import NO_MODEL, Column, Constant, State, Status
 from texclass.haptics.textures.contract import Serializable
 from texclass.haptics.textures.grid import GridModel, update_interval
 from texclass.recording import Samples
 from texclass.signals import positive
 
-MOST_CONTACTS = 1000
+MAX_CONTACTS = 1000
 
 FADE_S = 0.02
-"""Duration of the crossfade where a contact begins, ends, or meets another model."""
-STILL = 0.25
-"""Below this part of the slowest speed of a model it fades linearly to silence at rest."""
+"""Duration of the crossfade when a contact begins, ends or changes its model, in s."""
+SMOOTHING_S = 0.01
+"""Time constant at which the renderer smooths speed and force, in s."""
+REST_RATIO = 0.25
+"""The output fades linearly to silence below this ratio of the slowest speed of a model."""
 PEAK_FACTOR = 3.0
-"""No rendered sample exceeds this times the largest recorded one (sqrt(2) of it within a crossfade)."""
+"""Largest rendered sample relative to the largest recorded one (sqrt(2) times more during a crossfade)."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedScene(Serializable):
-    """What `plan_scene` chose, ready to be rendered.
+    """Models of all surfaces of a scene, as selected by `plan_scene` and ready to render.
 
     Parameters
     ----------
     name : str
-        Of the scene.
+        Name of the scene.
     fs : float
-        Rate of the device, Hz.
+        Sampling rate of the device in Hz.
     unit : str
-        Of the vibration.
+        Unit of the vibration.
     band_hz : (float, float)
-        Of the device.
+        Frequency range of the device in Hz.
     largest_output : float
-        Of the device, in `unit`: no rendered sample exceeds it.
+        Limit of the output in `unit`.
     contacts : int
-        Simultaneous ones.
-    assigned : mapping of str to int
-        Surface -> index of its model; surfaces that do not differ share one.
+        Number of simultaneous contacts.
+    model_indices : mapping of str to int
+        Surface -> index of its model. Surfaces that do not differ share a model.
     models : sequence of GridModel
-        Over logarithms of speed and force.
+        Models over the logarithms of speed and force.
 
     Raises
     ------
     ValueError
-        If something breaks a rule.
+        If a parameter is invalid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from texclass.haptics.scene import PlannedScene
+    >>> from texclass.haptics.textures.grid import GridModel
+    >>> model = GridModel(([40.0, 160.0], [1.0]), np.full((2, 1, 1), 0.5), [[1.0], [4.0]], 8.0)
+    >>> scene = PlannedScene("desk", 1000.0, "m/s^2", (20.0, 450.0), 30.0, 1, {"oak": 0}, (model,))
+    >>> scene.model_of("oak").order
+    1
     """
 
     family: ClassVar[str] = "scene"
@@ -62,31 +74,35 @@ class PlannedScene(Serializable):
     band_hz: tuple[float, float]
     largest_output: float
     contacts: int
-    assigned: Mapping[str, int]
+    model_indices: Mapping[str, int]
     models: tuple[GridModel, ...]
 
     def __post_init__(self) -> None:
         low, high = self.band_hz
         if not (0 <= low < high <= self.fs / 2 and np.isfinite(self.fs)):
-            raise ValueError(f"band is {self.band_hz} Hz, fs {self.fs} Hz. Expected 0 <= low < high <= fs/2")
-        positive(self.largest_output, "largest output")
-        if not 1 <= self.contacts <= MOST_CONTACTS:
-            raise ValueError(f"contacts are {self.contacts!r:.40}. Expected 1 to {MOST_CONTACTS}")
-        if not self.assigned or any(not 0 <= i < len(self.models) for i in self.assigned.values()):
             raise ValueError(
-                f"surfaces have models {list(self.assigned.values())} of {len(self.models)}. "
-                "Expected a surface at least, each with one of the models"
+                f"band_hz must rise and end at most at fs / 2, got {self.band_hz} Hz at fs {self.fs} Hz"
             )
-        odd = [model for model in self.models if (len(model.axes), model.scale) != (2, "log")]
-        if odd:
-            found = f"{len(odd[0].axes)} axes, scale {odd[0].scale!r}"
-            raise ValueError(f"a model has {found}. Expected speed and force, 'log'")
+        positive(self.largest_output, "largest output")
+        if not 1 <= self.contacts <= MAX_CONTACTS:
+            raise ValueError(f"contacts must be between 1 and {MAX_CONTACTS}, got {self.contacts!r:.40}")
+        indices = list(self.model_indices.values())
+        if not indices or any(not 0 <= i < len(self.models) for i in indices):
+            raise ValueError(
+                f"model_indices must map surfaces to one of {len(self.models)} models, got {indices}"
+            )
+        for model in self.models:
+            if (len(model.axes), model.scale) != (2, "log"):
+                raise ValueError(
+                    "models must have the axes speed and force and scale 'log', got "
+                    f"{len(model.axes)} axes and scale {model.scale!r}"
+                )
 
     def index_of(self, surface: str) -> int:
-        """Return which model a surface has."""
-        if surface not in self.assigned:
-            raise ValueError(f"surface is {surface!r}. Expected one of {', '.join(self.assigned)}")
-        return self.assigned[surface]
+        """Return the index of the model of a surface."""
+        if surface not in self.model_indices:
+            raise ValueError(f"surface must be one of {', '.join(self.model_indices)}, got {surface!r}")
+        return self.model_indices[surface]
 
     def model_of(self, surface: str) -> GridModel:
         """Return the model of a surface."""
@@ -94,104 +110,139 @@ class PlannedScene(Serializable):
 
     @property
     def n_bytes(self) -> int:
-        """Of the models."""
+        """Memory of the models in bytes."""
         return sum(model.n_bytes for model in self.models)
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample of one contact: mean over the surfaces."""
-        return float(np.mean([self.model_of(name).operations(self.fs) for name in self.assigned]))
+        """Multiplications and additions per sample of one contact, mean over the surfaces."""
+        return float(np.mean([self.model_of(name).operations(self.fs) for name in self.model_indices]))
 
     def save(self, path: str | Path) -> Path:
-        """Write the scene as one `.texture` file."""
+        """Write the scene to a `.texture` file."""
         return write_object(self, path, unit=self.unit)
 
 
 def load_scene(path: str | Path) -> PlannedScene:
-    """Return the planned scene of a file, as `texclass scene plan` or `PlannedScene.save` wrote it.
+    """Load a planned scene from a `.texture` file.
+
+    Parameters
+    ----------
+    path : str or Path
+        File that `texclass scene plan` or `PlannedScene.save` wrote.
+
+    Returns
+    -------
+    PlannedScene
+        The scene of the file.
 
     Raises
     ------
     ValueError
-        If the file is damaged, breaks a rule, or holds no scene; the message names file, value and rule.
+        If the file is damaged, invalid or contains no scene.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from texclass.haptics.scene import PlannedScene, load_scene
+    >>> from texclass.haptics.textures.grid import GridModel
+    >>> scene = PlannedScene(
+    ...     "desk", 1000.0, "m/s^2", (20.0, 450.0), 30.0, 1, {"oak": 0}, (GridModel.silence(),)
+    ... )
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     load_scene(scene.save(f"{folder}/desk.texture")).model_indices
+    {'oak': 0}
     """
     scene: PlannedScene = read_object(path, {PlannedScene.family: PlannedScene})
     return scene
 
 
-def packed(scene: PlannedScene) -> tuple[Samples, NDArray[np.int64]]:
-    """Return `bank` and `index` of a scene, as `render_kernels` tells: what a loop over samples plays."""
-    facts = np.empty(len(Fact))
-    facts[Fact.GLIDE] = -np.expm1(-1 / (0.01 * scene.fs))  # speed and force of the hand are followed in 10 ms
-    facts[Fact.HOP] = update_interval(scene.fs)
-    facts[Fact.FADE] = max(2, round(FADE_S * scene.fs))
-    facts[Fact.STILL] = STILL
-    facts[Fact.RADIANS] = 2 * np.pi / scene.fs
-    facts[Fact.OUTPUT] = scene.largest_output
-    index, parts = np.zeros((len(scene.models), len(Column)), dtype=np.int64), [facts]
+def build_kernel_arrays(scene: PlannedScene) -> tuple[Samples, NDArray[np.int64]]:
+    """Return the arrays `bank` and `index` of a scene, as `render_kernels` defines them."""
+    constants = np.empty(len(Constant))
+    constants[Constant.SMOOTHING] = -np.expm1(-1 / (SMOOTHING_S * scene.fs))
+    constants[Constant.UPDATE_INTERVAL] = update_interval(scene.fs)
+    constants[Constant.FADE_SAMPLES] = max(2, round(FADE_S * scene.fs))
+    constants[Constant.REST_RATIO] = REST_RATIO
+    constants[Constant.RADIANS_PER_HZ] = 2 * np.pi / scene.fs
+    constants[Constant.OUTPUT_LIMIT] = scene.largest_output
+    index, blocks = np.zeros((len(scene.models), len(Column)), dtype=np.int64), [constants]
     for row, model in zip(index, scene.models, strict=True):
-        row[: Column.AT_SPEEDS] = model.n_lines, model.order, *model.n_nodes
+        row[: Column.SPEED_OFFSET] = model.n_lines, model.order, *model.n_nodes
         bounds = np.array([model.speeds[0], model.forces[0], PEAK_FACTOR * model.peak])
-        course = np.concatenate([model.frequency_hz, model.per_mm])
-        arrays = *model.nodes.axes, model.rows, model.nodes.values[:, -1], course, bounds
-        begins = np.cumsum([0, *(array.size for array in arrays)]) + sum(part.size for part in parts)
-        row[Column.AT_SPEEDS :] = begins[:-1]
-        parts += [array.ravel() for array in arrays]
-    return np.concatenate(parts), index
+        lines = np.concatenate([model.frequency_hz, model.per_mm])
+        arrays = *model.nodes.axes, model.rows, model.nodes.values[:, -1], lines, bounds
+        sizes = np.cumsum([0, *(array.size for array in arrays)])
+        row[Column.SPEED_OFFSET :] = sizes[:-1] + sum(block.size for block in blocks)
+        blocks += [array.ravel() for array in arrays]
+    return np.concatenate(blocks), index
 
 
 class SceneRenderer:
-    """Plays a planned scene, sample by sample.
+    """Real-time renderer of a planned scene, one sample per call.
 
-    Every contact is a finger or a tool of its own: it touches one surface at a time, or none, and has its own
-    noise, so that the others do not change what it feels.
+    Every contact is an independent finger or tool. It touches one surface at a time, or none, and has its own
+    noise, so that contacts do not affect each other.
 
     Parameters
     ----------
     scene : PlannedScene
+        Scene to render.
     n_contacts : int, optional
-        The scene's by default.
+        Number of contacts (default: `scene.contacts`).
     seed : int
-        Of the noise.
+        Seed of the noise (default 0).
 
     Attributes
     ----------
     fs : float
-        Hz.
+        Sampling rate in Hz.
+    n_contacts : int
+        Number of contacts.
     motion : ndarray of shape (n_contacts, 3)
-        To be written before `step_all`: speed x and y (mm/s) and force (N) of each contact.
-    out : ndarray of shape (n_contacts,)
-        What `step_all` fills.
+        Input of `step_all`: velocity along x and y (mm/s) and force (N) of each contact.
+    output : ndarray of shape (n_contacts,)
+        Output of `step_all`.
+
+    Raises
+    ------
+    ValueError
+        If `n_contacts` is below 1.
 
     Notes
     -----
-    Everything is allocated here: what `step` and `step_all` do grows no memory, however long they go on.
-    Compilation is done here too, not in the first sample.
+    The constructor allocates all memory and compiles all functions, so that the first sample is as fast as
+    the others and `step` and `step_all` allocate nothing.
 
     Examples
     --------
-    >>> from texclass.haptics.scene import SceneRenderer, plan_scene
-    >>> renderer = SceneRenderer(plan_scene("example").scene)  # doctest: +SKIP
-    >>> renderer.touch(0, "wood")  # doctest: +SKIP
-    >>> renderer.step(0, 80.0, 0.0, 1.0)  # doctest: +SKIP
+    >>> import numpy as np
+    >>> from texclass.haptics.scene import PlannedScene, SceneRenderer
+    >>> from texclass.haptics.textures.grid import GridModel
+    >>> model = GridModel(([40.0, 160.0], [1.0]), np.full((2, 1, 1), 0.5), [[1.0], [4.0]], 8.0)
+    >>> scene = PlannedScene("desk", 1000.0, "m/s^2", (20.0, 450.0), 30.0, 1, {"oak": 0}, (model,))
+    >>> renderer = SceneRenderer(scene)
+    >>> renderer.touch(0, "oak")
+    >>> abs(renderer.step(0, 80.0, 0.0, 1.0)) < 30.0
+    True
     """
 
     def __init__(self, scene: PlannedScene, *, n_contacts: int | None = None, seed: int = 0) -> None:
         n = scene.contacts if n_contacts is None else n_contacts
         if n < 1:
-            raise ValueError(f"n_contacts is {n}. Expected at least 1")
+            raise ValueError(f"n_contacts must be at least 1, got {n}")
         self.fs, self.n_contacts, self._seed = scene.fs, n, seed
         self._scene = scene
-        bank, index = packed(scene)
+        bank, index = build_kernel_arrays(scene)
         columns = max(model.rows.shape[-1] for model in scene.models)
         self._state = np.zeros((n, State.VOICES + 6 * (columns + 1)))
-        self._phase = np.zeros((n, len(Phase)), dtype=np.int64)
-        self._arrays = bank, index, self._state, self._phase
-        self.motion, self.out = self._state[:, : State.OUT], self._state[:, State.OUT]
+        self._status = np.zeros((n, len(Status)), dtype=np.int64)
+        self._arrays = bank, index, self._state, self._status
+        self.motion, self.output = self._state[:, : State.OUTPUT], self._state[:, State.OUTPUT]
         self.reset()
-        # Compile, or load what was compiled, before the first sample is due.
+        # Compile, or load the compiled code, before the first sample is due.
         self.step(0, 0.0, 0.0, 0.0)
         self.step_all()
         self.process(np.zeros((n, 1, 2)), np.zeros((n, 1)))
@@ -199,58 +250,74 @@ class SceneRenderer:
 
     @property
     def n_bytes(self) -> int:
-        """Of all that it holds."""
+        """Memory of all arrays in bytes."""
         return sum(array.nbytes for array in self._arrays)
 
     def reset(self) -> None:
-        """Lift all contacts, with the random numbers of the first sample."""
+        """End all contacts and restart the noise."""
         self._state[:, State.SPEED :] = 0.0
-        self._phase[:] = 0
-        self._phase[:, [Phase.MODEL, Phase.OTHER, Phase.WANTED]] = NONE
+        self._status[:] = 0
+        self._status[:, [Status.MODEL, Status.PREVIOUS, Status.NEXT]] = NO_MODEL
         seeds = np.random.SeedSequence(self._seed).generate_state(self.n_contacts, np.uint64)
-        self._phase[:, Phase.NOISE] = seeds.view(np.int64)
+        self._status[:, Status.NOISE] = seeds.view(np.int64)
 
     def touch(self, contact: int, surface: str | None) -> None:
-        """Let a contact begin on a surface, pass to another one, or end (None), from the next sample on."""
-        self._phase[self._checked(contact), Phase.WANTED] = self._model(surface)
+        """Move a contact to a surface, or end it (None), from the next sample on.
+
+        Raises
+        ------
+        ValueError
+            If the contact or the surface does not exist.
+        """
+        self._status[self._check_contact(contact), Status.NEXT] = self._model_index(surface)
 
     def step(self, contact: int, speed_x: float, speed_y: float, force: float) -> float:
-        """Return the next sample of one contact, in the unit of the recordings.
+        """Return the next sample of one contact.
 
         Parameters
         ----------
         contact : int
-            0 ... n_contacts - 1.
+            Index of the contact, 0 ... n_contacts - 1.
         speed_x, speed_y : float
-            Tangential, mm/s.
+            Tangential velocity in mm/s.
         force : float
-            Normal, N; 0 or less fades out.
+            Normal force in N; 0 or less fades to silence.
+
+        Returns
+        -------
+        float
+            Vibration in the unit of the scene.
 
         Raises
         ------
         ValueError
-            For NaN or infinity; the state stays as it was.
+            If an input is NaN or infinite; the state does not change.
         """
         if not 0 <= contact < self.n_contacts:
-            self._checked(contact)
+            self._check_contact(contact)
         x: float = kernels.step(*self._arrays, contact, float(speed_x), float(speed_y), float(force))
-        if x != x:  # noqa: PLR0124  NaN, and nothing is cheaper to ask
-            raise ValueError(f"speed and force are {(speed_x, speed_y, force)}. Expected finite numbers")
+        if x != x:  # noqa: PLR0124  the fastest test for NaN
+            raise ValueError(f"speed and force must be finite, got {(speed_x, speed_y, force)}")
         return x
 
     def step_all(self) -> Samples:
-        """Return `out`, filled with the next sample of every contact, whose speeds and force are in `motion`.
+        """Render the next sample of every contact from `motion` into `output`.
 
-        What `step` returns for each of them, in one call.
+        One call gives the same samples as one call of `step` per contact.
+
+        Returns
+        -------
+        ndarray of shape (n_contacts,)
+            The array `output`.
 
         Raises
         ------
         ValueError
-            If `motion` holds NaN or infinity: that contact stays as it was.
+            If `motion` contains NaN or infinity; the state of that contact does not change.
         """
         if not kernels.step_all(*self._arrays):
-            raise ValueError(f"motion is {self.motion.tolist()}. Expected finite numbers")
-        return self.out
+            raise ValueError(f"motion must be finite, got {self.motion.tolist()}")
+        return self.output
 
     def process(
         self,
@@ -260,65 +327,82 @@ class SceneRenderer:
         *,
         out: Samples | None = None,
     ) -> Samples:
-        """Return the next samples of all contacts: bit for bit what single steps return, however it is cut.
+        """Return the next block of samples of all contacts, identical to the samples of `step`.
 
         Parameters
         ----------
         velocity : array_like of shape (n_contacts, n, 2)
-            mm/s.
+            Tangential velocity in mm/s.
         force : array_like of shape (n_contacts, n)
-            N.
+            Normal force in N.
         surfaces : sequence of shape (n_contacts, n), optional
-            What each contact touches at each sample; by default what `touch` said last.
+            Surface of each contact at each sample (default: surfaces of the last `touch`).
         out : ndarray of shape (n_contacts, n), optional
-            Filled and returned; a new one by default.
+            Output array (default: a new array).
+
+        Returns
+        -------
+        ndarray of shape (n_contacts, n)
+            Vibration in the unit of the scene.
 
         Raises
         ------
         ValueError
-            For wrong shapes, unknown surfaces, NaN or infinity.
+            If a shape does not match, a surface is unknown, or an input is NaN or infinite.
         """
         v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
         if f.ndim != 2 or len(f) != self.n_contacts or v.shape != (*f.shape, 2):
             raise ValueError(
-                f"velocity has shape {v.shape}, force {f.shape}. Expected ({self.n_contacts}, n, 2) "
-                f"and ({self.n_contacts}, n)"
+                f"velocity and force must have shapes ({self.n_contacts}, n, 2) and ({self.n_contacts}, n), "
+                f"got {v.shape} and {f.shape}"
             )
         if not (np.isfinite(v).all() and np.isfinite(f).all()):
-            raise ValueError("velocity or force holds NaN or infinity. Expected finite numbers")
-        wanted = np.zeros((0, 0), dtype=np.int64)
+            raise ValueError("velocity and force must be finite, got NaN or infinity")
+        models = np.zeros((0, 0), dtype=np.int64)
         if surfaces is not None:
-            model = {name: self._model(name) for name in {name for row in surfaces for name in row}}
-            wanted = np.array([[model[name] for name in row] for row in surfaces], dtype=np.int64)
-            if wanted.shape != f.shape:
-                raise ValueError(f"surfaces have shape {wanted.shape}. Expected {f.shape}, as the force")
-        found = np.empty(f.shape) if out is None else out
-        kernels.play(*self._arrays, v, f, wanted, found)
-        return found
+            indices = {name: self._model_index(name) for name in {name for row in surfaces for name in row}}
+            models = np.array([[indices[name] for name in row] for row in surfaces], dtype=np.int64)
+            if models.shape != f.shape:
+                raise ValueError(f"surfaces must have the shape of force, {f.shape}, got {models.shape}")
+        output = np.empty(f.shape) if out is None else out
+        kernels.render_block(*self._arrays, v, f, models, output)
+        return output
 
-    def _model(self, surface: str | None) -> int:
-        return NONE if surface is None else self._scene.index_of(surface)
+    def _model_index(self, surface: str | None) -> int:
+        return NO_MODEL if surface is None else self._scene.index_of(surface)
 
-    def _checked(self, contact: int) -> int:
+    def _check_contact(self, contact: int) -> int:
         if not 0 <= contact < self.n_contacts:
-            raise ValueError(f"contact is {contact}. Expected 0 ... {self.n_contacts - 1}")
+            raise ValueError(f"contact must be between 0 and {self.n_contacts - 1}, got {contact}")
         return contact
 
 
 @dataclass(frozen=True, eq=False)
 class SceneSurface:
-    """One surface of a planned scene, played alone as a texture is.
+    """One surface of a planned scene, with the interface of a texture.
 
     Parameters
     ----------
     scene : PlannedScene
+        Planned scene.
     name : str
-        Of the surface.
+        Name of the surface.
 
     Raises
     ------
     ValueError
         If the scene has no such surface.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from texclass.haptics.scene import PlannedScene, SceneSurface
+    >>> from texclass.haptics.textures.grid import GridModel
+    >>> model = GridModel(([40.0, 160.0], [1.0]), np.full((2, 1, 1), 0.5), [[1.0], [4.0]], 8.0)
+    >>> scene = PlannedScene("desk", 1000.0, "m/s^2", (20.0, 450.0), 30.0, 1, {"oak": 0}, (model,))
+    >>> surface = SceneSurface(scene, "oak")
+    >>> surface.renderer().process(np.full((100, 2), 80.0), np.ones(100)).shape
+    (100,)
     """
 
     scene: PlannedScene
@@ -329,26 +413,37 @@ class SceneSurface:
 
     @property
     def fs(self) -> float:
-        """Of the device, Hz."""
+        """Sampling rate in Hz."""
         return self.scene.fs
 
     @property
     def speeds(self) -> Samples:
-        """For which it was planned, mm/s."""
+        """Speeds of the nodes in mm/s."""
         return self.scene.model_of(self.name).speeds
 
     @property
     def forces(self) -> Samples:
-        """For which it was planned, N."""
+        """Forces of the nodes in N."""
         return self.scene.model_of(self.name).forces
 
-    def renderer(self, *, seed: int = 0) -> "OneContact":
-        """Return a renderer at rest; the seed is that of the noise."""
-        return OneContact(self, seed)
+    def renderer(self, *, seed: int = 0) -> "SurfaceRenderer":
+        """Return a renderer at rest.
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the noise (default 0).
+
+        Returns
+        -------
+        SurfaceRenderer
+            Renderer of this surface.
+        """
+        return SurfaceRenderer(self, seed)
 
 
-class OneContact:
-    """A contact that stays on a surface of a scene; see `texclass.haptics.textures.Renderer`."""
+class SurfaceRenderer:
+    """Renderer of one contact on one surface of a scene; see `texclass.haptics.textures.Renderer`."""
 
     def __init__(self, surface: SceneSurface, seed: int) -> None:
         self.fs, self._name = surface.fs, surface.name
@@ -356,11 +451,11 @@ class OneContact:
         self.reset()
 
     def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
-        """Return the vibration for the next samples of a path; the position is not used."""
-        played = self._renderer.process(np.asarray(velocity)[np.newaxis], np.asarray(force)[np.newaxis])
-        return np.asarray(played[0])
+        """Return the vibration for the next samples of a path; `position` is ignored."""
+        output = self._renderer.process(np.asarray(velocity)[np.newaxis], np.asarray(force)[np.newaxis])
+        return np.asarray(output[0])
 
     def reset(self) -> None:
-        """Return to rest, with the random numbers of the first sample."""
+        """Return to rest and restart the noise."""
         self._renderer.reset()
         self._renderer.touch(0, self._name)

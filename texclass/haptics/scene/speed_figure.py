@@ -1,4 +1,4 @@
-"""What the speed does to a surface and to its model: levels and spectra, as numbers and as a picture."""
+"""Level and spectrum of a surface and of its model against the speed, as numbers and as a figure."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -7,7 +7,14 @@ import numpy as np
 import pandas as pd
 
 from texclass.haptics.scene.fits import model_spectra
-from texclass.haptics.scene.observations import LEAST_POWER, Judge, Observed, Points, Scored, slopes
+from texclass.haptics.scene.surface_spectra import (
+    MIN_RELATIVE_POWER,
+    OperatingPoints,
+    Score,
+    SpectralScorer,
+    SurfaceSpectra,
+    level_slopes,
+)
 from texclass.haptics.textures.grid import GridModel
 from texclass.recording import Samples
 from texclass.reporting import Figure, Table
@@ -17,139 +24,172 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 N_CURVE = 24
-"""Speeds at which the course of the model's level is told."""
+"""Number of speeds of the level curves of the model."""
 
 
-def against_speed(model: GridModel, observed: Observed, verdict: Scored, judge: Judge) -> dict[str, Any]:
-    """Return levels and spectra of a surface and of its model over the speed, as JSON knows them.
+def speed_dependence(
+    model: GridModel, spectra: SurfaceSpectra, score: Score, scorer: SpectralScorer
+) -> dict[str, Any]:
+    """Return levels and spectra of a surface and of its model against the speed.
 
     Parameters
     ----------
     model : GridModel
-    observed : Observed
-        The surface.
-    verdict : dict
-        Of the rendered model where it was proved, see `Judge.verdict`.
-    judge : Judge
+        Model of the surface.
+    spectra : SurfaceSpectra
+        Spectra of the surface.
+    score : dict
+        Score of the rendered model on the test set, see `SpectralScorer.score`.
+    scorer : SpectralScorer
+        Band and noise of the device.
 
     Returns
     -------
     dict
-        "unit"; "points": speed (mm/s), force (N), level (dB re 1 unit, within the band) of the surface, and
-        "model", that of the rendered model, where it is proved; "fitted": the first three, where it is not;
-        "curve": speeds and levels of the model at the lowest, the middle and the highest force; "spectra":
-        the middle of each third of all points in "speeds", "hz", and densities in dB of "surface", "model";
-        "rise_db": how much the surface's level rises at twice the speed, and at twice the force.
+        JSON-serializable, levels in dB re 1 unit within the band:
+
+        - "unit": unit of the vibration;
+        - "test": "speed" (mm/s), "force" (N), "level" and "model_level" of each point of the test set;
+        - "fitting": "speed", "force" and "level" of the fitting and selection sets;
+        - "curve": level of the model over "speed" at the lowest, the median and the highest "force";
+        - "spectra": mean densities in dB of "surface" and "model" over "hz", for each third of the points,
+          with their mean "speeds";
+        - "slopes_db": level change of the surface per doubling of speed and of force.
     """
-    fitted = _joined(observed.fit, observed.choose)
-    every = _joined(fitted, observed.prove)
-    largest = float(judge.power(every.spectra).max())
-    least = max(judge.device.noise_floor**2, LEAST_POWER * largest, 1e-300)
+    fitting = _concatenate(spectra.fitting, spectra.selection)
+    all_points = _concatenate(fitting, spectra.test)
+    largest = float(scorer.power(all_points.spectra).max())
+    lowest = max(scorer.device.noise_floor**2, MIN_RELATIVE_POWER * largest, 1e-300)
 
-    def level(spectra: Samples) -> Samples:
-        return np.asarray(10 * np.log10(np.maximum(judge.power(spectra), least)))
+    def level(densities: Samples) -> Samples:
+        return np.asarray(10 * np.log10(np.maximum(scorer.power(densities), lowest)))
 
-    def told(points: Points) -> dict[str, list[float]]:
-        speed, force = _rounded(points.speed), _rounded(points.force, 3)
-        return {"speed": speed, "force": force, "level": _rounded(level(points.spectra))}
+    def point_levels(points: OperatingPoints) -> dict[str, list[float]]:
+        speed, force = _round(points.speed), _round(points.force, 3)
+        return {"speed": speed, "force": force, "level": _round(level(points.spectra))}
 
-    rendered = _rounded(level(observed.prove.spectra) + np.array(verdict["levels_db"]))
-    v = np.geomspace(every.speed.min(), every.speed.max(), N_CURVE)
-    forces = np.quantile(every.force, [0.0, 0.5, 1.0])
-    at = [Points(np.zeros((N_CURVE, 0)), v, np.full(N_CURVE, f)) for f in forces]
-    part, band_least = judge.parts @ judge.frequencies, least / float(judge.in_band.sum())
-    thirds = np.array_split(np.argsort(every.speed, kind="stable"), 3)
-    groups = [Points(every.spectra[g], every.speed[g], every.force[g]) for g in thirds if g.size]
+    model_level = _round(level(spectra.test.spectra) + np.array(score["level_errors_db"]))
+    v = np.geomspace(all_points.speed.min(), all_points.speed.max(), N_CURVE)
+    forces = np.quantile(all_points.force, [0.0, 0.5, 1.0])
+    curve_points = [OperatingPoints(np.zeros((N_CURVE, 0)), v, np.full(N_CURVE, f)) for f in forces]
+    hz, lowest_density = scorer.subbands @ scorer.frequencies, lowest / float(scorer.bin_widths.sum())
+    thirds = np.array_split(np.argsort(all_points.speed, kind="stable"), 3)
+    groups = [
+        OperatingPoints(all_points.spectra[rows], all_points.speed[rows], all_points.force[rows])
+        for rows in thirds
+        if rows.size
+    ]
 
-    def density(spectra: Samples) -> list[float]:
-        found = np.maximum(spectra.mean(axis=0) @ judge.parts.T, band_least)
-        return _rounded(10 * np.log10(found))
+    def mean_density_db(densities: Samples) -> list[float]:
+        mean = np.maximum(densities.mean(axis=0) @ scorer.subbands.T, lowest_density)
+        return _round(10 * np.log10(mean))
 
     return {
-        "unit": judge.device.unit,
-        "points": told(observed.prove) | {"model": rendered},
-        "fitted": told(fitted),
+        "unit": scorer.device.unit,
+        "test": point_levels(spectra.test) | {"model_level": model_level},
+        "fitting": point_levels(fitting),
         "curve": {
-            "speed": _rounded(v),
-            "force": _rounded(forces, 3),
-            "level": [_rounded(level(model_spectra(model, points, judge))) for points in at],
+            "speed": _round(v),
+            "force": _round(forces, 3),
+            "level": [_round(level(model_spectra(model, points, scorer))) for points in curve_points],
         },
         "spectra": {
-            "speeds": _rounded(np.array([np.exp(np.log(g.speed).mean()) for g in groups])),
-            "hz": _rounded(part),
-            "surface": [density(g.spectra) for g in groups],
-            "model": [density(model_spectra(model, g, judge)) for g in groups],
+            "speeds": _round(np.array([np.exp(np.log(group.speed).mean()) for group in groups])),
+            "hz": _round(hz),
+            "surface": [mean_density_db(group.spectra) for group in groups],
+            "model": [mean_density_db(model_spectra(model, group, scorer)) for group in groups],
         },
-        "rise_db": _rounded(slopes(level(every.spectra), every), 2),
+        "slopes_db": _round(level_slopes(level(all_points.spectra), all_points), 2),
     }
 
 
-def speed_figure(name: str, told: Mapping[str, Any], verdict: Scored) -> Figure:
-    """Return the picture of what `against_speed` told of a surface."""
-    points, (over_speed, over_force) = told["points"], told["rise_db"]
-    more = verdict["slopes_db"]
-    worst = max(map(abs, verdict["levels_db"]))
+def speed_figure(name: str, dependence: Mapping[str, Any], score: Score) -> Figure:
+    """Return the figure of a surface.
+
+    Parameters
+    ----------
+    name : str
+        Name of the surface.
+    dependence : mapping
+        Result of `speed_dependence`.
+    score : dict
+        Score of the model on the test set, see `SpectralScorer.score`.
+
+    Returns
+    -------
+    Figure
+        Figure with caption and table.
+    """
+    test, (speed_slope, force_slope) = dependence["test"], dependence["slopes_db"]
+    speed_error, force_error = score["slope_errors_db"]
+    largest_error = max(map(abs, score["level_errors_db"]))
     return Figure(
         f"speed-{name}",
-        f"What the speed does to {name}",
-        f"at twice the speed its level rises by {over_speed:.1f} dB, the model's by "
-        f"{over_speed + more[0]:.1f}; at twice the force by {over_force:.1f} and {over_force + more[1]:.1f} "
-        f"dB; where it was not fitted, the model's level is off by {worst:.1f} dB at most.",
-        lambda width: draw_speed(told, width),
+        f"Effect of speed on {name}",
+        f"per doubling of the speed, the level rises by {speed_slope:.1f} dB (model: "
+        f"{speed_slope + speed_error:.1f} dB); per doubling of the force, by {force_slope:.1f} dB (model: "
+        f"{force_slope + force_error:.1f} dB). Largest level error of the model on the test set: "
+        f"{largest_error:.1f} dB.",
+        lambda width: draw_speed(dependence, width),
         Table(
             pd.DataFrame(
                 {
-                    "mm/s": [f"{v:.0f}" for v in points["speed"]],
-                    "N": [f"{f:.2f}" for f in points["force"]],
-                    "level, dB": [f"{x:.1f}" for x in points["level"]],
-                    "model, dB": [f"{x:.1f}" for x in points["model"]],
+                    "mm/s": [f"{v:.0f}" for v in test["speed"]],
+                    "N": [f"{f:.2f}" for f in test["force"]],
+                    "level, dB": [f"{x:.1f}" for x in test["level"]],
+                    "model, dB": [f"{x:.1f}" for x in test["model_level"]],
                 }
             ),
-            f"Levels re 1 {told['unit']}, within the band, where the model was proved.",
+            f"Levels on the test set, re 1 {dependence['unit']}, within the band of the device.",
         ),
     )
 
 
-def draw_speed(told: Mapping[str, Any], width: float) -> "Drawing":
-    """Draw the levels over the speed, and the spectra of the surface and of its model at three speeds."""
+def draw_speed(dependence: Mapping[str, Any], width: float) -> "Drawing":
+    """Draw the levels against the speed, and the spectra of surface and model at three speeds."""
     from matplotlib.figure import Figure as Drawing
 
-    narrow = width < style.WIDTH / 2
-    figure = Drawing(figsize=(width, 6.0 if narrow else 3.2), layout="constrained")
-    left, right = figure.subplots(*((2, 1) if narrow else (1, 2)))
-    points, fitted, curve, spectra = (told[key] for key in ("points", "fitted", "curve", "spectra"))
+    is_narrow = width < style.WIDTH / 2
+    figure = Drawing(figsize=(width, 6.0 if is_narrow else 3.2), layout="constrained")
+    level_axes, spectrum_axes = figure.subplots(*((2, 1) if is_narrow else (1, 2)))
+    test, fitting, curve, spectra = (dependence[key] for key in ("test", "fitting", "curve", "spectra"))
     low, middle, high = curve["level"]
-    label = "model, lowest to highest force"
-    left.fill_between(curve["speed"], low, high, color=style.PALETTE["e1"], linewidth=0, label=label)
-    left.plot(curve["speed"], middle, color=style.OTHER, label="model, middle force")
-    left.plot(fitted["speed"], fitted["level"], ".", color=style.FAINT, label="surface, fitted to")
-    for v, f, surface, model in zip(*(points[key] for key in points), strict=True):
-        said = f"{v:.0f} mm/s, {f:.2f} N: surface {surface:.1f} dB, model {model:.1f} dB"
-        left.plot(v, surface, "o", color=style.OURS, markersize=5, gid=said, label="surface, held out")
-        left.plot(v, model, "_", color=style.OTHER, markersize=8, label="model, there")
-    left.set_xlabel("speed, mm/s")
-    left.set_ylabel(f"level, dB re 1 {told['unit']}")
-    style.log_x(left)
-    of_surface, of_model = spectra["surface"], spectra["model"]
+    level_axes.fill_between(
+        curve["speed"], low, high,
+        color=style.PALETTE["e1"], linewidth=0, label="model, lowest to highest force",
+    )  # fmt: skip
+    level_axes.plot(curve["speed"], middle, color=style.OTHER, label="model, median force")
+    level_axes.plot(fitting["speed"], fitting["level"], ".", color=style.FAINT, label="surface, fitting set")
+    for v, f, surface, model in zip(*(test[key] for key in test), strict=True):
+        tooltip = f"{v:.0f} mm/s, {f:.2f} N: surface {surface:.1f} dB, model {model:.1f} dB"
+        level_axes.plot(
+            v, surface, "o", color=style.OURS, markersize=5, gid=tooltip, label="surface, test set"
+        )
+        level_axes.plot(v, model, "_", color=style.OTHER, markersize=8, label="model, test set")
+    level_axes.set_xlabel("speed, mm/s")
+    level_axes.set_ylabel(f"level, dB re 1 {dependence['unit']}")
+    style.log_x(level_axes)
     for speed, surface, model, (colour, _) in zip(
-        spectra["speeds"], of_surface, of_model, style.LOOKS, strict=False
+        spectra["speeds"], spectra["surface"], spectra["model"], style.LOOKS, strict=False
     ):
-        right.plot(spectra["hz"], surface, color=colour, linewidth=1.2)
-        right.plot(spectra["hz"], model, color=colour, linewidth=1.2, linestyle="--")
+        spectrum_axes.plot(spectra["hz"], surface, color=colour, linewidth=1.2)
+        spectrum_axes.plot(spectra["hz"], model, color=colour, linewidth=1.2, linestyle="--")
         end = (spectra["hz"][-1], surface[-1])
-        right.annotate(
+        spectrum_axes.annotate(
             f"{speed:.0f} mm/s", end, (4, 0), textcoords="offset points", color=colour, va="center"
         )
-    right.set_xlabel("Hz; dashed: the model")
-    right.set_ylabel("dB/Hz")
-    style.log_x(right)
-    style.legend_above(figure, left)
+    spectrum_axes.set_xlabel("Hz; dashed: the model")
+    spectrum_axes.set_ylabel("dB/Hz")
+    style.log_x(spectrum_axes)
+    style.legend_above(figure, level_axes)
     return figure
 
 
-def _joined(*parts: Points) -> Points:
-    return Points(*(np.concatenate([getattr(p, a) for p in parts]) for a in ("spectra", "speed", "force")))
+def _concatenate(*sets: OperatingPoints) -> OperatingPoints:
+    return OperatingPoints(
+        *(np.concatenate([getattr(points, a) for points in sets]) for a in ("spectra", "speed", "force"))
+    )
 
 
-def _rounded(values: Samples, digits: int = 1) -> list[float]:
+def _round(values: Samples, digits: int = 1) -> list[float]:
     return [round(float(x), digits) for x in values]

@@ -425,10 +425,10 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
             raise ValueError(f"{name} needs a texture with a {part}, and the texture has no {part}")
     if "hard" in targets:  # a stiffer spring: a ~ v w sin(w t)
         hard = _contact_scales(tap, mu)["hard"]
-        c = SCALES["hard"].measured(targets["hard"]) / SCALES["hard"].measured(hard)
+        c = SCALES["hard"].feature_value(targets["hard"]) / SCALES["hard"].feature_value(hard)
         higher = np.minimum(c * tap.frequency_hz, 0.49 * RETOUCH.tap_fs)
         tap = DecayingModes(higher, c * tap.decay_per_s, c * tap.amplitude, tap.phase)
-    mu = SCALES["sticky"].measured(targets["sticky"]) if "sticky" in targets else mu
+    mu = SCALES["sticky"].feature_value(targets["sticky"]) if "sticky" in targets else mu
     if isinstance(texture, PackedTexture) and not set(targets) & set(SPECTRAL_SCALES):
         result = texture.with_contact(tap=tap, mu=mu)
     else:
@@ -538,7 +538,7 @@ def _contact_scales(tap: DecayingModes, mu: float) -> dict[str, float]:
         phases = Phases(taps=(Tap(0, 500, x.size),))
         values |= _scales_of(Recording(x, RETOUCH.tap_fs, "m/s^2", "tap", phases=phases), ("hard",), "tap")
     if mu:
-        values["sticky"] = SCALES["sticky"].told(mu)
+        values["sticky"] = SCALES["sticky"].value(mu)
     return values
 
 
@@ -554,4 +554,4 @@ def _scales_of(recording: Recording, names: tuple[str, ...], source: str) -> dic
     for _, reason in computed.reasons:
         raise ValueError(f"{source}: {reason}")
     measured = dict(zip(plan.columns, computed.values.tolist(), strict=True))
-    return {name: SCALES[name].told(measured[SCALES[name].column]) for name in names}
+    return {name: SCALES[name].value(measured[SCALES[name].column]) for name in names}
