@@ -3,6 +3,8 @@
 import sys
 from pathlib import Path
 
+from numpydoc.xref import DEFAULT_LINKS
+
 import texclass
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
@@ -13,6 +15,7 @@ version = release = texclass.__version__
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
+    "sphinx.ext.intersphinx",
     "sphinx.ext.viewcode",
     "numpydoc",
     "myst_parser",
@@ -29,6 +32,25 @@ autosummary_generate = False
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
+numpydoc_xref_param_type = True
+NOT_LINKED = {*DEFAULT_LINKS, "of", "optional", "or", "shape", "to"}
+numpydoc_xref_ignore = NOT_LINKED
+numpydoc_xref_aliases = {word: word for word in NOT_LINKED} | {
+    "ndarray": "numpy.ndarray",
+    "DataFrame": "pandas.DataFrame",
+    "Series": "pandas.Series",
+    "Figure": "matplotlib.figure.Figure",
+    "Axes": "matplotlib.axes.Axes",
+}
+
+# The names that our pages link to, since the build needs no network.
+intersphinx_mapping = {
+    "numpy": ("https://numpy.org/doc/stable", "inventories/numpy.txt"),
+    "scipy": ("https://docs.scipy.org/doc/scipy", "inventories/scipy.txt"),
+    "sklearn": ("https://scikit-learn.org/stable", "inventories/sklearn.txt"),
+    "pandas": ("https://pandas.pydata.org/docs", "inventories/pandas.txt"),
+    "matplotlib": ("https://matplotlib.org/stable", "inventories/matplotlib.txt"),
+}
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",

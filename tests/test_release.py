@@ -17,7 +17,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 
 def test_the_version_is_one():
     released = re.search(r"^## (\d\S*)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
-    assert released[1] == CITATION["version"] == RECIPE["context"]["version"] == __version__
+    cited = re.search(r"version = \{(.*)\}", (ROOT / "docs" / "cite.md").read_text(encoding="utf-8"))
+    assert released[1] == CITATION["version"] == RECIPE["context"]["version"] == __version__ == cited[1]
 
 
 def test_conda_installs_what_pip_does():
