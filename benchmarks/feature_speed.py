@@ -65,7 +65,7 @@ def sets(knee: Path) -> dict[str, FeatureSet]:
     known = {name: load_feature_set(name) for name in SHIPPED}
     strese, chosen = known["strese2015"], json.loads(knee.read_text(encoding="utf-8"))
     known[CHEAP] = strese.restricted_to(name for name in strese.columns if name != "spectral_roughness")
-    pruned = load_feature_set(chosen["features"]).restricted_to(chosen["chosen"]["columns"])
+    pruned = load_feature_set(chosen["features"]).restricted_to(chosen["selection"]["columns"])
     return known | {KNEE.format(chosen["dataset"]["name"]): pruned}
 
 

@@ -18,7 +18,7 @@ from texclass.loaders import open_dataset
 from texclass.recognition.array_form import classifier_of
 from texclass.robot.export.answers_graph import add_part
 from texclass.robot.export.graph import Graph, Tensor
-from texclass.tradeoff.front import Labelled, accuracy_of, preparation
+from texclass.tradeoff.pareto_front import LabelledData, accuracy_with_interval, preprocessing
 
 ROW = "Several time scales"
 TOUCH_S = 1.0
@@ -32,11 +32,11 @@ def judged(classifier, data, splits):
         found, seconds = timed(lambda: fold.fitted(classifier))
         return found, found.predict(fold.asked) == fold.truth, seconds
 
-    ((fitted, hits, seconds),) = over_folds(fitted_on, data.X, data.y, splits, preparation())
+    ((fitted, hits, seconds),) = over_folds(fitted_on, data.X, data.y, splits, preprocessing())
     graph = Graph()
     add_part(classifier_of(fitted), Tensor(graph, "rows"))
     return {
-        **accuracy_of(hits, splits, data),
+        **accuracy_with_interval(hits, splits, data),
         "n_kept": len(fitted.dual_),
         "kb": sum(numpy_helper.to_array(one).nbytes for one in graph.constants) / 1000,
         "fit_s": seconds,
@@ -50,7 +50,7 @@ def main() -> None:
     frame, protocol = found.frame, find_protocol("chronological")
     row = next(row for row in pipeline.rows if row.name == ROW)
     columns = list(MatchedRow.of(row, pipeline.features, found).columns)
-    data = Labelled(
+    data = LabelledData(
         frame[columns].to_numpy(dtype=np.float64),
         frame["surface"].to_numpy(dtype=str),
         protocol.clusters(frame),

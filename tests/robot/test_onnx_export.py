@@ -38,7 +38,7 @@ from texclass.robot.export.graph import Graph, Tensor
 from texclass.robot.export.onnx_file import single_precision
 from texclass.robot.export.parity import check_rows, reference, remembered, run
 from texclass.shipped import names
-from texclass.tradeoff.front import cost_aware, discriminant
+from texclass.tradeoff.pareto_front import cost_aware_selector, discriminant
 
 PIECES = ("band_level",)
 """A feature whose columns come in fours in the set `multiscale`."""
@@ -116,8 +116,11 @@ def test_the_shipped_classifiers_are_all_there():
     [
         ([filled(), RobustScaler(), PCA(5)], lda()),
         ([filled(), MaxAbsScaler(), PCA(8), SelectKBest(k=3)], GaussianNB()),
-        ([filled(), StandardScaler(), cost_aware(np.ones(N_COLUMNS), max_features=3)], discriminant()),
-        ([filled(), PCA(6), cost_aware(np.ones(6), max_features=3)], discriminant()),
+        (
+            [filled(), StandardScaler(), cost_aware_selector(np.ones(N_COLUMNS), max_features=3)],
+            discriminant(),
+        ),
+        ([filled(), PCA(6), cost_aware_selector(np.ones(6), max_features=3)], discriminant()),
         ([make_pipeline(filled(), MinMaxScaler(clip=True)), "passthrough"], NearestCentroid()),
         ([SimpleImputer(strategy="mean"), StandardScaler()], KNeighborsClassifier(5)),
         ([filled(), StandardScaler()], LogisticRegression()),

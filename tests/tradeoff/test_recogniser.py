@@ -1,4 +1,4 @@
-"""A pruned recogniser computes only what it needs, and says the same to the last bit."""
+"""Tests of pruned recognisers: they compute only what they need, with identical predictions."""
 
 from functools import cache
 from itertools import product
@@ -27,18 +27,18 @@ SET = load_feature_set("texclass").restricted_to(["waviness", "fineness", "mfcc"
 
 
 def recordings():
-    """Noise through filters that differ from surface to surface; no taps, so hardness is undefined."""
-    made = []
+    """Return noise that is filtered differently for each surface; without taps, so hardness is undefined."""
+    signals = []
     for surface, repetition in product(range(3), range(6)):
         noise = RNG.normal(size=4000)
-        made.append(
+        signals.append(
             Recording(
                 np.convolve(noise, np.ones(1 + 3 * surface), "same") + 0.1 * RNG.normal(size=4000),
                 fs=4000.0, unit="g", recording_id=f"{surface}-{repetition}", surface=f"m{surface}",
                 friction=RNG.normal(size=4000) + surface, phases=Phases(movement=(0, 4000)),
             )
         )  # fmt: skip
-    return made, np.array([r.surface for r in made])
+    return signals, np.array([r.surface for r in signals])
 
 
 X, Y = recordings()
@@ -65,7 +65,7 @@ def columns_of(recogniser):
 
 @cache
 def fitted(name):
-    """Return a recogniser of the named steps; tests share it, and do not change it."""
+    """Return a fitted recogniser with the named steps, which tests share and do not modify."""
     named = [(f"step{i}", clone(step, safe=False)) for i, step in enumerate(STEPS[name])]
     return Pipeline([("features", FeatureExtractor(SET)), *named]).fit(X, Y)
 
@@ -74,7 +74,7 @@ def fitted(name):
     "ignore:Features.*are constant", "ignore:invalid value", "ignore:Skipping features"
 )
 @pytest.mark.parametrize("name", STEPS)
-def test_pruned_predictions_are_the_same_to_the_last_bit(name):
+def test_pruned_predictions_are_identical_to_the_last_bit(name):
     recogniser = fitted(name)
     pruned = prune(recogniser)
     np.testing.assert_array_equal(pruned.predict(X), recogniser.predict(X))
@@ -82,7 +82,7 @@ def test_pruned_predictions_are_the_same_to_the_last_bit(name):
     np.testing.assert_array_equal(pruned.predict_proba(X[3:4]), recogniser.predict_proba(X[3:4]))
 
 
-def test_pruned_computes_only_what_is_selected():
+def test_a_pruned_recogniser_computes_only_selected_columns():
     recogniser = fitted("forward")
     support = recogniser[3].get_support()
     pruned = prune(recogniser)
@@ -92,7 +92,7 @@ def test_pruned_computes_only_what_is_selected():
 
 
 @pytest.mark.filterwarnings("ignore:Skipping features")
-def test_what_a_mixing_step_needs_is_kept():
+def test_columns_that_a_mixing_step_needs_are_kept():
     pruned = prune(fitted("mixed"))
     assert "hardness" not in columns_of(pruned)
     assert len(columns_of(pruned)) == 16
@@ -112,7 +112,7 @@ def test_channels_are_pruned_one_by_one():
     np.testing.assert_array_equal(pruned.predict_proba(stereo), recogniser.predict_proba(stereo))
 
 
-def test_fitting_on_a_table_is_fitting_on_recordings():
+def test_fitting_to_a_table_equals_fitting_to_recordings():
     whole = fitted("cost-aware")
     values = whole[0].transform(X)
     steps = [("impute", KEEP), ("scale", StandardScaler()), ("classify", LinearDiscriminantAnalysis())]
@@ -121,28 +121,30 @@ def test_fitting_on_a_table_is_fitting_on_recordings():
     np.testing.assert_array_equal(from_table.predict_proba(X), from_recordings.predict_proba(X))
 
 
-def test_saved_and_loaded_it_says_the_same(tmp_path):
+def test_a_loaded_recogniser_has_identical_predictions(tmp_path):
     whole, path = fitted("cost-aware"), tmp_path / "models" / "r.skops"
     for recogniser in (whole, prune(whole)):
         save_recogniser(recogniser, path)
         loaded = load_recogniser(path)
         np.testing.assert_array_equal(loaded.predict_proba(X), recogniser.predict_proba(X))
         assert columns_of(loaded) == columns_of(recogniser)
-        assert loaded[0].plan_.parts[0][1].remove_hand_motion  # as the set `texclass` says
+        assert loaded[0].plan_.parts[0][1].remove_hand_motion  # as in the set `texclass`
         assert columns_of(prune(loaded)) == columns_of(prune(whole))
 
 
 def test_arrays_of_signals_keep_their_rate_and_unit(tmp_path):
     signals = np.array([r.acceleration for r in X])
     steps = [("impute", KEEP), ("select", SelectKBest(k=2)), ("classify", GaussianNB())]
-    few = SET.restricted_to(["waviness", "mfcc"])
-    recogniser = Pipeline([("features", FeatureExtractor(few, fs=4000.0, unit="g")), *steps]).fit(signals, Y)
+    features = SET.restricted_to(["waviness", "mfcc"])
+    recogniser = Pipeline([("features", FeatureExtractor(features, fs=4000.0, unit="g")), *steps]).fit(
+        signals, Y
+    )
     save_recogniser(prune(recogniser), tmp_path / "r.skops")
     loaded = load_recogniser(tmp_path / "r.skops")
     np.testing.assert_array_equal(loaded.predict(signals), recogniser.predict(signals))
 
 
-def test_other_files_are_refused(tmp_path, monkeypatch):
+def test_other_files_raise_a_value_error(tmp_path, monkeypatch):
     import skops.io
 
     with pytest.raises(FileNotFoundError):
@@ -158,7 +160,7 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
         load_recogniser(tmp_path / "foreign.skops")
 
 
-def test_changed_code_is_told(tmp_path, monkeypatch):
+def test_changed_feature_code_gives_a_warning(tmp_path, monkeypatch):
     save_recogniser(fitted("cost-aware"), tmp_path / "r.skops")
     monkeypatch.setattr("texclass.features.plan.code_hash", lambda feature_set: "other")
     with pytest.warns(UserWarning, match="train it again"):

@@ -1,4 +1,4 @@
-"""texclass tradeoff: every option reaches the study, and bad input ends in one line."""
+"""Tests of the command `texclass tradeoff`."""
 
 import json
 
@@ -9,7 +9,7 @@ from toy_noises import write_plates
 from texclass.loaders import open_dataset
 from texclass.tradeoff.recogniser import load_recogniser
 
-FEW = """
+FEATURE_SET = """
 name = "few"
 reference = "a test"
 [features.variance]
@@ -23,13 +23,13 @@ def plates(tmp_path_factory):
     """Three surfaces that differ in level, six recordings of 0.6 s at 2 kHz each."""
     folder = tmp_path_factory.mktemp("work")
     write_plates(folder / "plates", 2000, louder=3)
-    (folder / "few.toml").write_text(FEW)
+    (folder / "few.toml").write_text(FEATURE_SET)
     return folder
 
 
 @pytest.fixture
 def tradeoff(command, plates, monkeypatch):
-    """Run the command beside the recordings; give exit code, standard output, standard error."""
+    """Run the command in the folder of the recordings; return exit code, standard output, standard error."""
     monkeypatch.chdir(plates)
     monkeypatch.setenv("TEXCLASS_CACHE", str(plates / "cache"))
     common = ("--unit", "arbitrary", "--features", "few.toml", "--no-curves", "--jobs", "1")
@@ -40,14 +40,14 @@ def tradeoff(command, plates, monkeypatch):
     return call
 
 
-def test_without_limits_the_knee_is_saved_for_use(tradeoff, plates):
+def test_without_limits_the_recogniser_at_the_knee_point_is_saved(tradeoff, plates):
     code, out, err = tradeoff("--output", "knee")
     assert (code, err) == (0, "")
     written = json.loads((plates / "knee" / "plates-tradeoff.json").read_text())
-    assert written["chosen"]["why"].startswith("knee")
+    assert written["selection"]["reason"].startswith("knee")
     assert written["dataset"]["n_surfaces"] == 3
     recogniser = load_recogniser(plates / "knee" / "plates-tradeoff.skops")
-    assert list(recogniser[0].plan_.columns) == written["chosen"]["columns"]
+    assert list(recogniser[0].plan_.columns) == written["selection"]["columns"]
     recordings = open_dataset("plates", unit="arbitrary")
     truth = [entry.surface for entry in recordings.entries]
     assert np.mean(recogniser.predict(list(recordings)) == truth) > 0.9
@@ -55,7 +55,7 @@ def test_without_limits_the_knee_is_saved_for_use(tradeoff, plates):
         assert f"wrote knee/plates-tradeoff.{suffix}" in out
 
 
-def test_every_limit_is_kept_and_named_in_what_is_written(tradeoff, plates):
+def test_every_limit_is_respected_and_appears_in_the_files(tradeoff, plates):
     code, out, err = tradeoff(
         "--max-ms", 1000, "--max-seconds", 0.25, "--max-features", 2, "--surfaces", "cork, oak",
         "--protocol", "recording", "--backend", "local", "--output", "here", "--json", "there/x.json",
@@ -68,31 +68,31 @@ def test_every_limit_is_kept_and_named_in_what_is_written(tradeoff, plates):
     assert written["dataset"]["surfaces"] == ["cork", "oak"]
     assert written["dataset"]["max_seconds"] == 0.25
     assert written["dataset"]["n_recordings"] == 12
-    assert len(written["fewest"]) == 2
-    assert 1 <= len(written["chosen"]["columns"]) <= 2
-    assert written["chosen"]["predicted_ms"] <= 1000
+    assert len(written["smallest_subsets"]) == 2
+    assert 1 <= len(written["selection"]["columns"]) <= 2
+    assert written["selection"]["predicted_ms"] <= 1000
     assert written["curves"] == []
     assert f"wrote here/{stem}.md" in out
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         (("--max-ms", 0), "max_ms is 0.0. Expected a positive, finite number"),
         (("--max-ms", "nan"), "max_ms is nan. Expected a positive, finite number"),
-        (("--max-ms", 1e-9), "max_ms is 1e-09. Expected at least"),
+        (("--max-ms", 1e-9), "max_ms must be at least"),
         (("--max-features", 0), "max_features is 0. Expected a positive, finite number"),
         (("--max-seconds", -1), "seconds is -1.0. Expected a positive, finite number"),
         (("--max-seconds", 9), "no recording can be used"),
         (("--surfaces", "cork,silk"), "no surface 'silk'; its surfaces are cork, felt, oak"),
-        (("--surfaces", "cork"), "Expected at least two to tell apart"),
+        (("--surfaces", "cork"), "must contain at least two surfaces"),
         (("--protocol", "operator"), "operator"),
         (("--features", "none.toml"), "none.toml"),
     ],
 )
-def test_bad_input_ends_in_one_line_that_names_value_and_rule(tradeoff, options, told):
+def test_invalid_input_gives_one_line_with_value_and_expectation(tradeoff, options, message):
     code, out, err = tradeoff(*options, "--output", "bad")
     assert (code, out) == (1, "")
     assert err.startswith("error: ")
     assert err.count("\n") == 1
-    assert told in err
+    assert message in err

@@ -359,7 +359,7 @@ def tradeoff(
     from texclass.features import load_feature_set
     from texclass.loaders import open_dataset
     from texclass.tradeoff import Limits, trade_off
-    from texclass.tradeoff.trading import tradeoff_stem
+    from texclass.tradeoff.study import tradeoff_stem
 
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
@@ -380,7 +380,7 @@ def tradeoff(
             n_jobs=jobs,
             progress=progress,
         )
-    print_and_save(result, output, json_file, written=[Path(result.data["chosen"]["file"])])
+    print_and_save(result, output, json_file, written=[Path(result.data["selection"]["file"])])
 
 
 @app.command(rich_help_panel="Evaluation", epilog="Example: texclass stability --quick")

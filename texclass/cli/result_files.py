@@ -21,7 +21,7 @@ from texclass.provenance import code_hash
 from texclass.reporting import Document, render_markdown, render_page
 from texclass.reporting.result_files import Result, read_result
 from texclass.stability import battery  # noqa: F401
-from texclass.tradeoff import trading  # noqa: F401
+from texclass.tradeoff import study  # noqa: F401
 
 
 def read_document(path: str | Path) -> Document:

@@ -20,7 +20,7 @@ from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
 from texclass.features.plan import Plan
 from texclass.recognition.novelty import score_kind
 from texclass.recording import Samples
-from texclass.tradeoff.front import cost_aware, discriminant, preparation
+from texclass.tradeoff.pareto_front import cost_aware_selector, discriminant, preprocessing
 
 Labels = NDArray[Any]
 BUDGET = "budget"
@@ -163,8 +163,8 @@ def _budget_candidate(
             f"max_ms must be at least {cheapest:.3g} ms, the cheapest feature including "
             f"{costs.segmentation_ms:.3g} ms for the segmentation, got {max_ms:g} ms"
         )
-    selector = cost_aware(costs, max_cost=max_ms, max_features=max_features)
-    steps = Pipeline([*preparation().steps, ("select", selector)])
+    selector = cost_aware_selector(costs, max_cost=max_ms, max_features=max_features)
+    steps = Pipeline([*preprocessing().steps, ("select", selector)])
     n_columns = min(max_features or len(plan.columns), len(plan.columns))
     return Candidate(BUDGET, "lda", plan, steps, discriminant(), n_columns)
 

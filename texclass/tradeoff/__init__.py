@@ -1,4 +1,4 @@
-"""What accuracy costs: time, features, seconds of touch, bits; the recogniser at a budget."""
+"""Trade-off of accuracy against latency, features, signal length and bits, and the recogniser at a budget."""
 
 import lazy_loader
 

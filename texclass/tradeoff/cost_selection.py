@@ -1,4 +1,4 @@
-"""Selection that buys accuracy per millisecond: columns cost what their feature and its transforms cost."""
+"""Cost-aware feature selection: columns cost what their feature and its transforms cost."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any, Literal, NamedTuple, Self
@@ -20,7 +20,7 @@ Unit = Literal["column", "feature"]
 
 
 class Subset(NamedTuple):
-    """Columns on the way of a selection: sorted, with their cost (ms) and inner cross-validated score."""
+    """Subset of columns (sorted) with its cost in ms and its inner cross-validated score."""
 
     columns: tuple[int, ...]
     cost: float
@@ -28,41 +28,56 @@ class Subset(NamedTuple):
 
 
 class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type: ignore[misc]
-    """Sequential floating selection that buys score per cost.
+    """Sequential floating selection that maximises the gain of the score per cost.
 
-    Each step adds a column, or all that is left of a feature, whose gain / cost^thrift is largest; then
-    columns and features go whose loss does not lower the score. It ends when no step gains more
-    than `tolerance`, or none is affordable.
+    Each step adds the column, or all other columns of the feature, with the largest gain /
+    cost^cost_exponent. Then columns and features are removed if this does not lower the score. The selection
+    ends when no step gains more than `tolerance`, or none is affordable.
 
     Parameters
     ----------
     estimator : classifier, optional
-        Whose inner cross-validated score decides; Gaussian naive Bayes by default.
+        Classifier for the inner cross-validated score (default: Gaussian naive Bayes).
     costs : CostModel or array_like of shape (n_columns,), optional
-        What columns cost: with features and shared transforms, or each by itself; all the same by default.
+        Costs of features and shared transforms, or of each column (default: all equal).
     max_cost : float, optional
         Budget, in the unit of the costs.
     max_features : int, optional
         Largest number of columns.
-    thrift : float
-        0 looks at the gain only (plain sequential selection under a budget), 1 at the gain per cost.
+    cost_exponent : float
+        Exponent of the cost: 0 maximises the gain (plain sequential selection within a budget), 1 the gain
+        per cost (default).
     floating : bool
-        Whether columns that no longer earn their cost are dropped.
+        Whether columns are removed when this does not lower the score (default True).
+    unit : {"feature", "column"}
+        Whether a step adds whole features (default), or also single columns.
+    direction : {"forward", "backward", "both"}
+        Direction of the search (default "both").
     tolerance : float
-        Smallest gain of the score that is worth a step.
+        Smallest gain of the score for another step (default 0).
     scoring : {"accuracy", "log_likelihood"}
-        See `SubsetScore`.
+        Score (default "accuracy"), see `SubsetScore`.
     cv : int
-        Inner stratified folds, not shuffled; reduced to the size of the smallest class.
+        Number of inner stratified folds without shuffling (default 5), at most the size of the smallest
+        class.
 
     Attributes
     ----------
     support_ : ndarray of bool, shape (n_columns,)
-        Which columns are selected.
+        Mask of the selected columns.
     path_ : tuple of Subset
-        Every subset on the way, in order; the last is `support_`.
+        All subsets of the search, in order.
     cost_, score_ : float
-        Of the selection.
+        Cost and score of the selected subset.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> y = np.repeat([0, 1], 50)
+    >>> X = np.column_stack([y, y, y, y]) + rng.normal(size=(100, 4)) * [0.2, 0.2, 5, 5]
+    >>> selector = CostAwareSelector(costs=[9.0, 1.0, 1.0, 1.0]).fit(X, y)
+    >>> selector.get_support(indices=True), float(selector.cost_)
+    (array([1]), 1.0)
     """
 
     def __init__(
@@ -72,7 +87,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         costs: CostModel | ArrayLike | None = None,
         max_cost: float | None = None,
         max_features: int | None = None,
-        thrift: float = 1.0,
+        cost_exponent: float = 1.0,
         floating: bool = True,
         unit: Unit = "feature",
         direction: Literal["forward", "backward", "both"] = "both",
@@ -84,7 +99,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         self.costs = costs
         self.max_cost = max_cost
         self.max_features = max_features
-        self.thrift = thrift
+        self.cost_exponent = cost_exponent
         self.floating = floating
         self.unit = unit
         self.direction = direction
@@ -98,59 +113,63 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         Parameters
         ----------
         X : ndarray of shape (n_samples, n_columns)
-            Finite.
+            Finite features.
         y : ndarray of shape (n_samples,)
-            Classes.
+            Class labels.
         groups : ndarray of shape (n_samples,), optional
-            Samples of one group are never divided between the parts of an inner fold.
+            Groups that the inner folds never separate.
 
         Raises
         ------
         ValueError
-            If a class has one sample only, the costs do not fit the columns, or nothing is affordable.
+            If a class has only one sample, the costs do not match the columns, or no column is affordable.
         """
         X, y = validate_data(self, X, y)
         check_classification_targets(y)
         labels = np.unique(y, return_inverse=True)[1]
-        judge = GaussianNB() if self.estimator is None else self.estimator
-        if not is_classifier(judge):
-            raise ValueError(f"estimator is {judge!r}. Expected a classifier")
+        estimator = GaussianNB() if self.estimator is None else self.estimator
+        if not is_classifier(estimator):
+            raise ValueError(f"estimator must be a classifier, got {estimator!r}")
         model = self._cost_model(X.shape[1])
         splits = inner_splits(y, groups, self.cv)
-        self.path_ = self.explore(model, SubsetScore(judge, X, labels, splits, self.scoring))
-        chosen = self.within(np.inf)
-        if chosen is None:
-            raise ValueError(f"max_cost is {self.max_cost}. Expected at least {model.cheapest:.3g}")
-        self.support_ = np.isin(np.arange(X.shape[1]), chosen.columns)
-        self.cost_, self.score_ = chosen.cost, chosen.score
+        self.path_ = self.explore(model, SubsetScore(estimator, X, labels, splits, self.scoring))
+        best = self.best_within(np.inf)
+        if best is None:
+            raise ValueError(
+                f"max_cost must be at least {model.cheapest:.3g}, the cheapest column, got {self.max_cost}"
+            )
+        self.support_ = np.isin(np.arange(X.shape[1]), best.columns)
+        self.cost_, self.score_ = best.cost, best.score
         return self
 
     def explore(self, model: CostModel, criterion: SubsetScore) -> tuple[Subset, ...]:
-        """Return every subset on the way, judged by a criterion that several searches may share."""
+        """Return all subsets of the search, scored by a criterion that several searches may share."""
         search = _Search(self, model, criterion)
-        ways: list[Iterable[Subset]] = []
+        paths: list[Iterable[Subset]] = []
         if self.direction != "backward":
-            # Each alone can be far from the best subset, the better of both cannot (Leskovec et al., 2007).
-            ways += [search.forward(thrift) for thrift in dict.fromkeys((0.0, self.thrift))]
+            # The better of both searches is never far from the best subset, each of them can be (Leskovec et
+            # al., 2007).
+            exponents = dict.fromkeys((0.0, self.cost_exponent))
+            paths += [search.forward(exponent) for exponent in exponents]
         if self.direction != "forward":
-            ways.append(search.backward(self.thrift))
-        return tuple(choice for way in ways for choice in way)
+            paths.append(search.backward(self.cost_exponent))
+        return tuple(subset for path in paths for subset in path)
 
-    def within(self, max_cost: float) -> Subset | None:
-        """Return the best choice on the way that a smaller budget affords, the cheapest of equals."""
+    def best_within(self, max_cost: float) -> Subset | None:
+        """Return the best subset of the search within a smaller budget, the cheapest among equals."""
         return best_within(self.path_, max_cost)
 
     def _cost_model(self, n_columns: int) -> CostModel:
         if isinstance(self.costs, CostModel):
             model = self.costs
         else:
-            each = np.ones(n_columns) if self.costs is None else np.asarray(self.costs, dtype=np.float64)
-            names = tuple(map(str, range(each.size)))
-            model = CostModel(names, names, names, each, np.eye(each.size, dtype=bool))
+            costs = np.ones(n_columns) if self.costs is None else np.asarray(self.costs, dtype=np.float64)
+            names = tuple(map(str, range(costs.size)))
+            model = CostModel(names, names, names, costs, np.eye(costs.size, dtype=bool))
         if len(model.columns) != n_columns or not (np.isfinite(model.ms) & (model.ms >= 0)).all():
             raise ValueError(
-                f"costs are of {len(model.columns)} columns, X has {n_columns}. "
-                "Expected a finite cost of at least 0 for each"
+                f"costs must contain one finite, non-negative number for each of {n_columns} columns, got "
+                f"{len(model.columns)} costs {model.ms}"
             )
         return model
 
@@ -159,7 +178,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         return self.support_
 
     def _transform(self, X: Samples) -> Samples:
-        # In rows, as a pruned pipeline's columns lie: sums then come out the same to the last bit.
+        # Contiguous like the columns of a pruned pipeline, so that sums are equal to the last bit.
         return np.ascontiguousarray(super()._transform(X))
 
     def __sklearn_tags__(self) -> Tags:
@@ -169,93 +188,96 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
 
 
 def best_within(path: Iterable[Subset], max_cost: float) -> Subset | None:
-    """Return the best choice of a path that a budget affords, the cheapest of equals; None without one."""
-    affordable = [choice for choice in path if choice.cost <= max_cost]
-    return max(affordable, key=lambda choice: (choice.score, -choice.cost), default=None)
+    """Return the best subset of a path within a budget, the cheapest among equals, or None."""
+    affordable = [subset for subset in path if subset.cost <= max_cost]
+    return max(affordable, key=lambda subset: (subset.score, -subset.cost), default=None)
 
 
 class _Search:
-    """One search: what columns cost, how good they are, and the settings of the selector."""
+    """One search with the costs and the score of the columns, and the settings of the selector."""
 
     def __init__(self, settings: CostAwareSelector, model: CostModel, score: SubsetScore) -> None:
         self.settings, self.model, self.score = settings, model, score
         self.budget = np.inf if settings.max_cost is None else settings.max_cost
-        self.most = len(model.columns) if settings.max_features is None else settings.max_features
+        self.max_columns = len(model.columns) if settings.max_features is None else settings.max_features
         names = np.array(model.features)
-        # The columns of each feature, by number; what a move costs at least.
+        # Column indices of each feature.
         self.features = [np.flatnonzero(names == f).tolist() for f in dict.fromkeys(model.features)]
-        # A hundredth of the total: what is free is not infinitely good.
-        self.least = max(0.01 * model.total, np.finfo(np.float64).tiny)
+        # Smallest cost of a step, a hundredth of the total: a free column must not have an infinite value.
+        self.min_cost = max(0.01 * model.total, np.finfo(np.float64).tiny)
 
-    def forward(self, thrift: float) -> Iterator[Subset]:
-        """Yield each better choice: add the move that is worth most, then drop what earns nothing."""
-        now = Subset((), self.model.segmentation_ms, self.score.of(()))  # which every choice pays
-        while (better := self._add(now, thrift)) is not None:
-            now = better
-            yield now
-            while self.settings.floating and (lighter := self._drop(now)) is not None:
-                now = lighter
-                yield now
+    def forward(self, cost_exponent: float) -> Iterator[Subset]:
+        """Yield each better subset: add the best columns, then remove columns that do not help."""
+        current = Subset(
+            (), self.model.segmentation_ms, self.score.of(())
+        )  # the cost of segmentation is fixed
+        while (better := self._add(current, cost_exponent)) is not None:
+            current = better
+            yield current
+            while self.settings.floating and (reduced := self._drop(current)) is not None:
+                current = reduced
+                yield current
 
-    def backward(self, thrift: float) -> Iterator[Subset]:
-        """Yield the full set and what is left of it as features go, to the last.
+    def backward(self, cost_exponent: float) -> Iterator[Subset]:
+        """Yield the full set, and the remaining subset after each removal of a feature.
 
-        The next to go is the feature that loses least for what its going saves.
+        Each step removes the feature with the smallest loss of score per saved cost.
         """
-        now: Subset | None = self._choice(range(len(self.model.columns)))
-        while now is not None:
-            if now.cost <= self.budget and len(now.columns) <= self.most:
-                yield now
-            lighter, price = self._without_each(now, columns=False), []
-            for choice in lighter:
-                loss, saved = now.score - choice.score, max(now.cost - choice.cost, self.least)
-                price.append((loss / saved**thrift if loss > 0 else loss, choice.cost))
-            now = lighter[price.index(min(price))] if lighter else None
+        current: Subset | None = self._subset(range(len(self.model.columns)))
+        while current is not None:
+            if current.cost <= self.budget and len(current.columns) <= self.max_columns:
+                yield current
+            reduced, losses = self._remove_each(current, columns=False), []
+            for subset in reduced:
+                loss, saving = current.score - subset.score, max(current.cost - subset.cost, self.min_cost)
+                losses.append((loss / saving**cost_exponent if loss > 0 else loss, subset.cost))
+            current = reduced[losses.index(min(losses))] if reduced else None
 
-    def _choice(self, columns: Iterable[int]) -> Subset:
-        chosen = tuple(sorted(columns))
-        return Subset(chosen, self.model.of(chosen), self.score.of(chosen))
+    def _subset(self, columns: Iterable[int]) -> Subset:
+        indices = tuple(sorted(columns))
+        return Subset(indices, self.model.of(indices), self.score.of(indices))
 
-    def _add(self, now: Subset, thrift: float) -> Subset | None:
-        have = set(now.columns)
-        left = [[i for i in feature if i not in have] for feature in self.features]
+    def _add(self, current: Subset, cost_exponent: float) -> Subset | None:
+        selected = set(current.columns)
+        remaining = [[i for i in feature if i not in selected] for feature in self.features]
         if self.settings.unit == "feature":
-            added = [rest for rest in left if rest]
-        else:  # every single column, then all that is left of every feature
-            added = [[i] for i in range(len(self.model.columns)) if i not in have]
-            added += [rest for rest in left if len(rest) > 1]
-        every = [[*now.columns, *some] for some in added]
-        moves = [m for m in every if len(m) <= self.most and self.model.of(m) <= self.budget]
-        if not moves:
+            additions = [columns for columns in remaining if columns]
+        else:  # every single column, then all remaining columns of every feature
+            additions = [[i] for i in range(len(self.model.columns)) if i not in selected]
+            additions += [columns for columns in remaining if len(columns) > 1]
+        subsets = [[*current.columns, *columns] for columns in additions]
+        subsets = [s for s in subsets if len(s) <= self.max_columns and self.model.of(s) <= self.budget]
+        if not subsets:
             return None
-        # Single columns are compared at once.
-        n = len(now.columns)
-        single = [m[-1] for m in moves if len(m) == n + 1]
-        found = iter(self.score.adding(now.columns, single) if single else ())
-        scores = np.array([next(found) if len(m) == n + 1 else self.score.of(m) for m in moves])
-        gain = scores - now.score
-        price = np.array([max(self.model.of(m) - now.cost, self.least) for m in moves])
-        worth = np.where(gain > self.settings.tolerance, gain / price**thrift, -np.inf)
-        if not now.columns and (gain <= self.settings.tolerance).all():
-            worth = gain  # something has to be selected
-        best = int(worth.argmax())
-        if worth[best] == -np.inf:
+        # All single columns are scored in one call, which is faster.
+        n = len(current.columns)
+        single = [s[-1] for s in subsets if len(s) == n + 1]
+        single_scores = iter(self.score.adding(current.columns, single) if single else ())
+        scores = np.array([next(single_scores) if len(s) == n + 1 else self.score.of(s) for s in subsets])
+        gain = scores - current.score
+        cost = np.array([max(self.model.of(s) - current.cost, self.min_cost) for s in subsets])
+        value = np.where(gain > self.settings.tolerance, gain / cost**cost_exponent, -np.inf)
+        if not current.columns and (gain <= self.settings.tolerance).all():
+            value = gain  # at least one column must be selected
+        best = int(value.argmax())
+        if value[best] == -np.inf:
             return None
-        return Subset(tuple(sorted(moves[best])), self.model.of(moves[best]), float(scores[best]))
+        return Subset(tuple(sorted(subsets[best])), self.model.of(subsets[best]), float(scores[best]))
 
-    def _without_each(self, now: Subset, *, columns: bool) -> list[Subset]:
-        """Return what is left when one feature (or one column) goes, unless nothing is."""
-        rest = [tuple(c for c in now.columns if c not in feature) for feature in self.features]
+    def _remove_each(self, current: Subset, *, columns: bool) -> list[Subset]:
+        """Return the non-empty subsets after the removal of one feature (or one column)."""
+        rest = [tuple(c for c in current.columns if c not in feature) for feature in self.features]
         if columns:
-            rest += [now.columns[:i] + now.columns[i + 1 :] for i in range(len(now.columns))]
-        return [self._choice(r) for r in dict.fromkeys(rest) if 0 < len(r) < len(now.columns)]
+            rest += [current.columns[:i] + current.columns[i + 1 :] for i in range(len(current.columns))]
+        return [self._subset(r) for r in dict.fromkeys(rest) if 0 < len(r) < len(current.columns)]
 
-    def _drop(self, now: Subset) -> Subset | None:
-        """Return the best choice that is cheaper and no worse, or better and no dearer; None without one."""
-        lighter = self._without_each(now, columns=self.settings.unit == "column")
-        kept = [
+    def _drop(self, current: Subset) -> Subset | None:
+        """Return the best subset that is cheaper and not worse, or better and not more expensive, or None."""
+        reduced = self._remove_each(current, columns=self.settings.unit == "column")
+        improvements = [
             c
-            for c in lighter
-            if (c.score, now.cost) > (now.score, c.cost) or (c.score >= now.score and c.cost < now.cost)
+            for c in reduced
+            if (c.score, current.cost) > (current.score, c.cost)
+            or (c.score >= current.score and c.cost < current.cost)
         ]
-        return max(kept, key=lambda c: (now.cost - c.cost, c.score), default=None)
+        return max(improvements, key=lambda c: (current.cost - c.cost, c.score), default=None)

@@ -30,24 +30,40 @@ COLUMN_WISE: Mapping[type, tuple[str, ...]] = {
     MaxAbsScaler: ("max_abs_", "scale_"),
     RobustScaler: ("center_", "scale_"),
 }
-"""Steps that treat each column by itself, and their fitted attributes of shape (n_columns,)."""
+"""Steps that transform each column separately, and their fitted attributes of shape (n_columns,)."""
 
 
 def fit_recogniser(
     plan: Plan, values: Samples, surfaces: NDArray[Any], steps: Sequence[tuple[str, Any]]
 ) -> Pipeline:
-    """Return a fitted pipeline: a `FeatureExtractor`, steps that prepare its columns, a classifier.
+    """Fit a pipeline of a `FeatureExtractor`, preprocessing steps and a classifier to extracted features.
 
     Parameters
     ----------
     plan : Plan
-        The features, which are extracted already.
+        Plan with which the features were extracted.
     values : ndarray of shape (n_recordings, n_columns)
-        The plan's columns; NaN where undefined.
+        Columns of the plan; NaN where undefined.
     surfaces : ndarray of shape (n_recordings,)
-        Labels.
+        Surface labels.
     steps : sequence of (name, estimator)
-        Unfitted, the classifier last.
+        Unfitted steps; the last is the classifier.
+
+    Returns
+    -------
+    Pipeline
+        Fitted pipeline from recordings to surfaces.
+
+    Examples
+    --------
+    >>> import texclass as tx
+    >>> from sklearn.naive_bayes import GaussianNB
+    >>> features = tx.load_feature_set("strese2015").restricted_to(["variance", "mean_magnitude"])
+    >>> values = np.array([[1.0, 1.0], [1.1, 0.9], [5.0, 3.0], [5.2, 3.1]])
+    >>> surfaces = np.array(["felt", "felt", "mesh", "mesh"])
+    >>> recogniser = fit_recogniser(Plan.of(features, ()), values, surfaces, [("classify", GaussianNB())])
+    >>> list(recogniser.named_steps), recogniser.classes_.tolist()
+    (['features', 'classify'], ['felt', 'mesh'])
     """
     with quiet_fits():
         fitted = Pipeline(list(steps)).fit(values, surfaces)
@@ -55,37 +71,72 @@ def fit_recogniser(
 
 
 def prune(recogniser: Pipeline) -> Pipeline:
-    """Return a recogniser that computes only what its selected columns need: the same predictions.
+    """Return a recogniser with the same predictions that computes only the selected columns.
 
-    Selectors go; imputers and scalers keep what belongs to the columns that are left. A step that mixes
-    columns (a PCA) needs all it was fitted on, and so keeps what stands before it.
+    Selectors are removed, and imputers and scalers are restricted to the selected columns. A step that mixes
+    columns (such as a PCA) needs all its input columns, so the steps before it are kept.
+
+    Parameters
+    ----------
+    recogniser : Pipeline
+        Fitted pipeline whose first step is a `FeatureExtractor`.
+
+    Returns
+    -------
+    Pipeline
+        Pruned pipeline.
+
+    Examples
+    --------
+    >>> import texclass as tx
+    >>> from sklearn.feature_selection import SelectKBest
+    >>> from sklearn.naive_bayes import GaussianNB
+    >>> features = tx.load_feature_set("strese2015").restricted_to(["variance", "mean_magnitude"])
+    >>> values = np.array([[1.0, 0.3], [1.1, 0.2], [5.0, 0.3], [5.2, 0.2]])
+    >>> steps = [("select", SelectKBest(k=1)), ("classify", GaussianNB())]
+    >>> recogniser = fit_recogniser(Plan.of(features, ()), values, np.array(["a", "a", "b", "b"]), steps)
+    >>> list(prune(recogniser).named_steps), prune(recogniser)[0].plan_.columns
+    (['features', 'classify'], ('mean_magnitude',))
     """
     steps = list(_flat(recogniser.steps[1:-1]))
-    wanted: NDArray[np.intp] | None = None  # columns of a step's output that later steps need; None: all
+    # Output columns of the current step that later steps need; None means all.
+    needed: NDArray[np.intp] | None = None
     pruned: list[tuple[str, Any]] = []
     is_mixing = [not isinstance(step, SelectorMixin) and type(step) not in COLUMN_WISE for _, step in steps]
     for i, (name, step) in reversed(list(enumerate(steps))):
         if isinstance(step, SelectorMixin) and not any(is_mixing[:i]):
-            kept = np.flatnonzero(step.get_support())
-            wanted = kept if wanted is None else kept[wanted]
+            columns = np.flatnonzero(step.get_support())
+            needed = columns if needed is None else columns[needed]
         elif type(step) in COLUMN_WISE and not getattr(step, "add_indicator", False):
-            kept = np.arange(step.n_features_in_)
+            columns = np.arange(step.n_features_in_)
             if isinstance(step, SimpleImputer) and not step.keep_empty_features:
-                kept = np.flatnonzero(~np.isnan(step.statistics_))  # empty columns are left out
-            wanted = kept if wanted is None else kept[wanted]
-            pruned.insert(0, (name, _sliced(step, wanted)))
+                columns = np.flatnonzero(~np.isnan(step.statistics_))  # empty columns are dropped
+            needed = columns if needed is None else columns[needed]
+            pruned.insert(0, (name, _sliced(step, needed)))
         else:
             pruned.insert(0, (name, step))
-            wanted = None
+            needed = None
     extractor = recogniser[0]
     plan: Plan = extractor.plan_
-    columns = plan.columns if wanted is None else [plan.columns[i] for i in wanted]
-    restricted = _extractor(plan.restricted_to(columns), fs=extractor.fs, unit=extractor.unit)
+    names = plan.columns if needed is None else [plan.columns[i] for i in needed]
+    restricted = _extractor(plan.restricted_to(names), fs=extractor.fs, unit=extractor.unit)
     return Pipeline([("features", restricted), *pruned, recogniser.steps[-1]])
 
 
 def save_recogniser(recogniser: Pipeline, path: str | Path) -> None:
-    """Write a fitted recogniser with skops, which holds data and names of classes, and no code."""
+    """Save a fitted recogniser as a skops file, which contains data and class names but no code.
+
+    Parameters
+    ----------
+    recogniser : Pipeline
+        Fitted pipeline whose first step is a `FeatureExtractor`.
+    path : str or path
+        File to write (.skops).
+
+    Examples
+    --------
+    See `load_recogniser`.
+    """
     extractor = recogniser[0]
     document = {
         "texclass": __version__,
@@ -98,19 +149,41 @@ def save_recogniser(recogniser: Pipeline, path: str | Path) -> None:
 
 
 def load_recogniser(path: str | Path) -> Pipeline:
-    """Read a recogniser that `save_recogniser` wrote; nothing but known classes is ever loaded.
+    """Load a recogniser that `save_recogniser` wrote. Only classes of the allow-list are loaded.
+
+    Parameters
+    ----------
+    path : str or path
+        File to read (.skops).
+
+    Returns
+    -------
+    Pipeline
+        Fitted recogniser.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If the file is none of ours, names a class that is not trusted, or a feature that is not known here.
+        If the file is not a recogniser of texclass, or contains a class outside the allow-list or an unknown
+        feature.
 
     Warns
     -----
     UserWarning
-        If the code of the features is not the one it was trained with.
+        If the code of the features has changed since the training.
+
+    Examples
+    --------
+    >>> import texclass as tx
+    >>> from sklearn.naive_bayes import GaussianNB
+    >>> features = tx.load_feature_set("strese2015").restricted_to(["variance"])
+    >>> values, surfaces = np.array([[1.0], [1.1], [5.0], [5.2]]), np.array(["felt", "felt", "mesh", "mesh"])
+    >>> recogniser = fit_recogniser(Plan.of(features, ()), values, surfaces, [("classify", GaussianNB())])
+    >>> save_recogniser(recogniser, "recogniser.skops")
+    >>> load_recogniser("recogniser.skops").classes_.tolist()
+    ['felt', 'mesh']
     """
     try:
         document = load_trusted(read_bounded(path))
@@ -123,7 +196,7 @@ def load_recogniser(path: str | Path) -> Pipeline:
         raise ValueError(f"{path}: not a recogniser of texclass ({error})") from error
     if not is_same_code:
         warnings.warn(
-            "the code of the features has changed since this recogniser was trained; train it again",
+            f"{path}: the code of the features has changed since this recogniser was trained; train it again",
             UserWarning,
             stacklevel=2,
         )
@@ -131,32 +204,32 @@ def load_recogniser(path: str | Path) -> Pipeline:
 
 
 def _extractor(plan: Plan, fs: float | None = None, unit: str | None = None) -> FeatureExtractor:
-    """Return an extractor that is fitted: it has its plan."""
-    whole = tuple(member for _, part in plan.parts for member in part.members)
-    feature_set = plan.parts[0][1] if len(plan.parts) == 1 else FeatureSet(plan.parts[0][1].name, whole)
-    kept: Channels = "each" if plan.channels else "combine"
-    extractor = FeatureExtractor(feature_set, channels=kept, fs=fs, unit=unit)
+    """Return a fitted feature extractor with a given plan."""
+    members = tuple(member for _, part in plan.parts for member in part.members)
+    feature_set = plan.parts[0][1] if len(plan.parts) == 1 else FeatureSet(plan.parts[0][1].name, members)
+    channels: Channels = "each" if plan.channels else "combine"
+    extractor = FeatureExtractor(feature_set, channels=channels, fs=fs, unit=unit)
     extractor.feature_set_, extractor.plan_ = feature_set, plan
     return extractor
 
 
 def _flat(steps: Sequence[tuple[str, Any]]) -> list[tuple[str, Any]]:
-    """Return the steps with pipelines inside them opened and what does nothing left out."""
+    """Return the steps with nested pipelines expanded and without "passthrough"."""
     flat: list[tuple[str, Any]] = []
     for name, step in steps:
-        inside = _flat(step.steps) if isinstance(step, Pipeline) else [(name, step)]
-        flat += [(f"{name}-{n}" if step is not s else n, s) for n, s in inside]
+        members = _flat(step.steps) if isinstance(step, Pipeline) else [(name, step)]
+        flat += [(f"{name}-{n}" if step is not s else n, s) for n, s in members]
     return [(name, step) for name, step in flat if step not in (None, "passthrough")]
 
 
 def _sliced(step: Any, columns: NDArray[np.intp]) -> Any:
-    """Return a fitted column-wise step for some of its columns."""
+    """Return a fitted column-wise step that is restricted to some of its columns."""
     sliced = copy.deepcopy(step)
     for name in COLUMN_WISE[type(step)]:
         if getattr(step, name, None) is not None:
             setattr(sliced, name, getattr(step, name)[columns])
     sliced.n_features_in_ = len(columns)
-    if np.ndim(getattr(step, "n_samples_seen_", 0)) == 1:  # counted by column where some are NaN
+    if np.ndim(getattr(step, "n_samples_seen_", 0)) == 1:  # one count per column if there are NaN
         sliced.n_samples_seen_ = step.n_samples_seen_[columns]
     if hasattr(sliced, "feature_names_in_"):
         sliced.feature_names_in_ = sliced.feature_names_in_[columns]
