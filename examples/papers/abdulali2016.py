@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from texclass.haptics.textures import Scan
 from texclass.haptics.textures.abdulali2016 import bake, condition, model_scan
-from texclass.haptics.textures.abdulali2016.network_fit import segment_enough
+from texclass.haptics.textures.abdulali2016.network_fit import segment_adaptively
 from texclass.haptics.textures.resonant_surfaces import GROWTH
 from texclass.provenance import versions
 from texclass.reporting import Heading, new_figure
@@ -207,7 +207,7 @@ def draw_segments(scan, width):
 
     Segments in colour with their means; what is shorter than 75 ms or without contact in grey.
     """
-    segments = segment_enough(scan)
+    segments = segment_adaptively(scan)
     figure = Drawing(figsize=(width, 0.44 * width), layout="constrained")
     panels = figure.subplot_mosaic([["path", "speed"], ["path", "force"]], width_ratios=(1, 1.5))
     path, signals = panels["path"], ((panels["speed"], scan.speed), (panels["force"], scan.force))
@@ -236,7 +236,7 @@ def draw_input_space(training, width):
     looks = (("segment", OURS, "o"), ("zero force", OTHER, "^"), ("zero speed", THIRD, "s"))
     for column, title in enumerate(("(a) segments", "(b) with points of zero force and of zero speed")):
         axes = figure.add_subplot(1, 2, column + 1, projection="3d")
-        points = modelled.points.joined(modelled.silent) if column else modelled.points
+        points = modelled.points.concatenate(modelled.silent) if column else modelled.points
         u = points.u * modelled.frame.deviation + modelled.frame.mean
         still, lifted = np.hypot(u[:, 0], u[:, 1]) < 1e-9, np.abs(u[:, 2]) < 1e-9
         kinds = (~still & ~lifted, lifted & ~still, still)

@@ -8,8 +8,8 @@ from abdulali2016_simulated import SURFACES, get_surface, simulate_constant, sim
 
 from texclass.haptics.textures.abdulali2016 import bake, model_scan, segment_input
 from texclass.haptics.textures.abdulali2016.model_points import limit_vibration
-from texclass.haptics.textures.abdulali2016.network_fit import segment_enough
-from texclass.haptics.textures.abdulali2016.network_texture import LIMIT
+from texclass.haptics.textures.abdulali2016.network_fit import segment_adaptively
+from texclass.haptics.textures.abdulali2016.network_texture import PEAK_FACTOR
 from texclass.vibration import LatticeSynthesis, fit
 from texclass.vibration.scores import goodness_of_fit
 
@@ -103,7 +103,7 @@ def study_scans(training, validation, *, isotropic):
         "n_centres": len(network.network.centres),
         "n_sparse": len(sparse.network.centres),
         "reach": modelled.reach,
-        "symmetric": modelled.symmetric,
+        "symmetric": modelled.is_symmetric,
         "growth": modelled.growth,
         "coverage": float(printed.n_samples.sum() / len(training)),
         "scores": scores | {"one AR model": compare(validation.acceleration, deaf)},
@@ -114,7 +114,7 @@ def study_held_out(what, seed):
     """Return the mean GFC at a speed, a force and a direction around which no segment was used."""
     rng = np.random.default_rng([seed, SURFACES.index(what), 1])
     training = simulate_scan(what, TRAINING_S, FS, rng)
-    segments = segment_enough(training)
+    segments = segment_adaptively(training)
     direction = float(rng.uniform(-np.pi, np.pi))
     vx, vy = segments.means(training.velocity).T
     speed, force = np.hypot(vx, vy), segments.means(training.force)
@@ -126,7 +126,7 @@ def study_held_out(what, seed):
     }
     tests = {kept: simulate_constant(what, HELD_OUT_S, FS, rng, **held) for kept, (held, _) in cases.items()}
     textures = {
-        kept: model_scan(training, segments=segments.chosen(~left_out)).network()
+        kept: model_scan(training, segments=segments.select(~left_out)).network()
         for kept, (_, left_out) in cases.items()
     }
     return {kept: cross_validate(textures[kept], test, seed).gfc for kept, test in tests.items()}
@@ -154,7 +154,11 @@ def study_bound(texture, peak, n_paths, seed):
     for i in range(n_paths):
         path = np.repeat(rng.normal(0, 10 ** rng.uniform(0, 4), (12, 3)), 25, axis=0)
         y = np.abs(texture.renderer(seed=i).process(path[:, :2], path[:, 2]))
-        largest, n_held, n = max(largest, y.max() / peak), n_held + int(np.sum(y >= LIMIT * peak)), n + y.size
+        largest, n_held, n = (
+            max(largest, y.max() / peak),
+            n_held + int(np.sum(y >= PEAK_FACTOR * peak)),
+            n + y.size,
+        )
     return float(largest), n_held / n
 
 

@@ -123,7 +123,7 @@ def test_damaged_files_and_invalid_options_are_named(two, tmp_path):
     (tmp_path / "models" / "Models_oak.xml").write_text("<modelSet>")
     with pytest.raises(RecordingError, match=r"Models_oak\.xml is not well formed"):
         open_dataset(two)[0]
-    with pytest.raises(RecordingError, match="resampling to 500 Hz was asked for"):
+    with pytest.raises(RecordingError, match="cannot be resampled to 500 Hz"):
         open_dataset(two, resample=500)
     with pytest.raises(CardError, match=r"must define the group \(\?P<surface>\.\.\.\) and no other"):
         open_dataset(card(tmp_path, r"files = '(?P<surface>.)(?P<operator>.*)'"))

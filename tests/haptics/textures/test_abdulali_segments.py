@@ -25,24 +25,24 @@ def scan():
 
 
 def _zigzag(speeds, corners, n=400):
-    """A path along straight lines, each at a speed of its own, force 1 N."""
+    """Return a path along straight lines, each with its own speed and direction, at a force of 1 N."""
     steps = zip(speeds, corners, strict=True)
     velocity = np.concatenate([np.tile([v * np.cos(a), v * np.sin(a)], (n, 1)) for v, a in steps])
     position = np.cumsum(velocity, axis=0) / FS
     return Scan(np.ones(len(velocity)), position, velocity, np.ones(len(velocity)), FS)
 
 
-def test_lines_end_at_corners_and_turns_and_segments_at_a_step_of_speed():
-    slack = LINE_MM / (80 / FS) / np.sin(1.0)  # samples until 2 mm off the line
+def test_lines_end_at_corners_and_reversals_and_segments_at_a_step_of_speed():
+    slack = LINE_MM / (80 / FS) / np.sin(1.0)  # samples until 2 mm from the line
     assert_allclose(
         straight_lines(_zigzag([80, 80, 80], [0.0, 2.0, -1.0]).position), [0, 400, 800, 1200], atol=slack
     )
     assert_allclose(straight_lines(_zigzag([60, 60], [0.3, 0.3 + np.pi]).position), [0, 400, 800], atol=3)
-    found = segment_input(_zigzag([60, 120], [0.3, 0.3]))
-    assert_array_equal([found.start, found.stop], [[0, 400], [400, 800]])
+    segments = segment_input(_zigzag([60, 120], [0.3, 0.3]))
+    assert_array_equal([segments.start, segments.stop], [[0, 400], [400, 800]])
 
 
-def test_every_line_keeps_equations_1_and_2_and_every_segment_is_steady_and_long_enough(scan):
+def test_every_line_satisfies_equations_1_and_2_and_every_segment_is_steady_and_long_enough(scan):
     bounds = straight_lines(scan.position)
     assert (bounds[0], bounds[-1]) == (0, len(scan))
     for a, b in pairwise(bounds):
@@ -52,20 +52,20 @@ def test_every_line_keeps_equations_1_and_2_and_every_segment_is_steady_and_long
         assert h.max() <= LINE_MM * (1 + 1e-9)
         feet = sum(np.sqrt(np.maximum((V**2).sum(axis=1) - h**2, 0)) for V in (A, B))
         assert np.all(feet <= np.hypot(*C) + 2 * 0.05 * LINE_MM + 1e-9)
-    found = segment_input(scan)
-    assert len(found) > 10
-    assert found.n_samples.min() >= 75
-    for a, b in zip(found.start, found.stop, strict=True):
+    segments = segment_input(scan)
+    assert len(segments) > 10
+    assert segments.n_samples.min() >= 75
+    for a, b in zip(segments.start, segments.stop, strict=True):
         v, f = scan.speed[a:b], scan.force[a:b]
         assert (v.std() / v.mean() + f.std() / f.mean()) / 2 <= VARIATION + 1e-9
-        assert np.searchsorted(found.lines, a, "right") == np.searchsorted(found.lines, b - 1, "right")
+        assert np.searchsorted(segments.lines, a, "right") == np.searchsorted(segments.lines, b - 1, "right")
 
 
-def test_a_tool_at_rest_or_in_the_air_gives_no_segment():
+def test_a_tool_at_rest_or_without_contact_gives_no_segment():
     n, air = 500, _zigzag([60], [0.3])
-    still = Scan(np.ones(n), np.zeros((n, 2)), np.zeros((n, 2)), np.ones(n), FS)
+    resting = Scan(np.ones(n), np.zeros((n, 2)), np.zeros((n, 2)), np.ones(n), FS)
     lifted = Scan(air.acceleration, air.position, air.velocity, np.zeros(len(air)), FS)
-    assert len(segment_input(still)) == len(segment_input(lifted)) == 0
+    assert len(segment_input(resting)) == len(segment_input(lifted)) == 0
 
 
 def test_bounds_do_not_depend_on_the_rate():
@@ -75,36 +75,36 @@ def test_bounds_do_not_depend_on_the_rate():
     assert_array_equal(segment_input(fast).start, 10 * segment_input(slow).start)
 
 
-def test_what_breaks_a_rule_is_refused(scan):
-    with pytest.raises(ValueError, match="variation is -1"):
+def test_invalid_arguments_are_refused(scan):
+    with pytest.raises(ValueError, match=r"variation must be.*got -1"):
         segment_input(scan, variation=-1)
-    with pytest.raises(ValueError, match="fs is 50"):
+    with pytest.raises(ValueError, match=r"fs must be.*got 50"):
         smooth_motion(np.zeros(100), 50.0)
     for normal in ((0, 0, 0), (1, 2), (np.nan, 0, 1)):
-        with pytest.raises(ValueError, match="normal is"):
+        with pytest.raises(ValueError, match="normal must be"):
             scan_from_sensors(np.ones(9), np.ones((9, 3)), np.ones((9, 3)), FS, normal=normal)
     with pytest.raises(ValueError, match="position"):
         scan_from_sensors(np.ones(9), np.ones((9, 2)), np.ones((9, 3)), FS)
 
 
-def test_vibration_keeps_its_band_and_motion_its_own(scan):
-    t, inside = np.arange(4000) / FS, slice(1000, 3000)
-    for hz, kept in ((2.0, False), (100.0, True), (400.0, True)):
+def test_vibration_and_motion_are_filtered_to_their_bands(scan):
+    t, middle = np.arange(4000) / FS, slice(1000, 3000)
+    for hz, passes in ((2.0, False), (100.0, True), (400.0, True)):
         x = np.sin(2 * np.pi * hz * t)
-        assert_allclose(limit_vibration(x, FS)[inside], kept * x[inside], atol=1e-2)
+        assert_allclose(limit_vibration(x, FS)[middle], passes * x[middle], atol=1e-2)
     slow, fast = np.sin(2 * np.pi * 2 * t), np.sin(2 * np.pi * 200 * t)
-    assert_allclose(smooth_motion(slow + fast, FS)[inside], slow[inside], atol=0.03)
-    at_cutoff = smooth_motion(np.sin(2 * np.pi * 25 * t), FS)[inside]
+    assert_allclose(smooth_motion(slow + fast, FS)[middle], slow[middle], atol=0.03)
+    at_cutoff = smooth_motion(np.sin(2 * np.pi * 25 * t), FS)[middle]
     assert_allclose(np.sqrt(2 * np.mean(at_cutoff**2)), 0.5, rtol=0.01)
-    before = scan.acceleration.copy()
+    original = scan.acceleration.copy()
     condition(scan)
-    assert_array_equal(scan.acceleration, before)
+    assert_array_equal(scan.acceleration, original)
 
 
-def test_sensors_are_projected_on_the_plane():
+def test_sensor_data_are_projected_on_the_plane():
     n = np.array([0.3, -0.5, 0.9]) / np.linalg.norm([0.3, -0.5, 0.9])
-    along = np.eye(3)[0] - n[0] * n
-    plane = np.stack([along / np.linalg.norm(along), np.cross(n, along / np.linalg.norm(along))])
+    axis = np.eye(3)[0] - n[0] * n
+    plane = np.stack([axis / np.linalg.norm(axis), np.cross(n, axis / np.linalg.norm(axis))])
     flat = hand_motion(3.0, FS, np.random.default_rng(0))
     force = -flat[2][:, np.newaxis] * n + 0.3 * plane[0]
     scan = scan_from_sensors(np.ones(3000), flat[0] @ plane + 7 * n, force, FS, normal=2 * n)
@@ -114,15 +114,15 @@ def test_sensors_are_projected_on_the_plane():
     assert_allclose(scan.force[inner], flat[2][inner], atol=0.03)
 
 
-def test_surfaces_sound_at_the_level_and_resonance_they_declare_and_s4_alone_is_isotropic():
+def test_simulated_surfaces_have_their_true_level_and_resonance_and_only_s4_is_isotropic():
     assert [s.name for s in SURFACES if not s.is_anisotropic] == ["S4"]
     assert len(SURFACES) == 9
     level = get_surface("S4").true_spectrum([[80.0, 0.0], [0.0, 80.0]], [1.0, 1.0])[2]
     assert level[0] == level[1]
-    what, n = get_surface("S7"), 40_000
+    surface, n = get_surface("S7"), 40_000
     velocity, force = np.tile([90.0, 0.0], (n, 1)), np.ones(n)
-    frequency, _, level = what.true_spectrum(velocity[:1], force[:1])
-    x = what.vibration(velocity, force, FS, np.random.default_rng(0))
+    frequency, _, level = surface.true_spectrum(velocity[:1], force[:1])
+    x = surface.vibration(velocity, force, FS, np.random.default_rng(0))
     assert_allclose(x.std(), level[0], rtol=0.1)
     power = np.abs(np.fft.rfft(x.reshape(-1, 500), axis=1)) ** 2
     assert abs(np.argmax(power.mean(axis=0)) * FS / 500 - frequency[0, 0]) < 6

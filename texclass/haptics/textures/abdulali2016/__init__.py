@@ -1,4 +1,4 @@
-"""Anisotropic textures of Abdulali and Jeon: input-space segments, AR -> LSF, RBF network; `abdulali2016`."""
+"""Anisotropic textures of `abdulali2016`: input segments, AR models and an RBF network."""
 
 import lazy_loader
 

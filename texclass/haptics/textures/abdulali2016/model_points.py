@@ -1,4 +1,4 @@
-"""From what sensors recorded of a stroking hand to segments of steady input, and what each says."""
+"""Conditioning of scans, segmentation of the input, and model points of the segments."""
 
 import heapq
 from dataclasses import dataclass
@@ -19,68 +19,70 @@ from texclass.vibration.reflection import log_cosines
 
 Indices = NDArray[np.int64]
 Loudness = Literal["level", "variance"]
-"""Of a point: RMS of its vibration, or variance of the innovation as in the paper."""
+"""Loudness of a point: RMS of its vibration, or variance of the innovation as in the paper."""
 
 MOTION_HZ = 25.0
-"""Cut-off of position, velocity and force; `abdulali2016`, section 2.2."""
+"""Cut-off of position, velocity and force in Hz; `abdulali2016`, section 2.2."""
 VIBRATION_HZ = (10.0, 1000.0)
-"""Band of the acceleration; `abdulali2016`, section 2.2."""
+"""Band of the acceleration in Hz; `abdulali2016`, section 2.2."""
 LINE_MM = 2.0
-"""tau_1 of `abdulali2016`, mm."""
+"""Threshold tau_1 of `abdulali2016` in mm: largest distance from a straight line."""
 VARIATION = 0.08
-"""tau_2 of `abdulali2016`."""
-NOTHING = 0.001
-"""epsilon of `abdulali2016`, in m/s and in N."""
-SHORTEST_S = 0.075
-"""75 samples at 1 kHz."""
-FOOT = 0.05
-"""How far, in tau_1, the foot of a point may lie outside its line: eq. (2) allows nothing, sensors jitter."""
-STEEPEST = 2.0
-"""Largest exponent of speed or force in the level: above, a few segments have misled the regression."""
+"""Threshold tau_2 of `abdulali2016`: largest coefficient of variation of speed and force."""
+MIN_INPUT = 0.001
+"""Threshold epsilon of `abdulali2016` in m/s and in N: slower or lighter segments are not merged."""
+MIN_SEGMENT_S = 0.075
+"""Shortest segment in s; `abdulali2016`: 75 samples at 1 kHz."""
+FOOT_SLACK = 0.05
+"""How far the foot of a point may lie outside its line, as a fraction of tau_1. Eq. (2) allows none, but
+sensors jitter (our choice)."""
+MAX_EXPONENT = 2.0
+"""Largest exponent of speed or force in the law of the level: larger ones come from a few outlying
+segments."""
 
 
 def smooth_motion(x: ArrayLike, fs: float) -> Samples:
-    """Low-pass what a hand does: Bessel, forwards and backwards, so that nothing is delayed.
+    """Low-pass position, velocity or force with a zero-phase Bessel filter.
 
-    The two passes together take away 6 dB at `MOTION_HZ`.
+    The two passes together attenuate by 6 dB at `MOTION_HZ`.
 
     Parameters
     ----------
     x : array_like of shape (n_samples, ...)
         Position, velocity or force.
     fs : float
-        Hz, above twice `MOTION_HZ`.
+        Sampling rate in Hz, above twice `MOTION_HZ`.
 
     Raises
     ------
     ValueError
-        If the rate is too low, there is no sample, or one is not finite.
+        If the sampling rate is too low, there is no sample, or a value is not finite.
 
     References
     ----------
-    `abdulali2016`, section 2.2, which gives neither the order (2 a pass here) nor the direction.
+    `abdulali2016`, section 2.2, which gives neither the order (2 per pass here) nor the direction.
     """
     if not fs > 2 * MOTION_HZ:
-        raise ValueError(f"fs is {fs}. Expected above {2 * MOTION_HZ:g} Hz, twice the band of the motion")
+        raise ValueError(f"fs must be above {2 * MOTION_HZ:g} Hz, twice the band of the motion, got {fs}")
     sos = signal.bessel(2, MOTION_HZ, fs=fs, norm="mag", output="sos")
     return zero_phase(np.asarray(sos), x)
 
 
 def limit_vibration(x: ArrayLike, fs: float) -> Samples:
-    """Keep `VIBRATION_HZ` alone, without delay: gravity and the hand go below it, noise above.
+    """Band-pass an acceleration to `VIBRATION_HZ` with zero phase, without gravity, hand motion and noise.
 
     Parameters
     ----------
     x : array_like of shape (n_samples,)
         Acceleration.
     fs : float
-        Hz. Where the upper edge reaches fs/2 (as the printed 1000 Hz does at the printed 1 kHz) the sampling
-        has already cut there, and the lower edge alone is left.
+        Sampling rate in Hz. If the upper edge reaches fs/2 (as the printed 1000 Hz at the printed 1 kHz), the
+        sampling itself is the low-pass, and only a high-pass is applied.
 
     Raises
     ------
     ValueError
-        If the lower edge is not between 0 and fs/2, there is no sample, or one is not finite.
+        If the lower edge is not between 0 and fs/2, there is no sample, or a value is not finite.
 
     References
     ----------
@@ -92,7 +94,7 @@ def limit_vibration(x: ArrayLike, fs: float) -> Samples:
 
 
 def condition(scan: Scan) -> Scan:
-    """Return the scan with its motion smoothed and its vibration limited to their bands."""
+    """Return the scan with its motion and its vibration filtered to their bands."""
     position, velocity, force = (
         smooth_motion(x, scan.fs) for x in (scan.position, scan.velocity, scan.force)
     )
@@ -109,22 +111,23 @@ def scan_from_sensors(
     normal: ArrayLike = (0.0, 0.0, 1.0),
     name: str = "",
 ) -> Scan:
-    """Return the scan of a tool whose 3D position and force were recorded, conditioned.
+    """Return the conditioned scan of a tool with recorded 3D position and force.
 
     Parameters
     ----------
     acceleration : array_like of shape (n_samples,) or (n_samples, 3)
-        m/s^2; axes are combined to one with their spectrum (DFT321).
+        Acceleration in m/s^2; several axes are combined into one with the same spectrum (DFT321).
     position : array_like of shape (n_samples, 3)
-        mm.
+        Position in mm.
     force : array_like of shape (n_samples, 3)
-        N, of the tool on the surface or back: its part along the normal counts, by its mean as pressing.
+        Force in N, of the tool on the surface or the reaction: the component along the normal is used, with
+        the sign for which its mean is positive.
     fs : float
-        Hz, of all three: bring them to one rate first, see `downsample`.
+        Sampling rate of all signals in Hz; resample them to one rate first.
     normal : array_like of shape (3,)
-        Of the surface, of any length.
+        Normal of the surface, of any length (default z).
     name : str, optional
-        Of the surface.
+        Name of the surface.
 
     Raises
     ------
@@ -133,24 +136,35 @@ def scan_from_sensors(
 
     Notes
     -----
-    The velocity is the derivative of the smoothed position (central differences), projected on the plane.
-    Its first axis is the x axis seen along the normal (the y axis, where x is the normal).
+    The velocity is the derivative of the smoothed position (central differences), projected on the plane. Its
+    first axis is the projection of the x axis (of the y axis if x is the normal).
 
     References
     ----------
     `abdulali2016`, section 2.2.
+
+    Examples
+    --------
+    >>> t = np.arange(1000) / 1000
+    >>> position = np.column_stack([50 * t, 0 * t, 0 * t])
+    >>> force = np.column_stack([0 * t, 0 * t, 0 * t + 1.5])
+    >>> scan = scan_from_sensors(np.sin(900 * t), position, force, fs=1000.0)
+    >>> round(float(scan.speed.mean()), 1), round(float(scan.force.mean()), 1)
+    (49.9, 1.5)
     """
     n, length = np.asarray(normal, dtype=np.float64), np.linalg.norm(normal)
     if n.shape != (3,) or not (np.isfinite(length) and length > 0):
-        raise ValueError(f"normal is {n}. Expected three finite numbers, not all 0")
+        raise ValueError(f"normal must be three finite numbers, not all 0, got {n}")
     n = n / length
-    seen = np.eye(3) - np.outer(n, n)
-    along = seen[0] if seen[0] @ seen[0] > 1e-6 else seen[1]
-    along = along / np.linalg.norm(along)
+    projection = np.eye(3) - np.outer(n, n)
+    axis = projection[0] if projection[0] @ projection[0] > 1e-6 else projection[1]
+    axis = axis / np.linalg.norm(axis)
     x, f = np.asarray(position, dtype=np.float64), np.asarray(force, dtype=np.float64)
     if x.ndim != 2 or x.shape[1] != 3 or f.shape != x.shape or len(x) < 2:
-        raise ValueError(f"position {x.shape} and force {f.shape}. Expected (n_samples, 3), 2 at least")
-    tangential = smooth_motion(x @ np.stack([along, np.cross(n, along)]).T, fs)
+        raise ValueError(
+            f"position and force must have shape (n_samples, 3), n_samples >= 2, got {x.shape} and {f.shape}"
+        )
+    tangential = smooth_motion(x @ np.stack([axis, np.cross(n, axis)]).T, fs)
     velocity = np.gradient(tangential, 1 / fs, axis=0)
     pressing = smooth_motion(f @ n, fs)
     pressing = pressing if pressing.mean() >= 0 else -pressing
@@ -159,14 +173,15 @@ def scan_from_sensors(
 
 @dataclass(frozen=True, eq=False)
 class InputSegments:
-    """Pieces of a scan with nearly constant direction, speed and force.
+    """Segments of a scan with nearly constant direction, speed and force.
 
     Attributes
     ----------
     lines : ndarray of shape (n_lines + 1,)
-        Phase 1: straight line i holds the samples lines[i] ... lines[i + 1] - 1; together the whole scan.
+        Phase 1: straight line i consists of samples lines[i] ... lines[i + 1] - 1; lines cover the whole
+        scan.
     start, stop : ndarray of shape (n_segments,)
-        Phase 2: segment i holds the samples start[i] ... stop[i] - 1; what lies between was too short.
+        Phase 2: segment i consists of samples start[i] ... stop[i] - 1; samples between segments are unused.
     """
 
     lines: Indices
@@ -181,36 +196,37 @@ class InputSegments:
         """Length of each segment, shape (n_segments,)."""
         return self.stop - self.start
 
-    def pieces(self, x: Samples) -> list[Samples]:
-        """Return the segments of a signal (n_samples, ...), as views of it."""
+    def cut(self, x: Samples) -> list[Samples]:
+        """Return the segments of a signal (n_samples, ...), as views."""
         return [x[a:b] for a, b in zip(self.start, self.stop, strict=True)]
 
     def means(self, x: Samples) -> Samples:
         """Return the mean of each segment of a signal (n_samples, ...), shape (n_segments, ...)."""
-        return np.array([piece.mean(axis=0) for piece in self.pieces(x)])
+        return np.array([segment.mean(axis=0) for segment in self.cut(x)])
 
-    def chosen(self, which: NDArray[np.bool_]) -> "InputSegments":
-        """Return the segments of a mask."""
-        return InputSegments(self.lines, self.start[which], self.stop[which])
+    def select(self, mask: NDArray[np.bool_]) -> "InputSegments":
+        """Return the segments of a boolean mask (n_segments,)."""
+        return InputSegments(self.lines, self.start[mask], self.stop[mask])
 
 
 def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
-    """Cut a scan by its input alone: first into straight lines, then into pieces of steady speed and force.
+    """Segment a scan by its input: first into straight lines, then into segments of steady speed and force.
 
-    Neighbours whose union costs least are merged, until every union costs too much. Phase 1 merges while
-    every point p of a segment from a to b keeps, with A = p - a, B = b - p, C = b - a,
+    Bottom-up: neighbours with the lowest cost of their union are merged until every union costs too much.
+    Phase 1 merges while every point p of a segment from a to b satisfies, with A = p - a, B = b - p, C = b -
+    a,
 
         h = |A x B| / |C| <= tau_1,    (sqrt(|A|^2 - h^2) + sqrt(|B|^2 - h^2)) / |C| = 1,
 
-    phase 2, within each line, while ``(sigma_v / E(V) + sigma_f / E(F)) / 2 <= tau_2``.
+    Phase 2 merges within each line while ``(sigma_v / E(V) + sigma_f / E(F)) / 2 <= tau_2``.
 
     Parameters
     ----------
     scan : Scan
-        Conditioned, see `condition`.
+        Conditioned scan, see `condition`.
     variation : float
-        tau_2. (tau_1 is `LINE_MM`; segments with a mean speed or force up to `NOTHING` do not merge, and
-        those shorter than `SHORTEST_S` are dropped.)
+        Threshold tau_2 (default 0.08). tau_1 is `LINE_MM`. Segments with a mean speed or force up to
+        `MIN_INPUT` are not merged, and segments shorter than `MIN_SEGMENT_S` are dropped.
 
     Raises
     ------
@@ -219,52 +235,65 @@ def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
 
     Notes
     -----
-    Readings. The paper normalises positions to 0 ... 1 and gives tau_1 in mm: we leave positions in mm.
-    Eq. (2) is printed with |C|^2, which fits no unit: read |C|, that is, the foot of p lies between a and b;
-    it may lie outside by `FOOT` tau_1. Speed and force of eq. (3) are magnitudes in m/s and N (normalised to
-    zero mean, a coefficient of variation means nothing), to which epsilon then belongs. 75 samples
-    are 75 ms. Above 1 kHz the motion is segmented at about 1 kHz and the bounds are exact to 1 ms.
+    Our readings:
+
+    - The paper normalises positions to 0 ... 1 and gives tau_1 in mm: we keep positions in mm.
+    - Eq. (2) is printed with |C|^2, which fits no unit. We read |C|, that is, the foot of p lies between a
+      and b, within `FOOT_SLACK` tau_1.
+    - Speed and force of eq. (3) are magnitudes in m/s and N, and so is epsilon (a coefficient of variation
+      has no meaning for values of zero mean).
+    - 75 samples are 75 ms. Above 1 kHz the motion is decimated to about 1 kHz, so that bounds are exact to
+      1 ms.
 
     References
     ----------
     `abdulali2016`, section 3.1, eq. (1)-(3); Keogh et al., "An online algorithm for segmenting time series",
     2001.
+
+    Examples
+    --------
+    >>> speed = np.repeat([50.0, 120.0], 500)
+    >>> scan = Scan.along_line(np.zeros(1000), speed, 1.0, fs=1000.0)
+    >>> segments = segment_input(scan)
+    >>> segments.start.tolist(), segments.stop.tolist()
+    ([0, 500], [500, 1000])
     """
     if not 0 <= variation < np.inf:
-        raise ValueError(f"variation is {variation}. Expected a finite number of at least 0")
-    step = max(int(scan.fs // 1000.0), 1)  # the motion has no content beyond 25 Hz
+        raise ValueError(f"variation must be finite and at least 0, got {variation}")
+    step = max(int(scan.fs // 1000.0), 1)  # the motion is band-limited to 25 Hz
     lines = straight_lines(scan.position[::step])
-    felt = np.column_stack([scan.speed[::step] / 1000, scan.force[::step]])
-    sums = np.zeros((len(felt) + 1, 4))
-    np.cumsum(np.concatenate([felt, felt**2], axis=1), axis=0, out=sums[1:])
-    bounds = [_bottom_up(False, sums, a, b, variation, NOTHING) for a, b in pairwise(lines)]
+    inputs = np.column_stack([scan.speed[::step] / 1000, scan.force[::step]])
+    sums = np.zeros((len(inputs) + 1, 4))
+    np.cumsum(np.concatenate([inputs, inputs**2], axis=1), axis=0, out=sums[1:])
+    bounds = [_merge_bottom_up(False, sums, a, b, variation, MIN_INPUT) for a, b in pairwise(lines)]
     ends = np.concatenate([np.column_stack([b[:-1], b[1:]]) for b in bounds])
     start, stop = np.minimum(ends * step, len(scan)).T
-    every = InputSegments(np.minimum(lines * step, len(scan)), start, stop)
-    touching = (every.means(scan.speed) / 1000 > NOTHING) & (every.means(scan.force) > NOTHING)
-    return every.chosen((every.n_samples >= SHORTEST_S * scan.fs) & touching)
+    candidates = InputSegments(np.minimum(lines * step, len(scan)), start, stop)
+    means = candidates.means(scan.speed) / 1000, candidates.means(scan.force)
+    is_stroke = (means[0] > MIN_INPUT) & (means[1] > MIN_INPUT)
+    return candidates.select((candidates.n_samples >= MIN_SEGMENT_S * scan.fs) & is_stroke)
 
 
 def straight_lines(position: Samples) -> Indices:
     """Return the bounds of the straight lines of a path (n, 2) in mm, shape (n_lines + 1,); phase 1."""
     xy = np.ascontiguousarray(position, dtype=np.float64)
-    return np.asarray(_bottom_up(True, xy, 0, len(xy), LINE_MM, FOOT * LINE_MM))
+    return np.asarray(_merge_bottom_up(True, xy, 0, len(xy), LINE_MM, FOOT_SLACK * LINE_MM))
 
 
 class ModelPoints(NamedTuple):
-    """Samples of the map from input to vibration: what each segment says at its mean input, or silence.
+    """Samples of the map from input to vibration, at the mean input of segments or at silent points.
 
     Attributes
     ----------
     u : ndarray of shape (n_points, n_inputs)
         Normalised inputs (v_x, v_y, f_n), or (|v|, f_n).
     lsf : ndarray of shape (n_points, p)
-        Line spectral frequencies, rad per sample.
+        Line spectral frequencies in rad per sample.
     loudness : ndarray of shape (n_points,)
-        What a network learns of it besides the spectrum, see `level_of`; in a new point, the RMS of the
-        vibration (unit of the acceleration) or the variance of the innovation (its square).
+        Loudness output of the network, see `compute_level`. Before the fit of the level law: RMS of the
+        vibration (unit of the acceleration), or variance of the innovation (its square).
     weight : ndarray of shape (n_points,)
-        Seconds of signal behind each point.
+        Duration of the signal of each point in s.
     """
 
     u: Samples
@@ -272,8 +301,8 @@ class ModelPoints(NamedTuple):
     loudness: Samples
     weight: Samples
 
-    def joined(self, others: "ModelPoints") -> "ModelPoints":
-        """Return these points and the others."""
+    def concatenate(self, others: "ModelPoints") -> "ModelPoints":
+        """Return these points followed by others."""
         pairs: Any = zip(self, others, strict=True)
         return ModelPoints(*map(np.concatenate, pairs))
 
@@ -286,17 +315,17 @@ def segment_points(
     Parameters
     ----------
     scan : Scan
-        Conditioned.
+        Conditioned scan.
     segments : InputSegments
-        Of the scan.
+        Segments of the scan.
     u : ndarray of shape (n_samples, n_inputs)
-        Its normalised inputs.
+        Normalised inputs of the scan.
     order : int
-        p of the AR models.
+        Order p of the AR models.
     method : str
-        As for `vibration.fit`.
+        Method of the fit, as for `vibration.fit`.
     loudness : {"level", "variance"}
-        RMS of the vibration in the segment, or the variance the fit gives (`abdulali2016`).
+        RMS of the vibration in the segment, or variance of the innovation (`abdulali2016`).
 
     Raises
     ------
@@ -305,59 +334,63 @@ def segment_points(
     """
     if not len(segments):
         raise ValueError(
-            f"scan {scan.name!r} has no segment of steady direction, speed and force. Expected at least one"
+            f"scan {scan.name!r} must have at least one segment of steady direction, speed and force, "
+            "got none"
         )
-    pieces = segments.pieces(scan.acceleration)
-    models = [autoregressive.fit(x, order, method=method, variance="yule_walker") for x in pieces]
+    vibrations = segments.cut(scan.acceleration)
+    models = [autoregressive.fit(x, order, method=method, variance="yule_walker") for x in vibrations]
     lsf = line_spectrum.spread(line_spectrum.from_reflection(np.stack([m.reflection for m in models])))
     loud = np.array([m.gain**2 for m in models])
     if loudness == "level":
-        loud = np.array([np.sqrt(np.mean(x**2)) for x in pieces])
+        loud = np.array([np.sqrt(np.mean(x**2)) for x in vibrations])
     return ModelPoints(segments.means(u), lsf, loud, segments.n_samples / scan.fs)
 
 
-def growth_of(speed: Samples, force: Samples, level: Samples, weight: Samples) -> tuple[float, float]:
-    """Return alpha and beta of segments, each 0 ... `STEEPEST`; 0 where speed or force never changed.
+def fit_growth(speed: Samples, force: Samples, level: Samples, weight: Samples) -> tuple[float, float]:
+    """Fit the exponents alpha and beta of speed and force in the level, each 0 ... `MAX_EXPONENT`.
+
+    An exponent is 0 if the speed or the force never changes.
 
     Parameters
     ----------
     speed, force, level : ndarray of shape (n_segments,)
-        mm/s, N and the unit of the acceleration; all above 0.
+        Speed in mm/s, force in N and level in the unit of the acceleration; all above 0.
     weight : ndarray of shape (n_segments,)
-        Of each segment in the regression.
+        Weight of each segment in the regression.
     """
     columns = np.log(np.column_stack([speed, force, level]))
     centred = (columns - np.average(columns, axis=0, weights=weight)) * np.sqrt(weight)[:, np.newaxis]
     powers = np.linalg.lstsq(centred[:, :2], centred[:, 2], rcond=1e-6)[0]
-    alpha, beta = np.clip(powers, 0.0, STEEPEST).tolist()
+    alpha, beta = np.clip(powers, 0.0, MAX_EXPONENT).tolist()
     return alpha, beta
 
 
-def level_of(
+def compute_level(
     kind: Loudness, output: Samples, k: Samples, motion: tuple[Samples, Samples], growth: tuple[float, float]
 ) -> Samples:
-    """Return the RMS of the vibration (n,) from the loudness a map says.
+    """Return the RMS of the vibration (n,) from the loudness output of a map.
 
-    The paper interpolates the variance of the innovation, with zeros at zero speed and force. What lies
-    between large numbers and zeros is too quiet on average, and where a network swings below zero it is
-    silent. So by default
+    The paper interpolates the variance of the innovation, with zeros at zero speed and force. Between large
+    values and zeros the result is too quiet on average, and it is silent where a network becomes negative.
+    Our default is
 
         ln level = alpha ln v + beta ln f + g(u)
 
-    and g, which the network learns, is what remains: the direction and whatever departs from the law. It
-    needs no points of silence, and is never negative.
+    The network learns g, the deviation from the power law, for example with the direction. This form needs no
+    silent points, and the level is never negative.
 
     Parameters
     ----------
     kind : {"level", "variance"}
-        What the output is: g, or the variance of the innovation, of which what is below 0 counts 0.
+        Kind of output: g, or the variance of the innovation (negative values are replaced by 0).
     output : ndarray of shape (n,)
+        Loudness output of the map.
     k : ndarray of shape (n, p)
         Reflection coefficients.
     motion : tuple of ndarray of shape (n,)
-        Speed v (mm/s) and force f (N), at least 0.
+        Speed v in mm/s and force f in N, at least 0.
     growth : tuple of float
-        alpha and beta.
+        Exponents alpha and beta.
     """
     if kind == "variance":
         loss = log_cosines(k).sum(axis=1)
@@ -367,16 +400,17 @@ def level_of(
 
 
 def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
-    """Return silent points at zero force below the hull of the points: their input projected, LSF as theirs.
+    """Return silent points at zero force: projections of the lower hull of the points, with their LSF.
 
     The vertices of the facets of the convex hull whose outward normal points to lower force are projected. If
-    the points have no hull (too few, or in one plane) all of them are.
+    the points have no hull (too few, or in one plane), all of them are projected.
 
     Parameters
     ----------
     points : ModelPoints
+        Points of the segments.
     scaling : ndarray of shape (2, n_inputs)
-        Mean and deviation of each input, as here and below.
+        Mean and standard deviation of each input.
 
     References
     ----------
@@ -396,76 +430,76 @@ def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
 def zero_speed_points(points: ModelPoints, scaling: Samples, n: int = 10) -> ModelPoints:
     """Return n silent points at rest, from zero force to the largest, with the LSF of the nearest point.
 
-    The paper leaves their number open.
+    The paper does not give their number.
 
     References
     ----------
     `abdulali2016`, section 3.2.
     """
-    still = np.zeros((n, points.u.shape[1]))
+    raw = np.zeros((n, points.u.shape[1]))
     force = points.u[:, -1] * scaling[1, -1] + scaling[0, -1]
-    still[:, -1] = np.linspace(0.0, max(float(force.max()), 0.0), n)
-    u = (still - scaling[0]) / scaling[1]
+    raw[:, -1] = np.linspace(0.0, max(float(force.max()), 0.0), n)
+    u = (raw - scaling[0]) / scaling[1]
     nearest = spatial.KDTree(points.u).query(u)[1]
     return ModelPoints(u, points.lsf[nearest], np.zeros(n), points.weight[nearest])
 
 
-def mirrored(points: ModelPoints, scaling: Samples) -> ModelPoints:
-    """Return the points at the opposite velocities (inputs v_x, v_y, f_n)."""
+def mirror_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
+    """Return the points at the opposite velocities, for inputs (v_x, v_y, f_n)."""
     raw = points.u * scaling[1] + scaling[0]
     return points._replace(u=(raw * [-1.0, -1.0, 1.0] - scaling[0]) / scaling[1])
 
 
 @njit(cache=True, error_model="numpy")
-def _bottom_up(is_line, table, start, stop, threshold, limit):  # type: ignore[no-untyped-def]
-    """Return the first samples of the segments of [start, stop), and `stop`.
+def _merge_bottom_up(is_line, table, start, stop, threshold, limit):  # type: ignore[no-untyped-def]
+    """Return the first samples of the segments of [start, stop), followed by `stop`.
 
-    `threshold` is the largest cost of a union; `limit` what the cost takes besides. Costs lie in a heap;
-    those of segments that changed meanwhile are recognised by their ends and thrown away. Of equal costs the
-    shorter union comes first, so that pauses and exact lines grow evenly: each sample is looked at some
+    `threshold` is the largest cost of a union, `limit` a parameter of the cost. Costs are kept in a heap; a
+    cost is outdated if its segments have changed, which is recognised by their ends. Of equal costs the
+    shorter union comes first, so that pauses and exact lines grow evenly and each sample is visited about
     log2(n) times.
     """
-    n = (stop - start + 1) // 2  # the finest segments: two samples
+    n = (stop - start + 1) // 2  # the initial segments have two samples
     first = np.append(start + 2 * np.arange(n), stop)
-    right, left = np.arange(1, n + 1), np.arange(-1, n - 1)
+    following, previous = np.arange(1, n + 1), np.arange(-1, n - 1)
     heap = [(0.0, 0, 0, 0) for _ in range(0)]
     for i in range(n - 1):
-        _offer(heap, is_line, table, first, right, i, threshold, limit)
-    alive = np.ones(n, np.bool_)
+        _push_union(heap, is_line, table, first, following, i, threshold, limit)
+    is_active = np.ones(n, np.bool_)
     while len(heap) > 0:
         _, length, i, j = heapq.heappop(heap)
-        if not (alive[i] and alive[j] and first[right[j]] - first[i] == length):
+        if not (is_active[i] and is_active[j] and first[following[j]] - first[i] == length):
             continue
-        alive[j] = False
-        right[i] = right[j]
-        if right[i] < n:
-            left[right[i]] = i
-            _offer(heap, is_line, table, first, right, i, threshold, limit)
-        if left[i] >= 0:
-            _offer(heap, is_line, table, first, right, left[i], threshold, limit)
-    return np.append(first[:n][alive], stop)
+        is_active[j] = False
+        following[i] = following[j]
+        if following[i] < n:
+            previous[following[i]] = i
+            _push_union(heap, is_line, table, first, following, i, threshold, limit)
+        if previous[i] >= 0:
+            _push_union(heap, is_line, table, first, following, previous[i], threshold, limit)
+    return np.append(first[:n][is_active], stop)
 
 
 @njit(cache=True, error_model="numpy")
-def _offer(heap, is_line, table, first, right, i, threshold, limit):  # type: ignore[no-untyped-def]
-    """Put the union of segment i and its right neighbour on the heap, if it may ever be made."""
-    start, stop = first[i], first[right[right[i]]]
+def _push_union(heap, is_line, table, first, following, i, threshold, limit):  # type: ignore[no-untyped-def]
+    """Push the union of segment i and the following one on the heap, if its cost allows merging."""
+    start, stop = first[i], first[following[following[i]]]
     extra = table, start, stop, limit
     cost = _line_cost(*extra) if is_line else _steady_cost(*extra)
     if cost <= threshold:
-        heapq.heappush(heap, (cost, stop - start, i, right[i]))
+        heapq.heappush(heap, (cost, stop - start, i, following[i]))
 
 
 @njit(cache=True, error_model="numpy")
 def _line_cost(xy, start, stop, slack):  # type: ignore[no-untyped-def]
     """Return the largest distance h of points (n, 2) from the line through the first and the last of them.
 
-    Infinite where the foot of a point lies more than `slack` outside of them.
+    The cost is infinite if the foot of a point lies more than `slack` outside the line.
     """
     ax, ay = xy[start, 0], xy[start, 1]
     cx, cy = xy[stop - 1, 0] - ax, xy[stop - 1, 1] - ay
     length = np.sqrt(cx * cx + cy * cy)
-    worst = 0.0
+    largest = 0.0
     for i in range(start + 1, stop - 1):
         px, py = xy[i, 0] - ax, xy[i, 1] - ay
         if length > 0:
@@ -474,17 +508,17 @@ def _line_cost(xy, start, stop, slack):  # type: ignore[no-untyped-def]
             h, foot = 0.0, np.sqrt(px * px + py * py)
         if foot < -slack or foot > length + slack:
             return np.inf
-        worst = max(worst, h)
-    return worst
+        largest = max(largest, h)
+    return largest
 
 
 @njit(cache=True, error_model="numpy")
-def _steady_cost(sums, start, stop, least):  # type: ignore[no-untyped-def]
-    """Return (sigma_v / E(V) + sigma_f / E(F)) / 2 of running sums; infinite at a mean of `least`."""
+def _steady_cost(sums, start, stop, min_mean):  # type: ignore[no-untyped-def]
+    """Return (sigma_v / E(V) + sigma_f / E(F)) / 2 from cumulative sums; infinite for too small means."""
     n, total = stop - start, 0.0
     for j in range(2):
         mean = (sums[stop, j] - sums[start, j]) / n
-        if mean <= least:
+        if mean <= min_mean:
             return np.inf
         variance = (sums[stop, j + 2] - sums[start, j + 2]) / n - mean * mean
         total += np.sqrt(max(variance, 0.0)) / mean

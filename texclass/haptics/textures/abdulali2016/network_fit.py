@@ -1,4 +1,4 @@
-"""From a conditioned scan to a texture: model points, spectra shared, a law of loudness, a network."""
+"""Fit of textures to conditioned scans: model points, pooling of spectra, law of the level, and network."""
 
 import warnings
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from texclass.haptics.textures.abdulali2016.model_points import (
     InputSegments,
     Loudness,
     ModelPoints,
-    growth_of,
-    mirrored,
+    fit_growth,
+    mirror_points,
     segment_input,
     segment_points,
     zero_force_points,
@@ -35,38 +35,39 @@ Solver = Literal["exact", "sparse"]
 Choice = Literal["auto", "none"]
 
 ORDER = 20
-"""Of the AR models; and of those that `pool_spectra` compares: enough to tell, and cheap."""
-HUSH = 0.1
-"""Below this part of the slowest and lightest segment the vibration fades out, whatever the map says."""
+"""Order of the AR models, and of the models that `pool_spectra` compares."""
+FADE_FRACTION = 0.1
+"""Fraction of the lowest speed and force of the segments below which the vibration fades out (our choice)."""
 REACHES = (0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 4.0, 100.0)
-"""Candidates of h, in deviations of the input; the last one is a single spectrum for all."""
+"""Candidates of the reach h, in standard deviations of the input; the last one gives a single spectrum."""
 SMOOTHING = np.concatenate([[0.0], np.geomspace(1e-2, 1e4, 13)])
 """Candidates of the smoothing, in units of phi for a point of mean weight."""
 SPARSITY = 0.03
-"""tau over the smallest tau that leaves no centre."""
+"""Penalty tau as a fraction of the smallest tau that leaves no centre."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModelledScan:
-    """What a texture is fitted to.
+    """Model points of a scan, to which a texture is fitted.
 
     Attributes
     ----------
     name, fs
-        Of the scan, Hz.
+        Name and sampling rate (Hz) of the scan.
     segments : InputSegments
+        Segments of the scan.
     frame : Frame
         Normalisation, range and bounds.
     loudness : {"level", "variance"}
-        What the points tell besides the spectrum.
+        Kind of the loudness of the points.
     growth : tuple of float
-        Exponents of speed and force in the level, see `level_of`.
+        Exponents of speed and force in the level, see `compute_level`.
     points, silent : ModelPoints
-        Of the segments, and of zero force and zero speed.
+        Points of the segments, and silent points at zero force and zero speed.
     reach : float
-        Of the pooling of spectra, in deviations of the input; 0: none.
-    symmetric : bool
-        Whether the points hold each segment twice, for both ways.
+        Reach h of the pooling of spectra, in standard deviations of the input; 0 without pooling.
+    is_symmetric : bool
+        Whether each segment is also used for the opposite direction.
     """
 
     name: str
@@ -78,49 +79,49 @@ class ModelledScan:
     points: ModelPoints
     silent: ModelPoints
     reach: float
-    symmetric: bool
+    is_symmetric: bool
 
     def network(
         self, solver: Solver = "exact", *, sparsity: float = SPARSITY, **options: Any
     ) -> NetworkTexture:
-        """Return the texture of a network through the points.
+        """Fit a network to the points and return its texture.
 
         Parameters
         ----------
         solver : {"exact", "sparse"}
-            Through every point, or with few centres.
+            Interpolation of all points (default), or a network with few centres.
         sparsity : float
-            As for `fit_sparse`.
+            Sparsity, as for `fit_sparse`.
         **options
             `buffer` and `glide`, as for `MapTexture`.
         """
         if solver not in get_args(Solver):
-            raise ValueError(f"solver is {solver!r}. Expected one of {get_args(Solver)}")
-        u, outputs = self._samples()
-        net = fit_sparse(u, outputs, sparsity) if solver == "sparse" else fit_exact(u, outputs)
+            raise ValueError(f"solver must be one of {get_args(Solver)}, got {solver!r}")
+        u, outputs = self._training_data()
+        network = fit_sparse(u, outputs, sparsity) if solver == "sparse" else fit_exact(u, outputs)
         return NetworkTexture(
-            self.name, self.fs, self.frame, net, loudness=self.loudness, growth=self.growth, **options
+            self.name, self.fs, self.frame, network, loudness=self.loudness, growth=self.growth, **options
         )
 
     def delaunay(self) -> DelaunayTexture:
-        """Return the texture of a triangulation of the points; ValueError if they do not span the input."""
-        u, outputs = self._samples()
+        """Return the texture of a triangulation of the points; ValueError if they do not span the space."""
+        u, outputs = self._training_data()
         return DelaunayTexture(
             self.name, self.fs, self.frame, u, outputs, loudness=self.loudness, growth=self.growth
         )
 
-    def _samples(self) -> tuple[Samples, Samples]:
-        every = self.points.joined(self.silent)
-        return every.u, np.column_stack([every.lsf, every.loudness])
+    def _training_data(self) -> tuple[Samples, Samples]:
+        points = self.points.concatenate(self.silent)
+        return points.u, np.column_stack([points.lsf, points.loudness])
 
 
 def fit_texture(scan: Scan, *, solver: Solver = "exact", buffer: int = 16, **options: Any) -> NetworkTexture:
-    """Return the texture of a conditioned scan.
+    """Fit the texture of a conditioned scan.
 
     Parameters
     ----------
     scan : Scan
-        From `condition` or `scan_from_sensors`.
+        Result of `condition` or `scan_from_sensors`.
     solver, buffer
         As for `ModelledScan.network`.
     **options
@@ -152,50 +153,61 @@ def model_scan(
     method: Method = "burg",
     segments: InputSegments | None = None,
 ) -> ModelledScan:
-    """Turn a conditioned scan into model points.
+    """Compute the model points of a conditioned scan.
 
     Parameters
     ----------
     scan : Scan
-        From `condition` or `scan_from_sensors`.
+        Result of `condition` or `scan_from_sensors`.
     isotropic : bool
-        Whether |v| stands for the velocity.
+        Whether the speed |v| replaces the velocity as input (default False).
     order : int
-        p of the AR models.
+        Order p of the AR models (default 20).
     loudness : {"level", "variance"}
-        RMS of the vibration, or the variance of the innovation as in the paper.
+        RMS of the vibration (default), or variance of the innovation as in the paper.
     pooling : {"auto", "none"}
-        Whether segments may share their spectra, see `pool_spectra`; "none" is the paper.
+        Whether segments may share their spectra, see `pool_spectra`; "none" is the method of the paper.
     mirror : {"auto", "none"}
-        Whether segments may count for the opposite direction too, see `is_symmetric`; "none" is the paper.
+        Whether segments may also be used for the opposite direction, see `has_symmetric_spectra`; "none" is
+        the method of the paper.
     method : str
-        Of the AR fit, as for `vibration.fit`.
+        Method of the AR fit, as for `vibration.fit`.
     segments : InputSegments, optional
-        `segment_enough` by default.
+        Segments (default: `segment_adaptively`).
 
     Raises
     ------
     ValueError
-        If no segment is left, or an argument breaks its rule.
+        If there is no segment, or an argument is not valid.
+
+    Examples
+    --------
+    >>> from texclass.haptics.textures.abdulali2016 import condition
+    >>> t = np.arange(4000) / 1000
+    >>> acceleration = np.random.default_rng(0).standard_normal(4000)
+    >>> scan = condition(Scan.along_line(acceleration, 60 + 30 * np.sin(t), 1.0, fs=1000.0))
+    >>> modelled = model_scan(scan, order=4, isotropic=True)
+    >>> len(modelled.segments), modelled.points.lsf.shape
+    (2, (2, 4))
     """
     choices = {"loudness": (loudness, Loudness), "pooling": (pooling, Choice), "mirror": (mirror, Choice)}
     for name, (value, choice) in choices.items():
         if value not in get_args(choice):
-            raise ValueError(f"{name} is {value!r}. Expected one of {get_args(choice)}")
-    cut = segment_enough(scan) if segments is None else segments
+            raise ValueError(f"{name} must be one of {get_args(choice)}, got {value!r}")
+    cut = segment_adaptively(scan) if segments is None else segments
     inputs = np.column_stack([scan.speed, scan.force] if isotropic else [*scan.velocity.T, scan.force])
-    deviation = inputs.std(axis=0)  # an input that never changes is only centred
+    deviation = inputs.std(axis=0)  # a constant input is only centred
     deviation = np.where(deviation > 1e-9 * np.abs(inputs).max(axis=0), deviation, 1.0)
     scaling = np.stack([inputs.mean(axis=0), deviation])
     points = segment_points(scan, cut, (inputs - scaling[0]) / scaling[1], order, method, loudness)
-    symmetric = mirror == "auto" and not isotropic and is_symmetric(points, scaling)
+    use_mirror = mirror == "auto" and not isotropic and has_symmetric_spectra(points, scaling)
     points, reach = pool_spectra(points) if pooling == "auto" else (points, 0.0)
     growth = (0.0, 0.0)
     if loudness == "level":
-        points, growth = _by_law(points, cut, scan)
-    if symmetric:
-        points = points.joined(mirrored(points, scaling))
-    silent = zero_force_points(points, scaling).joined(zero_speed_points(points, scaling))
+        points, growth = _fit_level_law(points, cut, scan)
+    if use_mirror:
+        points = points.concatenate(mirror_points(points, scaling))
+    silent = zero_force_points(points, scaling).concatenate(zero_speed_points(points, scaling))
     if loudness == "level":
         g = fit_exact(points.u, points.loudness[:, np.newaxis])
         silent = silent._replace(loudness=g.at(silent.u)[:, 0])
@@ -208,120 +220,122 @@ def model_scan(
         tuple(scaling[1].tolist()),
         fastest=float(speed.max()),
         hardest=float(u[:, -1].max()),
-        slow=HUSH * float(speed.min()),
-        light=HUSH * float(u[:, -1].min()),
-        loudest=max(float(np.sqrt(np.mean(x**2))) for x in cut.pieces(scan.acceleration)),
+        slow=FADE_FRACTION * float(speed.min()),
+        light=FADE_FRACTION * float(u[:, -1].min()),
+        loudest=max(float(np.sqrt(np.mean(x**2))) for x in cut.cut(scan.acceleration)),
         peak=float(np.abs(scan.acceleration).max()),
-        # the sharpest quarter counts as chance: 75 samples are easily overfitted
+        # the sharpest quarter is ignored: models of 75 samples overfit
         gap=float(min(np.quantile(narrowest, 0.25), 0.9 * np.pi / (points.lsf.shape[1] + 1))),
     )
-    return ModelledScan(scan.name, scan.fs, cut, frame, loudness, growth, points, silent, reach, symmetric)
+    return ModelledScan(scan.name, scan.fs, cut, frame, loudness, growth, points, silent, reach, use_mirror)
 
 
-def segment_enough(scan: Scan) -> InputSegments:
+def segment_adaptively(scan: Scan) -> InputSegments:
     """Segment with the printed tau_2, doubled until the segments cover half of the scan.
 
-    Where a hand is never steady, 0.08 leaves next to nothing: of `stylus6`, 0 to 18 %.
+    If the motion is never steady, tau_2 = 0.08 leaves few segments: 0 to 18 % of the recordings of `stylus6`.
     """
     variation = VARIATION
     while True:
         segments = segment_input(scan, variation=variation)
-        if segments.n_samples.sum() >= 0.5 * len(scan) or variation >= 0.64:  # beyond, nothing is steady
+        if segments.n_samples.sum() >= 0.5 * len(scan) or variation >= 0.64:  # above, segments are not steady
             return segments
         variation *= 2
 
 
-def _by_law(
+def _fit_level_law(
     points: ModelPoints, segments: InputSegments, scan: Scan
 ) -> tuple[ModelPoints, tuple[float, float]]:
-    """Return the points with what the law of growth leaves of their levels, smoothed where that predicts."""
-    least = max(1e-6 * float(points.loudness.max()), np.finfo(np.float64).tiny)
-    level = np.maximum(points.loudness, least)
+    """Replace the levels by their residuals from the power law, smoothed where that predicts better."""
+    lowest = max(1e-6 * float(points.loudness.max()), np.finfo(np.float64).tiny)
+    level = np.maximum(points.loudness, lowest)
     speed, force = segments.means(scan.speed), segments.means(scan.force)
-    growth = growth_of(speed, force, level, points.weight)
-    left = np.log(level) - growth[0] * np.log(speed) - growth[1] * np.log(force)
-    g = fit_smooth(points.u, left[:, np.newaxis], points.weight).at(points.u)[:, 0]
-    # a mean of logarithms is below the logarithm of the mean: keep the power of all segments
-    part = level / level.max()
-    lost = 0.5 * np.log(points.weight @ part**2 / (points.weight @ (part * np.exp(g - left)) ** 2))
-    return points._replace(loudness=g + lost), growth
+    growth = fit_growth(speed, force, level, points.weight)
+    residual = np.log(level) - growth[0] * np.log(speed) - growth[1] * np.log(force)
+    g = fit_smooth(points.u, residual[:, np.newaxis], points.weight).at(points.u)[:, 0]
+    # smoothing averages logarithms, which lowers the mean power: restore that of all segments
+    relative = level / level.max()
+    smoothed = relative * np.exp(g - residual)
+    correction = 0.5 * np.log(points.weight @ relative**2 / (points.weight @ smoothed**2))
+    return points._replace(loudness=g + correction), growth
 
 
-def is_symmetric(points: ModelPoints, scaling: Samples) -> bool:
-    """Return whether the spectra of segments (inputs v_x, v_y, f_n) are those of the opposite velocity.
+def has_symmetric_spectra(points: ModelPoints, scaling: Samples) -> bool:
+    """Return whether the spectra of segments equal those at the opposite velocity, for (v_x, v_y, f_n).
 
-    A grain has no sense of direction (hairs and scales do). If the network says of the opposite of each
-    segment's velocity what that segment says, about as well as a network without the segment says it of the
-    velocity itself, the surface is taken to be symmetric. The paper does not do this.
+    A grain looks the same in both directions; hairs and scales do not. The network is evaluated at the
+    opposite velocity of each segment. If it predicts the segment about as well as a network without the
+    segment does at its own velocity, the surface is treated as symmetric. The paper does not do this.
     """
-    back = fit_exact(points.u, points.lsf).at(mirrored(points, scaling).u) - points.lsf
-    itself = predict_left_out(points.u, points.lsf) - points.lsf
+    opposite = fit_exact(points.u, points.lsf).at(mirror_points(points, scaling).u) - points.lsf
+    own = predict_left_out(points.u, points.lsf) - points.lsf
     weight = points.weight[:, np.newaxis]
-    # in our simulations 0.85 to 1.6 where the period over directions is pi, 1.8 to 6 where it is 2 pi
-    return bool(np.sum(weight * back**2) <= 1.5 * np.sum(weight * itself**2))
+    # in our simulations 0.85 to 1.6 for a period of pi over directions, 1.8 to 6 for a period of 2 pi
+    return bool(np.sum(weight * opposite**2) <= 1.5 * np.sum(weight * own**2))
 
 
 def pool_spectra(points: ModelPoints) -> tuple[ModelPoints, float]:
-    """Let spectra of segments help each other out where the input hardly matters; the paper does not.
+    """Average the spectra of segments with similar inputs, if that improves predictions; not in the paper.
 
-    A segment of 75 ms gives a poor spectrum, and a network through many poor ones wavers. Autocorrelations
-    add up like the data behind them, so that segments near each other in input can share:
+    The spectrum of a segment of 75 ms has a large variance, and a network that interpolates many of them
+    fluctuates. Autocorrelations are additive, so segments with similar inputs can be pooled:
 
         r_i = sum_j n_j exp(-|u_i - u_j|^2 / (2 h^2)) r_j
 
-    with r_j those of the models of the segments, at power 1. (Autocorrelations counted from 75 samples would
-    bring the ends of the segments along: in our simulations a floor 10 dB too high.) How near, h, and whether
-    at all, is decided by what predicts a segment that was left out: compared is sum_i n_i ln(a^T T_i a) /
-    sum_i n_i, the log power of the error with which the model from the others predicts segment i (T_i:
-    Toeplitz matrix of its autocorrelation). Unpooled, the model from the others is that of the network. A
-    mean of autocorrelations is one: always a stable model.
+    with r_j the autocorrelations of the models of the segments at power 1. (Autocorrelations estimated
+    directly from 75 samples include edge effects: in our simulations a noise floor 10 dB too high.) The reach
+    h, and whether to pool at all, is selected by leave-one-out prediction: the criterion is sum_i n_i ln(a^T
+    T_i a) / sum_i n_i, the log power of the error with which the model from the other segments predicts
+    segment i (T_i: Toeplitz matrix of its autocorrelation). Without pooling, that model comes from the
+    network. A mean of autocorrelations is an autocorrelation, so the pooled models are stable.
 
     Parameters
     ----------
     points : ModelPoints
-        Of the segments, without silent ones.
+        Points of the segments, without silent ones.
 
     Returns
     -------
     points : ModelPoints
-        With pooled spectra, or as they were.
+        Points with pooled spectra, or the original ones.
     reach : float
-        h; 0 where pooling predicts worse.
+        Reach h; 0 if pooling does not improve the prediction.
     """
     if len(points.u) < 3:
         return points, 0.0
-    R = autocorrelation_of(line_spectrum.to_reflection(points.lsf))
+    R = to_autocorrelation(line_spectrum.to_reflection(points.lsf))
     T = np.array([linalg.toeplitz(r[: ORDER + 1]) for r in R])
     squared = spatial.distance.cdist(points.u, points.u) ** 2
 
-    def pooled(reach: float, *, alone: bool) -> Samples:
-        """Return the reflection coefficients from the neighbours and, if not left out, the segment itself."""
+    def pool(reach: float, *, include_self: bool) -> Samples:
+        """Return reflection coefficients pooled over neighbours, with or without the segment itself."""
         exponent = -squared / (2 * reach**2)
-        if not alone:
+        if not include_self:
             np.fill_diagonal(exponent, -np.inf)
-        share = points.weight * np.exp(exponent - exponent.max(axis=1, keepdims=True))
-        return from_autocorrelation((share / share.sum(axis=1, keepdims=True)) @ R).reflection
+        weight = points.weight * np.exp(exponent - exponent.max(axis=1, keepdims=True))
+        return from_autocorrelation((weight / weight.sum(axis=1, keepdims=True)) @ R).reflection
 
-    errors = [_prediction_error(pooled(h, alone=False), T, points.weight) for h in REACHES]
-    apart = line_spectrum.to_reflection(line_spectrum.spread(predict_left_out(points.u, points.lsf)))
-    if _prediction_error(apart, T, points.weight) <= min(errors) + 0.03:  # sharing blurs what does change
+    errors = [_prediction_error(pool(h, include_self=False), T, points.weight) for h in REACHES]
+    unpooled = line_spectrum.to_reflection(line_spectrum.spread(predict_left_out(points.u, points.lsf)))
+    # the margin favours no pooling, which blurs real changes
+    if _prediction_error(unpooled, T, points.weight) <= min(errors) + 0.03:
         return points, 0.0
     reach = REACHES[int(np.argmin(errors))]
-    lsf = line_spectrum.from_reflection(pooled(reach, alone=True))
+    lsf = line_spectrum.from_reflection(pool(reach, include_self=True))
     return points._replace(lsf=line_spectrum.spread(lsf)), reach
 
 
 def _prediction_error(k: Samples, T: Samples, weight: Samples) -> float:
-    """Return sum_i n_i ln(a^T T_i a) / sum_i n_i of the models with reflection coefficients (n, p)."""
+    """Return sum_i n_i ln(a^T T_i a) / sum_i n_i of models with reflection coefficients (n, p)."""
     a = recursions.step_up(np.ascontiguousarray(k[:, : T.shape[1] - 1]))
     error = np.maximum(np.einsum("ni,nij,nj->n", a, T, a), np.finfo(np.float64).tiny)
     return float(weight @ np.log(error) / weight.sum())
 
 
-def autocorrelation_of(k: Samples) -> Samples:
-    """Return r_0 = 1, r_1 ... r_p of the models with reflection coefficients (n, p), shape (n, p + 1).
+def to_autocorrelation(k: Samples) -> Samples:
+    """Return r_0 = 1, r_1 ... r_p of models with reflection coefficients (n, p), shape (n, p + 1).
 
-    Levinson's recursion backwards: r_m = -k_m E_{m-1} - sum_{i<m} a_i r_{m-i}, with a of order m - 1 and
+    Inverse Levinson recursion: r_m = -k_m E_{m-1} - sum_{i<m} a_i r_{m-i}, with a of order m - 1 and
     E_m = prod_{i<=m} (1 - k_i^2).
     """
     n, p = k.shape
@@ -335,115 +349,132 @@ def autocorrelation_of(k: Samples) -> Samples:
 
 
 def fit_exact(u: Samples, f: Samples, smoothing: ArrayLike = 0.0) -> RadialNetwork:
-    """Solve eq. (5): through every point, or, with smoothing, as near as it pays.
+    """Solve eq. (5): interpolate all points or, with smoothing, approximate them.
 
-    ``[[Phi - S, G], [G^T, 0]] [w, d] = [f, 0]`` with S the diagonal of the smoothing: Phi of phi(r) = r is
-    conditionally negative, so taking away is what makes it definite.
+    ``[[Phi - S, G], [G^T, 0]] [w, d] = [f, 0]`` with S the diagonal matrix of the smoothing. Phi is
+    conditionally negative definite for phi(r) = r, so subtracting S regularises it.
 
     Parameters
     ----------
     u : ndarray of shape (n_points, n_inputs)
         Normalised inputs.
     f : ndarray of shape (n_points, n_outputs)
+        Outputs.
     smoothing : array_like of shape () or (n_points,)
-        At least 0; for 0 the printed system.
+        Smoothing, at least 0; 0 (default) is the printed system.
 
     Notes
     -----
-    Where the system is singular (points that coincide or lie in one plane) the solution of least norm is
-    taken.
+    If the system is singular (points coincide or lie in one plane), the minimum-norm solution is used.
 
     References
     ----------
     `abdulali2016`, eq. (5); Wahba, "Spline models for observational data", 1990.
+
+    Examples
+    --------
+    >>> u = np.array([[0.0], [1.0], [2.0]])
+    >>> network = fit_exact(u, np.array([[0.0], [1.0], [4.0]]))
+    >>> network.at([[1.0], [1.5]]).round(3).ravel().tolist()
+    [1.0, 2.5]
     """
     right = np.concatenate([f, np.zeros((u.shape[1] + 1, f.shape[1]))])
-    solved = _solve(u, smoothing, right)
-    return RadialNetwork(u, solved[: len(u)], solved[len(u) :])
+    solution = _solve(u, smoothing, right)
+    return RadialNetwork(u, solution[: len(u)], solution[len(u) :])
 
 
 def fit_smooth(u: Samples, f: Samples, weight: Samples) -> RadialNetwork:
-    """Solve eq. (5) with the smoothing that predicts left-out points best; a constant, if none is worth it.
+    """Solve eq. (5) with the smoothing of the lowest leave-one-out error; a constant if none beats it.
 
     Parameters
     ----------
     u, f : ndarray of shape (n_points, n_inputs), (n_points, n_outputs)
+        Normalised inputs and outputs.
     weight : ndarray of shape (n_points,)
-        Seconds behind each point: estimates scatter with 1 / weight, and so does the smoothing.
+        Duration of the signal of each point in s. Variance of the estimates and smoothing are proportional to
+        1 / weight.
     """
-    share = weight.mean() / weight
-    errors = [np.mean((f - predict_left_out(u, f, s * share)) ** 2) for s in SMOOTHING]
+    relative = weight.mean() / weight
+    errors = [np.mean((f - predict_left_out(u, f, s * relative)) ** 2) for s in SMOOTHING]
     mean = np.average(f, axis=0, weights=weight)
-    left_out = (mean - f) / (1 - weight / weight.sum())[:, np.newaxis] if len(u) > 1 else f
-    if min(errors) > 0.9 * np.mean(left_out**2) or len(u) < 2:
+    constant_error = (mean - f) / (1 - weight / weight.sum())[:, np.newaxis] if len(u) > 1 else f
+    if min(errors) > 0.9 * np.mean(constant_error**2) or len(u) < 2:
         polynomial = np.concatenate([mean[np.newaxis], np.zeros((u.shape[1], f.shape[1]))])
         return RadialNetwork(u, np.zeros(f.shape), polynomial)
-    return fit_exact(u, f, SMOOTHING[int(np.argmin(errors))] * share)
+    return fit_exact(u, f, SMOOTHING[int(np.argmin(errors))] * relative)
 
 
 def predict_left_out(u: Samples, f: Samples, smoothing: ArrayLike = 0.0) -> Samples:
-    """Return what the network of all other points says of each point, shape (n_points, n_outputs).
+    """Return the leave-one-out prediction of the network for each point, shape (n_points, n_outputs).
 
-    The error of point i is w_i / B_ii, with B the inverse of the system of all points: no fit is repeated.
-    What the others do not determine is taken as their mean.
+    The error of point i is w_i / B_ii, with B the inverse of the system of all points, so no fit is repeated.
+    Where the other points do not determine the prediction, it is the mean of the outputs.
     """
     n = len(u)
     inverse = _solve(u, smoothing, np.eye(n + u.shape[1] + 1))[:n, :n]
     diagonal = np.diag(inverse)[:, np.newaxis]
-    determined = np.abs(diagonal) > 1e-9 * np.abs(inverse).max()
-    error = (inverse @ f) / np.where(determined, diagonal, 1.0)
-    return np.where(determined, f - error, f.mean(axis=0))
+    is_determined = np.abs(diagonal) > 1e-9 * np.abs(inverse).max()
+    error = (inverse @ f) / np.where(is_determined, diagonal, 1.0)
+    return np.where(is_determined, f - error, f.mean(axis=0))
 
 
 def fit_sparse(u: Samples, f: Samples, sparsity: float = SPARSITY) -> RadialNetwork:
-    """Keep few centres: minimise ``1/2 |A x - y|^2 + tau |x|_1``, SpaRSA's objective, over the centres.
+    """Fit a network with few centres: minimise ``1/2 |A x - y|^2 + tau |x|_1``, the objective of SpaRSA.
 
     Parameters
     ----------
     u, f : ndarray of shape (n_points, n_inputs), (n_points, n_outputs)
+        Normalised inputs and outputs.
     sparsity : float
-        tau over the smallest tau that leaves no centre; above 0, below 1.
+        Penalty tau as a fraction of the smallest tau that leaves no centre, between 0 and 1 (default 0.03).
 
     Raises
     ------
     ValueError
-        For a sparsity out of its range.
+        If the sparsity is not between 0 and 1.
 
-    Notes
-    -----
-    Readings. One set of centres serves all outputs (a centre costs its distance once): |x|_1 sums over
-    centres the norm over outputs, each output brought to unit deviation. The polynomial is not penalised but
-    projected out. The centres found are then fitted without penalty under G^T w = 0, SpaRSA's debiasing.
+    Notes ----- Our readings: all outputs share one set of centres (a centre costs one distance), so |x|_1 is
+    the sum over centres of the norm over outputs, each output scaled to unit deviation. The polynomial is
+    projected out and not penalised. The selected centres are fitted again without penalty under G^T w = 0,
+    the debiasing of SpaRSA.
 
     References
     ----------
     `abdulali2016`, section 3.2; Wright, Nowak, Figueiredo, "Sparse reconstruction by separable
     approximation", 2009.
+
+    Examples
+    --------
+    >>> u = np.linspace(-1, 1, 21)[:, np.newaxis]
+    >>> network = fit_sparse(u, np.abs(u))
+    >>> len(network.centres) < 21, bool(np.abs(network.at(u) - np.abs(u)).max() < 0.1)
+    (True, True)
     """
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import MultiTaskLasso
 
     if not 0 < sparsity < 1:
-        raise ValueError(f"sparsity is {sparsity}. Expected a number between 0 and 1")
+        raise ValueError(f"sparsity must be between 0 and 1, got {sparsity}")
     phi, g = spatial.distance.cdist(u, u), np.column_stack([np.ones(len(u)), u])
-    free = np.eye(len(u)) - g @ np.linalg.pinv(g)
+    projector = np.eye(len(u)) - g @ np.linalg.pinv(g)
     deviation = f.std(axis=0)
-    A, y = free @ phi, free @ (f / np.where(deviation > 0, deviation, 1.0))
+    A, y = projector @ phi, projector @ (f / np.where(deviation > 0, deviation, 1.0))
     tau = sparsity * float(np.linalg.norm(A.T @ y, axis=1).max())
-    kept = np.zeros(0, dtype=np.intp)
+    selected = np.zeros(0, dtype=np.intp)
     if tau > 0:
         lasso = MultiTaskLasso(alpha=tau / len(A), fit_intercept=False, max_iter=5000, tol=1e-3)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConvergenceWarning)  # which centres matter is settled long before
-            kept = np.flatnonzero(np.any(lasso.fit(A, y).coef_ != 0, axis=0))
-    balanced = linalg.null_space(g[kept].T)
-    solved = np.linalg.lstsq(np.hstack([phi[:, kept] @ balanced, g]), f)[0]
-    n = balanced.shape[1]
-    return RadialNetwork(u[kept], balanced @ solved[:n], np.asarray(solved[n:], dtype=np.float64))
+            # the selection of centres converges long before the weights
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            selected = np.flatnonzero(np.any(lasso.fit(A, y).coef_ != 0, axis=0))
+    basis = linalg.null_space(g[selected].T)
+    solution = np.linalg.lstsq(np.hstack([phi[:, selected] @ basis, g]), f)[0]
+    n = basis.shape[1]
+    return RadialNetwork(u[selected], basis @ solution[:n], np.asarray(solution[n:], dtype=np.float64))
 
 
 def _solve(u: Samples, smoothing: ArrayLike, right: Samples) -> Samples:
-    """Solve the system of eq. (5); where it is (nearly) singular, with the least norm."""
+    """Solve the system of eq. (5), with the minimum-norm solution if it is (nearly) singular."""
     n, g = len(u), np.column_stack([np.ones(len(u)), u])
     system = np.zeros((n + g.shape[1], n + g.shape[1]))
     system[:n, :n] = spatial.distance.cdist(u, u) - np.diag(np.broadcast_to(np.asarray(smoothing), (n,)))
@@ -454,5 +485,5 @@ def _solve(u: Samples, smoothing: ArrayLike, right: Samples) -> Samples:
             return np.asarray(linalg.solve(system, right, assume_a="sym"))
     except (linalg.LinAlgError, linalg.LinAlgWarning):
         values, vectors = np.linalg.eigh(system)
-    kept = np.abs(values) > 1e-10 * np.abs(values).max()
-    return np.asarray((vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ right))
+    is_regular = np.abs(values) > 1e-10 * np.abs(values).max()
+    return np.asarray((vectors[:, is_regular] / values[is_regular]) @ (vectors[:, is_regular].T @ right))

@@ -1,4 +1,4 @@
-"""Surfaces whose vibration is a function of direction, speed and force: a network, a mesh or a grid."""
+"""Textures that are a function of direction, speed and force: a network, a triangulation or a grid."""
 
 from abc import abstractmethod
 from dataclasses import KW_ONLY, dataclass
@@ -10,7 +10,12 @@ from numba import njit
 from numpy.typing import ArrayLike
 from scipy import interpolate, spatial
 
-from texclass.haptics.textures.abdulali2016.model_points import MOTION_HZ, STEEPEST, Loudness, level_of
+from texclass.haptics.textures.abdulali2016.model_points import (
+    MAX_EXPONENT,
+    MOTION_HZ,
+    Loudness,
+    compute_level,
+)
 from texclass.haptics.textures.contract import Texture, freeze
 from texclass.haptics.textures.grid import GridModel
 from texclass.haptics.textures.motion_renderer import MotionRenderer
@@ -20,40 +25,40 @@ from texclass.vibration import line_spectrum
 from texclass.vibration.autoregressive import Autoregression
 from texclass.vibration.reflection import log_cosines
 
-LIMIT = 2.0
-"""No rendered sample exceeds this many times the recorded peak."""
+PEAK_FACTOR = 2.0
+"""Bound of rendered samples, as a multiple of the recorded peak (our choice)."""
 LATTICE_OPERATIONS = 12
-"""Per stage and sample: k between two, sqrt(1 - k^2), and the rotation."""
+"""Operations per stage and sample: linear change of k, sqrt(1 - k^2), and the rotation."""
 ANISOTROPIC, ISOTROPIC = (17, 17, 8), (24, 10)
-"""Nodes of a baked texture over v_x, v_y, f_n, and over |v|, f_n."""
+"""Number of nodes of a baked texture over v_x, v_y, f_n, and over |v|, f_n."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What a texture's map stands in: how an input is normalised, how far it reaches, how loud it may get.
+    """Normalisation of the inputs of a texture, their range, and bounds of the output.
 
     Parameters
     ----------
     isotropic : bool
-        Whether the inputs are (|v|, f_n) rather than (v_x, v_y, f_n).
+        Whether the inputs are (|v|, f_n) instead of (v_x, v_y, f_n).
     mean, deviation : tuple of float
-        Of each input over the recording: what normalises it (mm/s, N).
+        Mean and standard deviation of each input over the recording (mm/s, N), for normalisation.
     fastest, hardest : float
-        Largest speed (mm/s) and force (N) of a segment: more is felt as this.
+        Largest speed (mm/s) and force (N) of a segment; larger inputs are clipped to them.
     slow, light : float
-        Speed and force below which the level is capped proportionally, so that it ends at 0.
+        Speed and force below which the level is limited in proportion, down to 0 at rest.
     loudest : float
-        Largest RMS of a segment: the level of the vibration does not exceed it.
+        Largest RMS of a segment, the bound of the level of the vibration.
     peak : float
         Largest recorded sample.
     gap : float
-        Least distance of line spectral frequencies, rad: no rendered resonance is sharper than those of the
-        segments, but for a quarter of these.
+        Smallest distance of line spectral frequencies in rad: rendered resonances are no sharper than in
+        three quarters of the segments.
 
     Raises
     ------
     ValueError
-        If a number is not finite, negative, or there are not 2 inputs (isotropic) or 3.
+        If a number is negative or not finite, or there are not 2 inputs (isotropic) or 3.
     """
 
     isotropic: bool
@@ -70,44 +75,44 @@ class Frame:
     def __post_init__(self) -> None:
         n = 2 if self.isotropic else 3
         if not len(self.mean) == len(self.deviation) == n:
-            raise ValueError(f"frame has {len(self.mean)} inputs, isotropic {self.isotropic}. Expected {n}")
+            raise ValueError(f"mean and deviation must have {n} inputs, got {len(self.mean)}")
         sizes = [self.fastest, self.hardest, self.slow, self.light, self.loudest, self.peak, self.gap]
-        finite = np.isfinite([*sizes, *self.mean, *self.deviation]).all()
-        if not finite or min(sizes) < 0 or min(self.deviation) <= 0:
-            raise ValueError(f"{self}. Expected finite numbers, sizes at least 0, deviations above 0")
+        is_finite = np.isfinite([*sizes, *self.mean, *self.deviation]).all()
+        if not is_finite or min(sizes) < 0 or min(self.deviation) <= 0:
+            raise ValueError(f"sizes must be finite and at least 0, and deviations positive, got {self}")
 
     @property
     def n_inputs(self) -> int:
-        """3, or 2 if isotropic."""
+        """Number of inputs: 3, or 2 if isotropic."""
         return len(self.mean)
 
     @property
     def speeds(self) -> Samples:
-        """Lowest and highest speed, mm/s: at least a tenth of the fastest segment."""
+        """Lowest and highest speed in mm/s; the lowest is at least a tenth of the fastest segment."""
         return np.array([max(self.slow, self.fastest / 10), self.fastest])
 
     @property
     def forces(self) -> Samples:
-        """Lowest and highest force, N: at least a tenth of the hardest segment."""
+        """Lowest and highest force in N; the lowest is at least a tenth of the hardest segment."""
         return np.array([max(self.light, self.hardest / 10), self.hardest])
 
     def motion(self, velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
-        """Return speed (n,) and force (n,) of velocities (n, 2) and forces (n,), kept in range."""
+        """Return speed (n,) and force (n,) of velocities (n, 2) and forces (n,), clipped to the range."""
         speed = np.hypot(*np.asarray(velocity, dtype=np.float64).T)
-        hard = np.clip(np.asarray(force, dtype=np.float64), 0.0, self.hardest)
-        return np.minimum(speed, self.fastest), hard
+        clipped_force = np.clip(np.asarray(force, dtype=np.float64), 0.0, self.hardest)
+        return np.minimum(speed, self.fastest), clipped_force
 
     def inputs(self, velocity: ArrayLike, force: ArrayLike) -> Samples:
-        """Return the normalised inputs (n, n_inputs) of velocities (n, 2) and forces (n,), kept in range."""
+        """Return normalised inputs (n, n_inputs) of velocities (n, 2) and forces (n,), clipped to range."""
         v = np.asarray(velocity, dtype=np.float64)
         speed = np.hypot(*v.T)
-        reach, f = self.motion(v, force)
-        kept = v * (reach / np.where(speed > 0, speed, 1.0))[:, np.newaxis]
-        along = [reach] if self.isotropic else [*kept.T]
-        return np.asarray((np.column_stack([*along, f]) - self.mean) / self.deviation)
+        clipped_speed, f = self.motion(v, force)
+        clipped = v * (clipped_speed / np.where(speed > 0, speed, 1.0))[:, np.newaxis]
+        columns = [clipped_speed] if self.isotropic else [*clipped.T]
+        return np.asarray((np.column_stack([*columns, f]) - self.mean) / self.deviation)
 
     def cap(self, velocity: ArrayLike, force: ArrayLike) -> Samples:
-        """Return the largest level (n,) allowed: `loudest`, fading to 0 at rest and without contact."""
+        """Return the bound of the level (n,): `loudest`, decreasing to 0 at rest and without contact."""
         speed, f = np.hypot(*np.asarray(velocity, dtype=np.float64).T), np.asarray(force, dtype=np.float64)
         slow, light = max(self.slow, 1e-12), max(self.light, 1e-12)
         return np.asarray(self.loudest * (np.clip(speed / slow, 0.0, 1.0) * np.clip(f / light, 0.0, 1.0)))
@@ -115,23 +120,30 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class RadialNetwork:
-    """A function of several outputs, given by centres and weights, with phi(r) = r and a linear polynomial.
+    """Radial basis function network with phi(r) = r, a linear polynomial and several outputs.
 
     f(u) = sum_j w_j |u - q_j| + d_0 + sum_k d_k u_k                              [abdulali2016, eq. (4)]
 
     Attributes
     ----------
     centres : ndarray of shape (n_centres, n_inputs)
-        q, normalised inputs.
+        Centres q, normalised inputs.
     weights : ndarray of shape (n_centres, n_outputs)
-        w.
+        Weights w.
     polynomial : ndarray of shape (n_inputs + 1, n_outputs)
-        d: the constant, then one row per input.
+        Coefficients d: the constant, then one row per input.
 
     Raises
     ------
     ValueError
         If the shapes do not fit or a value is not finite.
+        If the shapes do not fit or a value is not finite.
+
+    Examples
+    --------
+    >>> network = RadialNetwork(np.zeros((1, 2)), np.ones((1, 1)), np.zeros((3, 1)))
+    >>> network.at([[3.0, 4.0]]).tolist()
+    [[5.0]]
     """
 
     centres: Samples
@@ -143,7 +155,7 @@ class RadialNetwork:
         freeze(self, polynomial=(self.centres.shape[1] + 1, self.weights.shape[1]))
 
     def at(self, u: ArrayLike) -> Samples:
-        """Return f at inputs (n, n_inputs), shape (n, n_outputs); every row by itself, bit for bit."""
+        """Return f at inputs (n, n_inputs), shape (n, n_outputs), row by row."""
         points = np.ascontiguousarray(u, dtype=np.float64)
         out = np.empty((len(points), self.weights.shape[1]))
         _evaluate(points, self.centres, self.weights, self.polynomial, out)
@@ -151,46 +163,46 @@ class RadialNetwork:
 
 
 class FramedTexture(Texture):
-    """A texture whose range is that of its frame."""
+    """Base class of textures whose range is that of their frame."""
 
     frame: Frame
 
     @property
     def speeds(self) -> Samples:
-        """Ends of the range, mm/s."""
+        """Ends of the range of speeds in mm/s."""
         return self.frame.speeds
 
     @property
     def forces(self) -> Samples:
-        """Ends of the range, N."""
+        """Ends of the range of forces in N."""
         return self.frame.forces
 
 
 @dataclass(frozen=True, eq=False)
 class MapTexture(FramedTexture):
-    """A map from velocity and force to line spectrum and loudness -> AR process.
+    """Base class of textures that map velocity and force to a line spectrum and a loudness of an AR process.
 
     Parameters
     ----------
     name : str
-        Of the surface.
+        Name of the surface.
     fs : float
-        Hz.
+        Sampling rate in Hz.
     frame : Frame
         Normalisation, range and bounds.
     loudness : {"level", "variance"}
-        What the last output is, see `level_of`: what the law of growth leaves, or a variance.
+        Kind of the last output, see `compute_level`: residual from the law of the level, or variance.
     growth : tuple of float
-        Exponents of speed and of force in the level; for "level" only.
+        Exponents of speed and force in the law of the level; for "level" only.
     buffer : int
-        Samples between two readings of the map; `abdulali2016`, section 4.2.
+        Number of samples between two evaluations of the map (default 16); `abdulali2016`, section 4.2.
     glide : bool
-        Whether parameters move between readings (else they jump, as in the paper).
+        Whether parameters change linearly between evaluations (default); in the paper they jump.
 
     Raises
     ------
     ValueError
-        If something breaks a rule; the message names it.
+        If a value is not valid.
     """
 
     name: str
@@ -205,14 +217,14 @@ class MapTexture(FramedTexture):
     def __post_init__(self) -> None:
         positive(self.fs, "fs")
         if self.buffer < 1:
-            raise ValueError(f"buffer is {self.buffer!r}. Expected an integer of at least 1")
+            raise ValueError(f"buffer must be an integer of at least 1, got {self.buffer!r}")
         if self.loudness not in get_args(Loudness):
-            raise ValueError(f"loudness is {self.loudness!r}. Expected one of {get_args(Loudness)}")
-        if len(self.growth) != 2 or not all(0 <= power <= STEEPEST for power in self.growth):
-            raise ValueError(f"growth is {self.growth}. Expected two numbers, 0 to {STEEPEST}")
+            raise ValueError(f"loudness must be one of {get_args(Loudness)}, got {self.loudness!r}")
+        if len(self.growth) != 2 or not all(0 <= power <= MAX_EXPONENT for power in self.growth):
+            raise ValueError(f"growth must be two numbers, 0 to {MAX_EXPONENT}, got {self.growth}")
         largest = np.pi / (self.order + 1)
         if self.frame.gap > largest:
-            raise ValueError(f"gap is {self.frame.gap}. Expected at most pi / (p + 1) = {largest:g}")
+            raise ValueError(f"gap must be at most pi / (p + 1) = {largest:g}, got {self.frame.gap}")
 
     @property
     @abstractmethod
@@ -226,12 +238,12 @@ class MapTexture(FramedTexture):
     def models(self, velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
         """Return reflection coefficients (n, p) and levels (n,) at velocities (n, 2) and forces (n,).
 
-        Frequencies out of order or too close are moved by `line_spectrum.spread`; no level
-        exceeds the loudest segment's, see `Frame.cap`.
+        Frequencies that are out of order or too close are moved by `line_spectrum.spread`. The level is
+        bounded by `Frame.cap`.
         """
         out = self.outputs_at(self.frame.inputs(velocity, force))
         k = line_spectrum.to_reflection(line_spectrum.spread(out[:, :-1], self.frame.gap))
-        level = level_of(self.loudness, out[:, -1], k, self.frame.motion(velocity, force), self.growth)
+        level = compute_level(self.loudness, out[:, -1], k, self.frame.motion(velocity, force), self.growth)
         return k, np.minimum(level, self.frame.cap(velocity, force))
 
     def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
@@ -240,18 +252,18 @@ class MapTexture(FramedTexture):
         return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer at rest, which follows the motion with the bandwidth it was recorded with."""
+        """Return a renderer at rest, which smooths the motion with the bandwidth of the recordings."""
 
-        def read(course: Samples) -> tuple[Samples, Samples]:
-            k, level = self.models(course[:, :2], course[:, 2])
+        def parameter_map(motion: Samples) -> tuple[Samples, Samples]:
+            k, level = self.models(motion[:, :2], motion[:, 2])
             return k, level[:, np.newaxis]
 
         return MotionRenderer(
-            read,
+            parameter_map,
             fs=self.fs,
             order=self.order,
             hop=self.buffer,
-            limit=LIMIT * self.frame.peak,
+            limit=PEAK_FACTOR * self.frame.peak,
             seed=seed,
             motion_hz=MOTION_HZ,
             glide=self.glide,
@@ -268,7 +280,7 @@ class NetworkTexture(MapTexture):
     name, fs, frame, loudness, growth, buffer, glide
         As for `MapTexture`.
     network : RadialNetwork
-        p line spectral frequencies (rad per sample) and the loudness, in this order.
+        Network with p line spectral frequencies (rad per sample) and the loudness as outputs, in this order.
     """
 
     family: ClassVar[str] = "abdulali2016"
@@ -278,8 +290,8 @@ class NetworkTexture(MapTexture):
         n_inputs, n_outputs = self.network.centres.shape[1], self.network.weights.shape[1]
         if n_inputs != self.frame.n_inputs or n_outputs < 2:
             raise ValueError(
-                f"network has {n_inputs} inputs and {n_outputs} outputs. "
-                f"Expected {self.frame.n_inputs}, at least 2"
+                f"network must have {self.frame.n_inputs} inputs and at least 2 outputs, got {n_inputs} and "
+                f"{n_outputs}"
             )
         super().__post_init__()
 
@@ -290,28 +302,28 @@ class NetworkTexture(MapTexture):
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample; the way from LSF to k counts 4 p^2."""
+        """Multiplications and additions per sample; the conversion of LSF to k counts 4 p^2."""
         n, p, d = len(self.network.centres), self.order, self.frame.n_inputs
-        reading = n * (3 * d + 1) + 2 * (n + d + 1) * (p + 1) + 4 * p**2
-        return LATTICE_OPERATIONS * p + reading / self.buffer
+        evaluation = n * (3 * d + 1) + 2 * (n + d + 1) * (p + 1) + 4 * p**2
+        return LATTICE_OPERATIONS * p + evaluation / self.buffer
 
     def outputs_at(self, u: Samples) -> Samples:
-        """Return what the network says."""
+        """Return the outputs of the network."""
         return self.network.at(u)
 
 
 @dataclass(frozen=True, eq=False)
 class DelaunayTexture(MapTexture):
-    """The comparison: line spectra mixed in the simplex around the input, as the HaTT models do it.
+    """Baseline: line spectra interpolated in the simplex around the input, as in the HaTT models.
 
-    Outside of the triangulation the nearest point holds.
+    Outside the triangulation the nearest point is used.
 
     Parameters
     ----------
     name, fs, frame, loudness, growth, buffer, glide
         As for `MapTexture`.
     u : ndarray of shape (n_points, n_inputs)
-        Normalised inputs of the points, which span the space.
+        Normalised inputs of the points, which must span the input space.
     outputs : ndarray of shape (n_points, p + 1)
         Line spectral frequencies (rad per sample, increasing) and loudness.
     """
@@ -323,21 +335,21 @@ class DelaunayTexture(MapTexture):
     def __post_init__(self) -> None:
         freeze(self, u=("n_points", self.frame.n_inputs), outputs=("n_points", "outputs"))
         if self.order < 1:
-            raise ValueError(f"outputs have shape {self.outputs.shape}. Expected p + 1 columns, p at least 1")
+            raise ValueError(f"outputs must have at least 2 columns, got shape {self.outputs.shape}")
         if np.any(np.diff(self.outputs[:, :-1], axis=1) <= 0):
-            raise ValueError("outputs are out of order. Expected increasing frequencies")
+            raise ValueError("outputs must have increasing line spectral frequencies")
         try:
-            _ = self._maps
+            _ = self._interpolators
         except (spatial.QhullError, ValueError) as error:
             raise ValueError(
-                f"{len(self.u)} points do not span the input, so they have no triangulation"
+                f"the {len(self.u)} points must span the input space, so that they can be triangulated"
             ) from error
         super().__post_init__()
 
     @cached_property
-    def _maps(self) -> tuple[Any, Any]:
-        inside = interpolate.LinearNDInterpolator(spatial.Delaunay(self.u), self.outputs)
-        return inside, interpolate.NearestNDInterpolator(self.u, self.outputs)
+    def _interpolators(self) -> tuple[Any, Any]:
+        linear = interpolate.LinearNDInterpolator(spatial.Delaunay(self.u), self.outputs)
+        return linear, interpolate.NearestNDInterpolator(self.u, self.outputs)
 
     @property
     def order(self) -> int:
@@ -346,40 +358,40 @@ class DelaunayTexture(MapTexture):
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample; LSF to k counts 4 p^2, finding the simplex nothing."""
+        """Multiplications and additions per sample; LSF to k counts 4 p^2, the simplex search nothing."""
         d, p = self.frame.n_inputs, self.order
         return LATTICE_OPERATIONS * p + (2 * d**2 + 2 * (d + 1) * (p + 1) + 4 * p**2) / self.buffer
 
     def outputs_at(self, u: Samples) -> Samples:
-        """Return sum_i b_i f_i, with b the barycentric coordinates in the simplex of each input."""
-        inside, outside = self._maps
-        out = np.asarray(inside(u))
-        alone = np.isnan(out).any(axis=1)  # outside, or in a simplex without volume
-        out[alone] = outside(u[alone])
+        """Return sum_i b_i f_i with the barycentric coordinates b in the simplex of each input."""
+        linear, nearest = self._interpolators
+        out = np.asarray(linear(u))
+        is_outside = np.isnan(out).any(axis=1)  # or in a simplex without volume
+        out[is_outside] = nearest(u[is_outside])
         return out
 
 
 @dataclass(frozen=True, eq=False)
 class BakedTexture(FramedTexture):
-    """A texture read at the nodes of a grid, see `bake`: what a loop of one sample per call can afford.
+    """A texture sampled at the nodes of a grid, see `bake`: cheap enough for one sample per call.
 
-    The motion is followed with 25 Hz, and the grid is read at every sample.
+    The motion is smoothed with 25 Hz, and the grid is evaluated at every sample.
 
     Parameters
     ----------
     name : str
-        Of the surface.
+        Name of the surface.
     fs : float
-        Hz.
+        Sampling rate in Hz.
     frame : Frame
         Range and bounds.
     grid : GridModel
-        Over v_x, v_y, f_n, or |v|, f_n, with the scale "root": finer where spectra change faster.
+        Model over v_x, v_y, f_n, or |v|, f_n, with the scale "root": finer where spectra change faster.
 
     Raises
     ------
     ValueError
-        If something breaks a rule.
+        If the grid does not fit the frame.
     """
 
     family: ClassVar[str] = "abdulali2016-baked"
@@ -391,11 +403,11 @@ class BakedTexture(FramedTexture):
     def __post_init__(self) -> None:
         positive(self.fs, "fs")
         grid, n = self.grid, self.frame.n_inputs
-        found = len(grid.axes), min(grid.n_nodes), grid.scale, grid.kind
-        if found != (n, max(found[1], 2), "root", "AR"):
+        shape = len(grid.axes), min(grid.n_nodes), grid.scale, grid.kind
+        if shape != (n, max(shape[1], 2), "root", "AR"):
             raise ValueError(
-                f"grid has {found[0]} axes of {found[1]} nodes or more, scale {grid.scale!r}, {grid.kind}. "
-                f"Expected {n} axes of 2 nodes or more, scale 'root', AR"
+                f"grid must have {n} axes of 2 nodes or more, scale 'root' and AR models, got {shape[0]} "
+                f"axes of {shape[1]} nodes or more, scale {grid.scale!r} and {grid.kind}"
             )
 
     @property
@@ -411,8 +423,8 @@ class BakedTexture(FramedTexture):
     def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
         """Return the AR models of strokes along +x at speeds (n,) and forces (n,)."""
         velocity = np.column_stack([speed, np.zeros_like(speed)])
-        along = [speed] if self.frame.isotropic else [*velocity.T]
-        k, power = self.grid.at(*along, force)
+        columns = [speed] if self.frame.isotropic else [*velocity.T]
+        k, power = self.grid.at(*columns, force)
         level = np.minimum(np.sqrt(power), self.frame.cap(velocity, force))
         return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
 
@@ -421,18 +433,18 @@ class BakedTexture(FramedTexture):
         frame, nodes = self.frame, self.grid.nodes
         bounds = (*np.maximum([frame.fastest, frame.hardest, frame.slow, frame.light], 1e-12), frame.loudest)
 
-        def read(course: Samples) -> tuple[Samples, Samples]:
-            at, cap = np.empty((len(course), frame.n_inputs)), np.empty(len(course))
-            _keep_in_range(course, bounds, at, cap)
-            found = nodes.at_warped(at)
-            return found[:, :-1], np.minimum(found[:, -1], cap)[:, np.newaxis]
+        def parameter_map(motion: Samples) -> tuple[Samples, Samples]:
+            points, cap = np.empty((len(motion), frame.n_inputs)), np.empty(len(motion))
+            _clip_and_warp(motion, bounds, points, cap)
+            values = nodes.at_warped(points)
+            return values[:, :-1], np.minimum(values[:, -1], cap)[:, np.newaxis]
 
         return MotionRenderer(
-            read,
+            parameter_map,
             fs=self.fs,
             order=self.order,
             hop=1,
-            limit=LIMIT * frame.peak,
+            limit=PEAK_FACTOR * frame.peak,
             seed=seed,
             motion_hz=MOTION_HZ,
             n_stationary=self.order + 1,
@@ -440,29 +452,38 @@ class BakedTexture(FramedTexture):
 
 
 def bake(texture: MapTexture, name: str, nodes: tuple[int, ...] | None = None) -> BakedTexture:
-    """Read a texture at the nodes of a grid.
+    """Sample a texture at the nodes of a grid.
 
     Parameters
     ----------
     texture : NetworkTexture or DelaunayTexture
+        Texture to sample.
     name : str
-        Of the surface.
+        Name of the surface.
     nodes : tuple of int, optional
-        Along v_x, v_y, f_n, or |v|, f_n; `ANISOTROPIC` or `ISOTROPIC` by default.
+        Number of nodes along v_x, v_y, f_n, or |v|, f_n (default `ANISOTROPIC` or `ISOTROPIC`).
 
     Raises
     ------
     ValueError
-        If the number of axes is wrong, or one has fewer than 2 nodes.
+        If the number of axes is wrong, or an axis has fewer than 2 nodes.
+
+    Examples
+    --------
+    >>> frame = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0)
+    >>> polynomial = np.array([[1.0, 2.0, 0.4], [0.05, 0.05, 0.1], [0.0, 0.0, 0.1]])
+    >>> network = RadialNetwork(np.zeros((1, 2)), np.zeros((1, 3)), polynomial)
+    >>> bake(NetworkTexture("slate", 1000.0, frame, network), "slate", (5, 4)).grid.n_nodes
+    (5, 4)
     """
     frame = texture.frame
     size = nodes or (ISOTROPIC if frame.isotropic else ANISOTROPIC)
     if len(size) != frame.n_inputs or min(size) < 2:
-        raise ValueError(f"nodes are {size}. Expected {frame.n_inputs} numbers of at least 2")
-    parts = [np.linspace(0 if frame.isotropic else -1, 1, n) for n in size[:-1]]
-    axes = [frame.fastest * np.sign(part) * part**2 for part in parts]
+        raise ValueError(f"nodes must be {frame.n_inputs} numbers of at least 2, got {size}")
+    steps = [np.linspace(0 if frame.isotropic else -1, 1, n) for n in size[:-1]]
+    axes = [frame.fastest * np.sign(step) * step**2 for step in steps]
     axes.append(frame.hardest * np.linspace(0, 1, size[-1]) ** 2)
-    *v, force = (each.ravel() for each in np.meshgrid(*axes, indexing="ij"))
+    *v, force = (values.ravel() for values in np.meshgrid(*axes, indexing="ij"))
     velocity = np.column_stack([*v, np.zeros(force.size)][:2])
     k, level = texture.models(velocity, force)
     grid = GridModel(tuple(axes), k.reshape(*size, -1), level.reshape(size) ** 2, frame.peak, scale="root")
@@ -487,18 +508,18 @@ def _evaluate(u, q, w, d, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _keep_in_range(course, bounds, at, cap):  # type: ignore[no-untyped-def]
-    """Write the signed roots of inputs kept in range, and the largest level allowed; see `Frame.cap`."""
+def _clip_and_warp(motion, bounds, points, cap):  # type: ignore[no-untyped-def]
+    """Write the signed roots of inputs clipped to the range, and the bound of the level; see `Frame.cap`."""
     fastest, hardest, slow, light, loudest = bounds
-    n = at.shape[1]
-    for t in range(len(course)):
-        speed = np.sqrt(course[t, 0] ** 2 + course[t, 1] ** 2)
-        shrink = fastest / speed if speed > fastest else 1.0
+    n = points.shape[1]
+    for t in range(len(motion)):
+        speed = np.sqrt(motion[t, 0] ** 2 + motion[t, 1] ** 2)
+        scale = fastest / speed if speed > fastest else 1.0
         if n == 2:
-            at[t, 0] = speed * shrink
+            points[t, 0] = speed * scale
         else:
-            at[t, 0], at[t, 1] = course[t, 0] * shrink, course[t, 1] * shrink
-        at[t, n - 1] = min(course[t, 2], hardest)
+            points[t, 0], points[t, 1] = motion[t, 0] * scale, motion[t, 1] * scale
+        points[t, n - 1] = min(motion[t, 2], hardest)
         for i in range(n):
-            at[t, i] = np.sign(at[t, i]) * np.sqrt(abs(at[t, i]))
-        cap[t] = loudest * (min(speed / slow, 1.0) * min(course[t, 2] / light, 1.0))
+            points[t, i] = np.sign(points[t, i]) * np.sqrt(abs(points[t, i]))
+        cap[t] = loudest * (min(speed / slow, 1.0) * min(motion[t, 2] / light, 1.0))
