@@ -446,9 +446,8 @@ def fit_sparse(u: Samples, f: Samples, sparsity: float = SPARSITY) -> RadialNetw
     Examples
     --------
     >>> u = np.linspace(-1, 1, 21)[:, np.newaxis]
-    >>> network = fit_sparse(u, np.abs(u))
-    >>> len(network.centres) < 21, bool(np.abs(network.at(u) - np.abs(u)).max() < 0.1)
-    (True, True)
+    >>> len(fit_exact(u, np.abs(u)).centres), len(fit_sparse(u, np.abs(u)).centres)
+    (21, 2)
     """
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import MultiTaskLasso
