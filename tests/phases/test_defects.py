@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from texclass.phases import find_glitches, find_phases
-from texclass.phases.defects import BLOCK, NEAR, WILD, get_glitches
+from texclass.phases.defects import BLOCK, GLITCH_RATIO, N_NEIGHBOURS, get_glitches
 from texclass.recording import Recording
 
 FS = 10_000.0
@@ -24,10 +24,10 @@ def by_definition(x):
     """Return the glitches, sample by sample."""
     found = []
     for i, column in itertools.product(range(1, len(x) - 1), x.T):
-        first = min(max(i - NEAR, 0), len(x) - 2 * NEAR - 1)
-        near = column[first : first + 2 * NEAR + 1].copy()
+        first = min(max(i - N_NEIGHBOURS, 0), len(x) - 2 * N_NEIGHBOURS - 1)
+        near = column[first : first + 2 * N_NEIGHBOURS + 1].copy()
         near[i - first] = column[i - 1]
-        if abs(column[i] - np.median(near)) > WILD * np.ptp(near):
+        if abs(column[i] - np.median(near)) > GLITCH_RATIO * np.ptp(near):
             found.append(i)
     return np.unique(found)
 
@@ -68,5 +68,5 @@ def test_a_glitch_is_so_far_from_the_median_of_its_neighbours_and_no_nearer(far,
     for seed in range(20):
         x = np.random.default_rng(seed).normal(size=(40, 1))
         near = np.array([*x[16:20, 0], x[19, 0], *x[21:25, 0]])
-        x[20] = np.median(near) + side * far * WILD * np.ptp(near)
+        x[20] = np.median(near) + side * far * GLITCH_RATIO * np.ptp(near)
         assert find_glitches(x).tolist() == ([20] if far > 1 else [])

@@ -1,6 +1,7 @@
 from . import autoregression as autoregression
 from . import bands as bands
 from . import cepstrum as cepstrum
+from . import channels as channels
 from . import decaying_segments as decaying_segments
 from . import fineness as fineness
 from . import friction as friction

@@ -1,4 +1,4 @@
-"""Where the taps and the movement of a recording are, and what a live stream needs to say so as well."""
+"""Search for phases (taps and movement) in recordings and live streams."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What files hold that no sensor felt: values held at an end, single wild samples, a volume that is faded."""
+"""Defects of recordings: padding at the ends, single-sample glitches, and fades."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,37 +10,39 @@ from numpy.typing import NDArray
 from texclass.recording import Recording, Samples
 
 HELD_S = 0.005
-"""All channels keep their value so long at an end of a recording: padding, not a sensor."""
-LEAST_HELD = 8
-"""And at least for so many samples."""
-STEP = 8.0
-"""Ratio to their spread by which samples leave a held value if something steps in, as gravity does."""
-WILD = 6.0
-"""A glitch leaves its neighbours so many times as far as these lie apart."""
-NEAR = 4
-"""Samples on each side that are its neighbours."""
+"""Shortest padding in s: all channels keep their value for this time at an end of the recording."""
+MIN_HELD = 8
+"""Shortest padding in samples."""
+STEP_RATIO = 8.0
+"""A step from padding to data (as of gravity) is this many times the spread of the first data samples."""
+GLITCH_RATIO = 6.0
+"""A glitch deviates from the median of its neighbours by more than this many times their range."""
+N_NEIGHBOURS = 4
+"""Neighbours of a sample on each side."""
 FADE_DB = 2.5
-"""Least rise of the level, each time as much time has passed again, while a volume is turned up."""
-FADE_MOST_DB, FADE_TOTAL_DB = 25.0, 12.0
+"""Smallest rise of the level in dB per doubling of time during a fade-in; a linear fade has 6 dB."""
+MAX_FADE_DB, TOTAL_FADE_DB = 25.0, 12.0
+"""Largest rise in dB per doubling of time, and smallest rise of the whole fade."""
 FADE_FASTER_DB = 6.0
-"""A fade slows down: a rise that exceeds the one before by more than this is a tap."""
+"""A fade slows down: a rise that exceeds the previous one by more than this (dB) is a tap."""
 LONGEST_FADE_S = 0.6
+"""Longest fade-in in s."""
 BLOCK = 1 << 13
-"""Rows looked at at a time, so few that they stay near the processor."""
+"""Rows per block, so that a block fits into the cache of the processor."""
 GLITCHES: WeakKeyDictionary[Recording, NDArray[np.intp]] = WeakKeyDictionary()
-"""Those of recordings whose phases were searched, as long as there are these."""
+"""Glitches of recordings whose phases were searched, for the lifetime of the recordings."""
 
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """The part of a recording that a sensor felt.
+    """The range of a recording that contains data of the sensor.
 
     Attributes
     ----------
     first, stop : int
-        Data are the samples [first, stop); outside, a value is held.
+        Half-open range [first, stop) of samples with data; outside, the values are padding.
     rest : ndarray of shape (n_channels,)
-        What stands in for what is held before: the level at which the data begin.
+        Level at which the data start; it replaces the padding before.
     """
 
     first: int
@@ -49,97 +51,169 @@ class Data:
 
 
 def find_data(axes: Samples, fs: float) -> Data:
-    """Find the data of (n, n_channels) samples between values held at the ends.
+    """Return the range of samples without padding at the ends.
 
-    Zeros before and after, or a first or last value repeated, say nothing of the noise, and a step from them
-    to what a sensor feels at rest is no impulse.
+    Padding consists of zeros, or of a first or last value that is repeated. It does not contain the noise of
+    the sensor, and a step from padding to the level at rest is not an impulse.
+
+    Parameters
+    ----------
+    axes : ndarray of shape (n, n_channels)
+        Samples.
+    fs : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    Data
+        Range of the data, and the level at its start.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).standard_normal((1000, 1))
+    >>> x[:200] = 0.0
+    >>> data = find_data(x, fs=1000)
+    >>> data.first, data.stop
+    (200, 1000)
     """
     n = len(axes)
-    least = max(LEAST_HELD, round(HELD_S * fs))
-    before, after = _held(axes), _held(axes[::-1])
-    first = before if before >= least else 0
-    stop = n - after if after >= least and after < n else n
+    n_min = max(MIN_HELD, round(HELD_S * fs))
+    n_start, n_end = _n_held(axes), _n_held(axes[::-1])
+    first = n_start if n_start >= n_min else 0
+    stop = n - n_end if n_end >= n_min and n_end < n else n
     if first == n:
         return Data(0, n, axes[0])
     opening = axes[first : first + max(3, round(0.02 * fs))]
     if not first:
-        return Data(0, stop, _start(opening))
+        return Data(0, stop, _start_of_line(opening))
     level = np.median(opening, axis=0)
     spread = np.median(np.abs(opening - level), axis=0)
-    steps_in = bool((np.abs(level - axes[0]) > STEP * spread).any() and spread.any())
-    return Data(first, stop, level if steps_in else axes[0])
+    has_step = bool((np.abs(level - axes[0]) > STEP_RATIO * spread).any() and spread.any())
+    return Data(first, stop, level if has_step else axes[0])
 
 
-def _held(axes: Samples) -> int:
-    """Return how many samples from the first on keep its value; 1 if the second differs."""
+def _n_held(axes: Samples) -> int:
+    """Return how many samples from the first on have the same value."""
     start, size = 1, 64
     while start < len(axes):
         differs = (axes[start : start + size] != axes[0]).any(axis=1)
-        at = int(np.argmax(differs))
-        if differs[at]:
-            return start + at
+        index = int(np.argmax(differs))
+        if differs[index]:
+            return start + index
         start, size = start + size, min(2 * size, BLOCK)
     return len(axes)
 
 
 def get_glitches(recording: Recording, stop: int) -> NDArray[np.intp]:
-    """Return the glitches before sample `stop`: those that the search for phases found, if it was made."""
-    found = GLITCHES.get(recording)
-    if found is None:
-        found = find_glitches(recording.acceleration.reshape(recording.n_samples, -1), stop)
-    return found[: np.searchsorted(found, stop)]
+    """Return the glitches before sample `stop`, from the search for phases if there was one.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).standard_normal(1000)
+    >>> x[300] = 100.0
+    >>> get_glitches(Recording(x, fs=1000), stop=1000).tolist()
+    [300]
+    """
+    glitches = GLITCHES.get(recording)
+    if glitches is None:
+        glitches = find_glitches(recording.acceleration.reshape(recording.n_samples, -1), stop)
+    return glitches[: np.searchsorted(glitches, stop)]
 
 
 def find_glitches(axes: Samples, stop: int | None = None) -> NDArray[np.intp]:
-    """Return the samples of (n, n_channels) that leave alone, and by far, the line of their neighbours.
+    """Return the indices of single samples far away from their neighbours.
 
-    What strikes a tool moves it for longer than a sample, and it rings; a bit that flips, a loose contact or
-    a lost word do not. If only those before `stop` are asked for, some after it may be missing.
+    A contact moves the tool for more than one sample, and the tool rings afterwards. Flipped bits, loose
+    contacts and lost words affect single samples.
+
+    Parameters
+    ----------
+    axes : ndarray of shape (n, n_channels)
+        Samples.
+    stop : int, optional
+        Only glitches before this sample are required; some later ones may be missing.
+
+    Returns
+    -------
+    ndarray of int
+        Indices in ascending order.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).standard_normal((1000, 3))
+    >>> x[300, 1] = 100.0
+    >>> find_glitches(x).tolist()
+    [300]
     """
     n, n_channels = axes.shape
-    if n < 2 * NEAR + 1 or stop == 0:
+    if n < 2 * N_NEIGHBOURS + 1 or stop == 0:
         return np.zeros(0, dtype=np.intp)
-    found, unit = list[NDArray[np.intp]](), 64  # rows compared at once: one by one takes far longer
+    candidates, unit = list[NDArray[np.intp]](), 64  # comparing 64 rows at once is much faster
     n_rows = min(BLOCK, -(-n // unit) * unit)
-    jumps, lows = np.empty((n_rows + 1) * n_channels), np.empty(n_rows * n_channels)
-    ones, least = np.ones(n_rows), np.empty((unit, n_channels))
-    for start in range(0, min(n - 2 * NEAR, n if stop is None else stop), BLOCK):
-        before = max(0, start - 1)
-        rows = axes[before : start + BLOCK + 1].reshape(-1)
+    jumps, smaller_jumps = np.empty((n_rows + 1) * n_channels), np.empty(n_rows * n_channels)
+    ones, threshold = np.ones(n_rows), np.empty((unit, n_channels))
+    for start in range(0, min(n - 2 * N_NEIGHBOURS, n if stop is None else stop), BLOCK):
+        offset = max(0, start - 1)
+        rows = axes[offset : start + BLOCK + 1].reshape(-1)
         jump = np.subtract(rows[n_channels:], rows[:-n_channels], out=jumps[: len(rows) - n_channels])
         np.abs(jump, out=jump)
         size = len(jump) - n_channels
-        np.minimum(jump[n_channels:], jump[:-n_channels], out=lows[:size])
-        lows[size:] = 0.0
-        least[:] = ones @ lows.reshape(-1, n_channels) * (WILD * n_channels / size)
-        (at,) = np.nonzero((lows.reshape(-1, least.size) > least.reshape(-1)).reshape(-1))
-        at = at[lows[at] > (WILD - 2.0) * np.abs(rows[at + 2 * n_channels] - rows[at])]
-        found.append(at + (before + 1) * n_channels)
-    wild, channels = np.divmod(np.concatenate(found), n_channels)
-    first = np.minimum(np.maximum(wild - NEAR, 0), n - 2 * NEAR - 1)
-    near = axes[first[:, None] + np.arange(2 * NEAR + 1), channels[:, None]]
-    its = np.arange(len(wild)), wild - first
-    near[its] = near[its[0], its[1] - 1]
-    near.sort(axis=1)
-    alone = np.abs(axes[wild, channels] - near[:, NEAR]) > WILD * (near[:, -1] - near[:, 0])
-    return np.unique(wild[alone]) if alone.any() else wild[:0]
+        np.minimum(jump[n_channels:], jump[:-n_channels], out=smaller_jumps[:size])
+        smaller_jumps[size:] = 0.0
+        threshold[:] = ones @ smaller_jumps.reshape(-1, n_channels) * (GLITCH_RATIO * n_channels / size)
+        (jump_index,) = np.nonzero(
+            (smaller_jumps.reshape(-1, threshold.size) > threshold.reshape(-1)).reshape(-1)
+        )
+        change = np.abs(rows[jump_index + 2 * n_channels] - rows[jump_index])
+        jump_index = jump_index[smaller_jumps[jump_index] > (GLITCH_RATIO - 2.0) * change]
+        candidates.append(jump_index + (offset + 1) * n_channels)
+    samples, channels = np.divmod(np.concatenate(candidates), n_channels)
+    first = np.minimum(np.maximum(samples - N_NEIGHBOURS, 0), n - 2 * N_NEIGHBOURS - 1)
+    neighbours = axes[first[:, None] + np.arange(2 * N_NEIGHBOURS + 1), channels[:, None]]
+    row, column = np.arange(len(samples)), samples - first  # replace the sample itself by the previous one
+    neighbours[row, column] = neighbours[row, column - 1]
+    neighbours.sort(axis=1)
+    deviation = np.abs(axes[samples, channels] - neighbours[:, N_NEIGHBOURS])
+    is_glitch = deviation > GLITCH_RATIO * (neighbours[:, -1] - neighbours[:, 0])
+    return np.unique(samples[is_glitch]) if is_glitch.any() else samples[:0]
 
 
 def interpolate_glitches(axes: Samples, glitches: NDArray[np.intp]) -> Samples:
-    """Return samples with the mean of both neighbours in place of each glitch."""
+    """Return samples with each glitch replaced by the mean of its neighbours.
+
+    Parameters
+    ----------
+    axes : ndarray of shape (n, n_channels)
+        Samples.
+    glitches : ndarray of int
+        Indices from `find_glitches`.
+
+    Examples
+    --------
+    >>> interpolate_glitches(np.array([[1.0], [90.0], [3.0]]), np.array([1])).ravel().tolist()
+    [1.0, 2.0, 3.0]
+    """
     if not len(glitches):
         return axes
     axes = axes.copy()
-    before, after = np.maximum(glitches - 1, 0), np.minimum(glitches + 1, len(axes) - 1)
-    axes[glitches] = (axes[before] + axes[after]) / 2
+    previous, following = np.maximum(glitches - 1, 0), np.minimum(glitches + 1, len(axes) - 1)
+    axes[glitches] = (axes[previous] + axes[following]) / 2
     return axes
 
 
-def fade(power: Callable[[int, int], float], n_bins: int, bin_s: float) -> int:
-    """Return the bins at the start in which the level is turned up from nothing; 0 if it is not.
+def fade_length(power: Callable[[int, int], float], n_bins: int, bin_s: float) -> int:
+    """Return the number of bins of a fade-in at the start; 0 if there is none.
 
-    `power` is asked for the mean of bins [start, stop). Such a level keeps rising each time as much time has
-    passed again: a linear fade by 6 dB.
+    In a fade-in, the level rises with each doubling of time: by 6 dB in a linear one.
+
+    Parameters
+    ----------
+    power : callable
+        Mean power of the bins [start, stop).
+    n_bins : int
+        Number of bins.
+    bin_s : float
+        Duration of a bin in s.
     """
 
     def level_db(start: int, stop: int) -> float:
@@ -149,19 +223,19 @@ def fade(power: Callable[[int, int], float], n_bins: int, bin_s: float) -> int:
     if n_bins < edge:
         return 0
     first = last = level_db(start, edge)
-    step_db = FADE_MOST_DB
+    step_db = MAX_FADE_DB
     while 2 * edge <= n_bins and edge * bin_s < LONGEST_FADE_S:
         start, edge = edge, 2 * edge
-        now = level_db(start, edge)
-        if not FADE_DB <= now - last <= min(FADE_MOST_DB, step_db + FADE_FASTER_DB):
+        current = level_db(start, edge)
+        if not FADE_DB <= current - last <= min(MAX_FADE_DB, step_db + FADE_FASTER_DB):
             break
-        last, step_db = now, now - last
+        last, step_db = current, current - last
     else:
         return 0
-    return start if last - first >= FADE_TOTAL_DB else 0
+    return start if last - first >= TOTAL_FADE_DB else 0
 
 
-def _start(rows: Samples) -> Samples:
-    """Return where the line through the rows begins."""
+def _start_of_line(rows: Samples) -> Samples:
+    """Return the value of the regression line at the first row."""
     t = np.arange(len(rows)) - (len(rows) - 1) / 2
     return np.asarray((1 / len(rows) + t[0] * t / max(float(t @ t), 1.0)) @ rows)

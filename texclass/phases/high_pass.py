@@ -1,7 +1,7 @@
-"""The power of acceleration above hand motion, in one pass over a recording.
+"""Power of the acceleration above hand motion, in one pass over a recording.
 
-`scipy.signal.sosfilt` and sums over its output, with which it is tested, take three times as long: their
-whole-array temporaries do not fit into the cache of a processor.
+`scipy.signal.sosfilt` and sums of its output, against which it is tested, take three times as long: their
+whole-array temporaries do not fit into the cache of the processor.
 """
 
 import numpy as np
@@ -21,13 +21,13 @@ def high_pass_power(
     axes : ndarray of shape (n_samples, n_channels)
         Acceleration.
     rest : ndarray of shape (n_channels,)
-        Level at rest; samples before `first` are taken to be there.
+        Level at rest; it replaces the samples before `first`.
     first : int
         First sample with data.
     sos : ndarray of shape (n_sections, 6)
         Second-order sections of the high-pass filter.
     step, bin_size : int
-        Samples averaged to a row before the filter, rows per bin.
+        Samples averaged to a row before the filter; rows per bin.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def high_pass_power(
     n, n_channels = axes.shape
     n_rows = -(-n // step)
     power, means = np.zeros(n_rows), np.zeros((n_channels, -(-n_rows // bin_size)))
-    state, before, product = np.zeros((n_channels, len(sos), 2)), np.zeros(n_channels), 0.0
+    state, previous, product = np.zeros((n_channels, len(sos), 2)), np.zeros(n_channels), 0.0
     for row in range(n_rows):
         start, stop = row * step, min((row + 1) * step, n)
         n_in_bin = min(bin_size, n_rows - row // bin_size * bin_size)
@@ -57,7 +57,7 @@ def high_pass_power(
                 state[c, s, 0] = sos[s, 1] * x - sos[s, 4] * y + state[c, s, 1]
                 state[c, s, 1] = sos[s, 2] * x - sos[s, 5] * y
             power[row] += y * y
-            product += y * before[c]
-            before[c] = y
+            product += y * previous[c]
+            previous[c] = y
     total = power.sum()
     return power, means, product / total if total > 0 else 0.0

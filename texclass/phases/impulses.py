@@ -1,7 +1,8 @@
-"""Find impulses that rise and decay, and movement that keeps vibrating, in a level over time.
+"""Impulses that rise and decay, and movement with lasting vibration, from levels over time.
 
-This is the core of segmentation. A recording passes the levels of all its bins at once, a live stream those
-of the current contact. It looks back a few hundredths of a second, and ahead until an impulse has decayed.
+This is the core of the search for phases. For a recording it reads the levels of all bins, for a live stream
+those of the current contact. It looks back a few hundredths of a second, and ahead until an impulse has
+decayed.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +19,7 @@ from texclass.recording import Samples
 
 @dataclass(frozen=True)
 class Levels:
-    """Power relative to the noise, bin by bin; 0 where there are no data.
+    """Power relative to the noise, per bin; 0 where there are no data.
 
     Attributes
     ----------
@@ -27,12 +28,18 @@ class Levels:
     combined : ndarray of shape (n_bins,)
         The larger of `broadband` and the power in the band in which soft contacts ring.
     strokes : ndarray of shape (n_bins,)
-        The same where all bands exceed the noise, so that hand motion does not count; lowered by a quarter
-        where the noise is intermittent.
+        As `combined` where all bands exceed the noise, so that hand motion does not count; `broadband`
+        elsewhere. Reduced by a quarter if the noise is intermittent.
     bin_s : float
         Duration of a bin in s.
     min_bins : int
-        Bins below which a level is too uncertain to count as vibration.
+        Smallest number of bins from which a level is reliable (default 1).
+
+    Examples
+    --------
+    >>> power = np.ones(1000)
+    >>> Levels(power, power, power, bin_s=0.001).n_bins(0.03)
+    30
     """
 
     broadband: Samples
@@ -42,7 +49,7 @@ class Levels:
     min_bins: int = 1
 
     def n_bins(self, seconds: float) -> int:
-        """Return how many bins come nearest to `seconds`, at least one."""
+        """Return a duration in bins, at least one."""
         return max(1, round(seconds / self.bin_s))
 
 
@@ -53,16 +60,22 @@ class Impulse:
     Attributes
     ----------
     start, peak, end, decay_end : int
-        Bins in which it rises, is strongest, is 30 dB below its peak (or in the noise, or overtaken by the
-        next), and has decayed.
+        Bins in which it starts to rise, is strongest, ends (30 dB below its peak, in the noise, or at the
+        next impulse), and has decayed.
     width : int
         Bins from the start until it is 10 dB below its peak.
     combined_db, broadband_db : float
-        Peak above the noise, with and without the soft band.
+        Level of the peak over the noise, with and without the soft band.
     prominence_db : float
-        Peak above the larger of what was before and what is left.
+        Level of the peak over the larger of the levels before and after the impulse.
     fall_db : float
-        Peak above what is left.
+        Level of the peak over the level after the impulse.
+
+    Examples
+    --------
+    >>> impulse = Impulse(10, 12, 40, 50, 5, combined_db=30, broadband_db=30, prominence_db=20, fall_db=25)
+    >>> impulse.quality
+    0.9
     """
 
     start: int
@@ -77,12 +90,12 @@ class Impulse:
 
     @property
     def quality(self) -> float:
-        """Confidence: 1 minus the ratio of the amplitude around it to that of its peak."""
+        """Confidence from 0 to 1: 1 minus the amplitude around the impulse relative to its peak."""
         return 1.0 - float(10.0 ** (-self.prominence_db / 20.0))
 
 
 def decibels(ratio: Samples) -> Samples:
-    """Return powers over the noise in dB, 0 for less than the noise."""
+    """Return power ratios in dB, 0 below the noise."""
     return np.asarray(10.0 * np.log10(np.maximum(ratio, 1.0)))
 
 
@@ -90,12 +103,32 @@ def find_impulses(levels: Levels, settings: PhaseSettings) -> list[Impulse]:
     """Return the impulses of a recording: levels that rise sharply and decay.
 
     1. Smooth the levels and convert them to dB.
-    2. Find candidate peaks: local maxima that stand out from what came before.
-    3. Measure each candidate from the last to the first, as an impulse ends where the next one begins.
+    2. Find candidate peaks: local maxima above the level before them.
+    3. Measure each candidate from the last to the first, because an impulse ends where the next one starts.
     4. Keep those that decay by at least `stand_out_db`.
+
+    Parameters
+    ----------
+    levels : Levels
+        Levels of all bins.
+    settings : PhaseSettings
+        Thresholds and durations.
+
+    Returns
+    -------
+    list of Impulse
+        Impulses in order of time.
+
+    Examples
+    --------
+    >>> power = np.ones(1000)
+    >>> power[300:340] = 1000.0 * np.exp(-np.arange(40) / 10)
+    >>> impulses = find_impulses(Levels(power, power, power, bin_s=0.001), PhaseSettings())
+    >>> [(impulse.start, impulse.decay_end) for impulse in impulses]
+    [(299, 349)]
     """
     smooth = SmoothLevels.of(levels, settings)
-    rise_db = prominence_over_past(smooth, settings)
+    rise_db = rise_over_past(smooth, settings)
     impulses: list[Impulse] = []
     stop = len(rise_db)
     for peak in candidate_peaks(smooth, rise_db, settings)[::-1]:
@@ -109,7 +142,7 @@ def find_impulses(levels: Levels, settings: PhaseSettings) -> list[Impulse]:
 
 @dataclass(frozen=True, eq=False)
 class SmoothLevels:
-    """Levels in dB above the noise, shape (n_bins,), smoothed for three purposes.
+    """Levels in dB over the noise, shape (n_bins,), smoothed for several purposes.
 
     Attributes
     ----------
@@ -118,7 +151,7 @@ class SmoothLevels:
     calm : ndarray
         Longer average that follows the decay.
     n_bins : callable
-        Convert seconds to bins.
+        Converts seconds to bins.
     """
 
     sharp: Samples
@@ -130,7 +163,7 @@ class SmoothLevels:
     def of(cls, levels: Levels, settings: PhaseSettings) -> Self:
         """Smooth the levels of a recording."""
         n = levels.n_bins
-        sharp, loud, calm = (
+        sharp, broadband, calm = (
             decibels(moving_mean(level, n(seconds)))
             for level, seconds in (
                 (levels.combined, settings.sharp_s),
@@ -138,14 +171,14 @@ class SmoothLevels:
                 (levels.combined, settings.calm_s),
             )
         )
-        return cls(sharp, loud, calm, n)
+        return cls(sharp, broadband, calm, n)
 
 
-def prominence_over_past(smooth: SmoothLevels, settings: PhaseSettings) -> Samples:
-    """Return by how much (dB) each bin, or one shortly before it, exceeds the maximum of the past.
+def rise_over_past(smooth: SmoothLevels, settings: PhaseSettings) -> Samples:
+    """Return by how much (dB) each bin, or a bin shortly before it, exceeds the maximum of the past.
 
-    The past is a window of `before_s` that ends `rise_s` earlier. The level of all bands counts only where
-    that past is at rest: the pull of the hand in the soft band must not mask a loud tap.
+    The past is a window of `before_s` that ends `rise_s` earlier. The level of all bands counts only if that
+    past is at rest: hand motion in the soft band must not hide a loud tap.
     """
     n_past, n_rise = smooth.n_bins(settings.before_s), smooth.n_bins(settings.rise_s)
     rise = np.zeros(len(smooth.sharp))
@@ -158,10 +191,10 @@ def prominence_over_past(smooth: SmoothLevels, settings: PhaseSettings) -> Sampl
 
 
 def candidate_peaks(smooth: SmoothLevels, rise_db: Samples, settings: PhaseSettings) -> list[int]:
-    """Return the bins of hits: local maxima that stand out from the past and are loud as a tap.
+    """Return the bins of hits: local maxima that rise over the past and are as loud as a tap.
 
-    Of the hits within `tap_spacing_s` the strongest counts. It is compared with hits only: a later rebound
-    that is stronger by up to `rebound_db` does not stand out from the first hit, and must not hide it.
+    Among hits within `tap_spacing_s`, the strongest is selected. It is compared only with hits: a later
+    rebound that is stronger by up to `rebound_db` does not rise over the first hit, and must not hide it.
     """
     spacing, rise = (2 * smooth.n_bins(seconds) - 1 for seconds in (settings.tap_spacing_s, settings.rise_s))
     loud_db = 10 * np.log10(settings.tap_ratio)
@@ -175,29 +208,29 @@ def candidate_peaks(smooth: SmoothLevels, rise_db: Samples, settings: PhaseSetti
 
 def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings: PhaseSettings) -> Impulse:
     """Measure the impulse with its peak in bin `peak`; the next impulse starts in bin `stop`."""
-    sharp, loud, n_bins = smooth.sharp, smooth.broadband, smooth.n_bins
+    sharp, broadband, n_bins = smooth.sharp, smooth.broadband, smooth.n_bins
     quiet_db = 10 * np.log10(settings.active_ratio)
-    top = float(sharp[peak])
+    peak_db = float(sharp[peak])
 
     hit = first_hit(smooth, peak, settings)
     onset = max(0, hit - n_bins(settings.before_s))
-    before, top_of_hit = sharp[onset:hit], float(sharp[hit])
-    # In the tail of another impulse the level may nowhere be 20 dB lower.
-    lowest_db = float(before.min(initial=top_of_hit))
-    onset_db = max(quiet_db, top_of_hit - settings.onset_db, lowest_db + (top_of_hit - lowest_db) / 3)
-    below = np.flatnonzero(before < onset_db)
+    rise, hit_db = sharp[onset:hit], float(sharp[hit])
+    # In the tail of another impulse, the level may never be 20 dB lower.
+    lowest_db = float(rise.min(initial=hit_db))
+    onset_db = max(quiet_db, hit_db - settings.onset_db, lowest_db + (hit_db - lowest_db) / 3)
+    below = np.flatnonzero(rise < onset_db)
     start = onset + (int(below[-1]) + 1 if below.size else 0)
 
-    gone, lowest = decay_end(smooth, peak, stop, settings)
-    end = min(gone, peak + _first(sharp[peak:stop] < top - settings.decay_db, stop - peak))
-    fall_db = max(0.0, top - lowest)
+    decay_stop, lowest = find_decay_end(smooth, peak, stop, settings)
+    end = min(decay_stop, peak + _first(sharp[peak:stop] < peak_db - settings.decay_db, stop - peak))
+    fall_db = max(0.0, peak_db - lowest)
 
-    loudest = start + int(loud[start : peak + n_bins(settings.rise_s)].argmax())
-    broadband_db = float(loud[loudest])
-    width = loudest + _first(loud[loudest:] < broadband_db - settings.width_db, stop - loudest) - start
+    loudest = start + int(broadband[start : peak + n_bins(settings.rise_s)].argmax())
+    broadband_db = float(broadband[loudest])
+    width = loudest + _first(broadband[loudest:] < broadband_db - settings.width_db, stop - loudest) - start
     return Impulse(
-        start, peak, max(end, start + 1), max(gone, start + 1), width,
-        combined_db=top, broadband_db=broadband_db, prominence_db=min(rise_db, fall_db), fall_db=fall_db,
+        start, peak, max(end, start + 1), max(decay_stop, start + 1), width,
+        combined_db=peak_db, broadband_db=broadband_db, prominence_db=min(rise_db, fall_db), fall_db=fall_db,
     )  # fmt: skip
 
 
@@ -208,46 +241,46 @@ def first_hit(smooth: SmoothLevels, peak: int, settings: PhaseSettings) -> int:
     `stand_out_db` within `rise_s`, unlike the tail of an earlier tap, and falls by `rebound_db` after it.
     """
     sharp, n_rise = smooth.sharp, smooth.n_bins(settings.rise_s)
-    begin = max(0, peak - smooth.n_bins(settings.tap_spacing_s) + 1)
-    (strong,) = np.nonzero(sharp[begin:peak] >= sharp[peak] - settings.rebound_db)
+    earliest = max(0, peak - smooth.n_bins(settings.tap_spacing_s) + 1)
+    (strong,) = np.nonzero(sharp[earliest:peak] >= sharp[peak] - settings.rebound_db)
     if not strong.size:
         return peak
-    first = begin + int(strong[0])
+    first = earliest + int(strong[0])
     hit = first + int(sharp[first : min(peak, first + n_rise)].argmax())
-    before, after = (
-        float(part.min(initial=np.inf)) for part in (sharp[max(0, hit - n_rise) : hit], sharp[hit:peak])
-    )
-    is_hit = before < sharp[hit] - settings.stand_out_db and after < sharp[hit] - settings.rebound_db
+    lowest_before = float(sharp[max(0, hit - n_rise) : hit].min(initial=np.inf))
+    lowest_after = float(sharp[hit:peak].min(initial=np.inf))
+    is_rising = lowest_before < sharp[hit] - settings.stand_out_db
+    is_hit = is_rising and lowest_after < sharp[hit] - settings.rebound_db
     return hit if is_hit else peak
 
 
-def decay_end(smooth: SmoothLevels, peak: int, stop: int, settings: PhaseSettings) -> tuple[int, float]:
-    """Return the bin in which an impulse has decayed, and its lowest level (dB) until it stops falling.
+def find_decay_end(smooth: SmoothLevels, peak: int, stop: int, settings: PhaseSettings) -> tuple[int, float]:
+    """Return the bin in which an impulse has decayed, and the lowest level (dB) until then.
 
-    It has decayed when the level reaches rest or stops falling, and after a tail that falls without a rise.
+    An impulse has decayed when the level is at rest or stops falling, and after a tail that falls without a
+    rise.
     """
     n_bins, quiet_db = smooth.n_bins, 10 * np.log10(settings.active_ratio)
-    after = min(peak + n_bins(settings.calm_s / 2), len(smooth.calm) - 1)
-    decay = smooth.calm[after : after + stop - peak]
+    start = min(peak + n_bins(settings.calm_s / 2), len(smooth.calm) - 1)
+    decay = smooth.calm[start : start + stop - peak]
     n_stall = n_bins(settings.stall_s)
     quiet = min(_first(smooth.sharp[peak:stop] < quiet_db, stop - peak), stop - peak - 1)
     n_falling = min(_end_of_fall(decay[: quiet + 3 * n_stall], n_stall, settings.stall_db), quiet)
-    gone = peak + n_falling
-    tail = smooth.calm[gone : min(gone + n_bins(settings.tail_s), stop)]
-    n_tail = _tail_length(tail, quiet_db, settings.tail_db, is_last=stop - gone <= len(tail))
+    fall_end = peak + n_falling
+    tail = smooth.calm[fall_end : min(fall_end + n_bins(settings.tail_s), stop)]
+    n_tail = _tail_length(tail, quiet_db, settings.tail_db, is_last=stop - fall_end <= len(tail))
     lowest = float(decay[: n_falling + n_tail + 1].min(initial=np.inf))
-    return min(gone + n_tail, stop), lowest
+    return min(fall_end + n_tail, stop), lowest
 
 
 def find_movement(
     levels: Levels, impulses: Sequence[Impulse], settings: PhaseSettings
 ) -> tuple[int, int] | None:
-    """Return the bins [first, last) between which the tool keeps vibrating, pauses included; None if never.
+    """Return the bins [first, last) of lasting vibration, pauses included; None if there is none.
 
-    1. Remove impulses, which leave most of a window quiet, however strong they are and long they ring.
-    2. Find the windows of which at least `share` is active.
-    3. Move both ends to the outermost vibration connected with them, up to an impulse far stronger than the
-       strokes.
+    1. Remove impulses: they leave most of a window quiet.
+    2. Find the windows in which at least the fraction `share` is active.
+    3. Extend both ends over connected vibration, up to an impulse far stronger than the strokes.
     """
     size = max(levels.min_bins, levels.n_bins(0.005))
     window = max(1, round(levels.n_bins(settings.window_s) / size))
@@ -257,14 +290,14 @@ def find_movement(
     (lasting,) = np.nonzero(share > settings.share - 1e-9)
     if not len(lasting):
         return None
-    begun, ended = int(lasting[0]), int(lasting[-1])
-    peak_db = np.quantile(decibels(levels.strokes[begun * size : (ended + 1) * size]), 0.95)
+    start, end = int(lasting[0]), int(lasting[-1])
+    peak_db = np.quantile(decibels(levels.strokes[start * size : (end + 1) * size]), 0.95)
     strong = float(peak_db) + settings.strong_db
     level = bin_means(remove_impulses(levels.strokes, impulses, strong), size)
-    active = ndimage.uniform_filter1d(level, 3, mode="nearest") > settings.stroke_ratio
+    is_active = ndimage.uniform_filter1d(level, 3, mode="nearest") > settings.stroke_ratio
     gap = max(1, round(levels.n_bins(settings.gap_s) / size))
-    first = len(active) - 1 - _outermost(active[::-1], len(active) - 1 - begun, gap)
-    last = _outermost(active, ended, gap)
+    first = len(is_active) - 1 - _outermost(is_active[::-1], len(is_active) - 1 - start, gap)
+    last = _outermost(is_active, end, gap)
     return first * size, min((last + 1) * size, len(levels.strokes))
 
 
@@ -275,32 +308,62 @@ def split_taps_and_movement(
     begins: int | None = None,
     opening: Sequence[Impulse] = (),
 ) -> tuple[list[Impulse], tuple[int, int] | None]:
-    """Return the taps among the impulses, and the bins of the movement (None if there is none).
+    """Return the taps among the impulses, and the bins of the movement (None without movement).
 
-    Impulses inside the movement belong to the texture, and so do those connected with its start, or within a
-    pause after it, unless they are far stronger than the strokes. Where vibration `begins` with the
-    data, in that bin, and fills a third of the time up to lasting strokes, so does the movement. The decay
-    of `opening` impulses, which are no taps, is no movement either.
+    Impulses inside the movement belong to the texture. So do impulses connected with its start, or within a
+    pause after it, unless they are far stronger than the strokes.
+
+    Parameters
+    ----------
+    levels : Levels
+        Levels of all bins.
+    impulses : sequence of Impulse
+        Impulses in order of time.
+    settings : PhaseSettings
+        Thresholds and durations.
+    begins : int, optional
+        First bin of the data, if they start with vibration. If it fills a third of the time up to lasting
+        strokes, the movement starts there.
+    opening : sequence of Impulse
+        Impulses at the start of the data; they are not taps, and their decay is not movement.
+
+    Returns
+    -------
+    taps : list of Impulse
+        Taps in order of time.
+    movement : tuple of int or None
+        First bin, and the one after the last.
+
+    Examples
+    --------
+    >>> power = np.ones(3000)
+    >>> power[300:340] = 1000.0 * np.exp(-np.arange(40) / 10)
+    >>> power[1000:] = 20.0
+    >>> levels, settings = Levels(power, power, power, bin_s=0.001), PhaseSettings()
+    >>> taps, movement = split_taps_and_movement(levels, find_impulses(levels, settings), settings)
+    >>> len(taps), movement
+    (1, (995, 3000))
     """
     span = find_movement(levels, [*opening, *impulses], settings)
     if span is None or _is_echo(levels, impulses, span, settings):
         return select_taps(impulses, levels, settings), None
     first, last = span
     if begins is not None and begins < first:
-        active = bin_means(levels.strokes[begins:first], max(levels.min_bins, levels.n_bins(settings.calm_s)))
-        if np.mean(active > settings.active_ratio) > settings.share / 2:
+        n = max(levels.min_bins, levels.n_bins(settings.calm_s))
+        is_active = bin_means(levels.strokes[begins:first], n) > settings.active_ratio
+        if np.mean(is_active) > settings.share / 2:
             first = begins
-    usual, strong = np.quantile(decibels(levels.combined[first:last]), [0.5, 0.95])
-    before = [i for i in impulses if i.start < first]
-    after = [i for i in impulses if i.start >= first and i.decay_end > last]
-    while before and before[-1].combined_db < strong + settings.strong_db:
-        gap_s = settings.first_gap_s if before[-1].combined_db < usual else settings.gap_s
-        if first - before[-1].end >= levels.n_bins(gap_s):
+    median_db, strong_db = np.quantile(decibels(levels.combined[first:last]), [0.5, 0.95])
+    earlier = [i for i in impulses if i.start < first]
+    later = [i for i in impulses if i.start >= first and i.decay_end > last]
+    while earlier and earlier[-1].combined_db < strong_db + settings.strong_db:
+        gap_s = settings.first_gap_s if earlier[-1].combined_db < median_db else settings.gap_s
+        if first - earlier[-1].end >= levels.n_bins(gap_s):
             break
-        first = min(first, before.pop().start)
-    while after and after[0].start < last + levels.n_bins(settings.pause_s):
-        last = max(last, after.pop(0).decay_end)
-    return select_taps(before + after, levels, settings), (first, last)
+        first = min(first, earlier.pop().start)
+    while later and later[0].start < last + levels.n_bins(settings.pause_s):
+        last = max(last, later.pop(0).decay_end)
+    return select_taps(earlier + later, levels, settings), (first, last)
 
 
 def _is_echo(
@@ -320,27 +383,45 @@ def _is_echo(
 
 
 def select_taps(impulses: Sequence[Impulse], levels: Levels, settings: PhaseSettings) -> list[Impulse]:
-    """Return the impulses without weak ones, of a tool that is lifted, set down or pulled."""
-    felt = max((i.combined_db for i in impulses), default=0.0)
-    loud = max((i.broadband_db for i in impulses), default=0.0)
+    """Return the impulses without weak ones, which come from a tool that is lifted, set down or pulled.
+
+    Examples
+    --------
+    >>> power = np.ones(2000)
+    >>> for start, peak in ((300, 1e6), (1200, 1e3)):
+    ...     power[start : start + 40] = peak * np.exp(-np.arange(40) / 10)
+    >>> levels, settings = Levels(power, power, power, bin_s=0.001), PhaseSettings()
+    >>> impulses = find_impulses(levels, settings)
+    >>> len(impulses), len(select_taps(impulses, levels, settings))  # the second is 30 dB weaker
+    (2, 1)
+    """
+    combined_db = max((i.combined_db for i in impulses), default=0.0)
+    broadband_db = max((i.broadband_db for i in impulses), default=0.0)
 
     def is_pull(impulse: Impulse) -> bool:
-        soon = impulse.start + levels.n_bins(settings.pull_s)
+        latest = impulse.start + levels.n_bins(settings.pull_s)
         stronger_db = impulse.combined_db + settings.pull_db
-        return any(impulse.start < i.start < soon and i.combined_db > stronger_db for i in impulses)
+        return any(impulse.start < i.start < latest and i.combined_db > stronger_db for i in impulses)
 
     def is_tap(impulse: Impulse) -> bool:
         if impulse.broadband_db < settings.soft_db:
-            return felt - impulse.combined_db <= settings.soft_db and not is_pull(impulse)
+            return combined_db - impulse.combined_db <= settings.soft_db and not is_pull(impulse)
         is_short = impulse.width <= levels.n_bins(settings.clear_s)
         is_clear = impulse.broadband_db >= settings.clear_db and is_short
-        return loud - impulse.broadband_db <= (settings.clear_range_db if is_clear else settings.range_db)
+        range_db = settings.clear_range_db if is_clear else settings.range_db
+        return broadband_db - impulse.broadband_db <= range_db
 
     return [impulse for impulse in impulses if is_tap(impulse)]
 
 
 def bin_means(x: Samples, size: int) -> Samples:
-    """Return the means of consecutive bins of `size` samples along the last axis; the last may be shorter."""
+    """Return the means of bins of `size` samples along the last axis; the last bin may be shorter.
+
+    Examples
+    --------
+    >>> bin_means(np.array([1.0, 3.0, 5.0, 7.0, 9.0]), 2).tolist()
+    [2.0, 6.0, 9.0]
+    """
     if size == 1:
         return x
     whole = x.shape[-1] // size * size
@@ -350,28 +431,28 @@ def bin_means(x: Samples, size: int) -> Samples:
 
 
 def moving_mean(level: Samples, n: int) -> Samples:
-    """Return the centred mean over `n` bins (at least 1) of a level of at least 0; the ends are repeated."""
+    """Return the centred mean over `n` bins of a non-negative level; the end values are repeated."""
     return np.asarray(np.maximum(ndimage.uniform_filter1d(level, max(1, n), mode="nearest"), 0.0))
 
 
-def remove_impulses(strokes: Samples, impulses: Sequence[Impulse], least_db: float) -> Samples:
-    """Return a level that is 0 during impulses of at least `least_db` and their decay."""
-    left = strokes.copy()
+def remove_impulses(strokes: Samples, impulses: Sequence[Impulse], min_db: float) -> Samples:
+    """Return a level that is 0 during impulses of at least `min_db` and their decay."""
+    rest = strokes.copy()
     for impulse in impulses:
-        if impulse.broadband_db >= least_db:
-            left[max(0, impulse.start - 2) : impulse.decay_end + 1] = 0.0
-    return left
+        if impulse.broadband_db >= min_db:
+            rest[max(0, impulse.start - 2) : impulse.decay_end + 1] = 0.0
+    return rest
 
 
 def _end_of_fall(level: Samples, n: int, stall_db: float) -> int:
-    """Return where a falling level (dB) stops: in the valley before the next rise; its length if nowhere.
+    """Return where a falling level (dB) stops: in the valley before the next rise; its length if it does not.
 
-    The maximum of the next `2 n` bins is followed, so that a beat of two modes does not count as a stop.
+    The maximum of the next `2 n` bins is used, so that a beat of two modes does not count as a stop.
     """
     upper = ndimage.maximum_filter1d(level, 2 * n, origin=-n, mode="nearest")
     stall = _first(upper[:-n] - upper[n:] < stall_db, len(level))
-    ahead = level[stall : stall + 3 * n]
-    return stall + int(np.argmax(ahead <= ahead.min() + stall_db)) if ahead.size else stall
+    valley = level[stall : stall + 3 * n]
+    return stall + int(np.argmax(valley <= valley.min() + stall_db)) if valley.size else stall
 
 
 def _tail_length(level: Samples, quiet_db: float, rise_db: float, *, is_last: bool) -> int:
@@ -402,15 +483,16 @@ def _delayed(x: Samples, n: int) -> Samples:
     return np.concatenate([np.zeros(n), x])[: len(x)]
 
 
-def _first(where: NDArray[np.bool_], otherwise: int) -> int:
-    at = int(where.argmax()) if len(where) else 0
-    return at if len(where) and where[at] else otherwise
+def _first(condition: NDArray[np.bool_], default: int) -> int:
+    """Return the index of the first true element, or a default."""
+    index = int(condition.argmax()) if len(condition) else 0
+    return index if len(condition) and condition[index] else default
 
 
-def _outermost(active: NDArray[np.bool_], start: int, gap: int) -> int:
-    """Follow `active` forwards from `start` to its last true element before a gap of `gap` elements."""
-    (where,) = np.nonzero(active[start:])
-    if not len(where):
+def _outermost(is_active: NDArray[np.bool_], start: int, gap: int) -> int:
+    """Return the last active element from `start` on before a gap of `gap` elements."""
+    (indices,) = np.nonzero(is_active[start:])
+    if not len(indices):
         return start
-    (breaks,) = np.nonzero(np.diff(where) > gap)
-    return start + int(where[breaks[0]] if len(breaks) else where[-1])
+    (breaks,) = np.nonzero(np.diff(indices) > gap)
+    return start + int(indices[breaks[0]] if len(breaks) else indices[-1])

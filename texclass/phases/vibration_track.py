@@ -1,4 +1,4 @@
-"""Measure the vibration level of a recording over time, relative to its noise floor."""
+"""Vibration level of a recording over time, relative to its noise floor."""
 
 import functools
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from texclass.phase_settings import PhaseSettings
-from texclass.phases.defects import GLITCHES, fade, find_data, find_glitches, interpolate_glitches
+from texclass.phases.defects import GLITCHES, fade_length, find_data, find_glitches, interpolate_glitches
 from texclass.phases.high_pass import high_pass_power
 from texclass.phases.impulses import Levels, bin_means, moving_mean
 from texclass.recording import Recording, Samples
@@ -16,14 +16,14 @@ from texclass.signals import butterworth
 Span = tuple[int, int]
 """Half-open range [first, stop) of bins."""
 MIN_LEVEL_SAMPLES = 20
-"""Samples below which a level is too uncertain to count as vibration."""
+"""Smallest number of samples from which a level is reliable."""
 NO_POWER = 1e-14
-"""Share of the strongest bin below which power is numerical rounding."""
+"""Power relative to the strongest bin; less is rounding error."""
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """The vibration of one recording over time.
+    """Vibration of one recording over time.
 
     Attributes
     ----------
@@ -32,13 +32,13 @@ class Track:
     power : ndarray of shape (n_rows,)
         Squared acceleration above hand motion, summed over channels; `step` samples per row.
     levels : Levels
-        Power relative to the noise, bin by bin.
+        Power relative to the noise, per bin.
     noise : float
         Mean of `power` at rest.
     is_steady : bool
-        Whether the quietest stretch is steady enough to be called quiet.
+        Whether the level of the quietest window is steady, so that it counts as quiet.
     data, full : tuple of int
-        Bins with data; of these, the bins outside fade-in and fade-out.
+        Bins with data; among these, the bins outside fade-in and fade-out.
     step, bin_size : int
         Samples per row, rows per bin.
     correlation : float
@@ -63,44 +63,47 @@ class Track:
 
 
 def track(recording: Recording, settings: PhaseSettings) -> Track:
-    """Return the vibration level of a recording above gravity, tremor and hand motion, relative to its noise.
+    """Return the vibration level of a recording above gravity, tremor and hand motion, relative to the noise.
 
     1. Exclude padding and glitches, and remove hand motion.
     2. Average the power over bins, in all bands and in the soft band.
-    3. Exclude fades, and estimate the noise floor in the quietest stretches.
+    3. Exclude fades, and estimate the noise floor in the quietest windows.
     4. Divide by the noise, and combine both bands.
     """
-    recorded = recording.acceleration.reshape(recording.n_samples, -1)
+    samples = recording.acceleration.reshape(recording.n_samples, -1)
     step = max(1, int(recording.fs // settings.rate_hz))
     rate = recording.fs / step
     bin_size = max(1, round(settings.bin_s * rate))
     bin_s, bin_samples = bin_size / rate, bin_size * step
 
-    sensed, glitches = find_data(recorded, recording.fs), find_glitches(recorded)
+    data, glitches = find_data(samples, recording.fs), find_glitches(samples)
     GLITCHES[recording] = glitches
-    axes = interpolate_glitches(recorded, glitches)
+    axes = interpolate_glitches(samples, glitches)
     high_pass = _hand_filter(settings.hand_hz, rate)
     soft_band = _soft_filter(settings.soft_band_hz, 1 / bin_s)
-    power, means, correlation = high_pass_power(axes, sensed.rest, sensed.first, high_pass, step, bin_size)
-    loud = bin_means(power, bin_size)
+    power, means, correlation = high_pass_power(axes, data.rest, data.first, high_pass, step, bin_size)
+    broadband = bin_means(power, bin_size)
     soft = np.square(scipy.signal.sosfilt(soft_band, means)).sum(axis=0)
 
-    n_bins = loud.size
-    first = -(-sensed.first // bin_samples)
-    stop = max(first, sensed.stop // bin_samples) if sensed.stop < len(recorded) else n_bins
-    for level in (loud, soft):
+    n_bins = broadband.size
+    first = -(-data.first // bin_samples)
+    stop = max(first, data.stop // bin_samples) if data.stop < len(samples) else n_bins
+    for level in (broadband, soft):
         level[:first] = level[stop:] = 0.0
-    full = _without_fades(recorded[sensed.first : sensed.stop], loud, (first, stop), bin_samples, bin_s)
+    full = _without_fades(samples[data.first : data.stop], broadband, (first, stop), bin_samples, bin_s)
 
     n_quiet = max(1, min(round(settings.quiet_s / bin_s), n_bins // 16))
     usable = slice(*full) if full[1] - full[0] >= n_quiet else slice(first, max(stop, first + 1))
-    noise, is_steady, is_intermittent = noise_floor(loud[usable], n_quiet, bin_size * axes.shape[1], settings)
-    noise = max(noise, NO_POWER * float(loud.max()))
-    # Of recorded samples: an interpolated glitch lies between two steps of the converter.
-    if not np.ptp(recorded[:200], axis=0).all() or _quantisation_noise(recorded[:200]) > noise:
-        noise = max(noise, _quantisation_noise(recorded[:50_000]))  # never more than that of fewer samples
+    noise, is_steady, is_intermittent = noise_floor(
+        broadband[usable], n_quiet, bin_size * axes.shape[1], settings
+    )
+    noise = max(noise, NO_POWER * float(broadband.max()))
+    # Not of `axes`: an interpolated glitch lies between two steps of the converter.
+    if not np.ptp(samples[:200], axis=0).all() or _quantisation_noise(samples[:200]) > noise:
+        noise = max(noise, _quantisation_noise(samples[:50_000]))  # more samples, smaller steps
     levels = replace(
-        _levels(loud, soft, noise, usable, bin_s, settings), min_bins=-(-MIN_LEVEL_SAMPLES // bin_samples)
+        _levels(broadband, soft, noise, usable, bin_s, settings),
+        min_bins=-(-MIN_LEVEL_SAMPLES // bin_samples),
     )
     if is_intermittent:
         levels = replace(levels, strokes=settings.noisy_weight * levels.strokes)
@@ -108,24 +111,25 @@ def track(recording: Recording, settings: PhaseSettings) -> Track:
 
 
 def _levels(
-    loud: Samples, soft: Samples, noise: float, usable: slice, bin_s: float, settings: PhaseSettings
+    broadband: Samples, soft: Samples, noise: float, usable: slice, bin_s: float, settings: PhaseSettings
 ) -> Levels:
-    """Return power relative to the noise, with the soft band in a unit of its own.
+    """Return power relative to the noise; the soft band is scaled separately.
 
-    A bin of the soft band that exceeds what noise reaches once in 100,000 bins is an impulse, however weak.
+    A bin of the soft band that exceeds the level which noise reaches once in 100,000 bins is an impulse, even
+    if weak.
     """
-    loud = loud / noise if noise > 0 else np.zeros_like(loud)
+    broadband = broadband / noise if noise > 0 else np.zeros_like(broadband)
     soft = moving_mean(soft, round(settings.soft_s / bin_s))
-    calm = moving_mean(loud, round(settings.calm_s / bin_s))
+    calm = moving_mean(broadband, round(settings.calm_s / bin_s))
     at_rest = soft[usable][calm[usable] < settings.unrest_ratio]
     if noise == 0 or len(at_rest) * bin_s < 0.05 or (median := float(np.median(at_rest))) == 0:
-        return Levels(loud, loud, loud, bin_s)
+        return Levels(broadband, broadband, broadband, bin_s)
     rare = median * (np.quantile(at_rest, 0.9) / median) ** settings.soft_tail
     is_impulse = soft > rare
     soft = soft / max(settings.soft_margin * median, NO_POWER * soft.max())
-    strokes = np.where(calm > settings.unrest_ratio, np.maximum(loud, soft / 2), loud)
+    strokes = np.where(calm > settings.unrest_ratio, np.maximum(broadband, soft / 2), broadband)
     soft = np.where(is_impulse, np.maximum(soft, settings.soft_impulse), soft)
-    return Levels(loud, np.maximum(loud, soft), strokes, bin_s)
+    return Levels(broadband, np.maximum(broadband, soft), strokes, bin_s)
 
 
 @functools.cache
@@ -139,42 +143,42 @@ def _soft_filter(band_hz: tuple[float, float], rate: float) -> Samples:
     return butterworth("bandpass", (min(low, 0.1 * rate), min(high, 0.4 * rate)), rate, order=2)
 
 
-def _without_fades(axes: Samples, loud: Samples, data: Span, bin_samples: int, bin_s: float) -> Span:
-    """Return the bins of `data` between a fade-in and a fade-out, seen in the vibration or in gravity."""
+def _without_fades(axes: Samples, broadband: Samples, data: Span, bin_samples: int, bin_s: float) -> Span:
+    """Return the bins of `data` between fade-in and fade-out, detected in the vibration or in gravity."""
 
     def fade_bins(axes: Samples, level: Samples) -> int:
         def raw_power(start: int, stop: int) -> float:
             return float(np.square(axes[start * bin_samples : stop * bin_samples]).sum(axis=1).mean())
 
         n_bins = -(-len(axes) // bin_samples)
-        in_vibration = fade(lambda start, stop: float(level[start:stop].mean()), len(level), bin_s)
-        return max(in_vibration, fade(raw_power, n_bins, bin_s))
+        n_vibration = fade_length(lambda start, stop: float(level[start:stop].mean()), len(level), bin_s)
+        return max(n_vibration, fade_length(raw_power, n_bins, bin_s))
 
-    level = loud[slice(*data)]
+    level = broadband[slice(*data)]
     return data[0] + fade_bins(axes, level), data[1] - fade_bins(axes[::-1], level[::-1])
 
 
 def noise_floor(
     level: Samples, n: int, samples_per_bin: int, settings: PhaseSettings
 ) -> tuple[float, bool, bool]:
-    """Return the noise level, and whether the quietest `n` bins are steady and the noise is intermittent.
+    """Return the noise level, whether the quietest `n` bins are steady, and if the noise is intermittent.
 
-    The noise is averaged over the quietest stretch and over all stretches up to 4 dB above the current
-    estimate, four times; the range is narrow unless vibration is far above it, as intermittent noise may be
-    strokes. Intermittent noise is as loud as the loudest of its stretches, and a steady start is noise: an
-    automatic gain lowers it later.
+    The noise is averaged over the quietest window and over all windows up to 4 dB above the current estimate,
+    four times. The range is narrow unless vibration is far above it, because intermittent noise may be
+    strokes. The level of intermittent noise is that of its loudest windows, and a steady start is noise: an
+    automatic gain reduces it later.
     """
     n = min(n, len(level))
     means = moving_mean(level, n)[n // 2 : len(level) - (n - 1) // 2]
     start = int(np.argmin(means))
-    stretch = level[start : start + n]
+    window = level[start : start + n]
     tolerance = 1 + settings.steady_samples / (n * samples_per_bin)
-    noise = quietest = float(stretch.mean())
-    stretches = means[:: max(1, n // 5)]
-    is_noisy = stretches.max() > settings.noisy_contrast * quietest
+    noise = quietest = float(window.mean())
+    window_levels = means[:: max(1, n // 5)]
+    is_noisy = window_levels.max() > settings.noisy_contrast * quietest
     highest = (settings.noisy_spread if is_noisy else settings.quiet_spread) * quietest
     for _ in range(4):
-        at_rest = stretches[stretches <= min(2.5 * noise, highest)]
+        at_rest = window_levels[window_levels <= min(2.5 * noise, highest)]
         noise = max(quietest, float(at_rest.mean()) if at_rest.size else 0.0)
     opening = level[: 2 * n]
     if (
@@ -185,8 +189,8 @@ def noise_floor(
         noise = float(opening.mean())
     is_intermittent = noise > settings.quiet_spread * quietest
     if is_intermittent:
-        noise = max(noise, float(np.quantile(stretches[stretches <= highest], 0.95)))
-    return noise, _is_steady(stretch, tolerance * settings.steady_ratio), is_intermittent
+        noise = max(noise, float(np.quantile(window_levels[window_levels <= highest], 0.95)))
+    return noise, _is_steady(window, tolerance * settings.steady_ratio), is_intermittent
 
 
 def _is_steady(level: Samples, tolerance: float) -> bool:
