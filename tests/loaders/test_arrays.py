@@ -86,7 +86,7 @@ def test_hdf5_that_keeps_its_values_elsewhere_is_not_followed(tmp_path):
         place = [(str(tmp_path / "secret.bin"), 0, SIGNAL.nbytes)]
         file.create_dataset("acceleration", SIGNAL.shape, SIGNAL.dtype, external=place)
         file["linked"] = h5py.ExternalLink("secret.h5", "/acceleration")
-    assert_refused(tmp_path / "r.h5", "kept in another file")
+    assert_refused(tmp_path / "r.h5", "stored in another file")
     assert_refused(tmp_path / "r.h5", "no column 'linked'", column="linked")
 
 

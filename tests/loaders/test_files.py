@@ -25,7 +25,7 @@ def test_every_format_gives_the_written_values_and_missing_rates_or_units_are_er
     np.testing.assert_array_equal(recording.acceleration, axes[:, 0] if suffix == ".txt" else axes)
     assert (recording.fs, recording.recording_id) == (FS, "r")
     name = {".tdms": "wf_increment", **dict.fromkeys((".mat", ".npz", ".h5", ".hdf5"), "fs")}.get(suffix)
-    flags = (f"time: fs is 10000 Hz, as {name!r} in the file states",) if name else ()
+    flags = (f"time: fs is 10000 Hz, from {name!r} in the file",) if name else ()
     assert recording.flags == flags
     if readers.FORMATS[suffix].rate:
         assert load_recording(path, unit="counts").fs == FS
@@ -144,7 +144,7 @@ def test_a_truncated_wav_with_a_complete_header_and_a_text_file_are_errors(tmp_p
     path = tmp_path / "r.wav"
     soundfile.write(path, NOISE[:1000] / 9, 2200)
     path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(RecordingError, match="holds 2043 of 2044 bytes"):
+    with pytest.raises(RecordingError, match="contains 2043 of the 2044 bytes"):
         load_recording(path, unit="counts")
     path.write_text("not audio at all")
     with pytest.raises(RecordingError, match="not a readable audio file"):
@@ -225,11 +225,11 @@ def test_the_delimiter_option_is_used_and_questioned_if_no_column_matches(tmp_pa
 
 def test_a_bad_table_is_refused_with_its_line(tmp_path):
     for content, message in (
-        ("a,b\n1,2\nx,4\n", "line 3 is 'x,4', column 'a' is no number. Expected a number in every cell"),
-        ("a,b\n1,2\n,4\n", "line 3 is ',4', column 'a' is no number.*--drop-incomplete"),
-        ("a,b\n1,2\n3\n", "line 3 is '3', it has 1 cell, others have 2.*--drop-incomplete"),
+        ("a,b\n1,2\nx,4\n", "line 3 is 'x,4', column 'a' is not a number. Expected a number in every cell"),
+        ("a,b\n1,2\n,4\n", "line 3 is ',4', column 'a' is not a number.*--drop-incomplete"),
+        ("a,b\n1,2\n3\n", "line 3 is '3', it has 1 cell, the other lines have 2.*--drop-incomplete"),
         ("a,a\n1,2\n", "no column 'a'; the columns are 'a#1', 'a#2'"),
-        ("a;b\n1.234,5;2\n", "line 2 is '1.234,5;2', column 'a' is no number"),
+        ("a;b\n1.234,5;2\n", "line 2 is '1.234,5;2', column 'a' is not a number"),
         ("\n\n", "no column 'a'; the columns are none"),
         ("b,c\n1,2\n", "no column 'a'"),
         ("a,b\n", "acceleration is empty"),
@@ -247,7 +247,7 @@ def test_a_parquet_column_of_text_of_lists_or_with_a_gap_is_refused(tmp_path):
     for column, message in (
         (["1", "2"], "a contains object values. Expected real numbers"),
         ([[1.0], [2.0, 3.0]], "a contains object values. Expected real numbers"),
-        (gap, "a lacks 1 values"),
+        (gap, "a has 1 missing values"),
     ):
         pd.DataFrame({"a": column}).to_parquet(tmp_path / "r.parquet")
         with pytest.raises(RecordingError, match=message):
@@ -405,7 +405,7 @@ def test_a_rate_out_of_range_is_an_error_whether_from_file_or_option(tmp_path, f
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [("1" * (1 << 21), "its first line is too long"), ("a," * 20_000, "20001 columns")]
+    ("text", "message"), [("1" * (1 << 21), "a line is too long"), ("a," * 20_000, "20001 columns")]
 )
 def test_texts_without_lines_or_with_too_many_columns_are_refused_at_once(tmp_path, text, message):
     for suffix in (".csv", ".txt"):

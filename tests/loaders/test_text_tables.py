@@ -254,7 +254,7 @@ def test_the_lines_above_the_rows_state_the_rate(tmp_path, above):
     path = write(tmp_path, ".csv", above + text(A[:, :1]))
     recording = load(path, fs=None)
     assert recording.fs == 1000
-    assert any(flag.startswith("rate: 1000 Hz by the lines above the rows") for flag in recording.flags)
+    assert any(flag.startswith("rate: 1000 Hz, from the lines above the rows") for flag in recording.flags)
     with pytest.raises(RecordingError, match="fs is 1000 Hz, but 100 Hz was given"):
         load(path, fs=100)
     below = write(tmp_path, ".csv", "Sampling rate: 999 Hz\ntime (s),x\n" + text(timed()[:, :2]))
@@ -281,7 +281,7 @@ def test_what_is_no_acceleration_is_not_suggested(tmp_path):
 @pytest.mark.parametrize(
     "kind", ["European", "commented header", "comments anywhere", "boot lines", "pandas with index"]
 )
-def test_the_byte_order_mark_says_the_encoding(tmp_path, codec, kind):
+def test_the_byte_order_mark_defines_the_encoding(tmp_path, codec, kind):
     suffix, content, options, expected = TABLES[kind]
     recording = load(write(tmp_path, suffix, f"\ufeff{content}".encode(codec)), **options)
     np.testing.assert_allclose(recording.acceleration, expected)
@@ -354,7 +354,7 @@ def test_a_suggested_option_works_as_typed(tmp_path, kind):
         ("t,x (µT),y (µT)\n", ("2", "3")),
     ],
 )
-def test_a_unit_of_something_else_is_refused_whatever_is_given(tmp_path, above, column):
+def test_a_unit_of_another_quantity_is_an_error_with_or_without_options(tmp_path, above, column):
     path = write(tmp_path, ".csv", text(timed()[:, :3], above=above))
     with pytest.raises(RecordingError, match=r"not supported for an acceleration.*convert the values"):
         load(path, fs=None, column=column, unit="V", time_unit="s")
@@ -375,7 +375,7 @@ def test_a_garbled_line_that_is_not_utf_8_can_be_left_out(tmp_path):
     path = write(tmp_path, ".csv", rows[:-1] + b"\n0.1,\xff\xfe\n")
     read = load(path, drop_incomplete=True)
     np.testing.assert_array_equal(read.acceleration, A)
-    assert "incomplete: 1 line without all numbers left out" in read.flags
+    assert "incomplete: 1 line without a number in each column dropped" in read.flags
 
 
 def test_each_option_of_a_message_works(tmp_path):
@@ -392,12 +392,12 @@ def test_each_option_of_a_message_works(tmp_path):
 
 def test_what_was_assumed_is_reported(tmp_path):
     for kind, flag in (
-        ("pandas without names", "names: the line '0,1,2' is taken as names of columns, not as a row"),
-        ("units below the names", "units: s, m/s^2 by the lines above the rows"),
-        ("comments anywhere", "comments: 3 lines between the rows left out"),
+        ("pandas without names", "names: the line '0,1,2' is read as column names, not as a row"),
+        ("units below the names", "units: s, m/s^2, from the lines above the rows"),
+        ("comments anywhere", "comments: 3 lines between the rows skipped"),
         (
             "boot lines",
-            "header: 4 of the lines above the rows are left out, 'ets Jun  8 2016 00:22:57' first",
+            "header: 4 lines above the rows ignored, 'ets Jun  8 2016 00:22:57' first",
         ),
         ("European", "decimals: commas are read as decimal points"),
         ("a code page of Windows", "encoding: not UTF-8, read as Windows-1252"),
@@ -406,7 +406,7 @@ def test_what_was_assumed_is_reported(tmp_path):
         assert flag in load(write(tmp_path, suffix, content), **options).flags
     counts = write(tmp_path, ".csv", text(100 * A[:, :2], above="0,1\n", number="{:.0f}"))
     recording = load(counts, column=("1", "2"))
-    assert "names: the first line '0,1' is taken as a row; --skip-rows 1 leaves it out" in recording.flags
+    assert "names: the first line '0,1' is read as a row; --skip-rows 1 skips it" in recording.flags
     assert len(load(counts, column=("1", "2"), skip_rows=1).acceleration) == N
     path = write(tmp_path, ".csv", "x,y,z\n" + text(FIRST) + "1,2\n1,,2\n" + text(A[5:]))
     assert load(path, drop_incomplete=True).flags == ("incomplete: 2 lines without all numbers left out",)
@@ -452,4 +452,4 @@ def test_what_was_assumed_of_a_file_per_axis_is_reported_once(tmp_path):
         rows = np.random.default_rng(k).normal(size=500).astype(str)
         (tmp_path / f"r_{axis}.txt").write_text("\n".join([*rows[:9], "# paused", *rows[9:]]))
     flags = load(tmp_path / "r_x.txt").flags
-    assert [flag for flag in flags if "comment" in flag] == ["comments: 1 line between the rows left out"]
+    assert [flag for flag in flags if "comment" in flag] == ["comments: 1 line between the rows skipped"]

@@ -235,7 +235,7 @@ def test_rows_of_other_sensors_in_a_merged_log_are_left_out_and_reported(tmp_pat
     recording = loaded(path, **options)
     assert recording.fs == 100
     np.testing.assert_allclose(recording.acceleration, values, atol=0.1)
-    assert recording.flags[0] == "merged log: 29% of the rows repeat all values of the row before, left out"
+    assert recording.flags[0] == "merged log: 29% of the rows repeat all values of the previous row, dropped"
 
 
 def test_a_quantised_sensor_at_rest_keeps_its_repeated_rows(tmp_path):

@@ -56,7 +56,7 @@ def test_the_first_sheet_with_numbers_is_read_and_reported(tmp_path):
     path = workbook(tmp_path / "a.xlsx", About=about, Raw=rows, Other=rows)
     recording = load_recording(path, fs=100, unit="g")
     assert len(recording.acceleration) == 60
-    assert "sheet: 'Raw' is read, 1 other sheet not; --column 'Other/x' selects one" in recording.flags
+    assert "sheet: 'Raw' is read, 1 other sheet ignored; --column 'Other/x' selects one" in recording.flags
     with pytest.raises(RecordingError, match=r"a\.xlsx: no sheet has rows of numbers"):
         load_recording(workbook(tmp_path / "a.xlsx", About=about), fs=100, unit="g")
 
@@ -92,10 +92,10 @@ def test_a_row_that_begins_with_an_error_of_excel_is_no_comment(tmp_path, error)
     rows = [["x", "y", "z"], *A.tolist()]
     rows[30][0] = error
     path = workbook(tmp_path / "a.xlsx", Data=rows)
-    with pytest.raises(RecordingError, match=r"line 31 .*column 'x' is no number.*--drop-incomplete"):
+    with pytest.raises(RecordingError, match=r"line 31 .*column 'x' is not a number.*--drop-incomplete"):
         load_recording(path, fs=100, unit="g")
     recording = load_recording(path, fs=100, unit="g", drop_incomplete=True)
-    assert "incomplete: 1 line without all numbers left out" in recording.flags
+    assert "incomplete: 1 line without a number in each column dropped" in recording.flags
 
 
 @pytest.mark.parametrize("kind", [datetime.time, lambda date: date - datetime(2019, 8, 6)])
@@ -120,7 +120,7 @@ def test_cells_without_a_number_are_an_error_or_left_out(tmp_path):
         load_recording(path, fs=100, unit="g")
     recording = load_recording(path, fs=100, unit="g", drop_incomplete=True)
     assert len(recording.acceleration) == 58
-    assert "incomplete: 2 lines without all numbers left out" in recording.flags
+    assert "incomplete: 2 lines without a number in each column dropped" in recording.flags
 
 
 def test_a_workbook_that_expands_without_end_is_refused(tmp_path):
@@ -207,7 +207,7 @@ def test_channels_of_tdms_state_rate_and_unit(tmp_path):
     recording = load_recording(path)
     np.testing.assert_allclose(recording.acceleration, 9.80665 * A)
     assert (recording.fs, recording.unit, recording.channels) == (100, "m/s^2", ("x", "y", "z"))
-    assert "time: fs is 100 Hz, as 'wf_increment' in the file states" in recording.flags
+    assert "time: fs is 100 Hz, from 'wf_increment' in the file" in recording.flags
     for stated, message in (
         ({"fs": 200}, "fs is 100 Hz, but 200 Hz was given"),
         ({"unit": "V"}, "unit is 'g'"),
@@ -255,16 +255,16 @@ def test_a_truncated_file_of_tdms_is_reported_and_channels_have_one_length(tmp_p
 
 
 @pytest.mark.parametrize("step", ["abc", -0.01, float("nan"), float("inf")])
-def test_a_step_of_tdms_that_is_no_time_is_refused(tmp_path, step):
+def test_an_invalid_time_step_of_tdms_is_an_error(tmp_path, step):
     path = tdms(tmp_path / "a.tdms", {"x": (A[:, 0].copy(), {"wf_increment": step})})
-    with pytest.raises(RecordingError, match=r"a\.tdms: wf_increment of 'x' is .*seconds between samples"):
+    with pytest.raises(RecordingError, match=r"a\.tdms: wf_increment of 'x' is .*Expected a time step in s"):
         load_recording(path, unit="g")
 
 
 def test_units_of_tdms_that_are_unknown_or_contradict_the_name_are_reported(tmp_path):
     facts = {"wf_increment": 0.01, "unit_string": "lbf"}
     path = tdms(tmp_path / "a.tdms", {"x": (A[:, 0].copy(), facts)})
-    assert "unit: 'lbf' in the file is not known" in load_recording(path, unit="g").flags
+    assert "unit: 'lbf' in the file is unknown" in load_recording(path, unit="g").flags
     for name, unit, message in (
         ("x (mg)", "g", "in g and mg"),
         ("x", "rad/s", "is not supported for an acceleration"),
@@ -284,7 +284,7 @@ def test_channels_of_tdms_with_text_are_ignored_and_those_of_one_name_refused(tm
         file.write_segment(
             [nptdms.ChannelObject("a/b", "c", A[:, 0].copy()), nptdms.ChannelObject("a", "b/c", T)]
         )
-    with pytest.raises(RecordingError, match="two channels are named 'a/b/c'"):
+    with pytest.raises(RecordingError, match="two channels have the name 'a/b/c'"):
         load_recording(path, unit="g")
 
 

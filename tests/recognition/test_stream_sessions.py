@@ -115,8 +115,8 @@ def test_mended_samples_do_not_depend_on_blocks(linear_model, size):
     for start, n in (
         (0, 2),
         (50, 1),
-        (60, TIMESTAMPS.most_lost),
-        (100, TIMESTAMPS.most_lost + 1),
+        (60, TIMESTAMPS.max_gap),
+        (100, TIMESTAMPS.max_gap + 1),
         (200, 90),
         (300, 3),
     ):
@@ -132,7 +132,7 @@ def test_mended_samples_do_not_depend_on_blocks(linear_model, size):
         return lost, np.concatenate(parts)
 
     lost, whole = mended(size)
-    assert lost == [2, TIMESTAMPS.most_lost + 1, 90]
+    assert lost == [2, TIMESTAMPS.max_gap + 1, 90]
     np.testing.assert_array_equal(whole, mended(400)[1])
     np.testing.assert_allclose(whole[48], (rows[49] + rows[51]) / 2)
     assert len(whole) + sum(lost) == 400

@@ -33,7 +33,7 @@ def test_an_imu_comes_back_as_it_was_written(tmp_path, values, kind):
     np.testing.assert_array_equal(recording.acceleration, values[:, :3])
     np.testing.assert_array_equal(recording.turn_rate, values[:, 3:])
     assert (recording.fs, recording.unit, recording.recording_id) == (FS, "m/s^2", "run")
-    assert recording.flags == ("rate: 200 Hz by the header stamps",)
+    assert recording.flags == ("rate: 200 Hz by the header time stamps",)
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_the_topic_is_chosen_by_name_and_asked_for_where_several_fit(tmp_path, v
 def test_rate_and_unit_may_not_be_contradicted(tmp_path, values):
     path = write_bag(tmp_path, "bag", {"/imu": _imu(values)})
     assert load_recording(path, fs=200, unit="m/s^2").fs == 200
-    with pytest.raises(RecordingError, match="fs is 200 Hz by its header stamps, but 250 Hz was given"):
+    with pytest.raises(RecordingError, match="fs is 200 Hz by its header time stamps, but 250 Hz was given"):
         load_recording(path, fs=250)
     with pytest.raises(RecordingError, match=r"its unit is 'm/s\^2', but 'g' was given"):
         load_recording(path, unit="g")
@@ -130,13 +130,13 @@ def test_a_rate_that_is_near_is_resampled_and_says_so(tmp_path):
     recording = load_recording(path, fs=200)
     expected = np.sin(2 * np.pi * 7 * np.arange(2000) / 200)
     np.testing.assert_allclose(recording.acceleration[50:-50, 0], expected[50:-50], atol=5e-3)
-    assert recording.flags == ("rate: 202 Hz by the header stamps, resampled (band-limited) to 200 Hz",)
+    assert recording.flags == ("rate: 202 Hz by the header time stamps, resampled (band-limited) to 200 Hz",)
 
 
 def test_stamps_of_headers_count_and_times_of_receipt_where_there_are_none(tmp_path, values):
     late = regular(N, FS) + np.random.default_rng(1).integers(0, 30_000_000, N)
     by_header = write_bag(tmp_path / "a", "db3", {"/imu": Topic(IMU, values, regular(N, FS), np.sort(late))})
-    assert load_recording(by_header).flags == ("rate: 200 Hz by the header stamps",)
+    assert load_recording(by_header).flags == ("rate: 200 Hz by the header time stamps",)
     without = write_bag(tmp_path / "b", "db3", {"/imu": Topic(IMU, values, np.zeros(N, int), regular(N, FS))})
     recording = load_recording(without)
     assert recording.flags == ("stamps: none in the headers", "rate: 200 Hz by the times of receipt")

@@ -1,8 +1,8 @@
-"""Read arrays: NPY and NPZ, HDF5, MATLAB to 7.2 and 7.3 (HDF5 inside).
+"""Reader of arrays: NPY, NPZ, HDF5, and MATLAB files of version 4 to 7.3.
 
-A scalar with a name such as `fs` or `SampleRate` (in HDF5 also an attribute) states the sampling rate in Hz
-of the arrays in its group or struct. Objects are never opened: an array that needs unpickling, a MATLAB cell
-and an HDF5 dataset that is kept outside the file are not read.
+A scalar with a name such as `fs` or `SampleRate` (in HDF5 also an attribute) is the sampling rate in Hz of
+the arrays in its group or struct. Objects are not read: arrays that need unpickling, MATLAB cells, and HDF5
+datasets outside the file.
 """
 
 import math
@@ -34,7 +34,7 @@ from texclass.loaders.readers import (
 )
 
 _TEXT = "char"
-"""Class of texts, which nobody expects to be read."""
+"""Class of text arrays, which are ignored without a flag."""
 
 
 def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
@@ -43,45 +43,45 @@ def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     Raises
     ------
     RecordingError
-        If the file is not what its suffix says, or contains no array of real numbers.
+        If the file does not have the format of its suffix, or contains no array of real numbers.
     """
     return _signals(*_contents(path)[:2])
 
 
 def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
-    """Read the wanted arrays, and the sampling rate if it is stored.
+    """Read arrays, and the sampling rate if it is stored.
 
     Raises
     ------
     RecordingError
-        If the file is unreadable or shorter than its header says, an array is missing, or does not hold real
-        numbers.
+        If the file is unreadable or truncated, or an array is missing or does not contain real numbers.
     """
     sizes, rates, others = _contents(path)
     signals = _signals(sizes, rates)
     require_columns(wanted, signals, path, hint=f"; {_describe_others(others)} cannot be read" * bool(others))
     for name in wanted:
         check_announced_size(sizes[name], path)
-    stated = _rates_of(wanted, signals, rates, _mark(path))
-    if len(set(stated.values())) > 1 and settings.fs not in stated.values():
-        shown = ", ".join(f"{name} = {rate:g}" for name, rate in stated.items())
+    stored_rates = _rates_of(wanted, signals, rates, _separator(path))
+    if len(set(stored_rates.values())) > 1 and settings.fs not in stored_rates.values():
+        rate_list = ", ".join(f"{name} = {rate:g}" for name, rate in stored_rates.items())
         raise reader_error(
-            path, f"it states several sampling rates: {shown}", "one rate, or --fs to select one"
+            path, f"it contains several sampling rates: {rate_list}", "one rate, or --fs to select one"
         )
-    by = next((name for name, rate in stated.items() if rate == settings.fs), next(iter(stated), None))
-    fs = None if by is None else stated[by]
-    flags = [f"time: fs is {fs:g} Hz, as {by!r} in the file states"] if fs is not None else []
+    names_of_fs = (name for name, rate in stored_rates.items() if rate == settings.fs)
+    rate_name = next(names_of_fs, next(iter(stored_rates), None))
+    fs = None if rate_name is None else stored_rates[rate_name]
+    flags = [f"time: fs is {fs:g} Hz, from {rate_name!r} in the file"] if fs is not None else []
     if objects := {name: kind for name, kind in others.items() if kind != _TEXT}:
         flags.append(f"ignored: {_describe_others(objects)}")
     with wrap_library_errors(path, _kind(path)):
-        present = (array for array in _arrays(path) if not array.is_attribute)
-        stored = {array.name: array.values() for array in present if array.name in wanted}
-        named = {name: as_samples(stored[name], name, path) for name in wanted}
-    return ReadSignals(named, fs, tuple(flags))
+        arrays = (array for array in _arrays(path) if not array.is_attribute)
+        values = {array.name: array.values() for array in arrays if array.name in wanted}
+        samples = {name: as_samples(values[name], name, path) for name in wanted}
+    return ReadSignals(samples, fs, tuple(flags))
 
 
 def is_rate(name: str) -> bool:
-    """Whether a name is that of a sampling rate in Hz: "Fs", "data.sampling_rate", "SampleRate (Hz)"."""
+    """Return whether a name is one of a sampling rate: "Fs", "data.sampling_rate", "SampleRate (Hz)"."""
     plain = re.sub(r"[\s_()\[\]-]", "", re.split(r"[./]", name)[-1].lower()).removesuffix("hz")
     return re.fullmatch("fs|sr|srate|sampl(e|ing)(rate|freq|frequency)", plain) is not None
 
@@ -91,7 +91,7 @@ def _kind(path: Path) -> str:
 
 
 def _contents(path: Path) -> tuple[dict[str, int], dict[str, float], dict[str, str]]:
-    """Return array -> number of values, scalar or attribute -> rate in Hz, anything else -> its class."""
+    """Return by name the sizes of arrays, the sampling rates in Hz, and the classes of everything else."""
     sizes, rates, others = dict[str, int](), dict[str, float](), dict[str, str]()
     with wrap_library_errors(path, _kind(path)):
         for array in _arrays(path):
@@ -109,7 +109,7 @@ def _contents(path: Path) -> tuple[dict[str, int], dict[str, float], dict[str, s
 
 
 def _signals(sizes: Mapping[str, int], rates: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the names of the arrays; single values only where there is nothing else."""
+    """Return the names of the arrays; scalars only if there are no larger arrays."""
     arrays = tuple(name for name, size in sizes.items() if size > 1)
     return arrays or tuple(name for name in sizes if name not in rates)
 
@@ -119,41 +119,41 @@ def _describe_others(others: Mapping[str, str]) -> str:
 
 
 def _rates_of(
-    wanted: tuple[str, ...], signals: tuple[str, ...], rates: Mapping[str, float], mark: str
+    wanted: tuple[str, ...], signals: tuple[str, ...], rates: Mapping[str, float], separator: str
 ) -> dict[str, float]:
-    """Return the sampling rates in Hz that are stated of some arrays.
+    """Return the sampling rates in Hz of some arrays, by the names of the scalars.
 
-    A scalar states the rate of the arrays in its group, or in the next group above that has any.
+    A scalar is the rate of the arrays in its group, or in the nearest enclosing group with arrays.
     """
 
     def is_in(signal: str, scope: str) -> bool:
-        return not scope or f"{signal}{mark}".startswith(f"{scope}{mark}")
+        return not scope or f"{signal}{separator}".startswith(f"{scope}{separator}")
 
     scopes = {}
     for name in rates:
-        scope = name.rpartition(mark)[0]
+        scope = name.rpartition(separator)[0]
         while not any(is_in(signal, scope) for signal in signals):
-            scope = scope.rpartition(mark)[0]
+            scope = scope.rpartition(separator)[0]
         scopes[name] = scope
-    stated: dict[str, float] = {}
+    stored_rates: dict[str, float] = {}
     for signal in wanted:
         nearest = max((scope for scope in scopes.values() if is_in(signal, scope)), key=len, default=None)
-        stated |= {name: rates[name] for name, scope in scopes.items() if scope == nearest}
-    return stated
+        stored_rates |= {name: rates[name] for name, scope in scopes.items() if scope == nearest}
+    return stored_rates
 
 
-def _mark(path: Path) -> str:
-    """Return what stands between the names of a group and its member."""
+def _separator(path: Path) -> str:
+    """Return the separator between the names of a group and its member."""
     return "." if path.suffix.lower() == ".mat" else "/"
 
 
 def _arrays(path: Path) -> Iterator[StoredArray]:
-    """Yield what a file contains, with values that can be read until the next one is asked for."""
+    """Yield the arrays of a file; the values of each can be read until the next one is requested."""
     if path.suffix.lower() in {".npy", ".npz"}:
         yield from _npy_arrays(path)
     elif path.suffix.lower() != ".mat" or h5py.is_hdf5(path):
         with h5py.File(path) as file:
-            yield from _hdf5_arrays(file, path, _mark(path))
+            yield from _hdf5_arrays(file, path, _separator(path))
     elif scipy_io.matlab.matfile_version(str(path))[0] == 1:  # 5 to 7.2
         yield from matlab_5_arrays(path)
     else:
@@ -163,7 +163,7 @@ def _arrays(path: Path) -> Iterator[StoredArray]:
 def _npy_arrays(path: Path) -> Iterator[StoredArray]:
     headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     for name, file in _npy_members(path):
-        read_header = headers.get(np.lib.format.read_magic(file))  # version 3 is for records
+        read_header = headers.get(np.lib.format.read_magic(file))  # version 3 is only used for records
         shape, _, dtype = read_header(file) if read_header else ((), False, np.dtype(object))
         other = _TEXT if dtype.kind in "US" else dtype.name
         file.seek(0)
@@ -174,7 +174,7 @@ def _npy_arrays(path: Path) -> Iterator[StoredArray]:
 def _npy_members(path: Path) -> Iterator[tuple[str, IO[bytes]]]:
     """Yield the name and the open file of every array."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of headers that Python 2 wrote
+        warnings.simplefilter("ignore", UserWarning)  # about headers written by Python 2
         if path.suffix.lower() == ".npy":
             with path.open("rb") as file:
                 yield ACCELERATION, file
@@ -188,28 +188,28 @@ def _npy_members(path: Path) -> Iterator[tuple[str, IO[bytes]]]:
 
 
 def _hdf5_arrays(
-    group: h5py.Group, path: Path, mark: str, prefix: str = "", depth: int = 1
+    group: h5py.Group, path: Path, separator: str, prefix: str = "", depth: int = 1
 ) -> Iterator[StoredArray]:
-    """Yield the datasets and attributes of a group and of those in it; no link is followed."""
+    """Yield the datasets and attributes of a group and its subgroups; links are not followed."""
     if depth > MAX_DEPTH or len(group) > MAX_MEMBERS:
-        found = f"has groups {depth} deep, one with {len(group)} members"
-        raise reader_error(path, found, f"at most {MAX_DEPTH} and {MAX_MEMBERS}")
+        problem = f"has groups {depth} deep, one with {len(group)} members"
+        raise reader_error(path, problem, f"at most {MAX_DEPTH} and {MAX_MEMBERS}")
     yield from _hdf5_rates(group, prefix)
     for member in group:
-        is_matlab_own = member.startswith("#")  # what cells and objects refer to
-        if is_matlab_own or not isinstance(group.get(member, getlink=True), h5py.HardLink):
+        is_matlab_internal = member.startswith("#")  # content of cells and objects
+        if is_matlab_internal or not isinstance(group.get(member, getlink=True), h5py.HardLink):
             continue
         node, name = group[member], prefix + member
-        stated = node.attrs.get("MATLAB_class", b"")
-        matlab_class = stated.decode("latin1") if isinstance(stated, bytes) else str(stated)
+        attribute = node.attrs.get("MATLAB_class", b"")
+        matlab_class = attribute.decode("latin1") if isinstance(attribute, bytes) else str(attribute)
         if isinstance(node, h5py.Dataset):
-            yield from _hdf5_rates(node, name + mark)
+            yield from _hdf5_rates(node, name + separator)
             kind = _hdf5_class(node, matlab_class)
             yield StoredArray(name, kind, node.size or 0, partial(_read_dataset, node, name, path))
         elif isinstance(node, h5py.Group) and matlab_class in {"", "struct"}:
-            yield from _hdf5_arrays(node, path, mark, name + mark, depth + 1)
+            yield from _hdf5_arrays(node, path, separator, name + separator, depth + 1)
         elif isinstance(node, h5py.Group):
-            yield from _hdf5_rates(node, name + mark)
+            yield from _hdf5_rates(node, name + separator)
             kind = "sparse" if "MATLAB_sparse" in node.attrs else matlab_class
             yield StoredArray(name, kind)
 
@@ -221,7 +221,7 @@ def _hdf5_rates(node: Any, prefix: str) -> Iterator[StoredArray]:
 
 
 def _hdf5_class(dataset: h5py.Dataset, matlab_class: str) -> str:
-    """Return the class of a dataset, "" if it contains real numbers."""
+    """Return the class of a dataset; "" if it contains real numbers."""
     if matlab_class and matlab_class not in NUMERIC:
         return matlab_class
     if "MATLAB_empty" in dataset.attrs:
@@ -232,14 +232,14 @@ def _hdf5_class(dataset: h5py.Dataset, matlab_class: str) -> str:
 
 
 def _read_dataset(dataset: h5py.Dataset, name: str, path: Path) -> Any:
-    """Return the values of a dataset whose bytes are in this file."""
+    """Return the values of a dataset that is stored in this file."""
     if dataset.external or dataset.is_virtual:
-        raise reader_error(path, f"{name} is kept in another file", "one file")
+        raise reader_error(path, f"{name} is stored in another file", "all data in one file")
     check_announced_size(dataset.size, path)
-    # where a chunk has no more than its checksum of 4 bytes, HDF5 (2.0 and before) ends the process
+    # HDF5 up to 2.0 ends the process at a chunk that contains only its checksum of 4 bytes.
     if dataset.fletcher32 and dataset.id.chunk_iter(lambda chunk: chunk.size <= 4 or None):
-        raise reader_error(path, f"{name} has a chunk without data", "more than its checksum")
-    # h5py converts piece by piece: stored floats of 4 bytes never stand in memory beside those of 8.
+        raise reader_error(path, f"{name} has a chunk without data", "data and a checksum")
+    # h5py converts in blocks, so that a 4-byte and an 8-byte copy are never in memory together.
     return dataset.astype(np.float64)[()]
 
 
@@ -258,7 +258,7 @@ def _matlab_4_values(path: Path, name: str) -> Any:
 
 @contextmanager
 def _warnings_as_errors() -> Iterator[None]:
-    """Turn what scipy warns of (guessed byte orders, overflows) into errors, but for repeated names."""
+    """Convert warnings of scipy on byte orders and overflows to errors; ignore repeated names."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         warnings.simplefilter("error", RuntimeWarning)

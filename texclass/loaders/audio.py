@@ -1,7 +1,7 @@
-"""Read WAV and FLAC.
+"""Reader of WAV and FLAC.
 
-Integer audio does not state its unit: with the unit "counts" its codes are kept, -32768 ... 32767 for 16 bit;
-else full scale is 1. Floating-point audio is kept as stored.
+Integer audio with the unit "counts" keeps its codes, from -32768 to 32767 for 16 bit. With other units full
+scale is 1. Floating-point audio is unchanged.
 """
 
 from pathlib import Path
@@ -22,11 +22,11 @@ from texclass.loaders.readers import (
 )
 
 _BITS = {"PCM_S8": 8, "PCM_U8": 8, "PCM_16": 16, "PCM_24": 24, "PCM_32": 32}
-"""Bits of a code, by libsndfile's name of the encoding; libsndfile aligns codes to the top of 32 bit."""
+"""Bits per sample by encoding; libsndfile aligns samples to the most significant bits of 32."""
 
 
 def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
-    """Return the name that all channels have."""
+    """Return the name of the only signal, which contains all channels."""
     return (ACCELERATION,)
 
 
@@ -36,7 +36,7 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
     Raises
     ------
     RecordingError
-        If the file is unreadable or shorter than its header says.
+        If the file is unreadable or truncated.
     """
     require_columns(wanted, (ACCELERATION,), path)
     with wrap_library_errors(path, "audio"):
@@ -48,7 +48,7 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
             frames, fs = file.frames, float(file.samplerate)
         if len(samples) < frames:
             raise reader_error(
-                path, f"holds {len(samples)} of {frames} frames that its header announces", "all"
+                path, f"contains {len(samples)} of the {frames} frames in its header", "a complete file"
             )
         if bits:
             np.right_shift(samples, 32 - bits, out=samples)
@@ -56,10 +56,12 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
 
 
 def _check_length(path: Path) -> None:
-    """Refuse a RIFF file that is shorter than it announces, which libsndfile would read without a word."""
+    """Raise an error for a truncated RIFF file, which libsndfile would read without an error."""
     with path.open("rb") as file:
         head = file.read(8)
     size, announced = path.stat().st_size, int.from_bytes(head[4:8], "little")
-    is_piped = announced == 0xFFFFFFFF  # its length was not known when the header was written
+    is_piped = announced == 0xFFFFFFFF  # a streamed file has no length in its header
     if head[:4] == b"RIFF" and not is_piped and announced + 8 > size:
-        raise reader_error(path, f"holds {size} of {announced + 8} bytes that its header announces", "all")
+        raise reader_error(
+            path, f"contains {size} of the {announced + 8} bytes in its header", "a complete file"
+        )

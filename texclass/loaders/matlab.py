@@ -1,9 +1,9 @@
-"""Find arrays of numbers in MATLAB files of the versions 5 to 7.2, also in structs; objects are not opened.
+"""Arrays of numbers in MATLAB files of versions 5 to 7.2, also in structs; objects are not read.
 
-A file is a sequence of elements: a tag of type and size, or of both in four bytes, and data padded to eight
-bytes (MathWorks, "MAT-File Format"). This module is here because scipy stops at a variable of an object class
-(datetime, table), and scipy 1.17 and before uses the type of an array's numbers as an unchecked index in
-compiled code: one changed byte ends the process.
+A file is a sequence of elements: a tag with type and size (in eight or four bytes), and data padded to eight
+bytes (MathWorks, "MAT-File Format"). This module exists because scipy stops at variables of object classes
+(datetime, table), and because scipy up to 1.17 uses the type of numbers as an unchecked index in compiled
+code, so that one changed byte ends the process.
 """
 
 import math
@@ -20,34 +20,34 @@ from numpy.typing import NDArray
 from texclass.loaders.readers import check_announced_size
 
 MAX_DEPTH, MAX_MEMBERS = 32, 10_000
-"""Groups or structs within each other, and members of one."""
+"""Largest depth of nested groups or structs, and largest number of members of one."""
 NUMERIC = ("double", "single", *(f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u")))
-"""Classes of arrays of numbers."""
+"""MATLAB classes of arrays of numbers."""
 _CLASSES = (
     *("", "cell", "struct", "object", "char", "sparse", *NUMERIC),
     *("function_handle", "opaque", "object"),
 )
-"""Classes by their code."""
+"""MATLAB classes by code."""
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-"""Types of numbers by their code."""
+"""NumPy types of numbers by code."""
 _MATRIX, _COMPRESSED = 14, 15
 Bytes = NDArray[np.uint8]
 
 
 class StoredArray(NamedTuple):
-    """An array in a file, or something else there."""
+    """Array, or other object, in a file."""
 
     name: str
     kind: str
-    """Class of what is no array of real numbers; else ""."""
+    """Class of an object; "" for an array of real numbers."""
     size: int = 0
     values: Callable[[], Any] = lambda: None
-    """Read the values; only of arrays of real numbers."""
+    """Function that reads the values of an array of real numbers."""
     is_attribute: bool = False
 
 
 def matlab_5_arrays(path: Path) -> Iterator[StoredArray]:
-    """Yield the variables of a file, and the fields of structs of one element as `struct.field`.
+    """Yield the variables of a file, and the fields of single structs as `struct.field`.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def matlab_5_arrays(path: Path) -> Iterator[StoredArray]:
     zlib.error
         If a compressed variable is damaged.
     RecordingError
-        If a struct announces more than its bytes can hold.
+        If a variable announces more values than its size allows.
     """
     data: Bytes = np.memmap(path, np.uint8, "r")
     order, at = "<" if bytes(data[126:128]) == b"IM" else ">", 128  # after the header
@@ -66,34 +66,36 @@ def matlab_5_arrays(path: Path) -> Iterator[StoredArray]:
         if len(stored) < size or kind not in {_MATRIX, _COMPRESSED}:
             raise ValueError(f"the variable at byte {at} has type {kind} and {len(stored)} of {size} bytes")
         at += 8 + size
-        whole = partial(_inflate, stored, order, path) if kind == _COMPRESSED else partial(np.asarray, stored)
-        # flags, dimensions and name of an array take some hundred bytes
+        read_all = (
+            partial(_inflate, stored, order, path) if kind == _COMPRESSED else partial(np.asarray, stored)
+        )
+        # Flags, dimensions and name of an array need some hundred bytes.
         head = _inflate(stored, order, path, 4096) if kind == _COMPRESSED else stored
-        yield from _find_arrays(head, whole, order)
+        yield from _find_arrays(head, read_all, order)
 
 
-def _inflate(stored: Bytes, order: str, path: Path, most: int = 0) -> Bytes:
-    """Return a compressed variable, or its first bytes, without its tag."""
+def _inflate(stored: Bytes, order: str, path: Path, max_bytes: int = 0) -> Bytes:
+    """Return a decompressed variable, or its first `max_bytes` bytes, without its tag."""
     inflater = zlib.decompressobj()
     tag = inflater.decompress(stored.data, 8)
     kind, size = struct.unpack(f"{order}2I", tag)
     if kind != _MATRIX:
         raise ValueError(f"a compressed element is of type {kind}")
     check_announced_size(size // 8, path)
-    inflated = inflater.decompress(inflater.unconsumed_tail, min(most, size) or size)
-    if not most and len(inflated) < size:
+    inflated = inflater.decompress(inflater.unconsumed_tail, min(max_bytes, size) or size)
+    if not max_bytes and len(inflated) < size:
         raise ValueError(f"a compressed variable has {len(inflated)} of {size} bytes")
     return np.frombuffer(inflated, np.uint8)
 
 
 def _find_arrays(
-    head: Bytes, whole: Callable[[], Bytes], order: str, name: str = "", depth: int = 1
+    head: Bytes, read_all: Callable[[], Bytes], order: str, name: str = "", depth: int = 1
 ) -> Iterator[StoredArray]:
-    """Yield what an array is, from its first bytes, and a function that returns all of them."""
+    """Yield the array in a variable, or the arrays in a struct, from the first bytes of the variable."""
     _, flags_at, _, at = _element(head, order, 0)
     (flags,) = struct.unpack_from(f"{order}I", head.data, flags_at)
     matlab_class = dict(enumerate(_CLASSES)).get(flags & 0xFF, "unknown")
-    if matlab_class == "opaque":  # in place of dimensions: name, type system, class
+    if matlab_class == "opaque":  # has name, type system and class instead of dimensions
         texts = []
         for _ in range(3):
             _, start, size, at = _element(head, order, at)
@@ -102,7 +104,7 @@ def _find_arrays(
             yield StoredArray(name or texts[0], texts[2] or "object")
         return
     kind, start, size, at = _element(head, order, at)
-    if kind not in {5, 6} or size % 4:  # whole numbers of 32 bit
+    if kind not in {5, 6} or size % 4:  # 32-bit integers
         raise ValueError(f"the dimensions of an array are of type {kind}")
     shape = tuple(map(int, head[start : start + size].view(f"{order}i4")))
     _, start, size, at = _element(head, order, at)
@@ -110,19 +112,19 @@ def _find_arrays(
     if min(shape, default=0) < 0:
         raise ValueError(f"{name} has shape {shape}")
     if not name:
-        return  # what MATLAB keeps for itself
+        return  # internal variable of MATLAB
     if matlab_class == "struct" and math.prod(shape) == 1:
-        yield from _fields(whole(), at, order, name, depth)
+        yield from _fields(read_all(), at, order, name, depth)
         return
     is_complex, is_logical = flags & 0x800, flags & 0x200
     if matlab_class in NUMERIC:
         matlab_class = "complex" if is_complex else "logical" if is_logical else ""
     size = math.prod(shape)
-    yield StoredArray(name, matlab_class, size, lambda: _numbers(whole(), at, order, name, shape))
+    yield StoredArray(name, matlab_class, size, lambda: _numbers(read_all(), at, order, name, shape))
 
 
 def _fields(data: Bytes, at: int, order: str, name: str, depth: int) -> Iterator[StoredArray]:
-    """Yield the fields of a struct: their names, of one length, then an array each."""
+    """Yield the fields of a struct: names of equal length, then one array per field."""
     _, start, _, at = _element(data, order, at)
     (length,) = struct.unpack_from(f"{order}i", data.data, start)
     _, start, size, at = _element(data, order, at)
@@ -141,7 +143,7 @@ def _fields(data: Bytes, at: int, order: str, name: str, depth: int) -> Iterator
 
 
 def _numbers(data: Bytes, at: int, order: str, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return the values of an array, whose numbers may be of a smaller type than its class."""
+    """Return the values of an array; they may be stored in a smaller type than its class."""
     kind, start, size, _ = _element(data, order, at)
     if kind not in _TYPES:
         raise ValueError(f"the numbers of {name} are of type {kind}. Expected one of {sorted(_TYPES)}")
@@ -152,7 +154,7 @@ def _numbers(data: Bytes, at: int, order: str, name: str, shape: tuple[int, ...]
 
 
 def _element(data: Bytes, order: str, at: int) -> tuple[int, int, int, int]:
-    """Return the type of an element, where its data begin, their size, and where the next element begins."""
+    """Return type, start and size of the data of an element, and the start of the next element."""
     if at + 8 > len(data):
         raise ValueError("a variable ends within an element")
     kind, size = struct.unpack_from(f"{order}2I", data.data, at)

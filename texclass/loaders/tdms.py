@@ -1,4 +1,4 @@
-"""Read channels of LabVIEW files (.tdms)."""
+"""Reader of LabVIEW files (.tdms)."""
 
 import logging
 import math
@@ -24,73 +24,75 @@ from texclass.loaders.readers import (
     wrap_library_errors,
 )
 
-log_manager.set_level(logging.CRITICAL)  # what it warns of, incomplete segments, is reported here
+log_manager.set_level(logging.CRITICAL)  # incomplete segments are flagged here instead
 
 
 def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
-    """Return the names of the channels, with their unit: "acc [g]", with several groups "group/acc [g]".
+    """Return the names of the channels with their unit: "acc [g]", or "group/acc [g]" with several groups.
 
     Raises
     ------
     RecordingError
-        If it is no TDMS file, or has no channel of numbers.
+        If the file is not a TDMS file, or has no channel of numbers.
     """
     with _channels(path) as (numeric, _):
         return tuple(numeric)
 
 
 def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
-    """Read the wanted channels; `wf_increment` states the rate.
+    """Read channels; the property `wf_increment` states the sampling rate.
 
-    Of a file that ends within a segment, channels have the samples that all of them have.
+    If a file ends within a segment, all channels are cut to the shortest one.
 
     Raises
     ------
     RecordingError
-        If a channel is not there, or channels have different rates.
+        If a channel is missing, or channels have different rates.
     """
     with _channels(path) as (numeric, others):
         require_columns(wanted, tuple(numeric), path)
-        chosen = {name: numeric[name] for name in wanted}
-        check_announced_size(sum(map(len, chosen.values())), path)
-        fs = _rate(chosen, path)
-        units = {name: str(channel.properties.get("unit_string", "")) for name, channel in chosen.items()}
-        stored = {name: np.asarray(channel[:]) for name, channel in chosen.items()}
-        named = {
+        channels = {name: numeric[name] for name in wanted}
+        check_announced_size(sum(map(len, channels.values())), path)
+        fs = _rate(channels, path)
+        units = {name: str(channel.properties.get("unit_string", "")) for name, channel in channels.items()}
+        stored = {name: np.asarray(channel[:]) for name, channel in channels.items()}
+        signals = {
             name: array.astype("M8[ns]") if array.dtype.kind == "M" else as_samples(array, name, path)
             for name, array in stored.items()
         }
-    flags = [f"time: fs is {fs:g} Hz, as 'wf_increment' in the file states"] if fs else []
+    flags = [f"time: fs is {fs:g} Hz, from 'wf_increment' in the file"] if fs else []
     if unknown := [unit for unit in dict.fromkeys(units.values()) if unit and not parse_unit(unit)]:
-        flags.append(f"unit: {quote_names(unknown)[:60]} in the file is not known")
+        flags.append(f"unit: {quote_names(unknown)[:60]} in the file is unknown")
     if not _is_whole(path):
-        n = min(map(len, named.values()))
-        named = {name: samples[:n] for name, samples in named.items()}
+        n = min(map(len, signals.values()))
+        signals = {name: samples[:n] for name, samples in signals.items()}
         flags.append("incomplete: the file ends within a segment")
     if others:
         flags.append(f"ignored: {quote_names([f'{name} ({kind})' for name, kind in others.items()])}")
-    return ReadSignals(named, fs, flags=tuple(flags))
+    return ReadSignals(signals, fs, flags=tuple(flags))
 
 
 def _rate(channels: dict[str, Any], path: Path) -> float | None:
-    """Return the sampling rate in Hz that channels state; a step of 0 states none."""
+    """Return the sampling rate in Hz of channels; None if no channel has a time step."""
     steps = set[float]()
     for name, channel in channels.items():
-        stated = channel.properties.get("wf_increment", 0)
-        step = float(stated) if isinstance(stated, int | float | np.number) else math.nan
+        increment = channel.properties.get("wf_increment", 0)
+        step = float(increment) if isinstance(increment, int | float | np.number) else math.nan
         if not 0 <= step < math.inf:
-            raise reader_error(path, f"wf_increment of {name!r} is {stated!r:.40}", "seconds between samples")
+            raise reader_error(path, f"wf_increment of {name!r} is {increment!r:.40}", "a time step in s")
         if step and not is_time(name):
             steps.add(step)
     if len(steps) > 1:
         rates = ", ".join(f"{1 / step:g}" for step in sorted(steps))
-        raise reader_error(path, f"its channels have rates {rates} Hz", "one: select channels with --column")
+        raise reader_error(
+            path, f"its channels have the rates {rates} Hz", "one rate: select channels with --column"
+        )
     return next((1 / step for step in steps), None)
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether a file ends with a segment: npTDMS does not report a segment that ends before its samples."""
-    at, lead_in = 0, 28  # bytes at the beginning of a segment, with the number of those that follow
+    """Return whether a file ends at the end of a segment; npTDMS does not report truncated segments."""
+    at, lead_in = 0, 28  # bytes of the lead-in, which contains the length of the rest of the segment
     with path.open("rb") as file:
         while at < (size := path.stat().st_size):
             file.seek(at)
@@ -101,17 +103,19 @@ def _is_whole(path: Path) -> bool:
 
 @contextmanager
 def _channels(path: Path) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
-    """Give channel of numbers or time stamps by name, and name -> kind of any other; none without samples."""
+    """Open a file; yield the channels of numbers or dates by name, and the types of other channels."""
     numeric, others = dict[str, Any](), dict[str, str]()
     with path.open("rb") as stored, wrap_library_errors(path, "TDMS"), TdmsFile.open(stored) as file:
-        groups = {group.name: [one for one in group.channels() if len(one)] for group in file.groups()}
-        has_one = sum(map(bool, groups.values())) == 1
+        groups = {
+            group.name: [channel for channel in group.channels() if len(channel)] for group in file.groups()
+        }
+        has_one_group = sum(map(bool, groups.values())) == 1
         for group, channels in groups.items():
             for channel in channels:
-                name = channel.name if has_one else f"{group}/{channel.name}"
+                name = channel.name if has_one_group else f"{group}/{channel.name}"
                 name = add_unit(name, parse_unit(str(channel.properties.get("unit_string", ""))))
                 if name in numeric or name in others:
-                    raise reader_error(path, f"two channels are named {name!r:.80}", "different names")
+                    raise reader_error(path, f"two channels have the name {name!r:.80}", "unique names")
                 if channel.dtype.kind in "iufM":
                     numeric[name] = channel
                 else:

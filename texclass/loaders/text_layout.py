@@ -1,7 +1,7 @@
-"""Find the layout of a text table: encoding, delimiter, comments, first row, names and units of columns.
+"""Layout of a text table: encoding, delimiter, comments, first row, names and units of columns.
 
-A row has numbers in the columns in which the last lines of the beginning have numbers. The last fitting line
-above the first row names the columns; a line of units may be between them.
+The last of the first 200 lines show which columns contain numbers. A row has numbers in all of these columns.
+The column names are in the last matching line above the first row; a line of units may be in between.
 """
 
 import codecs
@@ -19,14 +19,16 @@ from texclass.loaders.columns import ACCELERATION, ROW_NUMBER, add_unit, parse_u
 from texclass.loaders.dates import is_date
 from texclass.loaders.readers import ReaderSettings, reader_error
 from texclass.recording import RecordingError
+from texclass.reporting.wording import counted
 
 MAX_LINE = 1 << 20
-"""Characters of the longest line: names of 10,000 columns take a tenth."""
+"""Largest number of characters in a line; the names of 10,000 columns need a tenth."""
 MAX_COLUMNS = 10_000
+"""Largest number of columns."""
 MISSING = ("", "na", "n/a", "null", "none", "-")
 """Cells without a value."""
 DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d(?::?\d\d){0,2}(?:\.\d+)?(Z|[+-]\d\d:?\d*)?")
-"""A date and time that pyarrow reads; its group is the zone."""
+"""Date and time in a notation that pyarrow reads; the group is the time zone."""
 
 
 @dataclass(frozen=True)
@@ -36,25 +38,25 @@ class TextLayout:
     Attributes
     ----------
     names : tuple of str
-        Of the columns, without empty ones at the end of rows.
+        Names of the columns, without empty columns at the end.
     delimiter : str
-        One character.
+        Column delimiter, one character.
     width : int
-        Cells of a row.
+        Number of cells per row.
     n_above : int
-        Lines above the first row.
+        Number of lines above the first row.
     first : tuple of str
         Cells of the first row.
     encoding : str
-        As Python names it.
+        Encoding, by its name in Python.
     comments : tuple of str
-        Beginnings of lines that are comments.
+        Characters that start comment lines.
     is_plain : bool
-        Whether lines end in a line feed.
+        Whether lines end with a line feed only.
     fs : float or None
-        Sampling rate in Hz that the lines above the names state.
+        Sampling rate in Hz in the lines above the names, if there is one.
     flags : tuple of str
-        What was assumed.
+        Assumptions, for the user.
     """
 
     names: tuple[str, ...]
@@ -71,7 +73,7 @@ class TextLayout:
 
 @dataclass(frozen=True)
 class _Row:
-    """Cells of a line (or of a few, if one is quoted): after `n_above` lines, up to line `last`."""
+    """Cells of line `n_above` to line `last` (several lines if a quoted cell contains line ends)."""
 
     n_above: int
     last: int
@@ -79,8 +81,8 @@ class _Row:
     is_comment: bool
 
     @property
-    def n_named(self) -> int:
-        """Number of cells without empty ones at the end."""
+    def n_filled(self) -> int:
+        """Number of cells without empty cells at the end."""
         return max((i for i, cell in enumerate(self.cells, 1) if cell), default=0)
 
     @property
@@ -91,32 +93,37 @@ class _Row:
 def open_text(
     data: pa.Buffer, encoding: str, *, errors: str = "strict", newline: str | None = None
 ) -> io.TextIOWrapper:
-    """Return bytes as an open text."""
+    """Return bytes as an open text file."""
     return io.TextIOWrapper(pa.BufferReader(data), encoding, errors, newline)
 
 
 def find_layout(data: pa.Buffer, where: str, settings: ReaderSettings) -> TextLayout:
-    """Return the layout of a text table.
+    """Find the layout of a text table.
 
     Parameters
     ----------
     data : pyarrow.Buffer
-        The text.
+        Content of the file.
     where : str
-        File (or file and sheet), for messages; in a file that ends in ".txt", blanks divide columns.
+        File (or file and sheet), for messages. If it ends with ".txt", blanks may delimit columns.
     settings : ReaderSettings
-        What the user states of it.
+        Options of the user.
+
+    Returns
+    -------
+    TextLayout
+        Layout by the first 200 lines.
 
     Raises
     ------
     RecordingError
-        If it is no text, a line is too long, or no row of numbers is found.
+        If the data are not text, a line is too long, or there are no rows of numbers.
     """
     n_skipped, is_txt = settings.skip_rows or 0, where.lower().endswith(".txt")
     encoding, lines, is_whole = _head(data, where, n_skipped)
     delimiter, n_above = settings.delimiter, 0
-    if lines and (stated := re.fullmatch(r'"?sep=(.)"?\s*', lines[0])):
-        delimiter, n_above = delimiter or stated[1], 1
+    if lines and (match := re.fullmatch(r'"?sep=(.)"?\s*', lines[0])):
+        delimiter, n_above = delimiter or match[1], 1
     labview: dict[str, list[str]] = {}
     if lines and lines[0].startswith("LabVIEW Measurement"):
         ends = [i for i, line in enumerate(lines) if line.startswith("***End_of_Header***")]
@@ -126,13 +133,13 @@ def find_layout(data: pa.Buffer, where: str, settings: ReaderSettings) -> TextLa
         mark = {"Tab": "\t", "Comma": ","}.get("".join(labview.get("Separator", [])))
         delimiter = delimiter or mark or "\t"
     comments: tuple[str, ...] = (settings.comment,) if settings.comment else ("#", "%", "//")
-    below = [line for line in lines[n_above:] if line.strip()]
+    content = [line for line in lines[n_above:] if line.strip()]
     if not settings.comment and not any(
-        any(map(str.isdigit, line)) for line in below if not _starts_with(line, comments)
+        any(map(str.isdigit, line)) for line in content if not _starts_with(line, comments)
     ):
-        comments = ()  # "#1;0.5": the names of the rows begin so
-    rest = [line.strip() for line in below if not _starts_with(line, comments)]
-    delimiter = delimiter or _delimiter(rest, is_txt=is_txt)
+        comments = ()  # row names may start like comments: "#1;0.5"
+    data_lines = [line.strip() for line in content if not _starts_with(line, comments)]
+    delimiter = delimiter or _delimiter(data_lines, is_txt=is_txt)
     rows = list(_rows(lines, n_above, delimiter or ",", comments))
     if widest := max((len(row.cells) for row in rows if len(row.cells) > MAX_COLUMNS), default=0):
         raise reader_error(where, f"its first lines have {widest} columns", f"at most {MAX_COLUMNS}")
@@ -150,7 +157,7 @@ def find_layout(data: pa.Buffer, where: str, settings: ReaderSettings) -> TextLa
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with a decimal point or comma, or a date."""
+    """Return whether a cell is a number, with a decimal point or comma, or a date."""
     try:
         float(cell.replace("_", "x").replace(",", "."))
     except ValueError:
@@ -159,7 +166,7 @@ def is_number(cell: str) -> bool:
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line, without blanks around them."""
+    """Return the cells of a line without surrounding blanks."""
     if delimiter == " ":
         line = line.replace("\t", " ").strip()
     try:
@@ -170,7 +177,7 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 
 def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], bool]:
-    """Return the encoding of a text, its first lines after skipped ones, and whether these are all."""
+    """Return the encoding of a text, its first lines after the skipped ones, and whether these are all."""
     is_wide = data[:4].to_pybytes().startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     for codec in ("utf-16" if is_wide else "utf-8-sig", "cp1252"):
         try:
@@ -182,18 +189,18 @@ def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], 
             break
         return codec, lines, is_whole
     raise RecordingError(
-        f"{where}: is not text ({problem}). Expected UTF-8, or UTF-16 with a byte order mark"
+        f"{where} is not a text file ({problem}). Expected UTF-8, or UTF-16 with a byte order mark"
     ) from problem
 
 
 def _first_lines(file: io.TextIOWrapper, where: str, n_skipped: int) -> tuple[list[str], bool]:
-    """Return at most 200 lines, no more after 256 k characters, and whether these are all."""
+    """Return at most 200 lines (fewer after 256 k characters), and whether these are all."""
     lines, n_characters = list[str](), 0
     for _ in islice(iter(lambda: file.readline(MAX_LINE), ""), n_skipped):
         pass
     while line := file.readline(MAX_LINE):
         if len(line) == MAX_LINE:
-            raise reader_error(where, "its first line is too long", f"at most {MAX_LINE} characters")
+            raise reader_error(where, "a line is too long", f"at most {MAX_LINE} characters")
         lines.append(line)
         n_characters += len(line)
         if len(lines) == 200 or (n_characters > 1 << 18 and len(lines) > 6):
@@ -206,9 +213,9 @@ def _starts_with(line: str, marks: Sequence[str]) -> bool:
 
 
 def _delimiter(lines: Sequence[str], *, is_txt: bool) -> str:
-    """Return what divides most of the last lines with digits; "" if nothing does."""
+    """Return the delimiter in most of the last lines with digits; "" without one."""
     last = ([line for line in lines if any(map(str.isdigit, line))] or list(lines))[-5:]
-    # a comma may also be a decimal point, a blank may be part of a text: these are tried last
+    # Commas may be decimal points and blanks may be part of a text, so they are tried last.
     for mark in "\t;|":
         if 2 * sum(mark in line for line in last) > len(last):
             return mark
@@ -222,7 +229,7 @@ def _delimiter(lines: Sequence[str], *, is_txt: bool) -> str:
 
 
 def _rows(lines: Sequence[str], begin: int, delimiter: str, comments: tuple[str, ...]) -> Iterator[_Row]:
-    """Yield the lines that are not blank as rows; comments without their mark."""
+    """Yield the lines that are not blank as rows, comments without their comment characters."""
     last = begin
     while last < len(lines):
         first, last = last, last + 1
@@ -231,7 +238,7 @@ def _rows(lines: Sequence[str], begin: int, delimiter: str, comments: tuple[str,
         if is_comment := _starts_with(line, comments):
             line = re.sub(rf"^\s*(?:{'|'.join(map(re.escape, comments))})+[ ]*", "", line)
         elif line.count('"') % 2:
-            for end in range(first + 2, first + 4):  # a quoted name may have three lines
+            for end in range(first + 2, first + 4):  # a quoted name has at most three lines
                 if "".join(lines[first:end]).count('"') % 2 == 0:
                     line, last = " ".join(part.rstrip("\r\n") for part in lines[first:end]), end
                     break
@@ -241,15 +248,15 @@ def _rows(lines: Sequence[str], begin: int, delimiter: str, comments: tuple[str,
 def _find_names(
     rows: list[_Row], where: str, labview: dict[str, list[str]], *, is_whole: bool, is_txt: bool
 ) -> TextLayout:
-    """Return a layout with names, units and the first row."""
+    """Return the layout with names, units and the first row."""
     lines = [row for row in rows if not row.is_comment]
-    reference = [row for row in lines if row.has_number][-3:]  # the last lines with numbers are rows
+    reference = [row for row in lines if row.has_number][-3:]  # these lines are rows
     if not reference:
         if not is_whole:
             raise reader_error(
                 where,
-                f"no numbers are in the first {len(rows)} lines",
-                "rows of numbers: --skip-rows N skips N lines above them (`skip_rows` in a card)",
+                f"there are no numbers in the first {len(rows)} lines",
+                "rows of numbers, or --skip-rows N to skip the lines above them (`skip_rows` in a card)",
             )
         cells = lines[0].cells if lines else ()
         return TextLayout(_unique(cells), ",", len(cells), lines[0].last if lines else 0)
@@ -262,32 +269,31 @@ def _find_names(
     above = rows[: rows.index(lines[at])]
     flags = list[str]()
     if _is_counted(body, is_txt=is_txt):
-        flags.append(
-            f"names: the line {','.join(body[0].cells)!r:.40} is taken as names of columns, not as a row"
-        )
+        flags.append(f"names: the line {','.join(body[0].cells)!r:.40} is read as column names, not as a row")
         above, body = [*above, body[0]], body[1:]
     elif body[0].n_above == 0 and body[0].cells == ("0", "1"):
-        flags.append("names: the first line '0,1' is taken as a row; --skip-rows 1 leaves it out")
-    n_filled = max(row.n_named for row in body)
+        flags.append("names: the first line '0,1' is read as a row; --skip-rows 1 skips it")
+    n_filled = max(row.n_filled for row in body)
     units: Sequence[str] = ()
-    if len(above) > 1 and _are_units(above[-1]) and above[-1].n_named <= above[-2].n_named:
+    if len(above) > 1 and _are_units(above[-1]) and above[-1].n_filled <= above[-2].n_filled:
         units, above = above[-1].cells, above[:-1]
     header = _header(above, body, width, n_filled, is_labview=bool(labview))
-    n_left_out = len(above) - (header is not None)
-    if n_left_out:
+    n_ignored = len(above) - (header is not None)
+    if n_ignored:
         flags.append(
-            f"header: {n_left_out} of the lines above the rows are left out, {above[0].cells[0]!r:.40} first"
+            f"header: {counted(n_ignored, 'line')} above the rows ignored, {above[0].cells[0]!r:.40} first"
         )
-    names = list(header.cells[: header.n_named] if header else ())
-    fs, stated = _stated_rate(above)
+    names = list(header.cells[: header.n_filled] if header else ())
+    fs, rate_text = _stated_rate(above)
     if labview:
-        names, units, fs = _of_labview(names, labview)
+        names, units, fs = _labview_columns(names, labview)
     elif header is None and _is_empatica(body):
-        fs, stated, body = float(body[1].cells[0]), "start time, then rate, as Empatica writes", body[2:]
+        fs, rate_text = float(body[1].cells[0]), "start time, then rate, as in files of Empatica"
+        body = body[2:]
     if fs and not labview:
-        flags.append(f"rate: {fs:g} Hz by the lines above the rows: {stated!r:.50}")
-    if shown := dict.fromkeys(filter(None, map(parse_unit, units))):
-        flags.append(f"units: {', '.join(shown)} by the lines above the rows")
+        flags.append(f"rate: {fs:g} Hz, from the lines above the rows: {rate_text!r:.50}")
+    if unit_names := dict.fromkeys(filter(None, map(parse_unit, units))):
+        flags.append(f"units: {', '.join(unit_names)}, from the lines above the rows")
     names = _column_names(names, units, body, n_filled) if header else _numbered_names(body, n_filled)
     return TextLayout(
         _unique(names[:width]), ",", width, body[0].n_above, body[0].cells, fs=fs, flags=tuple(flags)
@@ -295,18 +301,18 @@ def _find_names(
 
 
 def _column_names(names: list[str], units: Sequence[str], body: Sequence[_Row], n_filled: int) -> list[str]:
-    """Return a name for each column, with its unit if it has none, and one for that of row numbers."""
+    """Return a name for each column, with its unit; an unnamed column of row numbers is `ROW_NUMBER`."""
     if len(names) == n_filled - 1 and _counts(body):
         names, units = [ROW_NUMBER, *names], ["", *units]
     elif names and not names[0] and _counts(body):
         names = [ROW_NUMBER, *names[1:]]
     names = [*names, *[""] * (n_filled - len(names))]
-    known = [*map(parse_unit, units), *[""] * len(names)]
-    return [add_unit(name, unit) for name, unit in zip(names, known, strict=False)]
+    all_units = [*map(parse_unit, units), *[""] * len(names)]
+    return [add_unit(name, unit) for name, unit in zip(names, all_units, strict=False)]
 
 
 def _numbered_names(body: Sequence[_Row], n_filled: int) -> list[str]:
-    """Return names of columns without any: "c1", "c2", ..., and "time" for the first one, if it has dates."""
+    """Return names for unnamed columns: "c1", "c2", ...; "time" for a first column of dates."""
     if n_filled == 1:
         return [ACCELERATION]
     names = [f"c{i}" for i in range(1, n_filled + 1)]
@@ -315,22 +321,22 @@ def _numbered_names(body: Sequence[_Row], n_filled: int) -> list[str]:
 
 
 def _stated_rate(above: Sequence[_Row]) -> tuple[float | None, str]:
-    """Return the sampling rate in Hz that a line above the rows states, and the words that do."""
+    """Return the sampling rate in Hz in the lines above the rows, and the text that states it."""
     rate = re.compile(
         r"\b(?:(?:sampl\w*|update|measurement|acquisition)[ _-]*(?:rate|frequency)|abtastrate|"
         r"data[ _-]rate(?=[^\d\n]{0,12}[\d.,]+\s*k?hz))\b([^\d\n]{0,12})(\d+(?:[.,]\d+)?)\s*(k?hz\b)?",
         re.IGNORECASE,
     )
     for row in above:
-        if found := rate.search(" ".join(row.cells)):
-            between, number, unit = found.groups()
+        if match := rate.search(" ".join(row.cells)):
+            between, number, unit = match.groups()
             factor = 1000 if "khz" in f"{between} {unit}".lower() else 1
-            return factor * float(number.replace(",", ".")) or None, found[0]
+            return factor * float(number.replace(",", ".")) or None, match[0]
     return None, ""
 
 
 def _is_empatica(body: Sequence[_Row]) -> bool:
-    """Whether the first row is the time of the start in seconds since 1970, the second the sampling rate."""
+    """Return whether the first row is the start time in s since 1970, and the second the sampling rate."""
     if len(body) < 3:
         return False
     numbers = [set(row.cells) for row in body[:2]]
@@ -347,7 +353,7 @@ def _is_numeric(cells: Sequence[str]) -> bool:
 
 
 def _fits(row: _Row, width: int, numeric: Sequence[int]) -> bool:
-    """Whether a line is a row: numbers, or nothing, in the columns of numbers."""
+    """Return whether a line is a row: numbers or missing values in the columns of numbers."""
     if len(row.cells) != width:
         return False
     cells = [row.cells[i] for i in numeric]
@@ -355,7 +361,7 @@ def _fits(row: _Row, width: int, numeric: Sequence[int]) -> bool:
 
 
 def _is_counted(body: Sequence[_Row], *, is_txt: bool) -> bool:
-    """Whether the first row is 0, 1, 2, ..., the names that pandas gives to columns; an index has none."""
+    """Return whether the first row is 0, 1, 2, ..., the default column names of pandas."""
     first, rest = list(body[0].cells), [row.cells for row in body[1:]]
     numbers = [cell for cell in first[1:] if cell] if not first[0] else [cell for cell in first if cell]
     if not rest or not numbers or numbers != [str(i) for i in range(len(numbers))]:
@@ -368,7 +374,7 @@ def _is_counted(body: Sequence[_Row], *, is_txt: bool) -> bool:
 
 
 def _counts(body: Sequence[_Row]) -> bool:
-    """Whether the first column numbers the rows."""
+    """Return whether the first column numbers the rows."""
     numbers = [row.cells[0] for row in body]
     if not all(re.fullmatch(r"\d{1,9}", number) for number in numbers):
         return False
@@ -376,7 +382,7 @@ def _counts(body: Sequence[_Row]) -> bool:
 
 
 def _are_units(row: _Row) -> bool:
-    """Whether all cells of a line are units, at least one of them known."""
+    """Return whether all cells of a line are units."""
     cells = [cell for cell in row.cells if cell]
     return bool(cells) and all(
         parse_unit(cell) or re.fullmatch(r"[(\[].{0,12}[)\]]|-", cell) for cell in cells
@@ -386,39 +392,44 @@ def _are_units(row: _Row) -> bool:
 def _header(
     above: Sequence[_Row], body: Sequence[_Row], width: int, n_filled: int, *, is_labview: bool
 ) -> _Row | None:
-    """Return the line that names the columns: the last one with a name for each, else such a comment."""
+    """Return the line of column names: the last one with a name per column, otherwise such a comment."""
 
     def names_all(row: _Row) -> bool:
         if not (any(map(str.isalpha, "".join(row.cells))) or _is_counted([row, *body], is_txt=False)):
             return False
-        if is_labview or n_filled <= row.n_named <= width:
+        if is_labview or n_filled <= row.n_filled <= width:
             return True
-        # the name of the first column is blank, or of the index and left out
-        return row.n_named == n_filled - 1 and _counts(body)
+        # The first column may be an index without a name.
+        return row.n_filled == n_filled - 1 and _counts(body)
 
     lines = [row for row in above if not row.is_comment]
-    candidates = [*lines[:-4:-1]] if width > 1 else lines[-1:]  # the last three, from below
+    candidates = [*lines[:-4:-1]] if width > 1 else lines[-1:]  # the last three, in reverse order
     if width > 1:
         candidates += [row for row in reversed(above) if row.is_comment]
     return next(filter(names_all, candidates), None)
 
 
-def _of_labview(names: list[str], facts: dict[str, list[str]]) -> tuple[list[str], list[str], float | None]:
+def _labview_columns(
+    names: list[str], header: dict[str, list[str]]
+) -> tuple[list[str], list[str], float | None]:
     """Return the names, units and rate of a LabVIEW measurement."""
     if names[-1:] == ["Comment"]:
         names = names[:-1]
-    stated = iter(facts.get("Y_Unit_Label", []))
-    units = ["" if name == "X_Value" else next(stated, "") for name in names]
-    times, is_empty = facts.get("X_Dimension", ["Time"])[:1] == ["Time"], facts.get("X_Columns") == ["No"]
-    of_x = ROW_NUMBER if is_empty else "time" if times else "X_Value"
-    named = [of_x if name == "X_Value" else name for name in names]
-    steps = {step.replace(",", ".") for step in facts.get("Delta_X", ()) if is_number(step)}
-    step = float(steps.pop()) if is_empty and times and len(steps) == 1 else 0.0
-    return named, units, 1 / step if step > 0 else None
+    y_units = iter(header.get("Y_Unit_Label", []))
+    units = ["" if name == "X_Value" else next(y_units, "") for name in names]
+    is_time_axis, has_no_x = (
+        header.get("X_Dimension", ["Time"])[:1] == ["Time"],
+        header.get("X_Columns") == ["No"],
+    )
+    x_name = ROW_NUMBER if has_no_x else "time" if is_time_axis else "X_Value"
+    column_names = [x_name if name == "X_Value" else name for name in names]
+    steps = {step.replace(",", ".") for step in header.get("Delta_X", ()) if is_number(step)}
+    step = float(steps.pop()) if has_no_x and is_time_axis and len(steps) == 1 else 0.0
+    return column_names, units, 1 / step if step > 0 else None
 
 
 def _unique(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names of which none is blank or occurs twice: by the number of the column."""
-    filled = [name or f"c{i}" for i, name in enumerate(names, 1)]
-    times = Counter(filled)
-    return tuple(name if times[name] == 1 else f"{name}#{i}" for i, name in enumerate(filled, 1))
+    """Return unique names; blank and repeated names get the number of the column."""
+    full_names = [name or f"c{i}" for i, name in enumerate(names, 1)]
+    counts = Counter(full_names)
+    return tuple(name if counts[name] == 1 else f"{name}#{i}" for i, name in enumerate(full_names, 1))

@@ -1,7 +1,7 @@
-"""Samples at the instants of time stamps -> samples at a uniform rate; every correction is reported.
+"""Conversion of samples with time stamps to a uniform sampling rate, with a flag for every correction.
 
-Time stamps jump when a clock is set, repeat when a message is sent twice or the clock is coarse, arrive out
-of order, late and in bursts, and are missing where messages were lost.
+Time stamps jump when a clock is set, repeat when a message is sent twice or the clock is coarse, arrive late,
+out of order and in bursts, and are missing where messages were lost.
 """
 
 from dataclasses import dataclass
@@ -19,118 +19,142 @@ Timestamps = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class TimestampSettings:
-    """Thresholds by which time stamps are judged.
+    """Thresholds of the corrections of time stamps.
 
     Attributes
     ----------
-    most_late : int
-        A message that at most so many others overtook is out of order; else the clock jumped.
+    max_overtaking : int
+        A message overtaken by at most this many others is out of order; otherwise the clock was set.
     clock_jump_s : float
-        A step of the time stamps that is so much longer than that of the times of receipt is the clock's.
-    rate_block, least_blocks : int
-        Messages for one measurement of the rate, and measurements that make a stretch of one rate.
+        A step of the time stamps that exceeds that of the times of receipt by this time in s is a clock jump.
+    rate_block, min_blocks : int
+        Messages per measurement of the rate, and consecutive measurements that make a segment of one rate.
     other_rate : float
-        Relative difference of usual steps from which the rate has changed.
+        Relative difference of typical steps above which the rate has changed.
     level_window : int
-        Messages on either side of a gap that show whether something is missing or was only late.
-    alike : float
-        Relative deviation from the median step; where half of the steps deviate more, they come in bursts.
-    most_lost, most_lost_s : int, float
-        Missing samples in a row, or their seconds if that is more, that are interpolated; a longer gap
-        divides the recording.
+        Messages before and after a gap that decide whether samples are missing or only late.
+    step_tolerance : float
+        Relative deviation from the median step. If half of the steps deviate more, messages come in bursts.
+    max_gap, max_gap_s : int, float
+        Longest gap that is interpolated, in samples or, if that is longer, in s. Longer gaps divide the
+        recording.
     same_rate : float
-        Rates that differ by less are one rate: crystals differ by 1e-4.
-    near_rate, near_jittering : float
-        Rates that differ by less are resampled; by more, one of them is wrong. The second counts beyond
-        `most_jitter`: the stated rate is then the better one.
-    shown_jitter, kept_jitter, most_jitter : float
-        Deviation from evenly spaced time stamps, in periods (root mean square): reported above the first,
-        taken as evenly spaced below the second, unrelated to when a sample was taken above the third.
-    most_resolution : float
-        Time stamps in coarser units, in periods (whole milliseconds at 100 Hz and more), are unrelated, too.
+        Relative difference below which two rates are equal; crystal oscillators differ by 1e-4.
+    near_rate, near_rate_jittering : float
+        Relative difference below which signals are resampled to the stated rate; a larger difference is an
+        error. The second applies if the jitter exceeds `max_jitter`, where the stated rate is more accurate.
+    reported_jitter, even_jitter, max_jitter : float
+        Root-mean-square deviation from evenly spaced time stamps, in periods: reported above the first,
+        ignored below the second, and above the third time stamps do not show when a sample was taken.
+    max_resolution : float
+        Resolution of time stamps in periods above which they do not show when a sample was taken either, such
+        as whole milliseconds at 100 Hz.
     coarse_clock : float
-        Ratio of how often values change at equal time stamps to how often they change at others; from here
-        on, equal time stamps come from a coarse clock and not from messages that were sent twice.
-    shared : float
-        Share of ticks with several samples from which a clock is coarse.
+        Share of changed values at equal time stamps, relative to that at different ones, above which equal
+        time stamps come from a coarse clock rather than from messages sent twice.
+    shared_ticks : float
+        Share of ticks with several samples above which a clock is coarse.
     """
 
-    most_late: int = 3
+    max_overtaking: int = 3
     clock_jump_s: float = 0.5
     rate_block: int = 64
-    least_blocks: int = 4
+    min_blocks: int = 4
     other_rate: float = 0.25
     level_window: int = 32
-    alike: float = 0.3
-    most_lost: int = 10
-    most_lost_s: float = 0.01
+    step_tolerance: float = 0.3
+    max_gap: int = 10
+    max_gap_s: float = 0.01
     same_rate: float = 1e-3
     near_rate: float = 0.02
-    near_jittering: float = 0.1
-    shown_jitter: float = 0.01
-    kept_jitter: float = 0.02
-    most_jitter: float = 0.5
-    most_resolution: float = 0.05
+    near_rate_jittering: float = 0.1
+    reported_jitter: float = 0.01
+    even_jitter: float = 0.02
+    max_jitter: float = 0.5
+    max_resolution: float = 0.05
     coarse_clock: float = 0.25
-    shared: float = 0.2
+    shared_ticks: float = 0.2
 
 
 TIMESTAMPS = TimestampSettings()
+"""Thresholds for files, bags and streams."""
 
 
 def _locate_samples(
     stamps_ns: Timestamps, received_ns: Timestamps, repeats: NDArray[np.bool_], where: str
 ) -> tuple[NDArray[np.intp], Samples, NDArray[np.int64], list[str]]:
-    """Return which messages are used, their instants (s), which sample each one is, and what was wrong.
+    """Find the usable messages and the position of each one in a uniform series.
 
-    Samples are numbered from 0; numbers are missing where messages are lost. `repeats` says whether a message
-    holds the same values as the one before.
+    Parameters
+    ----------
+    stamps_ns, received_ns : ndarray of shape (n,)
+        Time stamps and times of receipt in ns.
+    repeats : ndarray of bool, shape (n,)
+        Whether a message has the same values as the previous one.
+    where : str
+        File, for messages.
+
+    Returns
+    -------
+    messages : ndarray of shape (n_used,)
+        Indices of the used messages.
+    t : ndarray of shape (n_used,)
+        Corrected times in s.
+    index : ndarray of shape (n_used,)
+        Sample number of each message from 0; numbers of lost messages are missing.
+    flags : list of str
+        Corrections.
     """
-    again = _find_duplicates(stamps_ns, received_ns, repeats)
-    kept = np.flatnonzero(~again)
-    t, jumps = _bridge_clock_jumps(_seconds(stamps_ns[kept]), _seconds(received_ns[kept]))
+    is_duplicate = _find_duplicates(stamps_ns, received_ns, repeats)
+    messages = np.flatnonzero(~is_duplicate)
+    t, jump_flag = _bridge_clock_jumps(_seconds(stamps_ns[messages]), _seconds(received_ns[messages]))
     order = np.argsort(t, kind="stable")
     n_moved = int(np.count_nonzero(np.diff(t) < 0))
-    kept, (t, coarse) = kept[order], _spread_ticks(t[order])
-    first, last, changed = _one_rate(t)
-    kept, t = kept[first:last], t[first:last]
+    messages, (t, coarse_flag) = messages[order], _spread_ticks(t[order])
+    first, last, rate_flag = _one_rate(t)
+    messages, t = messages[first:last], t[first:last]
     if len(t) < 2 or not t[-1] > t[0] or not np.isfinite(t[-1]):
-        raise reader_error(where, f"{len(t)} messages at one instant", "at least two instants")
+        raise reader_error(where, f"{len(t)} messages at one time", "at least two different time stamps")
     period = _period(t)
-    lost = _lost_before(t, period)
-    first, last, cut = _longest_segment(
-        lost, max(TIMESTAMPS.most_lost, int(TIMESTAMPS.most_lost_s / period)), period
+    n_lost = _count_lost(t, period)
+    first, last, gap_flag = _longest_segment(
+        n_lost, max(TIMESTAMPS.max_gap, int(TIMESTAMPS.max_gap_s / period)), period
     )
-    kept, t, lost = kept[first:last], t[first:last], np.append(0, lost[first + 1 : last])
-    index = np.arange(len(t)) + np.cumsum(lost)
+    messages, t, n_lost = messages[first:last], t[first:last], np.append(0, n_lost[first + 1 : last])
+    index = np.arange(len(t)) + np.cumsum(n_lost)
     if len(t) < 2 or t[-1] <= t[0]:
-        raise reader_error(where, f"all its stamps are {stamps_ns[0]} ns", "two instants")
-    if index[-1] >= 2 * len(t) + TIMESTAMPS.most_lost:
+        raise reader_error(
+            where, f"all time stamps are {stamps_ns[0]} ns", "at least two different time stamps"
+        )
+    if index[-1] >= 2 * len(t) + TIMESTAMPS.max_gap:
         raise RecordingError(
-            f"{where}: {lost.sum()} of {index[-1] + 1} samples are missing by its time stamps, expected at "
-            "most half. Are rows of several sensors merged? Export those of the accelerometer alone, or "
+            f"{where}: {n_lost.sum()} of {index[-1] + 1} samples are missing by its time stamps. "
+            "Expected at most half. Export the accelerometer alone if rows of several sensors are merged, or "
             "ignore the time stamps with --time-column none and --fs HZ (`time_column`, `fs_hz` in a card)"
         )
-    said = {
-        f"duplicates: {again.sum()} messages repeat stamp and values of the one before, dropped": again.any(),
-        jumps: jumps,
-        coarse: coarse,
-        changed: changed,
-        f"out of order: {n_moved} messages, put in the order of their stamps": n_moved,
-        f"gaps: {lost.sum()} messages missing in {np.count_nonzero(lost)} gaps, interpolated": lost.any(),
-        cut: cut,
+    n_duplicates, n_gaps = int(is_duplicate.sum()), np.count_nonzero(n_lost)
+    flags = {
+        f"duplicates: {n_duplicates} messages equal the previous one in time stamp and values, dropped": (
+            n_duplicates
+        ),
+        jump_flag: jump_flag,
+        coarse_flag: coarse_flag,
+        rate_flag: rate_flag,
+        f"out of order: {n_moved} messages, sorted by time stamp": n_moved,
+        f"gaps: {n_lost.sum()} messages missing in {n_gaps} gaps, interpolated": n_gaps,
+        gap_flag: gap_flag,
     }
-    return kept, t, index, [text for text, holds in said.items() if holds]
+    return messages, t, index, [flag for flag, is_true in flags.items() if is_true]
 
 
 def _period(t: Samples) -> float:
-    """Return the time from one sample to the next, in seconds, without gaps and bursts."""
+    """Return the sampling period in s, without the influence of gaps and bursts."""
     step, window = np.diff(t), TIMESTAMPS.level_window
     typical, mean = float(np.median(step)), float(t[-1] - t[0]) / len(step)
-    # the mean step is long because of a few long gaps, not because messages come in bursts
+    # With gaps, few steps are longer than the mean; with bursts, many are.
     has_gaps = np.count_nonzero(step > mean) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical
-    is_alike = np.mean(np.abs(step - typical) <= TIMESTAMPS.alike * typical) >= 0.5
-    if typical > 0 and (has_gaps or (is_alike and typical > 0.2 * mean)):
+    is_regular = np.mean(np.abs(step - typical) <= TIMESTAMPS.step_tolerance * typical) >= 0.5
+    if typical > 0 and (has_gaps or (is_regular and typical > 0.2 * mean)):
         return typical_step(step)
     if len(step) > 2 * window:  # bursts, with gaps between some of them
         return typical_step(t[window:] - t[:-window]) / window or mean
@@ -140,43 +164,45 @@ def _period(t: Samples) -> float:
 def _find_duplicates(
     stamps_ns: Timestamps, received_ns: Timestamps, repeats: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which messages repeat the one before, with the same stamp and the same values.
+    """Return which messages have the time stamp and the values of the previous one.
 
-    Where values change about as often at equal stamps as at others, the clock is coarse and equal values are
-    those of a sensor at rest; then only messages that were also received together are repeats.
+    If values change at equal time stamps about as often as at others, the clock is coarse and equal values
+    come from a sensor at rest. Then only messages that were also received together are duplicates.
     """
     equal = np.diff(stamps_ns, prepend=stamps_ns[:1] - 1) == 0
-    again: NDArray[np.bool_] = equal & repeats
-    if not again.any() or np.mean(~repeats[equal]) < TIMESTAMPS.coarse_clock * np.mean(~repeats[~equal]):
-        return again
+    is_duplicate: NDArray[np.bool_] = equal & repeats
+    if not is_duplicate.any() or np.mean(~repeats[equal]) < TIMESTAMPS.coarse_clock * np.mean(
+        ~repeats[~equal]
+    ):
+        return is_duplicate
     step = np.diff(received_ns, prepend=received_ns[:1])
     together = step < 0.1 * np.median(step)
-    return np.asarray(again & (received_ns != stamps_ns) & together)
+    return np.asarray(is_duplicate & (received_ns != stamps_ns) & together)
 
 
 def _spread_ticks(t: Samples) -> tuple[Samples, str]:
-    """Space samples that share the ticks of a coarse clock evenly; only whole ticks count as missing."""
+    """Space the samples at one tick of a coarse clock evenly; only whole ticks count as missing."""
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0)
     if len(first) < 4:
         return t, ""
     n_samples, step = np.diff(first, append=len(t)), np.diff(t[first])
-    within = n_samples[1:-1]  # the recording begins and ends inside a tick
+    n_inner = n_samples[1:-1]  # the recording starts and ends inside a tick
     tick = float(np.median(step))
     is_even = np.abs(step / tick - np.rint(step / tick)) < 0.01
-    is_alike = within <= 2 * np.median(within) + 1
-    if np.mean(n_samples > 1) < TIMESTAMPS.shared or min(is_even.mean(), is_alike.mean()) < 0.9:
+    is_regular = n_inner <= 2 * np.median(n_inner) + 1
+    if np.mean(n_samples > 1) < TIMESTAMPS.shared_ticks or min(is_even.mean(), is_regular.mean()) < 0.9:
         return t, ""
     is_whole = step < 1.5 * tick
-    period = float(step[1:][is_whole[1:]].sum() / within[is_whole[1:]].sum())
+    period = float(step[1:][is_whole[1:]].sum() / n_inner[is_whole[1:]].sum())
     missing = np.append(0, np.cumsum(np.where(is_whole, 0.0, step - tick)))
     spread = t[0] + period * np.arange(len(t)) + np.repeat(missing, n_samples)
     return spread, f"coarse clock: {tick / period:.3g} samples per tick of {tick:.3g} s, evenly spaced"
 
 
 def _one_rate(t: Samples) -> tuple[int, int, str]:
-    """Return the longest half-open range of messages at one rate, and report a change of the rate."""
+    """Return the longest half-open range of messages at one rate, and a flag if the rate changes."""
     n_blocks = len(t) // TIMESTAMPS.rate_block
-    if n_blocks < 2 * TIMESTAMPS.least_blocks:
+    if n_blocks < 2 * TIMESTAMPS.min_blocks:
         return 0, len(t), ""
     steps = np.diff(t[: n_blocks * TIMESTAMPS.rate_block], prepend=t[0]).reshape(
         n_blocks, TIMESTAMPS.rate_block
@@ -186,89 +212,89 @@ def _one_rate(t: Samples) -> tuple[int, int, str]:
         return 0, len(t), ""
     is_new = np.abs(np.diff(np.log(period))) > np.log(1 + TIMESTAMPS.other_rate) / 2
     edges = np.concatenate(([0], np.flatnonzero(is_new) + 1, [n_blocks]))
-    long = [(a, b) for a, b in pairwise(edges) if b - a >= TIMESTAMPS.least_blocks]
-    rates = [float(np.median(period[a:b])) for a, b in long]
-    if len(long) < 2 or max(rates) < (1 + TIMESTAMPS.other_rate) * min(rates):
+    segments = [(a, b) for a, b in pairwise(edges) if b - a >= TIMESTAMPS.min_blocks]
+    rates = [float(np.median(period[a:b])) for a, b in segments]
+    if len(segments) < 2 or max(rates) < (1 + TIMESTAMPS.other_rate) * min(rates):
         return 0, len(t), ""
-    a, b = max(long, key=lambda run: run[1] - run[0])
+    a, b = max(segments, key=lambda segment: segment[1] - segment[0])
     first, last = int(a) * TIMESTAMPS.rate_block, len(t) if b == n_blocks else int(b) * TIMESTAMPS.rate_block
-    told = (
+    flag = (
         f"divided: time stamps advance by {rates[0]:.4g} s, later by {rates[-1]:.4g} s; only the longest "
-        f"stretch of one rate is used, {last - first} of {len(t)} messages"
+        f"segment with one rate is used, {last - first} of {len(t)} messages"
     )
-    return first, last, told
+    return first, last, flag
 
 
 def _seconds(stamps_ns: Timestamps) -> Samples:
-    """Return nanoseconds as seconds after the first; differences of hostile stamps may exceed 64 bits."""
+    """Return the time in s after the first time stamp; differences in damaged files may exceed 64 bits."""
     return (stamps_ns.astype(np.longdouble) - np.longdouble(stamps_ns[0])).astype(np.float64) / 1e9
 
 
 def _bridge_clock_jumps(t: Samples, received: Samples) -> tuple[Samples, str]:
-    """Replace the steps at which the clock of the stamps was set by those of the times of receipt."""
+    """Replace the steps at which a clock was set by the steps of the times of receipt."""
     if len(t) < 3:
         return t, ""
-    step, real = np.diff(t), np.diff(received)
+    step, received_step = np.diff(t), np.diff(received)
     typical = float(np.median(step))
-    later = np.full(len(step), -np.inf)  # the largest of the next: does it pass the one before the step?
-    for k in range(1, TIMESTAMPS.most_late + 1):
-        later[:-k] = np.maximum(later[:-k], t[1 + k :])
-    back = (step < 0) & (later <= t[:-1])
-    back[-1] = False  # nothing follows that could tell
-    forward = (step > TIMESTAMPS.clock_jump_s) & (step - real > TIMESTAMPS.clock_jump_s)
-    jumped = back | forward
-    if not jumped.any():
+    next_max = np.full(len(step), -np.inf)  # largest of the next time stamps
+    for k in range(1, TIMESTAMPS.max_overtaking + 1):
+        next_max[:-k] = np.maximum(next_max[:-k], t[1 + k :])
+    is_backward = (step < 0) & (next_max <= t[:-1])
+    is_backward[-1] = False  # no message follows, so it may be out of order
+    is_forward = (step > TIMESTAMPS.clock_jump_s) & (step - received_step > TIMESTAMPS.clock_jump_s)
+    is_jump = is_backward | is_forward
+    if not is_jump.any():
         return t, ""
-    largest = float(step[jumped][np.argmax(np.abs(step[jumped]))])
-    step[jumped] = np.maximum(real[jumped], max(typical, 0.0))
-    told = (
-        f"clock jumps: {np.count_nonzero(jumped)} (largest {largest:+.3g} s), bridged by the times of receipt"
-    )
-    return np.concatenate(([t[0]], t[0] + np.cumsum(step))), told
+    largest = float(step[is_jump][np.argmax(np.abs(step[is_jump]))])
+    step[is_jump] = np.maximum(received_step[is_jump], max(typical, 0.0))
+    n_jumps = np.count_nonzero(is_jump)
+    flag = f"clock jumps: {n_jumps} (largest {largest:+.3g} s), corrected by the times of receipt"
+    return np.concatenate(([t[0]], t[0] + np.cumsum(step))), flag
 
 
 def typical_step(step: Samples) -> float:
-    """Return the mean of the steps near their median: of 2 and 3 ms, where stamps are whole ones, 2.5."""
+    """Return the mean of the steps near their median; 2.5 ms for steps of 2 and 3 ms."""
     typical = float(np.median(step))
     near = step[np.abs(step - typical) <= 0.6 * typical]
     return float(near.mean()) if len(near) else typical
 
 
-def _lost_before(t: Samples, period: float) -> NDArray[np.int64]:
-    """Return how many messages are missing before each one.
+def _count_lost(t: Samples, period: float) -> NDArray[np.int64]:
+    """Return the number of missing messages before each message.
 
-    After a loss all messages are later than counted; a message that was held up is late alone, for those
-    after it catch up. Lateness is l[i] = t[i] - i T, and what counts is its smallest value on either side.
+    The delay of message i is l[i] = t[i] - i T. A loss increases the delay of all later messages. A late
+    message increases only its own delay. The number of missing messages is therefore the increase of the
+    minimum of l in windows before and after a gap, in periods T.
     """
     lost = np.zeros(len(t), np.int64)
-    at = np.flatnonzero(np.diff(t) > 1.5 * period) + 1
-    if not len(at):
+    gaps = np.flatnonzero(np.diff(t) > 1.5 * period) + 1
+    if not len(gaps):
         return lost
-    late = np.append(t - period * np.arange(len(t)), np.inf)
-    before = np.maximum(np.concatenate(([0], at[:-1])), at - TIMESTAMPS.level_window)
-    after = np.minimum(np.concatenate((at[1:], [len(t)])), at + TIMESTAMPS.level_window)
-    level_before = np.minimum.reduceat(late, np.column_stack((before, at)).ravel())[::2]
-    level_after = np.minimum.reduceat(late, np.column_stack((at, after)).ravel())[::2]
-    lost[at] = np.clip(np.rint((level_after - level_before) / period), 0, 2**40).astype(np.int64)
+    delay = np.append(t - period * np.arange(len(t)), np.inf)
+    start = np.maximum(np.concatenate(([0], gaps[:-1])), gaps - TIMESTAMPS.level_window)
+    stop = np.minimum(np.concatenate((gaps[1:], [len(t)])), gaps + TIMESTAMPS.level_window)
+    level_before = np.minimum.reduceat(delay, np.column_stack((start, gaps)).ravel())[::2]
+    level_after = np.minimum.reduceat(delay, np.column_stack((gaps, stop)).ravel())[::2]
+    lost[gaps] = np.clip(np.rint((level_after - level_before) / period), 0, 2**40).astype(np.int64)
     return lost
 
 
-def _longest_segment(lost: NDArray[np.int64], most: int, period: float) -> tuple[int, int, str]:
-    """Return the longest half-open range of messages without a gap of more than `most` samples."""
-    cuts = np.concatenate(([0], np.flatnonzero(lost[1:] > most) + 1, [len(lost)]))
+def _longest_segment(n_lost: NDArray[np.int64], max_gap: int, period: float) -> tuple[int, int, str]:
+    """Return the longest half-open range of messages without a gap of more than `max_gap` samples."""
+    cuts = np.concatenate(([0], np.flatnonzero(n_lost[1:] > max_gap) + 1, [len(n_lost)]))
     if len(cuts) == 2:
-        return 0, len(lost), ""
+        return 0, len(n_lost), ""
     longest = int(np.argmax(np.diff(cuts)))
     first, last = int(cuts[longest]), int(cuts[longest + 1])
-    told = (
-        f"divided: {len(cuts) - 2} gaps of up to {lost[cuts[1:-1]].max() * period:.3g} s; only the longest "
-        f"stretch between them is used, {last - first} of {len(lost)} messages"
+    flag = (
+        f"divided: {len(cuts) - 2} gaps of up to {n_lost[cuts[1:-1]].max() * period:.3g} s; only the longest "
+        f"segment between them is used, {last - first} of {len(n_lost)} messages"
     )
-    return first, last, told
+    return first, last, flag
 
 
 def nominal_rate(rate: float) -> float:
-    """Return the roundest rate near a measured one, both in Hz: 100 for 99.98; 104.2 stays."""
+    """Return the rate in Hz with fewest digits near a measured one: 100 for 99.98; 104.2 is unchanged."""
     for digits in range(1, 6):
         if abs((rounded := float(f"{rate:.{digits}g}")) - rate) <= TIMESTAMPS.same_rate * rate:
             return rounded
@@ -276,28 +302,39 @@ def nominal_rate(rate: float) -> float:
 
 
 def resample(samples: Samples, fs: float, to: float) -> Samples:
-    """Resample along the first axis, band-limited: a polyphase filter ends below both Nyquist frequencies.
+    """Resample along the first axis with a band-limiting polyphase filter.
 
     Parameters
     ----------
     samples : ndarray of shape (n,) or (n, n_channels)
-        At `fs`.
-    fs, to : float
-        Rates in Hz.
+        Samples at `fs`.
+    fs : float
+        Sampling rate in Hz.
+    to : float
+        Target sampling rate in Hz.
 
     Returns
     -------
     resampled : ndarray of shape (round(n * to / fs), ...)
+        Samples at `to`, without content above the lower Nyquist frequency.
 
     Raises
     ------
     ValueError
-        If a rate is not above 0, or they differ by more than a factor of 1000.
+        If a rate is not positive, or the rates differ by more than a factor of 1000.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> resample(np.zeros((1000, 3)), fs=1000.0, to=250.0).shape
+    (250, 3)
     """
     if not (fs > 0 and to > 0 and 1e-3 <= to / fs <= 1e3):
-        raise ValueError(f"rates must be positive and at most a factor 1000 apart, got {fs} and {to} Hz")
+        raise ValueError(
+            f"fs and to must be positive and differ at most by a factor of 1000, got {fs} and {to} Hz"
+        )
     ratio = Fraction(to / fs).limit_denominator(1000)
-    from scipy.signal import resample_poly  # a second, which a refusal before would wait for
+    from scipy.signal import resample_poly  # slow import
 
     return np.asarray(resample_poly(samples, ratio.numerator, ratio.denominator, axis=0, padtype="line"))
 
@@ -306,87 +343,89 @@ def to_uniform_rate(
     samples: Samples,
     stamps_ns: Timestamps,
     received_ns: Timestamps,
-    given: float | None,
+    user_fs: float | None,
     *,
     by_header: bool,
     where: str,
     by: str = "",
     rate_of: str = "",
 ) -> tuple[Samples, float, float, tuple[str, ...]]:
-    """Return samples of messages at a uniform rate.
+    """Convert the samples of messages to a uniform sampling rate.
 
-    Time stamps of a header are the times of samples, which are put there and interpolated (monotone cubic).
-    Times of receipt are not: samples are then taken as evenly spaced, as where time stamps nearly are.
+    Header time stamps are the times of the samples, so samples are interpolated (monotone cubic) at uniform
+    times if the jitter matters. Times of receipt are not, so samples are taken as evenly spaced.
 
     Parameters
     ----------
     samples : ndarray of shape (n, k, n_channels)
-        k samples a message.
+        k samples per message.
     stamps_ns : ndarray of shape (n,)
-        Time stamps, nanoseconds.
+        Time stamps in ns.
     received_ns : ndarray of shape (n,)
-        When each message was received, nanoseconds; the order of the messages.
-    given : float or None
-        Rate in Hz that the user states; None: the nominal rate nearest to the measured one.
+        Times of receipt in ns, in the order of the messages.
+    user_fs : float or None
+        Sampling rate in Hz that the user states (None: the nominal rate nearest to the measured one).
     by_header : bool
-        Whether the stamps are of headers.
-    where, by : str
-        For messages of errors and flags: the file, and what the stamps are.
+        Whether the time stamps are from message headers.
+    where : str
+        File, for messages.
+    by : str
+        Description of the time stamps, for messages.
     rate_of : str
-        File that states `given`; by default the user does.
+        File from which `user_fs` was taken; "" if the user states it.
 
     Returns
     -------
     uniform : ndarray of shape (n_uniform, n_channels)
+        Samples at `fs`.
     fs : float
-        Its rate in Hz.
+        Sampling rate in Hz.
     start_s : float
-        Stamp of its first sample, in seconds.
+        Time stamp of the first sample in s.
     flags : tuple of str
-        What was wrong, measured and chosen.
+        Measured rate and corrections.
 
     Raises
     ------
     RecordingError
-        If fewer than two different instants are left, or the measured rate contradicts the given one.
+        If fewer than two different time stamps remain, or the measured rate contradicts `user_fs`.
     """
     limits = TIMESTAMPS
     repeats = np.append(False, np.all(samples[1:] == samples[:-1], axis=(1, 2)))
     messages, t, index, flags = _locate_samples(stamps_ns, received_ns, repeats, where)
     used, per_message = stamps_ns[messages], samples.shape[1]
-    # t = T i + t0 by least squares; what is left over is the jitter, in periods
+    # Least squares t = T i + t0; the residual is the jitter, in periods.
     centred = index - index.mean()
     period, level = np.polyfit(centred, t, 1)
     offset = (t - level) / period - centred
     jitter = float(np.sqrt(np.mean(offset**2)))
     resolution = float(np.gcd.reduce(np.diff(used))) / 1e9 / float(period)
     measured = float(1 / period) * per_message
-    fs = nominal_rate(measured) if given is None else given
-    by = by or ("header stamps" if by_header else "times of receipt")
-    is_rough = jitter > limits.most_jitter
-    if abs(measured - fs) > (limits.near_jittering if is_rough else limits.near_rate) * fs:
+    fs = nominal_rate(measured) if user_fs is None else user_fs
+    by = by or ("header time stamps" if by_header else "times of receipt")
+    is_rough = jitter > limits.max_jitter
+    if abs(measured - fs) > (limits.near_rate_jittering if is_rough else limits.near_rate) * fs:
         raise rate_conflict_error(where, f"{measured:.6g} Hz by its {by}", fs, rate_of)
-    tells = limits.kept_jitter < jitter <= limits.most_jitter and resolution <= limits.most_resolution
-    at_stamps = tells and by_header and per_message == 1
+    is_informative = limits.even_jitter < jitter <= limits.max_jitter and resolution <= limits.max_resolution
+    at_stamps = is_informative and by_header and per_message == 1
     uniform = _interpolate_on_grid(samples[messages], index, offset if at_stamps else None)
-    rate = f"rate: {measured:.6g} Hz by the {by}"
+    rate_flag = f"rate: {measured:.6g} Hz by the {by}"
     if abs(measured - fs) > limits.same_rate * fs and not is_rough:
         uniform = resample(uniform, measured, fs)
-        rate += f", resampled (band-limited) to {fs:g} Hz"
+        rate_flag += f", resampled (band-limited) to {fs:g} Hz"
     elif f"{measured:.6g}" != f"{fs:.6g}":
-        rate += f", taken as {fs:g} Hz"
-    flags.append(rate)
-    if jitter > limits.shown_jitter:
-        chosen = "samples interpolated at their stamps" if at_stamps else "samples taken as evenly spaced"
-        flags.append(f"jitter: {100 * jitter:.2g} % of a period (rms), {chosen}")
+        rate_flag += f", used as {fs:g} Hz"
+    flags.append(rate_flag)
+    if jitter > limits.reported_jitter:
+        method = (
+            "samples interpolated at their time stamps" if at_stamps else "samples taken as evenly spaced"
+        )
+        flags.append(f"jitter: {100 * jitter:.2g} % of a period (rms), {method}")
     return uniform, fs, float(used[0]) / 1e9, tuple(flags)
 
 
 def _interpolate_on_grid(samples: Samples, index: NDArray[np.int64], offset: Samples | None) -> Samples:
-    """Return samples at 0, 1, 2, ... periods; what is missing is interpolated.
-
-    The messages are at `index`, in periods of theirs, or by an offset beside it.
-    """
+    """Interpolate samples at 0, 1, 2, ... periods; message k is at `index[k] + offset[k]` periods."""
     n, per_message, n_channels = samples.shape
     flat = samples.reshape(n * per_message, n_channels)
     index = (index[:, None] * per_message + np.arange(per_message)).ravel()
@@ -395,12 +434,12 @@ def _interpolate_on_grid(samples: Samples, index: NDArray[np.int64], offset: Sam
     position = index.astype(np.float64)
     if offset is not None:
         position += offset
-        later = np.concatenate(([True], np.diff(np.maximum.accumulate(position)) > 1e-6))
-        position, flat = position[later], flat[later]
+        is_later = np.concatenate(([True], np.diff(np.maximum.accumulate(position)) > 1e-6))
+        position, flat = position[is_later], flat[is_later]
     grid = np.arange(index[-1] + 1, dtype=np.float64)
     if len(position) < 2:
         return flat
-    with np.errstate(all="ignore"):  # of damaged numbers: what becomes infinite is refused as such
+    with np.errstate(all="ignore"):  # damaged numbers may become infinite: an error later
         from scipy.interpolate import PchipInterpolator
 
         return np.asarray(PchipInterpolator(position, flat, axis=0)(np.clip(grid, position[0], position[-1])))

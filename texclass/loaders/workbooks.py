@@ -1,4 +1,4 @@
-"""Read a sheet of an Excel workbook (.xlsx) as a text table."""
+"""Reader of Excel workbooks (.xlsx), which reads a sheet as a text table."""
 
 import csv
 import io
@@ -30,14 +30,14 @@ from texclass.loaders.text_layout import find_layout, is_number
 from texclass.reporting.wording import counted
 
 MAX_EXPANSION = 100
-"""A workbook that expands to more than so many times its size (and more than 64 MB) is refused."""
+"""Largest ratio of the expanded size of a workbook to the size of the file, above 64 MB."""
 MAX_ROWS = 1 << 20
-"""Rows of a sheet, as in Excel."""
+"""Largest number of rows of a sheet, as in Excel."""
 MAX_CELLS = 1 << 24
-"""Cells of a sheet, with the blank ones between cells: 8 columns of 3.5 minutes at 10 kHz. A file of a few
-kilobytes can announce 1000 times as many."""
+"""Largest number of cells of a sheet, blank ones included: 8 columns of 3.5 minutes at 10 kHz. A file of a
+few kilobytes can announce 1000 times as many."""
 MIN_ROWS = 2
-"""Rows with a number from which a sheet has a table."""
+"""Smallest number of rows with a number in a sheet with a table."""
 
 
 class Sheet(NamedTuple):
@@ -47,49 +47,51 @@ class Sheet(NamedTuple):
     where: str
     """File and sheet, for messages."""
     prefix: str
-    """Stands before the names of its columns."""
+    """Prefix of the column names."""
     data: pa.Buffer
 
     def names(self, settings: ReaderSettings) -> tuple[str, ...]:
-        """Return the names of its columns."""
+        """Return the names of the columns."""
         return tuple(self.prefix + name for name in find_layout(self.data, self.where, settings).names)
 
 
 def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
-    """Return the columns of the first sheet with rows of numbers, then those of others as "sheet/column".
+    """Return the columns of the first sheet with rows of numbers, then of other sheets as "sheet/column".
 
     Raises
     ------
     RecordingError
-        If it is no workbook, or no sheet has rows of numbers.
+        If the file is not a workbook, or no sheet has rows of numbers.
     """
     return tuple(name for sheet in _sheets(path) for name in sheet.names(settings))
 
 
 def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
-    """Read the wanted columns of one sheet; formulas have their stored values.
+    """Read columns of one sheet, with the stored values of formulas.
 
     Raises
     ------
     RecordingError
-        If a column is not there, a cell is not a number, or the columns are in several sheets.
+        If a column is missing, a cell is not a number, or the columns are in several sheets.
     """
     sheets = [(sheet, sheet.names(settings)) for sheet in _sheets(path)]
     require_columns(wanted, [name for _, names in sheets for name in names], path)
-    found = next(((sheet, names) for sheet, names in sheets if set(wanted) <= set(names)), None)
-    if found is None:
+    match = next(((sheet, names) for sheet, names in sheets if set(wanted) <= set(names)), None)
+    if match is None:
         raise reader_error(path, f"{quote_names(wanted)} are in several sheets", "columns of one sheet")
-    sheet, present = found
-    inner = {name: name.removeprefix(sheet.prefix) for name in wanted}
-    signals = tables.read_text(sheet.data, sheet.where, tuple(inner.values()), settings)
+    sheet, columns = match
+    inner_names = {name: name.removeprefix(sheet.prefix) for name in wanted}
+    signals = tables.read_text(sheet.data, sheet.where, tuple(inner_names.values()), settings)
     flags: tuple[str, ...] = ()
     if len(sheets) > 1:
         n_others = counted(len(sheets) - 1, "other sheet")
-        other = next(names for _, names in sheets if names != present)
+        other = next(names for _, names in sheets if names != columns)
         example = next((name for name in other if not is_time(name)), other[0])
-        flags = (f"sheet: {sheet.title!r:.40} is read, {n_others} not; --column {example!r:.60} selects one",)
-    named = {name: signals.signals[column] for name, column in inner.items()}
-    return replace(signals, signals=named, flags=(*flags, *signals.flags))
+        flags = (
+            f"sheet: {sheet.title!r:.40} is read, {n_others} ignored; --column {example!r:.60} selects one",
+        )
+    selected = {name: signals.signals[column] for name, column in inner_names.items()}
+    return replace(signals, signals=selected, flags=(*flags, *signals.flags))
 
 
 def _sheets(path: Path) -> tuple[Sheet, ...]:
@@ -97,34 +99,34 @@ def _sheets(path: Path) -> tuple[Sheet, ...]:
     return _read_sheets(path, state.st_mtime_ns, state.st_size)
 
 
-@lru_cache(maxsize=1)  # names and columns are read one after another
+@lru_cache(maxsize=1)  # `names` and `read` are called one after the other
 def _read_sheets(path: Path, modified: int, size: int) -> tuple[Sheet, ...]:
     """Return the sheets with a table."""
-    most = max(1 << 26, MAX_EXPANSION * size)
-    found = list[Sheet]()
+    max_size = max(1 << 26, MAX_EXPANSION * size)
+    sheets = list[Sheet]()
     with wrap_library_errors(path, "Excel"):
-        _check_archive(path, most)
+        _check_archive(path, max_size)
         with warnings.catch_warnings(), path.open("rb") as file:
-            warnings.simplefilter("ignore")  # of styles and extensions that are not read
+            warnings.simplefilter("ignore")  # about unsupported styles and extensions
             book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
             for sheet in book.worksheets:
-                sheet.reset_dimensions()  # stated ones may be wrong
+                sheet.reset_dimensions()  # stored dimensions may be wrong
                 where = f"{path} (sheet {sheet.title!r:.40})"
-                if text := _text(sheet.iter_rows(values_only=True), where, most):
-                    prefix = f"{sheet.title}/" if found else ""
+                if text := _text(sheet.iter_rows(values_only=True), where, max_size):
+                    prefix = f"{sheet.title}/" if sheets else ""
                     data = pa.py_buffer(text.encode("utf-8", "replace"))
-                    found.append(Sheet(sheet.title, where, prefix, data))
-    if not found:
-        rule = f"a sheet with at least {MIN_ROWS}; formulas need stored values: save the file in Excel"
-        raise reader_error(path, "no sheet has rows of numbers", rule)
-    return tuple(found)
+                    sheets.append(Sheet(sheet.title, where, prefix, data))
+    if not sheets:
+        expected = f"a sheet with at least {MIN_ROWS} (formulas need stored values: save the file in Excel)"
+        raise reader_error(path, "no sheet has rows of numbers", expected)
+    return tuple(sheets)
 
 
-def _check_archive(path: Path, most: int) -> None:
-    """Refuse a workbook that expands to more than `most` bytes, or declares entities."""
+def _check_archive(path: Path, max_size: int) -> None:
+    """Raise an error if a workbook expands to more than `max_size` bytes, or declares entities."""
     with zipfile.ZipFile(path) as archive:
         expanded = sum(member.file_size for member in archive.infolist())
-        if expanded > most:
+        if expanded > max_size:
             raise reader_error(
                 path, f"expands to {expanded} bytes", f"64 MB, or {MAX_EXPANSION} times its size"
             )
@@ -134,22 +136,22 @@ def _check_archive(path: Path, most: int) -> None:
 
 
 def _check_prolog(content: IO[bytes], where: str) -> None:
-    """Refuse XML that declares a document type: its entities can expand without end, or name other files."""
-    is_root = list[object]()
+    """Raise an error for XML with a document type, whose entities can expand without limit or read files."""
+    elements = list[object]()
 
-    def refuse(*declared: object) -> None:
+    def refuse(*_doctype: object) -> None:
         raise reader_error(where, "declares a document type", "XML without entities")
 
     parser = expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = lambda *element: is_root.append(element)
-    with suppress(expat.ExpatError):  # of images, and of what openpyxl refuses
-        while not is_root and (chunk := content.read(1 << 16)):
+    parser.StartElementHandler = lambda *element: elements.append(element)
+    with suppress(expat.ExpatError):  # images, and files that openpyxl rejects
+        while not elements and (chunk := content.read(1 << 16)):
             parser.Parse(chunk)
 
 
-def _text(rows: Iterable[Sequence[Any]], where: str, most: int) -> str:
-    """Return rows as comma-separated lines, without blank columns; "" without a table.
+def _text(rows: Iterable[Sequence[Any]], where: str, max_characters: int) -> str:
+    """Return rows as comma-separated lines without blank columns; "" if the sheet has no table.
 
     Parameters
     ----------
@@ -157,8 +159,8 @@ def _text(rows: Iterable[Sequence[Any]], where: str, most: int) -> str:
         Values of the cells of each row.
     where : str
         File and sheet, for messages.
-    most : int
-        Number of characters from which a text is refused.
+    max_characters : int
+        Largest number of characters of the text.
 
     Raises
     ------
@@ -169,13 +171,13 @@ def _text(rows: Iterable[Sequence[Any]], where: str, most: int) -> str:
     writer = csv.writer(text, lineterminator="\n")
     for number, row in enumerate(rows, 1):
         n_cells += len(row)
-        if number > MAX_ROWS or n_cells > MAX_CELLS or text.tell() > most:
-            rule = f"at most {MAX_ROWS} rows, {MAX_CELLS} cells and {most} characters: split it"
-            raise reader_error(where, f"has at least {number} rows, {n_cells} cells", rule)
+        if number > MAX_ROWS or n_cells > MAX_CELLS or text.tell() > max_characters:
+            expected = f"at most {MAX_ROWS} rows, {MAX_CELLS} cells and {max_characters} characters: split it"
+            raise reader_error(where, f"has at least {number} rows and {n_cells} cells", expected)
         cells = [_cell(value) for value in row] if any(value is not None for value in row) else []
         filled = [i for i, cell in enumerate(cells) if cell]
         if not filled:
-            text.write("\n")  # lines are counted as rows of the sheet are
+            text.write("\n")  # line numbers in messages are row numbers of the sheet
             continue
         used.update(filled)
         n_numeric += any(is_number(cells[i]) for i in filled)
@@ -186,7 +188,7 @@ def _text(rows: Iterable[Sequence[Any]], where: str, most: int) -> str:
 
 
 def _align_columns(text: str, columns: Sequence[int]) -> str:
-    """Return the lines of a text with some of their columns, each line with all of them."""
+    """Return the lines of a text with only some columns, each line with all of these columns."""
     aligned = io.StringIO()
     writer = csv.writer(aligned, lineterminator="\n")
     for row in csv.reader(io.StringIO(text)):
@@ -198,7 +200,7 @@ def _align_columns(text: str, columns: Sequence[int]) -> str:
 
 
 def _cell(value: Any) -> str:
-    errors = ("#N/A", "#DIV/0!", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!")  # of formulas
+    errors = ("#N/A", "#DIV/0!", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!")  # results of formulas
     if value is None or value in errors:
         return ""
     if isinstance(value, timedelta):

@@ -45,7 +45,7 @@ class Notice:
 class Defects:
     """Samples that are no measurements: not finite, or a step from the last good one that no surface makes.
 
-    Up to `TIMESTAMPS.most_lost` in a row are replaced by a straight line, as missing messages are; more are
+    Up to `TIMESTAMPS.max_gap` in a row are replaced by a straight line, as missing messages are; more are
     lost.
     Rows come out the same however they come in blocks: bad ones wait for the next good one.
 
@@ -69,7 +69,7 @@ class Defects:
         far = max(far, 1000.0) if model.manifest.unit == "m/s^2" else far
         self.n_axes, self.far = n_axes, far / scale
         # Far samples that go on for 0.1 s are a new level: the stream goes on there, after a break.
-        self._level = max(TIMESTAMPS.most_lost + 2, round(0.1 * fs))
+        self._level = max(TIMESTAMPS.max_gap + 2, round(0.1 * fs))
         self._last: Samples | None = None
         self._waiting = self._far_for = 0
 
@@ -101,7 +101,7 @@ class Defects:
                 n_far += is_far
                 self._waiting += 1
                 continue
-            if self._last is None or self._waiting > TIMESTAMPS.most_lost:
+            if self._last is None or self._waiting > TIMESTAMPS.max_gap:
                 stretches.append((self._waiting, []))
             else:
                 shares = np.arange(1, self._waiting + 1)[:, None] / (self._waiting + 1)

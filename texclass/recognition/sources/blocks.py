@@ -93,7 +93,7 @@ BlockSource = Generator[Block, None, None]
 class Timing:
     """Turns batches of stamped messages into blocks.
 
-    A gap of up to `TIMESTAMPS.most_lost` messages is interpolated; after a longer one, the next block says
+    A gap of up to `TIMESTAMPS.max_gap` messages is interpolated; after a longer one, the next block says
     what is lost.
     Where the stamps advance by another step than before, and regularly, blocks are of that rate from then on.
 
@@ -198,10 +198,10 @@ class Timing:
         flags += jumps + self._contradicted(step / (1 + lost), period, fs)
         first_s = start_s - period + 1 / fs  # the last sample of a message stands at its stamp
         made, previous = [], self._last[2]
-        starts = [0, *np.flatnonzero(lost[1:] > TIMESTAMPS.most_lost) + 1]
+        starts = [0, *np.flatnonzero(lost[1:] > TIMESTAMPS.max_gap) + 1]
         for start, stop in zip(starts, [*starts[1:], len(t)], strict=True):
             gaps, missing = lost[start:stop].copy(), 0
-            if gaps[0] > TIMESTAMPS.most_lost:
+            if gaps[0] > TIMESTAMPS.max_gap:
                 missing, gaps[0] = int(gaps[0]) * samples.shape[1], 0
             pieces = _bridged(previous, samples[start:stop], gaps)
             previous = samples[stop - 1]
@@ -261,7 +261,7 @@ class Timing:
             twice &= np.diff(sent, prepend=self._last[1] if self._last else -np.inf) < 0.1 * period
         wrong = {
             "duplicates": twice,
-            "out of order": (late > 0) & (late <= TIMESTAMPS.most_late * period),
+            "out of order": (late > 0) & (late <= TIMESTAMPS.max_overtaking * period),
             "not finite": ~np.isfinite(samples).all(axis=(1, 2)),
         }
         said = [f"{what}: {n} messages left out" for what, bad in wrong.items() if (n := bad.sum())]
@@ -292,7 +292,9 @@ def _period(stamps: Samples) -> float:
     if len(ticks) < 2:
         raise RecordingError(f"{len(stamps)} messages have one time stamp. Expected an increase, or --fs")
     step = np.diff(ticks)
-    if len(ticks) > 3 and np.mean(n[1:-1] > 1) >= TIMESTAMPS.shared:  # the first and the last may be cut
+    if (
+        len(ticks) > 3 and np.mean(n[1:-1] > 1) >= TIMESTAMPS.shared_ticks
+    ):  # the first and the last may be cut
         return float(ticks[-1] - ticks[1]) / float(n[1:-1].sum())
     return typical_step(step) if np.median(step) > 0.2 * step.mean() else float(step.mean())
 
@@ -302,7 +304,7 @@ def _steps(
 ) -> tuple[Samples, list[str]]:
     """Return the steps of stamps, those of the times of sending where the clock jumps, and say if it does."""
     step, real = np.diff(t, prepend=last[0]), np.diff(sent, prepend=last[1])
-    jumped = (step < -TIMESTAMPS.most_late * period) | (
+    jumped = (step < -TIMESTAMPS.max_overtaking * period) | (
         (step > TIMESTAMPS.clock_jump_s) & (step - real > TIMESTAMPS.clock_jump_s)
     )
     if not jumped.any():
