@@ -409,7 +409,9 @@ def test_what_was_assumed_is_reported(tmp_path):
     assert "names: the first line '0,1' is read as a row; --skip-rows 1 skips it" in recording.flags
     assert len(load(counts, column=("1", "2"), skip_rows=1).acceleration) == N
     path = write(tmp_path, ".csv", "x,y,z\n" + text(FIRST) + "1,2\n1,,2\n" + text(A[5:]))
-    assert load(path, drop_incomplete=True).flags == ("incomplete: 2 lines without all numbers left out",)
+    assert load(path, drop_incomplete=True).flags == (
+        "incomplete: 2 lines without a number in each column dropped",
+    )
 
 
 @pytest.mark.parametrize("names", ["mag_x,signal,long", "x (g),y,z"])

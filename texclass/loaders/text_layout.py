@@ -189,7 +189,7 @@ def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], 
             break
         return codec, lines, is_whole
     raise RecordingError(
-        f"{where} is not a text file ({problem}). Expected UTF-8, or UTF-16 with a byte order mark"
+        f"{where}: not a text file ({problem}). Expected UTF-8, or UTF-16 with a byte order mark"
     ) from problem
 
 
