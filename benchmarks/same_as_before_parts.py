@@ -268,7 +268,7 @@ def scene() -> Any:
     scan = abdulali2016_simulated.simulate_scan(surface, 10.0, 1000.0, np.random.default_rng(0))
     section = guruswamy2011_objects.lay_out(rubber, 60.0, rng)
     stroke = guruswamy2011_objects.simulate_scan(rubber, section, rng)
-    (plates,), speeds = oeztuerk2018_study.simulated_plates(0, 1).values(), oeztuerk2018_study.SPEEDS_MM_S
+    (plates,), speeds = oeztuerk2018_study.simulate_recordings(0, 1).values(), oeztuerk2018_study.SPEEDS_MM_S
     scanned = abdulali2016.model_scan(scan)
     textures = {
         "abdulali2016, network": scanned.network(),

@@ -1,8 +1,8 @@
 """
-A feature of your own
-=====================
+Add a feature
+=============
 
-A feature is one decorated function. One call compares it with the published table.
+A feature is one decorated function. A single call compares it with the published table.
 """
 
 import matplotlib.pyplot as plt
@@ -12,13 +12,13 @@ import texclass as tx
 from texclass.features.movement_filters import unit
 
 # %%
-# The decorator states the phase, the unit, the reference, and how the value scales with the signal level.
+# The decorator declares the phase, the unit, the reference, and how the value scales with the signal level.
 
 
 @tx.feature("movement", unit="1", reference="this page", gain=tx.features.Gain())
 def kurtosis(view):
     """Return the fourth moment over the squared second moment: 3 for Gaussian noise, more for spikes."""
-    x = unit(view)  # divided by its peak; silence and NaN raise with a reason
+    x = unit(view)  # divided by the peak; silence and NaN raise an error with a reason
     return np.mean(x**4) / np.mean(x**2) ** 2
 
 
@@ -38,7 +38,7 @@ axis.set_xlabel("kurtosis of the movement")
 plt.show()
 
 # %%
-# Its own row with every classifier, and the accuracy it adds to the best row:
+# Evaluate it as a row of the table with every classifier, and the accuracy that it adds to the best row:
 
 study = tx.evaluation.study_feature(
     dataset, tx.load_pipeline("strese2015"), tx.features.find("kurtosis"), n_folds=4

@@ -2,8 +2,8 @@
 Pairs of channels
 =================
 
-Two channels can have the same spectra on every floor and still differ in their delay. A simulated rover leans
-before it shakes, at the same time, or after it.
+The spectra of two channels can be equal on all floors while the delay between the channels differs. A
+simulated rover tilts before it shakes, at the same time, or after it.
 """
 
 import matplotlib.pyplot as plt
@@ -22,27 +22,28 @@ floors, n, fs = {"tiles": -2, "carpet": 0, "gravel": 2}, 250, 50.0
 
 def drive(floor):
     """Return 5 s in which the turn rate about x follows the acceleration along y with a delay."""
-    shaken, turned = rng.standard_normal((2, n, 3))
-    turned[:, 0] += np.roll(shaken[:, 1], floors[floor])
+    acceleration, turn_rate = rng.standard_normal((2, n, 3))
+    turn_rate[:, 0] += np.roll(acceleration[:, 1], floors[floor])
     return tx.Recording(
-        shaken, fs, "arbitrary", surface=floor, turn_rate=turned, phases=Phases(movement=(0, n))
+        acceleration, fs, "arbitrary", surface=floor, turn_rate=turn_rate, phases=Phases(movement=(0, n))
     )
 
 
 drives = [drive(floor) for floor in floors for _ in range(20)]
-surfaces = [one.surface for one in drives]
+surfaces = [drive.surface for drive in drives]
 
 # %%
-# A feature of phase "pair" is computed for every two channels. Its columns are named after both.
+# A feature of phase "pair" is computed for each pair of channels. Its columns have the names of both.
 
 coarse = load_feature_set("coarse")
 extractor = FeatureExtractor(coarse, channels="all").set_output(transform="pandas")
 features = extractor.fit_transform(drives)
-both = features.filter(like="y*turn_x/lag_correlation").groupby(np.array(surfaces))
+correlations = features.filter(like="y*turn_x/lag_correlation").groupby(np.array(surfaces))
 figure, axis = plt.subplots(figsize=(6, 3.2), layout="constrained")
-for floor, course in both.mean().iterrows():
-    axis.plot([int(name.rpartition("lag")[2]) for name in course.index], course, "o-", label=floor)
-axis.set_xlabel("delay of the turn rate after the acceleration, samples")
+for floor, correlation in correlations.mean().iterrows():
+    lags = [int(name.rpartition("lag")[2]) for name in correlation.index]
+    axis.plot(lags, correlation, "o-", label=floor)
+axis.set_xlabel("delay of the turn rate relative to the acceleration, samples")
 axis.set_ylabel("correlation")
 axis.legend()
 plt.show()
@@ -51,7 +52,7 @@ plt.show()
 # The spectra of single channels do not separate the floors; the lagged correlation does.
 
 for names in (["band_level", "octave_level"], ["lag_correlation"]):
-    some = FeatureExtractor(coarse.restricted_to(names), channels="all")
+    extractor = FeatureExtractor(coarse.restricted_to(names), channels="all")
     lda = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=0.1)
-    right = cross_val_score(make_pipeline(some, lda), drives, surfaces, cv=5).mean()
-    print(f"{', '.join(names)}: {100 * right:.0f} %")
+    accuracy = cross_val_score(make_pipeline(extractor, lda), drives, surfaces, cv=5).mean()
+    print(f"{', '.join(names)}: accuracy {100 * accuracy:.0f} %")

@@ -1,4 +1,4 @@
-"""The numbers of the chapter on `oeztuerk2018`: orders, frequencies, intervals of speed, predictions."""
+"""Numbers of the chapter on `oeztuerk2018`: model orders, frequencies, speed intervals, predictions."""
 
 import time
 
@@ -22,160 +22,184 @@ from texclass.vibration.order import spectral_error
 from texclass.vibration.scores import band_energy_distance, goodness_of_fit, log_spectral_distance
 
 FS = 10_000.0
-LARGEST, AT_MOST, N_DFT = 1000, 0.4, 2800
-"""Of figure 3.2: largest order, the error looked for, and points of the DFT (section 3.1)."""
-COUNTS, GOOD, FAIR = tuple(range(2, 31)), 0.9, 0.8
+LARGEST_ORDER, ERROR_LIMIT = 1000, 0.4
+"""Figure 3.2: the largest order, and the error that an order is selected for."""
+N_DFT = 2800
+"""Points of the DFT; section 3.1."""
+LINE_COUNTS = tuple(range(2, 31))
+"""Numbers of frequencies, 2 to 30; section 3.2."""
+FAIR_FIT, GOOD_FIT = 0.8, 0.9
+"""Goodness of fit: our choice, and "a good match" of `abdulali2016`."""
 FRICTIONS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 2.0)
 SPEEDS_MM_S = (40.0, 80.0, 120.0, 160.0)
-MEAN_MM_S, FRICTION_SCALE, SHAPE = 150.0, 0.64, 4.0
-"""Ours: mean speed 150 mm/s exp(-friction / 0.64), gamma distribution of shape 4 about it."""
+MEAN_MM_S, FRICTION_SCALE, GAMMA_SHAPE = 150.0, 0.64, 4.0
+"""Our law of speeds: mean 150 mm/s exp(-friction / 0.64), with a gamma distribution of shape 4."""
 N_SPEEDS = 240
-"""`oeztuerk2018`, figure 4.2: samples per friction coefficient, one each 0.2 s."""
-REST_S = 0.6
-"""What is cut off a simulated plate's start."""
-N_SEEDS, PATH_SAMPLES = 50, 2000
-NOTABLE = 0.05
-"""Share of the samples that makes a bin notable; the thesis judges by eye."""
+"""Samples per friction coefficient, one every 0.2 s; figure 4.2."""
+SETTLE_S = 0.6
+"""Beginning of a simulated recording that is discarded, in s."""
+N_SEEDS = 50
+"""Number of simulated histograms per friction coefficient."""
+PATH_SAMPLES = 2000
+"""Samples of a random path."""
+NOTABLE_SHARE = 0.05
+"""Share of the samples from which a bin is notable; the thesis decides by visual inspection."""
 DURATION_S = 10.0
 N_COPIES = 5
-"""Mirrored copies in an endless signal."""
+"""Mirrored copies in a seamless signal; section 3.2."""
 
 
-def order_curves(x, largest=LARGEST):
-    """Return the spectral error of the orders 0 ... largest on a recording without its mean, and choices.
+def order_curves(x, largest=LARGEST_ORDER):
+    """Return the spectral error of all orders on a recording without its mean, and selected orders.
 
-    "curve": fitted to and compared with the whole, eq. (3.11); "other_half": fitted to one half and compared
-    with the other, mean of both ways; "floor", "floor_of_half": what the true model would keep; orders chosen
-    by "aicc", beyond which "little" is gained, and the first with an error "at_most" 0.4, if any has.
+    Returns
+    -------
+    dict
+        - "same_recording": error of order 0 ... largest, eq. (3.11), on the recording of the fit;
+        - "other_half": error of a model of one half on the other half, mean of both directions;
+        - "floor" and "floor_of_half": expected error of the true model;
+        - "aicc": order with the smallest AICc;
+        - "small_gain_order": order beyond which the error hardly falls;
+        - "order_at_limit": first order with an error of at most 0.4, or None.
     """
-    little, met = select_order(x, largest), select_order(x, largest, max_error=AT_MOST)
+    small_gain, limited = select_order(x, largest), select_order(x, largest, max_error=ERROR_LIMIT)
     halves = np.array_split(x, 2)
-    both_ways = [spectral_error(b, fit(a, largest)) for a, b in (halves, halves[::-1])]
+    half_errors = [spectral_error(test, fit(training, largest)) for training, test in (halves, halves[::-1])]
     return {
-        "curve": little.values,  # noqa: PD011, no DataFrame
-        "other_half": np.mean(both_ways, axis=0),
-        "floor": floor(x.size // N_DFT),
-        "floor_of_half": floor(x.size // 2 // N_DFT),
+        "same_recording": small_gain.values,  # noqa: PD011, no DataFrame
+        "other_half": np.mean(half_errors, axis=0),
+        "floor": error_floor(x.size // N_DFT),
+        "floor_of_half": error_floor(x.size // 2 // N_DFT),
         "aicc": select_order(x, largest, criterion="aicc").order,
-        "little": little.order,
-        "at_most": met.order if met.is_met else None,
+        "small_gain_order": small_gain.order,
+        "order_at_limit": limited.order if limited.is_met else None,
     }
 
 
-def floor(n_segments):
-    """Error that the true model keeps: |X|, the RMS over M segments of a Gaussian process, is not its mean.
+def error_floor(n_segments):
+    """Return the expected error of the true model, since the RMS over M segments |X| differs from its mean.
 
-    E |X| / |G| = Gamma(M + 1/2) / (Gamma(M) sqrt(M)), so C^2 = 2 - 2 E |X| / |G|.
+    For a Gaussian process E |X| / |G| = Gamma(M + 1/2) / (Gamma(M) sqrt(M)), so C^2 = 2 - 2 E |X| / |G|.
     """
     return float(np.sqrt(2 - 2 * special.poch(n_segments, 0.5) / np.sqrt(n_segments)))
 
 
 def frequency_count(x):
-    """Return how many frequencies 1 s of a recording needs, and what Table 3.2 leaves out of 30.
+    """Return the number of frequencies that 1 s of a recording needs, and the effect of Table 3.2.
 
-    Goodness of fit of the spectrum with 2 ... 30 lines; the smallest numbers for 0.8 and 0.9; lines that
-    would beat with a stronger one; the least distance of two chosen lines beyond their threshold, Hz.
+    Returns
+    -------
+    dict
+        - "gfc": goodness of fit of the spectrum with 2 ... 30 lines;
+        - "n_for_0.8", "n_for_0.9": smallest number of lines with this goodness of fit, or None;
+        - "n_excluded_as_beating": lines among the 30 strongest that would beat with a stronger one;
+        - "smallest_margin_hz": smallest distance of two selected lines beyond their threshold in Hz.
     """
     x = x[: round(FS)]
-    models = [fit_major_frequencies(x, FS, n_frequencies=n) for n in COUNTS]
-    made = [model.synthesize(x.size, FS) for model in models]
-    gfc = np.array([goodness_of_fit(x, y, window=min(2800, x.size), n_hamming=500) for y in made])
+    models = [fit_major_frequencies(x, FS, n_frequencies=n) for n in LINE_COUNTS]
+    synthesized = [model.synthesize(x.size, FS) for model in models]
+    gfc = np.array([goodness_of_fit(x, y, window=min(2800, x.size), n_hamming=500) for y in synthesized])
     f = models[-1].frequency_hz
     X = np.abs(np.fft.rfft(x))[1 : round(1400 * x.size / FS) + 1]
-    kept = np.isin(np.round(f * x.size / FS).astype(int) - 1, np.argsort(-X)[: COUNTS[-1]]).sum()
-    fair, good = (COUNTS[int(np.argmax(gfc >= v))] if np.any(gfc >= v) else None for v in (FAIR, GOOD))
+    selected_bins = np.round(f * x.size / FS).astype(int) - 1
+    n_strongest_selected = np.isin(selected_bins, np.argsort(-X)[: LINE_COUNTS[-1]]).sum()
+    fair, good = (
+        LINE_COUNTS[int(np.argmax(gfc >= limit))] if np.any(gfc >= limit) else None
+        for limit in (FAIR_FIT, GOOD_FIT)
+    )
     return {
         "gfc": gfc.round(4).tolist(),
-        "0.8": fair,
-        "0.9": good,
-        "left out as beating": int(COUNTS[-1] - kept),
-        "least margin (Hz)": float(np.min(np.diff(f) - beat_threshold_hz(f[:-1]), initial=np.inf)),
+        "n_for_0.8": fair,
+        "n_for_0.9": good,
+        "n_excluded_as_beating": int(LINE_COUNTS[-1] - n_strongest_selected),
+        "smallest_margin_hz": float(np.min(np.diff(f) - beat_threshold_hz(f[:-1]), initial=np.inf)),
     }
 
 
 def stroking_speeds(friction, rng):
-    """Draw speeds (mm/s) of a person on a surface of this friction coefficient, shape (240,).
+    """Simulate the speeds (mm/s) of a person on a surface with this friction coefficient, shape (240,).
 
-    The thesis prints no mean speeds, only histograms as pictures and the number of notable bins. The law here
-    was chosen by us so that the histograms have about as many bins: it tests the rule, not the thesis.
+    The thesis prints only histograms and the number of notable bins, no mean speeds. We chose a law that
+    gives about the same number of bins. It tests the rule for the intervals, not the thesis.
     """
-    return rng.gamma(SHAPE, MEAN_MM_S * np.exp(-friction / FRICTION_SCALE) / SHAPE, N_SPEEDS)
+    mean = MEAN_MM_S * np.exp(-friction / FRICTION_SCALE)
+    return rng.gamma(GAMMA_SHAPE, mean / GAMMA_SHAPE, N_SPEEDS)
 
 
-def intervals_from_speeds(speed, notable=NOTABLE):
-    """Return the intervals that speeds (mm/s) of people on a surface ask for, one speed each step of time.
+def intervals_from_speeds(speed, notable_share=NOTABLE_SHARE):
+    """Return the speed intervals for the speeds (mm/s) of people on a surface, one speed per time step.
 
-    The histogram of figure 4.2: intervals up to the last bin that holds a notable share of the samples; what
-    is faster belongs to the last interval.
+    As in figure 4.2, the intervals end at the last bin with a notable share of the samples. Faster samples
+    belong to the last interval.
     """
     share = np.bincount(np.floor(np.asarray(speed) / BIN_MM_S).astype(int)) / len(speed)
-    last = np.flatnonzero(share >= notable)[-1:]
-    return SpeedIntervals.equal(int(last.sum()) + 1)
+    last_bin = np.flatnonzero(share >= notable_share)[-1:]
+    return SpeedIntervals.equal(int(last_bin.sum()) + 1)
 
 
-def mirrored(x):
-    """Return the signal with its reflection behind it: x_0 ... x_n-1 x_n-1 ... x_0.
+def mirror(x):
+    """Return a signal followed by its reflection: x_0 ... x_n-1 x_n-1 ... x_0.
 
-    Wherever copies of it meet, one sample stands beside its equal: no join has a jump.
+    Two copies join at equal samples, without a jump.
     """
     return np.concatenate([x, x[::-1]])
 
 
-def seamless(x, fs, duration_s=DURATION_S, peak=None):
-    """Return a signal of the duration: the mirrored one, as often as needed, scaled to a peak.
+def seamless_signal(x, fs, duration_s=DURATION_S, peak=None):
+    """Return the mirrored signal, repeated to a duration and scaled to a peak.
 
-    Of 1 s, 5 mirrored copies make 10 s, as printed. The peak is that of the reference it is compared with;
+    With 1 s, 5 mirrored copies give 10 s, as printed. The peak is that of the reference signal;
     `oeztuerk2018`, end of section 3.2.
     """
-    endless = np.resize(mirrored(x), round(duration_s * fs))
-    largest = np.abs(endless).max()
-    return endless if peak is None or largest == 0 else endless * (peak / largest)
+    repeated = np.resize(mirror(x), round(duration_s * fs))
+    largest = np.abs(repeated).max()
+    return repeated if peak is None or largest == 0 else repeated * (peak / largest)
 
 
-def displayed_signals(texture, friction, duration_s=DURATION_S, peaks=None, seed=0):
-    """Return a seamless signal for each of the `speed_intervals` of a friction, from slow to fast.
+def interval_signals(texture, friction, duration_s=DURATION_S, peaks=None, seed=0):
+    """Return a seamless signal for each of the speed intervals of a friction coefficient, from slow to fast.
 
-    Each is that of the texture at the centre of its interval: a tenth of the duration, mirrored and repeated
-    5 times, and scaled to the peak of its reference, if given; sections 3.2 and 6.1, Table 6.1.
+    Each has the speed at the centre of its interval: a tenth of the duration, mirrored, repeated 5 times and
+    scaled to the peak of its reference, if any; sections 3.2 and 6.1, Table 6.1.
     """
     speeds = speed_intervals(friction).centres_mm_s
     n = max(1, round(duration_s * texture.fs / (2 * N_COPIES)))
     return [
-        seamless(texture.signal(v, n, seed=seed + i), texture.fs, duration_s, peak)
+        seamless_signal(texture.signal(v, n, seed=seed + i), texture.fs, duration_s, peak)
         for i, (v, peak) in enumerate(zip(speeds, peaks or [None] * len(speeds), strict=True))
     ]
 
 
-def intervals_of(friction, seed):
-    """Return the number of intervals as published, of 50 draws of speeds, and the mean speed (mm/s)."""
-    drawn = [stroking_speeds(friction, np.random.default_rng((seed, i))) for i in range(N_SEEDS)]
+def count_intervals(friction, seed):
+    """Return the published number of intervals, those of 50 simulated histograms, and the mean speed."""
+    samples = [stroking_speeds(friction, np.random.default_rng((seed, i))) for i in range(N_SEEDS)]
     return {
         "published": speed_intervals(friction).n_intervals,
-        "simulated": np.bincount([intervals_from_speeds(v).n_intervals for v in drawn]).tolist(),
-        "mean speed (mm/s)": round(float(np.mean(drawn)), 2),
+        "simulated": np.bincount([intervals_from_speeds(v).n_intervals for v in samples]).tolist(),
+        "mean_speed_mm_s": round(float(np.mean(samples)), 2),
     }
 
 
-def simulated_plates(seed, n_surfaces):
-    """Simulate surfaces at `SPEEDS_MM_S` under 1 N: axes combined, without the hand's motion, m/s^2.
+def simulate_recordings(seed, n_surfaces):
+    """Simulate surfaces at `SPEEDS_MM_S` and 1 N: one axis without hand motion, in m/s^2.
 
-    Each speed has its own stretch of the surface and its own noise.
+    Each speed has its own part of the surface and its own noise.
     """
     operator = operator_catalogue(1, seed)[0]
-    plates = {}
+    signals = {}
     for i, surface in enumerate(surface_catalogue(n_surfaces, seed)):
-        plates[surface.name] = []
+        signals[surface.name] = []
         for j, v in enumerate(SPEEDS_MM_S):
-            plate = record_rising_speed(
-                surface, operator, duration_s=3.0 + REST_S, fs=FS, seed=(seed + i, j), speed_mm_s=(v, v)
+            recording = record_rising_speed(
+                surface, operator, duration_s=3.0 + SETTLE_S, fs=FS, seed=(seed + i, j), speed_mm_s=(v, v)
             )
-            moving = combine(plate.acceleration[round(REST_S * FS) :])
-            plates[surface.name].append(remove_hand_motion(moving, FS))
-    return plates
+            x = combine(recording.acceleration[round(SETTLE_S * FS) :])
+            signals[surface.name].append(remove_hand_motion(x, FS))
+    return signals
 
 
 def score(recorded, predicted):
-    """Compare two signals of any lengths: spectra, energies in nine bands, lines 20 Hz wide, level."""
+    """Compare two signals of any lengths: spectra, energies of nine bands, lines 20 Hz wide, and level."""
     n = min(recorded.size, predicted.size)
     return {
         "log_spectral_db": log_spectral_distance(recorded, predicted, n_segment=512),
@@ -185,22 +209,22 @@ def score(recorded, predicted):
     }
 
 
-def predict_left_out(signals, speeds, surface, *, order=400, seed=0, n_draws=3):
-    """Fit the slowest and the fastest recording, and predict those between.
+def predict_held_out_speeds(signals, speeds, surface, *, order=400, seed=0, n_draws=3):
+    """Fit the slowest and the fastest recording, and predict those in between.
 
-    The ways are "LPC, log gain" (as in the thesis), "LPC, log level", "LPC, all other speeds" (fitted to all
-    recordings but the left-out one, log gain), "frequencies", "nearest speed", and two that no prediction can
-    be expected to beat: "own LPC", fitted to the left-out recording, and "other half", one half of that
-    recording against the other.
+    The methods are "LPC, log gain" (as in the thesis), "LPC, log level", "LPC, all other speeds" (fitted to
+    all recordings except the held-out one, log gain), "frequencies" and "nearest speed". Two references limit
+    the achievable scores: "own LPC", fitted to the held-out recording itself, and "other half", one half of
+    that recording compared with the other.
     """
-    ends, fitted = [signals[0], signals[-1]], (float(speeds[0]), float(speeds[-1]))
-    by_gain = fit_lpc(ends, fitted, FS, order=order)
-    by_level = fit_lpc(ends, fitted, FS, order=order, loudness="level")
-    lines = fit_frequencies(ends, fitted, FS, n_frequencies=30)
-    found = []
+    ends, fitting_speeds = [signals[0], signals[-1]], (float(speeds[0]), float(speeds[-1]))
+    by_gain = fit_lpc(ends, fitting_speeds, FS, order=order)
+    by_level = fit_lpc(ends, fitting_speeds, FS, order=order, loudness="level")
+    lines = fit_frequencies(ends, fitting_speeds, FS, n_frequencies=30)
+    predictions = []
     for i, (x, v) in enumerate(zip(signals[1:-1], speeds[1:-1], strict=True), start=1):
         others = [j for j in range(len(signals)) if j != i]
-        drawn = {
+        random_textures = {
             "LPC, log gain": by_gain,
             "LPC, log level": by_level,
             "LPC, all other speeds": fit_lpc(
@@ -209,53 +233,66 @@ def predict_left_out(signals, speeds, surface, *, order=400, seed=0, n_draws=3):
             "own LPC": fit_lpc([x, x], (v, 2 * v), FS, order=order),
         }
         scores = {}
-        for way, texture in drawn.items():
+        for method, texture in random_textures.items():
             draws = [score(x, texture.signal(v, x.size, seed=seed + k)) for k in range(n_draws)]
-            scores[way] = pd.DataFrame(draws).mean().to_dict()
+            scores[method] = pd.DataFrame(draws).mean().to_dict()
         scores["frequencies"] = score(x, lines.signal(v, x.size))
-        scores["nearest speed"] = score(x, ends[0] if v - fitted[0] <= fitted[1] - v else ends[1])
+        is_slow_nearer = v - fitting_speeds[0] <= fitting_speeds[1] - v
+        scores["nearest speed"] = score(x, ends[0] if is_slow_nearer else ends[1])
         scores["other half"] = score(*np.array_split(x, 2))
-        found.append({"surface": surface, "speed": float(v), "fitted": fitted, "scores": scores})
-    return found
+        predictions.append(
+            {"surface": surface, "speed": float(v), "fitting_speeds": fitting_speeds, "scores": scores}
+        )
+    return predictions
 
 
 def mean_scores(predictions):
-    """Return the mean score of each way over the predictions, a row each; of levels, the mean magnitude."""
-    every = pd.concat([pd.DataFrame(p["scores"]).T for p in predictions])
-    every["level_db"] = every["level_db"].abs()
-    return every.groupby(level=0, sort=False).mean()
+    """Return the mean scores over the predictions, one row per method; for levels the mean magnitude."""
+    scores = pd.concat([pd.DataFrame(prediction["scores"]).T for prediction in predictions])
+    scores["level_db"] = scores["level_db"].abs()
+    return scores.groupby(level=0, sort=False).mean()
 
 
-def render_check(texture, seed, n_paths):
-    """Play a texture over random paths, and over one whose speed jumps; µs per sample, in one block."""
+def check_rendering(texture, seed, n_paths):
+    """Render a texture along random paths and along jumps of the speed; measure the time in one block.
+
+    Returns
+    -------
+    dict
+        - "family": family of the texture;
+        - "is_bounded": whether all samples are finite and within `PEAK_FACTOR` times the recorded peak;
+        - "relative_peak": largest sample relative to the recorded peak;
+        - "relative_step": result of `relative_step`;
+        - "microseconds": time per sample.
+    """
     rng = np.random.default_rng(seed)
     renderer = texture.renderer(seed=seed)
     force = np.ones(PATH_SAMPLES)
     renderer.process(np.zeros((1, 2)), force[:1])
-    largest, finite, start = 0.0, True, time.perf_counter()
+    largest, is_finite, start = 0.0, True, time.perf_counter()
     for _ in range(n_paths):
         knots = rng.exponential(120.0, (8, 2)) * rng.choice([-1, 1], (8, 2))
         t = np.linspace(0, 7, PATH_SAMPLES)
         path = np.column_stack([np.interp(t, np.arange(8), k) for k in knots.T])
         y = renderer.process(path, np.where(np.sin(t * rng.uniform(0, 5)) > -0.9, force, 0.0))
-        largest, finite = max(largest, float(np.abs(y).max())), finite and bool(np.isfinite(y).all())
+        largest, is_finite = max(largest, float(np.abs(y).max())), is_finite and bool(np.isfinite(y).all())
     seconds = time.perf_counter() - start
     return {
         "family": texture.family,
-        "finite": finite and largest <= PEAK_FACTOR * texture.peak,
-        "largest": largest / texture.peak,
-        "click": click(texture, seed),
+        "is_bounded": is_finite and largest <= PEAK_FACTOR * texture.peak,
+        "relative_peak": largest / texture.peak,
+        "relative_step": relative_step(texture, seed),
         "microseconds": 1e6 * seconds / (n_paths * PATH_SAMPLES),
     }
 
 
-def click(texture, seed):
-    """Return the largest step between samples while the speed jumps to and fro, over that at either speed."""
+def relative_step(texture, seed):
+    """Return the largest step between samples while the speed jumps, relative to that at constant speed."""
     n, slow, fast = 2000, float(texture.speeds[0]), float(texture.speeds[-1])
 
     def largest_step(speed):
         y = texture.renderer(seed=seed).process(np.column_stack([speed, 0 * speed]), np.ones(speed.size))
         return float(np.abs(np.diff(y[n:])).max())
 
-    jumping = np.where(np.arange(20 * n) // n % 2 == 0, slow, fast)
-    return largest_step(jumping) / max(largest_step(np.full(20 * n, v)) for v in (slow, fast))
+    jumps = np.where(np.arange(20 * n) // n % 2 == 0, slow, fast)
+    return largest_step(jumps) / max(largest_step(np.full(20 * n, v)) for v in (slow, fast))

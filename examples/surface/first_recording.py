@@ -8,8 +8,8 @@ Open a dataset, plot a recording and compute its features.
 import texclass as tx
 
 # %%
-# Open a dataset by name, by the path of its card, or as a folder with one subfolder per surface. Recordings
-# are read when they are used; these are simulated.
+# Open a dataset by its name, by the path of its card, or as a folder with one subfolder per surface. The
+# recordings are loaded when they are used. The recordings of this dataset are simulated.
 
 dataset = tx.open_dataset("simulated6")
 dataset
@@ -21,13 +21,13 @@ recording = dataset[0]
 recording
 
 # %%
-# Plot its taps and strokes, the clearest tap and the spectrogram.
+# Plot taps and movement, the clearest tap, and the spectrogram.
 
 figure = tx.plot_recording(recording)
 figure
 
 # %%
-# Features are a DataFrame with one row per recording. The set `strese2015` contains those of the paper.
+# Features are a DataFrame with one row per recording. The set `strese2015` has those of the paper.
 
 features = tx.extract(recording, "strese2015")
 features[["hardness", "waviness", "fineness", "friction"]]

@@ -19,13 +19,13 @@ recordings = [
     tx.simulate.record_freehand(surfaces[i], operator, duration_s=6.0, seed=30).with_(recording_id=name)
     for i, name in ((1, "metal"), (3, "foam"), (13, "sandpaper"))
 ]
-measured = tx.extract(recordings, "scales")
-values = tx.haptics.scale_values(measured)
+features = tx.extract(recordings, "scales")
+values = tx.haptics.scale_values(features)
 values.round(1)
 
 # %%
 # ``tx.haptics.describe(recordings)`` and ``texclass describe FILE`` add the rank among reference surfaces.
-# Undefined scales are left out: *hard* needs a tap, *sticky* a friction channel.
+# Undefined scales are omitted: *hard* needs a tap, *sticky* a friction channel.
 
 figure, axes = plt.subplots(figsize=(7, 3.5))
 values.T.plot.bar(ax=axes, rot=0, color=["C0", "C1", "C2"])
@@ -38,17 +38,17 @@ plt.show()
 # A grating with ridges every 1.6 mm is stroked at two speeds. If the speed of the tool is recorded, *fine*
 # and *regular* use the spatial period of the ridges, which does not depend on the speed.
 
-ribs = tx.simulate.surfaces.Grating(wavelength_mm=1.6, depth_um=8.0, sharpness=0.4, jitter=0.1)
-grating = replace(surfaces[1], gratings=(ribs,), bumps=None)
-across = replace(operator, direction_deg=0.0)
+ridges = tx.simulate.surfaces.Grating(wavelength_mm=1.6, depth_um=8.0, sharpness=0.4, jitter=0.1)
+grating = replace(surfaces[1], gratings=(ridges,), bumps=None)
+straight = replace(operator, direction_deg=0.0)
 strokes = [
     tx.simulate.record_freehand(
-        grating, replace(across, speed_mm_s=speed), duration_s=6.0, seed=2, recording_id=f"{speed} mm/s"
+        grating, replace(straight, speed_mm_s=speed), duration_s=6.0, seed=2, recording_id=f"{speed} mm/s"
     )
     for speed in (90, 180)
 ]
 with_speed = tx.extract(strokes, "scales")
-without_speed = tx.extract([one.with_(speed=None) for one in strokes], "scales")
+without_speed = tx.extract([stroke.with_(speed=None) for stroke in strokes], "scales")
 fine = {
     "ridges per mm": with_speed["ridge_density"],
     "fine": tx.haptics.scale_values(with_speed)["fine"],

@@ -1,6 +1,6 @@
 """
-The table of the paper
-======================
+Reproduce the table of a paper
+==============================
 
 Evaluate every row of Table I of Strese, Schuwerk and Steinbach (2015) with every classifier. These are six
 simulated surfaces; the paper has 69 real ones, so the accuracies cannot be compared directly.

@@ -2,8 +2,8 @@
 Find taps and movement
 ======================
 
-A freehand recording has taps, then strokes. Both are detected in the acceleration alone. This recording is
-simulated, so the true phases are known.
+A freehand recording has taps, followed by strokes. Both are detected from the acceleration alone. This
+recording is simulated, so that the true phases are available.
 """
 
 import matplotlib.pyplot as plt
@@ -21,8 +21,8 @@ detected.kind
 # Each tap has the sample of its impact, a width and a quality between 0 and 1.
 
 for tap in detected.taps:
-    at, wide = tap.impact / recording.fs, 1e3 * tap.width / recording.fs
-    print(f"impact at {at:.3f} s, {wide:.1f} ms wide, quality {tap.quality:.2f}")
+    impact_s, width_ms = tap.impact / recording.fs, 1e3 * tap.width / recording.fs
+    print(f"impact at {impact_s:.3f} s, width {width_ms:.1f} ms, quality {tap.quality:.2f}")
 
 # %%
 # Detected phases above, true phases below:

@@ -7,16 +7,16 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from oeztuerk2018 import TABLE_3_1
 from oeztuerk2018_study import (
-    displayed_signals,
-    floor,
+    check_rendering,
+    count_intervals,
+    error_floor,
+    interval_signals,
     intervals_from_speeds,
-    intervals_of,
     mean_scores,
-    mirrored,
+    mirror,
     order_curves,
-    predict_left_out,
-    render_check,
-    seamless,
+    predict_held_out_speeds,
+    seamless_signal,
 )
 from scipy import signal
 
@@ -60,9 +60,9 @@ def texture(request):
 
 
 def test_output_is_bounded_over_random_paths_and_speed_jumps_do_not_click(texture):
-    check = render_check(texture, 0, 8)
-    assert check["finite"]
-    assert check["click"] < 1.3
+    check = check_rendering(texture, 0, 8)
+    assert check["is_bounded"]
+    assert check["relative_step"] < 1.3
 
 
 def test_without_contact_or_motion_the_texture_becomes_silent(texture):
@@ -181,11 +181,11 @@ def _largest_jump_at_joins(repeated, n):
 
 def test_one_second_is_repeated_for_ten_seconds_by_mirrored_copies_without_a_jump():
     x = _noise(10_000)
-    assert_array_equal(seamless(x, FS), np.tile(mirrored(x), 5))
-    repeated = seamless(x[:777], FS, duration_s=0.5, peak=2.5)
+    assert_array_equal(seamless_signal(x, FS), np.tile(mirror(x), 5))
+    repeated = seamless_signal(x[:777], FS, duration_s=0.5, peak=2.5)
     assert _largest_jump_at_joins(repeated, 777) == 0
     assert_allclose(np.abs(repeated).max(), 2.5)
-    assert not seamless(np.zeros(10), FS, peak=1.0).any()
+    assert not seamless_signal(np.zeros(10), FS, peak=1.0).any()
 
 
 def test_intervals_are_those_of_table_6_1_and_decrease_with_friction():
@@ -202,14 +202,14 @@ def test_intervals_are_those_of_table_6_1_and_decrease_with_friction():
 def test_the_intervals_of_a_distribution_of_speeds_end_at_its_last_notable_bin():
     v = np.concatenate([np.full(60, 10.0), np.full(30, 90.0), np.full(8, 130.0), np.full(2, 300.0)])
     assert intervals_from_speeds(v).n_intervals == 4
-    assert intervals_from_speeds(v, notable=0.1).n_intervals == 3
-    assert intervals_from_speeds(np.linspace(1, 400, 100), notable=0.5).n_intervals == 1
+    assert intervals_from_speeds(v, notable_share=0.1).n_intervals == 3
+    assert intervals_from_speeds(np.linspace(1, 400, 100), notable_share=0.5).n_intervals == 1
 
 
 def test_simulated_speeds_need_about_the_published_number_of_intervals():
     for mu, n in zip(FRICTION, N_INTERVALS, strict=True):
-        drawn = np.repeat(*np.array(list(enumerate(intervals_of(mu, 0)["simulated"]))).T)
-        assert abs(np.median(drawn) - n) <= 1
+        counts = np.repeat(*np.array(list(enumerate(count_intervals(mu, 0)["simulated"]))).T)
+        assert abs(np.median(counts) - n) <= 1
     assert tuple(max(row) for row in TABLE_3_1) == BEAT_THRESHOLDS_HZ
 
 
@@ -223,23 +223,23 @@ def test_invalid_frictions_are_refused():
 def test_each_interval_gets_one_seamless_signal(fit_texture):
     signals = [a * _noise(2000, seed) for a, seed in ((1, 0), (3, 1))]
     texture = fit_texture(signals, [20.0, 180.0], FS, **({"order": 10} if fit_texture is fit_lpc else {}))
-    displayed = displayed_signals(texture, 0.2, duration_s=1.0, peaks=(1.0, 2.0, 3.0, 4.0, 5.0))
-    assert [x.size for x in displayed] == [10_000] * 5
-    assert_allclose([np.abs(x).max() for x in displayed], [1, 2, 3, 4, 5])
-    assert [_largest_jump_at_joins(x, 1000) for x in displayed] == [0] * 5
+    results = interval_signals(texture, 0.2, duration_s=1.0, peaks=(1.0, 2.0, 3.0, 4.0, 5.0))
+    assert [x.size for x in results] == [10_000] * 5
+    assert_allclose([np.abs(x).max() for x in results], [1, 2, 3, 4, 5])
+    assert [_largest_jump_at_joins(x, 1000) for x in results] == [0] * 5
 
 
 def test_the_error_decreases_with_the_order_to_that_of_the_true_model():
     x = np.convolve(_noise(28_100), [1, 0.9, 0.5, 0.3])[50:28_050]
-    curve = order_curves(x, largest=60)["curve"]
+    curve = order_curves(x, largest=60)["same_recording"]
     assert curve[0] > curve[3] > curve[20]
-    assert_allclose(curve[20], floor(10), atol=0.05)
-    assert_allclose(floor(1), np.sqrt(2 - np.sqrt(np.pi)), rtol=1e-12)
+    assert_allclose(curve[20], error_floor(10), atol=0.05)
+    assert_allclose(error_floor(1), np.sqrt(2 - np.sqrt(np.pi)), rtol=1e-12)
 
 
 def test_a_level_that_rises_with_speed_is_predicted_better_than_by_the_nearest_recording():
     signals = [v * _noise(6000, round(v)) for v in (1.0, 2.0, 4.0, 8.0)]
-    mean = mean_scores(predict_left_out(signals, [1.0, 2.0, 3.0, 4.0], "noise", order=10))
+    mean = mean_scores(predict_held_out_speeds(signals, [1.0, 2.0, 3.0, 4.0], "noise", order=10))
     ours, nearest = mean.loc["LPC, log level"], mean.loc["nearest speed"]
     assert ours.level_db < 0.5
     assert nearest.level_db > 5

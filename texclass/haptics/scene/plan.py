@@ -105,8 +105,8 @@ class PlannedSurface:
     >>> from texclass.haptics.scene.surface_spectra import OperatingPoints, SurfaceSpectra
     >>> from texclass.haptics.textures import GridModel
     >>> points = OperatingPoints(np.zeros((1, 513)), np.array([80.0]), np.array([1.0]))
-    >>> spectra = SurfaceSpectra("felt", points, points, points, 0.0, "speeds 80 mm/s")
-    >>> PlannedSurface("felt", GridModel.silence(), {"within_tolerance": True}, "weak", spectra).test_set
+    >>> spectra = SurfaceSpectra("foam", points, points, points, 0.0, "speeds 80 mm/s")
+    >>> PlannedSurface("foam", GridModel.silence(), {"within_tolerance": True}, "weak", spectra).test_set
     'speeds 80 mm/s'
     """
 
