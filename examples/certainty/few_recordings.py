@@ -13,15 +13,17 @@ import texclass as tx
 dataset = tx.open_dataset("simulated6")
 figure, axis = plt.subplots(figsize=(7, 3.5))
 for pipeline, n_trained, shift in (("strese2015", [3, 4, 6], -0.05), ("surfaces", [1, 3, 4, 6], 0.05)):
-    best = []
+    accuracies = []
     for n in n_trained:
         result = tx.benchmark(
             dataset, pipeline, protocol=f"repetition=1-{n} -> repetition=7-12", nested_cv=True
         )
-        best.append(result.data["choice"]["accuracy"])
-    best = 100 * pd.DataFrame(best)[["mean", "low", "high"]]
-    error = [best["mean"] - best["low"], best["high"] - best["mean"]]
-    axis.errorbar([n + shift for n in n_trained], best["mean"], error, fmt="o-", capsize=3, label=pipeline)
+        accuracies.append(result.data["choice"]["accuracy"])
+    accuracy = 100 * pd.DataFrame(accuracies)[["mean", "low", "high"]]
+    error = [accuracy["mean"] - accuracy["low"], accuracy["high"] - accuracy["mean"]]
+    axis.errorbar(
+        [n + shift for n in n_trained], accuracy["mean"], error, fmt="o-", capsize=3, label=pipeline
+    )
 axis.set_xticks([1, 3, 4, 6])
 axis.set_xlabel("training recordings per surface")
 axis.set_ylabel("accuracy in %")
@@ -34,13 +36,13 @@ plt.show()
 
 # %%
 # The result depends on the recordings that are used for training. The protocol ``few-shot`` trains on several
-# parts of the first half, tests on the same later recordings, and reports mean and worst.
+# subsets of the first half, tests on the same later recordings, and reports the mean and the worst accuracy.
 
 figure, axis = plt.subplots(figsize=(7, 2.5))
 for n in (1, 3):
     accuracy = tx.benchmark(dataset, "surfaces", protocol=f"few-shot {n}").table.iloc[0]
     axis.plot([100 * accuracy["worst"], 100 * accuracy["mean"]], [str(n)] * 2, "o-")
-axis.set_xlabel("accuracy in %: worst start and mean")
-axis.set_ylabel("recordings")
+axis.set_xlabel("accuracy in %: worst training set and mean")
+axis.set_ylabel("recordings per surface")
 axis.margins(y=0.5)
 plt.show()

@@ -30,10 +30,10 @@ for protocol, table in tables.items():
 rows = tables["recording"]["mean"].nlargest(8).index[::-1]
 figure, axis = plt.subplots(figsize=(9, 4))
 for (protocol, table), shift in zip(tables.items(), (0.12, -0.12), strict=True):
-    chosen = 100 * table.loc[rows]
-    error = [chosen["mean"] - chosen["low"], chosen["high"] - chosen["mean"]]
+    accuracy = 100 * table.loc[rows]
+    error = [accuracy["mean"] - accuracy["low"], accuracy["high"] - accuracy["mean"]]
     y = np.arange(len(rows)) + shift
-    axis.errorbar(chosen["mean"], y, xerr=error, fmt="o", capsize=3, label=f"leave out: {protocol}s")
+    axis.errorbar(accuracy["mean"], y, xerr=error, fmt="o", capsize=3, label=f"leave out: {protocol}s")
 axis.set_yticks(range(len(rows)), rows)
 axis.set_xlabel("accuracy in %")
 figure.legend(loc="outside upper left", ncols=2)

@@ -24,11 +24,11 @@ for i, surface in enumerate(surfaces):
 
 # %%
 # `p_known` is the share of held-out recordings of trained surfaces with at least the same novelty score. A
-# recording is `unknown` if it is below the accepted rate of false alarms.
+# recording is `unknown` if `p_known` is at most the accepted rate of false alarms.
 
 figure, axis = plt.subplots(figsize=(8, 4))
 for trained, colour, name in ((True, "C0", "trained"), (False, "C1", "not trained")):
-    points = [(surface, answer.p_known) for surface, known, answer in answers if known == trained]
+    points = [(surface, answer.p_known) for surface, is_trained, answer in answers if is_trained == trained]
     axis.plot(
         [p for _, p in points], [surface for surface, _ in points], "o", color=colour, alpha=0.7, label=name
     )
@@ -39,7 +39,7 @@ plt.show()
 
 # %%
 for trained in (True, False):
-    unknown = [answer.unknown for _, known, answer in answers if known == trained]
+    unknown = [answer.unknown for _, is_trained, answer in answers if is_trained == trained]
     print("trained" if trained else "not trained", f"{sum(unknown)} of {len(unknown)} unknown")
 
 # %%
@@ -47,6 +47,6 @@ for trained in (True, False):
 # several surfaces if these are hard to separate.
 
 for level in (0.9, 0.95):
-    sets = [(surface, answer.prediction_sets[level]) for surface, known, answer in answers if known]
-    covered, size = sum(s in members for s, members in sets), sum(len(members) for _, members in sets)
-    print(f"{level:.0%}: coverage {covered} of {len(sets)}, {size / len(sets):.2f} surfaces per set")
+    sets = [(surface, answer.prediction_sets[level]) for surface, is_trained, answer in answers if is_trained]
+    n_covered, size = sum(s in members for s, members in sets), sum(len(members) for _, members in sets)
+    print(f"{level:.0%}: coverage {n_covered} of {len(sets)}, {size / len(sets):.2f} surfaces per set")

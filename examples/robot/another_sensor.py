@@ -40,7 +40,7 @@ new = {"sensor": tx.simulate.Sensor(bandwidth_hz=300.0), "gain": 2.0}
 models = {
     "as trained": model,
     "three labelled": tx.adapt(model, [record(surface, 20, **new) for surface in surfaces[:3]]),
-    "18 unlabelled": tx.adapt(model, record_all(20, 23, **new), labelled=False),
+    "18 unlabelled": tx.adapt(model, record_all(20, 23, **new), use_labels=False),
 }
 
 # %%

@@ -247,7 +247,7 @@ def adapt(
     )
     trained = recognition.load_model(model)
     recordings = trained.manifest.input.references(references, labels=labels, **reader, resample=resample)
-    adapted = adaptation.adapt(trained, recordings, labelled=not unlabelled, resampled=resample is not None)
+    adapted = adaptation.adapt(trained, recordings, use_labels=not unlabelled, resample=resample is not None)
     adapted.save(output)
     typer.echo(f"adapted to {describe_adaptation(adapted.manifest)}")
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")

@@ -86,7 +86,7 @@ MAP_KINDS = ("affine", "shift", "none")
 
 
 def adapt(
-    model: Model, references: Iterable[Recording], *, labelled: bool = True, resampled: bool = False
+    model: Model, references: Iterable[Recording], *, use_labels: bool = True, resample: bool = False
 ) -> Model:
     """Return a model that is adapted to another sensor by reference recordings.
 
@@ -103,9 +103,9 @@ def adapt(
     references : iterable of Recording
         Recordings of the new sensor at the sampling rate of the model (or resampled to it) and in its unit.
         Their surfaces are surfaces of the model, stated in `Recording.surface` or unknown.
-    labelled : bool
+    use_labels : bool
         Whether to use the surfaces of references (default True).
-    resampled : bool
+    resample : bool
         Whether the adapted model resamples files, as the references were (default False).
 
     Returns
@@ -132,13 +132,13 @@ def adapt(
     >>> adapt(model, references).save("adapted.skops")  # doctest: +SKIP
     """
     recordings, digest = list(references), hashlib.sha256()
-    X, one_hot, recording_index = reference_rows(model, recordings, labelled=labelled)
+    X, one_hot, recording_index = reference_rows(model, recordings, use_labels=use_labels)
     for recording in recordings:
         digest.update(f"\0{recording.recording_id}\0{recording.surface}\0".encode())
         digest.update(np.ascontiguousarray(recording.acceleration).tobytes())
-    names = [(one.recording_id, one.surface if labelled else None) for one in recordings]
+    names = [(one.recording_id, one.surface if use_labels else None) for one in recordings]
     entry = {"references": names, "hash": digest.hexdigest()}
-    return adapt_to_rows(model, X, one_hot, recording_index, entry, resampled=resampled)
+    return adapt_to_rows(model, X, one_hot, recording_index, entry, resample=resample)
 
 
 def adapt_to_rows(
@@ -148,7 +148,7 @@ def adapt_to_rows(
     recording_index: NDArray[np.intp],
     entry: Mapping[str, Any],
     *,
-    resampled: bool = False,
+    resample: bool = False,
 ) -> Model:
     """Return a model that is adapted to rows of features, as `reference_rows` returns them.
 
@@ -164,7 +164,7 @@ def adapt_to_rows(
         Recording of each row.
     entry : mapping
         Description of the references for the manifest.
-    resampled : bool
+    resample : bool
         Whether the adapted model resamples files (default False).
 
     Raises
@@ -194,7 +194,7 @@ def adapt_to_rows(
     detector, source = _adapt_threshold(model.novelty, novelty, n_recordings)
     scale = np.quantile(affine_map[0], [0.1, 0.5, 0.9]).round(6).tolist()
     entry = {**entry, "map": kind, "threshold_from": source, "scale": scale}
-    return _with_map(model, affine_map, detector, entry, resampled=resampled)
+    return _with_map(model, affine_map, detector, entry, resample=resample)
 
 
 def _hits(decisions: Samples, one_hot: Samples) -> Samples:
@@ -215,9 +215,9 @@ def _is_worse(hits_without_map: Samples, hits: Samples, recording_index: NDArray
     return bool(binom.sf(n_losses - 1, n_losses + n_gains, 0.5) <= LIMITS.significance)
 
 
-def _check_separation(model: Model, mapped: Samples, one_hot: Samples, n_labelled: int) -> None:
+def _check_separation(model: Model, X_mapped: Samples, one_hot: Samples, n_labelled: int) -> None:
     """Check that the mapped references seem to be of several surfaces, and labelled ones are separated."""
-    p = model.classify(mapped)[0]
+    p = model.classify(X_mapped)[0]
     if n_labelled < LIMITS.min_labelled:
         shares = np.where(one_hot.any(axis=1, keepdims=True), one_hot, p).mean(axis=0)
         if (n_effective := 1 / (shares**2).sum()) < LIMITS.min_surfaces:
@@ -353,7 +353,7 @@ def _class_moments(model: Model) -> ClassMoments:
 
 
 def reference_rows(
-    model: Model, recordings: Sequence[Recording], *, labelled: bool = True
+    model: Model, recordings: Sequence[Recording], *, use_labels: bool = True
 ) -> tuple[Samples, Samples, NDArray[np.intp]]:
     """Compute the features of reference recordings, or of their windows, without empty rows.
 
@@ -363,7 +363,7 @@ def reference_rows(
         Model that is adapted.
     recordings : sequence of Recording
         References, as for `adapt`.
-    labelled : bool
+    use_labels : bool
         Whether to use their surfaces (default True).
 
     Returns
@@ -388,7 +388,7 @@ def reference_rows(
         )
         if problems := problems + model.axis_problems(recording.channels):
             raise ValueError(f"{recording.recording_id}: {problems[0]}")
-        label = recording.surface if labelled else None
+        label = recording.surface if use_labels else None
         if label is not None and label not in model.surfaces:
             raise ValueError(
                 f"{recording.recording_id}: surface {label!r} is not in the model. Expected "
@@ -459,7 +459,7 @@ def _with_map(
     detector: NoveltyDetector,
     entry: Mapping[str, Any],
     *,
-    resampled: bool,
+    resample: bool,
 ) -> Model:
     """Return a model that applies a map to the features before its other steps."""
     scale, shift = affine_map
@@ -468,7 +468,7 @@ def _with_map(
     manifest = model.manifest
     unknown = {**manifest.unknown, "threshold": detector.threshold, "n": len(detector.held_out)}
     changes: dict[str, Any] = {"adapted": entry, "unknown": unknown}
-    if resampled:
+    if resample:
         changes["input"] = manifest.input.model_copy(update={"resample": True})
     return replace(
         model,

@@ -28,7 +28,7 @@ RANDOM_PROTOCOL, CHRONOLOGICAL_PROTOCOL = "recording", "chronological"
 
 
 def select_protocol(
-    requested: str | None, default: str, table: pd.DataFrame, false_alarms: float
+    protocol_name: str | None, default: str, table: pd.DataFrame, false_alarms: float
 ) -> tuple[Protocol, str]:
     """Return the protocol by which recordings are held out, and the reason.
 
@@ -37,7 +37,7 @@ def select_protocol(
 
     Parameters
     ----------
-    requested : str or None
+    protocol_name : str or None
         Protocol that the user requested.
     default : str
         Protocol of the pipeline.
@@ -53,8 +53,8 @@ def select_protocol(
     reason : str
         Reason, for the model card.
     """
-    if requested is not None:
-        return find_protocol(requested), "requested"
+    if protocol_name is not None:
+        return find_protocol(protocol_name), "requested"
     recordings = table[~parents(table).duplicated()]
     counts = recordings["surface"].value_counts()
     n_held_out = int((counts - counts // 2).sum())
@@ -214,13 +214,13 @@ class Holdout:
         )
 
     def accuracy_entry(
-        self, expected: Mapping[str, Any], n_recordings: int, n_classes: int
+        self, estimate: Mapping[str, Any], n_recordings: int, n_classes: int
     ) -> dict[str, Any]:
         """Return the entry `accuracy` of a manifest: expected accuracy, protocol and what it does not cover.
 
         Parameters
         ----------
-        expected : mapping
+        estimate : mapping
             mean, low, high and n_tested of the selected candidate, unless nothing was held out; n_candidates.
         n_recordings : int
             Number of held-out recordings (or runs). If they are few, one correct and one wrong answer are
@@ -228,7 +228,7 @@ class Holdout:
         n_classes : int
             Number of surfaces.
         """
-        selection = ", selection of the pipeline included" * (expected["n_candidates"] > 1)
+        selection = ", selection of the pipeline included" * (estimate["n_candidates"] > 1)
         correction = " (few: one correct and one wrong answer are added)" * bool(self.shortage)
         unit = "windows" if "parent" in self.table else "recordings"
         entry = {
@@ -236,11 +236,11 @@ class Holdout:
             "reason": self.reason if self.splits else f"1 {self.protocol.unit} of a surface",
             "n_folds": len(self.splits),
             "not_evaluated": self.not_evaluated,
-            **expected,
+            **estimate,
             "description": f"held-out {unit}{selection}{correction}",
         }
         if self.shortage and self.splits:
-            entry["mean"] = rule_of_succession(expected["mean"], n_recordings)
+            entry["mean"] = rule_of_succession(estimate["mean"], n_recordings)
         if self.is_random_order:
-            entry["later_recordings"] = later_accuracy(expected, n_classes)
+            entry["later_recordings"] = later_accuracy(estimate, n_classes)
         return entry

@@ -243,10 +243,12 @@ class Model:
             reasons.append(
                 f"too short: {movement_s:.3g} s of movement, trained on {shortest_s:.3g} s and more"
             )
-        undefined: dict[str, list[str]] = {}
+        features_by_reason: dict[str, list[str]] = {}
         for feature, reason in row.reasons:
-            undefined.setdefault(reason, []).append(feature)
-        reasons += [f"undefined: {_list_names(names)} ({reason})" for reason, names in undefined.items()]
+            features_by_reason.setdefault(reason, []).append(feature)
+        reasons += [
+            f"undefined: {_list_names(names)} ({reason})" for reason, names in features_by_reason.items()
+        ]
         return self.answer_values(
             row.values,
             reasons=(*reasons, *recording.flags),
@@ -460,22 +462,24 @@ class Model:
         option : str
             Command line option that converts the sampling rate.
         """
-        trained = self.manifest
+        manifest = self.manifest
         problems = []
-        if abs(fs / trained.fs - 1) > CLOCK_TOLERANCE:
-            problems.append(f"wrong rate: {fs:g} Hz, trained at {trained.fs:g} Hz; {option} converts")
-        if unit != trained.unit:
+        if abs(fs / manifest.fs - 1) > CLOCK_TOLERANCE:
+            problems.append(f"wrong rate: {fs:g} Hz, trained at {manifest.fs:g} Hz; {option} converts")
+        if unit != manifest.unit:
             problems.append(
-                f"wrong unit: {unit}, trained with {trained.unit}; --unit declares the unit of a file"
+                f"wrong unit: {unit}, trained with {manifest.unit}; --unit declares the unit of a file"
             )
         return problems
 
     def axis_problems(self, axes: Sequence[str]) -> list[str]:
         """Return why recordings with other axes cannot be classified, and the option that selects axes."""
-        trained = self.manifest.input.axes
-        if not (trained and axes_differ(axes, trained)):
+        trained_axes = self.manifest.input.axes
+        if not (trained_axes and axes_differ(axes, trained_axes)):
             return []
-        return [f"other axes: {describe_axes(axes)}, trained with {describe_axes(trained)}; --column selects"]
+        return [
+            f"other axes: {describe_axes(axes)}, trained with {describe_axes(trained_axes)}; --column selects"
+        ]
 
     def bandwidth_problems(self, native_fs: float) -> list[str]:
         """Return why recordings of a slower sensor cannot be classified, even if resampled.
@@ -487,12 +491,12 @@ class Model:
         native_fs : float
             Sampling rate of the sensor in Hz, before resampling.
         """
-        trained = self.manifest.native_fs or self.manifest.fs
-        if self.manifest.adapted or native_fs >= MIN_NATIVE_RATE * trained:
+        trained_fs = self.manifest.native_fs or self.manifest.fs
+        if self.manifest.adapted or native_fs >= MIN_NATIVE_RATE * trained_fs:
             return []
         return [
             f"narrow band: sampled at {native_fs:g} Hz, nothing above {native_fs / 2:g} Hz; trained up to "
-            f"{trained / 2:g} Hz. Train with --resample {native_fs:g}, or adapt the model"
+            f"{trained_fs / 2:g} Hz. Train with --resample {native_fs:g}, or adapt the model"
         ]
 
 
@@ -584,16 +588,16 @@ def load_model(path: str | Path) -> Model:
                 raise ValueError(
                     f"it predicts other probabilities than after training with {version}; train it again"
                 )
-            changed = None
+            change = None
             if not is_same_code:
                 with use_filter_banks(dict(model.banks)):
                     values = probe_values(model.plan, manifest.fs, manifest.unit)
-                changed = changed_value(np.asarray(document["probe"]["values"]), values, model.columns)
+                change = changed_value(np.asarray(document["probe"]["values"]), values, model.columns)
     except Exception as error:  # steps of allowed classes may still not fit each other
         raise ModelFileError(f"{path}: not a model of texclass ({error})") from error
-    if changed is not None:
+    if change is not None:
         warnings.warn(
-            f"{path}: features differ from those at training ({changed}); train it again",
+            f"{path}: features differ from those at training ({change}); train it again",
             UserWarning,
             stacklevel=2,
         )

@@ -352,24 +352,24 @@ def probe_values(plan: Plan, fs: float, unit: str) -> Samples:
     return plan.compute(probe).values
 
 
-def changed_value(stored: Samples, current: Samples, columns: tuple[str, ...]) -> str | None:
+def changed_value(reference: Samples, current: Samples, columns: tuple[str, ...]) -> str | None:
     """Return the column that differs most between two computations of the probe; None if none does.
 
     Parameters
     ----------
-    stored, current : ndarray of shape (n_columns,)
+    reference, current : ndarray of shape (n_columns,)
         Features of the probe at training, and with the present code.
     columns : tuple of str
         Names of the columns.
     """
-    scale = np.maximum(np.maximum(np.abs(stored), np.abs(current)), 1e-9)
-    gap = np.abs(stored - current) / scale
-    gap[np.isnan(stored) != np.isnan(current)] = np.inf
+    scale = np.maximum(np.maximum(np.abs(reference), np.abs(current)), 1e-9)
+    gap = np.abs(reference - current) / scale
+    gap[np.isnan(reference) != np.isnan(current)] = np.inf
     gap = np.nan_to_num(gap, nan=0.0, posinf=np.inf)
     worst = int(gap.argmax())
     if gap[worst] <= MAX_RELATIVE_CHANGE:
         return None
-    return f"{columns[worst]} was {stored[worst]:.6g}, is {current[worst]:.6g}"
+    return f"{columns[worst]} was {reference[worst]:.6g}, is {current[worst]:.6g}"
 
 
 def _noise(n: int, seed: int) -> Samples:

@@ -191,26 +191,26 @@ def train(
     meter = CostMeter.on(recordings, table.frame["recording_id"].tolist(), definition.channels)
     limits: dict[str, Any] = {"max_ms": max_ms, "max_features": max_features, "max_kb": max_kb}
     candidates = list_candidates(definition, table, meter, row=row, classifier=classifier, **limits)
-    candidate, held_out, fitted, accuracy = _select(candidates, holdout, exportable=exportable, **work)
+    candidate, held_out, parts, accuracy = _select(candidates, holdout, exportable=exportable, **work)
     calibration, set_calibrations, calibration_entry = _calibrate(held_out, holdout)
     scores, drift_factor = _held_out_novelty(candidate, held_out, holdout, false_alarms)
-    plan: Plan = fitted["plan"]
+    plan: Plan = parts["plan"]
     X, y = replace(candidate, plan=plan).training_set(table.frame)
     p_threshold = holdout.p_threshold(false_alarms, len(scores))
-    novelty = _novelty_detector(candidate, fitted["steps"], X, y, scores, p_threshold)
+    novelty = _novelty_detector(candidate, parts["steps"], X, y, scores, p_threshold)
     manifest = Manifest(
         **_recordings_entries(recordings, meter, table, plan),
-        surfaces=fitted["surfaces"],
+        surfaces=parts["surfaces"],
         pipeline=_pipeline_entry(definition, candidate, meter, holdout.shortage, max_kb, max_ms),
         accuracy=accuracy,
         calibration=calibration_entry,
         unknown=_novelty_entry(novelty, false_alarms, drift_factor),
-        cost=_cost_entry(fitted, meter, X[:1]),
+        cost=_cost_entry(parts, meter, X[:1]),
         window_s=window_s,
         versions=versions("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa"),
     )
     return Model(
-        **fitted,
+        **parts,
         calibration=calibration,
         novelty=novelty,
         ranges=FeatureRanges.from_features(X),
@@ -239,34 +239,34 @@ def _select(
     n_jobs = n_jobs if len(calls) > 1 else 1
     predictions = list(each(calls, n_jobs=n_jobs, progress=progress, what="candidates", total=len(calls)))
     clusters = holdout.protocol.clusters(holdout.table)[predictions[0].rows]
-    evaluated = list(zip(candidates, predictions, strict=False))
-    candidate, held_out, fitted, expected = _fit_best(evaluated, holdout, clusters)
-    accuracy = holdout.accuracy_entry(expected, len(set(clusters)), len(fitted["surfaces"]))
+    pairs = list(zip(candidates, predictions, strict=False))
+    candidate, held_out, parts, estimate = _fit_best(pairs, holdout, clusters)
+    accuracy = holdout.accuracy_entry(estimate, len(set(clusters)), len(parts["surfaces"]))
     if others:
         hits = np.array([one.hits for one in predictions[len(candidates) :]])
         _, with_all = select_best(hits, [c.n_columns for c in others], clusters, holdout.seed)
         accuracy |= {"not_exportable": list(not_exportable), "with_all_features": with_all.mean}
-    return candidate, held_out, fitted, accuracy
+    return candidate, held_out, parts, accuracy
 
 
 def _fit_best(
-    evaluated: Sequence[tuple[Candidate, HeldOutPredictions]], holdout: Holdout, clusters: NDArray[Any]
+    pairs: Sequence[tuple[Candidate, HeldOutPredictions]], holdout: Holdout, clusters: NDArray[Any]
 ) -> tuple[Candidate, HeldOutPredictions, Entry, Entry]:
     """Fit the best candidate that can be saved; return it as `_select` does, with its expected accuracy."""
-    remaining = list(evaluated)
+    remaining = list(pairs)
     while remaining:
-        best, expected = 0, dict[str, Any]()
+        best, estimate = 0, dict[str, Any]()
         if len(clusters):
             hits = np.array([held_out.hits for _, held_out in remaining])
             n_columns = [candidate.n_columns for candidate, _ in remaining]
             best, accuracy = select_best(hits, n_columns, clusters, holdout.seed)
             low, high = accuracy.interval
-            expected = {"mean": accuracy.mean, "low": low, "high": high, "n_tested": accuracy.n_tested}
+            estimate = {"mean": accuracy.mean, "low": low, "high": high, "n_tested": accuracy.n_tested}
         candidate, held_out = remaining[best]
-        fitted = fit_candidate(candidate, holdout.table)
-        estimators = estimators_in((fitted["steps"], fitted["classifier"]))
+        parts = fit_candidate(candidate, holdout.table)
+        estimators = estimators_in((parts["steps"], parts["classifier"]))
         if not (unsafe := unsafe_classes({"estimators": estimators}) if estimators else []):
-            return candidate, held_out, fitted, expected | {"n_candidates": len(remaining)}
+            return candidate, held_out, parts, estimate | {"n_candidates": len(remaining)}
         remaining = [pair for pair in remaining if pair[0].classifier_name != candidate.classifier_name]
     raise ValueError(
         f"{candidate} contains {unsafe[0]}, which is not on the allow-list of model files. "
@@ -406,12 +406,12 @@ def _novelty_entry(novelty: NoveltyDetector, false_alarms: float, drift_factor: 
     }
 
 
-def _cost_entry(fitted: Entry, meter: CostMeter, row: Samples) -> dict[str, float]:
+def _cost_entry(parts: Entry, meter: CostMeter, row: Samples) -> dict[str, float]:
     """Return the latency of each stage in ms on this machine."""
-    call = partial(decide, fitted["steps"], fitted["classifier"], row)
+    call = partial(decide, parts["steps"], parts["classifier"], row)
     return {
         "segmentation_ms": meter.segmentation_ms,
-        "features_ms": meter.measured(fitted["plan"])[0],
+        "features_ms": meter.measured(parts["plan"])[0],
         "classifier_ms": 1e3 * min(repeat(call, number=1, repeat=5)),
     }
 
