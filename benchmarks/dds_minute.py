@@ -44,7 +44,7 @@ def over_dds(fs: float, seconds: float) -> dict[str, Any]:
         if len(block.samples):
             late.append(time.time() - (block.t_s + (len(block.samples) - 1) / fs))
             heard.append(block.samples[:, 0])
-        flags |= {flag for flag in block.flags if not flag.startswith("silent")}
+        flags |= {flag for flag in block.flags if not flag.startswith("silence")}
     busy = time.process_time() - busy
     publisher_s = float(publisher.stdout.readline())
     source.close()

@@ -18,7 +18,7 @@ from study import command_line, table, write
 
 from texclass.evaluation import cached_table, load_pipeline
 from texclass.loaders.simulated import open_gestures
-from texclass.recognition import Exploration, KnownGesture, Model, train
+from texclass.recognition import Exploration, GestureStatistics, Model, train
 from texclass.recognition.exploration import ROWS, STROKES
 from texclass.recording import Samples
 from texclass.reporting import Heading
@@ -75,7 +75,7 @@ def models_and_answers(recipe: Recipe) -> tuple[dict[str, Model], Said, Said]:
 
 
 def felt(
-    gestures: dict[str, KnownGesture], said: Said, policy: Policy, n_draws: int = N_DRAWS
+    gestures: dict[str, GestureStatistics], said: Said, policy: Policy, n_draws: int = N_DRAWS
 ) -> Iterator[dict[str, Any]]:
     """Explore every surface by every operator, without end; yield what is known after each gesture."""
     surfaces = tuple(sorted({surface for surface, _ in said}))
@@ -103,7 +103,7 @@ def felt(
 
 
 def adaptive(known: Exploration, able: list[str], rng: np.random.Generator) -> str:
-    return known.best(able)
+    return known.best_gesture(able)
 
 
 def at_random(known: Exploration, able: list[str], rng: np.random.Generator) -> str:
@@ -156,7 +156,7 @@ def never_stopped(steps: pd.DataFrame) -> pd.DataFrame:
 def study(n_surfaces: int) -> dict[str, Any]:
     """Return seconds to equal accuracy of every policy on so many surfaces."""
     models, choosing, testing = models_and_answers(recipe_of(n_surfaces))
-    gestures = {name: KnownGesture.of(model) for name, model in models.items()}
+    gestures = {name: GestureStatistics.from_model(model) for name, model in models.items()}
     to_choose = {
         order: curve(ends_of(pd.DataFrame(felt(gestures, choosing, in_order(order), 1))))
         for order in itertools.permutations(gestures)
@@ -167,7 +167,7 @@ def study(n_surfaces: int) -> dict[str, Any]:
         for a in (*ACCURACIES, ASKED)
     }
     forgetful = {name: known._replace(correlation=0.0) for name, known in gestures.items()}
-    once: dict[str, tuple[dict[str, KnownGesture], Policy]] = {
+    once: dict[str, tuple[dict[str, GestureStatistics], Policy]] = {
         "adaptive": (gestures, adaptive),
         **{f"fixed, best of 24 at {a:.0%}": (gestures, in_order(best[a])) for a in ACCURACIES},
         "fixed, as recorded": (gestures, in_order(tuple(GESTURES))),

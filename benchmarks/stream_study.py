@@ -254,10 +254,10 @@ def push_all(live: OnlineRecogniser, signal: Samples, n: int) -> list[Any]:
 def exactly(update: Any) -> tuple[Any, ...]:
     """Return all that two equal updates share."""
     if isinstance(update, Event):
-        return update.kind, update.sample, update.known, update.end
+        return update.kind, update.sample, update.n_received, update.end
     answer, verdict = update.answer, update.verdict
     return (
-        update.start, update.stop, update.known, answer.surface, answer.unknown, answer.p_known,
+        update.start, update.stop, update.n_received, answer.surface, answer.unknown, answer.p_known,
         *answer.probabilities.values(), *verdict.probabilities.values(),
     )  # fmt: skip
 
@@ -291,7 +291,14 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
             for a in answers:
                 said = evidence.add(a.answer, (a.stop - a.onset) / fs)
                 rows.append(
-                    (i, a.known / fs, said.surface == surface, said.probability, said.sure, said.contact_s)
+                    (
+                        i,
+                        a.n_received / fs,
+                        said.surface == surface,
+                        said.probability,
+                        said.sure,
+                        said.contact_s,
+                    )
                 )
         return pd.DataFrame(rows, columns=["stream", "known_s", "right", "p", "sure", "felt_s"])
 
@@ -322,7 +329,7 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
         "hop_s": HOP_S,
         "first_answer_s": {
             "of signal": said.groupby("stream")["known_s"].first().max(),
-            "and milliseconds of computing, 99 %": np.quantile([a.ms for a in first], 0.99),
+            "and milliseconds of computing, 99 %": np.quantile([a.compute_ms for a in first], 0.99),
         },
         "curves": {
             kind: [at(verdicts(kind, found["correlation"]), seconds) for seconds in SECONDS]

@@ -1,10 +1,9 @@
-"""A ROS 2 node that says which surface an Imu feels: for people who have ROS, texclass in its Python.
+"""ROS 2 node that classifies the surface from an Imu topic (needs ROS 2, and texclass in its Python).
 
-    ros2 run is not needed: python ros2_node.py --ros-args -p model:=surface.skops -p topic:=/imu/data
+    python ros2_node.py --ros-args -p model:=surface.skops -p topic:=/imu/data
 
-It was NOT run with ROS where it was written: there is no ROS there, and a test runs it with modules that
-stand for ROS. What it uses of ROS is a part of rclpy that has been the same since ROS 2 Foxy.
-Without ROS, texclass hears and answers ROS 2 topics itself: `texclass.recognition.sources`.
+This example was NOT run with ROS. A test runs it with substitutes for the ROS modules; it only uses functions
+of rclpy that exist since ROS 2 Foxy. Without ROS, `texclass stream MODEL ros2:/TOPIC` does the same.
 """
 
 import json
@@ -18,44 +17,44 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
 from texclass.recognition import Notice, OnlineSettings, Session, WindowAnswer, load_model
-from texclass.recognition.sources.blocks import Timing
+from texclass.recognition.sources.blocks import BlockAssembler
 
 
 class SurfaceNode(Node):
-    """Hears an Imu, publishes what every window of a contact adds to what is known of it."""
+    """Node that subscribes to an Imu and publishes the verdict after every window of a contact."""
 
     def __init__(self):
         super().__init__("surface")
         model = load_model(self.declare_parameter("model", "surface.skops").value)
-        window_s = self.declare_parameter("window_s", 0.0).value  # 0: as trained
+        window_s = self.declare_parameter("window_s", 0.0).value  # 0: as in training
         topic = self.declare_parameter("topic", "/imu/data").value
         fs = self.declare_parameter("fs", 0.0).value  # 0: measured
-        self.needs = model.needs
-        if "friction" in self.needs.beside:
-            raise ValueError(f"{topic}: an Imu has {self.needs.lacks('friction')}")
-        self.timing = Timing(fs or None, "m/s^2")
+        self.columns = model.input_columns
+        if "friction" in self.columns.auxiliary:
+            raise ValueError(f"{topic}: an Imu has {self.columns.missing_signal('friction')}")
+        self.assembler = BlockAssembler(fs or None, "m/s^2")
         self.session = Session(model, settings=OnlineSettings(window_s=window_s or None))
         self.text = self.create_publisher(String, "~/surface", 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_subscription(Imu, topic, self.hear, qos_profile_sensor_data)
+        self.create_subscription(Imu, topic, self.on_message, qos_profile_sensor_data)
 
-    def hear(self, message):
-        """Take one message; answer when a window is full."""
+    def on_message(self, message):
+        """Process one message, and publish the answer if it completes a window."""
         stamp = np.array([message.header.stamp.sec * 10**9 + message.header.stamp.nanosec])
         now = np.array([self.get_clock().now().nanoseconds])
         vectors = [message.linear_acceleration]
-        if "turn_rate" in self.needs.beside:
+        if "turn_rate" in self.columns.auxiliary:
             vectors.append(message.angular_velocity)
         row = [number for v in vectors for number in (v.x, v.y, v.z)]
-        for block in self.timing.push(stamp, now, np.array([[row]])):
-            for update in self.session.take(block):
+        for block in self.assembler.push(stamp, now, np.array([[row]])):
+            for update in self.session.push(block):
                 if isinstance(update, Notice):
-                    self.get_logger().warning(update.what)
+                    self.get_logger().warning(update.message)
                 elif isinstance(update, WindowAnswer):
-                    self.answer(update, message.header.stamp)
+                    self.publish_answer(update, message.header.stamp)
 
-    def answer(self, update, stamp):
-        """Publish which surface a contact is with, as JSON and as diagnostics."""
+    def publish_answer(self, update, stamp):
+        """Publish the verdict for a contact, as JSON and as diagnostics."""
         answer = {**update.verdict.to_dict(), "reasons": list(update.answer.reasons)}
         self.text.publish(String(data=json.dumps(answer)))
         status = DiagnosticStatus(

@@ -1,10 +1,12 @@
-"""What `texclass stream` does around the windows, in plain Python: to be ported to C++, Rust or a controller.
+"""Reference implementation of the logic of `texclass stream` in plain Python, for ports to other languages.
 
-Samples go into `Bins`. Bins of vibration go into `Contact`, which tells contacts, strokes and lift-offs;
-`Windows` says which samples are to be answered; the answers of a file that `texclass export --from samples`
-wrote go into `Evidence`. Numbers come from texclass.stream in its metadata. docs/stream-logic.md has the
-transitions as a table, stream_vectors.json beside this file what has to come out. Nothing of texclass is
-imported.
+1. `Bins` converts samples to the power of the vibration in each bin.
+2. `ContactDetector` detects contacts, strokes and lift-offs.
+3. `Windows` selects the samples to classify with an ONNX file of `texclass export --from samples`.
+4. `Evidence` combines the answers of one contact.
+
+The constants are in the metadata of the ONNX file, as JSON under `texclass.stream`. docs/stream-logic.md has
+the transitions as a table, stream_vectors.json contains test vectors. This file does not import texclass.
 """
 
 import math
@@ -12,32 +14,32 @@ from collections import deque
 
 
 class Bins:
-    """Mean power of the vibration, bin by bin; constants as in texclass.stream, "contact"."""
+    """Power of the vibration in each bin; constants as in texclass.stream, "contact"."""
 
     def __init__(self, constants, n_axes):
-        self.c, self.n_axes, self.at = constants, n_axes, 0
+        self.c, self.n_axes, self.n_samples = constants, n_axes, 0
         self.skip(0)
 
     def skip(self, n):
-        """Go on n samples later, at rest on what comes then."""
-        self.at += n
-        self.start, self.sum, self.states = self.at, 0.0, None
-        self.before, self.is_held = None, True
+        """Skip n missing samples and reset the filter."""
+        self.n_samples += n
+        self.start, self.sum, self.states = self.n_samples, 0.0, None
+        self.previous, self.is_constant = None, True
         self.last, self.products, self.squares = [0.0] * self.n_axes, 0.0, 0.0
 
     @property
-    def white(self):
-        """Whether neighbouring samples since the last break correlate as little as noise does."""
+    def is_white(self):
+        """Whether the correlation of neighbouring samples since the last break is that of noise."""
         correlation = self.products / self.squares if self.squares > 0 else 0.0
-        return abs(correlation) <= self.c["white"]
+        return abs(correlation) <= self.c["white_correlation"]
 
     def push(self, sample):
-        """Take in a sample (a number an axis); return (start, stop, power) where a bin is full, else None."""
+        """Process a sample (one number per axis); return (start, stop, power) of a complete bin or None."""
         if self.states is None:
             rest = self.c["high_pass_rest"]
             self.states = [[[z0 * x, z1 * x] for z0, z1 in rest] for x in sample]
-        self.is_held = self.is_held and self.before in (None, list(sample))
-        self.before = list(sample)
+        self.is_constant = self.is_constant and self.previous in (None, list(sample))
+        self.previous = list(sample)
         for axis, x in enumerate(sample):
             v = x
             for (b0, b1, b2, _, a1, a2), z in zip(self.c["high_pass"], self.states[axis], strict=True):
@@ -48,240 +50,249 @@ class Bins:
             self.squares += v * v
             self.products += v * self.last[axis]
             self.last[axis] = v
-        self.at += 1
-        if self.at - self.start < self.c["bin_samples"]:
+        self.n_samples += 1
+        n = self.n_samples - self.start
+        if n < self.c["bin_samples"]:
             return None
-        full = (self.start, self.at, 0.0 if self.is_held else self.sum / (self.at - self.start))
-        self.start, self.sum = self.at, 0.0
-        self.before, self.is_held = None, True
-        return full
+        result = (self.start, self.n_samples, 0.0 if self.is_constant else self.sum / n)
+        self.start, self.sum = self.n_samples, 0.0
+        self.previous, self.is_constant = None, True
+        return result
 
 
-class Contact:
-    """What the tool does, bin by bin; constants as in texclass.stream, "contact"."""
+class ContactDetector:
+    """State machine for contacts, strokes and lift-offs; constants as in texclass.stream, "contact"."""
 
     def __init__(self, constants):
         self.c, self.n = constants, constants["n_bins"]
-        self.moving = bool(self.c["in_contact"])
-        self.onset = self.until = self.first = 0
-        self.floor = self.felt = self.level = self.peak = 0.0
-        self.on, self.quiet, self.run, self.opening = False, 0, [], []
-        self.recent = deque(maxlen=self.n["smooth_s"])
-        self.active = deque(maxlen=self.n["window_s"])
-        self.block, self.blocks = [], deque(maxlen=self.c["steady_blocks"])
+        self.is_moving = bool(self.c["in_contact"])
+        self.onset = self.active_stop = self.first_sample = 0
+        self.floor = self.initial_level = self.level = self.peak_power = 0.0
+        self.is_active, self.n_quiet, self.activity, self.opening_powers = False, 0, [], []
+        self.recent_powers = deque(maxlen=self.n["smooth"])
+        self.activity_flags = deque(maxlen=self.n["window"])
+        self.block_powers, self.block_means = [], deque(maxlen=self.c["steady_blocks"])
 
     @property
     def state(self):
-        """Return the state by its name in the table."""
-        if self.felt:
-            return "BEGUN"
+        """State, with its name in the table."""
+        if self.initial_level:
+            return "INITIAL"
         if not self.floor:
-            return "LISTENING"
-        return "MOVING" if self.moving else "TOUCHED" if self.run else "REST"
+            return "STARTING"
+        return "MOVING" if self.is_moving else "ACTIVE" if self.activity else "REST"
 
-    def step(self, start, stop, power, white=True):
-        """Take in samples [start, stop) of mean power `power`; return what is known now: (kind, sample).
+    def step(self, start, stop, power, is_white=True):
+        """Process the bin of samples [start, stop), and return its events: (kind, sample).
 
-        `white` is asked once, when the stream has opened: whether neighbouring samples since its start
-        correlate by at most c["white"].
+        `is_white` (whether the correlation of neighbouring samples is at most c["white_correlation"]) matters
+        only at the end of the opening.
         """
-        self.recent.append(power)
-        self.level = sum(self.recent) / len(self.recent)
-        self.peak = max(self.peak, power)
-        if self.state == "LISTENING":
-            return self._listen(start, stop, power, white) if power > 0 or self.c["in_contact"] else []
-        said = self._begun(stop) if self.state == "BEGUN" else self._follow(start, stop, power)
-        return said + self._steady(power)
+        self.recent_powers.append(power)
+        self.level = sum(self.recent_powers) / len(self.recent_powers)
+        self.peak_power = max(self.peak_power, power)
+        if self.state == "STARTING":
+            has_signal = power > 0 or self.c["in_contact"]
+            return self._measure_opening(start, stop, power, is_white) if has_signal else []
+        if self.state == "INITIAL":
+            events = self._follow_initial_contact(stop)
+        else:
+            events = self._compare_with_floor(start, stop, power)
+        return events + self._detect_steady_noise(power)
 
-    def _steady(self, power):
-        if self.c["in_contact"] or power == 0 or not self.moving:
-            self._forget_blocks()
+    def _detect_steady_noise(self, power):
+        if self.c["in_contact"] or power == 0 or not self.is_moving:
+            self._clear_blocks()
             return []
-        self.block.append(power)
-        if len(self.block) < self.n["block_s"]:
+        self.block_powers.append(power)
+        if len(self.block_powers) < self.n["block"]:
             return []
-        self.blocks.append(math.fsum(self.block) / len(self.block))
-        self.block = []
-        is_full = len(self.blocks) == self.c["steady_blocks"]
-        if not is_full or max(self.blocks) > self.c["steady_ratio"] * min(self.blocks):
+        means = self.block_means
+        means.append(math.fsum(self.block_powers) / len(self.block_powers))
+        self.block_powers = []
+        is_full = len(means) == self.c["steady_blocks"]
+        if not is_full or max(means) > self.c["steady_ratio"] * min(means):
             return []
-        self.floor, self.felt = math.fsum(self.blocks) / len(self.blocks), 0.0
-        return self._lift()
+        self.floor, self.initial_level = math.fsum(means) / len(means), 0.0
+        return self._end_contact()
 
-    def _forget_blocks(self):
-        self.block = []
-        self.blocks.clear()
+    def _clear_blocks(self):
+        self.block_powers = []
+        self.block_means.clear()
 
-    def interrupt(self, at, missing, fs):
-        """Go on after missing samples."""
-        said = [("break", at)]
-        self._forget_blocks()
-        self.recent.clear()
-        self.active.clear()
-        self.run, self.on, self.opening = [], False, []
-        lifted = self.moving and missing / fs > self.c["pause_s"]
-        if lifted:
-            said += self._lift()
-            self.moving = bool(self.felt)
-        self.onset = self.until = self.first = at + missing
-        if self.moving and lifted:
-            said.append(("contact", self.onset))
-        return said
+    def interrupt(self, sample, n_missing, fs):
+        """Skip missing samples, and return the events."""
+        events = [("break", sample)]
+        self._clear_blocks()
+        self.recent_powers.clear()
+        self.activity_flags.clear()
+        self.activity, self.is_active, self.opening_powers = [], False, []
+        is_lift_off = self.is_moving and n_missing / fs > self.c["pause_s"]
+        if is_lift_off:
+            events += self._end_contact()
+            self.is_moving = bool(self.initial_level)
+        self.onset = self.active_stop = self.first_sample = sample + n_missing
+        if self.is_moving and is_lift_off:
+            events.append(("contact", self.onset))
+        return events
 
-    def _listen(self, start, stop, power, white):
-        said = []
-        if not self.opening:
+    def _measure_opening(self, start, stop, power, is_white):
+        events = []
+        if not self.opening_powers:
             self.onset = start
-            said = [("contact", start)] if self.c["in_contact"] else []
-        self.opening.append(power)
-        self.until = stop
-        if len(self.opening) < self.n["quiet_s"]:
-            return said
-        mean = math.fsum(self.opening) / len(self.opening)
-        moves = self.c["in_contact"]
-        if moves is None:
-            steady = max(self.opening) <= 10 * mean
-            moves = mean > 0 and not (steady and (mean < self.c["rest_power"] or white))
-        if moves:
-            said = [] if self.moving else [("contact", self.onset)]
-            self.moving, self.felt = True, mean or self.c["least"]
+            events = [("contact", start)] if self.c["in_contact"] else []
+        self.opening_powers.append(power)
+        self.active_stop = stop
+        if len(self.opening_powers) < self.n["quiet"]:
+            return events
+        mean = math.fsum(self.opening_powers) / len(self.opening_powers)
+        in_contact = self.c["in_contact"]
+        if in_contact is None:
+            is_steady = max(self.opening_powers) <= 10 * mean
+            in_contact = mean > 0 and not (is_steady and (mean < self.c["rest_power"] or is_white))
+        if in_contact:
+            events = [] if self.is_moving else [("contact", self.onset)]
+            self.is_moving, self.initial_level = True, mean or self.c["min_power"]
         else:
-            self.floor = mean or self.c["least"]
-        self.opening = []
-        return said
+            self.floor = mean or self.c["min_power"]
+        self.opening_powers = []
+        return events
 
-    def _begun(self, stop):
-        if self.level * self.c["drop_ratio"] >= self.felt:
-            now = max(self.level, self.c["least"])
-            self.felt = max(self.felt, self.c["least"]) * (now / self.felt) ** self.c["floor_forget"]
-            self.quiet, self.until = 0, stop
+    def _follow_initial_contact(self, stop):
+        level = max(self.level, self.c["min_power"])
+        if self.level * self.c["drop_ratio"] >= self.initial_level:
+            ratio = level / self.initial_level
+            initial_level = max(self.initial_level, self.c["min_power"])
+            self.initial_level = initial_level * ratio ** self.c["floor_weight"]
+            self.n_quiet, self.active_stop = 0, stop
             return []
-        self.quiet += 1
-        if self.quiet < self.n["pause_s"]:
+        self.n_quiet += 1
+        if self.n_quiet < self.n["pause"]:
             return []
-        self.floor, self.felt = max(self.level, self.c["least"]), 0.0
-        return self._lift()
+        self.floor, self.initial_level = level, 0.0
+        return self._end_contact()
 
-    def _follow(self, start, stop, power):
-        ratio = self.c["off_ratio"] if self.on else self.c["active_ratio"]
-        self.on = self.level > ratio * max(self.floor, self.c["dead"] * self.peak, self.c["least"])
-        self.active.append(self.on)
-        said = []
-        if self.on:
-            if self.moving and self.quiet >= self.n["turn_s"]:
-                said = [("stroke", start)]
-            self.quiet, self.until = 0, stop
-            self.run = [self.run[0] if self.run else start, stop]
+    def _compare_with_floor(self, start, stop, power):
+        ratio = self.c["off_ratio"] if self.is_active else self.c["active_ratio"]
+        floor = max(self.floor, self.c["rounding_ratio"] * self.peak_power, self.c["min_power"])
+        self.is_active = self.level > ratio * floor
+        self.activity_flags.append(self.is_active)
+        events = []
+        if self.is_active:
+            if self.is_moving and self.n_quiet >= self.n["turn"]:
+                events = [("stroke", start)]
+            self.n_quiet, self.active_stop = 0, stop
+            self.activity = [self.activity[0] if self.activity else start, stop]
         else:
-            self.quiet += 1
-            if not self.run and power > 0:
-                self.floor += self.c["floor_forget"] * (power - self.floor)
-        if self.moving:
-            return said + (self._lift() if self.quiet >= self.n["pause_s"] else [])
-        if self.run and self.quiet >= self.n["gap_s"]:
-            self.run = []  # texclass looks for taps here
-        elif self.run and sum(self.active) >= self.c["share"] * self.n["window_s"]:
-            # texclass asks the core that segments recordings whether this is a movement, and since when
-            self.moving, self.onset = True, max(self.run[0] - self.c["bin_samples"], self.first)
-            self.run = []
-            return [*said, ("contact", self.onset)]
-        return said
+            self.n_quiet += 1
+            if not self.activity and power > 0:
+                self.floor += self.c["floor_weight"] * (power - self.floor)
+        if self.is_moving:
+            return events + (self._end_contact() if self.n_quiet >= self.n["pause"] else [])
+        if self.activity and self.n_quiet >= self.n["gap"]:
+            self.activity = []  # texclass detects taps here
+        elif self.activity and sum(self.activity_flags) >= self.c["share"] * self.n["window"]:
+            # texclass applies the segmentation of recordings here, which also locates the onset.
+            onset = max(self.activity[0] - self.c["bin_samples"], self.first_sample)
+            self.is_moving, self.onset, self.activity = True, onset, []
+            return [*events, ("contact", self.onset)]
+        return events
 
-    def _lift(self):
-        self.moving, self.run = False, []
-        self.active.clear()
-        self._forget_blocks()
-        return [("lift-off", self.until)]
+    def _end_contact(self):
+        self.is_moving, self.activity = False, []
+        self.activity_flags.clear()
+        self._clear_blocks()
+        return [("lift-off", self.active_stop)]
 
 
 class Windows:
-    """Which windows are to be answered; constants as in texclass.stream."""
+    """Selection of the windows to classify; constants as in texclass.stream."""
 
     def __init__(self, constants):
-        self.c, self.next, self.free_from, self.due = constants, 0, 0, deque()
+        self.c, self.next_stop, self.next_free, self.queue = constants, 0, 0, deque()
 
-    def after(self, kind, sample):
-        """Take note of an event."""
+    def handle_event(self, kind, sample):
+        """Update the windows after an event."""
         if kind == "contact":
-            self.next = sample + self.c["window"]
+            self.next_stop = sample + self.c["window"]
         elif kind in {"lift-off", "break"}:
-            self.due.clear()
+            self.queue.clear()
 
-    def ready(self, known, until):
-        """Return windows [start, stop), at most one: `known` samples have come, vibration lasted `until`."""
-        while self.next <= known:
-            self.due.append(self.next)
-            self.next += self.c["hop"]
-        found = []
-        while self.due and self.due[0] <= until + self.c["turn"] and known >= self.free_from:
-            stop = self.due.popleft()
-            found.append((stop - self.c["window"], stop))
-            self.free_from = known + self.c["spread"]
-        return found
+    def ready(self, n_received, active_stop):
+        """Return the windows [start, stop) to classify after `n_received` samples."""
+        while self.next_stop <= n_received:
+            self.queue.append(self.next_stop)
+            self.next_stop += self.c["hop"]
+        windows = []
+        while self.queue and self.queue[0] <= active_stop + self.c["turn"] and n_received >= self.next_free:
+            stop = self.queue.popleft()
+            windows.append((stop - self.c["window"], stop))
+            self.next_free = n_received + self.c["spacing"]
+        return windows
 
 
 class Evidence:
-    """What the windows of one contact say together; constants as in texclass.stream, "evidence"."""
+    """Combination of the answers of one contact; constants as in texclass.stream, "evidence"."""
 
     def __init__(self, constants, n_surfaces):
         self.c, self.k = constants, n_surfaces
         self.reset()
 
     def reset(self):
-        """Forget everything, after a lift-off."""
-        self.votes, self.sum = [0.0] * self.k, [0.0] * self.k
-        self.weight = self.worth = self.strange = 0.0
+        """Delete all answers, after a lift-off."""
+        self.votes, self.sums = [0.0] * self.k, [0.0] * self.k
+        self.weight = self.n_new = self.n_unknown = 0.0
         self.n, self.best, self.contrary = 0, None, []
 
-    def add(self, p, unknown):
-        """Take in probabilities and verdict of a window; return (probabilities, unknown, sure)."""
-        if not self._changes(p, unknown):
-            return self._add(p, unknown)
+    def add(self, p, is_unknown):
+        """Add the answer of a window; return (probabilities, is_unknown, is_sure) of the contact."""
+        if not self._has_changed(p, is_unknown):
+            return self._add(p, is_unknown)
         windows = self.contrary
         self.reset()
         for window in windows:
             verdict = self._add(window, False)
         return verdict
 
-    def _changes(self, p, unknown):
-        """Whether the last windows, this one included, are of another surface than those before."""
-        c, named = self.c, p.index(max(p))
-        if self.best is None or unknown or named == self.best or c["decay"] < 1:
+    def _has_changed(self, p, is_unknown):
+        """Return whether the last windows are sure of another surface than the contact so far."""
+        c, best = self.c, p.index(max(p))
+        if self.best is None or is_unknown or best == self.best or c["decay"] < 1:
             self.contrary = []
             return False
-        if self.contrary and self.contrary[-1].index(max(self.contrary[-1])) != named:
+        if self.contrary and self.contrary[-1].index(max(self.contrary[-1])) != best:
             self.contrary = []
         self.contrary.append(p)
         n = 1 + (len(self.contrary) - 1) * c["new_share"]
         if n < c["change_windows"]:
             return False
-        worth = n / (1 + c["correlation"] * (n - 1)) / len(self.contrary)
+        power = n / (1 + c["correlation"] * (n - 1)) / len(self.contrary)
         sums = [
             sum(math.log(max(q, c["min_probability"])) for q in qs) for qs in zip(*self.contrary, strict=True)
         ]
-        odds = sum(math.exp(worth * (s - max(sums))) for s in sums)
+        odds = sum(math.exp(power * (s - max(sums))) for s in sums)
         return (1 - c["lapse"]) / odds + c["lapse"] / self.k >= c["confidence"]
 
-    def _add(self, p, unknown):
+    def _add(self, p, is_unknown):
         c, g = self.c, self.c["decay"]
         self.n += 1
         self.weight = g * self.weight + 1
-        self.strange = g * self.strange + unknown
+        self.n_unknown = g * self.n_unknown + is_unknown
         if c["kind"] == "majority":
             self.votes = [g * v for v in self.votes]
             self.votes[p.index(max(p))] += 1
-            self.sum = [g * s + q for s, q in zip(self.sum, p, strict=True)]
-            together = [v + 1 + 1e-6 * s / self.weight for v, s in zip(self.votes, self.sum, strict=True)]
+            self.sums = [g * s + q for s, q in zip(self.sums, p, strict=True)]
+            scores = [v + 1 + 1e-6 * s / self.weight for v, s in zip(self.votes, self.sums, strict=True)]
         else:
             logs = [math.log(max(q, c["min_probability"])) for q in p]
-            self.sum = [g * s + q for s, q in zip(self.sum, logs, strict=True)]
-            top = max(self.sum)
-            self.sum = [s - top for s in self.sum]
-            self.worth = g * self.worth + (1.0 if self.n == 1 else c["new_share"])
-            worth = self.worth / (1 + c["correlation"] * max(self.worth - 1, 0))
-            together = [math.exp(worth / self.weight * s) for s in self.sum]
-        total = sum(together)
-        together = [(1 - c["lapse"]) * t / total + c["lapse"] / self.k for t in together]
-        self.best = together.index(max(together))
-        unknown = 2 * self.strange >= self.weight
-        return together, unknown, max(together) >= c["confidence"] and not unknown
+            self.sums = [g * s + q for s, q in zip(self.sums, logs, strict=True)]
+            top = max(self.sums)
+            self.sums = [s - top for s in self.sums]
+            self.n_new = g * self.n_new + (1.0 if self.n == 1 else c["new_share"])
+            n_independent = self.n_new / (1 + c["correlation"] * max(self.n_new - 1, 0))
+            scores = [math.exp(n_independent / self.weight * s) for s in self.sums]
+        total = sum(scores)
+        probabilities = [(1 - c["lapse"]) * s / total + c["lapse"] / self.k for s in scores]
+        self.best = probabilities.index(max(probabilities))
+        is_unknown = 2 * self.n_unknown >= self.weight
+        return probabilities, is_unknown, max(probabilities) >= c["confidence"] and not is_unknown

@@ -17,7 +17,7 @@ from texclass.loaders import load_recording
 from texclass.loaders.readers import BAG_METADATA
 from texclass.recording import RecordingError
 from texclass.robot.ros_messages import MULTI_ARRAY, TYPES, decode_multi_array, decode_stamped
-from texclass.robot.topic import decoded_messages
+from texclass.robot.topic import decode_messages
 
 IMU, ACCEL = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped"
 N_NUMBERS = dict.fromkeys(TYPES, 6) | {IMU: 37}
@@ -176,8 +176,8 @@ def _hear(data: bytes) -> object:
         (ACCEL, TYPES[ACCEL].acceleration),
         (MULTI_ARRAY, ()),
     ):
-        found = decoded_messages(raws, [1, 2, 3], kind, columns)
-        assert found is None or len(found.samples) + found.n_bad == len(raws)
+        found = decode_messages(raws, [1, 2, 3], kind, columns)
+        assert found is None or len(found.samples) + found.n_damaged == len(raws)
     return raws
 
 

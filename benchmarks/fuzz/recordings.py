@@ -24,7 +24,7 @@ from texclass.loaders.cards import FileReading, LabelTable
 from texclass.loaders.filesets import _read_rows
 from texclass.loaders.labels import Labels, is_label_table
 from texclass.recognition import open_source
-from texclass.recognition.live.session import Defects
+from texclass.recognition.live.session import SampleRepair
 from texclass.recording import Recording
 
 FS = 1000.0
@@ -154,9 +154,9 @@ def _lines(data: bytes) -> object:
     assert len({block.samples.shape[1] for block in blocks}) <= 1
     trained: Any = SimpleNamespace(manifest=SimpleNamespace(peak_acceleration=1.0, unit="g"))
     if blocks:
-        defects = Defects(trained, blocks[0].samples.shape[1], FS, 1.0)
-        stretches = [stretch for block in blocks for stretch in defects.mended(block.samples)[0]]
-        assert all(np.isfinite(rows).all() for _, rows in stretches)
+        repair = SampleRepair(trained, blocks[0].samples.shape[1], FS, 1.0)
+        segments = [segment for block in blocks for segment in repair.repair(block.samples)[0]]
+        assert all(np.isfinite(rows).all() for _, rows in segments)
     return blocks
 
 

@@ -44,13 +44,13 @@ models = {
 }
 
 # %%
-# Compare the share of correct answers and of `unknown`.
+# Compare the accuracy and the fraction of `unknown` answers.
 
-tested = record_all(30, 35, **new)
+test_set = record_all(30, 35, **new)
 shares = {}
-for name, one in models.items():
-    answers = one.predict(tested)
-    correct = np.mean([a.surface == r.surface for a, r in zip(answers, tested, strict=True)])
+for name, adapted in models.items():
+    answers = adapted.predict(test_set)
+    correct = np.mean([a.surface == r.surface for a, r in zip(answers, test_set, strict=True)])
     shares[name] = {"correct": correct, "unknown": np.mean([a.unknown for a in answers])}
 pd.DataFrame(shares).T.plot.barh(figsize=(7, 2.5), xlim=(0, 1))
 plt.show()

@@ -41,11 +41,10 @@ print(f"{np.mean(label == dataset.labels):.1%} of the training recordings correc
 
 for max_kb in (None, 10):
     kernel = tx.train(dataset, row="Movement", classifier="kernel", max_kb=max_kb)
-    written = tx.robot.export_onnx(kernel, file.with_name("kernel.onnx")).path
+    onnx_file = tx.robot.export_onnx(kernel, file.with_name("kernel.onnx")).path
     accuracy = kernel.manifest.accuracy["mean"]
-    print(
-        f"{max_kb or 'no'} kB: {written.stat().st_size} bytes, accuracy {accuracy:.1%} on held-out recordings"
-    )
+    size = onnx_file.stat().st_size
+    print(f"{max_kb or 'no'} kB: {size} bytes, accuracy {accuracy:.1%} on held-out recordings")
 
 # %%
 # Probabilities, one row per recording and one column per surface:

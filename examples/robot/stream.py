@@ -27,7 +27,7 @@ for item in tx.listen(model, recording):
 # %%
 # The evidence of all windows of a contact is combined.
 
-time = [answer.known / recording.fs for answer in answers]
+time = [answer.n_received / recording.fs for answer in answers]
 figure, (above, below) = plt.subplots(2, sharex=True, figsize=(9, 4.5))
 above.plot(
     [i / recording.fs for i in range(recording.n_samples)], recording.acceleration[:, 2], linewidth=0.5

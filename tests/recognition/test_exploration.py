@@ -1,4 +1,4 @@
-"""Which gesture to make next: what it is expected to tell, what it costs, what repeating it adds."""
+"""Active exploration: expected information gain, duration and correlation of gestures."""
 
 import io
 import json
@@ -10,11 +10,11 @@ from rich.console import Console
 
 from texclass.cli.stream_view import TerminalView
 from texclass.recognition import (
-    AskingSession,
     Block,
     Event,
     Exploration,
-    KnownGesture,
+    ExplorationSession,
+    GestureStatistics,
     OnlineSettings,
     WindowAnswer,
     load_gestures,
@@ -26,24 +26,24 @@ from texclass.simulate import Recipe, operator_catalogue, record_gesture
 
 SURFACES = ("cork", "felt", "oak", "slate")
 HARD = np.kron(np.eye(2), np.full((2, 2), 0.5))
-"""Tells cork and felt from oak and slate."""
+"""Confusion matrix that separates cork and felt from oak and slate."""
 ROUGH = np.kron(np.full((2, 2), 0.5), np.eye(2))
-"""Tells cork and oak from felt and slate."""
-FEW = Recipe(n_surfaces=3, n_recordings=7, n_operators=3, duration_s=5, fs=10_000, seed=6)
+"""Confusion matrix that separates cork and oak from felt and slate."""
+RECIPE = Recipe(n_surfaces=3, n_recordings=7, n_operators=3, duration_s=5, fs=10_000, seed=6)
 
 
-def exploring(confidence=0.95, **gestures):
-    made = {name: KnownGesture(*known) for name, known in gestures.items()}
-    return Exploration(SURFACES, made, confidence)
+def create_exploration(confidence=0.95, **gestures):
+    statistics = {name: GestureStatistics(*values) for name, values in gestures.items()}
+    return Exploration(SURFACES, statistics, confidence)
 
 
-def named(p):
+def by_surface(p):
     return dict(zip(SURFACES, p, strict=True))
 
 
 @pytest.fixture(scope="module")
 def models(_own_cache):
-    return train_gestures(FEW, ("tap", "slow stroke", "fast stroke"))
+    return train_gestures(RECIPE, ("tap", "slow stroke", "fast stroke"))
 
 
 @pytest.fixture(scope="module")
@@ -56,68 +56,68 @@ def folder(models, tmp_path_factory):
 
 @pytest.mark.parametrize("e", [0.0, 0.11, 0.5])
 def test_information_of_a_symmetric_channel_is_its_capacity(e):
-    told = information_bits(np.array([0.5, 0.5]), np.array([[1 - e, e], [e, 1 - e]]))
+    bits = information_bits(np.array([0.5, 0.5]), np.array([[1 - e, e], [e, 1 - e]]))
     h = -sum(q * np.log2(q) for q in (e, 1 - e) if q)
-    assert told == pytest.approx(1 - h, abs=1e-9)
+    assert bits == pytest.approx(1 - h, abs=1e-9)
 
 
-def test_of_two_gestures_the_one_is_asked_for_that_parts_what_is_left():
-    known = exploring(tap=(1.0, HARD, 1.0), stroke=(1.0, ROUGH, 1.0))
-    assert known.expected_bits() == pytest.approx({"tap": 1.0, "stroke": 1.0})
-    assert str(known.advice()) == "tap"
-    known.add("tap", named([0.6, 0.4, 0.0, 0.0]))
-    assert known.expected_bits() == pytest.approx({"tap": 0.0, "stroke": 0.97095}, abs=1e-4)
-    assert str(known.advice()) == "stroke: cork or felt?"
-    known.add("stroke", named([0.01, 0.49, 0.01, 0.49]))
-    assert known.sure
-    assert known.advice() is None
+def test_the_recommended_gesture_separates_the_remaining_surfaces():
+    exploration = create_exploration(tap=(1.0, HARD, 1.0), stroke=(1.0, ROUGH, 1.0))
+    assert exploration.expected_bits() == pytest.approx({"tap": 1.0, "stroke": 1.0})
+    assert str(exploration.advice()) == "tap"
+    exploration.add("tap", by_surface([0.6, 0.4, 0.0, 0.0]))
+    assert exploration.expected_bits() == pytest.approx({"tap": 0.0, "stroke": 0.97095}, abs=1e-4)
+    assert str(exploration.advice()) == "stroke: cork or felt?"
+    exploration.add("stroke", by_surface([0.01, 0.49, 0.01, 0.49]))
+    assert exploration.sure
+    assert exploration.advice() is None
 
 
-def test_a_gesture_that_costs_more_than_it_tells_is_not_asked_for():
+def test_the_recommended_gesture_has_the_highest_gain_per_second():
     good, poor = np.eye(4), 0.7 * np.eye(4) + 0.075
-    dear = exploring(slow=(3.0, good, 0.0), fast=(1.0, poor, 0.0))
-    cheap = exploring(slow=(1.5, good, 0.0), fast=(1.0, poor, 0.0))
-    bits = dear.expected_bits()
+    long = create_exploration(slow=(3.0, good, 0.0), fast=(1.0, poor, 0.0))
+    short = create_exploration(slow=(1.5, good, 0.0), fast=(1.0, poor, 0.0))
+    bits = long.expected_bits()
     assert 1.5 < bits["slow"] / bits["fast"] < 3.0
-    assert (dear.advice().gesture, cheap.advice().gesture) == ("fast", "slow")
+    assert (long.advice().gesture, short.advice().gesture) == ("fast", "slow")
 
 
-def test_repeating_tells_by_how_far_repetitions_are_independent():
+def test_the_gain_of_a_repetition_depends_on_its_correlation():
     p = [0.6, 0.2, 0.15, 0.05]
     channel = 0.5 * np.eye(4) + 0.125
     for correlation, power in ((0.0, 2.0), (0.5, 4 / 3), (1.0, 1.0)):
-        known = exploring(tap=(1.0, channel, correlation))
-        known.add("tap", named(p))
-        once = information_bits(known.probabilities, channel)
-        assert known.expected_bits()["tap"] == pytest.approx((power - 1) * once)
-        known.add("tap", named(p))
-        assert known.probabilities == pytest.approx(np.power(p, power) / np.power(p, power).sum())
-    assert known.advice() is None  # of a repetition that says the same nothing is to be learnt
-    known = exploring(tap=(1.0, channel, 0.2))
-    known.add("tap", named(p[::-1]))
-    assert str(known.advice()) == "tap once more: slate or oak?"
+        exploration = create_exploration(tap=(1.0, channel, correlation))
+        exploration.add("tap", by_surface(p))
+        once = information_bits(exploration.probabilities, channel)
+        assert exploration.expected_bits()["tap"] == pytest.approx((power - 1) * once)
+        exploration.add("tap", by_surface(p))
+        assert exploration.probabilities == pytest.approx(np.power(p, power) / np.power(p, power).sum())
+    assert exploration.advice() is None  # a repetition with correlation 1 adds no information
+    exploration = create_exploration(tap=(1.0, channel, 0.2))
+    exploration.add("tap", by_surface(p[::-1]))
+    assert str(exploration.advice()) == "tap once more: slate or oak?"
 
 
-def test_gestures_are_put_together_by_bayes_rule_and_a_contact_counts_once():
-    known = exploring(tap=(1.0, HARD, 0.3), stroke=(1.0, ROUGH, 0.3))
-    known.add("tap", named([0.4, 0.3, 0.2, 0.1]), contact=7)
-    known.add("stroke", named([0.97, 0.01, 0.01, 0.01]), contact=9)
-    known.add("stroke", named([0.1, 0.5, 0.2, 0.2]), contact=9)
+def test_gestures_are_combined_by_bayes_rule_and_a_contact_counts_once():
+    exploration = create_exploration(tap=(1.0, HARD, 0.3), stroke=(1.0, ROUGH, 0.3))
+    exploration.add("tap", by_surface([0.4, 0.3, 0.2, 0.1]), contact=7)
+    exploration.add("stroke", by_surface([0.97, 0.01, 0.01, 0.01]), contact=9)
+    exploration.add("stroke", by_surface([0.1, 0.5, 0.2, 0.2]), contact=9)
     product = np.array([0.04, 0.15, 0.04, 0.02])
-    assert known.probabilities == pytest.approx(product / product.sum())
-    assert known.n_gestures == 2
-    known.reset()
-    assert known.probabilities == pytest.approx([0.25] * 4)
+    assert exploration.probabilities == pytest.approx(product / product.sum())
+    assert exploration.n_gestures == 2
+    exploration.reset()
+    assert exploration.probabilities == pytest.approx([0.25] * 4)
 
 
-def test_training_says_what_a_gesture_confuses_and_what_it_costs(models):
+def test_training_measures_confusion_correlation_and_duration_of_a_gesture(models):
     for name, model in models.items():
-        gesture = KnownGesture.of(model)
+        gesture = GestureStatistics.from_model(model)
         assert gesture.confusion.sum(axis=1) == pytest.approx([1.0] * 3)
         assert 0 <= gesture.correlation <= 1
         assert 0.5 < gesture.seconds < 2.5, name
-    assert KnownGesture.of(models["tap"], 0.2).seconds == 0.2
-    slow, fast = (KnownGesture.of(models[name]).seconds for name in ("slow stroke", "fast stroke"))
+    assert GestureStatistics.from_model(models["tap"], 0.2).seconds == 0.2
+    slow, fast = (GestureStatistics.from_model(models[n]).seconds for n in ("slow stroke", "fast stroke"))
     assert slow > fast + 0.5
 
 
@@ -140,111 +140,113 @@ def test_the_confusion_matrix_is_that_of_held_out_probabilities():
     assert _exploration_entry(p, held_out, frame)["repetition_correlation"] == 1.0
 
 
-def blocks_of(pieces, surface=0, rest_s=0.7):
-    """Yield what a tool feels of gestures on a surface, each after a rest in which the tool turns."""
+def simulate_blocks(gestures, surface=0, rest_s=0.7):
+    """Yield a stream of gestures on a surface, each after a rest in which the tool turns."""
     rng = np.random.default_rng(3)
-    stranger = operator_catalogue(4, FEW.seed)[-1]
+    new_operator = operator_catalogue(4, RECIPE.seed)[-1]
     rows = [np.zeros((1, 3))]
-    for k, name in enumerate(pieces):
-        made = record_gesture(name, FEW.surfaces[surface], stranger, seed=(1, k)).acceleration
-        ends = rows[-1][-100:].mean(axis=0), made[:1000].mean(axis=0)
+    for k, name in enumerate(gestures):
+        x = record_gesture(name, RECIPE.surfaces[surface], new_operator, seed=(1, k)).acceleration
+        ends = rows[-1][-100:].mean(axis=0), x[:1000].mean(axis=0)
         rest = np.linspace(*ends, round(rest_s * 1e4)) + 0.02 * rng.standard_normal((round(rest_s * 1e4), 3))
-        rows += [rest, made]
-    samples = np.concatenate([*rows[1:], rest - rest[0] + made[-100:].mean(axis=0)])
+        rows += [rest, x]
+    samples = np.concatenate([*rows[1:], rest - rest[0] + x[-100:].mean(axis=0)])
     for k in range(0, len(samples), 500):
         yield Block(k / 1e4, samples[k : k + 500], 1e4, "m/s^2")
 
 
-def stream(models, pieces):
-    """Listen to gestures on a surface; return answers."""
-    session = AskingSession(models, settings=OnlineSettings(confidence=0.999))
-    return [u for u in session.run(blocks_of(pieces)) if isinstance(u, WindowAnswer)]
+def explore(models, gestures):
+    """Return the answers for a stream of gestures."""
+    session = ExplorationSession(models, settings=OnlineSettings(confidence=0.999))
+    return [u for u in session.run(simulate_blocks(gestures)) if isinstance(u, WindowAnswer)]
 
 
-def test_a_stream_takes_a_contact_for_the_stroke_it_asked_for_and_no_tap_then(models):
-    answers = stream(models, ["tap", "fast stroke"])
+def test_a_lasting_contact_counts_as_the_recommended_stroke_and_later_taps_are_ignored(models):
+    answers = explore(models, ["tap", "fast stroke"])
     first, last = answers[0].verdict, answers[-1].verdict
     assert (first.gesture, first.n_windows) == ("tap", 1)
-    exploration = Exploration.of(models, confidence=0.999)
+    exploration = Exploration.from_models(models, confidence=0.999)
     exploration.add("tap", first.probabilities)
-    assert last.gesture == exploration.best(["slow stroke", "fast stroke"])
+    assert last.gesture == exploration.best_gesture(["slow stroke", "fast stroke"])
     assert last.n_windows == 2
-    assert last.surface == FEW.surfaces[0].name
-    # Taps that were felt when a stroke was asked for do not count.
+    assert last.surface == RECIPE.surfaces[0].name
+    # Taps do not count while a stroke is recommended.
     assert first.advice.gesture != "tap"
-    assert [a.verdict.n_windows for a in stream(models, ["tap", "tap", "tap"])] == [1]
-    # The advice stands beside every answer that leaves the surface open.
+    assert [a.verdict.n_windows for a in explore(models, ["tap", "tap", "tap"])] == [1]
+    # Every answer has an advice until the surface is sure.
     assert all((a.verdict.advice is None) == a.verdict.sure for a in answers)
     assert json.loads(json.dumps(first.to_dict()))["advice"]["gesture"] == first.advice.gesture
 
 
-def test_a_contact_is_taken_for_what_was_asked_for_although_another_model_answers_first(models):
-    session = AskingSession(models, seconds={"slow stroke": 0.01})
-    answers = [u for u in session.run(blocks_of(["tap", "slow stroke"], 1)) if isinstance(u, WindowAnswer)]
-    assert [a.verdict.gesture for a in answers][:2] == ["tap", "slow stroke"]
-    assert "fast stroke" not in {a.verdict.gesture for a in answers}
+def test_a_contact_counts_as_the_recommended_gesture_if_another_model_answers_first(models):
+    session = ExplorationSession(models, seconds={"slow stroke": 0.01})
+    blocks = simulate_blocks(["tap", "slow stroke"], surface=1)
+    gestures = [u.verdict.gesture for u in session.run(blocks) if isinstance(u, WindowAnswer)]
+    assert gestures[:2] == ["tap", "slow stroke"]
+    assert "fast stroke" not in gestures
 
 
-def test_the_picture_says_what_to_do_next_after_the_tool_has_left_the_surface(models):
-    session = AskingSession(models, settings=OnlineSettings(confidence=0.999))
-    shown = TerminalView(session, "felt", Console(file=io.StringIO(), force_terminal=True, width=100))
+def test_the_picture_shows_the_next_gesture_after_a_lift_off(models):
+    session = ExplorationSession(models, settings=OnlineSettings(confidence=0.999))
+    view = TerminalView(session, "stream", Console(file=io.StringIO(), force_terminal=True, width=100))
     events = []
-    with shown:
-        for block in blocks_of(["tap", "fast stroke"]):
-            found = session.take(block)
-            events += [u.kind for u in found if isinstance(u, Event)]
-            shown.show(found)
+    with view:
+        for block in simulate_blocks(["tap", "fast stroke"]):
+            updates = session.push(block)
+            events += [u.kind for u in updates if isinstance(u, Event)]
+            view.show(updates)
     assert events[-1] == "lift-off"
     text = Console(width=100, file=io.StringIO())
-    text.print(shown.picture())
-    assert f"next: {shown.answer.verdict.advice}" in text.file.getvalue()
+    text.print(view.picture())
+    assert f"next: {view.answer.verdict.advice}" in text.file.getvalue()
 
 
-def test_a_surface_is_unknown_if_half_of_the_gestures_are(models):
-    session = AskingSession(models, settings=OnlineSettings(confidence=0.999))
-    felt = next(u for u in session.run(blocks_of(["tap"])) if isinstance(u, WindowAnswer))
-    strange = replace(felt, verdict=replace(felt.verdict, unknown=True))
-    more = enumerate([strange, strange, felt, felt])
-    said = [session._explored("tap", replace(one, onset=k)).verdict.unknown for k, one in more]
-    # One of two, two of three, of four, of five: the tap that was felt counts, too.
-    assert said == [True, True, True, False]
+def test_a_surface_is_unknown_if_it_is_unknown_to_half_of_the_gestures(models):
+    session = ExplorationSession(models, settings=OnlineSettings(confidence=0.999))
+    tap = next(u for u in session.run(simulate_blocks(["tap"])) if isinstance(u, WindowAnswer))
+    unknown = replace(tap, verdict=replace(tap.verdict, unknown=True))
+    answers = enumerate([unknown, unknown, tap, tap])
+    verdicts = [session._add_answer("tap", replace(answer, onset=k)).verdict for k, answer in answers]
+    # One of two, two of three, of four, of five gestures, including the tap of the stream.
+    assert [verdict.unknown for verdict in verdicts] == [True, True, True, False]
 
 
-def test_after_a_surface_is_sure_the_next_contact_is_with_another(models):
-    session = AskingSession(models, settings=OnlineSettings(confidence=0.5))
-    answers = stream({"tap": models["tap"]}, ["tap", "tap"])
+def test_a_contact_after_a_sure_surface_starts_a_new_exploration(models):
+    session = ExplorationSession(models, settings=OnlineSettings(confidence=0.5))
+    answers = explore({"tap": models["tap"]}, ["tap", "tap"])
     assert [a.verdict.n_windows for a in answers] == [1, 2]
-    known = session.exploration
-    known.add("tap", dict.fromkeys(known.surfaces, 0.01) | {known.surfaces[0]: 0.98})
-    session._taken[10] = "tap", False
-    assert session._taken_for("tap", 90) == "tap"
-    assert known.n_gestures == 0
+    exploration = session.exploration
+    exploration.add("tap", dict.fromkeys(exploration.surfaces, 0.01) | {exploration.surfaces[0]: 0.98})
+    session._contacts[10] = "tap", False
+    assert session._gesture_of("tap", 90) == "tap"
+    assert exploration.n_gestures == 0
 
 
-def test_a_rehearsal_makes_what_is_asked_for_until_it_is_sure(models):
-    surface = FEW.surfaces[1].name
-    steps = list(rehearse(models, surface, recipe=FEW, confidence=0.99))
+def test_a_rehearsal_makes_the_recommended_gestures_until_the_surface_is_sure(models):
+    surface = RECIPE.surfaces[1].name
+    steps = list(rehearse(models, surface, recipe=RECIPE, confidence=0.99))
     assert steps[-1]["surface"] == surface
     assert steps[-1]["sure"]
     assert [step["advice"].gesture for step in steps[:-1]] == [step["gesture"] for step in steps[1:]]
-    costs = dict.fromkeys(models, 5.0) | {"slow stroke": 0.1}
-    cheap = next(rehearse(models, surface, recipe=FEW, seconds=costs))
-    assert (cheap["gesture"], cheap["seconds"]) == ("slow stroke", 0.1)
+    seconds = dict.fromkeys(models, 5.0) | {"slow stroke": 0.1}
+    step = next(rehearse(models, surface, recipe=RECIPE, seconds=seconds))
+    assert (step["gesture"], step["seconds"]) == ("slow stroke", 0.1)
 
 
-def test_the_command_explores_and_the_stream_takes_the_folder(command, folder, tmp_path):
-    code, out, err = command("explore", folder, "--surface", FEW.surfaces[2].name, "--jsonl")
+def test_explore_and_stream_accept_a_folder_of_models(command, folder, tmp_path):
+    code, out, err = command("explore", folder, "--surface", RECIPE.surfaces[2].name, "--jsonl")
     steps = [json.loads(line) for line in out.splitlines()]
     assert (code, err) == (0, "")
-    assert steps[-1]["surface"] == steps[-1]["felt"] == FEW.surfaces[2].name
-    made = record_gesture("tap", FEW.surfaces[0], FEW.operators[0], seed=1)
-    np.savetxt(tmp_path / "felt.txt", made.acceleration, fmt="%.5g")
-    asked = ("stream", folder, tmp_path / "felt.txt", "--fs", 10_000, "--unit", "m/s^2", "--column", "1,2,3")
-    code, out, err = command(*asked, "--confidence", 0.999)
-    assert err == f"listening to {asked[2]}\n"
+    assert steps[-1]["surface"] == steps[-1]["true_surface"] == RECIPE.surfaces[2].name
+    tap = record_gesture("tap", RECIPE.surfaces[0], RECIPE.operators[0], seed=1)
+    file = tmp_path / "tap.txt"
+    np.savetxt(file, tap.acceleration, fmt="%.5g")
+    arguments = ("stream", folder, file, "--fs", 10_000, "--unit", "m/s^2", "--column", "1,2,3")
+    code, out, err = command(*arguments, "--confidence", 0.999)
+    assert err == f"listening to {file}\n"
     assert code == 0
     assert "1 gesture; next: " in out
-    code, out, _ = command(*asked, "--confidence", 0.999, "--jsonl", "--gesture-time", "slow stroke=0.01")
+    code, out, _ = command(*arguments, "--confidence", 0.999, "--jsonl", "--gesture-time", "slow stroke=0.01")
     final = json.loads(out.splitlines()[-1])
     assert final["advice"]["text"].startswith("slow stroke: ")
 
@@ -252,28 +254,28 @@ def test_the_command_explores_and_the_stream_takes_the_folder(command, folder, t
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--surface", "tin"), "to be simulated. Expected one of stone-01"),
-        (("--gesture-time", "tip=1"), "seconds of 'tip'. Expected one of"),
+        (("--surface", "tin"), "cannot simulate the surface 'tin'. Expected one of stone-01"),
+        (("--gesture-time", "tip=1"), "unknown gestures: tip. Expected some of"),
         (("--gesture-time", "tap=-1"), "must be positive, got -1.0 s"),
-        (("--confidence", "1"), "confidence 1.0. Expected"),
+        (("--confidence", "1"), "confidence must be between 0 and 1, got 1.0"),
     ],
 )
-def test_bad_words_end_in_one_line(command, folder, arguments, message):
+def test_invalid_options_cause_one_line_of_error(command, folder, arguments, message):
     code, _, err = command("explore", folder, *arguments)
     assert code == 1
     assert message in err
     assert err.count("\n") == 1
 
 
-def test_models_that_do_not_fit_together_are_named(models, linear_model, tmp_path):
-    with pytest.raises(ValueError, match=r"oak knows cork.*one set of surfaces"):
-        Exploration.of(models | {"oak": linear_model})
-    older = linear_model.manifest.model_copy(update={"calibration": {}})
+def test_invalid_models_and_gestures_raise_an_error_with_their_names(models, linear_model, tmp_path):
+    with pytest.raises(ValueError, match=r"must have the same surfaces.* and cork, .* for oak"):
+        Exploration.from_models(models | {"oak": linear_model})
+    without_confusion = linear_model.manifest.model_copy(update={"calibration": {}})
     with pytest.raises(ValueError, match=r"has no confusion matrix"):
-        KnownGesture.of(replace(linear_model, manifest=older))
-    with pytest.raises(ValueError, match=r"holds no model. Expected a file GESTURE\.skops"):
+        GestureStatistics.from_model(replace(linear_model, manifest=without_confusion))
+    with pytest.raises(ValueError, match=r"contains no models. Expected one file GESTURE\.skops"):
         load_gestures(tmp_path)
     with pytest.raises(ValueError, match=r"gesture must be one of tap.* got 'lick'"):
-        record_gesture("lick", FEW.surfaces[0], FEW.operators[0], seed=0)
-    with pytest.raises(ValueError, match=r"gesture is 'lick'. Expected one of tap"):
-        Exploration.of(models).add("lick", {})
+        record_gesture("lick", RECIPE.surfaces[0], RECIPE.operators[0], seed=0)
+    with pytest.raises(ValueError, match=r"gesture must be one of tap.* got 'lick'"):
+        Exploration.from_models(models).add("lick", {})

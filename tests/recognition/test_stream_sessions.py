@@ -1,4 +1,4 @@
-"""A session: blocks in, what is wrong with the stream said and survived."""
+"""Sessions: recognition in a stream with faults, and notices about them."""
 
 from dataclasses import replace
 
@@ -8,24 +8,24 @@ from toy_surfaces import FS, SURFACES, signal
 
 from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recognition import Block, Event, Notice, OnlineSettings, Session, WindowAnswer, listen
-from texclass.recognition.live.session import Defects
+from texclass.recognition.live.session import SampleRepair
 from texclass.recognition.sources.blocks import resampled
 from texclass.recording import Recording, RecordingError
 
-MOVING = OnlineSettings(window_s=0.25, assume_contact=True)
+MOVING = OnlineSettings(window_s=0.25, starts_in_contact=True)
 
 
-def blocks(x, n=100, fs=FS, unit="m/s^2", **facts):
-    return [Block(k / fs, x[k : k + n, None], fs, unit, **facts) for k in range(0, len(x), n)]
+def to_blocks(x, n=100, fs=FS, unit="m/s^2", **fields):
+    return [Block(k / fs, x[k : k + n, None], fs, unit, **fields) for k in range(0, len(x), n)]
 
 
-def run(model, given, settings=MOVING):
+def run(model, blocks, settings=MOVING):
     session = Session(model, settings=settings)
-    return session, list(session.run(given))
+    return session, list(session.run(blocks))
 
 
-def of(kind, found):
-    return [update for update in found if isinstance(update, kind)]
+def select(kind, updates):
+    return [update for update in updates if isinstance(update, kind)]
 
 
 @pytest.fixture(scope="module")
@@ -33,83 +33,85 @@ def oak():
     return signal(SURFACES["oak"], 3, 6000)
 
 
-def test_lost_samples_and_flags_are_said_and_survived(linear_model, oak):
-    given = blocks(oak)
-    given[20] = Block(0.5, given[20].samples, FS, "m/s^2", 40, ("lost: 40 samples", "clock jumps: 1"))
-    session, found = run(linear_model, given)
-    assert [n.what for n in of(Notice, found)] == ["lost: 40 samples", "clock jumps: 1"]
+def test_lost_samples_and_flags_cause_notices(linear_model, oak):
+    blocks = to_blocks(oak)
+    blocks[20] = Block(0.5, blocks[20].samples, FS, "m/s^2", 40, ("lost: 40 samples", "clock jumps: 1"))
+    session, updates = run(linear_model, blocks)
+    assert [n.message for n in select(Notice, updates)] == ["lost: 40 samples", "clock jumps: 1"]
     assert session.n_lost == 40
-    assert session.live.n_samples == len(oak) + 40
-    assert [e.kind for e in of(Event, found)] == ["contact", "break"]
-    assert of(WindowAnswer, found)[-1].verdict.surface == "oak"
+    assert session.recogniser.n_samples == len(oak) + 40
+    assert [e.kind for e in select(Event, updates)] == ["contact", "break"]
+    assert select(WindowAnswer, updates)[-1].verdict.surface == "oak"
 
 
-def test_samples_that_are_not_finite_are_bridged_or_lost(linear_model, oak):
-    bad = oak.copy()
-    bad[2500:2510] = np.nan
-    session, found = run(linear_model, blocks(bad))
+def test_samples_that_are_not_finite_are_interpolated_or_count_as_lost(linear_model, oak):
+    x = oak.copy()
+    x[2500:2510] = np.nan
+    session, updates = run(linear_model, to_blocks(x))
     assert session.n_lost == 10
-    assert "not finite: 10 samples" in of(Notice, found)[0].what
-    assert [e.kind for e in of(Event, found)] == ["contact"]
-    assert of(WindowAnswer, found)[-1].verdict.surface == "oak"
-    bad[2500:2520] = np.nan
-    assert [e.kind for e in of(Event, run(linear_model, blocks(bad))[1])] == ["contact", "break"]
+    assert "not finite: 10 samples" in select(Notice, updates)[0].message
+    assert [e.kind for e in select(Event, updates)] == ["contact"]
+    assert select(WindowAnswer, updates)[-1].verdict.surface == "oak"
+    x[2500:2520] = np.nan
+    assert [e.kind for e in select(Event, run(linear_model, to_blocks(x))[1])] == ["contact", "break"]
 
 
 @pytest.mark.parametrize("glitch", [1e9, 3.4e38, -1e5, np.inf])
 @pytest.mark.parametrize("settings", [MOVING, OnlineSettings(window_s=0.25)], ids=["moving", "from rest"])
-def test_one_wild_sample_is_told_and_the_answer_is_back_within_a_second(linear_model, oak, glitch, settings):
+def test_a_glitch_causes_a_notice_and_affects_answers_for_less_than_a_second(
+    linear_model, oak, glitch, settings
+):
     x = np.concatenate([0.001 * np.random.default_rng(0).standard_normal(2000), oak])
-    at = 4000
-    expected = of(WindowAnswer, run(linear_model, blocks(x), settings)[1])
-    x[at] = glitch
-    session, found = run(linear_model, blocks(x), settings)
-    (notice,) = of(Notice, found)
-    assert notice.what.startswith("not finite: 1" if abs(glitch) > 1e15 else "glitch: 1 samples")
+    index = 4000
+    expected = select(WindowAnswer, run(linear_model, to_blocks(x), settings)[1])
+    x[index] = glitch
+    session, updates = run(linear_model, to_blocks(x), settings)
+    (notice,) = select(Notice, updates)
+    assert notice.message.startswith("not finite: 1" if abs(glitch) > 1e15 else "glitch: 1 samples")
     assert session.n_lost == 1
-    told = of(WindowAnswer, found)
-    assert [w.stop for w in told] == [w.stop for w in expected]
-    after = [w for w in told if at < w.stop <= at + FS]
-    assert len(after) >= 4
-    assert {w.answer.surface for w in after} == {"oak"}
-    again = [(w.answer, e.answer) for w, e in zip(told, expected, strict=True) if w.start > at]
-    assert all(now.probabilities == before.probabilities for now, before in again)
+    answers = select(WindowAnswer, updates)
+    assert [w.stop for w in answers] == [w.stop for w in expected]
+    next_second = [w for w in answers if index < w.stop <= index + FS]
+    assert len(next_second) >= 4
+    assert {w.answer.surface for w in next_second} == {"oak"}
+    pairs = [(w.answer, e.answer) for w, e in zip(answers, expected, strict=True) if w.start > index]
+    assert all(answer.probabilities == without.probabilities for answer, without in pairs)
 
 
-def test_a_wild_sample_is_survived_where_the_stream_is_resampled(linear_model, oak):
+def test_a_glitch_does_not_stop_a_resampled_stream(linear_model, oak):
     x = np.repeat(oak, 2)
     x[4000] = 3.4e38
-    source = resampled((block for block in blocks(x, fs=2 * FS)), FS)
-    _, found = run(linear_model, source)
-    assert any(n.what.startswith(("glitch", "not finite")) for n in of(Notice, found))
-    told = of(WindowAnswer, found)
-    assert next(w.stop for w in told if w.stop > 2000) <= 2000 + 0.3 * FS
-    assert (told[-1].answer.surface, told[-1].stop > 5400) == ("oak", True)
+    source = resampled((block for block in to_blocks(x, fs=2 * FS)), FS)
+    _, updates = run(linear_model, source)
+    assert any(n.message.startswith(("glitch", "not finite")) for n in select(Notice, updates))
+    answers = select(WindowAnswer, updates)
+    assert next(w.stop for w in answers if w.stop > 2000) <= 2000 + 0.3 * FS
+    assert (answers[-1].answer.surface, answers[-1].stop > 5400) == ("oak", True)
 
 
-def test_a_wire_that_stays_loose_is_told_a_few_times_and_the_stream_goes_on(linear_model, oak):
+def test_a_loose_wire_causes_few_notices_and_the_stream_continues_after_it(linear_model, oak):
     x = np.tile(oak, 4)
     loose = slice(2000, 18_000)
     x[loose] = np.random.default_rng(1).choice([-1e9, 1e9, np.nan], 16_000)
-    session, found = run(linear_model, blocks(x))
-    assert 2 <= len(of(Notice, found)) <= 6
-    assert "like it" in of(Notice, found)[-1].what
+    session, updates = run(linear_model, to_blocks(x))
+    assert 2 <= len(select(Notice, updates)) <= 6
+    assert "similar" in select(Notice, updates)[-1].message
     assert session.n_lost >= 15_000
-    last = of(WindowAnswer, found)[-1]
+    last = select(WindowAnswer, updates)[-1]
     assert last.answer.surface == "oak"
     assert last.stop >= len(x) - 1000
 
 
-def test_a_new_level_is_no_glitch_for_long(linear_model, oak):
+def test_a_new_resting_level_is_accepted_after_a_tenth_of_a_second(linear_model, oak):
     x = np.concatenate([oak, oak + 1e6])
-    session, found = run(linear_model, blocks(x))
+    session, updates = run(linear_model, to_blocks(x))
     assert session.n_lost == round(0.1 * FS) - 1
-    assert [e.kind for e in of(Event, found)] == ["contact", "break"]
-    assert of(WindowAnswer, found)[-1].stop >= len(x) - 1000
+    assert [e.kind for e in select(Event, updates)] == ["contact", "break"]
+    assert select(WindowAnswer, updates)[-1].stop >= len(x) - 1000
 
 
 @pytest.mark.parametrize("size", [1, 7, 400])
-def test_mended_samples_do_not_depend_on_blocks(linear_model, size):
+def test_repaired_samples_do_not_depend_on_the_block_size(linear_model, size):
     rng = np.random.default_rng(2)
     rows = rng.standard_normal((400, 2))
     for start, n in (
@@ -121,57 +123,56 @@ def test_mended_samples_do_not_depend_on_blocks(linear_model, size):
         (300, 3),
     ):
         rows[start : start + n] = rng.choice([np.nan, 1e9 if start else np.inf], (n, 2))
-    rows[150] = [3.0, 1e9]  # of which only the first is acceleration
+    rows[150] = [3.0, 1e9]  # only the first column is acceleration
 
-    def mended(size):
-        defects, parts, lost = Defects(linear_model, 1, FS, 1.0), [], []
+    def repair(size):
+        samples, segments, n_lost = SampleRepair(linear_model, 1, FS, 1.0), [], []
         for k in range(0, len(rows), size):
-            for n, part in defects.mended(rows[k : k + size])[0]:
-                lost += [n] * (n > 0)
-                parts.append(part)
-        return lost, np.concatenate(parts)
+            for n, segment in samples.repair(rows[k : k + size])[0]:
+                n_lost += [n] * (n > 0)
+                segments.append(segment)
+        return n_lost, np.concatenate(segments)
 
-    lost, whole = mended(size)
-    assert lost == [2, TIMESTAMPS.max_gap + 1, 90]
-    np.testing.assert_array_equal(whole, mended(400)[1])
-    np.testing.assert_allclose(whole[48], (rows[49] + rows[51]) / 2)
-    assert len(whole) + sum(lost) == 400
-    assert Defects(linear_model, 1, FS, 0.5).far == 2 * max(
-        100 * linear_model.manifest.peak_acceleration, 1000
-    )
+    n_lost, repaired = repair(size)
+    assert n_lost == [2, TIMESTAMPS.max_gap + 1, 90]
+    np.testing.assert_array_equal(repaired, repair(400)[1])
+    np.testing.assert_allclose(repaired[48], (rows[49] + rows[51]) / 2)
+    assert len(repaired) + sum(n_lost) == 400
+    expected = 2 * max(100 * linear_model.manifest.peak_acceleration, 1000)
+    assert SampleRepair(linear_model, 1, FS, 0.5).max_step == expected
 
 
-def test_a_loss_that_is_reported_without_samples_interrupts_the_stream(linear_model, oak):
-    given = blocks(oak)
-    given.insert(30, Block(0.75, oak[:0, None], FS, "m/s^2", 400))
-    session, found = run(linear_model, given)
+def test_lost_samples_in_a_block_without_samples_interrupt_the_stream(linear_model, oak):
+    blocks = to_blocks(oak)
+    blocks.insert(30, Block(0.75, oak[:0, None], FS, "m/s^2", 400))
+    session, updates = run(linear_model, blocks)
     assert session.n_lost == 400
-    assert session.live.n_samples == len(oak) + 400
-    assert "break" in [e.kind for e in of(Event, found)]
+    assert session.recogniser.n_samples == len(oak) + 400
+    assert "break" in [e.kind for e in select(Event, updates)]
 
 
-def test_notices_of_one_kind_are_said_once_in_five_seconds_and_counted(linear_model, oak):
-    given = [Block(k / 10, oak[:2, None], FS, "m/s^2", 0, (f"gaps: {k}", "odd")) for k in range(120)]
-    _, found = run(linear_model, given)
-    assert [n.what for n in of(Notice, found)] == [
-        "gaps: 0", "odd", "gaps: 50 (49 like it in between)", "odd (49 like it in between)",
-        "gaps: 100 (49 like it in between)", "odd (49 like it in between)",
-        "gaps: 119 (19 like it)", "odd (19 like it)",
+def test_notices_of_one_kind_are_limited_to_one_in_five_seconds(linear_model, oak):
+    blocks = [Block(k / 10, oak[:2, None], FS, "m/s^2", 0, (f"gaps: {k}", "odd")) for k in range(120)]
+    _, updates = run(linear_model, blocks)
+    omitted = "(49 similar since the last notice)"
+    assert [n.message for n in select(Notice, updates)] == [
+        "gaps: 0", "odd", f"gaps: 50 {omitted}", f"odd {omitted}", f"gaps: 100 {omitted}", f"odd {omitted}",
+        "gaps: 119 (19 similar)", "odd (19 similar)",
     ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("fs", "unit", "what"), [(2000.0, "m/s^2", "wrong rate: 2000 Hz"), (FS, "counts", "wrong unit: counts")]
 )
-def test_a_wrong_rate_or_unit_is_said_once_and_answers_are_unknown(linear_model, oak, fs, unit, what):
-    _, found = run(linear_model, blocks(oak, fs=fs, unit=unit))
-    assert [n.what.startswith(what) for n in of(Notice, found)] == [True]
-    assert of(WindowAnswer, found)
-    assert all(w.answer.unknown for w in of(WindowAnswer, found))
+def test_a_wrong_rate_or_unit_causes_one_notice_and_unknown_answers(linear_model, oak, fs, unit, what):
+    _, updates = run(linear_model, to_blocks(oak, fs=fs, unit=unit))
+    assert [n.message.startswith(what) for n in select(Notice, updates)] == [True]
+    assert select(WindowAnswer, updates)
+    assert all(w.answer.unknown for w in select(WindowAnswer, updates))
 
 
-def test_a_stream_from_a_sensor_of_too_low_a_rate_is_refused_although_resampled(linear_model, oak):
-    slow = blocks(oak[::8], fs=FS / 8)
+def test_a_resampled_stream_of_a_sensor_with_a_low_rate_raises_an_error(linear_model, oak):
+    slow = to_blocks(oak[::8], fs=FS / 8)
     with pytest.raises(RecordingError, match=r"narrow band: sampled at 500 Hz.*Train with --resample 500"):
         run(linear_model, resampled((block for block in slow), FS))
     adapted = replace(
@@ -180,80 +181,86 @@ def test_a_stream_from_a_sensor_of_too_low_a_rate_is_refused_although_resampled(
     assert not adapted.bandwidth_problems(FS / 8)
 
 
-def test_a_rate_that_changes_begins_the_stream_anew(linear_model, oak):
-    _, found = run(linear_model, [*blocks(oak), *blocks(oak[:3000], fs=2 * FS)])
-    assert any("begun anew" in n.what for n in of(Notice, found))
-    assert sum(e.kind == "contact" for e in of(Event, found)) == 2
+def test_a_change_of_the_rate_restarts_the_recognition(linear_model, oak):
+    _, updates = run(linear_model, [*to_blocks(oak), *to_blocks(oak[:3000], fs=2 * FS)])
+    assert any(n.message.startswith("restart") for n in select(Notice, updates))
+    assert sum(e.kind == "contact" for e in select(Event, updates)) == 2
 
 
-def test_wheels_are_always_in_contact_and_go_on_to_the_next_ground(linear_model, oak):
+def test_wheels_are_always_in_contact_and_the_verdict_follows_the_ground(linear_model, oak):
     quiet = 1e-4 * np.random.default_rng(3).standard_normal(4000)
     x = np.concatenate([oak, quiet, signal(SURFACES["slate"], 5, 6000)])
     settings = OnlineSettings(window_s=0.25, always_in_contact=True)
-    _, found = run(linear_model, blocks(x), settings)
-    assert [e.kind for e in of(Event, found)] == ["contact"]
-    told = of(WindowAnswer, found)
-    assert [w.start for w in told] == list(range(0, len(x) - 1000 + 1, 500))
-    assert told[-1].verdict.surface == "slate"
-    hand = of(Event, run(linear_model, blocks(x))[1])  # a hand-held tool, on the other hand, was lifted
-    assert [e.kind for e in hand][:2] == ["contact", "lift-off"]
+    _, updates = run(linear_model, to_blocks(x), settings)
+    assert [e.kind for e in select(Event, updates)] == ["contact"]
+    answers = select(WindowAnswer, updates)
+    assert [w.start for w in answers] == list(range(0, len(x) - 1000 + 1, 500))
+    assert answers[-1].verdict.surface == "slate"
+    # A hand-held tool would have been lifted.
+    hand_events = select(Event, run(linear_model, to_blocks(x))[1])
+    assert [e.kind for e in hand_events][:2] == ["contact", "lift-off"]
 
 
-def test_a_model_of_runs_of_minutes_answers_windows_of_seconds_and_says_so(linear_model, oak):
-    runs = replace(linear_model, manifest=linear_model.manifest.model_copy(update={"shortest_s": 52.0}))
-    session, found = run(runs, blocks(np.tile(oak, 4)), OnlineSettings(assume_contact=True))
-    assert session.live.window == 5 * FS
-    assert [n.what.startswith("window: 5 s, trained on runs of 52 s") for n in of(Notice, found)] == [True]
-    assert of(WindowAnswer, found)
-    asked = run(runs, blocks(oak), OnlineSettings(assume_contact=True, window_s=1.0))
-    assert (asked[0].live.window, of(Notice, asked[1])) == (FS, [])
+def test_a_model_of_long_recordings_classifies_windows_of_five_seconds_with_a_notice(linear_model, oak):
+    manifest = linear_model.manifest.model_copy(update={"shortest_s": 52.0})
+    model = replace(linear_model, manifest=manifest)
+    session, updates = run(model, to_blocks(np.tile(oak, 4)), OnlineSettings(starts_in_contact=True))
+    assert session.recogniser.window == 5 * FS
+    (notice,) = select(Notice, updates)
+    assert notice.message.startswith("window: 5 s, but the training recordings have 52 s")
+    assert select(WindowAnswer, updates)
+    session, updates = run(model, to_blocks(oak), OnlineSettings(starts_in_contact=True, window_s=1.0))
+    assert (session.recogniser.window, select(Notice, updates)) == (FS, [])
 
 
-def test_a_block_that_only_reports_changes_nothing(linear_model, oak):
-    silent = Block(0.0, np.empty((0, 1)), 0.0, "m/s^2", 0, ("silent: nothing for 1.0 s",))
-    _, found = run(linear_model, [silent, *blocks(oak), silent])
-    assert len(of(Notice, found)) == 2
-    assert len(of(WindowAnswer, found)) == len(of(WindowAnswer, run(linear_model, blocks(oak))[1]))
+def test_a_block_without_samples_causes_a_notice_only(linear_model, oak):
+    silent = Block(0.0, np.empty((0, 1)), 0.0, "m/s^2", 0, ("silence: no message for 1.0 s",))
+    _, updates = run(linear_model, [silent, *to_blocks(oak), silent])
+    assert len(select(Notice, updates)) == 2
+    assert len(select(WindowAnswer, updates)) == len(
+        select(WindowAnswer, run(linear_model, to_blocks(oak))[1])
+    )
 
 
-def test_listening_to_a_recording_or_to_blocks_is_a_session(linear_model, oak, tmp_path):
+def test_listen_runs_a_session_on_a_recording_or_on_blocks(linear_model, oak, tmp_path):
     linear_model.save(tmp_path / "m.skops")
-    expected = [w.answer.probabilities for w in of(WindowAnswer, run(linear_model, blocks(oak))[1])]
-    for source in (Recording(oak, FS, "m/s^2", "oak"), iter(blocks(oak))):
-        found = of(WindowAnswer, listen(tmp_path / "m.skops", source, settings=MOVING))
-        assert [w.answer.probabilities for w in found] == expected
-    with pytest.raises(RecordingError, match="fs is missing"):
+    expected = [w.answer.probabilities for w in select(WindowAnswer, run(linear_model, to_blocks(oak))[1])]
+    for source in (Recording(oak, FS, "m/s^2", "oak"), iter(to_blocks(oak))):
+        updates = select(WindowAnswer, listen(tmp_path / "m.skops", source, settings=MOVING))
+        assert [w.answer.probabilities for w in updates] == expected
+    with pytest.raises(RecordingError, match="sampling rate is missing"):
         listen(linear_model, "-")
 
 
-LISTENING = OnlineSettings(window_s=0.25)
+FROM_REST = OnlineSettings(window_s=0.25)
 QUIET = 0.005 * np.random.default_rng(0).normal(size=round(20 * FS))
-LATER = np.arange(len(QUIET)) > 5 * FS
+AFTER_5_S = np.arange(len(QUIET)) > 5 * FS
 HUM = 0.05 * np.sin(2 * np.pi * 100 * np.arange(len(QUIET)) / FS)
 
 
 @pytest.mark.parametrize(
-    "steady", [QUIET * np.where(LATER, 1.4, 1), QUIET * np.where(LATER, 3, 1), QUIET + HUM * LATER]
+    "steady",
+    [QUIET * np.where(AFTER_5_S, 1.4, 1), QUIET * np.where(AFTER_5_S, 3, 1), QUIET + HUM * AFTER_5_S],
 )
-def test_a_level_that_stays_the_same_becomes_the_noise_floor_with_a_notice(linear_model, oak, steady):
+def test_a_constant_level_becomes_the_noise_floor_with_a_notice(linear_model, oak, steady):
     stroke = steady.copy()
     stroke[round(12 * FS) : round(13.5 * FS)] += oak[: round(1.5 * FS)]
-    for x, later in ((steady, []), (stroke, ["contact", "lift-off"])):
-        _, found = run(linear_model, blocks(x), LISTENING)
-        kinds = [e.kind for e in of(Event, found) if e.kind != "stroke"]
-        assert kinds == ["contact", "lift-off", *later]
-        assert [n.what for n in of(Notice, found)] == [
-            "noise: the level is steady for 4 s: taken as the new noise floor"
+    for x, stroke_events in ((steady, []), (stroke, ["contact", "lift-off"])):
+        _, updates = run(linear_model, to_blocks(x), FROM_REST)
+        kinds = [e.kind for e in select(Event, updates) if e.kind != "stroke"]
+        assert kinds == ["contact", "lift-off", *stroke_events]
+        assert [n.message for n in select(Notice, updates)] == [
+            "noise: constant level for 4 s, used as the new noise floor"
         ]
-        assert all(w.stop < 9.5 * FS or 12 * FS < w.stop < 14 * FS for w in of(WindowAnswer, found))
+        assert all(w.stop < 9.5 * FS or 12 * FS < w.stop < 14 * FS for w in select(WindowAnswer, updates))
 
 
-@pytest.mark.parametrize(("padding", "until"), [(9.81, 0.1), (9.81, 0.2), (9.81, 3.0)])
-def test_zeros_and_held_values_are_no_noise_floor(linear_model, oak, padding, until):
+@pytest.mark.parametrize(("padding", "padding_s"), [(9.81, 0.1), (9.81, 0.2), (9.81, 3.0)])
+def test_zeros_and_held_values_do_not_set_the_noise_floor(linear_model, oak, padding, padding_s):
     x = QUIET[: round(8 * FS)] + 9.81
-    x[: round(until * FS)] = padding
+    x[: round(padding_s * FS)] = padding
     x[round(4 * FS) : round(4.5 * FS)] = x[round(4 * FS)]
     x[round(5 * FS) : round(6 * FS)] += oak[: round(FS)]
-    _, found = run(linear_model, blocks(x), LISTENING)
-    contacts = [e.sample / FS for e in of(Event, found) if e.kind == "contact"]
+    _, updates = run(linear_model, to_blocks(x), FROM_REST)
+    contacts = [e.sample / FS for e in select(Event, updates) if e.kind == "contact"]
     assert contacts == [pytest.approx(5.0, abs=0.05)]

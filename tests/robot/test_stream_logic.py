@@ -1,4 +1,4 @@
-"""The reference of what a stream does around its windows: texclass's own vectors, and a whole stream."""
+"""The reference implementation of the stream logic: test vectors, and a complete stream."""
 
 import json
 import runpy
@@ -21,58 +21,58 @@ def logic():
     return runpy.run_path(str(ROOT / "examples" / "stream_logic.py"))
 
 
-def test_the_vectors_are_what_texclass_says():
-    made = runpy.run_path(str(ROOT / "benchmarks" / "stream_vectors.py"))["made"]()
-    # The last digits are of the processor.
-    said, kept = (
-        json.loads(json.dumps(vectors), parse_float=lambda x: round(float(x), 9))
-        for vectors in (made, VECTORS)
+def test_the_stored_vectors_equal_those_of_texclass():
+    vectors = runpy.run_path(str(ROOT / "benchmarks" / "stream_vectors.py"))["all_vectors"]()
+    # The last digits depend on the processor.
+    current, stored = (
+        json.loads(json.dumps(item), parse_float=lambda x: round(float(x), 9)) for item in (vectors, VECTORS)
     )
-    assert said == kept
+    assert current == stored
 
 
 def test_every_transition_is_in_the_vectors():
     kinds = [[event["kind"] for event in vector["events"]] for vector in VECTORS["contact"]]
-    assert {kind for told in kinds for kind in told} == {"contact", "stroke", "lift-off", "break"}
+    assert {kind for names in kinds for kind in names} == {"contact", "stroke", "lift-off", "break"}
     assert [] in kinds
     assert {vector["constants"]["in_contact"] for vector in VECTORS["contact"]} == {True, False, None}
     verdicts = [v for vector in VECTORS["evidence"] for v in vector["verdicts"]]
-    found = {(v["unknown"], v["sure"]) for v in verdicts}
-    assert found == {(False, False), (False, True), (True, False)}  # an unknown surface is never sure
+    combinations = {(v["unknown"], v["sure"]) for v in verdicts}
+    assert combinations == {(False, False), (False, True), (True, False)}  # an unknown surface is never sure
 
 
 @pytest.mark.parametrize("vector", VECTORS["contact"], ids=lambda vector: vector["name"])
-def test_the_reference_tells_the_events_of_the_vectors(vector, logic):
-    contact, at, told, states = logic["Contact"](vector["constants"]), 0, [], set()
+def test_the_reference_detects_the_events_of_the_vectors(vector, logic):
+    detector, start, events, states = logic["ContactDetector"](vector["constants"]), 0, [], set()
     size = vector["constants"]["bin_samples"]
-    for n, power in vector["stretches"]:
+    for n, power in vector["levels"]:
         if n < 0:
-            told += [(*event, at) for event in contact.interrupt(at, -n, VECTORS["fs_hz"])]
-            at -= n
+            events += [(*event, start) for event in detector.interrupt(start, -n, VECTORS["fs_hz"])]
+            start -= n
         for _ in range(max(n, 0)):
-            told += [(*event, at + size) for event in contact.step(at, at + size, power, vector["white"])]
-            states.add(contact.state)
-            at += size
-    expected = [(event["kind"], event["sample"], event["known"]) for event in vector["events"]]
-    # A contact that goes on after a break is known when its first bin is there, in both.
-    assert told == expected
-    assert states >= ({"BEGUN"} if expected[:1] and expected[0][1] == 0 else {"LISTENING", "REST", "TOUCHED"})
+            new_events = detector.step(start, start + size, power, vector["is_white"])
+            events += [(*event, start + size) for event in new_events]
+            states.add(detector.state)
+            start += size
+    expected = [(event["kind"], event["sample"], event["n_received"]) for event in vector["events"]]
+    assert events == expected
+    starts_in_contact = expected[:1] and expected[0][1] == 0
+    assert states >= ({"INITIAL"} if starts_in_contact else {"STARTING", "REST", "ACTIVE"})
 
 
 @pytest.mark.parametrize("vector", VECTORS["evidence"], ids=lambda vector: vector["name"])
-def test_the_reference_gives_the_verdicts_of_the_vectors(vector, logic):
+def test_the_reference_returns_the_verdicts_of_the_vectors(vector, logic):
     evidence = logic["Evidence"](vector["constants"], len(vector["probabilities"][0]))
     for _ in range(2):
         for p, unknown, verdict in zip(
             vector["probabilities"], vector["unknown"], vector["verdicts"], strict=True
         ):
-            together, strange, sure = evidence.add(p, unknown)
-            assert together == pytest.approx(verdict["probabilities"], abs=1e-12)
-            assert (strange, sure) == (verdict["unknown"], verdict["sure"])
+            probabilities, is_unknown, is_sure = evidence.add(p, unknown)
+            assert probabilities == pytest.approx(verdict["probabilities"], abs=1e-12)
+            assert (is_unknown, is_sure) == (verdict["unknown"], verdict["sure"])
         evidence.reset()
 
 
-def test_the_reference_and_the_exported_file_answer_a_stream_as_texclass_does(logic, touch_model, tmp_path):
+def test_the_reference_with_the_exported_file_has_the_same_answers_as_texclass(logic, touch_model, tmp_path):
     model = touch_model
     exported = export_onnx(model, tmp_path / "windows.onnx", start="samples")
     session = onnxruntime.InferenceSession(exported.path, providers=["CPUExecutionProvider"])
@@ -81,37 +81,38 @@ def test_the_reference_and_the_exported_file_answer_a_stream_as_texclass_does(lo
     stream = np.concatenate([rest, signal(200.0, 1, 6000), rest, rest, signal(800.0, 2, 5000), rest, rest])
     stream = stream.astype(np.float32)
 
-    live, expected = OnlineRecogniser(model), []
-    for update in live.push(stream.astype(np.float64)):
+    recogniser, expected = OnlineRecogniser(model), []
+    for update in recogniser.push(stream.astype(np.float64)):
         if hasattr(update, "verdict"):
             verdict = update.verdict
-            said = (verdict.surface, verdict.unknown, verdict.sure)
-            expected.append((update.start, update.stop, *said, verdict.probability))
+            facts = (verdict.surface, verdict.unknown, verdict.sure, verdict.probability)
+            expected.append((update.start, update.stop, *facts))
         else:
             expected.append((update.kind, update.sample))
 
-    told, bins = [], logic["Bins"](constants["contact"], 1)
-    contact, windows = logic["Contact"](constants["contact"]), logic["Windows"](constants)
+    updates, bins = [], logic["Bins"](constants["contact"], 1)
+    detector, windows = logic["ContactDetector"](constants["contact"]), logic["Windows"](constants)
     evidence = logic["Evidence"](constants["evidence"], len(model.surfaces))
     for x in stream.tolist():
-        full = bins.push([x])
-        if full is None:
+        complete_bin = bins.push([x])
+        if complete_bin is None:
             continue
-        for event in contact.step(*full, bins.white):
-            windows.after(*event)
+        for event in detector.step(*complete_bin, bins.is_white):
+            windows.handle_event(*event)
             if event[0] == "lift-off":
                 evidence.reset()
-            told.append(event)
-        for start, stop in windows.ready(bins.at, contact.until) if contact.moving else ():
+            updates.append(event)
+        for start, stop in windows.ready(bins.n_samples, detector.active_stop) if detector.is_moving else ():
             _, p, _, unknown = session.run(None, {"samples": stream[None, None, start:stop]})
-            together, strange, sure = evidence.add(p[0].tolist(), bool(unknown[0]))
-            best = int(np.argmax(together))
-            told.append((start, stop, model.surfaces[best], strange, sure, together[best]))
-    assert [event[0] for event in told if len(event) == 2] == ["contact", "lift-off", "contact", "lift-off"]
-    assert len(told) == len(expected) > 20
-    late = [b[0] - a[0] for a, b in zip(expected, told, strict=True) if len(a) > 2]
-    assert max(map(abs, late)) <= 2 * constants["contact"]["bin_samples"]
-    for a, b in zip(expected, told, strict=True):
+            probabilities, is_unknown, is_sure = evidence.add(p[0].tolist(), bool(unknown[0]))
+            best = int(np.argmax(probabilities))
+            updates.append((start, stop, model.surfaces[best], is_unknown, is_sure, probabilities[best]))
+    events = [update[0] for update in updates if len(update) == 2]
+    assert events == ["contact", "lift-off", "contact", "lift-off"]
+    assert len(updates) == len(expected) > 20
+    delays = [b[0] - a[0] for a, b in zip(expected, updates, strict=True) if len(a) > 2]
+    assert max(map(abs, delays)) <= 2 * constants["contact"]["bin_samples"]
+    for a, b in zip(expected, updates, strict=True):
         assert a[-4:-1] == b[-4:-1] if len(a) > 2 else a[0] == b[0]
         if len(a) > 2 and a[0] == b[0]:
             assert a[-1] == pytest.approx(b[-1], abs=1e-5)

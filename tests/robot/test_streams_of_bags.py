@@ -1,4 +1,4 @@
-"""A bag is streamed as it is predicted, with the turn rates that a model needs."""
+"""Bags as streams, for models that need turn rates."""
 
 import importlib
 import io
@@ -49,8 +49,8 @@ def bags():
 def imu_bag(bags):
     """Return a function that writes a bag with an Imu."""
 
-    def write(folder, both, name="bag", kind=bags.IMU, **others):
-        topics = {"/imu": bags.Topic(kind, both, bags.regular(N, FS)), **others}
+    def write(folder, rows, name="bag", kind=bags.IMU, **others):
+        topics = {"/imu": bags.Topic(kind, rows, bags.regular(N, FS)), **others}
         return bags.write_bag(folder, "mcap", topics, name=name)
 
     return write
@@ -58,7 +58,7 @@ def imu_bag(bags):
 
 @pytest.fixture(scope="module")
 def folder(bags, imu_bag, tmp_path_factory):
-    """Bags with an Imu and a topic that nobody asks for, labelled by a table; a model trained on them."""
+    """Folder of bags with an Imu and an unused topic, labelled by a table, and a model trained on them."""
     root = tmp_path_factory.mktemp("terrains")
     labels = ["bag,terrain,run"]
     for terrain in TERRAINS:
@@ -88,90 +88,90 @@ def _answers(out):
     return [one for one in map(json.loads, out.splitlines()) if one.get("type") == "answer"]
 
 
-def test_a_stream_of_a_bag_gives_the_answers_of_predict(run, folder, imu_bag):
+def test_a_stream_of_a_bag_has_the_same_answers_as_predict(run, folder, imu_bag):
     for terrain in TERRAINS:
-        both = values(terrain, 50)
-        name = f"bag:{imu_bag(folder, both, f'new_{terrain}')}?topic=/imu"
+        rows = values(terrain, 50)
+        name = f"bag:{imu_bag(folder, rows, f'new_{terrain}')}?topic=/imu"
         code, out, err = run("predict", "terrains.skops", name, "--jsonl")
         assert (code, err) == (0, "")
-        (asked,) = map(json.loads, out.splitlines())
-        assert asked["surface"] == terrain
-        assert asked["probability"] > 0.9
+        (expected,) = map(json.loads, out.splitlines())
+        assert expected["surface"] == terrain
+        assert expected["probability"] > 0.9
         code, out, err = run("stream", "terrains.skops", name, "--jsonl")
         assert code == 0
-        assert [a["probability"] for a in _answers(out)] == [pytest.approx(asked["probability"])]
+        assert [a["probability"] for a in _answers(out)] == [pytest.approx(expected["probability"])]
         assert json.loads(out.splitlines()[-1])["surface"] == terrain
-        # The same samples as text, not yet scaled.
-        text = "\n".join(",".join(map(repr, row)) for row in both.tolist())
+        # The same samples as text, which are not yet scaled.
+        text = "\n".join(",".join(map(repr, row)) for row in rows.tolist())
         code, out, _ = run("stream", "terrains.skops", "--fs", 200, "--jsonl", text=text)
-        assert [a["probability"] for a in _answers(out)] == [pytest.approx(asked["probability"])]
+        assert [a["probability"] for a in _answers(out)] == [pytest.approx(expected["probability"])]
 
 
-def test_a_bag_is_conditioned_as_the_bags_of_training_were(folder):
+def test_a_bag_is_conditioned_like_the_training_bags(folder):
     model = load_model(folder / "terrains.skops")
     bag = folder / "bags/sand2"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TEXCLASS_DATA", str(folder))
         (by_card,) = predict(model, [f"{folder}/terrains.toml:sand2"])
     for name in (bag, bag / "sand2.mcap", f"bag:{bag}", f"bag:{bag / 'sand2.mcap'}?topic=/imu"):
-        (by_file,) = predict(model, [str(name)])  # of two topics, that of the card
+        (by_file,) = predict(model, [str(name)])  # reads the topic of the card
         assert by_file.problem == ""
         assert by_file.answer.probabilities == pytest.approx(by_card.answer.probabilities)
 
 
-def test_a_bag_stands_for_files_whose_columns_have_other_names(bags, imu_bag, tmp_path):
+def test_a_bag_may_have_other_column_names_than_the_training_files(bags, imu_bag, tmp_path):
     axes = ("a1", "a2", "a3")
     roles = {"acceleration": axes, "auxiliary": {"turn_rate": ("g1", "g2", "g3")}, "axes": axes}
     csv = TrainingFiles(fs=FS, unit="m/s^2", scale=2.0, turn_rate_scale=0.5, **roles)
-    both = values("sand", 3)
-    imu = imu_bag(tmp_path, both)
-    numbers = bags.Topic(bags.ARRAY, list(both.reshape(40, 10, 6)), None, bags.regular(40, FS / 10))
+    rows = values("sand", 3)
+    imu = imu_bag(tmp_path, rows)
+    numbers = bags.Topic(bags.ARRAY, list(rows.reshape(40, 10, 6)), None, bags.regular(40, FS / 10))
     array = bags.write_bag(tmp_path, "mcap", {"/imu": numbers}, name="array")
     for bag in (imu, array):
-        found = csv.find(str(bag))
-        assert found.channels == ("a1", "a2", "a3")
-        np.testing.assert_array_equal(found.acceleration, 2 * both[:, :3])
-        np.testing.assert_array_equal(found.turn_rate, both[:, 3:])  # rad/s, as messages say
+        recording = csv.find(str(bag))
+        assert recording.channels == ("a1", "a2", "a3")
+        np.testing.assert_array_equal(recording.acceleration, 2 * rows[:, :3])
+        np.testing.assert_array_equal(recording.turn_rate, rows[:, 3:])  # ROS messages are in rad/s
     in_g = TrainingFiles(fs=FS, unit="g", scale=2.0)
-    np.testing.assert_array_equal(in_g.find(str(imu)).acceleration, both[:, :3])
+    np.testing.assert_array_equal(in_g.find(str(imu)).acceleration, rows[:, :3])
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "error"),
     [
-        ("disclaimed", r"say that wx, wy, wz are not measured \(a covariance that begins with -1\)"),
-        ("zero", "the turn rate is 0 in each of its messages"),
+        ("covariance", r"declare wx, wy, wz as not measured \(a covariance that starts with -1\)"),
+        ("zero", "the turn rate is 0 in every message"),
         ("type", "no turn rate. Expected ax, ay, az, turn_x, turn_y, turn_z"),
     ],
 )
-def test_a_bag_without_turn_rates_is_refused_before_the_stream_begins(
-    bags, imu_bag, turning, tmp_path, monkeypatch, change, told
+def test_a_bag_without_turn_rates_raises_an_error_before_the_stream_starts(
+    bags, imu_bag, turning, tmp_path, monkeypatch, change, error
 ):
-    both = values("sand", 3)
-    both[:, 3:] = 0
-    if change == "disclaimed":
-        monkeypatch.setattr(bags, "message", _disclaiming(bags.message))
-    bag = imu_bag(tmp_path, both, kind=bags.IMU if change != "type" else "geometry_msgs/msg/AccelStamped")
+    rows = values("sand", 3)
+    rows[:, 3:] = 0
+    if change == "covariance":
+        monkeypatch.setattr(bags, "message", _without_turn_rate(bags.message))
+    bag = imu_bag(tmp_path, rows, kind=bags.IMU if change != "type" else "geometry_msgs/msg/AccelStamped")
     roles = {"turn_rate": ("wx", "wy", "wz")}
     files = TrainingFiles(fs=FS, unit="m/s^2", acceleration=("ax", "ay", "az"), auxiliary=roles)
     turning = replace(turning, manifest=turning.manifest.model_copy(update={"input": files}))
-    with pytest.raises(RecordingError, match=told):
+    with pytest.raises(RecordingError, match=error):
         open_source(f"bag:{bag}", model=turning)
 
 
-def _disclaiming(make):
-    """Let an Imu say, as its definition asks for, that it does not measure what it does not measure."""
+def _without_turn_rate(create):
+    """Return a function that creates an Imu message whose covariance declares no turn rate."""
 
-    def message(store, told, stamp, value, *, ros1):
-        made = make(store, told, stamp, value, ros1=ros1)
-        made.angular_velocity_covariance[0] = -1
-        return made
+    def message(store, topic, stamp, value, *, ros1):
+        imu = create(store, topic, stamp, value, ros1=ros1)
+        imu.angular_velocity_covariance[0] = -1
+        return imu
 
     return message
 
 
-def test_a_disclaimer_beside_real_numbers_is_not_believed(bags, imu_bag, tmp_path, monkeypatch):
-    monkeypatch.setattr(bags, "message", _disclaiming(bags.message))
-    both = values("sand", 3)
-    found = load_recording(imu_bag(tmp_path, both), auxiliary={"turn_rate": ("wx", "wy", "wz")})
-    np.testing.assert_array_equal(found.turn_rate, both[:, 3:])
+def test_turn_rates_are_used_although_their_covariance_is_not_known(bags, imu_bag, tmp_path, monkeypatch):
+    monkeypatch.setattr(bags, "message", _without_turn_rate(bags.message))
+    rows = values("sand", 3)
+    recording = load_recording(imu_bag(tmp_path, rows), auxiliary={"turn_rate": ("wx", "wy", "wz")})
+    np.testing.assert_array_equal(recording.turn_rate, rows[:, 3:])

@@ -131,7 +131,7 @@ def stream(
     seconds = p.numbers_by_name("--gesture-time", gesture_time)
     from texclass.cli.stream_view import view_of
     from texclass.recognition import (
-        AskingSession,
+        ExplorationSession,
         OnlineSettings,
         Session,
         is_live,
@@ -150,7 +150,7 @@ def stream(
         confidence=confidence,
         forget_s=forget or float("inf"),
         stop_when_sure=stop_when_sure,
-        assume_contact=in_contact,
+        starts_in_contact=in_contact,
         always_in_contact=always_in_contact,
     )
     if publish:
@@ -171,13 +171,13 @@ def stream(
     )
     publisher = answer_publisher(publish, diagnostics, domain=domain) if publish else None
     session = (
-        AskingSession(models, seconds=seconds, raw=is_live(source), settings=settings)
+        ExplorationSession(models, seconds=seconds, raw=is_live(source), settings=settings)
         if models
         else Session(trained, raw=is_live(source), settings=settings)
     )
     view = view_of(session, source, as_lines, heartbeat)
     view.contacts = None if json_file is None else {}
-    has_answer = _listen(view, session, blocks, publisher)
+    has_answer = _run(view, session, blocks, publisher)
     if view.contacts is not None:
         contacts = {"source": source, "contacts": [*view.contacts.values()]}
         write_json(json_file, json.dumps(contacts, indent=1))
@@ -185,20 +185,20 @@ def stream(
         raise typer.Exit(3)  # documented in the help of `texclass`
 
 
-def _listen(view: Any, session: Any, blocks: Any, publisher: Any) -> bool:
+def _run(view: Any, session: Any, blocks: Any, publisher: Any) -> bool:
     """Show the answers to all blocks until they end or the user interrupts; return whether there was one."""
     from texclass.cli.stream_view import show_and_publish
 
     ending = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     # nohup ignores SIGHUP, which must stay ignored
     handled = [number for number in ending if signal.getsignal(number) != signal.SIG_IGN]
-    before = {number: signal.signal(number, signal.default_int_handler) for number in handled}
+    old_handlers = {number: signal.signal(number, signal.default_int_handler) for number in handled}
     try:
         with view:
             try:
                 view.on_open()
                 for block in blocks:
-                    show_and_publish(view, session.take(block), publisher)
+                    show_and_publish(view, session.push(block), publisher)
             except KeyboardInterrupt:
                 pass
             finally:
@@ -209,7 +209,7 @@ def _listen(view: Any, session: Any, blocks: Any, publisher: Any) -> bool:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return True
     finally:
-        for number, handler in before.items():
+        for number, handler in old_handlers.items():
             signal.signal(number, handler)
         if publisher is not None:
             publisher.close()
@@ -242,7 +242,7 @@ def explore(
     """
     seconds = p.numbers_by_name("--gesture-time", gesture_time)
     from texclass.recognition import load_gestures
-    from texclass.recognition.exploration import REHEARSED, rehearse, train_gestures
+    from texclass.recognition.exploration import REHEARSAL_RECIPE, rehearse, train_gestures
 
     if models is not None:
         trained = load_gestures(models)
@@ -253,10 +253,10 @@ def explore(
         output.mkdir(parents=True, exist_ok=True)
         for name, model in trained.items():
             model.save(output / f"{name.replace(' ', '_')}.skops")
-    for name in surface or [one.name for one in REHEARSED.surfaces]:
+    for name in surface or [item.name for item in REHEARSAL_RECIPE.surfaces]:
         for step in rehearse(trained, name, seed=seed, seconds=seconds, confidence=confidence):
             if as_lines:
-                typer.echo(json.dumps({"felt": name, **_step_facts(step)}))
+                typer.echo(json.dumps({"true_surface": name, **_step_facts(step)}))
             else:
                 is_sure = ", sure" if step["sure"] else ""
                 advice = "" if step["advice"] is None else f"; next: {step['advice']}"

@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from texclass.recognition import ContactVerdict, Event, ExploredVerdict, Notice, Session, WindowAnswer
+from texclass.recognition import ContactVerdict, Event, ExplorationVerdict, Notice, Session, WindowAnswer
 from texclass.recognition.prediction_sets import describe_sets
 from texclass.reporting.wording import counted
 
@@ -56,16 +56,16 @@ class TextView:
         verdict = update.verdict
         if (now := (update.onset, verdict.surface, verdict.sure, verdict.unknown)) != self._printed:
             self._printed = now
-            typer.echo(f"{self.seconds(update.known):9.3f} s  {describe_verdict(verdict)}")
+            typer.echo(f"{self.seconds(update.n_received):9.3f} s  {describe_verdict(verdict)}")
 
     def on_event(self, event: Event) -> None:
         """Print an event."""
-        what = f" ({event.what})" if event.what else ""
-        typer.echo(f"{self.seconds(event.sample):9.3f} s  {event.kind}{what}")
+        message = f" ({event.message})" if event.message else ""
+        typer.echo(f"{self.seconds(event.sample):9.3f} s  {event.kind}{message}")
 
     def on_notice(self, notice: Notice) -> None:
         """Print a notice on standard error."""
-        typer.echo(f"notice: {notice.what}", err=True)
+        typer.echo(f"notice: {notice.message}", err=True)
 
     def on_end(self, verdict: ContactVerdict, start_s: float, stop_s: float) -> None:
         """Print the final answer."""
@@ -96,25 +96,25 @@ class TextView:
 
     def facts(self, update: WindowAnswer) -> dict[str, Any]:
         """Return an answer as JSON; `age_s` is the age of the last sample of its window."""
-        fs = self.session.live.fs if self.session.live else math.nan
+        fs = self.session.recogniser.fs if self.session.recogniser else math.nan
         return {
-            "t_s": self.seconds(update.known),
+            "t_s": self.seconds(update.n_received),
             "start_s": self.seconds(update.start),
             "stop_s": self.seconds(update.stop),
             "onset_s": self.seconds(update.onset),
-            "age_s": (update.known - update.stop) / fs + self.session.age_s,
+            "age_s": (update.n_received - update.stop) / fs + self.session.age_s,
             **update.verdict.to_dict(),
             "reasons": list(update.answer.reasons),
         }
 
     def seconds(self, sample: int) -> float:
         """Return the time of a sample in seconds since the start of the stream."""
-        live = self.session.live
-        return sample / live.fs if live else 0.0
+        recogniser = self.session.recogniser
+        return sample / recogniser.fs if recogniser else 0.0
 
 
 class JsonView(TextView):
-    """Prints one JSON object per line, of `type` listening, answer, event, notice, heartbeat or final.
+    """Prints one JSON object per line, of `type` open, answer, event, notice, heartbeat or final.
 
     Parameters
     ----------
@@ -140,8 +140,10 @@ class JsonView(TextView):
 
     def _beat(self) -> None:
         while not self._has_ended.wait(self._heartbeat_s):
-            live, age_s = self.session.live, self.session.age_s
-            t_s, phase = (self.seconds(live.n_samples), live.phase) if live else (0.0, "waiting")
+            recogniser, age_s = self.session.recogniser, self.session.age_s
+            t_s, phase = (
+                (self.seconds(recogniser.n_samples), recogniser.phase) if recogniser else (0.0, "waiting")
+            )
             age = age_s if math.isfinite(age_s) else None
             try:
                 self._print("heartbeat", t_s=t_s, phase=phase, age_s=age, n_answers=self.n_answers)
@@ -150,21 +152,22 @@ class JsonView(TextView):
 
     def on_open(self) -> None:
         """Print that the source is open."""
-        self._print("listening", source=self.source)
+        self._print("open", source=self.source)
 
     def on_answer(self, update: WindowAnswer) -> None:
         """Print an answer: the verdict of its contact, and the answer of its window alone."""
-        alone = {k: v for k, v in update.answer.to_dict().items() if k not in ("recording", "reasons")}
-        self._print("answer", **self.facts(update), window=alone, ms=round(update.ms, 3))
+        window = {k: v for k, v in update.answer.to_dict().items() if k not in ("recording", "reasons")}
+        compute_ms = round(update.compute_ms, 3)
+        self._print("answer", **self.facts(update), window=window, compute_ms=compute_ms)
 
     def on_event(self, event: Event) -> None:
         """Print an event, with its own time and the time at which it was detected."""
-        t_s, at_s = self.seconds(event.known), self.seconds(event.sample)
-        self._print("event", t_s=t_s, kind=event.kind, at_s=at_s, what=event.what)
+        t_s, event_s = self.seconds(event.n_received), self.seconds(event.sample)
+        self._print("event", t_s=t_s, kind=event.kind, event_s=event_s, message=event.message)
 
     def on_notice(self, notice: Notice) -> None:
         """Print a notice."""
-        self._print("notice", t_s=notice.t_s, what=notice.what)
+        self._print("notice", t_s=notice.t_s, message=notice.message)
 
     def on_end(self, verdict: ContactVerdict, start_s: float, stop_s: float) -> None:
         """Print the final answer."""
@@ -202,7 +205,7 @@ class TerminalView(TextView):
         self._draw()
 
     def show(self, updates: Iterable[Event | WindowAnswer | Notice]) -> None:
-        """Take in the updates of a block, and draw if the last picture is a tenth of a second old."""
+        """Store the updates of a block, and draw if the last picture is at least 0.1 s old."""
         super().show(updates)
         now = time.monotonic()
         if now - self._last_draw >= 0.1:
@@ -210,33 +213,35 @@ class TerminalView(TextView):
             self._draw()
 
     def on_answer(self, update: WindowAnswer) -> None:
-        """Keep the latency of an answer."""
-        self._ms.append(update.ms)
+        """Store the computing time of an answer."""
+        self._ms.append(update.compute_ms)
 
     def on_event(self, event: Event) -> None:
-        """Keep an event; a lift-off clears the answer, unless it recommends the next gesture."""
+        """Store an event; a lift-off clears the answer, unless it recommends the next gesture."""
         self._events.append(f"{self.seconds(event.sample):.3f} s {event.kind}")
-        recommends = self.answer is not None and isinstance(self.answer.verdict, ExploredVerdict)
-        if event.kind == "lift-off" and not recommends:
+        has_advice = self.answer is not None and isinstance(self.answer.verdict, ExplorationVerdict)
+        if event.kind == "lift-off" and not has_advice:
             self.answer = None
 
     def on_notice(self, notice: Notice) -> None:
-        """Keep a notice."""
-        self._notices.append(notice.what)
+        """Store a notice."""
+        self._notices.append(notice.message)
 
     def picture(self) -> Group:
         """Return the picture of the current state."""
-        live = self.session.live
-        level, over_rest_db = live.level if live else (0.0, 0.0)
-        t_s, phase = (self.seconds(live.n_samples), live.phase) if live else (0.0, "waiting")
-        style = {"moving": "bold green", "touched": "bold", "pause": "yellow"}.get(phase, "")
+        recogniser = self.session.recogniser
+        level, over_rest_db = recogniser.level if recogniser else (0.0, 0.0)
+        t_s, phase = (
+            (self.seconds(recogniser.n_samples), recogniser.phase) if recogniser else (0.0, "waiting")
+        )
+        style = {"moving": "bold green", "active": "bold", "pause": "yellow"}.get(phase, "")
         head = Text.assemble(
             (f"{self.source}  ", "dim"),
             f"{t_s:8.2f} s  ",
             (f"{phase:<9}", style),
             "  level ",
             (bar(over_rest_db / 60, 20) if over_rest_db else "", "cyan"),
-            f" {level:.3g} {live.unit if live else ''}",
+            f" {level:.3g} {recogniser.unit if recogniser else ''}",
             f" ({over_rest_db:+.0f} dB over rest)" if over_rest_db else "",
         )
         median_ms = sorted(self._ms)[len(self._ms) // 2] if self._ms else 0.0
@@ -245,7 +250,7 @@ class TerminalView(TextView):
             head,
             _surfaces(self.answer) if self.answer else Text("no contact yet", "dim"),
             Text("; ".join([foot, *self._events]), "dim"),
-            *(Text(f"notice: {what}", "yellow") for what in self._notices),
+            *(Text(f"notice: {message}", "yellow") for message in self._notices),
         )
 
     def _draw(self) -> None:
@@ -290,7 +295,7 @@ def _surfaces(answer: WindowAnswer) -> Table:
         table.add_row(Text(surface, style), Text(bar(p, 30), "green"), f"{100 * p:5.1f} %", mark)
     for level, members in describe_sets(verdict.prediction_sets, len(verdict.probabilities)).items():
         table.add_row(Text(f"{level}: {members}"))
-    if isinstance(verdict, ExploredVerdict) and verdict.advice is not None:
+    if isinstance(verdict, ExplorationVerdict) and verdict.advice is not None:
         table.add_row(Text(f"next: {verdict.advice}", "bold cyan"))
     for reason in answer.answer.reasons[:2]:
         table.add_row(Text(reason, "yellow"))
@@ -302,7 +307,7 @@ def describe_verdict(verdict: ContactVerdict) -> str:
     unknown = "unknown surface, most like " if verdict.unknown else ""
     certainty = ", sure" if verdict.sure else f" (or {verdict.runner_up})"
     unit, advice = "window", ""
-    if isinstance(verdict, ExploredVerdict):
+    if isinstance(verdict, ExplorationVerdict):
         unit, advice = "gesture", f"; next: {verdict.advice}" if verdict.advice is not None else ""
     sets = describe_sets(verdict.prediction_sets, len(verdict.probabilities)).items()
     return (

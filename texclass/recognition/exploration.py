@@ -1,11 +1,8 @@
-"""What should I do next? Which gesture would tell most of a surface, by what is known and what each costs.
+"""Active exploration: the next gesture is the one with the highest expected information gain per second.
 
-Every gesture has a model of its own: recordings of taps train one, recordings of slow strokes another. What
-they say of one surface is put together, and the next gesture is the one that is expected to tell most in a
-second (Bayesian exploration, after Fishel and Loeb, Frontiers in Neurorobotics 6:4, 2012).
-
-`AskingSession` is a stream that asks: each gesture is heard by its own model, and all by one exploration.
-`rehearse` shows it with a simulated hand that does as it is told.
+Each gesture (tap, slow stroke, ...) has its own model. `Exploration` combines their answers for one surface
+and recommends the next gesture (Bayesian exploration, after Fishel and Loeb, Frontiers in Neurorobotics 6:4,
+2012). `ExplorationSession` does this in a stream, `rehearse` with a simulated hand.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -26,21 +23,28 @@ from texclass.recognition.sources.blocks import Block
 from texclass.recording import Samples
 from texclass.simulate import Recipe
 
-REHEARSED = Recipe(n_surfaces=6, n_recordings=8, n_operators=4, duration_s=5.0, fs=10_000, seed=6)
-"""The surfaces and the people of the dataset `simulated6`."""
+REHEARSAL_RECIPE = Recipe(n_surfaces=6, n_recordings=8, n_operators=4, duration_s=5.0, fs=10_000, seed=6)
+"""Surfaces and operators of the dataset `simulated6`."""
 
 
-class KnownGesture(NamedTuple):
-    """What is known of a gesture before it is made.
+class GestureStatistics(NamedTuple):
+    """Duration and expected answers of a gesture.
 
     Attributes
     ----------
     seconds
-        What it costs.
+        Duration of the gesture, including the time to lift the tool and reach for the surface.
     confusion : ndarray of shape (n_surfaces, n_surfaces)
-        Row m: the mean probabilities that were answered where m was felt.
+        Mean predicted probabilities (columns) for each true surface (rows).
     correlation
-        Of what is answered when a hand repeats it on a surface, from 0 to 1; see `fit_correlation`.
+        Correlation between the answers for repetitions of the gesture by one hand on one surface, from 0 to
+        1; see `fit_correlation`.
+
+    Examples
+    --------
+    >>> tap = GestureStatistics(0.8, np.array([[0.9, 0.1], [0.2, 0.8]]), correlation=0.3)
+    >>> tap.seconds
+    0.8
     """
 
     seconds: float
@@ -48,145 +52,176 @@ class KnownGesture(NamedTuple):
     correlation: float
 
     @classmethod
-    def of(cls, model: Model, seconds: float | None = None) -> "KnownGesture":
-        """Return what the held-out recordings of a model's training say of its gesture.
+    def from_model(cls, model: Model, seconds: float | None = None) -> "GestureStatistics":
+        """Return the statistics of a gesture on the held-out recordings of its model.
 
         Parameters
         ----------
         model : Model
-            Trained on recordings of this gesture.
+            Model that was trained on recordings of the gesture.
         seconds : float, optional
-            What it costs; by default what an answer feels (a tap: 0.3), and 0.5 to lift the tool and reach.
+            Duration of the gesture (default: the signal that an answer needs, 0.3 s for a tap, plus 0.5 s to
+            lift the tool and reach for the surface).
 
         Raises
         ------
         ValueError
-            If the model was trained by a texclass that did not look at this.
+            If the model file has no confusion matrix, or `seconds` is not positive.
         """
-        known, felt = model.manifest.calibration, model.manifest.window_s or model.manifest.shortest_s
-        if "confusion" not in known:
+        calibration = model.manifest.calibration
+        if "confusion" not in calibration:
             raise ValueError(f"{model!r} has no confusion matrix. Train it again")
-        confusion = np.asarray(known["confusion"], dtype=np.float64)
-        costs = 0.5 + (felt or 0.3) if seconds is None else seconds
-        if not costs > 0:
+        signal_s = model.manifest.window_s or model.manifest.shortest_s or 0.3
+        duration_s = 0.5 + signal_s if seconds is None else seconds
+        if not duration_s > 0:
             raise ValueError(f"the time of a gesture must be positive, got {seconds!r} s")
-        return cls(costs, confusion / confusion.sum(axis=1, keepdims=True), known["repetition_correlation"])
+        confusion = np.asarray(calibration["confusion"], dtype=np.float64)
+        return cls(
+            duration_s,
+            confusion / confusion.sum(axis=1, keepdims=True),
+            calibration["repetition_correlation"],
+        )
 
 
 @dataclass(frozen=True)
 class Advice:
-    """What to do next.
+    """Recommended next gesture.
 
     Attributes
     ----------
     gesture
-        The one that is expected to tell most in a second.
+        Gesture with the highest expected information gain per second.
     bits
-        Information about the surface that is expected of it.
-    n_before
-        How often it was made on this surface.
-    between
-        The two likeliest surfaces; none before the first gesture.
+        Expected information gain in bits.
+    n_repetitions
+        Number of times the gesture was already made on this surface.
+    candidates
+        The two most probable surfaces; none before the first gesture.
+
+    Examples
+    --------
+    >>> str(Advice("stroke", bits=0.7, n_repetitions=1, candidates=("oak", "slate")))
+    'stroke once more: oak or slate?'
     """
 
     gesture: str
     bits: float
-    n_before: int
-    between: tuple[str, ...]
+    n_repetitions: int
+    candidates: tuple[str, ...]
 
     def __str__(self) -> str:
-        once_more = f"{self.gesture} once more" if self.n_before else self.gesture
-        return f"{once_more}: {' or '.join(self.between)}?" if self.between else once_more
+        gesture = f"{self.gesture} once more" if self.n_repetitions else self.gesture
+        return f"{gesture}: {' or '.join(self.candidates)}?" if self.candidates else gesture
 
 
 class Exploration:
-    """What the gestures made on one surface say together, and which one to make next.
+    """Combined answers of several gestures on one surface, and the recommended next gesture.
 
-    log P(m) = sum_g w(n_g) mean_i log p_gi(m) + constant, where p_gi are the calibrated probabilities of
-    repetition i of gesture g, and w(n) = n / (1 + r_g (n - 1)) is how many independent ones n repetitions by
-    one hand are worth. Of a gesture is expected what its answers tell of the surface (`information_bits`),
-    less what repeating it adds: w(n + 1) - w(n); a second of it is to tell most.
+    The probability of surface m is log P(m) = sum_g w(n_g) mean_i log p_gi(m) + constant. Here p_gi are the
+    calibrated probabilities of repetition i of gesture g, and w(n) = n / (1 + r_g (n - 1)) is the effective
+    number of independent repetitions, because repetitions by one hand are correlated (r_g).
+
+    The expected gain of a gesture is the mutual information of surface and answer (`information_bits`) times
+    w(n + 1) - w(n). The recommended gesture has the highest gain per second.
 
     Parameters
     ----------
     surfaces : tuple of str
-        In the order of the confusions.
-    gestures : mapping of str to KnownGesture
-        That can be made.
+        Surfaces, in the order of the confusion matrices.
+    gestures : mapping of str to GestureStatistics
+        Available gestures.
     confidence : float
-        Probability from which on no more is asked.
+        Probability from which on the surface is sure and no gesture is recommended (default 0.95).
 
     References
     ----------
     Fishel, Loeb: Bayesian exploration for intelligent identification of textures, Frontiers in Neurorobotics
     6:4, 2012. Xu, Loeb, Fishel: Tactile identification of objects using Bayesian exploration, ICRA 2013.
+
+    Examples
+    --------
+    >>> tap = GestureStatistics(0.8, np.array([[0.7, 0.3], [0.3, 0.7]]), correlation=0.5)
+    >>> stroke = GestureStatistics(1.5, np.array([[0.95, 0.05], [0.05, 0.95]]), correlation=0.1)
+    >>> exploration = Exploration(("oak", "slate"), {"tap": tap, "stroke": stroke})
+    >>> print(exploration.advice())
+    stroke
+    >>> exploration.add("stroke", {"oak": 0.8, "slate": 0.2})
+    >>> print(exploration.advice())
+    stroke once more: oak or slate?
+    >>> exploration.add("stroke", {"oak": 0.97, "slate": 0.03})
+    >>> exploration.sure, exploration.advice() is None
+    (True, True)
     """
 
     def __init__(
         self,
         surfaces: tuple[str, ...],
-        gestures: Mapping[str, KnownGesture],
+        gestures: Mapping[str, GestureStatistics],
         confidence: float = DEFAULT_CONFIDENCE,
     ) -> None:
-        if not gestures or not 0 < confidence < 1:
-            raise ValueError(
-                f"{len(gestures)} gestures, confidence {confidence!r}. Expected one gesture or more, "
-                "and a confidence above 0 and below 1"
-            )
+        if not gestures:
+            raise ValueError("gestures must contain at least one gesture, got none")
+        if not 0 < confidence < 1:
+            raise ValueError(f"confidence must be between 0 and 1, got {confidence!r}")
         self.surfaces, self.gestures, self.confidence = surfaces, dict(gestures), confidence
         self.reset()
 
     @classmethod
-    def of(
+    def from_models(
         cls,
         models: Mapping[str, Model],
         *,
         seconds: Mapping[str, float] | None = None,
         confidence: float = DEFAULT_CONFIDENCE,
     ) -> "Exploration":
-        """Return the exploration of surfaces that models know, one model for each gesture.
+        """Return the exploration with one trained model per gesture.
 
         Parameters
         ----------
         models : mapping of str to Model
-            KnownGesture -> what was trained on it.
+            Gesture -> model. All models must have the same surfaces.
         seconds : mapping of str to float, optional
-            KnownGesture -> what it costs, where that is known better than `KnownGesture.of` knows it.
+            Gesture -> duration in seconds (default: see `GestureStatistics.from_model`).
         confidence : float
-            See `Exploration`.
+            Probability from which on the surface is sure (default 0.95).
 
         Raises
         ------
         ValueError
-            If the models know different surfaces, or a gesture is not among them.
+            If the models have different surfaces, or `seconds` contains another gesture.
         """
-        costs, surfaces = dict(seconds or {}), {name: model.surfaces for name, model in models.items()}
-        if unknown := [name for name in costs if name not in models]:
-            raise ValueError(f"seconds of {unknown[0]!r}. Expected one of {', '.join(models)}")
-        first = next(iter(surfaces.values()), ())
-        if others := [name for name, known in surfaces.items() if known != first]:
+        durations, surfaces = dict(seconds or {}), {name: model.surfaces for name, model in models.items()}
+        if unknown := [name for name in durations if name not in models]:
             raise ValueError(
-                f"{others[0]} knows {', '.join(surfaces[others[0]])}, {next(iter(models))} "
-                f"{', '.join(first)}. Expected one set of surfaces for all gestures"
+                f"seconds has unknown gestures: {', '.join(unknown)}. Expected some of {', '.join(models)}"
             )
-        known = {name: KnownGesture.of(model, costs.get(name)) for name, model in models.items()}
-        return cls(first, known, confidence)
+        first = next(iter(surfaces.values()), ())
+        if others := [name for name, names in surfaces.items() if names != first]:
+            raise ValueError(
+                f"all gestures must have the same surfaces, got {', '.join(first)} for {next(iter(models))} "
+                f"and {', '.join(surfaces[others[0]])} for {others[0]}"
+            )
+        gestures = {
+            name: GestureStatistics.from_model(model, durations.get(name)) for name, model in models.items()
+        }
+        return cls(first, gestures, confidence)
 
     def reset(self) -> None:
-        """Forget everything: another surface."""
-        self._felt: dict[Any, tuple[str, Samples]] = {}
+        """Delete all answers, before another surface is explored."""
+        self._answers: dict[Any, tuple[str, Samples]] = {}
+        """Contact, or number of the answer -> gesture, log probabilities."""
 
     def add(self, gesture: str, probabilities: Mapping[str, float], contact: Any = None) -> None:
-        """Take in what was answered of a gesture.
+        """Add the answer for a gesture.
 
         Parameters
         ----------
         gesture : str
-            Which was made.
+            Name of the gesture.
         probabilities : mapping of str to float
-            Surface -> calibrated probability, as an `Answer` has them.
+            Surface -> calibrated probability, as in an `Answer`.
         contact : hashable, optional
-            Names the contact: a later answer of the same contact takes the place of the earlier one.
+            Identifier of the contact: a later answer for the same contact replaces the earlier one.
 
         Raises
         ------
@@ -194,130 +229,145 @@ class Exploration:
             If there is no such gesture.
         """
         if gesture not in self.gestures:
-            raise ValueError(f"gesture is {gesture!r}. Expected one of {', '.join(self.gestures)}")
+            raise ValueError(f"gesture must be one of {', '.join(self.gestures)}, got {gesture!r}")
         p = np.array([probabilities[m] for m in self.surfaces])
-        key = len(self._felt) if contact is None else ("contact", contact)
-        self._felt[key] = gesture, log_probabilities(p)
+        key = len(self._answers) if contact is None else ("contact", contact)
+        self._answers[key] = gesture, log_probabilities(p)
 
     @property
     def n_gestures(self) -> int:
-        """How many were made on this surface."""
-        return len(self._felt)
+        """Number of gestures on this surface."""
+        return len(self._answers)
 
     @property
     def probabilities(self) -> Samples:
-        """Of the surfaces, shape (n_surfaces,), after all gestures."""
+        """Probabilities of the surfaces after all gestures, shape (n_surfaces,)."""
         total = np.zeros(len(self.surfaces))
-        for name, known in self.gestures.items():
-            if said := [log_p for made, log_p in self._felt.values() if made == name]:
-                total += effective_windows(len(said), known.correlation) * np.mean(said, axis=0)
+        for name, statistics in self.gestures.items():
+            if logs := [log_p for gesture, log_p in self._answers.values() if gesture == name]:
+                total += effective_windows(len(logs), statistics.correlation) * np.mean(logs, axis=0)
         return softmax(total)
 
     @property
     def sure(self) -> bool:
-        """Whether the likeliest surface has reached the confidence."""
+        """Whether the most probable surface has reached the confidence."""
         return bool(self.probabilities.max() >= self.confidence)
 
     def expected_bits(self) -> dict[str, float]:
-        """Return what each gesture is expected to tell, made next: gesture -> bits."""
+        """Return the expected information gain of each gesture, if it is next: gesture -> bits."""
         bits, p = {}, self.probabilities
-        for name, known in self.gestures.items():
-            n, r = self._made(name), known.correlation
-            more = float(effective_windows(n + 1, r) - effective_windows(n, r))  # independent repetitions
-            bits[name] = information_bits(p, known.confusion) * more
+        for name, statistics in self.gestures.items():
+            n, r = self._count(name), statistics.correlation
+            gain = float(
+                effective_windows(n + 1, r) - effective_windows(n, r)
+            )  # in effective independent repetitions
+            bits[name] = information_bits(p, statistics.confusion) * gain
         return bits
 
-    def best(self, among: Iterable[str]) -> str:
-        """Return which of some gestures is expected to tell most in a second."""
+    def best_gesture(self, names: Iterable[str]) -> str:
+        """Return the gesture among `names` with the highest expected information gain per second."""
         bits = self.expected_bits()
-        return max(among, key=lambda name: bits[name] / self.gestures[name].seconds)
+        return max(names, key=lambda name: bits[name] / self.gestures[name].seconds)
 
     def advice(self) -> Advice | None:
-        """Return what to do next; None when the surface is sure, or nothing more is to be learnt."""
-        best = self.best(self.gestures)
+        """Return the recommended gesture; None if the surface is sure, or no gesture adds information."""
+        best = self.best_gesture(self.gestures)
         bits = self.expected_bits()[best]
-        if self.sure or bits < 1e-3:  # not worth a gesture
+        if self.sure or bits < 1e-3:  # less than 0.001 bit is not worth a gesture
             return None
-        likeliest = np.argsort(-self.probabilities, kind="stable")[: 2 if self._felt else 0]
-        return Advice(best, bits, self._made(best), tuple(self.surfaces[i] for i in likeliest))
+        candidates = np.argsort(-self.probabilities, kind="stable")[: 2 if self._answers else 0]
+        return Advice(best, bits, self._count(best), tuple(self.surfaces[i] for i in candidates))
 
-    def _made(self, gesture: str) -> int:
-        return sum(name == gesture for name, _ in self._felt.values())
+    def _count(self, gesture: str) -> int:
+        return sum(name == gesture for name, _ in self._answers.values())
 
 
 def entropy_bits(p: ArrayLike) -> Any:
-    """Return -sum_k p_k log2 p_k over the last axis of probabilities p, in bits."""
+    """Return the entropy -sum_k p_k log2 p_k over the last axis of probabilities p, in bits.
+
+    Examples
+    --------
+    >>> float(entropy_bits([0.5, 0.25, 0.25]))
+    1.5
+    """
     p = np.asarray(p, dtype=np.float64)
     return -np.sum(p * np.log2(np.maximum(p, MIN_PROBABILITY)), axis=-1)
 
 
 def information_bits(p: Samples, confusion: Samples) -> float:
-    """Return what an answer a tells of the surface m: H(sum_m p_m P(a|m)) - sum_m p_m H(P(a|m)), in bits.
+    """Return the mutual information of surface m and answer a in bits.
+
+    It is H(sum_m p_m P(a|m)) - sum_m p_m H(P(a|m)), with the entropy H.
 
     Parameters
     ----------
     p : ndarray of shape (n_surfaces,)
-        What is believed before.
+        Prior probabilities of the surfaces.
     confusion : ndarray of shape (n_surfaces, n_answers)
-        P(a|m), a row each surface.
+        Probabilities P(a|m), one row per surface.
+
+    Examples
+    --------
+    >>> information_bits(np.array([0.5, 0.5]), np.eye(2))  # a perfect classifier
+    1.0
     """
     return float(entropy_bits(p @ confusion) - p @ entropy_bits(confusion))
 
 
 def load_gestures(folder: str | Path) -> dict[str, Model]:
-    """Read the models of a folder, one for each gesture: `slow_stroke.skops` is the slow stroke.
+    """Load the models of a folder, one per gesture: `slow_stroke.skops` is the model of "slow stroke".
 
     Raises
     ------
     ValueError
-        If the folder holds none; and as `load_model`.
+        If the folder contains no model, or as `load_model`.
     """
     files = sorted(file for file in Path(folder).glob("*.skops") if not is_hidden(file.name))
     if not files:
-        raise ValueError(f"{folder}: holds no model. Expected a file GESTURE.skops for each gesture")
+        raise ValueError(f"{folder} contains no models. Expected one file GESTURE.skops per gesture")
     return {file.stem.replace("_", " "): load_model(file) for file in files}
 
 
 @dataclass(frozen=True)
-class ExploredVerdict(ContactVerdict):
-    """Which surface it is, after all gestures so far: `n_windows` of them, since the first was begun.
+class ExplorationVerdict(ContactVerdict):
+    """Verdict for a surface after `n_windows` gestures.
 
     Attributes
     ----------
     gesture
-        The last one.
+        Last gesture.
     advice
-        What to do next; None when the surface is sure, or nothing more is to be learnt.
+        Recommended next gesture; None if the surface is sure, or no gesture adds information.
     """
 
     gesture: str = ""
     advice: Advice | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a machine reads, probabilities of all surfaces left out."""
-        known = super().to_dict() | {"advice": None}
+        """Return the verdict as JSON, without the probabilities of all surfaces."""
+        facts = super().to_dict() | {"advice": None}
         if self.advice is not None:
             advice = vars(self.advice) | {"bits": round(self.advice.bits, 6), "text": str(self.advice)}
-            known["advice"] = advice | {"between": list(self.advice.between)}
-        return known
+            facts["advice"] = advice | {"candidates": list(self.advice.candidates)}
+        return facts
 
 
-class AskingSession(Session):
-    """A session of several models, one for each gesture, whose verdicts say what to do next.
+class ExplorationSession(Session):
+    """Session with one model per gesture, whose verdicts recommend the next gesture.
 
-    A contact that lasts is taken for the stroke that was asked for when it began, or, where none was, for the
-    one that would have told most. A tap counts where one was asked for, or nothing was felt before: every
-    stroke may begin with one, and a stroke that sticks and slips has several. After a surface is sure, the
-    next contact is with another one.
+    - A lasting contact counts as the recommended gesture, or, if that is a tap, as the best stroke.
+    - A tap counts if a tap was recommended, or as the first gesture on a surface. Other taps are ignored,
+      because strokes often start with one, and a stroke with stick-slip has several.
+    - Once a surface is sure, the next contact starts a new exploration.
 
     Parameters
     ----------
     models : mapping of str to Model
-        KnownGesture -> what was trained on it.
+        Gesture -> model.
     raw, settings
-        See `Session`; the confidence is that of the exploration.
+        See `Session`; the confidence of `settings` applies to the exploration.
     seconds : mapping of str to float, optional
-        See `Exploration.of`.
+        Gesture -> duration in seconds, see `Exploration.from_models`.
     """
 
     def __init__(
@@ -329,100 +379,110 @@ class AskingSession(Session):
         seconds: Mapping[str, float] | None = None,
     ) -> None:
         settings = settings or OnlineSettings()
-        self.exploration = Exploration.of(models, seconds=seconds, confidence=settings.confidence)
+        self.exploration = Exploration.from_models(models, seconds=seconds, confidence=settings.confidence)
         strokes = {name: model for name, model in models.items() if "movement" in model.manifest.phases}
         self._strokes = tuple(strokes)
         self._first = next(iter(strokes or models))
         super().__init__(models[self._first], raw=raw, settings=settings)
-        rest = {name: model for name, model in models.items() if name != self._first}
-        self._others = {name: Session(model, raw=raw, settings=settings) for name, model in rest.items()}
-        self._taken: dict[int, tuple[str, bool]] = {}
-        """Onset of a contact with this surface -> the gesture it is taken for, whether that is unknown."""
+        others = {name: model for name, model in models.items() if name != self._first}
+        self._others = {name: Session(model, raw=raw, settings=settings) for name, model in others.items()}
+        self._contacts: dict[int, tuple[str, bool]] = {}
+        """Onset of a contact with this surface -> its gesture, and whether its surface is unknown."""
 
-    def take(self, block: Block) -> tuple[Update | Notice, ...]:
-        """Take in a block; see `Session.take`."""
-        others = {name: session.take(block) for name, session in self._others.items()}
-        return self._together(super().take(block), others)
+    def push(self, block: Block) -> tuple[Update | Notice, ...]:
+        """Process a block; see `Session.push`."""
+        others = {name: session.push(block) for name, session in self._others.items()}
+        return self._merge(super().push(block), others)
 
     def finish(self) -> tuple[Update | Notice, ...]:
-        """Say that the stream has ended; see `Session.finish`."""
+        """End the stream; see `Session.finish`."""
         others = {name: session.finish() for name, session in self._others.items()}
-        return self._together(super().finish(), others)
+        return self._merge(super().finish(), others)
 
-    def _together(
-        self, found: Iterable[Update | Notice], others: Mapping[str, Iterable[Update | Notice]]
+    def _merge(
+        self, first: Iterable[Update | Notice], others: Mapping[str, Iterable[Update | Notice]]
     ) -> tuple[Update | Notice, ...]:
-        """Return events and notices of one session, and the answers of all that are of the gesture made."""
-        told: list[Update | Notice] = []
-        heard = [(self._first, update) for update in found]
-        heard += [(name, u) for name, said in others.items() for u in said if isinstance(u, WindowAnswer)]
-        for name, update in sorted(heard, key=lambda pair: getattr(pair[1], "known", 0)):
+        """Return all updates of the first session, and the answers of all sessions for their own gesture."""
+        named = [(self._first, update) for update in first]
+        named += [
+            (name, update)
+            for name, updates in others.items()
+            for update in updates
+            if isinstance(update, WindowAnswer)
+        ]
+        merged: list[Update | Notice] = []
+        for name, update in sorted(named, key=lambda pair: getattr(pair[1], "n_received", 0)):
             if not isinstance(update, WindowAnswer):
-                told.append(update)
-            elif name == self._taken_for(name, update.onset):
-                told.append(self._explored(name, update))
-        return tuple(told)
+                merged.append(update)
+            elif name == self._gesture_of(name, update.onset):
+                merged.append(self._add_answer(name, update))
+        return tuple(merged)
 
-    def _begin(self, block: Block) -> list[Update | Notice]:
-        self._forget()
-        return super()._begin(block)
+    def _start(self, block: Block) -> list[Update | Notice]:
+        self._reset()
+        return super()._start(block)
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self.exploration.reset()
-        self._taken.clear()
+        self._contacts.clear()
 
-    def _taken_for(self, name: str, onset: int) -> str | None:
-        """Return which gesture a contact is, that the model of `name` has an answer to; None: none."""
-        if onset not in self._taken:
-            # Memory must not grow with the stream: after 64 gestures an unsure surface is begun anew.
+    def _gesture_of(self, name: str, onset: int) -> str | None:
+        """Return the gesture of a contact for which model `name` has an answer; None for a tap to ignore."""
+        if onset not in self._contacts:
+            # Memory must not grow with the stream: after 64 gestures, the exploration restarts.
             if self.exploration.sure or self.exploration.n_gestures >= 64:
-                self._forget()
-            asked = self.exploration.best(self.exploration.gestures)
+                self._reset()
+            gesture = self.exploration.best_gesture(self.exploration.gestures)
             if name in self._strokes:
-                asked = self.exploration.best(self._strokes)
-            elif asked in self._strokes:
+                gesture = self.exploration.best_gesture(self._strokes)
+            elif gesture in self._strokes:
                 if self.exploration.n_gestures:
                     return None
-                asked = name
-            self._taken[onset] = asked, False
-        return self._taken[onset][0]
+                gesture = name
+            self._contacts[onset] = gesture, False
+        return self._contacts[onset][0]
 
-    def _explored(self, name: str, update: WindowAnswer) -> WindowAnswer:
-        """Return an answer with what all gestures on this surface say."""
-        assert self.live is not None
-        known, contact = self.exploration, update.verdict
-        known.add(name, contact.probabilities, update.onset)
-        self._taken[update.onset] = name, contact.unknown
-        n_unknown = sum(unknown for _, unknown in self._taken.values())
-        verdict = ExploredVerdict(
-            unknown=2 * n_unknown >= known.n_gestures,
-            sure=known.sure,
-            n_windows=known.n_gestures,
-            contact_s=(update.stop - min(self._taken)) / self.live.fs,
+    def _add_answer(self, name: str, update: WindowAnswer) -> WindowAnswer:
+        """Add an answer to the exploration and return it with the verdict after all gestures."""
+        assert self.recogniser is not None
+        exploration, verdict = self.exploration, update.verdict
+        exploration.add(name, verdict.probabilities, update.onset)
+        self._contacts[update.onset] = name, verdict.unknown
+        n_unknown = sum(is_unknown for _, is_unknown in self._contacts.values())
+        exploration_verdict = ExplorationVerdict(
+            unknown=2 * n_unknown >= exploration.n_gestures,
+            sure=exploration.sure,
+            n_windows=exploration.n_gestures,
+            contact_s=(update.stop - min(self._contacts)) / self.recogniser.fs,
             gesture=name,
-            advice=known.advice(),
-            **rank_surfaces(known.probabilities, known.surfaces),
+            advice=exploration.advice(),
+            **rank_surfaces(exploration.probabilities, exploration.surfaces),
         )
-        return replace(update, verdict=verdict)
+        return replace(update, verdict=exploration_verdict)
 
 
 def train_gestures(
-    recipe: Recipe = REHEARSED,
+    recipe: Recipe = REHEARSAL_RECIPE,
     gestures: Iterable[str] | None = None,
     *,
     n_jobs: int = 1,
     progress: Callable[..., Any] | None = None,
 ) -> dict[str, Model]:
-    """Train a model for each simulated gesture; each person of a recipe is held out in turn.
+    """Train one model per simulated gesture, evaluated by leave-one-operator-out.
 
     Parameters
     ----------
     recipe : Recipe
-        As many recordings of each gesture.
+        Surfaces, operators and number of recordings.
     gestures : iterable of str, optional
-        Some of `texclass.simulate.GESTURES`; all of them by default.
+        Some of `texclass.simulate.GESTURES` (default: all).
     n_jobs, progress
-        As `train` takes them.
+        See `train`.
+
+    Returns
+    -------
+    models : dict of str to Model
+        Gesture -> model.
     """
     from texclass.loaders.simulated import open_gestures
     from texclass.recognition.training import train
@@ -445,58 +505,63 @@ def rehearse(
     models: Mapping[str, Model],
     surface: str,
     *,
-    recipe: Recipe = REHEARSED,
+    recipe: Recipe = REHEARSAL_RECIPE,
     seed: int = 0,
     seconds: Mapping[str, float] | None = None,
     confidence: float = 0.95,
 ) -> Iterator[dict[str, Any]]:
-    """Yield the gestures that are made on a simulated surface, each as it was asked for, until it is sure.
-
-    What is yielded says which `gesture` was made, what all so far have cost in `seconds`, the `answer` of
-    this one alone, the likeliest `surface` after all with its `probability`, whether that is `sure`, and the
-    `advice` what to do next: None when it is, or nothing more is to be learnt.
+    """Explore a simulated surface with a simulated hand, which makes the recommended gestures.
 
     Parameters
     ----------
     models : mapping of str to Model
-        As `train_gestures` returns them.
+        Gesture -> model, as `train_gestures` returns them.
     surface : str
-        One of the recipe's. The hand is of a person whom the recipe does not know.
+        Name of a surface of the recipe. The hand is that of an operator who is not in the recipe.
     recipe : Recipe
-        Of the surfaces.
+        Surfaces that can be simulated.
     seed : int
-        Of what the hand does.
+        Seed of the simulated gestures.
     seconds, confidence
-        See `Exploration.of`.
+        See `Exploration.from_models`.
+
+    Yields
+    ------
+    dict
+        One gesture: `gesture`, total time in `seconds`, `answer` for this gesture alone, most probable
+        `surface` after all gestures with its `probability`, whether it is `sure`, and `advice` (the next
+        gesture, or None).
 
     Raises
     ------
     ValueError
-        If there is no such surface, or none that the models know, or a gesture cannot be simulated.
+        If the surface is not in the recipe or in the models, or a gesture cannot be simulated.
     """
     from texclass.simulate import operator_catalogue, record_gesture
 
-    known, spent = Exploration.of(models, seconds=seconds, confidence=confidence), 0.0
-    surfaces = {one.name: one for one in recipe.surfaces if one.name in known.surfaces}
+    exploration = Exploration.from_models(models, seconds=seconds, confidence=confidence)
+    surfaces = {item.name: item for item in recipe.surfaces if item.name in exploration.surfaces}
     if surface not in surfaces:
-        able = ", ".join(surfaces) or "those that the models know"
-        raise ValueError(f"surface is {surface!r}, to be simulated. Expected one of {able}")
-    stranger = operator_catalogue(recipe.n_operators + 1, recipe.seed)[-1]
-    while (asked := known.advice()) is not None and known.n_gestures < 12:  # enough, or never sure
-        n = known.n_gestures
-        felt = record_gesture(
-            asked.gesture, surfaces[surface], stranger, seed=(recipe.seed, seed, n), fs=recipe.fs
+        names = ", ".join(surfaces) or "the surfaces of the models"
+        raise ValueError(f"cannot simulate the surface {surface!r}. Expected one of {names}")
+    new_operator = operator_catalogue(recipe.n_operators + 1, recipe.seed)[-1]
+    total_s = 0.0
+    # Twelve gestures suffice, or the surface will never be sure.
+    while (advice := exploration.advice()) is not None and exploration.n_gestures < 12:
+        gesture, n = advice.gesture, exploration.n_gestures
+        recording = record_gesture(
+            gesture, surfaces[surface], new_operator, seed=(recipe.seed, seed, n), fs=recipe.fs
         )
-        answer = models[asked.gesture].answer(felt.with_(phases=None))
-        known.add(asked.gesture, answer.probabilities)
-        spent += known.gestures[asked.gesture].seconds
-        best = int(known.probabilities.argmax())
+        answer = models[gesture].answer(recording.with_(phases=None))
+        exploration.add(gesture, answer.probabilities)
+        total_s += exploration.gestures[gesture].seconds
+        best = int(exploration.probabilities.argmax())
         yield {
-            "gesture": asked.gesture,
-            "seconds": spent,
+            "gesture": gesture,
+            "seconds": total_s,
             "answer": answer,
-            "surface": known.surfaces[best],
-            "probability": float(known.probabilities[best]),
-            "sure": known.sure,
-            "advice": known.advice(),
+            "surface": exploration.surfaces[best],
+            "probability": float(exploration.probabilities[best]),
+            "sure": exploration.sure,
+            "advice": exploration.advice(),
         }

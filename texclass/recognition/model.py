@@ -31,7 +31,7 @@ from texclass.recognition.novelty import (
 )
 from texclass.recognition.prediction_sets import DEFAULT_LEVELS, ConformalCalibration
 from texclass.recognition.probabilities import Calibration, log_probabilities
-from texclass.recognition.sources.training_input import Beside, Needs
+from texclass.recognition.sources.training_input import AuxiliarySignal, InputColumns
 from texclass.recording import Recording, Samples, axes_differ, describe_axes
 
 if TYPE_CHECKING:
@@ -115,17 +115,17 @@ class Model:
         return self.plan.columns
 
     @property
-    def needs(self) -> Needs:
+    def input_columns(self) -> InputColumns:
         """Columns that a stream must have: axes of the training recordings, turn rate, friction."""
         channels = self.plan.channels
         axes = tuple(name for name in channels if name not in TURN)
-        signals: list[Beside] = ["turn_rate"] if len(axes) < len(channels) else []
+        signals: list[AuxiliarySignal] = ["turn_rate"] if len(axes) < len(channels) else []
         members = [member for _, part in self.plan.parts for member in part.members]
         friction_features = tuple(member.name for member in members if member.feature.phase == "friction")
         if friction_features:
             signals.append("friction")
         axes = axes or self.manifest.input.axes
-        return Needs(axes, tuple(signals), friction_features)
+        return InputColumns(axes, tuple(signals), friction_features)
 
     @overload
     def predict(

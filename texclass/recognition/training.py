@@ -455,7 +455,7 @@ def _recordings_entries(dataset: Dataset, meter: CostMeter, table: FeatureTable,
         "native_fs": min(r.native_fs for r in meter.recordings if r.native_fs is not None),
         "unit": example.unit,
         "phase_settings": example.phase_settings,
-        "input": TrainingFiles.of(dataset, example),
+        "input": TrainingFiles.from_dataset(dataset, example),
         "peak_acceleration": float(max(peaks)) or None,
         "shortest_s": min(((stop - start) / example.fs for start, stop in movements), default=None),
         "trained_on": {

@@ -1,4 +1,4 @@
-"""Robots: bags of ROS, topics of ROS 2 over DDS, and trained models as ONNX files."""
+"""Interfaces to robots: ROS bags, ROS 2 topics over DDS, and export of models as ONNX files."""
 
 import lazy_loader
 

@@ -1,8 +1,9 @@
-"""What bags of ROS store, read from the first byte to the last: topics, and the bytes of their messages.
+"""Low-level access to ROS bags: their topics, and the bytes of their messages.
 
-rosbag1, and rosbag2 in MCAP or SQLite, whole or compressed, a file or a folder whose files follow each other.
-The readers of rosbags follow a bag's index, and expand as much as a bag says: one of 1 kB then fills the
-memory. Here no index is followed, which could lead in circles, and what expands is bounded.
+Supported are rosbag1, and rosbag2 in MCAP or SQLite, compressed or not, as a file or a folder of consecutive
+files. Bags may be damaged or malicious. The readers of rosbags follow the index of a bag and trust the sizes
+in it, so that a bag of 1 kB can fill the memory. This module reads from the first byte to the last, and
+limits decompression.
 """
 
 import bz2
@@ -29,17 +30,18 @@ from texclass.loaders.data_files import is_hidden
 from texclass.loaders.readers import BAG_METADATA, STORAGE_SUFFIXES, reader_error, storage_suffix
 from texclass.recording import RecordingError
 
-MOST_BYTES = 1 << 27
-"""A chunk or message that expands to more (128 MB) is refused."""
-MOST_EXPANSION = 100
-"""A bag that expands to more than so many times its size (or 64 MB, if that is more) is refused."""
-MOST_TOPICS = 10_000
+MAX_BYTES = 1 << 27
+"""Largest size of a decompressed chunk or message (128 MB)."""
+MAX_EXPANSION = 100
+"""Largest ratio of the decompressed size of a bag to its file size; 64 MB are always allowed."""
+MAX_TOPICS = 10_000
+"""Largest number of topics of a bag: more indicates a damaged file."""
 _MAGIC1 = b"#ROSBAG V2.0\n"
 _ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 class Connection(NamedTuple):
-    """A topic, what is sent there ("package/msg/Type"), whether in the layout of ROS 1, its definition."""
+    """Topic of a bag, with its message type, serialisation (ROS 1 or CDR) and definition of the type."""
 
     topic: str
     type_name: str
@@ -47,8 +49,8 @@ class Connection(NamedTuple):
     definition: str = ""
 
     @property
-    def of_type(self) -> tuple[str, str, bool]:
-        """Name, definition and layout of what is sent."""
+    def type_key(self) -> tuple[str, str, bool]:
+        """Arguments of `type_of`: name and definition of the message type, and `ros1`."""
         return self.type_name, self.definition, self.ros1
 
 
@@ -56,88 +58,117 @@ BagMessage = tuple[Connection, int, bytes]
 """Connection, time of receipt in nanoseconds, serialised message."""
 
 
-class Expansion:
-    """What a bag may still expand to.
+class Decompressor:
+    """Decompression with a limit on the total size, against decompression bombs.
 
     Parameters
     ----------
-    size : int
-        Of the file, in bytes.
+    file_size : int
+        Size of the file in bytes.
+
+    Attributes
+    ----------
+    n_remaining : int
+        Number of bytes that may still be decompressed.
+
+    Examples
+    --------
+    >>> Decompressor(file_size=1000).decompress(bz2.compress(b"texture"), "bz2")
+    b'texture'
     """
 
-    def __init__(self, size: int) -> None:
-        self.left = max(MOST_EXPANSION * size, 1 << 26)
+    def __init__(self, file_size: int) -> None:
+        self.n_remaining = max(MAX_EXPANSION * file_size, 1 << 26)
 
-    def expand(self, data: bytes, how: str, most: int = MOST_BYTES) -> bytes:
-        """Return data decompressed ("", "none", "bz2", "lz4", "zstd").
+    def decompress(self, data: bytes, compression: str, max_bytes: int = MAX_BYTES) -> bytes:
+        """Return decompressed data.
+
+        Parameters
+        ----------
+        data : bytes
+            Compressed data.
+        compression : str
+            "" or "none", "bz2", "lz4" or "zstd".
+        max_bytes : int
+            Largest size of the result in bytes.
 
         Raises
         ------
         ValueError
-            If that is impossible, or more than `most` bytes or than the bag may have.
+            If the compression is unknown, or the result would exceed a limit.
         """
-        if how in ("", "none"):
+        if compression in ("", "none"):
             return data
-        if how not in _EXPANDERS:
-            raise ValueError(f"compression is {how!r}. Expected one of none, bz2, lz4, zstd")
-        most = min(most, MOST_BYTES, self.left)
-        expanded = _EXPANDERS[how](data, most + 1)
-        self.left -= len(expanded)
-        if len(expanded) > most:
-            raise ValueError(f"it expands to more than {most} bytes or {MOST_EXPANSION} times")
-        return expanded
+        if compression not in _DECOMPRESS:
+            raise ValueError(f"compression must be none, bz2, lz4 or zstd, got {compression!r}")
+        limit = min(max_bytes, MAX_BYTES, self.n_remaining)
+        result = _DECOMPRESS[compression](data, limit + 1)
+        self.n_remaining -= len(result)
+        if len(result) > limit:
+            raise ValueError(
+                f"decompressed data must have at most {limit} bytes, and {MAX_EXPANSION} times the size of "
+                "the file"
+            )
+        return result
 
 
-_EXPANDERS: dict[str, Callable[[bytes, int], bytes]] = {
-    "bz2": lambda data, most: bz2.BZ2Decompressor().decompress(data, most),
-    "lz4": lambda data, most: bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, most)),
-    "zstd": lambda data, most: _zstd().stream_reader(data, read_across_frames=True).read(most),
+_DECOMPRESS: dict[str, Callable[[bytes, int], bytes]] = {
+    "bz2": lambda data, limit: bz2.BZ2Decompressor().decompress(data, limit),
+    "lz4": lambda data, limit: bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit)),
+    "zstd": lambda data, limit: _zstd().stream_reader(data, read_across_frames=True).read(limit),
 }
 
 
 def _zstd() -> zstandard.ZstdDecompressor:
-    """Return a decompressor that refuses frames which ask for more than 128 MB to look back on."""
+    """Return a decompressor that rejects frames with a window of more than 128 MB."""
     return zstandard.ZstdDecompressor(max_window_size=1 << 27)
 
 
 def bag_topics(path: Path) -> dict[str, Connection]:
-    """Return topic -> connection of a bag: a file, a folder, or the metadata.yaml in one.
+    """Return topic -> connection of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        File, folder, or the metadata.yaml of a folder.
 
     Raises
     ------
     RecordingError
-        If it is not a readable bag.
+        If the bag cannot be read.
     """
-    found: dict[str, Connection] = {}
-    for part in _storage_files(path):
-        with _storage(part) as (file, suffix):
+    connections: dict[str, Connection] = {}
+    for storage_file in _storage_files(path):
+        with _open_storage(storage_file) as (file, suffix):
             for connection in _connections(file, suffix):
-                found.setdefault(connection.topic, connection)
-                if len(found) > MOST_TOPICS:
-                    raise ValueError(f"more than {MOST_TOPICS} topics")
-    return found
+                connections.setdefault(connection.topic, connection)
+                if len(connections) > MAX_TOPICS:
+                    raise ValueError(f"more than {MAX_TOPICS} topics")
+    return connections
 
 
-def bag_messages(path: Path, chosen: Connection) -> Iterator[tuple[int, bytes]]:
-    """Yield time of receipt (nanoseconds) and bytes of the messages of a topic, in the order of a bag.
+def bag_messages(path: Path, connection: Connection) -> Iterator[tuple[int, bytes]]:
+    """Yield time of receipt (nanoseconds) and bytes of the messages of a topic, in the order of the bag.
 
     Raises
     ------
     RecordingError
-        If it is not a readable bag, or the topic carries messages of several types.
+        If the bag cannot be read, or the topic has messages of several types.
     """
-    for part in _storage_files(path):
-        with _storage(part) as (file, suffix):
-            budget = Expansion(file.stat().st_size)
-            for connection, received, raw in _MESSAGES[suffix](file, chosen.topic, budget):
-                if connection[:3] != chosen[:3]:
-                    sent = f"{chosen.topic} carries {connection.type_name} and {chosen.type_name}"
-                    raise reader_error(path, sent, "one type a topic")
-                yield received, raw
+    for storage_file in _storage_files(path):
+        with _open_storage(storage_file) as (file, suffix):
+            decompressor = Decompressor(file.stat().st_size)
+            for sender, receipt_ns, raw in _MESSAGES[suffix](file, connection.topic, decompressor):
+                if sender[:3] != connection[:3]:
+                    types = f"{sender.type_name} and {connection.type_name}"
+                    raise reader_error(
+                        path, f"{connection.topic} has messages of types {types}", "one type per topic"
+                    )
+                yield receipt_ns, raw
 
 
 def _storage_files(path: Path) -> tuple[Path, ...]:
-    """Return the files that hold a bag's messages, in order."""
+    """Return the files with the messages of a bag, in order of their numbers."""
     folder = path if path.is_dir() else path.parent if path.name == BAG_METADATA else None
     if folder is None:
         return (path,)
@@ -147,70 +178,74 @@ def _storage_files(path: Path) -> tuple[Path, ...]:
         if storage_suffix(file.name) in STORAGE_SUFFIXES and not is_hidden(file.name)
     ]
     if not files:
-        raise reader_error(folder, "holds no .mcap or .db3 file", "a folder of rosbag2")
+        raise reader_error(folder, "contains no .mcap or .db3 file", "a folder of rosbag2")
     return tuple(sorted(files, key=lambda file: [int(n) for n in re.findall(r"\d+", file.name)]))
 
 
 @contextlib.contextmanager
-def _storage(path: Path) -> Iterator[tuple[Path, str]]:
-    """Give a storage file, expanded if it is compressed as a whole, and its kind.
+def _open_storage(path: Path) -> Iterator[tuple[Path, str]]:
+    """Provide a storage file, decompressed if necessary, and its suffix.
 
-    Whatever damaged bytes make the libraries raise meanwhile becomes one error.
+    All errors that the libraries raise for damaged files become a RecordingError.
     """
     try:
         suffix = storage_suffix(path.name)
         if suffix == path.suffix.lower():
             yield path, suffix
             return
-        with tempfile.TemporaryDirectory() as folder, path.open("rb") as packed:
-            target, most = Path(folder) / f"bag{suffix}", Expansion(path.stat().st_size).left
-            with target.open("wb") as file, _zstd().stream_reader(packed, read_across_frames=True) as stream:
-                while piece := stream.read(1 << 20):
-                    file.write(piece)
-                    if file.tell() > most:
-                        raise ValueError(f"expands to more than {MOST_EXPANSION} times its size")
+        with tempfile.TemporaryDirectory() as folder, path.open("rb") as compressed:
+            target, max_bytes = Path(folder) / f"bag{suffix}", Decompressor(path.stat().st_size).n_remaining
+            with (
+                target.open("wb") as file,
+                _zstd().stream_reader(compressed, read_across_frames=True) as stream,
+            ):
+                while data := stream.read(1 << 20):
+                    file.write(data)
+                    if file.tell() > max_bytes:
+                        raise ValueError(f"the decompressed bag is more than {MAX_EXPANSION} times larger")
             yield target, suffix
     except RecordingError:
         raise
     except Exception as error:
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise RecordingError(f"{path}: not a readable bag ({told}); is it cut short?") from error
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RecordingError(f"{path}: cannot read the bag ({reason}). It may be incomplete") from error
 
 
 def _connections(path: Path, suffix: str) -> Iterator[Connection]:
-    """Yield the connections that a storage file names, or an MCAP file without a summary uses."""
+    """Yield the connections in the index of a storage file, or of all messages of an MCAP without index."""
     match suffix:
         case ".bag":
             with path.open("rb") as file:
-                index_at, n = _bag1_start(file)
-                file.seek(index_at)
+                index_offset, n = _bag1_start(file)
+                file.seek(index_offset)
                 for _ in range(n):
                     yield _bag1_connection(Header.read(file, RecordType.CONNECTION), file)[1]
         case ".mcap":
             with path.open("rb") as file:
                 summary = make_reader(file).get_summary()
             if summary is not None and summary.channels:
-                yield from (_mcap_connection(each, summary.schemas) for each in summary.channels.values())
+                for channel in summary.channels.values():
+                    yield _mcap_connection(channel, summary.schemas)
             else:
-                messages = _mcap_messages(path, None, Expansion(path.stat().st_size))
+                messages = _mcap_messages(path, None, Decompressor(path.stat().st_size))
                 yield from (connection for connection, _, _ in messages)
         case ".db3":
             with _database(path) as database:
-                rows = database.execute("SELECT name, type FROM topics").fetchmany(MOST_TOPICS + 1)
+                rows = database.execute("SELECT name, type FROM topics").fetchmany(MAX_TOPICS + 1)
             yield from (Connection(str(name), str(type_name), ros1=False) for name, type_name in rows)
 
 
-def _bag1_messages(path: Path, topic: str, budget: Expansion) -> Iterator[BagMessage]:
+def _bag1_messages(path: Path, topic: str, decompressor: Decompressor) -> Iterator[BagMessage]:
     with path.open("rb") as file:
-        index_at, _ = _bag1_start(file)
+        index_offset, _ = _bag1_start(file)
         connections: dict[int, Connection] = {}
-        while file.tell() < index_at:
+        while file.tell() < index_offset:
             header = Header.read(file)
             size = read_uint32(file)
             if header.get_uint8("op") != RecordType.CHUNK:
                 file.seek(size, 1)
                 continue
-            chunk = budget.expand(read_bytes(file, size), header.get_string("compression"))
+            chunk = decompressor.decompress(read_bytes(file, size), header.get_string("compression"))
             _check_size(chunk, header.get_uint32("size"))
             inner = io.BytesIO(chunk)
             while inner.tell() < len(chunk):
@@ -228,35 +263,35 @@ def _bag1_messages(path: Path, topic: str, budget: Expansion) -> Iterator[BagMes
                     yield connection, header.get_time("time"), data
 
 
-def _check_size(chunk: bytes, announced: int) -> None:
-    if len(chunk) != announced:
-        raise ValueError(f"a chunk holds {len(chunk)} bytes, not {announced}")
+def _check_size(chunk: bytes, n_bytes: int) -> None:
+    if len(chunk) != n_bytes:
+        raise ValueError(f"a chunk must have {n_bytes} bytes, got {len(chunk)}")
 
 
 def _bag1_start(file: BinaryIO) -> tuple[int, int]:
-    """Return where the index of a rosbag1 starts, and how many connections it names."""
+    """Return the offset of the index of a rosbag1, and its number of connections."""
     if file.read(len(_MAGIC1)) != _MAGIC1:
-        raise ValueError("it does not start as a rosbag of version 2.0")
+        raise ValueError("it does not start like a rosbag of version 2.0")
     header = Header.read(file, RecordType.BAGHEADER)
-    if not (index_at := header.get_uint64("index_pos")):
-        raise ValueError("it was never closed: run `rosbag reindex`")
+    if not (index_offset := header.get_uint64("index_pos")):
+        raise ValueError("it was not closed: run `rosbag reindex`")
     file.seek(read_uint32(file), 1)
-    return index_at, header.get_uint32("conn_count")
+    return index_offset, header.get_uint32("conn_count")
 
 
 def _bag1_connection(header: Header, file: BinaryIO) -> tuple[int, Connection]:
-    told = Header.read(file)
-    name, definition = told.get_string("type"), told.get_string("message_definition")
-    connection = Connection(header.get_string("topic"), _with_msg(name), True, definition)
+    type_header = Header.read(file)
+    name, definition = type_header.get_string("type"), type_header.get_string("message_definition")
+    connection = Connection(header.get_string("topic"), _ros2_type_name(name), True, definition)
     return header.get_uint32("conn"), connection
 
 
-def _mcap_messages(path: Path, topic: str | None, budget: Expansion) -> Iterator[BagMessage]:
+def _mcap_messages(path: Path, topic: str | None, decompressor: Decompressor) -> Iterator[BagMessage]:
     schemas: dict[int, Schema] = {}
     connections: dict[int, Connection] = {}
     with path.open("rb") as file:
-        for outer in StreamReader(file, emit_chunks=True, record_size_limit=MOST_BYTES).records:
-            for record in _mcap_chunk(outer, budget) if isinstance(outer, Chunk) else (outer,):
+        for outer in StreamReader(file, emit_chunks=True, record_size_limit=MAX_BYTES).records:
+            for record in _mcap_chunk(outer, decompressor) if isinstance(outer, Chunk) else (outer,):
                 if isinstance(record, Schema):
                     schemas[record.id] = record
                 elif isinstance(record, Channel):
@@ -265,11 +300,11 @@ def _mcap_messages(path: Path, topic: str | None, budget: Expansion) -> Iterator
                     yield connections[record.channel_id], record.log_time, record.data
 
 
-def _mcap_chunk(chunk: Chunk, budget: Expansion) -> Iterator[Schema | Channel | Message]:
-    data = budget.expand(chunk.data, chunk.compression, chunk.uncompressed_size)
+def _mcap_chunk(chunk: Chunk, decompressor: Decompressor) -> Iterator[Schema | Channel | Message]:
+    data = decompressor.decompress(chunk.data, chunk.compression, chunk.uncompressed_size)
     _check_size(data, chunk.uncompressed_size)
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise ValueError("the checksum of a chunk is wrong")
+        raise ValueError("a chunk has the wrong checksum")
     stream = ReadDataStream(io.BytesIO(data))
     while stream.count < len(data):
         kind, size = stream.read1(), stream.read8()
@@ -289,49 +324,56 @@ def _mcap_connection(channel: Channel, schemas: dict[int, Schema]) -> Connection
         return Connection(channel.topic, "", ros1)
     is_message = schema.encoding in ("ros1msg", "ros2msg")
     definition = schema.data.decode("utf-8", "replace") if is_message else ""
-    return Connection(channel.topic, _with_msg(schema.name), ros1, definition)
+    return Connection(channel.topic, _ros2_type_name(schema.name), ros1, definition)
 
 
-def _with_msg(name: str) -> str:
+def _ros2_type_name(name: str) -> str:
+    """Return "package/msg/Type" for the ROS 1 name "package/Type"."""
     return name if "/msg/" in name else name.replace("/", "/msg/")
 
 
-def _db3_messages(path: Path, topic: str, budget: Expansion) -> Iterator[BagMessage]:
+def _db3_messages(path: Path, topic: str, decompressor: Decompressor) -> Iterator[BagMessage]:
     with _database(path) as database:
-        (found,) = database.execute("PRAGMA quick_check(1)").fetchone()
-        if found != "ok":
-            raise ValueError(f"the database is damaged: {found}")
+        (result,) = database.execute("PRAGMA quick_check(1)").fetchone()
+        if result != "ok":
+            raise ValueError(f"the database is damaged: {result}")
         rows = database.execute(
             "SELECT topics.type, messages.timestamp, messages.data FROM messages "
             "JOIN topics ON messages.topic_id = topics.id WHERE topics.name = ?",
             (topic,),
         )
-        for type_name, received, data in rows:
-            if not (isinstance(received, int) and isinstance(data, bytes)):
-                raise ValueError(f"a message is {type(data).__name__}, received at {received!r}")
-            raw = budget.expand(data, "zstd") if data.startswith(_ZSTD) else data
-            yield Connection(topic, str(type_name), ros1=False), received, raw
+        for type_name, receipt_ns, data in rows:
+            if not (isinstance(receipt_ns, int) and isinstance(data, bytes)):
+                raise ValueError(
+                    f"a message must be bytes with an integer time of receipt, got {type(data).__name__} and "
+                    f"{receipt_ns!r}"
+                )
+            raw = decompressor.decompress(data, "zstd") if data.startswith(_ZSTD) else data
+            yield Connection(topic, str(type_name), ros1=False), receipt_ns, raw
 
 
 @contextlib.contextmanager
 def _database(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open a database to read; one that was not closed keeps its last part in a file of its own."""
-    how = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
-    with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?{how}", uri=True)) as database:
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+    """Open a database for reading."""
+    # A database that was not closed has its last messages in a write-ahead log, which "immutable" ignores.
+    mode = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
+    with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?{mode}", uri=True)) as database:
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BYTES)
         database.execute("PRAGMA trusted_schema = OFF")
         (page_size,) = database.execute("PRAGMA page_size").fetchone()
-        if rest := path.stat().st_size % page_size:  # SQLite would read zeros in place of what is missing
-            raise ValueError(f"its last page has {rest} of {page_size} bytes")
+        if (
+            n_bytes := path.stat().st_size % page_size
+        ):  # SQLite reads zeros for missing bytes, without an error
+            raise ValueError(f"its last page has {n_bytes} of {page_size} bytes")
         tables = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('messages', 'topics')"
         if database.execute(tables).fetchone() != (2,):
-            raise ValueError("it has no tables of messages and topics")
+            raise ValueError("it has no tables 'messages' and 'topics'")
         yield database
 
 
-_MESSAGES: dict[str, Callable[[Path, str, Expansion], Iterator[BagMessage]]] = {
+_MESSAGES: dict[str, Callable[[Path, str, Decompressor], Iterator[BagMessage]]] = {
     ".bag": _bag1_messages,
     ".mcap": _mcap_messages,
     ".db3": _db3_messages,
 }
-"""Suffix -> what gives the messages of a topic of a file."""
+"""Suffix of a storage file -> reader of the messages of a topic."""

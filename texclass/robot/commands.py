@@ -1,4 +1,4 @@
-"""Command that writes models for robots: export."""
+"""Command `texclass export`, which writes a model as an ONNX file."""
 
 from pathlib import Path
 from typing import Annotated, Literal

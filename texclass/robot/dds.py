@@ -1,7 +1,7 @@
-"""ROS 2 over DDS, without ROS: its names, messages, qualities of service; publishers (extra `robot`).
+"""ROS 2 over DDS, without ROS: names, messages, quality of service and publishers (extra `robot`).
 
-ROS 2 puts `rt/` before a topic, calls the type `package::msg::dds_::Type_`, and serialises in CDR version 1.
-A ROS 2 node can be at the other end.
+ROS 2 adds the prefix `rt/` to a topic, names the type `package::msg::dds_::Type_`, and serialises in CDR
+version 1. With the same conventions, ROS 2 nodes can publish and subscribe.
 """
 
 import json
@@ -27,43 +27,60 @@ from texclass.recording import Samples
 
 Reliability = Literal["reliable", "best effort"]
 DEPTH = 20_000
-"""Messages kept until they are taken: 2 s at 10 kHz. ROS 2 keeps 5 of sensor data by default."""
-LAST_DOMAIN = 232
-"""Of DDS: the ports of later ones do not exist."""
+"""Default queue length in messages: 2 s at 10 kHz. The default of ROS 2 for sensor data, 5, is too short."""
+MAX_DOMAIN = 232
+"""Largest DDS domain: higher ones have no valid port numbers."""
 OK, WARN = 0, 1
-"""Levels of diagnostics."""
+"""Levels of `diagnostic_msgs/DiagnosticStatus`."""
 
 
 def dds_topic(topic: str) -> str:
-    """Return the DDS name of a ROS 2 topic: "/imu/data" is "rt/imu/data"."""
+    """Return the DDS name of a ROS 2 topic.
+
+    Examples
+    --------
+    >>> dds_topic("/imu/data")
+    'rt/imu/data'
+    """
     return f"rt/{topic.lstrip('/')}"
 
 
 def dds_type(type_name: str) -> str:
-    """Return the DDS name of a ROS 2 type: "sensor_msgs/msg/Imu" is "sensor_msgs::msg::dds_::Imu_"."""
+    """Return the DDS name of a ROS 2 message type.
+
+    Examples
+    --------
+    >>> dds_type("sensor_msgs/msg/Imu")
+    'sensor_msgs::msg::dds_::Imu_'
+    """
     package, _, name = type_name.split("/")
     return f"{package}::msg::dds_::{name}_"
 
 
 def ros_type(dds_name: str) -> str:
-    """Return the ROS 2 name of a DDS type, the inverse of `dds_type`; other names as they are."""
+    """Return the ROS 2 name of a DDS type (the inverse of `dds_type`); return other names unchanged."""
     package, mark, name = dds_name.partition("::msg::dds_::")
     return f"{package}/msg/{name.removesuffix('_')}" if mark else dds_name
 
 
 @cache
 def message_class(type_name: str) -> Any:
-    """Return the DDS type of a standard message of ROS 2, as its definition in rosbags has it.
+    """Return the DDS type of a standard ROS 2 message, from its definition in rosbags.
 
     Parameters
     ----------
     type_name : str
-        "sensor_msgs/msg/Imu".
+        Message type, such as "sensor_msgs/msg/Imu".
 
     Returns
     -------
     type of IdlStruct
-        A dataclass with the members of the message, zero or empty by default.
+        Dataclass with the fields of the message, which are zero or empty by default.
+
+    Examples
+    --------
+    >>> message_class("geometry_msgs/msg/Vector3")(z=9.81)
+    Vector3(x=0.0, y=0.0, z=9.81)
     """
     members = {
         name: _member(kind) for name, kind in get_typestore(Stores.ROS2_HUMBLE).get_msgdef(type_name).fields
@@ -71,13 +88,13 @@ def message_class(type_name: str) -> Any:
     body = {"__annotations__": {name: kind for name, (kind, _) in members.items()}, "__module__": __name__}
     body |= {name: field(default_factory=default) for name, (_, default) in members.items()}
     name = {"typename": dds_type(type_name)}
-    made = types.new_class(type_name.rpartition("/")[2], (idl.IdlStruct,), name, lambda ns: ns.update(body))
-    return dataclass(made)
+    class_ = types.new_class(type_name.rpartition("/")[2], (idl.IdlStruct,), name, lambda ns: ns.update(body))
+    return dataclass(class_)
 
 
-def _member(described: Any) -> tuple[Any, Any]:
-    """Return type and default of a member of a message."""
-    match described[0].name, described[1]:
+def _member(description: Any) -> tuple[Any, Any]:
+    """Return type and default of a field of a message."""
+    match description[0].name, description[1]:
         case "BASE", ("string", _):
             return str, str
         case "BASE", (number, _):
@@ -88,31 +105,37 @@ def _member(described: Any) -> tuple[Any, Any]:
         case "ARRAY", (inner, n):
             kind, default = _member(inner)
             return idl.types.array[kind, n], lambda: [default() for _ in range(n)]
-    return idl.types.sequence[_member(described[1][0])[0]], list
+    return idl.types.sequence[_member(description[1][0])[0]], list
 
 
 def participant(domain: int | None = None) -> DomainParticipant:
-    """Join a domain: the given one, else $ROS_DOMAIN_ID, else 0.
+    """Return a participant of a DDS domain (default: $ROS_DOMAIN_ID, or 0).
 
     Raises
     ------
     ValueError
-        If it is no domain.
+        If the domain is not a number from 0 to 232.
     """
-    given = str(os.environ.get("ROS_DOMAIN_ID") or 0 if domain is None else domain)
-    if not (given.isascii() and given.isdigit() and int(given) <= LAST_DOMAIN):
-        where = "ROS_DOMAIN_ID" if domain is None else "domain"
+    number = str(os.environ.get("ROS_DOMAIN_ID") or 0 if domain is None else domain)
+    if not (number.isascii() and number.isdigit() and int(number) <= MAX_DOMAIN):
+        name = "ROS_DOMAIN_ID" if domain is None else "domain"
         raise ValueError(
-            f"{where} is {given!r}. Expected 0 to {LAST_DOMAIN} (--domain goes before ROS_DOMAIN_ID)"
+            f"{name} must be an integer from 0 to {MAX_DOMAIN}, got {number!r} (--domain overrides "
+            "ROS_DOMAIN_ID)"
         )
-    return DomainParticipant(int(given))
+    return DomainParticipant(int(number))
 
 
 def quality(reliability: Reliability, depth: int = DEPTH) -> Qos:
-    """Return the quality of service of a topic: volatile, the last `depth` messages kept, CDR version 1.
+    """Return the quality of service of a topic: volatile, queue of `depth` messages, CDR version 1.
 
-    "best effort" is what ROS 2 drivers use for sensor data, and hears reliable publishers too; "reliable"
-    repeats what was lost, and hears reliable publishers only.
+    Parameters
+    ----------
+    reliability : str
+        "best effort" (usual for sensor data in ROS 2) connects to all publishers. "reliable" retransmits lost
+        messages, and connects to reliable publishers only.
+    depth : int
+        Queue length in messages.
     """
     return Qos(
         Policy.Reliability.Reliable(duration(milliseconds=100))
@@ -125,20 +148,29 @@ def quality(reliability: Reliability, depth: int = DEPTH) -> Qos:
 
 
 class AnswerPublisher:
-    """Publishes answers as JSON in a `std_msgs/String`, and as `diagnostic_msgs/DiagnosticArray`.
+    """Publisher of answers, as JSON (`std_msgs/String`) and as `diagnostic_msgs/DiagnosticArray`.
 
     Parameters
     ----------
     topic : str
-        Of the JSON.
+        Topic of the JSON.
     diagnostics : str or None
-        Of the diagnostics; None publishes none.
+        Topic of the diagnostics; None publishes none.
     name : str
-        Under which the diagnostics are shown.
+        Name of the diagnostic status.
     reliability : str
-        "reliable" is what ROS 2 subscribers expect of both.
+        "reliable" (the default of ROS 2 subscribers) or "best effort".
     domain : int, optional
-        $ROS_DOMAIN_ID or 0 by default.
+        DDS domain (default: $ROS_DOMAIN_ID, or 0).
+
+    Examples
+    --------
+    >>> from texclass.robot import AnswerPublisher
+    >>> publisher = AnswerPublisher("/surface", diagnostics=None)
+    >>> publisher.publish({"surface": "oak", "probability": 0.97, "unknown": False})
+    >>> publisher.diagnostics({"surface": "oak"}, stamp_ns=0).status[0].message
+    'oak'
+    >>> publisher.close()
     """
 
     def __init__(
@@ -164,46 +196,54 @@ class AnswerPublisher:
         Parameters
         ----------
         answer : mapping
-            What goes into the JSON; `surface` is the message of the diagnostics, a true `unknown` makes it a
-            warning.
+            Content of the JSON. `surface` is the message of the diagnostics, which are a warning if `unknown`
+            is true.
         stamp_ns : int, optional
-            Instant of the answer, nanoseconds; now by default.
+            Time stamp of the answer in nanoseconds (default: now).
         """
         self._text.write(message_class("std_msgs/msg/String")(json.dumps(answer)))
         if self._array is not None:
             self._array.write(self.diagnostics(answer, time.time_ns() if stamp_ns is None else stamp_ns))
 
     def diagnostics(self, answer: Mapping[str, Any], stamp_ns: int) -> Any:
-        """Return an answer as diagnostics."""
+        """Return the message `diagnostic_msgs/DiagnosticArray` for an answer."""
         key_value = message_class("diagnostic_msgs/msg/KeyValue")
-        unknown = bool(answer.get("unknown"))
-        said = "unknown surface" if unknown else str(answer.get("surface", ""))
+        is_unknown = bool(answer.get("unknown"))
+        message = "unknown surface" if is_unknown else str(answer.get("surface", ""))
         texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in answer.items()}
         values = [key_value(*pair) for pair in texts.items()]
         status = message_class("diagnostic_msgs/msg/DiagnosticStatus")
-        whole = message_class("diagnostic_msgs/msg/DiagnosticArray")
-        return whole(_header(stamp_ns), [status(WARN if unknown else OK, self._name, said, "", values)])
+        array = message_class("diagnostic_msgs/msg/DiagnosticArray")
+        level = WARN if is_unknown else OK
+        return array(_header(stamp_ns), [status(level, self._name, message, "", values)])
 
     def close(self) -> None:
-        """Leave the domain."""
+        """Disconnect from the domain."""
         self._text = self._array = self._participant = None
 
 
 class ImuPublisher:
-    """Publishes accelerations and turn rates as `sensor_msgs/Imu`, 10 kHz and more.
+    """Publisher of accelerations and turn rates as `sensor_msgs/Imu`, at 10 kHz and more.
 
     Parameters
     ----------
     topic : str
-        "/imu/data".
+        Name of the topic, such as "/imu/data".
     frame : str
         Name of the frame in the headers.
     reliability : str
-        "best effort" is what ROS 2 drivers use; "reliable" serves both kinds of subscriber.
+        "reliable" serves all subscribers; "best effort" (usual for ROS 2 drivers) those with best effort.
     depth : int
-        Messages kept for subscribers that fall behind.
+        Queue length in messages, for subscribers that are late.
     domain : int, optional
-        $ROS_DOMAIN_ID or 0 by default.
+        DDS domain (default: $ROS_DOMAIN_ID, or 0).
+
+    Examples
+    --------
+    >>> from texclass.robot import ImuPublisher
+    >>> publisher = ImuPublisher("/imu/data")
+    >>> publisher.publish(0, acceleration=[0.0, 0.0, 9.81], turn_rate=[0.0, 0.0, 0.1])
+    >>> publisher.close()
     """
 
     def __init__(
@@ -217,17 +257,18 @@ class ImuPublisher:
     ) -> None:
         self._participant = participant(domain)
         self._writer = _writer(self._participant, topic, "sensor_msgs/msg/Imu", quality(reliability, depth))
-        upright = message_class("geometry_msgs/msg/Quaternion")(w=1.0)
-        self._message = message_class("sensor_msgs/msg/Imu")(_header(0, frame), upright)
-        # Its 37 numbers come last; serialising each message anew would take longer than a period at 10 kHz.
+        orientation = message_class("geometry_msgs/msg/Quaternion")(w=1.0)
+        self._message = message_class("sensor_msgs/msg/Imu")(_header(0, frame), orientation)
+        # Serialising each message takes longer than a period at 10 kHz. The 37 numbers at the end of the
+        # serialised message are overwritten instead.
         self._bytes = bytearray(self._message.serialize(use_version_2=False))
         self._message.serialize = lambda *_, **__: bytes(self._bytes)
         first = len(self._bytes) - 8 * 37
-        self._turn_rate_at, self._acceleration_at = first + 8 * 13, first + 8 * 25
+        self._turn_rate_offset, self._acceleration_offset = first + 8 * 13, first + 8 * 25
 
     @property
     def n_subscribers(self) -> int:
-        """How many subscribers hear it."""
+        """Number of connected subscribers."""
         return len(self._writer.get_matched_subscriptions())
 
     def publish(self, stamp_ns: int, acceleration: Samples, turn_rate: Samples | None = None) -> None:
@@ -236,20 +277,20 @@ class ImuPublisher:
         Parameters
         ----------
         stamp_ns : int
-            Instant, nanoseconds.
+            Time stamp in nanoseconds.
         acceleration : array_like of shape (3,)
-            In m/s^2.
+            Acceleration in m/s^2.
         turn_rate : array_like of shape (3,), optional
-            In rad/s.
+            Turn rate in rad/s (default: that of the previous sample, 0 at first).
         """
         struct.pack_into("<iI", self._bytes, 4, *divmod(stamp_ns, 10**9))
-        struct.pack_into("<3d", self._bytes, self._acceleration_at, *acceleration)
+        struct.pack_into("<3d", self._bytes, self._acceleration_offset, *acceleration)
         if turn_rate is not None:
-            struct.pack_into("<3d", self._bytes, self._turn_rate_at, *np.asarray(turn_rate))
+            struct.pack_into("<3d", self._bytes, self._turn_rate_offset, *np.asarray(turn_rate))
         self._writer.write(self._message)
 
     def close(self) -> None:
-        """Leave the domain."""
+        """Disconnect from the domain."""
         self._writer = self._participant = None
 
 

@@ -1,4 +1,4 @@
-"""A ROS 2 topic as a source of blocks, heard over DDS without ROS (extra `robot`)."""
+"""ROS 2 topics as sources of blocks, received over DDS without ROS (extra `robot`)."""
 
 import math
 import time
@@ -15,8 +15,8 @@ from cyclonedds.util import duration
 from numpy.typing import NDArray
 
 from texclass.loaders.columns import TURN_RATE
-from texclass.recognition.sources.blocks import Block, BlockSource, Timing
-from texclass.recognition.sources.training_input import ACCELERATION_ONLY, Needs
+from texclass.recognition.sources.blocks import Block, BlockAssembler, BlockSource
+from texclass.recognition.sources.training_input import ACCELERATION_ONLY, InputColumns
 from texclass.recording import RecordingError, Samples
 from texclass.robot.dds import (
     DEPTH,
@@ -36,34 +36,34 @@ from texclass.robot.ros_messages import (
 )
 
 SIGNALS = ("sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", MULTI_ARRAY)
-"""Types that can be subscribed to."""
-MOST_AT_ONCE = 4096
-"""Messages taken at a time."""
-SILENT_S = 1.0
-"""After so many seconds without a message an empty block says so."""
-UNTURNED_S = 1.0
-"""After so many seconds of a turn rate of exactly 0 a block says so."""
+"""Message types that a `Subscriber` decodes."""
+MAX_MESSAGES = 4096
+"""Largest number of messages that are read at once, which bounds the memory."""
+SILENCE_S = 1.0
+"""Time without messages (s) after which an empty block reports the silence."""
+ZERO_TURN_RATE_S = 1.0
+"""Duration of a turn rate of exactly 0 (s) after which a block reports it: real gyroscopes have noise."""
 
 
-class Received(NamedTuple):
-    """Messages that arrived together.
+class MessageBatch(NamedTuple):
+    """Messages that were read together.
 
     Attributes
     ----------
-    stamps_ns : ndarray of shape (n,)
-        Of the headers; when sent, for messages without header or stamp.
+    timestamps_ns : ndarray of shape (n,)
+        Time stamps of the headers in nanoseconds; times of sending for messages without one.
     sent_ns : ndarray of shape (n,)
-        When each was sent, by the clock of the publisher.
+        Times of sending in nanoseconds, by the clock of the publisher.
     samples : ndarray of shape (n, k, n_channels)
-        k samples a message.
-    n_bad : int
-        Messages that could not be decoded and are left out.
+        Messages of k samples each.
+    n_damaged : int
+        Number of messages that could not be decoded and are omitted.
     """
 
-    stamps_ns: NDArray[np.int64]
+    timestamps_ns: NDArray[np.int64]
     sent_ns: NDArray[np.int64]
     samples: Samples
-    n_bad: int = 0
+    n_damaged: int = 0
 
 
 def topic_blocks(
@@ -77,135 +77,170 @@ def topic_blocks(
     domain: int | None = None,
     wait_s: float = 10.0,
     end_s: float | None = None,
-    needs: Needs = ACCELERATION_ONLY,
+    columns: InputColumns = ACCELERATION_ONLY,
 ) -> BlockSource:
-    """Return the acceleration of a ROS 2 topic, and the turn rate where it is needed, as it arrives.
+    """Return the acceleration of a ROS 2 topic as blocks, with the turn rate if the model needs it.
 
-    A second of silence, a gyroscope that stands still for a second, and several publishers are told.
+    Flags of the blocks report one second of silence, a turn rate of 0 for one second, and several publishers.
 
     Parameters
     ----------
     topic : str
-        "/imu/data".
+        Name of the topic, such as "/imu/data".
     fs : float, optional
-        Sampling rate in Hz; by default measured over the first second.
+        Sampling rate in Hz (default: measured over the first second).
     unit : str, optional
-        Must be the one that the type of the messages states; needed if it states none.
+        Unit of the acceleration; required if the message type does not define it.
     type_name : str, optional
-        "sensor_msgs/msg/Imu"; by default what is published there.
+        Message type, such as "sensor_msgs/msg/Imu" (default: that of the publisher).
     reliability : str, optional
-        By default "reliable" if every publisher offers it, else "best effort".
+        "reliable" or "best effort" (default: "reliable" if every publisher offers it).
     depth : int
-        Messages kept until they are taken.
+        Queue length in messages.
     domain : int, optional
-        $ROS_DOMAIN_ID or 0 by default.
+        DDS domain (default: $ROS_DOMAIN_ID, or 0).
     wait_s : float
-        How long to wait for a first publisher.
+        Time to wait for the first publisher, in seconds.
     end_s : float, optional
-        End after so many seconds without a message; by default go on for ever.
-    needs : Needs
-        Columns that a model needs. An array of numbers is taken to have them in their order.
+        Time without messages after which the source ends, in seconds (default: never).
+    columns : InputColumns
+        Columns that the model needs. A Float64MultiArray must have them in this order.
+
+    Returns
+    -------
+    blocks : BlockSource
+        Generator of blocks.
 
     Raises
     ------
     RecordingError
-        If nobody publishes there, a type that cannot be read or lacks what is needed, or the unit is missing
-        or contradicted.
+        If there is no publisher, its message type cannot be read or lacks a needed signal, or the unit is
+        contradicted.
     ValueError
-        If the reliability, depth or domain is none.
+        If reliability, depth or domain are invalid.
+
+    Examples
+    --------
+    Publish and receive 200 samples in one process, with the loopback interface:
+
+    >>> from texclass.robot import ImuPublisher, topic_blocks
+    >>> publisher = ImuPublisher("/imu")  # doctest: +SKIP
+    >>> for block in topic_blocks("/imu", fs=1000):  # doctest: +SKIP
+    ...     print(block.t_s, block.samples.shape, block.flags)
     """
-    if reliability not in (None, "reliable", "best effort") or depth < 1:
+    if reliability not in (None, "reliable", "best effort"):
         raise ValueError(
-            f"ros2:{topic}: reliability is {reliability!r}, depth {depth}. Expected 'reliable' or 'best "
-            "effort', and 1 or more"
+            f"ros2:{topic}: reliability must be 'reliable' or 'best effort', got {reliability!r}"
         )
+    if depth < 1:
+        raise ValueError(f"ros2:{topic}: depth must be at least 1 message, got {depth}")
     if type_name is None or reliability is None:
-        offered = discover(topic, domain=domain, timeout_s=wait_s)
-        if not offered:
-            raise RecordingError(f"ros2:{topic}: nobody publishes there; waited {wait_s:g} s")
-        type_name = type_name or offered[0][0]
-        are_reliable = all(offer == "reliable" for _, offer in offered)
+        publishers = discover(topic, domain=domain, timeout_s=wait_s)
+        if not publishers:
+            raise RecordingError(
+                f"ros2:{topic}: no publisher within {wait_s:g} s. Check the topic with `ros2 topic list`, "
+                "and the domain (--domain)"
+            )
+        type_name = type_name or publishers[0][0]
+        are_reliable = all(offer == "reliable" for _, offer in publishers)
         reliability = reliability or ("reliable" if are_reliable else "best effort")
     if type_name not in SIGNALS:
-        raise RecordingError(f"ros2:{topic}: carries {type_name!r}. Expected one of {', '.join(SIGNALS)}")
-    columns, stated = (), "arbitrary"  # of an array of numbers
+        raise RecordingError(
+            f"ros2:{topic}: cannot read messages of type {type_name!r}. Expected {', '.join(SIGNALS)}"
+        )
+    names, type_unit = (), "arbitrary"  # an array has no names and no unit
     if type_name in TYPES:
         type_ = TYPES[type_name]
-        turn = TURN_RATE if "turn_rate" in needs.beside else ()
-        for name in needs.beside:
-            if name != "turn_rate" or not set(turn) <= set(type_.columns):
-                raise RecordingError(f"ros2:{topic}: {type_name} has {needs.lacks(name)}")
-        columns, stated = (*type_.acceleration, *turn), type_.unit or stated
-    if stated != "arbitrary" and unit not in (None, stated):
+        turn = TURN_RATE if "turn_rate" in columns.auxiliary else ()
+        for signal in columns.auxiliary:
+            if signal != "turn_rate" or not set(turn) <= set(type_.columns):
+                raise RecordingError(f"ros2:{topic}: {type_name} has {columns.missing_signal(signal)}")
+        names, type_unit = (*type_.acceleration, *turn), type_.unit or type_unit
+    if type_unit != "arbitrary" and unit not in (None, type_unit):
         raise RecordingError(
-            f"ros2:{topic}: unit is {stated!r} by its type, {unit!r} was given. Expected one"
+            f"ros2:{topic}: unit must be {type_unit!r} for {type_name}, got {unit!r}. Omit --unit"
         )
     subscriber = Subscriber(
-        topic, type_name, reliability=reliability, depth=depth, domain=domain, columns=columns
+        topic, type_name, reliability=reliability, depth=depth, domain=domain, columns=names
     )
-    blocks = _blocks(subscriber, Timing(fs, unit or stated), end_s)
-    turned = [subscriber.columns.index(name) for name in TURN_RATE if name in subscriber.columns]
-    return _doubted(blocks, turned) if turned else blocks
+    blocks = _read_blocks(subscriber, BlockAssembler(fs, unit or type_unit), end_s)
+    turn_columns = [subscriber.columns.index(name) for name in TURN_RATE if name in subscriber.columns]
+    return _check_turn_rate(blocks, turn_columns) if turn_columns else blocks
 
 
 def discover(
     topic: str, *, domain: int | None = None, timeout_s: float = 5.0
 ) -> list[tuple[str, Reliability]]:
-    """Return type and reliability that the publishers of a ROS 2 topic offer, as soon as there is one.
+    """Return message type and reliability of the publishers of a ROS 2 topic, as soon as there is one.
 
     Parameters
     ----------
     topic : str
-        "/imu/data".
+        Name of the topic, such as "/imu/data".
     domain : int, optional
-        $ROS_DOMAIN_ID or 0 by default.
+        DDS domain (default: $ROS_DOMAIN_ID, or 0).
     timeout_s : float
-        How long to wait.
+        Time to wait in seconds.
 
     Returns
     -------
     list of (str, {"reliable", "best effort"})
-        Empty if nobody publishes there within the time.
+        Empty if there is no publisher within this time.
+
+    Examples
+    --------
+    >>> from texclass.robot import discover
+    >>> discover("/no_such_topic", timeout_s=0.01)
+    []
     """
     member = participant(domain)
     reader = BuiltinDataReader(member, BuiltinTopicDcpsPublication)
     end = time.monotonic() + timeout_s
     while True:
-        found = [endpoint for endpoint in reader.read(1000) if endpoint.topic_name == dds_topic(topic)]
-        if found or time.monotonic() >= end:
+        endpoints = [endpoint for endpoint in reader.read(1000) if endpoint.topic_name == dds_topic(topic)]
+        if endpoints or time.monotonic() >= end:
             reliable = Policy.Reliability.Reliable
             return [
                 (
                     ros_type(endpoint.type_name),
                     "reliable" if isinstance(endpoint.qos[Policy.Reliability], reliable) else "best effort",
                 )
-                for endpoint in found
+                for endpoint in endpoints
             ]
         time.sleep(0.02)
 
 
 class Subscriber:
-    """Hears a ROS 2 topic; a publisher may come, go and come back.
+    """Subscriber of a ROS 2 topic; publishers may start, stop and restart.
 
     Parameters
     ----------
     topic : str
-        "/imu/data".
+        Name of the topic, such as "/imu/data".
     type_name : str
         "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped" or "std_msgs/msg/Float64MultiArray".
     reliability : str
-        "best effort" hears everybody and loses what the network loses; "reliable" hears reliable publishers.
+        "best effort" receives all publishers, without retransmission; "reliable" receives reliable
+        publishers.
     depth : int
-        Messages kept until they are taken.
+        Queue length in messages.
     domain : int, optional
-        $ROS_DOMAIN_ID or 0 by default.
+        DDS domain (default: $ROS_DOMAIN_ID, or 0).
     columns : tuple of str, optional
-        Of the message; its acceleration by default.
+        Columns of the message (default: its acceleration).
 
     Raises
     ------
     ValueError
-        If the type or a column is not one of those.
+        If the type or a column does not exist.
+
+    Examples
+    --------
+    >>> from texclass.robot import Subscriber
+    >>> subscriber = Subscriber("/imu")
+    >>> subscriber.columns, subscriber.n_publishers
+    (('ax', 'ay', 'az'), 0)
+    >>> subscriber.close()
     """
 
     def __init__(
@@ -219,89 +254,92 @@ class Subscriber:
         columns: tuple[str, ...] = (),
     ) -> None:
         if type_name not in SIGNALS:
-            raise ValueError(f"{topic}: type is {type_name!r}. Expected one of {', '.join(SIGNALS)}")
-        known = TYPES[type_name].columns if type_name in TYPES else {}
-        if unknown := set(columns) - set(known):
-            raise ValueError(f"{topic}: columns {sorted(unknown)}. Expected one of {', '.join(known)}")
+            raise ValueError(f"{topic}: type_name must be one of {', '.join(SIGNALS)}, got {type_name!r}")
+        names = TYPES[type_name].columns if type_name in TYPES else {}
+        if unknown := set(columns) - set(names):
+            raise ValueError(
+                f"{topic}: {type_name} has no columns {', '.join(sorted(unknown))}. Expected some of "
+                f"{', '.join(names) or 'none'}"
+            )
         self.topic, self.type_name = topic, type_name
         self.columns = columns or (TYPES[type_name].acceleration if type_name in TYPES else ())
         self._participant = participant(domain)
         qos = quality(reliability, depth)
-        heard = Topic(self._participant, dds_topic(topic), message_class(type_name), qos=qos)
-        heard.data_type = _AsBytes
-        self._reader = DataReader(self._participant, heard, qos=qos)
+        dds = Topic(self._participant, dds_topic(topic), message_class(type_name), qos=qos)
+        dds.data_type = _RawMessage
+        self._reader = DataReader(self._participant, dds, qos=qos)
         self._waitset = WaitSet(self._participant)
-        self._news = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
-        self._waitset.attach(self._news)
+        self._condition = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
+        self._waitset.attach(self._condition)
 
     @property
     def n_publishers(self) -> int:
-        """How many publishers are heard."""
+        """Number of connected publishers."""
         return len(self._reader.get_matched_publications())
 
     def publishers(self) -> list[str]:
-        """Return who publishes, by the identifiers (GID) that `ros2 topic info --verbose` shows, sorted."""
+        """Return the sorted identifiers (GID) of the publishers, as in `ros2 topic info --verbose`."""
         handles = self._reader.get_matched_publications()
-        found = [self._reader.get_matched_publication_data(handle) for handle in handles]
-        return sorted(endpoint.key.hex for endpoint in found if endpoint is not None)
+        endpoints = [self._reader.get_matched_publication_data(handle) for handle in handles]
+        return sorted(endpoint.key.hex for endpoint in endpoints if endpoint is not None)
 
     @property
     def n_lost(self) -> int:
-        """Messages that DDS knows it has lost: overwritten before they were taken, or never arrived."""
+        """Number of lost messages that DDS reports: overwritten in the queue, or lost on the network."""
         return int(self._reader.get_sample_lost_status().total_count)
 
-    def whereabouts(self) -> str:
-        """Return, in words, why nothing may arrive."""
+    def status(self) -> str:
+        """Return the state of the connection in words, as a possible reason for silence."""
         if self.n_publishers:
-            return "its publisher is there"
+            return "a publisher is connected"
         if self._reader.get_requested_incompatible_qos_status().total_count:
-            return "its publisher does not offer what is asked for (reliable?)"
-        return "its publisher is gone"
+            return "the publisher does not offer the requested quality of service (try 'best effort')"
+        return "no publisher is connected"
 
-    def take(self, timeout_s: float = 0.1) -> Received | None:
-        """Return what has arrived; wait if there is nothing yet.
+    def take(self, timeout_s: float = 0.1) -> MessageBatch | None:
+        """Return the messages that have arrived, or wait for the first.
 
         Parameters
         ----------
         timeout_s : float
-            How long to wait.
+            Time to wait in seconds.
 
         Returns
         -------
-        received : Received or None
-            None if nothing arrived in time.
+        batch : MessageBatch or None
+            None if no message arrived in time.
 
         Raises
         ------
         RecordingError
-            If the messages say that a column is not measured.
+            If the messages declare a column as not measured.
         """
-        messages = self._reader.take(MOST_AT_ONCE)
+        messages = self._reader.take(MAX_MESSAGES)
         if not messages:
             self._waitset.wait(duration(seconds=timeout_s))
-            messages = self._reader.take(MOST_AT_ONCE)
+            messages = self._reader.take(MAX_MESSAGES)
         valid = [message for message in messages if message.sample_info.valid_data]
         if not valid:
             return None
-        sent = [message.sample_info.source_timestamp for message in valid]
+        sent_ns = [message.sample_info.source_timestamp for message in valid]
         try:
-            return decoded_messages([message.data for message in valid], sent, self.type_name, self.columns)
+            return decode_messages([message.data for message in valid], sent_ns, self.type_name, self.columns)
         except RecordingError as error:
             raise RecordingError(f"ros2:{self.topic}: {error}") from error
 
     def close(self) -> None:
-        """Leave the domain."""
-        self._waitset = self._news = self._reader = self._participant = None
+        """Disconnect from the domain."""
+        self._waitset = self._condition = self._reader = self._participant = None
 
 
-class _AsBytes:
-    """Stands for the type of a topic: messages are kept as bytes, to be decoded many at a time."""
+class _RawMessage:
+    """Data type that stores messages as bytes, because decoding many messages together is faster."""
 
     __slots__ = ("data", "sample_info")
 
     def __init__(self, data: bytes) -> None:
         self.data = data
-        self.sample_info: Any = None  # what DDS tells of a message; the reader adds it
+        self.sample_info: Any = None  # metadata of DDS, which the reader sets
 
     @classmethod
     def deserialize(cls, data: bytes) -> Self:
@@ -310,112 +348,120 @@ class _AsBytes:
     deserialize_key = deserialize
 
 
-def decoded_messages(
-    raws: list[bytes], sent: list[int], type_name: str, columns: tuple[str, ...]
-) -> Received | None:
-    """Decode messages together; where one is damaged, each by itself.
+def decode_messages(
+    messages: list[bytes], sent_ns: list[int], type_name: str, columns: tuple[str, ...]
+) -> MessageBatch | None:
+    """Decode messages together, or one by one if any is damaged.
 
     Parameters
     ----------
-    raws : list of bytes
+    messages : list of bytes
         Serialised messages, at least one.
-    sent : list of int
-        When each was sent, nanoseconds.
+    sent_ns : list of int
+        Times of sending in nanoseconds.
     type_name : str
-        One of `SIGNALS`.
+        Message type, one of `SIGNALS`.
     columns : tuple of str
-        Those wanted of a type with a header.
+        Columns to return, for types with a header.
 
     Returns
     -------
-    received : Received or None
-        None if none is whole; messages of another size than the first whole one are left out.
+    batch : MessageBatch or None
+        None if all messages are damaged. Messages of another size than the first valid one are omitted.
 
     Raises
     ------
     RecordingError
-        If the messages say that a column is not measured.
+        If the messages declare a column as not measured.
     """
-    good = list(range(len(raws)))
+    valid = list(range(len(messages)))
     try:
-        stamps, samples = _samples(raws, type_name, columns)
+        timestamps, samples = _decode(messages, type_name, columns)
     except MessageError:
-        shapes = [_shape(raw, type_name) for raw in raws]
-        first = next(filter(None, shapes), None)
-        good = [i for i, shape in enumerate(shapes) if shape is not None and shape == first]
-        if not good:
+        shapes = [_shape(message, type_name) for message in messages]
+        first_shape = next(filter(None, shapes), None)
+        valid = [i for i, shape in enumerate(shapes) if shape is not None and shape == first_shape]
+        if not valid:
             return None
-        stamps, samples = _samples([raws[i] for i in good], type_name, columns)
-    sent_ns = np.array([sent[i] for i in good], np.int64)
-    stamps_ns = sent_ns if stamps is None else np.where(stamps == 0, sent_ns, stamps)
-    return Received(stamps_ns, sent_ns, samples, len(raws) - len(good))
+        timestamps, samples = _decode([messages[i] for i in valid], type_name, columns)
+    valid_sent_ns = np.array([sent_ns[i] for i in valid], np.int64)
+    timestamps_ns = (
+        valid_sent_ns if timestamps is None else np.where(timestamps == 0, valid_sent_ns, timestamps)
+    )
+    return MessageBatch(timestamps_ns, valid_sent_ns, samples, len(messages) - len(valid))
 
 
-def _shape(raw: bytes, type_name: str) -> tuple[int, ...] | None:
-    """Return the shape of a message's samples; None if it is damaged."""
+def _shape(message: bytes, type_name: str) -> tuple[int, ...] | None:
+    """Return the shape of the samples of a message; None if it is damaged."""
     try:
-        return _samples([raw], type_name, ())[1].shape[1:]
+        return _decode([message], type_name, ())[1].shape[1:]
     except MessageError:
         return None
 
 
-def _samples(
-    raws: list[bytes], type_name: str, columns: tuple[str, ...]
+def _decode(
+    messages: list[bytes], type_name: str, columns: tuple[str, ...]
 ) -> tuple[NDArray[np.int64] | None, Samples]:
     if type_name == MULTI_ARRAY:
-        blocks = [decode_multi_array(raw, ros1=False) for raw in raws]
-        if len({block.shape for block in blocks}) > 1:
-            raise MessageError(f"{type_name}: blocks differ in size. Expected equal sizes")
-        return None, np.stack(blocks)
-    stamps, samples = decode_stamped(TYPES[type_name], raws, columns, ros1=False)
-    return stamps, samples[:, None, :]
+        arrays = [decode_multi_array(message, ros1=False) for message in messages]
+        if len({array.shape for array in arrays}) > 1:
+            raise MessageError(f"{type_name}: messages differ in size. Expected equal sizes")
+        return None, np.stack(arrays)
+    timestamps, samples = decode_stamped(TYPES[type_name], messages, columns, ros1=False)
+    return timestamps, samples[:, None, :]
 
 
-def _blocks(subscriber: Subscriber, timing: Timing, end_s: float | None) -> BlockSource:
-    """Yield blocks as messages arrive; what DDS says of them goes with the first."""
-    heard, is_silent, n_lost, ended_s = time.monotonic(), False, 0, 0.0
-    said, several, looked = list[str](), list[str](), -math.inf
+def _read_blocks(subscriber: Subscriber, assembler: BlockAssembler, end_s: float | None) -> BlockSource:
+    """Yield blocks as messages arrive, with flags for silence, lost messages and several publishers."""
+    last_message_s, last_check_s, is_silent = time.monotonic(), -math.inf, False
+    n_lost, stop_s = 0, 0.0
+    flags, publishers = list[str](), list[str]()
     with closing(subscriber):
         while True:
-            received = subscriber.take(0.1)
-            silent_s = time.monotonic() - heard
-            if received is None:
-                if end_s is not None and silent_s >= end_s:
+            batch = subscriber.take(0.1)
+            silence_s = time.monotonic() - last_message_s
+            if batch is None:
+                if end_s is not None and silence_s >= end_s:
                     return
-                if silent_s >= SILENT_S and not is_silent:
+                if silence_s >= SILENCE_S and not is_silent:
                     is_silent = True
-                    told = f"silent: nothing for {silent_s:.1f} s, {subscriber.whereabouts()}"
-                    yield Block(ended_s, np.empty((0, 3)), timing.fs or 0.0, timing.unit, 0, (told,))
+                    flag = f"silence: no message for {silence_s:.1f} s, {subscriber.status()}"
+                    yield Block(stop_s, np.empty((0, 3)), assembler.fs or 0.0, assembler.unit, 0, (flag,))
                 continue
-            heard, is_silent = time.monotonic(), False
-            if received.n_bad:
-                said.append(f"damaged: {received.n_bad} messages left out")
-            if heard - looked >= SILENT_S:
-                looked, before, several = heard, several, subscriber.publishers()
-                if len(several) > 1 and several != before:
-                    said.append(
-                        f"publishers: {len(several)} mix their samples: {', '.join(several)}. Expected one"
+            last_message_s, is_silent = time.monotonic(), False
+            if batch.n_damaged:
+                flags.append(f"damaged: {batch.n_damaged} messages left out")
+            if last_message_s - last_check_s >= SILENCE_S:
+                last_check_s, last_publishers = last_message_s, publishers
+                publishers = subscriber.publishers()
+                if len(publishers) > 1 and publishers != last_publishers:
+                    flags.append(
+                        f"publishers: the samples of {len(publishers)} are mixed ({', '.join(publishers)}). "
+                        "Expected one publisher"
                     )
             if subscriber.n_lost > n_lost:
-                said.append(f"lost: {subscriber.n_lost - n_lost} messages on the network")
+                flags.append(f"lost: {subscriber.n_lost - n_lost} messages on the network")
                 n_lost = subscriber.n_lost
-            for block in timing.push(received.stamps_ns, received.sent_ns, received.samples):
-                ended_s = block.t_s + len(block.samples) / block.fs
-                age_s = max(0.0, (time.time_ns() - int(received.sent_ns[-1])) / 1e9)
-                yield replace(block, flags=(*said, *block.flags), age_s=age_s)
-                said.clear()
+            for block in assembler.push(batch.timestamps_ns, batch.sent_ns, batch.samples):
+                stop_s = block.t_s + len(block.samples) / block.fs
+                age_s = max(0.0, (time.time_ns() - int(batch.sent_ns[-1])) / 1e9)
+                yield replace(block, flags=(*flags, *block.flags), age_s=age_s)
+                flags.clear()
 
 
-def _doubted(blocks: BlockSource, turned: list[int]) -> BlockSource:
-    """Yield blocks, and say if a gyroscope is quiet for long: its driver sends what it does not measure."""
-    quiet_s = 0.0
+def _check_turn_rate(blocks: BlockSource, turn_columns: list[int]) -> BlockSource:
+    """Yield blocks, with a flag if the turn rate is exactly 0 for long, as of a driver without gyroscope."""
+    zero_s = 0.0
     with closing(blocks):
         for block in blocks:
-            said: tuple[str, ...] = ()
-            if quiet_s < UNTURNED_S and len(block.samples):
-                quiet_s += len(block.samples) / block.fs
-                if block.samples[:, turned].any():
-                    quiet_s = math.inf
-                elif quiet_s >= UNTURNED_S:
-                    said = (f"turn rate: 0 for the first {UNTURNED_S:g} s, does the sensor measure it?",)
-            yield replace(block, flags=(*said, *block.flags))
+            flags: tuple[str, ...] = ()
+            if zero_s < ZERO_TURN_RATE_S and len(block.samples):
+                zero_s += len(block.samples) / block.fs
+                if block.samples[:, turn_columns].any():
+                    zero_s = math.inf
+                elif zero_s >= ZERO_TURN_RATE_S:
+                    flags = (
+                        f"turn rate: 0 for the first {ZERO_TURN_RATE_S:g} s. Check that the sensor measures "
+                        "it",
+                    )
+            yield replace(block, flags=(*flags, *block.flags))

@@ -19,7 +19,7 @@ LOOPBACK = (
 
 @pytest.fixture(scope="session", autouse=True)
 def loopback():
-    """Set what CycloneDDS and ROS 2 read from the environment; children inherit it."""
+    """Set the environment variables of CycloneDDS and ROS 2, which child processes inherit."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CYCLONEDDS_URI", LOOPBACK)
         patch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
@@ -28,16 +28,16 @@ def loopback():
 
 @pytest.fixture
 def child():
-    """Return a function that starts the other process; what is left of it ends with the test."""
-    started = []
+    """Return a function that starts a child process, which is stopped at the end of the test."""
+    processes = []
 
     def start(*arguments):
         command = [sys.executable, str(Path(__file__).with_name("dds_child.py")), *map(str, arguments)]
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        started.append(process)
+        processes.append(process)
         return process
 
     yield start
-    for process in started:
+    for process in processes:
         process.kill()
         process.communicate()

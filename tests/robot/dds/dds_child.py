@@ -1,4 +1,4 @@
-"""The other process of the tests of DDS: publishes an Imu whose x counts samples, a file, or answers."""
+"""Child process of the DDS tests: publishes an Imu whose x counts samples, the rows of a file, or answers."""
 
 import socket
 import struct
@@ -22,7 +22,7 @@ def publish_imu(topic: str, fs: float, seconds: float, first: int) -> None:
 
 
 def publish_rows(topic: str, fs: float, path: str) -> None:
-    """Publish rows of a .npy file, acceleration and turn rate: stamped at fs Hz, sent ten times as fast."""
+    """Publish acceleration and turn rate of a .npy file, with time stamps at fs Hz, ten times as fast."""
     rows, start_ns = np.load(path), time.time_ns()
     publisher = ImuPublisher(topic)
     while not publisher.n_subscribers:
@@ -37,27 +37,27 @@ def publish_rows(topic: str, fs: float, path: str) -> None:
 
 
 def send_datagrams(port: int, fs: float, seconds: float) -> None:
-    """Send datagrams of the size of an Imu, which hold number and time: what the network itself does."""
+    """Send UDP datagrams of the size of an Imu, with number and time, as a reference for the network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         paced(fs, seconds, lambda i, t: sender.sendto(struct.pack("<qq308x", i, t), ("127.0.0.1", port)))
 
 
 def paced(fs: float, seconds: float, send: Callable[[int, int], object]) -> None:
-    """Call send(number, instant in ns) at fs Hz, never early; print the seconds of processor it took."""
+    """Call send(number, time in ns) at fs Hz, never early, and print the CPU time in seconds."""
     start, start_ns, busy = time.perf_counter(), time.time_ns(), time.process_time()
     for i in range(int(fs * seconds)):
-        while (early := start + i / fs - time.perf_counter()) > 0:
-            time.sleep(max(early, 0.001))
+        while (remaining_s := start + i / fs - time.perf_counter()) > 0:
+            time.sleep(max(remaining_s, 0.001))
         send(i, start_ns + round(i * 1e9 / fs))
     print(time.process_time() - busy, flush=True)
 
 
 def publish_answers(topic: str, diagnostics: str) -> None:
-    """Publish two answers, again and again, until told to stop by a closed pipe."""
+    """Publish two answers repeatedly for five seconds."""
     publisher = AnswerPublisher(topic, diagnostics)
     answers = (
         {"surface": "wood", "probability": 0.9, "unknown": False, "reasons": []},
-        {"surface": "wood", "probability": 0.2, "unknown": True, "reasons": ["never felt"]},
+        {"surface": "wood", "probability": 0.2, "unknown": True, "reasons": ["unlike training"]},
     )
     for _ in range(100):
         for answer in answers:

@@ -1,4 +1,4 @@
-"""Modules that stand for ROS 2: what the example uses of rclpy, and messages as ROS defines them."""
+"""Substitutes for the modules of ROS 2 that the example uses: rclpy and messages."""
 
 import types
 
@@ -17,15 +17,15 @@ class Publisher:
 
 
 class Node:
-    """Keeps what a node asks for; parameters are given by the class attribute `given`."""
+    """Node that stores its publishers, subscriptions and warnings; `parameters` are the values of a test."""
 
-    given: dict = {}  # noqa: RUF012  (a test replaces it)
+    parameters: dict = {}  # noqa: RUF012  (a test replaces it)
 
     def __init__(self, name):
-        self.name, self.publishers, self.subscriptions, self.warned = name, {}, [], []
+        self.name, self.publishers, self.subscriptions, self.warnings = name, {}, [], []
 
     def declare_parameter(self, name, default):
-        value = self.given.get(name, default)
+        value = self.parameters.get(name, default)
         assert type(value) is type(default)  # a ROS parameter keeps the type of its default
         return types.SimpleNamespace(value=value)
 
@@ -39,13 +39,13 @@ class Node:
         return types.SimpleNamespace(now=lambda: types.SimpleNamespace(nanoseconds=self.now_ns))
 
     def get_logger(self):
-        return types.SimpleNamespace(warning=self.warned.append)
+        return types.SimpleNamespace(warning=self.warnings.append)
 
 
 def modules():
     """Return name -> module, for `sys.modules`."""
     DiagnosticStatus.OK, DiagnosticStatus.WARN = b"\0", b"\1"  # `byte` is bytes in Python
-    parts = {
+    contents = {
         "rclpy": {"init": lambda: None, "spin": lambda node: None},
         "rclpy.node": {"Node": Node},
         "rclpy.qos": {"qos_profile_sensor_data": "best effort, the last 5"},
@@ -56,9 +56,9 @@ def modules():
             for name in ("DiagnosticArray", "DiagnosticStatus", "KeyValue")
         },
     }
-    made = {}
-    for name, members in parts.items():
-        made.setdefault(name.partition(".")[0], types.ModuleType(name.partition(".")[0]))
-        made[name] = made.get(name) or types.ModuleType(name)
-        vars(made[name]).update(members)
-    return made
+    modules = {}
+    for name, members in contents.items():
+        modules.setdefault(name.partition(".")[0], types.ModuleType(name.partition(".")[0]))
+        modules[name] = modules.get(name) or types.ModuleType(name)
+        vars(modules[name]).update(members)
+    return modules

@@ -1,4 +1,4 @@
-"""Turn rates from another process, over loopback, as a model that was trained on them needs them."""
+"""Turn rates over DDS, for a model that was trained on them."""
 
 import numpy as np
 import pytest
@@ -11,32 +11,32 @@ from texclass.recognition import Notice, OnlineSettings, Session, WindowAnswer, 
 from texclass.recording import RecordingError
 from texclass.robot import topic_blocks
 from texclass.robot.dds import message_class
-from texclass.robot.topic import decoded_messages
+from texclass.robot.topic import decode_messages
 
 
-def test_a_model_of_turn_rates_hears_them_over_dds(child, turning, tmp_path):
+def test_a_model_that_needs_turn_rates_receives_them_over_dds(child, turning, tmp_path):
     terrain = "grass"
-    both = values(terrain, 70)
-    both[:, :3] -= np.median(both[:, :3], axis=0)
-    np.save(tmp_path / "rows.npy", both)
+    rows = values(terrain, 70)
+    rows[:, :3] -= np.median(rows[:, :3], axis=0)
+    np.save(tmp_path / "rows.npy", rows)
     child("rows", "/turning", FS, tmp_path / "rows.npy")
-    source = topic_blocks("/turning", fs=FS, end_s=0.6, needs=turning.needs)
-    session = Session(turning, settings=OnlineSettings(assume_contact=True, window_s=N / FS))
-    heard, said = [], []
+    source = topic_blocks("/turning", fs=FS, end_s=0.6, columns=turning.input_columns)
+    session = Session(turning, settings=OnlineSettings(starts_in_contact=True, window_s=N / FS))
+    samples, updates = [], []
     for block in source:
-        heard.append(block.samples)
-        said += session.take(block)
+        samples.append(block.samples)
+        updates += session.push(block)
     source.close()
-    np.testing.assert_array_equal(np.concatenate(heard), both)
-    assert not any(isinstance(update, Notice) for update in said)
-    (answer,) = [update.answer for update in said if isinstance(update, WindowAnswer)]
-    asked = turning.answer(recording(terrain, 70))
-    assert asked.surface == terrain
-    assert answer.probabilities == pytest.approx(asked.probabilities)
+    np.testing.assert_array_equal(np.concatenate(samples), rows)
+    assert not any(isinstance(update, Notice) for update in updates)
+    (answer,) = [update.answer for update in updates if isinstance(update, WindowAnswer)]
+    expected = turning.answer(recording(terrain, 70))
+    assert expected.surface == terrain
+    assert answer.probabilities == pytest.approx(expected.probabilities)
 
 
-def test_open_source_asks_a_topic_for_what_the_model_needs(child, turning, monkeypatch):
-    monkeypatch.setattr("texclass.robot.topic.UNTURNED_S", 0.2)
+def test_open_source_requests_the_columns_of_the_model(child, turning, monkeypatch):
+    monkeypatch.setattr("texclass.robot.topic.ZERO_TURN_RATE_S", 0.2)
     child("imu", "/plain", 200, 30, 0)
     source = open_source("ros2:/plain", fs=200, model=turning)
     flags = []
@@ -45,29 +45,32 @@ def test_open_source_asks_a_topic_for_what_the_model_needs(child, turning, monke
         flags += block.flags
         if flags:
             break
-    assert flags == ["turn rate: 0 for the first 0.2 s, does the sensor measure it?"]
+    assert flags == ["turn rate: 0 for the first 0.2 s. Check that the sensor measures it"]
     source.close()
     with pytest.raises(RecordingError, match=r"geometry_msgs/msg/AccelStamped has no turn rate. Expected ax"):
         topic_blocks(
-            "/x", type_name="geometry_msgs/msg/AccelStamped", reliability="reliable", needs=turning.needs
+            "/x",
+            type_name="geometry_msgs/msg/AccelStamped",
+            reliability="reliable",
+            columns=turning.input_columns,
         )
 
 
-def test_messages_that_disclaim_what_is_needed_end_the_stream_with_a_reason():
+def test_messages_that_declare_a_needed_column_as_not_measured_raise_an_error():
     imu, vector = message_class("sensor_msgs/msg/Imu"), message_class("geometry_msgs/msg/Vector3")
     header = message_class("std_msgs/msg/Header")(message_class("builtin_interfaces/msg/Time")(1, 5), "imu")
     a = vector(0.5, 0.5, 9.81)
     columns = ("ax", "wx", "wy", "wz")
     covariance = [-1.0] + [0.0] * 8
 
-    def take(**facts):
-        raw = imu(header, linear_acceleration=a, **facts).serialize(use_version_2=False)
-        return decoded_messages([raw, raw], [7, 8], "sensor_msgs/msg/Imu", columns)
+    def decode(**fields):
+        raw = imu(header, linear_acceleration=a, **fields).serialize(use_version_2=False)
+        return decode_messages([raw, raw], [7, 8], "sensor_msgs/msg/Imu", columns)
 
-    with pytest.raises(RecordingError, match="say that wx, wy, wz are not measured"):
-        take(angular_velocity_covariance=covariance)
-    measured = take(angular_velocity=vector(0.1, 0.2, 0.3), angular_velocity_covariance=covariance)
-    np.testing.assert_array_equal(measured.samples[0], [[0.5, 0.1, 0.2, 0.3]])
+    with pytest.raises(RecordingError, match="declare wx, wy, wz as not measured"):
+        decode(angular_velocity_covariance=covariance)
+    batch = decode(angular_velocity=vector(0.1, 0.2, 0.3), angular_velocity_covariance=covariance)
+    np.testing.assert_array_equal(batch.samples[0], [[0.5, 0.1, 0.2, 0.3]])
     orientation_only = imu(header, linear_acceleration_covariance=covariance).serialize(use_version_2=False)
-    with pytest.raises(RecordingError, match="say that ax, ay, az are not measured"):
-        decoded_messages([orientation_only], [7], "sensor_msgs/msg/Imu", ("ax", "ay", "az"))
+    with pytest.raises(RecordingError, match="declare ax, ay, az as not measured"):
+        decode_messages([orientation_only], [7], "sensor_msgs/msg/Imu", ("ax", "ay", "az"))

@@ -1,4 +1,4 @@
-"""The example for people who have ROS runs here with modules that stand for ROS."""
+"""The ROS 2 example, run with substitutes for the modules of ROS."""
 
 import importlib.util
 import json
@@ -28,27 +28,26 @@ def example(monkeypatch):
 @pytest.fixture
 def node(example, turning, monkeypatch, tmp_path):
     turning.save(tmp_path / "m.skops")
-    given = {"model": str(tmp_path / "m.skops"), "topic": "/drive/imu", "fs": FS}
-    monkeypatch.setattr(ros_stand_in.Node, "given", given)
+    parameters = {"model": str(tmp_path / "m.skops"), "topic": "/drive/imu", "fs": FS}
+    monkeypatch.setattr(ros_stand_in.Node, "parameters", parameters)
     return example.SurfaceNode()
 
 
-def _play(node, rows, hear):
+def _play(node, rows, callback):
     vector = message_class("geometry_msgs/msg/Vector3")
     for i, row in enumerate(rows.tolist()):
-        at = round(i * 1e9 / FS)
-        node.now_ns = START_S * 10**9 + at
+        node.now_ns = START_S * 10**9 + round(i * 1e9 / FS)
         message = message_class("sensor_msgs/msg/Imu")()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(node.now_ns, 10**9)
         message.linear_acceleration, message.angular_velocity = vector(*row[:3]), vector(*row[3:])
-        hear(message)
+        callback(message)
 
 
-def test_it_says_that_it_was_not_run_with_ros(example):
+def test_the_docstring_states_that_the_example_was_not_run_with_ros(example):
     assert "NOT run with ROS" in example.__doc__
 
 
-def test_it_subscribes_as_sensors_are_published(node):
+def test_the_node_subscribes_with_the_quality_of_service_of_sensors(node):
     ((kind, topic, _, quality),) = node.subscriptions
     assert (kind, topic) == (message_class("sensor_msgs/msg/Imu"), "/drive/imu")
     assert quality == ros_stand_in.modules()["rclpy.qos"].qos_profile_sensor_data
@@ -56,24 +55,24 @@ def test_it_subscribes_as_sensors_are_published(node):
 
 
 @pytest.mark.parametrize("terrain", ["gravel", "sand"])
-def test_it_publishes_the_answer_of_the_model(node, turning, terrain):
-    ((_, _, hear, _),) = node.subscriptions
-    _play(node, values(terrain, 90), hear)
-    (said,) = [json.loads(message.data) for message in node.publishers["~/surface"].sent]
-    asked = turning.answer(recording(terrain, 90))
-    assert said["surface"] == asked.surface == terrain
-    assert said["contact_s"] == pytest.approx(N / FS)
+def test_the_node_publishes_the_answer_of_the_model(node, turning, terrain):
+    ((_, _, callback, _),) = node.subscriptions
+    _play(node, values(terrain, 90), callback)
+    (answer,) = [json.loads(message.data) for message in node.publishers["~/surface"].sent]
+    expected = turning.answer(recording(terrain, 90))
+    assert answer["surface"] == expected.surface == terrain
+    assert answer["contact_s"] == pytest.approx(N / FS)
     (array,) = node.publishers["/diagnostics"].sent
     (status,) = array.status
-    unknown = said["unknown"]
+    unknown = answer["unknown"]
     assert (status.level, status.message) == ((b"\1", "unknown surface") if unknown else (b"\0", terrain))
     assert array.header.stamp.sec == START_S + 1
-    assert not node.warned
+    assert not node.warnings
 
 
-def test_it_warns_of_what_is_wrong_with_the_stream(node):
-    ((_, _, hear, _),) = node.subscriptions
+def test_the_node_warns_about_faults_of_the_stream(node):
+    ((_, _, callback, _),) = node.subscriptions
     rows = values("sand", 90)
     rows[100] = float("nan")
-    _play(node, rows, hear)
-    assert any("not finite" in told for told in node.warned)
+    _play(node, rows, callback)
+    assert any("not finite" in warning for warning in node.warnings)

@@ -1,1 +1,1 @@
-"""The online recogniser: blocks of a stream in; events, answers and verdicts out."""
+"""Recognition in a stream: contact detection, windows, and verdicts for contacts."""

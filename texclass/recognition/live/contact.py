@@ -1,9 +1,9 @@
-"""What the tool does, as it happens: how strongly it vibrates; contacts, strokes, taps and lift-offs of that.
+"""Online detection of contacts, strokes, taps and lift-offs.
 
-Vibration is measured bin by bin (`Level`); a level against a noise floor, with hysteresis, says when there is
-some activity. Whether it is taps or strokes says the core that recordings are segmented by, asked of the
-activity at hand (`texclass.phases.split_taps_and_movement`). `TapMemory` keeps the taps for what reads them
-with a movement.
+`LevelMeter` measures the power of the vibration bin by bin. `ContactDetector` compares it with the noise
+floor, with hysteresis, and finds the time spans with activity. The segmentation of recordings
+(`texclass.phases.split_taps_and_movement`) then decides whether an activity is a movement or taps.
+`TapMemory` stores the taps, because some models use them together with the movement that follows.
 """
 
 import math
@@ -32,73 +32,86 @@ from texclass.phases import (
 from texclass.recording import Samples, Tap
 from texclass.signals import butterworth, causal
 
-Tapped = tuple[Samples, tuple[Tap, ...]]
-"""What was felt before a movement: a stretch of samples with its taps, counted from its start."""
+TapSamples = tuple[Samples, tuple[Tap, ...]]
+"""Samples that contain taps, and these taps; sample indices count from the first sample."""
 Kind = Literal["contact", "stroke", "tap", "lift-off", "break"]
-_DEAD = 1e-14
-"""Power below this share of the strongest is rounding."""
-_LEAST = 1e-300
-"""Stands for a power of 0."""
+_ROUNDING_RATIO = 1e-14
+"""Power below this fraction of the largest power is rounding error of the filter."""
+_MIN_POWER = 1e-300
+"""Replaces a power of 0, to avoid a division by zero."""
 
 
 @dataclass(frozen=True)
 class SteadyNoise:
-    """When a steady level is noise, not a stroke.
+    """Thresholds that separate a steady noise from a stroke.
 
     Attributes
     ----------
-    blocks, ratio
-        Blocks in which a level is steady, and up to which ratio of their powers. Strokes of a robot have at
-        least 1.32 in 4 s (800 stretches), a hum has 1.1, white noise 1.1 at 10 kHz and 1.2 to 1.4 at 1 kHz.
+    n_blocks
+        Number of blocks over which the level must be steady.
+    max_ratio
+        Largest ratio between the powers of these blocks. Strokes of a robot have a ratio of at least 1.32
+        within 4 s (800 windows), a hum has 1.1, white noise 1.1 at 10 kHz and 1.2 to 1.4 at 1 kHz.
     min_samples
-        Samples of a block: the power of fewer fluctuates too much to call a level steady.
-    white
-        Correlation of neighbouring samples up to which a steady signal without scale counts as noise.
+        Smallest number of samples in a block. The power of shorter blocks fluctuates too much.
+    max_correlation
+        Largest correlation between neighbouring samples of white noise. A steady signal in an arbitrary unit
+        counts as noise if its correlation is lower.
     """
 
-    blocks: int = 16
-    ratio: float = 1.3
+    n_blocks: int = 16
+    max_ratio: float = 1.3
     min_samples: int = 250
-    white: float = 0.25
+    max_correlation: float = 0.25
 
 
 STEADY = SteadyNoise()
 
 
 class Ring:
-    """The last rows of a stream, any stretch of them in one piece.
+    """Buffer of the last rows of a stream that returns any range of them as a contiguous view.
 
-    Rows are numbered from the first one ever pushed. They are written one after another; where there is no
-    place left, the last `capacity` of them go to the front.
+    Rows are numbered from the first row of the stream. When the memory is full, the last `capacity` rows are
+    copied to its front.
 
     Parameters
     ----------
     capacity : int
-        Rows that are kept.
+        Number of rows in the buffer.
     n_columns : int
-        Numbers a row.
+        Number of columns.
+
+    Examples
+    --------
+    >>> ring = Ring(capacity=3, n_columns=1)
+    >>> ring.push(np.array([[0.0], [1.0]]))
+    >>> ring.push(np.array([[2.0], [3.0]]))
+    >>> ring.start, ring.stop
+    (1, 4)
+    >>> ring.view(2, 4).ravel()
+    array([2., 3.])
     """
 
     def __init__(self, capacity: int, n_columns: int) -> None:
         self.capacity = capacity
         self._rows = np.zeros((2 * capacity, n_columns))
         self._front = 0
-        """Number of the row that stands first."""
+        """Number of the first row in memory."""
         self.start = self.stop = 0
-        """The rows [start, stop) are at hand."""
+        """The buffer contains the rows [start, stop)."""
 
     def push(self, rows: Samples) -> None:
-        """Append rows of shape (n, n_columns), n at most the capacity; the oldest ones make place."""
+        """Append rows of shape (n, n_columns), with n <= capacity, and drop the oldest rows."""
         if self.stop + len(rows) - self._front > len(self._rows):
             self._rows[: self.stop - self.start] = self.view(self.start, self.stop)
             self._front = self.start
-        at = self.stop - self._front
-        self._rows[at : at + len(rows)] = rows
+        offset = self.stop - self._front
+        self._rows[offset : offset + len(rows)] = rows
         self.stop += len(rows)
         self.start = max(self.start, self.stop - self.capacity)
 
     def skip(self, n: int) -> None:
-        """Go on `n` rows later: those between, and all before, are not at hand."""
+        """Skip `n` missing rows and drop all earlier ones."""
         self._front = self.start = self.stop = self.stop + n
 
     def view(self, start: int, stop: int) -> Samples:
@@ -107,66 +120,77 @@ class Ring:
         Raises
         ------
         ValueError
-            If they are not at hand.
+            If the buffer does not contain them.
         """
         if not self.start <= start <= stop <= self.stop:
-            raise ValueError(f"rows {start} to {stop}. Expected from {self.start} to {self.stop}")
+            raise ValueError(
+                f"start and stop must be within [{self.start}, {self.stop}] (the rows in the buffer), "
+                f"got {start} and {stop}"
+            )
         return self._rows[start - self._front : stop - self._front]
 
     @property
     def n_bytes(self) -> int:
-        """Memory it takes."""
+        """Size of the buffer in bytes."""
         return self._rows.nbytes
 
 
-class Level:
-    """Mean square of what a causal high-pass leaves, summed over axes, in bins of some milliseconds.
+class LevelMeter:
+    """Power of the vibration in bins of about 5 ms: mean square after a causal high-pass, sum of all axes.
 
-    The filter runs from sample to sample and bins are counted from the first sample after a break, so they
-    do not depend on how samples come in blocks.
+    The result does not depend on the block size: the filter keeps its state between blocks, and bins are
+    counted from the first sample, or from the first one after a break.
 
     Parameters
     ----------
     fs : float
         Sampling rate in Hz.
     n_axes : int
-        Columns of what is pushed.
-    keep_s : float
-        Seconds of the vibration that are remembered.
+        Number of axes of the acceleration.
+    memory_s : float
+        Duration of the vibration in memory, in seconds.
 
     Attributes
     ----------
     fs : float
         Sampling rate in Hz.
     bin_size : int
-        Samples a bin.
+        Number of samples in a bin.
     vibration : Ring
-        What the high-pass leaves, shape (n, n_axes).
+        Acceleration after the high-pass, shape (n, n_axes).
     high_pass : ndarray of shape (n_sections, 6)
         Second-order sections of the filter.
+
+    Examples
+    --------
+    >>> meter = LevelMeter(fs=4000, n_axes=1, memory_s=1.0)
+    >>> noise = np.random.default_rng(0).standard_normal((40, 1))
+    >>> [(stop, round(power, 2)) for stop, power in meter.push(noise)]
+    [(20, 0.37), (40, 0.62)]
     """
 
-    def __init__(self, fs: float, n_axes: int, keep_s: float) -> None:
+    def __init__(self, fs: float, n_axes: int, memory_s: float) -> None:
         self.fs = fs
-        # The bins that are followed have about 5 ms.
+        # Bins of 5 ms resolve the pauses between strokes (60 ms and more).
         self.bin_size = max(MIN_LEVEL_SAMPLES, round(0.005 * fs))
-        self.vibration = Ring(round(keep_s * fs) + 4 * self.bin_size, n_axes)
-        # Below 60 Hz is the motion of hand, tremor and gravity, as in `texclass.phases`.
+        self.vibration = Ring(round(memory_s * fs) + 4 * self.bin_size, n_axes)
+        # Hand motion, tremor and gravity are below 60 Hz, as in `texclass.phases`.
         self.high_pass = butterworth("highpass", min(60.0, 0.2 * fs), fs)
         self._state: Samples | None = None
 
     def push(self, rows: Samples) -> Iterable[tuple[int, float]]:
         """Filter finite samples (n, n_axes), n a multiple of `bin_size`; return end and power of each bin.
 
-        The power is 0 where no sample differs: zeros and held values say nothing of the noise.
+        The power of a bin of equal samples is 0: zeros and held values contain no information about the
+        noise.
         """
         if not len(rows):
             return []
-        # Without a state the filter is at rest on the first sample: gravity causes no transient.
+        # The filter starts in its steady state for the first sample, so that gravity causes no transient.
         filtered, self._state = causal(self.high_pass, rows, self._state)
         start, size = self.vibration.stop, self.bin_size
         self.vibration.push(filtered)
-        # Each segment is summed by itself: the order does not depend on how many there are.
+        # `reduceat` sums each bin separately, so that rounding does not depend on the number of bins.
         powers = np.add.reduceat(self.power(start, self.vibration.stop), range(0, len(rows), size))
         bins = rows.reshape(-1, size, rows.shape[1])
         sums = np.where(np.ptp(bins, axis=1).any(axis=1), powers, 0.0).tolist()  # held values are padding
@@ -174,81 +198,101 @@ class Level:
 
     def power(self, start: int, stop: int) -> Samples:
         """Return the square of the vibration, summed over axes, of samples [start, stop)."""
-        near = self.vibration.view(start, stop)
-        return np.asarray(np.einsum("ij,ij->i", near, near))
+        vibration = self.vibration.view(start, stop)
+        return np.asarray(np.einsum("ij,ij->i", vibration, vibration))
 
-    def fine(self, start: int, stop: int) -> tuple[int, int, Samples]:
-        """Return the powers of bins of about a millisecond of what is at hand of samples [start, stop).
+    def fine_powers(self, start: int, stop: int) -> tuple[int, int, Samples]:
+        """Return the powers of samples [start, stop) in bins of about 1 ms.
 
-        Before them stand the first sample, and how many there are in a bin.
+        Returns
+        -------
+        start : int
+            First sample of the first bin; later than the argument if memory begins later.
+        size : int
+            Number of samples in a bin.
+        powers : ndarray of shape (n_bins,)
+            Power of each bin.
         """
         start, size = max(start, self.vibration.start), max(1, round(0.001 * self.fs))
         return start, size, bin_means(self.power(start, stop), size)
 
     def correlation(self, start: int, stop: int) -> float:
-        """Return how far samples [start, stop) resemble those before them: about 0 for white noise."""
+        """Return the correlation between neighbouring samples of [start, stop): about 0 for white noise."""
         v = self.vibration.view(start, stop)
         power = float((v**2).sum())
         return float((v[1:] * v[:-1]).sum()) / power if power > 0 else 0.0
 
     def skip(self, n: int) -> None:
-        """Go on `n` samples later, at rest on what comes then."""
+        """Skip `n` missing samples and reset the filter."""
         self.vibration.skip(n)
         self._state = None
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened: at which sample, and after which sample it was known.
+    """Event of a stream: contact, stroke, tap, lift-off or break.
 
     Attributes
     ----------
     kind
-        "contact" (a movement has begun), "stroke" (it goes on after a turning point), "tap", "lift-off",
-        "break" (samples are missing).
+        "contact" (start of a movement), "stroke" (the movement continues after a turning point), "tap",
+        "lift-off" or "break" (missing samples).
     sample
-        When it happened. Of a tap: of the impact; of a lift-off: one past the last vibration.
-    known
-        Samples that had to come before it was known.
+        Sample of the event: the impact of a tap; for a lift-off, one past the last vibration.
+    n_received
+        Number of samples received when the event was detected.
     end
-        Of a tap: one past its decay. Else `sample`.
-    what
-        In words.
+        One past the decay of a tap; otherwise equal to `sample`.
+    message
+        Reason, in words.
     width, quality
-        Of a tap: see `texclass.recording.Tap`.
+        Width and quality of a tap, see `texclass.recording.Tap`.
+
+    Examples
+    --------
+    >>> event = Event("tap", sample=1180, n_received=1400, end=1250, width=24)
+    >>> event.n_received - event.sample  # delay of the detection in samples
+    220
     """
 
     kind: Kind
     sample: int
-    known: int
+    n_received: int
     end: int
-    what: str = ""
+    message: str = ""
     width: int = 0
     quality: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactRules(PhaseSettings):
-    """Settings of segmentation, and those of a stream. Durations in seconds, ratios of power.
+class ContactSettings(PhaseSettings):
+    """Settings of contact detection in a stream, in addition to those of segmentation.
+
+    Durations are in seconds, ratios are ratios of power.
 
     Attributes
     ----------
     quiet_s
-        Length of the stretch at the start whose level is the first noise floor.
+        Duration at the start of the stream whose mean power is the first noise floor.
     off_ratio
-        Vibration above the floor that ends an activity (`active_ratio` begins it).
+        Ratio to the noise floor below which an activity ends (it begins above `active_ratio`).
     smooth_s
-        Levels are averaged over about this time.
+        Averaging window of the level.
     turn_s
         A pause of this length ends a stroke.
     pause_s
         A pause of this length is a lift-off.
     floor_s
-        Time constant with which the floor follows the noise at rest.
+        Time constant with which the noise floor follows the level at rest.
     drop_ratio
-        Where the stream began in contact: a level this far below that of the contact is a lift-off.
+        If the stream starts in contact, a level that is lower by this ratio is a lift-off.
     block_s
-        Length of a block; a level that is steady for `STEADY.blocks` of them is noise, not a stroke.
+        Length of a block. A level that is steady for 16 blocks is noise, not a stroke.
+
+    Examples
+    --------
+    >>> ContactSettings(pause_s=1.0, tap_spacing_s=0.05).pause_s
+    1.0
     """
 
     quiet_s: float = 0.1
@@ -261,298 +305,362 @@ class ContactRules(PhaseSettings):
     block_s: float = 0.25
 
 
-class Contact:
-    """What the tool does, bin by bin.
+class ContactDetector:
+    """State machine that detects contacts, strokes, taps and lift-offs from the power of each bin.
+
+    The states and transitions are the table of docs/stream-logic.md; its state names are attributes of this
+    class.
 
     Parameters
     ----------
-    level : Level
-        Whose bins come.
-    rules : ContactRules
-        Which levels and durations make a contact, a tap, a lift-off.
+    meter : LevelMeter
+        Source of the powers.
+    settings : ContactSettings
+        Thresholds and durations.
     in_contact : bool, optional
-        Whether the stream begins in the middle of a movement; None decides by its first `quiet_s`: a steady
-        level below 6 mg, or white, is rest.
+        Whether the stream starts during a movement. By default, the first `quiet_s` decide: a steady level is
+        rest if it is below 6 mg or white.
     unit : str
-        Of the acceleration.
+        Unit of the acceleration.
 
     Attributes
     ----------
-    moving : bool
-        Whether the tool strokes.
-    active_until : int
-        One past the last bin with vibration.
+    is_moving : bool
+        Whether the tool slides over the surface.
     onset : int
-        Since when it strokes.
+        First sample of the movement.
+    active_stop : int
+        One past the last bin with vibration.
+    floor : float
+        Noise floor (power at rest); 0 while it is unknown.
+    level : float
+        Mean power of the last `smooth_s`.
+    tap_impulses : list of Impulse
+        Taps since the last lift-off.
+
+    Examples
+    --------
+    >>> meter = LevelMeter(fs=4000, n_axes=1, memory_s=2.0)
+    >>> detector = ContactDetector(meter, ContactSettings(), in_contact=False, unit="m/s^2")
+    >>> noise = np.random.default_rng(0).standard_normal((4000, 1))
+    >>> noise[:800] *= 0.01  # 0.2 s of rest, then a stroke
+    >>> [(event.kind, event.sample) for bin in meter.push(noise) for event in detector.step(*bin)]
+    [('contact', 800)]
     """
 
-    def __init__(self, level: Level, rules: ContactRules, in_contact: bool | None, unit: str) -> None:
-        self.rules, self.unit, self._heard = rules, unit, level
-        bin_s = level.bin_size / level.fs
+    def __init__(
+        self, meter: LevelMeter, settings: ContactSettings, in_contact: bool | None, unit: str
+    ) -> None:
+        self.settings, self.unit, self._meter = settings, unit, meter
+        bin_s = meter.bin_size / meter.fs
         self._n = {
-            name: max(1, round(getattr(rules, name) / bin_s))
-            for name in ("quiet_s", "smooth_s", "window_s", "gap_s", "turn_s", "pause_s")
+            name: max(1, round(getattr(settings, f"{name}_s") / bin_s))
+            for name in ("quiet", "smooth", "window", "gap", "turn", "pause")
         }
-        self._n["block_s"] = max(round(rules.block_s / bin_s), -(-STEADY.min_samples // level.bin_size))
-        self._forget = 1 - math.exp(-bin_s / rules.floor_s)
-        self._asked = in_contact
-        self.moving, self.onset, self.active_until = bool(in_contact), 0, 0
+        """Durations as numbers of bins."""
+        self._n["block"] = max(round(settings.block_s / bin_s), -(-STEADY.min_samples // meter.bin_size))
+        self._floor_weight = 1 - math.exp(-bin_s / settings.floor_s)
+        """Weight of a new bin in the exponential average of the noise floor."""
+        self._in_contact = in_contact
+        self.is_moving, self.onset, self.active_stop = bool(in_contact), 0, 0
         self.floor = 0.0
         self.level = 0.0
-        self._peak = 0.0
-        self._felt = 0.0
-        """Level of a contact that the stream began in; 0 where the floor is known from a rest."""
-        self._opening: list[float] = []
-        """Powers of the bins so far, while nothing is known of the noise."""
-        self._recent: deque[float] = deque(maxlen=self._n["smooth_s"])
-        self._active: deque[bool] = deque(maxlen=self._n["window_s"])
-        self._block: list[float] = []
-        self._blocks: deque[float] = deque(maxlen=STEADY.blocks)
-        """Powers of the last blocks of a contact."""
-        self._on, self._quiet_for, self._tapped_until, self._tap_peak = False, 0, 0, -math.inf
-        self.struck: list[Impulse] = []
-        """What taps there were since the last lift-off."""
-        self._run: list[int] = []
-        """Start and end of the activity at hand, while it is not known what it is."""
+        self._peak_power = 0.0
+        self._initial_level = 0.0
+        """Level of the contact in which the stream started; 0 once the noise floor is known."""
+        self._opening_powers: list[float] = []
+        """Powers of the first bins, until the noise floor can be estimated."""
+        self._recent_powers: deque[float] = deque(maxlen=self._n["smooth"])
+        self._activity_flags: deque[bool] = deque(maxlen=self._n["window"])
+        self._block_powers: list[float] = []
+        self._block_means: deque[float] = deque(maxlen=STEADY.n_blocks)
+        self._is_active, self._n_quiet = False, 0
+        self._last_tap_end, self._last_tap_peak = 0, -math.inf
+        self.tap_impulses: list[Impulse] = []
+        self._activity: list[int] = []
+        """Start and end of the current activity; empty without one, and once it is a movement."""
 
     @property
     def constants(self) -> dict[str, Any]:
-        """What a program needs to know that follows the tool by the table in docs/stream-logic.md."""
-        ruled = ("active_ratio", "off_ratio", "share", "drop_ratio", "pause_s")
+        """Constants of the table in docs/stream-logic.md, for implementations in other languages."""
+        names = ("active_ratio", "off_ratio", "share", "drop_ratio", "pause_s")
         return {
-            "bin_samples": self._heard.bin_size,
+            "bin_samples": self._meter.bin_size,
             "n_bins": dict(self._n),
-            **{name: getattr(self.rules, name) for name in ruled},
-            "floor_forget": self._forget,
-            "dead": _DEAD,
-            "least": _LEAST,
+            **{name: getattr(self.settings, name) for name in names},
+            "floor_weight": self._floor_weight,
+            "rounding_ratio": _ROUNDING_RATIO,
+            "min_power": _MIN_POWER,
             "rest_power": AT_REST_M_S2**2 if self.unit == "m/s^2" else 0.0,
-            "white": STEADY.white,
-            "in_contact": self._asked,
-            "steady_blocks": STEADY.blocks,
-            "steady_ratio": STEADY.ratio,
+            "white_correlation": STEADY.max_correlation,
+            "in_contact": self._in_contact,
+            "steady_blocks": STEADY.n_blocks,
+            "steady_ratio": STEADY.max_ratio,
         }
 
     @property
-    def phase(self) -> Literal["listening", "rest", "touched", "moving", "pause"]:
-        """What the tool does, in a word."""
-        if self.moving:
-            return "moving" if self._quiet_for <= self._n["turn_s"] else "pause"
-        if self._opening or not self.floor:
-            return "listening"
-        return "touched" if self._run else "rest"
+    def phase(self) -> Literal["starting", "rest", "active", "moving", "pause"]:
+        """Current state: "active" is vibration that is not yet classified as movement or taps."""
+        if self.is_moving:
+            return "moving" if self._n_quiet <= self._n["turn"] else "pause"
+        if self._opening_powers or not self.floor:
+            return "starting"
+        return "active" if self._activity else "rest"
 
     @property
     def level_db(self) -> float:
-        """Level above the noise floor in dB; above nothing known, 0."""
-        floor = self._floor()
-        return 10 * math.log10(max(self.level, _LEAST) / floor) if floor > 0 and self.floor > 0 else 0.0
+        """Level above the noise floor in dB; 0 while the noise floor is unknown."""
+        floor = self._effective_floor()
+        return 10 * math.log10(max(self.level, _MIN_POWER) / floor) if floor > 0 and self.floor > 0 else 0.0
 
     def step(self, stop: int, power: float) -> list[Event]:
-        """Take in the bin that ends at a sample, its mean square vibration, and return what is known now."""
-        self._recent.append(power)
-        self.level = sum(self._recent) / len(self._recent)
-        self._peak = max(self._peak, power)
-        if self.floor == 0.0 and not self._felt:
-            return self._open(stop, power) if power > 0 or self._asked else []
-        said = self._begun_in_contact(stop) if self._felt else self._against_floor(stop, power)
-        return said + self._steady(stop, power)
+        """Process the bin that ends at sample `stop` and return the events that it completes.
 
-    def interrupt(self, at: int, missing: int, missing_s: float) -> list[Event]:
-        """Go on after `missing` samples; a break longer than a pause is a lift-off."""
-        said = [Event("break", at, at, at, f"{missing} samples missing")]
-        self._recent.clear()
-        self._forget_activity()
-        self._on, self._opening = False, []
-        if self.moving and missing_s > self.rules.pause_s:
-            said += self._lift(at)
-            self.moving = bool(self._felt)
-        self.onset = self.active_until = at + missing
-        if self.moving and len(said) > 1:
-            said.append(Event("contact", self.onset, self.onset, self.onset, "taken as going on"))
-        return said
+        Parameters
+        ----------
+        stop : int
+            One past the last sample of the bin.
+        power : float
+            Mean square of its vibration, as `LevelMeter.push` returns it.
 
-    def _open(self, stop: int, power: float) -> list[Event]:
-        """Listen for a while before anything is said of the noise."""
-        said = []
-        if not self._opening:
-            self.onset = stop - self._heard.bin_size
-            if self._asked:
-                said = [Event("contact", self.onset, stop, self.onset, "the stream begins in movement")]
-        self._opening.append(power)
-        self.active_until = stop
-        if len(self._opening) < self._n["quiet_s"]:
-            return said
-        mean = math.fsum(self._opening) / len(self._opening)
-        in_contact = self._asked
+        Returns
+        -------
+        events : list of Event
+            Events in order of time; usually none.
+        """
+        self._recent_powers.append(power)
+        self.level = sum(self._recent_powers) / len(self._recent_powers)
+        self._peak_power = max(self._peak_power, power)
+        if self.floor == 0.0 and not self._initial_level:
+            return self._measure_opening(stop, power) if power > 0 or self._in_contact else []
+        if self._initial_level:
+            events = self._follow_initial_contact(stop)
+        else:
+            events = self._compare_with_floor(stop, power)
+        return events + self._detect_steady_noise(stop, power)
+
+    def interrupt(self, sample: int, n_missing: int, missing_s: float) -> list[Event]:
+        """Skip missing samples; a break longer than `pause_s` is a lift-off.
+
+        Parameters
+        ----------
+        sample : int
+            First missing sample.
+        n_missing : int
+            Number of missing samples.
+        missing_s : float
+            Duration of the break in seconds.
+        """
+        events = [Event("break", sample, sample, sample, f"{n_missing} samples missing")]
+        self._recent_powers.clear()
+        self._clear_activity()
+        self._is_active, self._opening_powers = False, []
+        if self.is_moving and missing_s > self.settings.pause_s:
+            events += self._end_contact(sample)
+            self.is_moving = bool(self._initial_level)
+        self.onset = self.active_stop = sample + n_missing
+        if self.is_moving and len(events) > 1:
+            events.append(
+                Event("contact", self.onset, self.onset, self.onset, "assumed to continue after the break")
+            )
+        return events
+
+    def _measure_opening(self, stop: int, power: float) -> list[Event]:
+        """Collect the first bins, then decide whether they are rest (the noise floor) or contact."""
+        events = []
+        if not self._opening_powers:
+            self.onset = stop - self._meter.bin_size
+            if self._in_contact:
+                events = [Event("contact", self.onset, stop, self.onset, "the stream starts in contact")]
+        self._opening_powers.append(power)
+        self.active_stop = stop
+        if len(self._opening_powers) < self._n["quiet"]:
+            return events
+        mean = math.fsum(self._opening_powers) / len(self._opening_powers)
+        in_contact = self._in_contact
         if in_contact is None:
-            steady = max(self._opening) <= 10 * mean
-            small = self.unit == "m/s^2" and mean < AT_REST_M_S2**2
-            white = abs(self._heard.correlation(self.onset, stop)) <= STEADY.white
-            in_contact = mean > 0 and not (steady and (small or white))
+            is_steady = max(self._opening_powers) <= 10 * mean
+            is_weak = self.unit == "m/s^2" and mean < AT_REST_M_S2**2
+            is_white = abs(self._meter.correlation(self.onset, stop)) <= STEADY.max_correlation
+            in_contact = mean > 0 and not (is_steady and (is_weak or is_white))
         if in_contact:
-            if not self.moving:
-                what = "no rest at the start: taken as movement"
-                said = [Event("contact", self.onset, stop, self.onset, what)]
-            self.moving, self._felt = True, mean or _LEAST
+            if not self.is_moving:
+                message = "no rest at the start: assumed to be in contact"
+                events = [Event("contact", self.onset, stop, self.onset, message)]
+            self.is_moving, self._initial_level = True, mean or _MIN_POWER
         else:
-            self.floor = mean or _LEAST
-        self._opening = []
-        return said
+            self.floor = mean or _MIN_POWER
+        self._opening_powers = []
+        return events
 
-    def _begun_in_contact(self, stop: int) -> list[Event]:
-        """Follow a contact whose noise floor nobody knows: it ends where its level drops by far."""
-        if self.level * self.rules.drop_ratio >= self._felt:
-            self._felt = max(self._felt, _LEAST) * (max(self.level, _LEAST) / self._felt) ** self._forget
-            self._quiet_for, self.active_until = 0, stop
+    def _follow_initial_contact(self, stop: int) -> list[Event]:
+        """Follow a contact without a known noise floor; it ends when its level drops by `drop_ratio`."""
+        level = max(self.level, _MIN_POWER)
+        if self.level * self.settings.drop_ratio >= self._initial_level:
+            ratio = level / self._initial_level
+            self._initial_level = max(self._initial_level, _MIN_POWER) * ratio**self._floor_weight
+            self._n_quiet, self.active_stop = 0, stop
             return []
-        self._quiet_for += 1
-        if self._quiet_for < self._n["pause_s"]:
+        self._n_quiet += 1
+        if self._n_quiet < self._n["pause"]:
             return []
-        self.floor, self._felt = max(self.level, _LEAST), 0.0
-        return self._lift(stop)
+        self.floor, self._initial_level = level, 0.0
+        return self._end_contact(stop)
 
-    def _against_floor(self, stop: int, power: float) -> list[Event]:
-        """Tell activity from noise, and a movement, which lasts, from a tap."""
-        rules, n, start = self.rules, self._n, stop - self._heard.bin_size
-        self._on = self.level > (rules.off_ratio if self._on else rules.active_ratio) * self._floor()
-        self._active.append(self._on)
-        said: list[Event] = []
-        if self._on:
-            if self.moving and self._quiet_for >= n["turn_s"]:
-                said.append(Event("stroke", start, stop, start))
-            self._quiet_for, self.active_until = 0, stop
-            self._run = [self._run[0] if self._run else start, stop]
+    def _compare_with_floor(self, stop: int, power: float) -> list[Event]:
+        """Update activity and noise floor, and detect the start and end of a movement."""
+        settings, n, start = self.settings, self._n, stop - self._meter.bin_size
+        ratio = settings.off_ratio if self._is_active else settings.active_ratio
+        self._is_active = self.level > ratio * self._effective_floor()
+        self._activity_flags.append(self._is_active)
+        events: list[Event] = []
+        if self._is_active:
+            if self.is_moving and self._n_quiet >= n["turn"]:
+                events.append(Event("stroke", start, stop, start))
+            self._n_quiet, self.active_stop = 0, stop
+            self._activity = [self._activity[0] if self._activity else start, stop]
         else:
-            self._quiet_for += 1
-            if not self._run and power > 0:
-                self.floor += self._forget * (power - self.floor)
-        if self.moving:
-            return said + (self._lift(stop) if self._quiet_for >= n["pause_s"] else [])
-        if self._run and self._quiet_for >= n["gap_s"]:
-            said += self._told(stop, is_over=True)
-            self._run = []
-        elif self._run and sum(self._active) >= rules.share * n["window_s"]:
-            said += self._told(stop, is_over=False)
-        return said
+            self._n_quiet += 1
+            if not self._activity and power > 0:
+                self.floor += self._floor_weight * (power - self.floor)
+        if self.is_moving:
+            return events + (self._end_contact(stop) if self._n_quiet >= n["pause"] else [])
+        if self._activity and self._n_quiet >= n["gap"]:
+            events += self._classify_activity(stop, is_over=True)
+            self._activity = []
+        elif self._activity and sum(self._activity_flags) >= settings.share * n["window"]:
+            events += self._classify_activity(stop, is_over=False)
+        return events
 
-    def _steady(self, stop: int, power: float) -> list[Event]:
-        """Take a level that is steady during a contact as the new noise floor, unless contact is stated."""
-        if self._asked or power == 0 or not self.moving:
-            self._block.clear()
-            self._blocks.clear()
-            return []
-        self._block.append(power)
-        if len(self._block) < self._n["block_s"]:
-            return []
-        self._blocks.append(math.fsum(self._block) / len(self._block))
-        self._block.clear()
-        if len(self._blocks) < STEADY.blocks or max(self._blocks) > STEADY.ratio * min(self._blocks):
-            return []
-        self.floor, self._felt = math.fsum(self._blocks) / len(self._blocks), 0.0
-        self._blocks.clear()
-        seconds = STEADY.blocks * self._n["block_s"] * self._heard.bin_size / self._heard.fs
-        return self._lift(stop, f"the level is steady for {seconds:.3g} s: taken as the new noise floor")
+    def _detect_steady_noise(self, stop: int, power: float) -> list[Event]:
+        """Make a level that stays constant during a contact the new noise floor, and end the contact.
 
-    def _told(self, known: int, *, is_over: bool) -> list[Event]:
-        """Say what the activity at hand is: taps once it is over; or what goes on, if it is a movement."""
-        rules = self.rules
-        before = round(2 * rules.before_s * self._heard.fs)
-        start, size, powers = self._heard.fine(self._run[0] - before, known)
-        ratio = powers / self._floor()
-        levels = Levels(ratio, ratio, ratio, size / self._heard.fs, -(-MIN_LEVEL_SAMPLES // size))
-        impulses = find_impulses(levels, rules)
-        taps, span = (impulses, None) if is_over else split_taps_and_movement(levels, impulses, rules)
+        A contact that the user has stated (`in_contact`) is never ended this way.
+        """
+        if self._in_contact or power == 0 or not self.is_moving:
+            self._block_powers.clear()
+            self._block_means.clear()
+            return []
+        self._block_powers.append(power)
+        if len(self._block_powers) < self._n["block"]:
+            return []
+        means = self._block_means
+        means.append(math.fsum(self._block_powers) / len(self._block_powers))
+        self._block_powers.clear()
+        if len(means) < STEADY.n_blocks or max(means) > STEADY.max_ratio * min(means):
+            return []
+        self.floor, self._initial_level = math.fsum(means) / len(means), 0.0
+        means.clear()
+        seconds = STEADY.n_blocks * self._n["block"] * self._meter.bin_size / self._meter.fs
+        return self._end_contact(stop, f"constant level for {seconds:.3g} s, used as the new noise floor")
+
+    def _classify_activity(self, n_received: int, *, is_over: bool) -> list[Event]:
+        """Return the taps of an activity that is over, or the taps and the onset of a movement."""
+        settings, meter = self.settings, self._meter
+        margin = round(2 * settings.before_s * meter.fs)
+        start, size, powers = meter.fine_powers(self._activity[0] - margin, n_received)
+        ratio = powers / self._effective_floor()
+        levels = Levels(ratio, ratio, ratio, size / meter.fs, -(-MIN_LEVEL_SAMPLES // size))
+        impulses = find_impulses(levels, settings)
+        taps, span = (impulses, None) if is_over else split_taps_and_movement(levels, impulses, settings)
         if not is_over and span is None:
             return []
-        told = []
-        spacing = rules.tap_spacing_s * self._heard.fs
+        events = []
+        spacing = settings.tap_spacing_s * meter.fs
         for tap in taps:
-            peak = start + tap.peak * size
-            is_apart = start + tap.start * size >= self._tapped_until and peak - self._tap_peak >= spacing
-            if is_apart and tap in select_taps([*self.struck, tap], levels, rules):
-                self.struck.append(tap)
-                self._tap_peak = peak
-                at, self._tapped_until = start + tap.start * size, start + tap.end * size
-                told.append(Event("tap", at, known, self._tapped_until, "", tap.width * size, tap.quality))
+            first, peak = start + tap.start * size, start + tap.peak * size
+            is_apart = first >= self._last_tap_end and peak - self._last_tap_peak >= spacing
+            if is_apart and tap in select_taps([*self.tap_impulses, tap], levels, settings):
+                self.tap_impulses.append(tap)
+                self._last_tap_peak, self._last_tap_end = peak, start + tap.end * size
+                width = tap.width * size
+                events.append(Event("tap", first, n_received, self._last_tap_end, "", width, tap.quality))
         if span is not None:
-            self.moving, self.onset, self._run = True, start + span[0] * size, []
-            told.append(Event("contact", self.onset, known, self.onset))
-        return told
+            self.is_moving, self.onset, self._activity = True, start + span[0] * size, []
+            events.append(Event("contact", self.onset, n_received, self.onset))
+        return events
 
-    def _lift(self, known: int, what: str = "") -> list[Event]:
-        self.moving = False
-        self._forget_activity()
-        return [Event("lift-off", self.active_until, known, self.active_until, what)]
+    def _end_contact(self, n_received: int, message: str = "") -> list[Event]:
+        self.is_moving = False
+        self._clear_activity()
+        return [Event("lift-off", self.active_stop, n_received, self.active_stop, message)]
 
-    def _forget_activity(self) -> None:
-        self._run, self.struck = [], []
-        self._active.clear()
-        self._block.clear()
-        self._blocks.clear()
+    def _clear_activity(self) -> None:
+        self._activity, self.tap_impulses = [], []
+        self._activity_flags.clear()
+        self._block_powers.clear()
+        self._block_means.clear()
 
-    def _floor(self) -> float:
-        return max(self.floor, _DEAD * self._peak, _LEAST)
+    def _effective_floor(self) -> float:
+        return max(self.floor, _ROUNDING_RATIO * self._peak_power, _MIN_POWER)
 
 
 class TapMemory:
-    """The taps since the last lift-off, measured as `texclass.phases` does.
+    """The taps since the last lift-off, located to the sample as in `texclass.phases`.
 
     Parameters
     ----------
     ring : Ring
-        Samples of the stream, the axes of the acceleration first.
+        Samples of the stream; the first columns are the axes of the acceleration.
     n_axes : int
-        How many these are.
-    level : Level
-        Of the vibration.
+        Number of axes.
+    meter : LevelMeter
+        Vibration of the stream.
     hand_s : float
-        Longest acceleration of the hand before an impact, in s.
+        Longest acceleration of the hand before an impact, in seconds.
     """
 
-    def __init__(self, ring: Ring, n_axes: int, level: Level, hand_s: float) -> None:
-        self._ring, self._n_axes, self._level, self._hand_s = ring, n_axes, level, hand_s
+    def __init__(self, ring: Ring, n_axes: int, meter: LevelMeter, hand_s: float) -> None:
+        self._ring, self._n_axes, self._meter, self._hand_s = ring, n_axes, meter, hand_s
         self.clear()
 
     def clear(self) -> None:
-        """Forget the taps: another contact, or samples are missing."""
+        """Delete all taps, after a lift-off or a break."""
         self._taps: list[Tap] = []
 
     def add(self, event: Event, floor: float) -> Event | None:
-        """Remember a tap and return its event, the impact to the sample; None if it was a wild sample."""
-        fs, last = self._level.fs, self._taps[-1].end if self._taps else 0
-        # Its impact is at most 3 ms before the impulse begins.
-        start = max(self._level.vibration.start, event.sample - round(0.003 * fs))
+        """Store a tap and return its event with the exact impact; return None for a single-sample glitch.
+
+        Parameters
+        ----------
+        event : Event
+            Tap as `ContactDetector` reports it.
+        floor : float
+            Noise floor (power).
+        """
+        fs, last_end = self._meter.fs, self._taps[-1].end if self._taps else 0
+        # The impact is at most 3 ms before the start of the impulse.
+        start = max(self._meter.vibration.start, event.sample - round(0.003 * fs))
         stop = max(start + 1, event.sample + event.width)
-        at = find_impact(self._level.power(start, stop), floor)
-        impact = event.sample if at is None else start + at
-        earliest = max(self._ring.start, last, impact - round(self._hand_s * fs))
+        offset = find_impact(self._meter.power(start, stop), floor)
+        impact = event.sample if offset is None else start + offset
+        earliest = max(self._ring.start, last_end, impact - round(self._hand_s * fs))
         axes = self._ring.view(earliest, event.end)[:, : self._n_axes]
         glitches = find_glitches(axes)
         if ((glitches >= start - earliest) & (glitches < stop - earliest)).any():
             return None
-        before = interpolate_glitches(axes, glitches)[: max(0, impact - earliest)]
-        began = min(impact, earliest + find_hand_start(before, fs))
-        tap = Tap(began, impact, max(event.end, impact + 1), event.width, event.quality)
-        self._taps = [*self._taps, tap][-16:]  # so many are remembered
+        approach = interpolate_glitches(axes, glitches)[: max(0, impact - earliest)]
+        hand_onset = min(impact, earliest + find_hand_start(approach, fs))
+        tap = Tap(hand_onset, impact, max(event.end, impact + 1), event.width, event.quality)
+        self._taps = [*self._taps, tap][-16:]  # 16 taps bound the memory
         return replace(event, sample=impact, end=tap.end)
 
-    def before(self, onset: int) -> Tapped | None:
-        """Return what is kept of the taps before a movement; None without any at hand."""
+    def taps_until(self, onset: int) -> TapSamples | None:
+        """Return the taps before a movement, or None if there are none in memory."""
         taps = [tap for tap in self._taps if self._ring.start <= tap.start and tap.end <= onset]
-        return self._kept(taps) if taps else None
+        return self._extract(taps) if taps else None
 
-    def last(self) -> tuple[Tapped, int]:
-        """Return the last tap by itself, and the sample at which what is kept of it begins."""
-        return self._kept(self._taps[-1:]), self._start(self._taps[-1])
+    def last_tap(self) -> tuple[TapSamples, int]:
+        """Return the last tap alone, and the first of its samples."""
+        return self._extract(self._taps[-1:]), self._first_sample(self._taps[-1])
 
-    def _kept(self, taps: list[Tap]) -> Tapped:
-        first = self._start(taps[0])
+    def _extract(self, taps: list[Tap]) -> TapSamples:
+        first = self._first_sample(taps[0])
         samples = self._ring.view(first, taps[-1].end).copy()
         return samples, tuple(
             replace(t, start=t.start - first, impact=t.impact - first, end=t.end - first) for t in taps
         )
 
-    def _start(self, tap: Tap) -> int:
-        # 0.1 s of rest before a tap give the noise.
-        return max(self._ring.start, tap.start - round(0.1 * self._level.fs))
+    def _first_sample(self, tap: Tap) -> int:
+        # Features estimate the noise from 0.1 s of rest before a tap.
+        return max(self._ring.start, tap.start - round(0.1 * self._meter.fs))

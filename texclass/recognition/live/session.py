@@ -1,4 +1,4 @@
-"""A stream from its blocks to what is known: what is wrong with it is said, and bridged where it is short."""
+"""Sessions: recognition in a stream of blocks, with notices about faults of the stream."""
 
 import math
 import time
@@ -12,12 +12,11 @@ import numpy as np
 from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recognition.live.contact import Event
 from texclass.recognition.live.online_recogniser import (
+    LONG_RECORDING_WINDOW_S,
     LONGEST_WINDOW_S,
-    RUN_WINDOW_S,
     OnlineRecogniser,
     OnlineSettings,
     Update,
-    WindowAnswer,
     scale_of,
 )
 from texclass.recognition.model import Model, load_model
@@ -28,221 +27,260 @@ from texclass.recording import ACCELERATION_UNITS, Recording, RecordingError, Sa
 
 @dataclass(frozen=True)
 class Notice:
-    """Something is wrong with the stream.
+    """Notice about a fault of the stream: lost samples, gaps, clock jumps, a wrong rate or unit.
 
     Attributes
     ----------
     t_s
-        Instant of the block by its source, in seconds.
-    what
-        In words: lost samples, gaps, clock jumps, a wrong rate or unit.
+        Time stamp of the block in seconds, by the clock of its source.
+    message
+        Fault, in words.
+
+    Examples
+    --------
+    >>> Notice(1.5, "lost: 40 samples").message
+    'lost: 40 samples'
     """
 
     t_s: float
-    what: str
+    message: str
 
 
-class Defects:
-    """Samples that are no measurements: not finite, or a step from the last good one that no surface makes.
+class SampleRepair:
+    """Repair of samples that are not finite, or too far from the last valid one to be caused by a surface.
 
-    Up to `TIMESTAMPS.max_gap` in a row are replaced by a straight line, as missing messages are; more are
-    lost.
-    Rows come out the same however they come in blocks: bad ones wait for the next good one.
+    Up to `TIMESTAMPS.max_gap` such samples in a row are interpolated linearly, like missing messages.
+    Longer runs count as lost. The result does not depend on the block size: invalid samples wait for the next
+    valid one.
 
     Parameters
     ----------
     model : Model
-        Whose recordings tell how large a step may be.
+        Trained model: the largest acceleration of its training recordings limits the step between two
+        samples.
     n_axes : int
-        Columns of acceleration, the first ones.
+        Number of axes of the acceleration, which are the first columns.
     fs : float
         Sampling rate in Hz.
     scale : float
-        From a number of the stream to the unit of the model's recordings.
+        Factor from the values of the stream to the unit of the training recordings.
+
+    Attributes
+    ----------
+    max_step : float
+        Largest plausible step between two samples, in the unit of the stream.
     """
 
     def __init__(self, model: Model, n_axes: int, fs: float, scale: float) -> None:
         loudest = model.manifest.peak_acceleration
-        # A step of a hundred times the largest acceleration of training is a loose wire, not a surface; a tap
-        # on a hard surface may make one of 1000 m/s^2, whatever was trained.
-        far = 1e6 if loudest is None else 100 * loudest
-        far = max(far, 1000.0) if model.manifest.unit == "m/s^2" else far
-        self.n_axes, self.far = n_axes, far / scale
-        # Far samples that go on for 0.1 s are a new level: the stream goes on there, after a break.
-        self._level = max(TIMESTAMPS.max_gap + 2, round(0.1 * fs))
-        self._last: Samples | None = None
-        self._waiting = self._far_for = 0
+        # A step of a hundred times the largest acceleration of training is a loose wire, not a surface. A tap
+        # on a hard surface can cause a step of 1000 m/s^2, independent of the training recordings.
+        max_step = 1e6 if loudest is None else 100 * loudest
+        max_step = max(max_step, 1000.0) if model.manifest.unit == "m/s^2" else max_step
+        self.n_axes, self.max_step = n_axes, max_step / scale
+        # A step whose level persists for 0.1 s is a new resting level: the stream continues there after a
+        # break.
+        self._n_new_level = max(TIMESTAMPS.max_gap + 2, round(0.1 * fs))
+        self._last_valid: Samples | None = None
+        self._n_waiting = self._n_beyond = 0
 
-    def mended(self, rows: Samples) -> tuple[list[tuple[int, Samples]], int, int]:
-        """Take in rows (n, n_columns) in the unit of the stream.
+    def repair(self, rows: Samples) -> tuple[list[tuple[int, Samples]], int, int]:
+        """Return the valid and interpolated rows of a block.
+
+        Parameters
+        ----------
+        rows : ndarray of shape (n, n_columns)
+            Samples in the unit of the stream.
 
         Returns
         -------
-        stretches : list of (int, ndarray)
-            How many rows are lost before a stretch, and its rows, good or mended.
-        n_broken, n_far : int
-            How many of the rows are not finite (or no number a sensor sends), and how many are far.
+        segments : list of (int, ndarray)
+            Number of lost rows before each segment, and its rows.
+        n_invalid : int
+            Number of rows that are not finite, or larger than any sensor sends.
+        n_glitches : int
+            Number of rows beyond the largest plausible step.
         """
-        # No sensor measures more than 1e15, in any unit, nor NaN.
-        broken = np.asarray(~(np.abs(rows) <= 1e15).all(axis=1))
-        before = rows[:1] if self._last is None else self._last[None]
+        # No sensor sends NaN or values above 1e15, in any unit.
+        invalid = np.asarray(~(np.abs(rows) <= 1e15).all(axis=1))
+        previous = rows[:1] if self._last_valid is None else self._last_valid[None]
         with np.errstate(invalid="ignore"):
-            steps = np.abs(np.diff(rows[:, : self.n_axes], axis=0, prepend=before[:, : self.n_axes]))
-        if not self._waiting and not broken.any() and (steps <= self.far).all():
-            self._last = rows[-1].copy()
+            steps = np.abs(np.diff(rows[:, : self.n_axes], axis=0, prepend=previous[:, : self.n_axes]))
+        if not self._n_waiting and not invalid.any() and (steps <= self.max_step).all():
+            self._last_valid = rows[-1].copy()
             return [(0, rows)], 0, 0
-        stretches: list[tuple[int, list[Samples]]] = [(0, [])]
-        n_far = 0
-        for row, is_broken in zip(rows, broken.tolist(), strict=True):
-            last = row if self._last is None else self._last
-            is_far = not is_broken and bool((np.abs(row - last)[: self.n_axes] > self.far).any())
-            self._far_for = self._far_for + 1 if is_far else 0
-            if is_broken or 0 < self._far_for < self._level:
-                n_far += is_far
-                self._waiting += 1
+        segments: list[tuple[int, list[Samples]]] = [(0, [])]
+        n_glitches = 0
+        for row, is_invalid in zip(rows, invalid.tolist(), strict=True):
+            last = row if self._last_valid is None else self._last_valid
+            is_beyond = not is_invalid and bool((np.abs(row - last)[: self.n_axes] > self.max_step).any())
+            self._n_beyond = self._n_beyond + 1 if is_beyond else 0
+            if is_invalid or 0 < self._n_beyond < self._n_new_level:
+                n_glitches += is_beyond
+                self._n_waiting += 1
                 continue
-            if self._last is None or self._waiting > TIMESTAMPS.max_gap:
-                stretches.append((self._waiting, []))
+            if self._last_valid is None or self._n_waiting > TIMESTAMPS.max_gap:
+                segments.append((self._n_waiting, []))
             else:
-                shares = np.arange(1, self._waiting + 1)[:, None] / (self._waiting + 1)
-                stretches[-1][1].extend(last + shares * (row - last))
-            stretches[-1][1].append(row)
-            self._last, self._waiting, self._far_for = row.copy(), 0, 0
-        kept = [(lost, np.array(some)) for lost, some in stretches if some]
-        return kept, int(np.count_nonzero(broken)), n_far
+                weights = np.arange(1, self._n_waiting + 1)[:, None] / (self._n_waiting + 1)
+                segments[-1][1].extend(last + weights * (row - last))
+            segments[-1][1].append(row)
+            self._last_valid, self._n_waiting, self._n_beyond = row.copy(), 0, 0
+        arrays = [(n_lost, np.array(segment)) for n_lost, segment in segments if segment]
+        return arrays, int(np.count_nonzero(invalid)), n_glitches
 
 
 class Session:
-    """Feeds an online recogniser from blocks.
+    """Recognition in a stream of blocks, with notices about faults.
 
-    Samples that are no measurements are bridged, or interrupt the stream as lost ones do; see `Defects`. A
-    rate or unit other than the model's is said; answers then count as unknown. A rate that changes begins the
-    stream anew. Of notices of one kind, one in 5 s is said, with how many there were.
+    - Invalid samples are interpolated, or treated like lost ones; see `SampleRepair`.
+    - A rate or unit other than that of the model causes a notice, and answers are "unknown".
+    - A change of the rate restarts the recognition.
+    - Notices of one kind are limited to one per 5 s; the next one has the number of those that were omitted.
 
     Parameters
     ----------
     model : Model
-        What answers.
+        Trained model.
     raw : bool
-        See `OnlineRecogniser`.
-    settings : OnlineSettings
-        How it listens.
+        Whether samples are as in the training files, see `OnlineRecogniser` (default True).
+    settings : OnlineSettings, optional
+        Settings of the recognition.
 
     Attributes
     ----------
-    live : OnlineRecogniser or None
-        None before the first block.
+    recogniser : OnlineRecogniser or None
+        Recogniser of the stream; None before the first block.
     n_lost : int
-        Samples that were lost or no measurements.
+        Number of lost or invalid samples.
     start_s : float
-        Instant of sample 0 by the source.
+        Time stamp of sample 0 in seconds, by the clock of the source.
     """
 
     def __init__(self, model: Model, *, raw: bool = True, settings: OnlineSettings | None = None) -> None:
         self.model, self.raw, self.settings = model, raw, settings
-        self.live: OnlineRecogniser | None = None
+        self.recogniser: OnlineRecogniser | None = None
         self.n_lost, self.start_s = 0, 0.0
         self._sent_s = -math.inf
-        self._said: dict[str, tuple[float, int, str]] = {}
-        """Kind of a notice -> when it was said, how many like it came since, the last of these."""
+        self._notice_counts: dict[str, tuple[float, int, str]] = {}
+        """Kind of notice -> time of the last one, number and last message of those omitted since then."""
 
     @property
     def age_s(self) -> float:
-        """How old the last sample is, in seconds, as far as the source knows; infinite before the first."""
+        """Age of the last sample in seconds, as far as the source measures it; infinite before the first."""
         return time.monotonic() - self._sent_s
 
     def run(self, blocks: Iterable[Block]) -> Iterator[Update | Notice]:
-        """Yield what is known, block by block, and the last of it when they end; let go of them then."""
+        """Yield events, answers and notices until the blocks end, then close their source."""
         with closing(blocks) if isinstance(blocks, Generator) else nullcontext():
             for block in blocks:
-                yield from self.take(block)
+                yield from self.push(block)
             yield from self.finish()
 
-    def take(self, block: Block) -> tuple[Update | Notice, ...]:
-        """Take in a block.
+    def push(self, block: Block) -> tuple[Update | Notice, ...]:
+        """Process a block and return its events, answers and notices in order of time.
 
         Raises
         ------
         ValueError
             If its columns are not those the model was trained with.
+        RecordingError
+            If the rate of the sensor is too low for the features of the model.
         """
-        found: list[Update | Notice] = []
+        updates: list[Update | Notice] = []
         for flag in block.flags:
-            found += self._noticed(block.t_s, flag)
+            updates += self._limit(block.t_s, flag)
         if not len(block.samples):
-            return (*found, *self._interrupted(block.lost))
+            return (*updates, *self._interrupt(block.n_lost))
         self._sent_s = time.monotonic() - block.age_s
-        if self.live is None or (block.fs, block.unit) != self._given:
-            found += self._begin(block)
-        assert self.live is not None
-        found += self._interrupted(block.lost)
+        if self.recogniser is None or (block.fs, block.unit) != self._fs_and_unit:
+            updates += self._start(block)
+        assert self.recogniser is not None
+        updates += self._interrupt(block.n_lost)
         rows = block.samples.reshape(len(block.samples), -1)
-        stretches, n_broken, n_far = self._defects.mended(rows)
-        self.n_lost += n_broken + n_far
-        if n_broken:
-            found += self._noticed(block.t_s, f"not finite: {n_broken} samples left out")
-        if n_far:
-            what = f"glitch: {n_far} samples left out, steps above {self._defects.far:.3g} {block.unit}"
-            found += self._noticed(block.t_s, f"{what} (no recording of the training was near that)")
-        for lost, samples in stretches:
-            if lost:
-                found += self.live.interrupt(lost)
-            told = self.live.push(samples)
-            found += told
-            for event in told:
-                if isinstance(event, Event) and event.kind == "lift-off" and event.what:
-                    found += self._noticed(block.t_s, f"noise: {event.what}")
-                elif isinstance(event, WindowAnswer) and (before := event.verdict.previous_surface):
-                    what = f"the last windows are of {event.verdict.surface}, not {before}: evidence restarts"
-                    found += self._noticed(block.t_s, f"surface: {what}")
-        return tuple(found)
+        segments, n_invalid, n_glitches = self._repair.repair(rows)
+        self.n_lost += n_invalid + n_glitches
+        if n_invalid:
+            updates += self._limit(block.t_s, f"not finite: {n_invalid} samples left out")
+        if n_glitches:
+            limit = f"{self._repair.max_step:.3g} {block.unit}"
+            updates += self._limit(
+                block.t_s,
+                f"glitch: {n_glitches} samples left out, steps above {limit} (far beyond those of the "
+                "training set)",
+            )
+        for n_missing, samples in segments:
+            if n_missing:
+                updates += self.recogniser.interrupt(n_missing)
+            new = self.recogniser.push(samples)
+            updates += new
+            for update in new:
+                updates += self._notices_about(block.t_s, update)
+        return tuple(updates)
 
-    def _interrupted(self, n_lost: int) -> tuple[Update, ...]:
-        """Count lost samples; no window crosses the gap."""
+    def _notices_about(self, t_s: float, update: Update) -> list[Notice]:
+        """Return a notice where the noise floor was changed or the evidence was restarted."""
+        if isinstance(update, Event):
+            is_noise = update.kind == "lift-off" and update.message
+            return self._limit(t_s, f"noise: {update.message}") if is_noise else []
+        verdict = update.verdict
+        if not verdict.previous_surface:
+            return []
+        return self._limit(
+            t_s,
+            f"surface: the last windows indicate {verdict.surface}, not {verdict.previous_surface}: evidence "
+            "restarts",
+        )
+
+    def _interrupt(self, n_lost: int) -> tuple[Update, ...]:
         self.n_lost += n_lost
-        return self.live.interrupt(n_lost) if n_lost and self.live else ()
+        return self.recogniser.interrupt(n_lost) if n_lost and self.recogniser else ()
 
     def finish(self) -> tuple[Update | Notice, ...]:
-        """Say that the stream has ended, and return the last of what is known."""
-        unsaid = [Notice(at, f"{what} ({n} like it)") for at, n, what in self._said.values() if n]
-        self._said.clear()
-        return (*unsaid, *(self.live.finish() if self.live else ()))
+        """End the stream and return the remaining answers, and notices that were omitted."""
+        counts = self._notice_counts.values()
+        notices = [Notice(t_s, f"{message} ({n} similar)") for t_s, n, message in counts if n]
+        self._notice_counts.clear()
+        return (*notices, *(self.recogniser.finish() if self.recogniser else ()))
 
-    def _noticed(self, t_s: float, what: str) -> list[Notice]:
-        """Return a notice, or none if one like it was said a moment ago."""
-        kind = what.partition(":")[0]
-        said_s, n, _ = self._said.get(kind, (-math.inf, 0, ""))
-        if abs(t_s - said_s) < 5.0:
-            self._said[kind] = (said_s, n + 1, what)
+    def _limit(self, t_s: float, message: str) -> list[Notice]:
+        """Return a notice, or nothing if the last one of its kind was less than 5 s ago."""
+        kind = message.partition(":")[0]
+        last_s, n_omitted, _ = self._notice_counts.get(kind, (-math.inf, 0, ""))
+        if abs(t_s - last_s) < 5.0:
+            self._notice_counts[kind] = (last_s, n_omitted + 1, message)
             return []
-        self._said[kind] = (t_s, 0, "")
-        return [Notice(t_s, what + f" ({n} like it in between)" * (n > 0))]
+        self._notice_counts[kind] = (t_s, 0, "")
+        return [Notice(t_s, message + f" ({n_omitted} similar since the last notice)" * (n_omitted > 0))]
 
-    def _begin(self, block: Block) -> list[Update | Notice]:
-        found: list[Update | Notice] = []
-        if self.live is not None:
-            found += self.live.finish()
-            found += self._noticed(block.t_s, f"begun anew: the stream is now {block.fs:g} Hz, {block.unit}")
-        self._given = (block.fs, block.unit)
-        self.live = OnlineRecogniser(
+    def _start(self, block: Block) -> list[Update | Notice]:
+        """Create the recogniser, or a new one after a change of rate or unit."""
+        updates: list[Update | Notice] = []
+        if self.recogniser is not None:
+            updates += self.recogniser.finish()
+            updates += self._limit(block.t_s, f"restart: the stream now has {block.fs:g} Hz, {block.unit}")
+        self._fs_and_unit = (block.fs, block.unit)
+        self.recogniser = OnlineRecogniser(
             self.model, fs=block.fs, unit=block.unit, raw=self.raw, settings=self.settings
         )
         self.start_s = block.t_s
-        n_axes = self.model.needs.n_axes(block.samples[0].size)
-        self._defects = Defects(self.model, n_axes, block.fs, scale_of(self.model, block.unit, self.raw))
-        felt_s, trained_s = self.live.window / block.fs, self.model.manifest.shortest_s or 0.0
-        if felt_s == RUN_WINDOW_S < LONGEST_WINDOW_S < trained_s and self.model.manifest.window_s is None:
-            found += self._noticed(
+        n_axes = self.model.input_columns.n_axes(block.samples[0].size)
+        scale = scale_of(self.model, block.unit, self.raw)
+        self._repair = SampleRepair(self.model, n_axes, block.fs, scale)
+        window_s, trained_s = self.recogniser.window / block.fs, self.model.manifest.shortest_s or 0.0
+        is_shortened = window_s == LONG_RECORDING_WINDOW_S < LONGEST_WINDOW_S < trained_s
+        if is_shortened and self.model.manifest.window_s is None:
+            updates += self._limit(
                 block.t_s,
-                f"window: {felt_s:g} s, trained on runs of {trained_s:.3g} s and more; a model of such "
-                f"windows (texclass train --window {felt_s:g}) knows how sure it may be",
+                f"window: {window_s:g} s, but the training recordings have {trained_s:.3g} s or more, so "
+                f"that the confidence is not calibrated. Train with 'texclass train --window {window_s:g}'",
             )
-        kept = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
-        for unlike in self.model.rate_and_unit_problems(block.fs, kept):
-            found += self._noticed(block.t_s, unlike)
-        if narrow := self.model.bandwidth_problems(block.native_fs or block.fs):
-            raise RecordingError(f"the source cannot be judged: {narrow[0]}")
-        return found
+        unit = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
+        for difference in self.model.rate_and_unit_problems(block.fs, unit):
+            updates += self._limit(block.t_s, difference)
+        if reasons := self.model.bandwidth_problems(block.native_fs or block.fs):
+            raise RecordingError(f"cannot classify the source: {reasons[0]}")
+        return updates
 
 
 def listen(
@@ -261,10 +299,10 @@ def listen(
     Parameters
     ----------
     model : Model, str or Path
-        Model, or path of a model file.
+        Trained model, or path of a model file.
     source : str, Recording, or iterable of Block
         "-" (standard input), "FILE", "DATASET:RECORDING", "bag:FILE?topic=/name" or "ros2:/topic", see
-        `open_source`; or blocks with samples as in the training recordings.
+        `open_source`; or blocks whose samples are as in the training recordings.
     fs, unit, paced, raw_channels : optional
         See `open_source`.
     resample : bool
@@ -280,7 +318,7 @@ def listen(
     Raises
     ------
     RecordingError, ValueError
-        If the source cannot be opened, see `open_source`, or a block is invalid, see `Session.take`.
+        If the source cannot be opened, see `open_source`, or a block is invalid, see `Session.push`.
     """
     trained = model if isinstance(model, Model) else load_model(model)
     if not isinstance(source, str | Recording):

@@ -1,1 +1,1 @@
-"""Where the samples of a stream come from: standard input, recordings, bags, ROS 2 topics."""
+"""Sources of streams: standard input, recordings, bags and ROS 2 topics."""

@@ -1,6 +1,7 @@
-"""What a live source yields: blocks of samples at a uniform rate; what was wrong is said and survived.
+"""Blocks: uniformly sampled data from a live source, with flags for faults of the source.
 
-Stamped messages become blocks in `Timing`; `resampled` gives a source another rate.
+`BlockAssembler` converts messages with time stamps to blocks; `resampled` changes the sampling rate of a
+source.
 """
 
 from collections.abc import Generator
@@ -14,129 +15,144 @@ from numpy.typing import NDArray
 from texclass.loaders.timestamps import TIMESTAMPS, nominal_rate, typical_step
 from texclass.recording import RecordingError, Samples
 
-Stamps = NDArray[np.int64]
+Nanoseconds = NDArray[np.int64]
 
-HALF_WIDTH = 10
-"""Samples of the slower rate on either side that count for one sample; as in `scipy.signal.resample_poly`."""
+FILTER_HALF_WIDTH = 10
+"""Half the length of the resampling filter in samples of the slower rate, as in `resample_poly` of SciPy."""
 
 
 @dataclass(frozen=True)
-class RateRules:
-    """How the sampling rate of a live source is measured and checked.
+class RateSettings:
+    """Settings for the measurement of the sampling rate of a live source.
 
     Attributes
     ----------
-    learned_s, learned_messages
-        A rate that nobody states is measured over so many seconds, and at least so many messages.
-    shared
-        Messages that differ at an equal stamp from which a clock is coarse, not a message sent twice.
+    measure_s, min_messages
+        If no rate is stated, it is measured over this duration (s), and at least this many messages.
+    min_ties
+        Number of different messages with equal time stamps from which a clock counts as coarse. Fewer are
+        duplicates.
     max_waiting
-        Messages that may wait for the rate to be known.
-    checked_s
-        The rate is checked against the stated one over so many seconds.
-    changed_s, other_rate, same_step
-        The rate has changed by more than the share `other_rate` when stamps of so many seconds say so: nine
-        steps in ten alike within the share `same_step`.
+        Largest number of messages that wait until the rate is measured.
+    check_s
+        Duration (s) over which the measured rate is compared with the stated one.
+    change_s, change_ratio, step_tolerance
+        The rate has changed if, over `change_s`, the median step of the time stamps differs by more than the
+        fraction `change_ratio`, and nine steps in ten agree with it within the fraction `step_tolerance`.
     """
 
-    learned_s: float = 1.0
-    learned_messages: int = 20
-    shared: int = 3
+    measure_s: float = 1.0
+    min_messages: int = 20
+    min_ties: int = 3
     max_waiting: int = 100_000
-    checked_s: float = 2.0
-    changed_s: float = 0.25
-    other_rate: float = 0.25
-    same_step: float = 0.2
+    check_s: float = 2.0
+    change_s: float = 0.25
+    change_ratio: float = 0.25
+    step_tolerance: float = 0.2
 
 
-RATES = RateRules()
+RATES = RateSettings()
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Samples that follow each other at a uniform rate.
+    """Consecutive samples at a uniform sampling rate.
 
     Attributes
     ----------
     t_s : float
-        Instant of the first sample, seconds: by the clock of the stamps of a topic, else since the start.
+        Time of the first sample in seconds: that of its time stamp, or since the start of the source.
     samples : ndarray of shape (n, n_channels)
-        n is 0 in a block that only reports (nothing came for a while).
+        Samples; n is 0 in a block that only reports a fault.
     fs : float
         Sampling rate in Hz.
     unit : str
-        Of the samples.
-    lost : int
-        Samples missing between the block before and this one: what is not to be bridged must start anew.
+        Unit of the acceleration.
+    n_lost : int
+        Number of samples lost before this block, and not interpolated.
     flags : tuple of str
-        What was wrong since the block before: gaps, duplicates, clock jumps, a wrong rate.
+        Faults since the previous block: gaps, duplicates, clock jumps, a wrong rate.
     age_s : float
-        Seconds that the last sample took to come, as far as the source knows.
+        Delay of the last sample in seconds, as far as the source measures it.
     native_fs : float, optional
-        Rate in Hz of the sensor, where the samples are resampled.
+        Sampling rate of the sensor in Hz, if the samples are resampled.
+
+    Examples
+    --------
+    >>> block = Block(t_s=0.0, samples=np.zeros((25, 3)), fs=1000.0, unit="m/s^2")
+    >>> block.samples.shape, block.n_lost
+    ((25, 3), 0)
     """
 
     t_s: float
     samples: Samples
     fs: float
     unit: str
-    lost: int = 0
+    n_lost: int = 0
     flags: tuple[str, ...] = ()
     age_s: float = 0.0
     native_fs: float | None = None
 
 
 BlockSource = Generator[Block, None, None]
-"""Yields blocks until the source ends, all of the same channels and unit; `close` lets go of it."""
+"""Generator of blocks with the same channels and unit; `close()` releases the source."""
 
 
-class Timing:
-    """Turns batches of stamped messages into blocks.
+class BlockAssembler:
+    """Conversion of batches of messages with time stamps to blocks.
 
-    A gap of up to `TIMESTAMPS.max_gap` messages is interpolated; after a longer one, the next block says
-    what is lost.
-    Where the stamps advance by another step than before, and regularly, blocks are of that rate from then on.
+    - A gap of up to `TIMESTAMPS.max_gap` messages is interpolated; a longer one is counted in
+      `Block.n_lost`.
+    - If the time stamps advance regularly at another rate, the rate of the blocks changes.
 
     Parameters
     ----------
     fs : float or None
-        Rate of the samples in Hz; None: measured first, from the stamps. It follows them where it changes.
+        Sampling rate in Hz; None measures it from the time stamps first.
     unit : str
-        Of the samples.
+        Unit of the samples.
 
     Attributes
     ----------
     n_lost : int
-        Samples that were missing, interpolated or not.
+        Number of missing samples, interpolated or not.
+
+    Examples
+    --------
+    Three messages of one sample each, 10 ms apart; the third arrives one message too late:
+
+    >>> assembler = BlockAssembler(fs=100.0, unit="m/s^2")
+    >>> timestamps = np.array([0, 10_000_000, 30_000_000])
+    >>> (block,) = assembler.push(timestamps, timestamps, np.array([[[1.0]], [[2.0]], [[4.0]]]))
+    >>> block.samples.ravel(), block.flags
+    (array([1., 2., 3., 4.]), ('gaps: 1 samples interpolated',))
     """
 
     def __init__(self, fs: float | None, unit: str) -> None:
         self.fs, self.unit = fs, unit
         self.n_lost = 0
-        self._waiting: list[tuple[Stamps, Stamps, Samples]] = []
+        self._waiting: list[tuple[Nanoseconds, Nanoseconds, Samples]] = []
         self._distinct = set[int]()
         self._n_waiting = 0
-        self._by_receipt = False
-        self._n_shared, self._rank = (
-            0,
-            0,
-        )  # messages that changed at an equal stamp; place of the last in its tick
-        self._last: tuple[float, float, Samples] | None = None  # stamp, sent (s), message
+        self._uses_receipt = False
+        self._n_ties = 0  # different messages with the time stamp of their predecessor
+        self._tie_rank = 0  # number of messages with the time stamp of the last one, before it
+        self._last: tuple[float, float, Samples] | None = None  # time stamp (s), receipt (s), message
         self._start_ns: int | None = None
         self._shape: tuple[int, ...] = ()
         self._periods: list[float] = []
         self._steps = np.empty(0)
-        self._is_wrong = False
+        self._has_wrong_rate = False
 
-    def push(self, stamps_ns: Stamps, sent_ns: Stamps, samples: Samples) -> list[Block]:
-        """Take messages and return the blocks they make.
+    def push(self, timestamps_ns: Nanoseconds, receipt_ns: Nanoseconds, samples: Samples) -> list[Block]:
+        """Process messages and return the blocks that they complete.
 
         Parameters
         ----------
-        stamps_ns, sent_ns : ndarray of shape (n,)
-            Stamps, and when they were sent or received, nanoseconds.
+        timestamps_ns, receipt_ns : ndarray of shape (n,)
+            Time stamps, and times of sending or receipt, in nanoseconds.
         samples : ndarray of shape (n, k, n_channels)
-            k samples a message, the last one at the stamp.
+            Messages of k samples each; the time stamp is that of the last sample.
 
         Returns
         -------
@@ -146,240 +162,263 @@ class Timing:
         Raises
         ------
         RecordingError
-            If the size of the messages changes, or all have one stamp and one time of receipt.
+            If the size of the messages changes, or all have the same time stamp and time of receipt.
         """
-        if self._by_receipt:
-            stamps_ns = sent_ns
+        if self._uses_receipt:
+            timestamps_ns = receipt_ns
         if self._start_ns is None:
-            self._start_ns, self._shape = int(stamps_ns[0]), samples.shape[1:]
+            self._start_ns, self._shape = int(timestamps_ns[0]), samples.shape[1:]
         if samples.shape[1:] != self._shape:
             raise RecordingError(
-                f"messages of {samples.shape[1:]} samples and channels after {self._shape}. Expected one size"
+                f"messages must keep their shape (samples, channels) of {self._shape}, got "
+                f"{samples.shape[1:]}"
             )
         if self.fs is None:
-            self._waiting.append((stamps_ns, sent_ns, samples))
-            self._distinct.update(stamps_ns.tolist())
-            self._n_waiting += len(stamps_ns)
-            first_stamps, first_sent, _ = self._waiting[0]
-            is_stuck = len(self._distinct) == 1 and sent_ns[-1] - first_sent[0] >= RATES.learned_s * 1e9
-            is_enough = (
-                len(self._distinct) > RATES.learned_messages
-                and stamps_ns.max() - first_stamps.min() >= RATES.learned_s * 1e9
-            )
-            if not (is_enough or is_stuck) and self._n_waiting < RATES.max_waiting:
-                return []
-            stamps_ns, sent_ns, samples = (np.concatenate(all_) for all_ in zip(*self._waiting, strict=True))
-            self._waiting, self._distinct = [], set()
-            if is_stuck:
-                self._by_receipt, self._start_ns, stamps_ns = True, int(sent_ns[0]), sent_ns
-            self.fs = nominal_rate(self._shape[0] / _period(stamps_ns / 1e9))
-            told = "stamps: those of the headers stand still, times of receipt are used"
-            blocks = self.push(stamps_ns, sent_ns, samples)
-            return [replace(block, flags=(told,) * bool(is_stuck) + block.flags) for block in blocks]
-        t, sent = (stamps_ns - self._start_ns) / 1e9, (sent_ns - self._start_ns) / 1e9
-        return self._blocks(t, sent, samples, self._start_ns / 1e9, self.fs)
+            return self._measure_rate(timestamps_ns, receipt_ns, samples)
+        t, receipt = (timestamps_ns - self._start_ns) / 1e9, (receipt_ns - self._start_ns) / 1e9
+        return self._assemble(t, receipt, samples, self._start_ns / 1e9, self.fs)
 
-    def _blocks(self, t: Samples, sent: Samples, samples: Samples, start_s: float, fs: float) -> list[Block]:
-        period = samples.shape[1] / fs
-        kept, flags = self._usable(t, sent, samples, period)
-        t, sent, samples = t[kept], sent[kept], samples[kept]
-        if not len(t):
-            at = start_s + (self._last[0] if self._last else 0.0)
-            nothing = np.empty((0, samples.shape[2]))
-            return [Block(at, nothing, fs, self.unit, 0, tuple(flags))] if flags else []
-        if self._last is None:
-            self._last = (t[0] - period, sent[0] - period, samples[0])
-        step, jumps = _steps(t, sent, self._last, period)
-        least = 1.5
-        if is_coarse := self._n_shared >= RATES.shared:
-            step, least = self._evenly_in_ticks(step, period), 2.5
-        changed = None if is_coarse else self._changed(step, period)
-        lost = np.where(step > least * period, np.rint(step / period) - 1, 0).astype(np.int64)
-        flags += jumps + self._contradicted(step / (1 + lost), period, fs)
-        first_s = start_s - period + 1 / fs  # the last sample of a message stands at its stamp
-        made, previous = [], self._last[2]
-        starts = [0, *np.flatnonzero(lost[1:] > TIMESTAMPS.max_gap) + 1]
-        for start, stop in zip(starts, [*starts[1:], len(t)], strict=True):
-            gaps, missing = lost[start:stop].copy(), 0
-            if gaps[0] > TIMESTAMPS.max_gap:
-                missing, gaps[0] = int(gaps[0]) * samples.shape[1], 0
-            pieces = _bridged(previous, samples[start:stop], gaps)
-            previous = samples[stop - 1]
-            n_bridged = int(gaps.sum()) * samples.shape[1]
-            flags += [f"gaps: {n_bridged} samples interpolated"] * (n_bridged > 0)
-            flags += [f"lost: {missing} samples"] * (missing > 0)
-            self.n_lost += n_bridged + missing
-            at = first_s + t[start] - int(gaps[0]) * period
-            made.append(Block(at, pieces, fs, self.unit, missing, tuple(flags)))
-            flags = []
-        self._last = (float(t[-1]), float(sent[-1]), samples[-1])
-        if changed is not None:
-            self.fs, self._last, self._is_wrong = nominal_rate(samples.shape[1] / changed), None, False
-            self._periods, self._steps = [], np.empty(0)
-        return made
-
-    def _changed(self, step: Samples, period: float) -> float | None:
-        """Return the period of the last messages, if it is another; messages lost here and there are not."""
-        self._steps = np.append(self._steps, step)
-        n = max(
-            RATES.learned_messages, int(np.searchsorted(np.cumsum(self._steps[::-1]), RATES.changed_s)) + 1
+    def _measure_rate(
+        self, timestamps_ns: Nanoseconds, receipt_ns: Nanoseconds, samples: Samples
+    ) -> list[Block]:
+        """Collect messages until they suffice to measure the rate, then return their blocks."""
+        self._waiting.append((timestamps_ns, receipt_ns, samples))
+        self._distinct.update(timestamps_ns.tolist())
+        self._n_waiting += len(timestamps_ns)
+        first_timestamps, first_receipt, _ = self._waiting[0]
+        measure_ns = RATES.measure_s * 1e9
+        is_stuck = len(self._distinct) == 1 and receipt_ns[-1] - first_receipt[0] >= measure_ns
+        is_enough = (
+            len(self._distinct) > RATES.min_messages
+            and timestamps_ns.max() - first_timestamps.min() >= measure_ns
         )
+        if not (is_enough or is_stuck) and self._n_waiting < RATES.max_waiting:
+            return []
+        timestamps_ns, receipt_ns, samples = (
+            np.concatenate(arrays) for arrays in zip(*self._waiting, strict=True)
+        )
+        self._waiting, self._distinct = [], set()
+        if is_stuck:
+            self._uses_receipt, self._start_ns, timestamps_ns = True, int(receipt_ns[0]), receipt_ns
+        self.fs = nominal_rate(self._shape[0] / _period(timestamps_ns / 1e9))
+        flag = "time stamps: all are equal, times of receipt are used"
+        blocks = self.push(timestamps_ns, receipt_ns, samples)
+        return [replace(block, flags=(flag,) * bool(is_stuck) + block.flags) for block in blocks]
+
+    def _assemble(
+        self, t: Samples, receipt: Samples, samples: Samples, start_s: float, fs: float
+    ) -> list[Block]:
+        """Return the blocks of messages: one, and one more after each gap too long to interpolate."""
+        period = samples.shape[1] / fs
+        is_valid, flags = self._check_messages(t, receipt, samples, period)
+        t, receipt, samples = t[is_valid], receipt[is_valid], samples[is_valid]
+        if not len(t):
+            t_s = start_s + (self._last[0] if self._last else 0.0)
+            no_samples = np.empty((0, samples.shape[2]))
+            return [Block(t_s, no_samples, fs, self.unit, 0, tuple(flags))] if flags else []
+        if self._last is None:
+            self._last = (t[0] - period, receipt[0] - period, samples[0])
+        step, jump_flags = _steps(t, receipt, self._last, period)
+        gap_ratio = 1.5  # a longer step, in periods, is a gap
+        if is_coarse := self._n_ties >= RATES.min_ties:
+            step, gap_ratio = self._spread_ties(step, period), 2.5
+        new_period = None if is_coarse else self._changed_period(step, period)
+        n_missing = np.where(step > gap_ratio * period, np.rint(step / period) - 1, 0).astype(np.int64)
+        flags += jump_flags + self._check_rate(step / (1 + n_missing), period, fs)
+        first_s = start_s - period + 1 / fs  # the time stamp of a message is that of its last sample
+        blocks, previous = [], self._last[2]
+        starts = [0, *np.flatnonzero(n_missing[1:] > TIMESTAMPS.max_gap) + 1]
+        for start, stop in zip(starts, [*starts[1:], len(t)], strict=True):
+            gaps, n_lost = n_missing[start:stop].copy(), 0
+            if gaps[0] > TIMESTAMPS.max_gap:
+                n_lost, gaps[0] = int(gaps[0]) * samples.shape[1], 0
+            rows = _interpolate_gaps(previous, samples[start:stop], gaps)
+            previous = samples[stop - 1]
+            n_interpolated = int(gaps.sum()) * samples.shape[1]
+            flags += [f"gaps: {n_interpolated} samples interpolated"] * (n_interpolated > 0)
+            flags += [f"lost: {n_lost} samples"] * (n_lost > 0)
+            self.n_lost += n_interpolated + n_lost
+            t_s = first_s + t[start] - int(gaps[0]) * period
+            blocks.append(Block(t_s, rows, fs, self.unit, n_lost, tuple(flags)))
+            flags = []
+        self._last = (float(t[-1]), float(receipt[-1]), samples[-1])
+        if new_period is not None:
+            self.fs, self._last = nominal_rate(samples.shape[1] / new_period), None
+            self._has_wrong_rate, self._periods, self._steps = False, [], np.empty(0)
+        return blocks
+
+    def _changed_period(self, step: Samples, period: float) -> float | None:
+        """Return the period of the last messages if it has changed; single lost messages do not change it."""
+        self._steps = np.append(self._steps, step)
+        n_recent = int(np.searchsorted(np.cumsum(self._steps[::-1]), RATES.change_s)) + 1
+        n = max(RATES.min_messages, n_recent)
         self._steps = self._steps[-n:]
-        typical = float(np.median(self._steps))
-        is_old = abs(typical - period) <= RATES.other_rate * period
-        if len(self._steps) < n or is_old or not 1e-2 < typical / period < 1e2:
+        median = float(np.median(self._steps))
+        is_unchanged = abs(median - period) <= RATES.change_ratio * period
+        if len(self._steps) < n or is_unchanged or not 1e-2 < median / period < 1e2:
             return None
-        alike = self._steps[np.abs(self._steps - typical) <= RATES.same_step * typical]
-        # Stamps of receipt come in bursts: alike within one, and their mean is the old period.
-        is_even = abs(self._steps.mean() - typical) <= RATES.other_rate * typical
-        return float(alike.mean()) if is_even and len(alike) >= 0.9 * n else None
+        similar = self._steps[np.abs(self._steps - median) <= RATES.step_tolerance * median]
+        # Times of receipt come in bursts: the steps within a burst are equal, but their mean is the old
+        # period.
+        is_regular = abs(self._steps.mean() - median) <= RATES.change_ratio * median
+        return float(similar.mean()) if is_regular and len(similar) >= 0.9 * n else None
 
-    def _evenly_in_ticks(self, step: Samples, period: float) -> Samples:
-        """Return the steps of messages that share the ticks of a coarse clock, one period apart there."""
-        even = step.copy()
-        for i, is_same in enumerate((step == 0).tolist()):
-            even[i] = period if is_same else step[i] - self._rank * period
-            self._rank = self._rank + 1 if is_same else 0
-        return even
+    def _spread_ties(self, step: Samples, period: float) -> Samples:
+        """Return steps in which messages that share a tick of a coarse clock are one period apart."""
+        spread = step.copy()
+        for i, is_tie in enumerate((step == 0).tolist()):
+            spread[i] = period if is_tie else step[i] - self._tie_rank * period
+            self._tie_rank = self._tie_rank + 1 if is_tie else 0
+        return spread
 
-    def _usable(
-        self, t: Samples, sent: Samples, samples: Samples, period: float
+    def _check_messages(
+        self, t: Samples, receipt: Samples, samples: Samples, period: float
     ) -> tuple[NDArray[np.bool_], list[str]]:
-        """Return which messages neither come twice nor after a later one, and what is left out.
+        """Return which messages are valid and neither duplicates nor out of order, and flags for the others.
 
-        Where values change at equal stamps, the clock is coarse: then only messages that were also received
-        together come twice.
+        If values differ at equal time stamps, the clock is coarse: duplicates are then only messages that
+        were also received together.
         """
-        before = np.concatenate(([self._last[0] if self._last else -np.inf], t))
+        earlier = np.concatenate(([self._last[0] if self._last else -np.inf], t))
         previous = samples[:1] if self._last is None else self._last[2][None]
-        same = np.all(samples == np.concatenate((previous, samples[:-1])), axis=(1, 2))
-        late = np.maximum.accumulate(before)[:-1] - t
-        is_equal = np.diff(before) == 0
-        self._n_shared += int(np.count_nonzero(is_equal & ~same))
-        twice = is_equal & same
-        if self._n_shared >= RATES.shared:
-            twice &= np.diff(sent, prepend=self._last[1] if self._last else -np.inf) < 0.1 * period
-        wrong = {
-            "duplicates": twice,
-            "out of order": (late > 0) & (late <= TIMESTAMPS.max_overtaking * period),
+        is_repeated = np.all(samples == np.concatenate((previous, samples[:-1])), axis=(1, 2))
+        delay = np.maximum.accumulate(earlier)[:-1] - t
+        is_tie = np.diff(earlier) == 0
+        self._n_ties += int(np.count_nonzero(is_tie & ~is_repeated))
+        is_duplicate = is_tie & is_repeated
+        if self._n_ties >= RATES.min_ties:
+            last_receipt = self._last[1] if self._last else -np.inf
+            is_duplicate &= np.diff(receipt, prepend=last_receipt) < 0.1 * period
+        faults = {
+            "duplicates": is_duplicate,
+            "out of order": (delay > 0) & (delay <= TIMESTAMPS.max_overtaking * period),
             "not finite": ~np.isfinite(samples).all(axis=(1, 2)),
         }
-        said = [f"{what}: {n} messages left out" for what, bad in wrong.items() if (n := bad.sum())]
-        return ~np.any(list(wrong.values()), axis=0), said
+        flags = [f"{name}: {n} messages left out" for name, mask in faults.items() if (n := mask.sum())]
+        return ~np.any(list(faults.values()), axis=0), flags
 
-    def _contradicted(self, periods: Samples, period: float, fs: float) -> list[str]:
-        """Say when the stamps contradict the rate, once until they agree again."""
+    def _check_rate(self, periods: Samples, period: float, fs: float) -> list[str]:
+        """Return a flag when the time stamps begin to contradict the sampling rate."""
         self._periods += periods.tolist()
-        if len(self._periods) < max(RATES.learned_messages, RATES.checked_s / period):
+        if len(self._periods) < max(RATES.min_messages, RATES.check_s / period):
             return []
-        measured = period / max(float(np.mean(self._periods)), 1e-12)
-        self._periods, was_wrong = [], self._is_wrong
-        self._is_wrong = abs(measured - 1) > TIMESTAMPS.near_rate
-        if not self._is_wrong or was_wrong:
+        ratio = period / max(float(np.mean(self._periods)), 1e-12)
+        had_wrong_rate = self._has_wrong_rate
+        self._periods, self._has_wrong_rate = [], abs(ratio - 1) > TIMESTAMPS.near_rate
+        if not self._has_wrong_rate or had_wrong_rate:
             return []
-        return [f"rate: {measured * fs:.4g} Hz by the stamps, {fs:g} Hz is assumed"]
+        return [f"rate: {ratio * fs:.4g} Hz by the time stamps, but {fs:g} Hz is assumed"]
 
 
-def _period(stamps: Samples) -> float:
-    """Return the period in seconds by stamps, of which several may be equal.
+def _period(timestamps: Samples) -> float:
+    """Return the period in seconds of time stamps, some of which may be equal.
 
     Raises
     ------
     RecordingError
         If all are equal.
     """
-    ticks, n = np.unique(stamps, return_counts=True)
+    ticks, n = np.unique(timestamps, return_counts=True)
     if len(ticks) < 2:
-        raise RecordingError(f"{len(stamps)} messages have one time stamp. Expected an increase, or --fs")
+        raise RecordingError(
+            f"the time stamps of all {len(timestamps)} messages are equal. Expected increasing time stamps, "
+            "or give the sampling rate with --fs"
+        )
     step = np.diff(ticks)
     if (
         len(ticks) > 3 and np.mean(n[1:-1] > 1) >= TIMESTAMPS.shared_ticks
-    ):  # the first and the last may be cut
+    ):  # the first and last tick may be incomplete
         return float(ticks[-1] - ticks[1]) / float(n[1:-1].sum())
     return typical_step(step) if np.median(step) > 0.2 * step.mean() else float(step.mean())
 
 
 def _steps(
-    t: Samples, sent: Samples, last: tuple[float, float, Samples], period: float
+    t: Samples, receipt: Samples, last: tuple[float, float, Samples], period: float
 ) -> tuple[Samples, list[str]]:
-    """Return the steps of stamps, those of the times of sending where the clock jumps, and say if it does."""
-    step, real = np.diff(t, prepend=last[0]), np.diff(sent, prepend=last[1])
-    jumped = (step < -TIMESTAMPS.max_overtaking * period) | (
-        (step > TIMESTAMPS.clock_jump_s) & (step - real > TIMESTAMPS.clock_jump_s)
+    """Return the steps of the time stamps (of receipt where the clock jumps), and a flag for jumps."""
+    step, receipt_step = np.diff(t, prepend=last[0]), np.diff(receipt, prepend=last[1])
+    is_jump = (step < -TIMESTAMPS.max_overtaking * period) | (
+        (step > TIMESTAMPS.clock_jump_s) & (step - receipt_step > TIMESTAMPS.clock_jump_s)
     )
-    if not jumped.any():
+    if not is_jump.any():
         return step, []
-    largest = np.max(np.abs(step[jumped]))
-    said = f"clock jumps: {np.count_nonzero(jumped)} (largest {largest:.3g} s)"
-    return np.where(jumped, np.maximum(real, period), step), [said]
+    largest = np.max(np.abs(step[is_jump]))
+    flag = f"clock jumps: {np.count_nonzero(is_jump)} (largest {largest:.3g} s)"
+    return np.where(is_jump, np.maximum(receipt_step, period), step), [flag]
 
 
-def _bridged(previous: Samples, samples: Samples, lost: NDArray[np.int64]) -> Samples:
-    """Return the samples of messages (n, k, n_channels), straight lines where `lost` are missing."""
+def _interpolate_gaps(previous: Samples, samples: Samples, n_missing: NDArray[np.int64]) -> Samples:
+    """Return the samples of messages (n, k, n_channels), with `n_missing` interpolated before each."""
     k, n_channels = samples.shape[1:]
-    flat = samples.reshape(-1, n_channels)
-    if not lost.any():
-        return flat
-    flat = np.concatenate((previous, flat))
-    where = np.arange(len(flat)) + np.concatenate((np.zeros(k), np.repeat(np.cumsum(lost), k) * k))
-    grid = np.arange(k, where[-1] + 1)
-    return np.stack([np.interp(grid, where, column) for column in flat.T], axis=-1)
+    rows = samples.reshape(-1, n_channels)
+    if not n_missing.any():
+        return rows
+    rows = np.concatenate((previous, rows))
+    positions = np.arange(len(rows)) + np.concatenate((np.zeros(k), np.repeat(np.cumsum(n_missing), k) * k))
+    grid = np.arange(k, positions[-1] + 1)
+    return np.stack([np.interp(grid, positions, column) for column in rows.T], axis=-1)
 
 
 class Resampler:
-    """y[m] = sum over k of h[mQ - kP] x[k] for a rate P / Q times the old one, as soon as all x[k] are there.
+    """Polyphase resampling of a stream by the factor P / Q: y[m] = sum over k of h[mQ - kP] x[k].
 
-    The same numbers for any division of x into pieces.
+    The result does not depend on the block size. A sample is returned as soon as all its x[k] are available.
 
     Parameters
     ----------
-    fs, to : float
-        Rates in Hz.
+    fs, new_fs : float
+        Sampling rates of input and output in Hz.
 
     Raises
     ------
     ValueError
-        If a rate is not above 0, or they differ by more than a factor of 1000.
+        If a rate is not positive, or they differ by more than a factor of 1000.
 
     Attributes
     ----------
     n_out : int
-        Samples returned so far.
+        Number of samples returned so far.
+
+    Examples
+    --------
+    >>> resampler = Resampler(fs=1000, new_fs=500)
+    >>> resampler.push(np.ones((100, 1))).shape, resampler.n_pending
+    ((40, 1), 10)
     """
 
-    def __init__(self, fs: float, to: float) -> None:
-        if not (fs > 0 and to > 0 and 1e-3 <= to / fs <= 1e3):
+    def __init__(self, fs: float, new_fs: float) -> None:
+        if not (fs > 0 and new_fs > 0 and 1e-3 <= new_fs / fs <= 1e3):
             raise ValueError(
-                f"cannot resample from {fs} Hz to {to} Hz. Expected positive rates, "
+                f"cannot resample from {fs} Hz to {new_fs} Hz. Expected positive rates, "
                 "at most a factor of 1000 apart"
             )
-        ratio = Fraction(to / fs).limit_denominator(1000)
+        ratio = Fraction(new_fs / fs).limit_denominator(1000)
         self._p, self._q = ratio.numerator, ratio.denominator
         slower = max(self._p, self._q)
-        self._half = HALF_WIDTH * slower
+        self._half = FILTER_HALF_WIDTH * slower
         if slower > 1:
             from scipy.signal import firwin
 
             self._h = self._p * firwin(2 * self._half + 1, 1 / slower, window=("kaiser", 5.0))
-        # Zeros before the first sample, as many as put y[0] on the grid of what `upfirdn` returns.
-        self._n_zeros = -HALF_WIDTH % self._q if self._p > self._q else 0
+        # Zeros before the first sample align y[0] with the output grid of `upfirdn`.
+        self._n_zeros = -FILTER_HALF_WIDTH % self._q if self._p > self._q else 0
         self._x: Samples | None = None
         self._n_in = self.n_out = 0
         self._shift = -(self._half + self._n_zeros * self._p) // self._q
 
     @property
-    def n_held(self) -> int:
-        """Samples at the new rate that were taken and not returned."""
+    def n_pending(self) -> int:
+        """Number of samples at the new rate that are still in the filter."""
         return round(self._n_in * self._p / self._q) - self.n_out
 
     def push(self, x: Samples) -> Samples:
-        """Take samples of shape (n, n_channels) and return those that are complete, of the same form."""
+        """Filter samples of shape (n, n_channels) and return the output samples that they complete."""
         self._n_in += len(x)
         if self._p == self._q:
             self.n_out += len(x)
             return x
-        before = np.zeros((self._n_zeros, x.shape[1])) if self._x is None else self._x
-        self._x = np.concatenate((before, x))
+        history = np.zeros((self._n_zeros, x.shape[1])) if self._x is None else self._x
+        self._x = np.concatenate((history, x))
         stop = max(self.n_out, -((self._half - self._n_in * self._p) // self._q))
         first = self.n_out - self._shift
         if stop == self.n_out:
@@ -388,42 +427,44 @@ class Resampler:
 
         y = upfirdn(self._h, self._x, self._p, self._q, axis=0)[first : stop - self._shift]
         oldest = ((stop - self._shift) * self._q - 2 * self._half) // self._p
-        drop = max(0, oldest) // self._q * self._q
-        self._x, self._shift = self._x[drop:], self._shift + drop * self._p // self._q
+        n_drop = max(0, oldest) // self._q * self._q
+        self._x, self._shift = self._x[n_drop:], self._shift + n_drop * self._p // self._q
         self.n_out = stop
         return np.asarray(y)
 
 
 def resampled(source: BlockSource, rate: float) -> BlockSource:
-    """Return a source at another rate in Hz, band-limited; it starts anew after a loss, and at a new rate.
+    """Return a source resampled to another rate in Hz (band-limited).
 
-    What is lost, and what the filter held when it started anew, counts as lost before the next samples.
+    The filter restarts after lost samples and after a change of the rate of the source. Samples that were
+    still in the filter then count as lost.
     """
     resampler: Resampler | None = None
-    start_s, was, lost = 0.0, 0.0, 0
+    start_s, fs, n_lost = 0.0, 0.0, 0
     with closing(source):
         for block in source:
-            if block.lost:  # else the rate may not be known yet
-                lost += round(block.lost * rate / block.fs)
-            if not len(block.samples):  # it only reports, perhaps before any rate is known
-                yield replace(block, fs=rate, lost=0)
-                if block.lost and resampler:
-                    lost += resampler.n_held
+            if block.n_lost:
+                n_lost += round(block.n_lost * rate / block.fs)
+            if not len(block.samples):  # a report of a fault, perhaps before the rate has been measured
+                yield replace(block, fs=rate, n_lost=0)
+                if block.n_lost and resampler:
+                    n_lost += resampler.n_pending
                     resampler = None
                 continue
             flags = block.flags
-            if resampler is None or block.lost or block.fs != was:
-                if block.fs not in (was, rate):
+            if resampler is None or block.n_lost or block.fs != fs:
+                if block.fs not in (fs, rate):
                     flags = (*flags, f"resampled (band-limited) from {block.fs:g} Hz to {rate:g} Hz")
-                if was not in (0.0, block.fs):
-                    flags = (*flags, f"begun anew: the source is now {block.fs:g} Hz, was {was:g} Hz")
-                    lost = max(lost, 1)
-                lost += resampler.n_held if resampler else 0
-                resampler, start_s, was = Resampler(block.fs, rate), block.t_s, block.fs
-            at = start_s + resampler.n_out / rate
+                if fs not in (0.0, block.fs):
+                    flags = (*flags, f"restart: the source now has {block.fs:g} Hz, {fs:g} Hz before")
+                    n_lost = max(n_lost, 1)
+                n_lost += resampler.n_pending if resampler else 0
+                resampler, start_s, fs = Resampler(block.fs, rate), block.t_s, block.fs
+            t_s = start_s + resampler.n_out / rate
             y = resampler.push(block.samples)
             if len(y) or flags:
-                yield Block(at, y, rate, block.unit, lost * bool(len(y)), flags, block.age_s, min(was, rate))
-                lost *= not len(y)
-        if lost:
-            yield Block(start_s, block.samples[:0], rate, block.unit, lost)
+                n_before = n_lost if len(y) else 0
+                yield Block(t_s, y, rate, block.unit, n_before, flags, block.age_s, min(fs, rate))
+                n_lost -= n_before
+        if n_lost:
+            yield Block(start_s, block.samples[:0], rate, block.unit, n_lost)

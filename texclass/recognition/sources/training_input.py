@@ -1,4 +1,4 @@
-"""Input like that a model was trained on: which columns a stream needs, how files become recordings."""
+"""Input of a trained model: the columns of a stream, and files that are read like the training files."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -25,11 +25,11 @@ from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.validation import StrictModel
 
-Beside = Literal["turn_rate", "friction"]
+AuxiliarySignal = Literal["turn_rate", "friction"]
 
 
 class Member(NamedTuple):
-    """A recording of a card or folder before it is loaded: its name, its loader, its surface if known."""
+    """A recording of a card or folder, not yet loaded, with its surface if that is stated."""
 
     name: str
     load: Callable[[], Recording]
@@ -37,100 +37,109 @@ class Member(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Needs:
-    """The columns of a stream, in this order: axes of the acceleration, turn rate, friction.
+class InputColumns:
+    """Columns of a stream, in this order: axes of the acceleration, turn rate, friction.
 
     Attributes
     ----------
     axes
-        Names of the axes of the acceleration; empty: any number of them.
-    beside
-        Signals of `Recording` whose columns follow: "turn_rate" (3), then "friction" (1).
-    of_friction
-        Features that need the friction.
+        Names of the axes of the acceleration (default: any number of axes).
+    auxiliary
+        Further signals of `Recording`: "turn_rate" (3 columns), then "friction" (1 column).
+    friction_features
+        Names of the features that need the friction.
+
+    Examples
+    --------
+    >>> columns = InputColumns(("ax", "ay", "az"), ("friction",), ("waviness",))
+    >>> columns.names
+    ('ax', 'ay', 'az', 'friction')
+    >>> columns.n_axes(n_columns=4)
+    3
     """
 
     axes: tuple[str, ...] = ()
-    beside: tuple[Beside, ...] = ()
-    of_friction: tuple[str, ...] = ()
+    auxiliary: tuple[AuxiliarySignal, ...] = ()
+    friction_features: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the columns; "acceleration" stands for any number of axes."""
-        turn = TURN if "turn_rate" in self.beside else ()
-        friction = ("friction",) if "friction" in self.beside else ()
+        """Names of the columns; "acceleration" represents any number of axes."""
+        turn = TURN if "turn_rate" in self.auxiliary else ()
+        friction = ("friction",) if "friction" in self.auxiliary else ()
         return (*(self.axes or ("acceleration",)), *turn, *friction)
 
-    def columns_of(self, recording: Recording) -> Samples:
+    def extract(self, recording: Recording) -> Samples:
         """Return the columns of a recording, shape (n_samples, n_columns).
 
         Raises
         ------
         RecordingError
-            If it lacks a signal.
+            If the recording lacks a signal.
         """
-        where, n = recording.source or recording.recording_id, recording.n_samples
+        name, n = recording.source or recording.recording_id, recording.n_samples
         signals = [recording.acceleration.reshape(n, -1)]
-        for name in self.beside:
-            if (signal := getattr(recording, name)) is None:
-                raise RecordingError(f"{where}: {self.lacks(name)}")
+        for signal_name in self.auxiliary:
+            if (signal := getattr(recording, signal_name)) is None:
+                raise RecordingError(f"{name}: {self.missing_signal(signal_name)}")
             signals.append(signal.reshape(n, -1))
         return np.column_stack(signals)
 
-    def lacks(self, name: Beside) -> str:
-        """Return what to say of a source without one of the signals, and what to train instead."""
+    def missing_signal(self, name: AuxiliarySignal) -> str:
+        """Return the error message for a source that lacks a signal, with the alternative."""
         expected = f"Expected {', '.join(self.names)}, as in training"
         if name == "friction":
+            features = ", ".join(self.friction_features)
             return (
-                f"no friction, needed by {', '.join(self.of_friction)}. {expected} (texclass train with a "
-                "--row of acceleration only makes a model that needs none)"
+                f"no friction signal, but the model needs it ({features}). {expected}, or train a model with "
+                "'texclass train --row ROW', where ROW has features of the acceleration only"
             )
-        return f"no turn rate. {expected} (recordings without turn rate make a model that needs none)"
+        return f"no turn rate. {expected}, or train a model on recordings without turn rate"
 
     def n_axes(self, n_columns: int) -> int:
-        """Return how many of the columns of a stream are axes of the acceleration.
+        """Return the number of axes of the acceleration in a stream with `n_columns` columns.
 
         Raises
         ------
         ValueError
-            If it has too few columns, or other than as many as the model was trained with.
+            If the number of columns differs from that in training.
         """
-        n_beside = len(self.names) - (len(self.axes) or 1)
-        if n_columns <= n_beside or (self.axes and n_columns != len(self.names)):
+        n_auxiliary = len(self.names) - (len(self.axes) or 1)
+        if n_columns <= n_auxiliary or (self.axes and n_columns != len(self.names)):
             more = "" if self.axes else " or more"
             raise ValueError(
-                f"the stream has {n_columns} columns. Expected {len(self.names)}{more}, "
-                f"{', '.join(self.names)}, as the model was trained"
+                f"the stream must have {len(self.names)}{more} columns as in training "
+                f"({', '.join(self.names)}), got {n_columns}"
             )
-        return n_columns - n_beside
+        return n_columns - n_auxiliary
 
 
-ACCELERATION_ONLY: Needs = Needs()
+ACCELERATION_ONLY: InputColumns = InputColumns()
 
 
 class TrainingFiles(StrictModel):
-    """What a dataset card says of its files, as far as one file of the same kind needs it.
+    """Facts about the training files that are needed to read another file of the same kind.
 
     Attributes
     ----------
     fs
         Sampling rate in Hz of files that do not state theirs.
     unit
-        Of the acceleration in the files.
+        Unit of the acceleration in the files.
     scale, phases, remove_resting_level, delimiter, skip_rows, comment, drop_incomplete
-        As in a dataset card. The scale belongs to the unit: a file in another one is not scaled.
+        As in a dataset card. The scale belongs to the unit: it is not applied to files in another unit.
     turn_rate_scale
-        As in a dataset card; what a message of ROS states as a turn rate is in rad/s.
+        As in a dataset card. It is not applied to turn rates in ROS messages, which are in rad/s.
     acceleration, auxiliary
-        Columns of the acceleration, and of each signal beside it.
+        Names of the columns of the acceleration, and of each auxiliary signal.
     axes
         Names of the channels of the recordings.
     topic
-        Of bags, where these hold several.
+        Topic to read from bags with several topics.
     time_column, time_unit
         Column of the time stamps, and their unit.
     resample
-        Whether files at other rates are brought to `fs`.
+        Whether files with another sampling rate are resampled to `fs`.
     """
 
     fs: float
@@ -152,30 +161,39 @@ class TrainingFiles(StrictModel):
     resample: bool = False
 
     @classmethod
-    def of(cls, dataset: Dataset, like: Recording) -> "TrainingFiles":
-        """Return what is to be known of the files of a dataset, one of whose recordings is `like`."""
+    def from_dataset(cls, dataset: Dataset, recording: Recording) -> "TrainingFiles":
+        """Return the facts about the files of a dataset, given one of its recordings."""
         loader: Any = dataset.load
-        while hasattr(loader, "load"):  # of windows, which wrap the loader of their recordings
+        while hasattr(loader, "load"):  # windows wrap the loader of their recordings
             loader = loader.load
-        told = loader.args[0] if isinstance(loader, partial) else None  # what `load_files` is to read
-        if not isinstance(told, Reading):
-            return cls(fs=like.fs, unit=like.unit, axes=like.channels)
-        facts = {name: stated for name, stated in told if name in cls.model_fields}
-        if isinstance(told, FileReading):
-            channels = dict(told.channels)
+        card = loader.args[0] if isinstance(loader, partial) else None  # the first argument of `load_files`
+        if not isinstance(card, Reading):
+            return cls(fs=recording.fs, unit=recording.unit, axes=recording.channels)
+        facts = {name: value for name, value in card if name in cls.model_fields}
+        if isinstance(card, FileReading):
+            channels = dict(card.channels)
             facts["acceleration"] = channels.pop("acceleration", ())
-            facts |= {"auxiliary": channels, "resample": told.resample_hz is not None}
-            if told.topic is not None and re.compile(told.topic).groupindex:  # a pattern, of many topics
+            facts |= {"auxiliary": channels, "resample": card.resample_hz is not None}
+            if card.topic is not None and re.compile(card.topic).groupindex:  # a pattern for several topics
                 facts["topic"] = None
-        return cls(**facts, fs=like.fs, axes=like.channels)
+        return cls(**facts, fs=recording.fs, axes=recording.channels)
 
     def find(
         self, name: str | Path, *, fs: float | None = None, unit: str | None = None, **reading: Any
     ) -> Recording:
-        """Return a file or bag, read as the training files were, or "DATASET:RECORDING" as its card has it.
+        """Load a file or bag like the training files, or "DATASET:RECORDING" as its dataset card defines.
 
-        `reading` is what else `load_recording` takes: column, delimiter, time_column, time_unit, resample,
-        skip_rows, comment, drop_incomplete.
+        Parameters
+        ----------
+        name : str or Path
+            File, bag or "DATASET:RECORDING".
+        fs : float, optional
+            Sampling rate in Hz, if the file does not state it.
+        unit : str, optional
+            Unit of the acceleration (default: that of the training files).
+        **reading : optional
+            Further options of `load_recording`: column, delimiter, time_column, time_unit, resample,
+            skip_rows, comment, drop_incomplete.
 
         Raises
         ------
@@ -187,76 +205,81 @@ class TrainingFiles(StrictModel):
         is_file |= find_export(path) is not None
         if is_file or _is_bag(name):
             resample = reading.pop("resample", None)
-            told = {"acceleration": as_column_names(reading.pop("column", None)), **reading}
-            like = self.model_copy(update={key: value for key, value in told.items() if value})
-            return like.load(name, fs=fs, unit=unit, resample=resample)
+            options = {"acceleration": as_column_names(reading.pop("column", None)), **reading}
+            training_files = self.model_copy(update={key: value for key, value in options.items() if value})
+            return training_files.load(name, fs=fs, unit=unit, resample=resample)
         return find_recording(name, fs=fs, unit=unit, **reading)
 
     def references(
         self, names: Iterable[str | Path], labels: str | Path | None = None, **reading: Any
     ) -> list[Recording]:
-        """Return recordings by their names, with the surfaces that these say.
+        """Load recordings by name, with their surfaces.
 
         Parameters
         ----------
         names : iterable of str or Path
-            "SURFACE=FILE"; a file, of an unknown surface; "DATASET:RECORDING"; a card; or a folder with one
-            subfolder per surface.
+            "SURFACE=FILE"; a file of an unknown surface; "DATASET:RECORDING"; a dataset card; or a folder
+            with one subfolder per surface.
         labels : str or Path, optional
-            Table with the surfaces of a folder, as `open_dataset` takes it.
+            Table with the surfaces of a folder, see `open_dataset`.
         **reading : optional
-            What `find` takes.
+            Options of `find`.
 
         Raises
         ------
         RecordingError, FileNotFoundError, CardError
             As `find` and `open_dataset`.
         """
-        found: list[Recording] = []
+        recordings: list[Recording] = []
         for name in names:
             surface, equals, file = str(name).partition("=")
             if equals and not Path(name).expanduser().exists() and not files.is_bag_name(str(name)):
-                found.append(self.find(file, **reading).with_(surface=normalize_name(surface)))
+                recordings.append(self.find(file, **reading).with_(surface=normalize_name(surface)))
             else:
-                for one in self.members(name, labels, **reading):
-                    felt = one.load()
-                    found.append(felt if one.surface is None else felt.with_(surface=one.surface))
-        return found
+                for member in self.members(name, labels, **reading):
+                    recording = member.load()
+                    if member.surface is not None:
+                        recording = recording.with_(surface=member.surface)
+                    recordings.append(recording)
+        return recordings
 
     def members(self, name: str | Path, labels: str | Path | None = None, **reading: Any) -> list[Member]:
-        """Return the recordings that a name means: those of a card or a folder, or one.
+        """Return the recordings of a dataset card or folder, or the single recording of a file.
 
         Parameters
         ----------
         name : str or Path
-            A card; a folder with one subfolder per surface, or with recordings of unknown surfaces; or what
-            `find` takes.
+            Dataset card; folder with one subfolder per surface, or with recordings of unknown surfaces; or a
+            name for `find`.
         labels : str or Path, optional
-            Table with the surfaces of a folder, as `open_dataset` takes it.
+            Table with the surfaces of a folder, see `open_dataset`.
         **reading : optional
-            What `find` takes.
+            Options of `find`.
 
         Raises
         ------
         RecordingError, FileNotFoundError, CardError
-            As `open_dataset`, or if there are labels of something else than a folder.
+            As `open_dataset`, or if there are labels but no folder.
         """
         path = Path(name).expanduser()
         if path.is_dir() and not (path / BAG_METADATA).is_file() and not find_export(path):
             if labels is None and (flat := flat_files(path)):
                 return [Member(str(file), partial(self.find, file, **reading)) for file in flat]
-            stated: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
-            stated |= {key: value for key, value in reading.items() if value is not None}
-            dataset = open_dataset(path, labels=labels, **stated)
-            found = [(path / entry.paths[0], entry.surface) for entry in dataset.entries]
-            exported = {folder for folder in {file.parent for file, _ in found} if find_export(folder)}
-            whole = [file.parent if file.parent in exported else file for file, _ in found]
+            options: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
+            options |= {key: value for key, value in reading.items() if value is not None}
+            entries = open_dataset(path, labels=labels, **options).entries
+            paths = [path / entry.paths[0] for entry in entries]
+            # An export of a recording app is a folder: its files are one recording.
+            export_folders = {folder for folder in {file.parent for file in paths} if find_export(folder)}
+            paths = [file.parent if file.parent in export_folders else file for file in paths]
             return [
-                Member(str(file), partial(self.find, file, **reading), surface)
-                for file, (_, surface) in zip(whole, found, strict=True)
+                Member(str(file), partial(self.find, file, **reading), entry.surface)
+                for file, entry in zip(paths, entries, strict=True)
             ]
         if labels is not None:
-            raise RecordingError(f"{name}: labels are given ({labels}). Expected a folder")
+            raise RecordingError(
+                f"{name}: labels ({labels}) require a folder of recordings, got another source"
+            )
         if path.suffix == ".toml" or str(name) in shipped.names("datasets"):
             dataset = open_dataset(name, **reading)
             return [
@@ -273,24 +296,37 @@ class TrainingFiles(StrictModel):
         unit: str | None = None,
         resample: float | None = None,
     ) -> Recording:
-        """Load a file: what it states of rate and unit counts, then what is given, then that of training.
+        """Load a file like the training files.
 
-        A bag whose columns have other names than the training files is read by its own: acceleration and turn
-        rate of its messages, or the channels of an array, in the order of the training files.
+        Rate and unit are those of the file, else those of the arguments, else those of the training files.
+
+        If a bag lacks the columns of the training files, its own are used: acceleration and turn rate of its
+        messages, or the channels of an array, in the order of the training files.
+
+        Parameters
+        ----------
+        name : str or Path
+            File or bag.
+        fs : float, optional
+            Sampling rate in Hz, if the file does not state it.
+        unit : str, optional
+            Unit of the acceleration (default: that of the training files).
+        resample : float, optional
+            New sampling rate in Hz.
 
         Raises
         ------
         RecordingError
-            If the file is bad, or contradicts `fs` or `unit`.
+            If the file is invalid, or contradicts `fs` or `unit`.
         """
-        path, asked = files.locate_recording(name) if _is_bag(name) else (Path(name).expanduser(), None)
-        if not asked and self.topic is not None and is_bag(path) and self.topic in files.topics(path):
-            asked = self.topic
+        path, topic = files.locate_recording(name) if _is_bag(name) else (Path(name).expanduser(), None)
+        if not topic and self.topic is not None and is_bag(path) and self.topic in files.topics(path):
+            topic = self.topic
         settings = ReaderSettings(
             fs=fs,
             unit=unit or self.unit,
             resample=resample,
-            topic=asked,
+            topic=topic,
             delimiter=self.delimiter,
             time_column=self.time_column,
             time_unit=self.time_unit,
@@ -299,58 +335,60 @@ class TrainingFiles(StrictModel):
             drop_incomplete=self.drop_incomplete,
         )
         settings.check(path)
-        axes, beside, said = files.source_files(path)
-        first = next(iter(axes.values()))
-        of_bag = is_bag(first)
+        axes, companions, flags = files.source_files(path)
+        first_file = next(iter(axes.values()))
+        from_bag = is_bag(first_file)
         roles = {"acceleration": self.acceleration, **self.auxiliary}
-        if of_bag:
-            roles = self._roles_in(first, settings)
-        signals = files.read_signals(axes, roles, settings, companions=beside)
-        if of_bag:
+        if from_bag:
+            roles = self._roles_in(first_file, settings)
+        signals = files.read_signals(axes, roles, settings, companions=companions)
+        if from_bag:
             if fs is None and 0 < abs(float(signals.fs or 0) / self.fs - 1) <= TIMESTAMPS.near_rate:
                 signals = files.read_signals(axes, roles, replace(settings, fs=self.fs))
             if len(signals.channels) == len(self.axes):
                 signals = replace(signals, channels=self.axes)
-        own = signals.unit if of_bag or self.scale == 1.0 else None  # else it was scaled to another
-        stated = resolve_unit(own, unit or own or self.unit, path)
-        scale = self.scale if stated == self.unit else 1.0
+        # A scale of the card changes the unit, so that the one in the file does not apply to the scaled
+        # signal.
+        file_unit = signals.unit if from_bag or self.scale == 1.0 else None
+        unit = resolve_unit(file_unit, unit or file_unit or self.unit, path)
+        scale = self.scale if unit == self.unit else 1.0
         recording = build_recording(
             signals,
             scale=scale,
             fs=fs or (self.fs if signals.fs is None else None),
-            unit=stated,
+            unit=unit,
             resample=resample or (self.fs if self.resample else None),
             recording_id=files.recording_name(path, axes),
             source=str(path),
-            flags=said,
+            flags=flags,
         )
-        as_trained = roles.get("turn_rate") == self.auxiliary.get("turn_rate")
+        has_trained_columns = roles.get("turn_rate") == self.auxiliary.get("turn_rate")
         return condition_recording(
             recording,
             scale,
             self.phases,
             remove_resting_level=self.remove_resting_level,
-            turn_rate_scale=self.turn_rate_scale if as_trained else 1.0,
+            turn_rate_scale=self.turn_rate_scale if has_trained_columns else 1.0,
         )
 
     def _roles_in(self, path: Path, settings: ReaderSettings) -> dict[str, tuple[str, ...]]:
-        """Return which columns of a bag are what: as in the training files if it has those, else its own."""
-        present = files.column_names(path, settings)
-        own = [name for name in present if not name.startswith("/")]
-        auxiliary = {field: names for field, names in self.auxiliary.items() if set(names) <= set(present)}
-        if "turn_rate" in self.auxiliary and set(TURN_RATE) <= set(own):
+        """Return signal -> columns for a bag: those of the training files if it has them, else its own."""
+        columns = files.column_names(path, settings)
+        own_columns = [name for name in columns if not name.startswith("/")]
+        auxiliary = {signal: names for signal, names in self.auxiliary.items() if set(names) <= set(columns)}
+        if "turn_rate" in self.auxiliary and set(TURN_RATE) <= set(own_columns):
             auxiliary.setdefault("turn_rate", TURN_RATE)
-        if self.acceleration and set(self.acceleration) <= set(own):
+        if self.acceleration and set(self.acceleration) <= set(own_columns):
             return {"acceleration": self.acceleration, **auxiliary}
         n_axes, n_turn = len(self.axes), len(TURN_RATE) * ("turn_rate" in self.auxiliary)
-        if own == [f"c{i + 1}" for i in range(n_axes + n_turn)]:  # an array: its channels have no names
-            turn = {"turn_rate": tuple(own[n_axes:])} if n_turn else {}
-            return {"acceleration": tuple(own[:n_axes]), **auxiliary, **turn}
-        return {"acceleration": choose_acceleration(own, path), **auxiliary}
+        if own_columns == [f"c{i + 1}" for i in range(n_axes + n_turn)]:  # channels of an array have no names
+            turn = {"turn_rate": tuple(own_columns[n_axes:])} if n_turn else {}
+            return {"acceleration": tuple(own_columns[:n_axes]), **auxiliary, **turn}
+        return {"acceleration": choose_acceleration(own_columns, path), **auxiliary}
 
 
 def _is_bag(name: str | Path) -> bool:
-    """Whether a name is of a bag: "bag:FILE", a file, or a folder of rosbag2."""
+    """Return whether a name is that of a bag: "bag:FILE", a file, or a folder of rosbag2."""
     path = Path(name).expanduser()
-    is_there = (path.exists() or ":" not in str(name)) and is_bag(path)
-    return files.is_bag_name(name) or is_there or (path / BAG_METADATA).is_file()
+    is_bag_file = (path.exists() or ":" not in str(name)) and is_bag(path)
+    return files.is_bag_name(name) or is_bag_file or (path / BAG_METADATA).is_file()

@@ -1,1 +1,1 @@
-"""Trained models as ONNX files: the same answers where there is no Python."""
+"""Export of trained models as ONNX files, for programs without Python."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from texclass.features.phase_view import MIN_SEGMENT_SAMPLES, TURN, trimmed_length
 from texclass.features.plan import Plan
-from texclass.recognition.live.online_recogniser import Stretches
+from texclass.recognition.live.online_recogniser import RecordingBuilder
 from texclass.recognition.model import Model
 from texclass.recording import STANDARD_GRAVITY, Recording, Samples
 from texclass.robot.export.answers_graph import add_answers
@@ -154,7 +154,8 @@ def windows_in(windows: Windows, n: int | str, *, same_pieces: bool = False) -> 
 def recording_of(model: Model, window: Samples) -> Recording:
     """Return a window (n_channels, n_samples) as the recording that a stream makes of it."""
     rows = np.asarray(window, dtype=np.float64).T
-    return Stretches(model, rows.shape[1], model.manifest.fs, model.manifest.unit).window(rows, 0)
+    builder = RecordingBuilder(model, rows.shape[1], model.manifest.fs, model.manifest.unit)
+    return builder.build_window(rows, 0)
 
 
 def _same_pieces(model: Model, n_samples: int) -> bool:
