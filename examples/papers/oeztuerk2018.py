@@ -134,8 +134,8 @@ def build_chapter(numbers, curves, excerpts, speeds, wood, seed):
             bachelor thesis, 2018. Its recordings are not public. Real recordings here are `lmt_excerpts`
             (other surfaces from the same lab, one unknown speed each) and `fabric_speeds` (a finger over
             fabrics at four unknown speeds, v1 slow to v4 fast). Simulated recordings come from the simulator
-            of texclass. We had no subjects: a spectral criterion replaces the listening tests of the thesis,
-            and is weaker.""",
+            of texclass. We had no subjects: a spectral criterion replaces the perception experiments of the
+            thesis, and is weaker.""",
             Heading("Figure 3.2: order of the LPC model"),
             *_orders(curves),
             Heading("Figure 3.3: recorded and synthesized signal"),

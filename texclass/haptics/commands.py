@@ -99,7 +99,8 @@ def plan(
 ) -> None:
     """Select the cheapest model of each surface within the tolerance.
 
-    The exit code is 1 if a surface is outside the tolerance, or time or memory exceed the budget.
+    The exit code is 1 if a surface is outside the tolerance, or if time or
+    memory exceed the budget.
     """
     from texclass.haptics.scene import plan_scene, read_scene
     from texclass.reporting import print_document, write_document
@@ -138,8 +139,8 @@ def render(
 ) -> None:
     """Render a path over a scene to WAV, sample by sample, and measure the time.
 
-    By default the WAV file is for listening: 48 kHz, 16 bit, scaled to full scale. The gain is printed and
-    stored in the file.
+    By default the WAV file is for listening: 48 kHz, 16 bit, scaled to full
+    scale. The gain is printed and stored in the file.
     """
     from texclass.haptics.exchange import read_wav, write_wav
     from texclass.haptics.scene import default_path, read_path, render_path

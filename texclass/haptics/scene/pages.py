@@ -264,6 +264,15 @@ def write_slider_page(path: str | Path, texture: Texture, **options: Any) -> Pat
     ------
     ValueError
         As `slider_page`, or if the name does not end in `.html`.
+
+    Examples
+    --------
+    >>> from texclass.haptics.scene import write_slider_page
+    >>> from texclass.haptics.textures import pack
+    >>> texture = pack(np.random.default_rng(0).standard_normal(4000), n_bytes=32, fs=1000)
+    >>> write_slider_page("oak.htm", texture)
+    Traceback (most recent call last):
+    ValueError: cannot write oak.htm: the suffix is '.htm'. Expected .html
     """
     path = check_suffix(path, ".html")
     write_atomic(path, slider_page(texture, **options).encode())

@@ -1,7 +1,8 @@
 """Planning of a scene: the cheapest model of each surface within the tolerance.
 
 Candidate models are fitted to the fitting set of a surface, from cheap to expensive. A model is selected on
-the selection set and scored on the test set. Surfaces that do not differ share a model.
+the selection set, and accepted if it is within the tolerance on the test set. Surfaces that do not differ
+share a model.
 """
 
 import json
@@ -137,6 +138,15 @@ class ScenePlan:
         Input of the renderer.
     measurement : dict
         Time and memory of the renderer, and the budget; see `measure_scene`.
+
+    Examples
+    --------
+    >>> from texclass.haptics.scene import PlannedScene, ScenePlan, read_scene
+    >>> from texclass.haptics.textures import GridModel
+    >>> models = (GridModel.silence(),)
+    >>> scene = PlannedScene("desk", 1000.0, "m/s^2", (20.0, 450.0), 30.0, 4, {"foam": 0}, models)
+    >>> ScenePlan(read_scene("example"), (), scene, {"within_budget": True}).is_feasible
+    True
     """
 
     definition: SceneDefinition

@@ -317,7 +317,7 @@ class SurfaceSpectra:
     selection : OperatingPoints
         Selection set: order and grid of a model are selected on it.
     test : OperatingPoints
-        Test set: the selected model is scored on it. Neither fitting nor selection uses it.
+        Test set: the selected model is accepted or rejected on it. It is excluded from the fitting.
     peak : float
         Largest magnitude of the vibration.
     test_set : str
