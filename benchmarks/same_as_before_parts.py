@@ -45,7 +45,7 @@ from texclass.simulate import (
     record_rising_taps,
     surface_catalogue,
 )
-from texclass.stability.inputs import in_families
+from texclass.stability.inputs import cases_of
 from texclass.vibration import scores
 
 SCRATCH = Path(tempfile.gettempdir())
@@ -214,7 +214,7 @@ def files() -> Any:
 def models() -> Any:
     """Return autoregressive models of signals that determine them, line spectra, and a model between two."""
     results: dict[str, Any] = {}
-    for case in in_families("plain", "silent", "poles", "gain", "clipped"):
+    for case in cases_of("plain", "silent", "poles", "gain", "clipped"):
         for order in (2, 18, 120) if case.family == "plain" else (2, 10):
             for method in ("burg", "autocorrelation", "modified_covariance"):
                 results[f"{case.name}, {method} {order}"] = vibration.fit(case.x, order, method=method)
@@ -234,7 +234,7 @@ def modes() -> Any:
     fs, rng, results = 10_000.0, np.random.default_rng(7), {}
     truth = vibration.DecayingModes([120.0, 333.0, 900.0], [30.0, 80.0, 200.0], [1, 0.5, 0.3], [0.1, -1, 2])
     ring = truth.synthesize(600, fs) + 1e-3 * rng.standard_normal(600)
-    signals = {case.name: case.x for case in in_families("plain", "silent", "gain", "clipped")}
+    signals = {case.name: case.x for case in cases_of("plain", "silent", "gain", "clipped")}
     results["ring, Prony"] = vibration.fit_prony(ring, 0.05)
     for name in ("plain", "white", "zeros", "gain 1e-160", "gain 1e+150", "ring"):
         x = ring if name == "ring" else signals[name][:300]

@@ -38,7 +38,7 @@ def figure(told, name):
                    "not installed",
                    "exact McNemar", "60 s"]),
         ("invariance", ["2.5 times", "related work: 0.5", "Trend"]),
-        ("stability", ["of 2 pairs of subject and input are wrong", "same rule: 1 of 2", "not installed"]),
+        ("stability", ["of 2 pairs of subject and input are wrong", "same rules: 1 of 2", "not installed"]),
     ],
 )  # fmt: skip
 def test_every_result_is_told_on_the_terminal_and_in_markdown(kind, said):

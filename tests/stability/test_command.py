@@ -9,9 +9,9 @@ from texclass.stability.battery import summary
 
 
 def cell(subject, family, mark, *, library="texclass", group="models", reason="", error=None, limit=None):
-    about = {"library": library, "group": group, "subject": subject, "family": family}
+    names = {"library": library, "group": group, "subject": subject, "family": family}
     measured = {"error": error, "limit": limit, "what": "a check"}
-    return about | {"case": f"an input of {family}", "mark": mark, "reason": reason} | measured
+    return names | {"case": f"an input of {family}", "mark": mark, "reason": reason} | measured
 
 
 RIGHT = [
@@ -25,33 +25,33 @@ WRONG = [
 ]
 THEIRS = [
     cell(
-        "lpc", "poles", Mark.WRONG, library="librosa", group="baselines", reason="not so", error=float("inf")
+        "lpc", "poles", Mark.WRONG, library="librosa", group="baselines", reason="failed", error=float("inf")
     ),
     cell("lpc", "poles", Mark.HANG, library="librosa", group="baselines", reason="no answer"),
 ]
 
 
 def result(*cells):
-    found = pd.DataFrame(cells)
+    table = pd.DataFrame(cells)
     facts = {"quick": True, "versions": {"texclass": "0"}, "battery": "abc", "seed": 0}
-    return StabilityResult(facts | {"left_out": ["tsfel: not installed"]} | summary(found), found)
+    return StabilityResult(facts | {"skipped": ["tsfel: not installed"]} | summary(table), table)
 
 
 @pytest.mark.parametrize(("cells", "code"), [((*RIGHT, *THEIRS), 0), ((*RIGHT, *WRONG), 1)])
-def test_exit_code_is_1_if_one_of_ours_is_wrong(cells, code, monkeypatch, tmp_path, command):
+def test_exit_code_is_1_if_texclass_has_a_failure(cells, code, monkeypatch, tmp_path, command):
     monkeypatch.setattr("texclass.stability.run_stability", lambda **_: result(*cells))
     options = ["--quick", "--output", tmp_path / "out", "--json", tmp_path / "there" / "r.json"]
-    ended, out, _ = command("stability", *options)
-    assert ended == code
+    exit_code, out, _ = command("stability", *options)
+    assert exit_code == code
     assert {"stability.md", "stability.json"} < {p.name for p in (tmp_path / "out").iterdir()}
-    found = json.loads((tmp_path / "there" / "r.json").read_text(encoding="utf-8"))
-    assert found["battery"] == "abc"
-    assert found == json.loads((tmp_path / "out" / "stability.json").read_text(encoding="utf-8"))
+    written = json.loads((tmp_path / "there" / "r.json").read_text(encoding="utf-8"))
+    assert written["battery"] == "abc"
+    assert written == json.loads((tmp_path / "out" / "stability.json").read_text(encoding="utf-8"))
     assert "tsfel: not installed" in out
     assert ("WRONG: fit, an input of poles (poles): a check: 2; the limit is 1" in out) == bool(code)
 
 
-def test_the_report_shows_both_sides_by_one_rule():
+def test_the_report_shows_texclass_and_other_libraries():
     document = result(*RIGHT, *WRONG, *THEIRS).document()
     assert document.finding.value == "1"
     assert "of 5 pairs of subject and input are wrong in texclass" in document.finding.sentence
@@ -65,12 +65,12 @@ def test_the_report_shows_both_sides_by_one_rule():
     assert "too short \\| by far" not in text
 
 
-def test_what_is_kept_for_json_sums_up_every_cell():
+def test_the_summary_counts_every_cell():
     data = result(*RIGHT, *WRONG, *THEIRS).data
     assert sum(tally["cells"] for tally in data["tallies"]) == 7
     fit = next(t for t in data["tallies"] if (t["subject"], t["family"]) == ("fit", "poles"))
     assert fit["marks"] == {"WRONG": 1, "exact": 1}
     assert data["tallies"][0]["worst_over_limit"] == pytest.approx(1e-6)
     assert [cell["reason"] for cell in data["reasons"]] == ["all 0", "too short | by far"]
-    assert [found["mark"] for found in data["theirs_wrong"]] == ["WRONG", "hang"]
-    assert data["nearest"][0]["subject"] == "fit"
+    assert [row["mark"] for row in data["library_failures"]] == ["WRONG", "hang"]
+    assert data["closest_to_limit"][0]["subject"] == "fit"

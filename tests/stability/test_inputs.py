@@ -1,16 +1,26 @@
 import numpy as np
 
 from texclass.stability import inputs as battery
-from texclass.stability.inputs import FAMILIES, LONG, ORDERS, N, beyond, inputs, lengths, rates, with_orders
+from texclass.stability.inputs import (
+    FAMILIES,
+    LONG,
+    ORDERS,
+    N,
+    inputs,
+    lengths,
+    rates,
+    short_signals,
+    with_orders,
+)
 
 
-def test_every_input_has_a_name_and_a_known_family_of_its_own():
+def test_every_input_has_a_unique_name_and_a_documented_family():
     cases = [*inputs(), *lengths(False), *rates(False)]
     assert len({(case.family, case.name) for case in cases}) == len(cases)
     assert {case.family for case in cases} <= set(FAMILIES)
 
 
-def test_names_tell_the_truth():
+def test_inputs_match_their_names():
     by_name = {case.name: np.asarray(case.x) for case in inputs()}
     assert {f"pole radius 1 - 1e-{d}" for d in range(3, 13)} <= set(by_name)
     assert np.abs(by_name["gain 1e-160"]).max() < 1e-157
@@ -25,23 +35,23 @@ def test_names_tell_the_truth():
     assert spectrum[N // 40 + 1 :].max() < 1e-10 * spectrum.max()
     assert [case.x.size for case in lengths(False)] == list(range(601))
     assert {case.fs for case in rates(False)} >= {500.0, 50_000.0}
-    sizes = {(case.order, case.x.size) for case in beyond(False)}
+    sizes = {(case.order, case.x.size) for case in short_signals(False)}
     assert {(order, order + 1) for order in ORDERS} | {(400, 399), (400, 200)} <= sizes
 
 
-def test_broken_samples_reach_subjects_that_are_given_the_first_200():
+def test_broken_samples_lie_within_the_first_200():
     assert all(not np.isfinite(c.x[:200]).all() for c in inputs() if c.family == "broken")
 
 
-def test_each_case_comes_at_each_order():
+def test_with_orders_returns_each_case_at_each_order():
     cases = with_orders(inputs()[:1], quick=False)
     assert [case.order for case in cases] == list(ORDERS)
     assert len({case.name for case in cases}) == len(ORDERS)
 
 
-def test_the_battery_is_the_same_every_time():
-    before = battery.battery_hash()
+def test_the_battery_is_reproducible():
+    first_hash = battery.battery_hash()
     inputs.cache_clear()
     battery.plain.cache_clear()
     battery.noise.cache_clear()
-    assert battery.battery_hash() == before
+    assert battery.battery_hash() == first_hash

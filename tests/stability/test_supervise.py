@@ -1,4 +1,4 @@
-"""A crash or a hang of what is tried is a cell, not the end."""
+"""Tests of supervised processes: a crash or a hang is an outcome of one cell."""
 
 import textwrap
 from collections import Counter
@@ -6,14 +6,14 @@ from collections import Counter
 import pytest
 
 from texclass.stability import Limits, supervise
-from texclass.stability.rules import Mark
+from texclass.stability.checks import Mark
 
 SUBJECTS = """
     import os
     import time
 
     from texclass.stability.inputs import Case, noise
-    from texclass.stability.rules import Check, Subject
+    from texclass.stability.checks import Check, Subject
 
 
     def _case(name):
@@ -42,25 +42,25 @@ SUBJECTS = """
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("tried")
+def outcomes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("work")
     (folder / "deliberate.py").write_text(textwrap.dedent(SUBJECTS), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
-        left_out, seen = [], []
+        skipped, calls = [], []
         cells = supervise(
             "deliberate:subjects",
             "models",
             quick=True,
             limits=Limits(cell_s=0.5),
-            progress=lambda *at: seen.append(at),
-            left_out=left_out,
+            progress=lambda *call: calls.append(call),
+            skipped=skipped,
         )
-    return cells, left_out, seen
+    return cells, skipped, calls
 
 
-def test_every_cell_has_its_mark(found):
-    cells, _, _ = found
+def test_every_cell_has_its_mark(outcomes):
+    cells, _, _ = outcomes
     marks = {cell["case"]: cell["mark"] for cell in cells if cell["subject"] == "mixed"}
     assert marks == {
         "fine": Mark.EXACT,
@@ -71,19 +71,19 @@ def test_every_cell_has_its_mark(found):
     assert "no answer within 0.5 s" in reasons["hangs"]
 
 
-def test_a_subject_that_keeps_crashing_is_given_up_and_that_is_said(found):
-    cells, left_out, _ = found
+def test_a_subject_that_keeps_crashing_is_abandoned_and_reported(outcomes):
+    cells, skipped, _ = outcomes
     assert Counter(cell["mark"] for cell in cells if cell["subject"] == "stubborn") == {Mark.CRASH: 3}
     assert all("ended with 3" in cell["reason"] for cell in cells if cell["subject"] == "stubborn")
-    assert left_out == ["texclass stubborn: given up after 3 crashes or hangs"]
+    assert skipped == ["texclass stubborn: abandoned after 3 crashes or hangs"]
 
 
-def test_progress_is_told(found):
-    _, _, seen = found
-    assert seen[0] == (1, 8, "texclass models")
-    assert seen[2][:2] == (3, 8)
+def test_progress_is_reported(outcomes):
+    _, _, calls = outcomes
+    assert calls[0] == (1, 8, "texclass models")
+    assert calls[2][:2] == (3, 8)
 
 
-def test_what_cannot_be_imported_is_named():
+def test_a_module_that_cannot_be_imported_is_named():
     with pytest.raises(ValueError, match="no_such_module"):
         supervise("no_such_module:subjects", "models", quick=True)

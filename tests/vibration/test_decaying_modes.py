@@ -7,8 +7,8 @@ from scipy import signal
 from scipy.linalg import hankel as hankel_matrix
 from scipy.linalg import svdvals
 
-from texclass.stability.inputs import in_families
-from texclass.stability.rules import stable_sections
+from texclass.stability.checks import stable_sections
+from texclass.stability.inputs import cases_of
 from texclass.vibration.decaying_modes import (
     DecayingModes,
     fit_matrix_pencil,
@@ -136,7 +136,7 @@ def test_a_growing_mode_is_reflected_with_its_frequency_and_rate():
 
 @pytest.mark.parametrize("outside", ["reflect", "project"])
 def test_degenerate_segments_give_stable_and_finite_modes(outside):
-    segments = [case.x[:300] for case in in_families("silent", "impulse", "sine", "offset", "clipped")]
+    segments = [case.x[:300] for case in cases_of("silent", "impulse", "sine", "offset", "clipped")]
     for x in (*segments, np.arange(50.0) ** 2, [1.0, 2.0, 3.0, 4.0]):
         modes = fit_matrix_pencil(x, FS, unstable_poles=outside)
         assert _is_stable(modes.sections(FS))

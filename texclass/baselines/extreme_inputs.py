@@ -11,12 +11,18 @@ import numpy as np
 from scipy import linalg, ndimage, signal
 
 from texclass.recording import Samples
-from texclass.stability import exact, rules
-from texclass.stability.inputs import FORMS, VALUES, Case, in_families, lengths, samples_of
-from texclass.stability.rules import Attempt, Check, Subject, largest
+from texclass.stability import checks, references
+from texclass.stability.checks import Check, Findings, Subject, largest
+from texclass.stability.inputs import FORMS, VALUES, Case, cases_of, lengths, to_float64
 from texclass.stability.subjects_features import cases as feature_cases
-from texclass.stability.subjects_features import extraction
-from texclass.stability.subjects_models import EXCITATION, at_orders, k_of, models, unit_model
+from texclass.stability.subjects_features import library_trial
+from texclass.stability.subjects_models import (
+    EXCITATION,
+    case_reflection,
+    model_cases,
+    signals_at_orders,
+    unit_model,
+)
 from texclass.stability.subjects_signals import SHORT
 
 LIBRARIES = ("librosa", "scipy", "spectrum", "statsmodels", "pysptk", "tsfel", "tsfresh", "pycatch22")
@@ -30,11 +36,11 @@ LARGEST = 400
 
 def installed(quick: bool = False) -> tuple[dict[str, str], list[str]]:
     """Return where the subjects of each library that is tried stand, and which libraries are not, and why."""
-    left_out = {name: "not installed" for name in LIBRARIES if importlib.util.find_spec(name) is None}
+    skipped = {name: "not installed" for name in LIBRARIES if importlib.util.find_spec(name) is None}
     if quick:
-        left_out |= {name: "not in a quick run" for name in LIBRARIES if name not in {*CORE, *left_out}}
-    places = {name: f"{__name__}:{name}" for name in LIBRARIES if name not in left_out}
-    return places, [f"{name}: {why}" for name, why in left_out.items()]
+        skipped |= {name: "not in a quick run" for name in LIBRARIES if name not in {*CORE, *skipped}}
+    places = {name: f"{__name__}:{name}" for name in LIBRARIES if name not in skipped}
+    return places, [f"{name}: {why}" for name, why in skipped.items()]
 
 
 # Linear prediction ------------------------------------------------------------------------------------------
@@ -103,34 +109,38 @@ def _step_up(k: Samples) -> Samples:
 
 def _predictor(library: str, name: str, method: str, fit: Callable[[Any, int], Any]) -> Subject:
     def cases(quick: bool) -> Iterable[Case]:
-        return (case for case in at_orders(quick, 18 if quick else LARGEST) if case.order <= LARGEST)
+        return (case for case in signals_at_orders(quick, 18 if quick else LARGEST) if case.order <= LARGEST)
 
-    def attempt(x: Any, case: Case) -> Attempt:
+    def attempt(x: Any, case: Case) -> Findings:
         a = np.asarray(fit(x, case.order))
         yield a
-        a, p, samples = np.asarray(a, dtype=np.float64), case.order, samples_of(x)
+        a, p, samples = np.asarray(a, dtype=np.float64), case.order, to_float64(x)
         yield Check("p + 1 coefficients", abs(a.size - p - 1), 0.0)
-        if np.any(samples) and samples.size > p and exact.EXTENDED:
+        if np.any(samples) and samples.size > p and references.EXTENDED:
             padding = 0 if method == BURG else p
-            energy = exact.direct_energy(samples, a, padding)
-            least = exact.burg_energies(samples, p, padding)[-1]
-            limit = 1e-3 if x.dtype in (np.float32, np.float16) else rules.EXCESS  # single precision
-            yield rules.excess(f"{method}'s optimum", energy, least, limit)
-        yield from rules.stable_coefficients(a)
+            energy = references.direct_energy(samples, a, padding)
+            least = references.burg_energies(samples, p, padding)[-1]
+            limit = (
+                1e-3 if x.dtype in (np.float32, np.float16) else checks.MAX_EXCESS_ENERGY
+            )  # single precision
+            yield checks.excess_energy(f"{method}'s optimum", energy, least, limit)
+        yield from checks.stable_coefficients(a)
 
     return Subject(name, "baselines", cases, attempt, library)
 
 
 def _models(quick: bool) -> tuple[Case, ...]:
-    return models(quick, 18 if quick else LARGEST)
+    return model_cases(quick, 18 if quick else LARGEST)
 
 
 def _line_spectrum(library: str, name: str, convert: Callable[[Samples], tuple[Samples, Samples]]) -> Subject:
-    def attempt(x: Any, case: Case) -> Attempt:
-        lsf, a = convert(k_of(x, case))
+    def attempt(x: Any, case: Case) -> Findings:
+        lsf, a = convert(case_reflection(x, case))
         yield lsf, a
         whole = a.size == case.order + 1 and np.all(np.isfinite(a))
-        yield from rules.line_spectrum(k_of(x, case), lsf, exact.step_down(a) if whole else None)
+        yield from checks.line_spectrum(
+            case_reflection(x, case), lsf, references.step_down(a) if whole else None
+        )
 
     return Subject(name, "baselines", _models, attempt, library)
 
@@ -147,10 +157,10 @@ def scipy() -> list[Subject]:
         return np.concatenate([[1.0], linalg.solve_toeplitz(r[:-1], -r[1:])])
 
     def with_lengths(quick: bool) -> tuple[Case, ...]:
-        return (*in_families(*VALUES, *FORMS, quick=quick), *lengths(True))
+        return (*cases_of(*VALUES, *FORMS, quick=quick), *lengths(True))
 
     def with_windows(quick: bool) -> list[Case]:
-        return [c.at_order(n) for c in in_families(*VALUES, *FORMS, quick=quick) for n in (3, 101)]
+        return [c.at_order(n) for c in cases_of(*VALUES, *FORMS, quick=quick) for n in (3, 101)]
 
     return [
         _predictor("scipy", "solve_toeplitz (LPC)", AUTOCORRELATION, toeplitz),
@@ -160,12 +170,12 @@ def scipy() -> list[Subject]:
     ]
 
 
-def _direct_form(x: Any, case: Case) -> Attempt:
-    k = k_of(x, case)
+def _direct_form(x: Any, case: Case) -> Findings:
+    k = case_reflection(x, case)
     out = np.asarray(signal.lfilter([1.0], _step_up(k), EXCITATION))
-    yield rules.finite("synthesis", out)
+    yield checks.finite("synthesis", out)
     if case.order <= 50:
-        yield rules.response("synthesis", out, k, EXCITATION)
+        yield checks.response("synthesis", out, k, EXCITATION)
         return
     level = float(unit_model(k).level)
     if np.isfinite(level):
@@ -173,27 +183,29 @@ def _direct_form(x: Any, case: Case) -> Attempt:
         yield Check("output over its bound", largest(out) / bound, 1.0)
 
 
-def _filtfilt(x: Any, case: Case) -> Attempt:
+def _filtfilt(x: Any, case: Case) -> Findings:
     """Compare with the same Butterworth band-pass in sections, in 60 digits."""
     band: Any = {"N": 4, "Wn": (50.0, 200.0), "btype": "bandpass", "fs": case.fs}
     b, a = signal.butter(**band)
     out = np.asarray(signal.filtfilt(b, a, x[:SHORT]))
     yield out
-    samples = samples_of(x[:SHORT])
-    yield rules.finite("output", out)
+    samples = to_float64(x[:SHORT])
+    yield checks.finite("output", out)
     sections: Any = signal.butter(**band, output="sos")
-    right = exact.zero_phase(sections, samples, 27)
-    yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(samples))
+    right = references.zero_phase(sections, samples, 27)
+    yield checks.close(
+        "output, against 60 digits", out, right, checks.MAX_RESPONSE_ERROR, scale=largest(samples)
+    )
 
 
-def _uniform_filter(x: Any, case: Case) -> Attempt:
+def _uniform_filter(x: Any, case: Case) -> Findings:
     """Compare inside the signal, where no rule for the ends matters."""
     out = np.asarray(ndimage.uniform_filter1d(x, case.order, mode="nearest", output=np.float64))
     yield out
-    samples, half = samples_of(x), case.order // 2
-    yield rules.finite("output", out)
-    right = exact.moving_average(samples, case.order)[half:-half]
-    yield rules.close("means, against exact sums", out[half:-half], right, 1e-13, scale=largest(samples))
+    samples, half = to_float64(x), case.order // 2
+    yield checks.finite("output", out)
+    right = references.moving_average(samples, case.order)[half:-half]
+    yield checks.close("means, against exact sums", out[half:-half], right, 1e-13, scale=largest(samples))
 
 
 # Features ---------------------------------------------------------------------------------------------------
@@ -219,7 +231,10 @@ def librosa() -> list[Subject]:
         return {f"{name} {i}": row.mean() for name, found in rows.items() for i, row in enumerate(found)}, {}
 
     burg = _predictor("librosa", "lpc (Burg)", BURG, lambda x, p: library.lpc(x, order=p))
-    return [burg, Subject("features (19 means)", "baselines", feature_cases, extraction(extract), "librosa")]
+    return [
+        burg,
+        Subject("features (19 means)", "baselines", feature_cases, library_trial(extract), "librosa"),
+    ]
 
 
 def tsfel() -> list[Subject]:
@@ -236,7 +251,7 @@ def tsfel() -> list[Subject]:
         every = enumerate(feature_cases(False))
         return _few(True) if quick else [c for i, c in every if c.family != "length" or i % 10 == 0]
 
-    return [Subject("features (all 156)", "baselines", thinned, extraction(extract), "tsfel")]
+    return [Subject("features (all 156)", "baselines", thinned, library_trial(extract), "tsfel")]
 
 
 def pycatch22() -> list[Subject]:
@@ -247,7 +262,7 @@ def pycatch22() -> list[Subject]:
         result = library.catch22_all(x, catch24=True)
         return dict(zip(result["names"], result["values"], strict=True)), {}
 
-    return [Subject("catch24", "baselines", feature_cases, extraction(extract), "pycatch22")]
+    return [Subject("catch24", "baselines", feature_cases, library_trial(extract), "pycatch22")]
 
 
 def tsfresh() -> list[Subject]:
@@ -270,11 +285,11 @@ def tsfresh() -> list[Subject]:
         )
         return {name: table[name].iloc[0] for name in table.columns}, {}
 
-    return [Subject("features (efficient, 777)", "baselines", _few, extraction(extract), "tsfresh")]
+    return [Subject("features (efficient, 777)", "baselines", _few, library_trial(extract), "tsfresh")]
 
 
 def _few(quick: bool) -> list[Case]:
     """Return the battery with a few lengths; quick: a handful of inputs."""
     if quick:
-        return [*in_families("plain", "silent", "broken", "gain", quick=True)[:6]]
+        return [*cases_of("plain", "silent", "broken", "gain", quick=True)[:6]]
     return [case for case in feature_cases(False) if case.family != "length"] + list(lengths(True))

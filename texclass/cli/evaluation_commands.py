@@ -400,16 +400,16 @@ def stability(
     from texclass.baselines import extreme_inputs
     from texclass.stability import run_stability
 
-    baselines, left_out = extreme_inputs.installed(quick)
+    baselines, skipped = extreme_inputs.installed(quick)
     with progress_bar() as progress:
         result = run_stability(
-            quick=quick, only=only, baselines=baselines, left_out=left_out, progress=progress
+            quick=quick, only=only, baselines=baselines, skipped=skipped, progress=progress
         )
     print_and_save(result, output, json_file)
-    for cell in result.data["ours_wrong"]:
+    for cell in result.data["failures"]:
         typer.echo(f"{cell['mark']}: {cell['subject']}, {cell['case']} ({cell['family']}): {cell['reason']}")
-    typer.echo(f"texclass: {len(result.wrong)} of {len(result.ours)} cells wrong")
-    if len(result.wrong):
+    typer.echo(f"texclass: {len(result.failures)} of {len(result.ours)} cells wrong")
+    if len(result.failures):
         raise typer.Exit(1)
 
 

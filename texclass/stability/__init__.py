@@ -1,4 +1,4 @@
-"""At the extremes: hard inputs for every model, filter, transform and feature, ours and public ones."""
+"""Tests of models, filters, transforms and features, ours and those of other libraries, on extreme inputs."""
 
 import lazy_loader
 

@@ -1,9 +1,9 @@
 from .battery import StabilityResult as StabilityResult
 from .battery import run_stability as run_stability
+from .checks import FAILURES as FAILURES
+from .checks import Check as Check
+from .checks import Mark as Mark
+from .checks import Subject as Subject
+from .checks import evaluate as evaluate
 from .processes import Limits as Limits
 from .processes import supervise as supervise
-from .rules import BAD as BAD
-from .rules import Check as Check
-from .rules import Mark as Mark
-from .rules import Subject as Subject
-from .rules import judge as judge

@@ -1,4 +1,4 @@
-"""The inputs at which programs go wrong, by family, each with a name and a sampling rate: the battery."""
+"""Extreme inputs by family, each with a name and a sampling rate."""
 
 import hashlib
 from collections.abc import Iterable
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 SEED = 0
 N = 2048
-"""Samples of an input for a model, where its length is not what is tried."""
+"""Number of samples of inputs for models, except in the family "length"."""
 LONG = 8192
-"""Samples of an input for a feature: most of them read frames of some tenths of a second."""
+"""Number of samples of inputs for features: most features need frames of some tenths of a second."""
 ORDERS = (1, 2, 10, 18, 50, 100, 128, 256, 400, 1000)
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0, 10_000.0, 22_050.0, 44_100.0, 50_000.0)
 FAMILIES = {
@@ -35,7 +35,7 @@ FAMILIES = {
     "order": "signals of order/2, order - 1, order and order + 1 samples",
     "stream": "10^8 samples piece by piece; 5 10^6 at once",
 }
-"""Columns of the report, in this order, and what each holds."""
+"""Families of inputs with a description, in the order of the columns of the report."""
 VALUES = ("plain", "silent", "impulse", "sine", "poles", "oversampled", "gain", "offset", "clipped")
 FORMS = ("dtype", "layout", "broken")
 GAINS = (1e-160, 1e-100, 1e-30, 1e-3, 1e3, 1e30, 1e100, 1e150)
@@ -43,24 +43,24 @@ GAINS = (1e-160, 1e-100, 1e-30, 1e-3, 1e3, 1e30, 1e100, 1e150)
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One input of the battery, with the order a model is asked for where it has one.
+    """One input of the battery, with the order of a model if it has one.
 
     Attributes
     ----------
     name
-        Unique, but for the order.
+        Name, unique apart from the order.
     family
-        One of `FAMILIES`.
+        Family, a key of `FAMILIES`.
     x
-        The samples; of any real dtype and layout, so the caller must not write to them.
+        Samples of any real dtype and layout. They are shared, so subjects must not modify them.
     fs
         Sampling rate in Hz.
     order
-        Of the model; 0 where there is none.
+        Order of the model, or 0.
     required
-        Whether this is an ordinary input, which nobody may refuse.
+        Whether the input is ordinary, so that an exception is a failure.
     gain
-        By how much the samples are those of `plain` times a number.
+        Factor by which the samples differ from those of `plain`.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Case:
     gain: float = 1.0
 
     def at_order(self, order: int) -> "Case":
-        """Return the case with an order, which enters its name."""
+        """Return the case with an order, which becomes part of its name."""
         return replace(self, order=order, name=f"{self.name}, p = {order}")
 
 
@@ -86,7 +86,7 @@ def noise(n: int = N, seed: int = SEED) -> NDArray[np.float64]:
 
 @cache
 def plain(n: int = N) -> NDArray[np.float64]:
-    """Return coloured noise, as surfaces give it: two broad resonances in a sloping spectrum, read-only."""
+    """Return coloured noise similar to that of surfaces (two resonances, sloping spectrum), read-only."""
     poles = np.array([0.95 * np.exp(0.2j), 0.9 * np.exp(0.7j), 0.5])
     a = np.real(np.poly(np.concatenate([poles, poles[:2].conj()])))
     x: NDArray[np.float64] = scipy.signal.lfilter([1.0], a, noise(n + 200, 1))[200:]
@@ -95,14 +95,14 @@ def plain(n: int = N) -> NDArray[np.float64]:
 
 
 def low_passed(factor: int, n: int = N) -> NDArray[np.float64]:
-    """Return noise without anything above 1/`factor` of the band: content oversampled by that factor."""
+    """Return noise that is oversampled by `factor`: it has no content above 1/`factor` of the band."""
     spectrum = np.fft.rfft(noise(n))
     spectrum[spectrum.size // factor :] = 0
     return np.fft.irfft(spectrum)
 
 
 def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
-    """Return the samples of every input of length `n`: family -> name -> samples."""
+    """Return the samples of all inputs of length `n`: family -> name -> samples."""
     t, noisy = np.arange(n), plain(n)
     sine, square = np.sin(0.3 * t), np.sign(np.sin(0.05 * t) + 1e-9)
     full_scale = noisy / np.abs(noisy).max()
@@ -162,7 +162,7 @@ def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
             "column of a table": np.tile(noisy[:, np.newaxis], 3)[:, 1],
             "read-only": noisy,
         },
-        "broken": {  # within the first 200 samples: some are given no more
+        "broken": {  # within the first 200 samples, because some subjects use no more
             "one NaN": broken(np.nan, 150, 151),
             "NaN at the start": broken(np.nan, 0, 1),
             "gap of 100 NaN": broken(np.nan, 90, 190),
@@ -175,7 +175,7 @@ def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
 
 @cache
 def inputs(n: int = N) -> tuple[Case, ...]:
-    """Return every input of length `n`, a multiple of 4, without orders."""
+    """Return all inputs of length `n`, a multiple of 4, without orders."""
     ordinary = ("plain", "layout", "float32", "big-endian float64")
     gains = {f"gain {g:g}": g for g in GAINS}
     return tuple(
@@ -185,45 +185,45 @@ def inputs(n: int = N) -> tuple[Case, ...]:
     )
 
 
-def in_families(*families: str, quick: bool = False, n: int = N) -> tuple[Case, ...]:
-    """Return the inputs of some families; a quick run takes every third of each, the first among them."""
+def cases_of(*families: str, quick: bool = False, n: int = N) -> tuple[Case, ...]:
+    """Return the inputs of some families. A quick run uses every third of each, starting with the first."""
     if not quick:
         return tuple(case for case in inputs(n) if case.family in families)
     return tuple(c for family in families for c in [c for c in inputs(n) if c.family == family][::3])
 
 
 def battery(quick: bool, *, longest: int = 600, with_rates: bool = True, n: int = N) -> tuple[Case, ...]:
-    """Return what most subjects are given.
+    """Return the inputs for most subjects.
 
     Parameters
     ----------
     quick : bool
-        Whether a part of it will do.
+        Whether to return a small part of them.
     longest : int
-        Samples of the longest of the short inputs (default 600); 0 leaves them out.
+        Largest length in the family "length" (default 600); 0 omits this family.
     with_rates : bool
-        Whether plain noise at other sampling rates is among them (default True).
+        Whether to include plain noise at other sampling rates (default True).
     n : int
-        Samples of all others.
+        Number of samples of all other inputs.
     """
     short = lengths(quick, longest) if longest else ()
-    return in_families(*VALUES, *FORMS, quick=quick, n=n) + short + (rates(quick, n) if with_rates else ())
+    return cases_of(*VALUES, *FORMS, quick=quick, n=n) + short + (rates(quick, n) if with_rates else ())
 
 
 def lengths(quick: bool, longest: int = 600) -> tuple[Case, ...]:
-    """Return the first n samples of plain noise for every n from 0 to 600 (quick: some of them)."""
-    few = (0, 1, 2, 3, 8, 11, 32, 64, 129, 543, 544, 600)
-    sizes = few if quick else range(longest + 1)
+    """Return the first n samples of plain noise for every n from 0 to `longest` (quick: for some n)."""
+    quick_sizes = (0, 1, 2, 3, 8, 11, 32, 64, 129, 543, 544, 600)
+    sizes = quick_sizes if quick else range(longest + 1)
     return tuple(Case(f"{n} samples", "length", plain()[:n]) for n in sizes if n <= longest)
 
 
 def rates(quick: bool, n: int = N) -> tuple[Case, ...]:
-    """Return plain noise declared at rates from 500 Hz to 50 kHz."""
+    """Return plain noise with sampling rates from 500 Hz to 50 kHz."""
     return tuple(Case(f"fs {fs:g} Hz", "rate", plain(n), fs=fs) for fs in RATES_HZ[:: 4 if quick else 1])
 
 
-def beyond(quick: bool) -> tuple[Case, ...]:
-    """Return signals hardly longer than the order, and shorter: order n - 1, n, n + 1, 2 n."""
+def short_signals(quick: bool) -> tuple[Case, ...]:
+    """Return signals of n samples for models of the orders n - 1, n, n + 1 and 2 n."""
     return tuple(
         Case(f"{n} samples", "order", noise()[:n]).at_order(p)
         for p in ((2, 18) if quick else ORDERS)
@@ -232,24 +232,25 @@ def beyond(quick: bool) -> tuple[Case, ...]:
 
 
 def with_orders(cases: Iterable[Case], quick: bool, largest: int = 1000) -> tuple[Case, ...]:
-    """Return each case at each order up to `largest`; dtypes, layouts, lengths and broken ones at 10 alone.
+    """Return each case at each order up to `largest`.
 
-    A quick run takes orders 2 and 18, and 400 for plain signals.
+    Dtypes, layouts, lengths and broken inputs have the order 10 only. A quick run uses the orders 2 and 18,
+    and 400 for plain signals.
     """
-    usual = (2, 18) if quick else ORDERS
+    default = (2, 18) if quick else ORDERS
     orders = dict.fromkeys((*FORMS, "length"), (10,)) | {"plain": (2, 18, 400) if quick else ORDERS}
-    return tuple(c.at_order(p) for c in cases for p in orders.get(c.family, usual) if p <= largest)
+    return tuple(c.at_order(p) for c in cases for p in orders.get(c.family, default) if p <= largest)
 
 
-def samples_of(x: Any) -> NDArray[np.float64]:
-    """Return what a signal of any dtype and layout says, in float64 and contiguous."""
+def to_float64(x: Any) -> NDArray[np.float64]:
+    """Return a signal of any dtype and layout as contiguous float64 samples."""
     return np.ascontiguousarray(x, dtype=np.float64)
 
 
 def battery_hash() -> str:
-    """Return the hex digest of every input: names, rates, dtypes and samples."""
+    """Return a hex digest of all inputs: names, rates, dtypes and samples."""
     digest = hashlib.sha256()
-    for case in (*inputs(), *inputs(LONG), *lengths(False), *rates(False), *beyond(False)):
+    for case in (*inputs(), *inputs(LONG), *lengths(False), *rates(False), *short_signals(False)):
         digest.update(f"{case.name} {case.family} {case.fs} {case.order} {case.x.dtype}".encode())
         digest.update(case.x.tobytes())
     return digest.hexdigest()[:16]

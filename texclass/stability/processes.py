@@ -1,6 +1,6 @@
-"""Subjects judged in a process of their own: a crash or a hang is an outcome, not the end of the run.
+"""Evaluation of subjects in a separate process, so that a crash or a hang does not end the run.
 
-The process imports no more than this and what it tries, as it is started anew after each crash.
+The process is restarted after each crash, so it imports only this module and the subjects.
 """
 
 import importlib
@@ -14,25 +14,30 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, TextIO
 
-from texclass.stability.rules import Mark, Subject, judge, names_of, outcome
+from texclass.stability.checks import Mark, Subject, cell_names, evaluate, outcome_row
 
 Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
 class Limits:
-    """When a subject is given up.
+    """Time limits of a subject, and its largest number of crashes.
 
     Attributes
     ----------
     cell_s
-        Time limit of one subject on one input, in s: some libraries are called up to ten times in it.
+        Time limit in s of one subject on one input, in which some libraries are called up to ten times.
     start_s
-        Time limit of the imports, and of the first input of each subject, which may compile, in s.
+        Time limit in s of the imports, and of the first input of each subject, which may compile code.
     stream_s
-        Least time limit of a stream of 10^8 samples, in s.
+        Minimum time limit in s of a stream of 10^8 samples.
     failures
-        Crashes and hangs of one subject after which the rest of its inputs is left out.
+        Number of crashes and hangs of a subject after which its other inputs are skipped.
+
+    Examples
+    --------
+    >>> Limits(cell_s=10.0).failures
+    3
     """
 
     cell_s: float = 180.0
@@ -45,76 +50,84 @@ DEFAULT_LIMITS = Limits()
 
 
 def supervise(
-    place: str,
+    location: str,
     group: str,
     *,
     quick: bool,
     limits: Limits = DEFAULT_LIMITS,
     progress: Progress | None = None,
-    left_out: list[str] | None = None,
+    skipped: list[str] | None = None,
 ) -> list[dict[str, Any]]:
-    """Judge subjects in a process of their own, and start it anew when it dies or hangs.
+    """Evaluate subjects in a separate process, which is restarted when it crashes or hangs.
 
     Parameters
     ----------
-    place : str
+    location : str
         "module:name" of a list of subjects, or of a function that returns one.
     group : str
-        Only the subjects of this group are tried.
+        Group of the subjects to evaluate.
     quick : bool
-        As in `run_stability`.
+        Use a small part of the battery.
     limits : Limits
-        Time limits, and when a subject is given up.
-    progress, left_out
-        As in `run_stability`; `left_out` receives a line for each subject that was given up.
+        Time limits, and largest number of crashes.
+    progress : callable, optional
+        Called with (done, total, what).
+    skipped : list of str, optional
+        List to which a line is appended for each subject that is abandoned.
 
     Returns
     -------
     list of dict
-        One outcome for each subject and input, as `judge` returns it.
+        One outcome of `evaluate` for each subject and input.
+
+    Examples
+    --------
+    This starts a process::
+
+        supervise("texclass.stability.subjects_models:SUBJECTS", "models", quick=True)
     """
     outcomes: list[dict[str, Any]] = []
     failures: Counter[str] = Counter()
     with (  # a named temporary file cannot be opened a second time on Windows
         tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
-        (Path(folder) / "printed").open("w+", encoding="utf-8", errors="replace") as printed,
-        Worker(place, group, quick, printed) as worker,
+        (Path(folder) / "output").open("w+", encoding="utf-8", errors="replace") as output,
+        Worker(location, group, quick, output) as worker,
     ):
         try:
             cells = worker.start(limits.start_s)
         except (TimeoutError, EOFError) as error:
-            raise ValueError(f"{place}: {worker.end(error)}. Expected that it can be imported") from error
-        warm = ""
+            raise ValueError(f"{location} must be importable: {worker.end(error)}") from error
+        previous = ""
         for number, names in enumerate(cells):
             subject = names["subject"]
             if failures[subject] >= limits.failures:
                 continue
             if progress:
                 progress(number + 1, len(cells), f"{names['library']} {group}")
-            limit_s = limits.cell_s if subject == warm else limits.start_s
+            limit_s = limits.cell_s if subject == previous else limits.start_s
             if names["family"] == "stream":
                 limit_s = max(limit_s, limits.stream_s)
-            warm = subject
+            previous = subject
             try:
-                outcomes.append(worker.judge(number, limit_s))
+                outcomes.append(worker.evaluate(number, limit_s))
                 continue
             except (TimeoutError, EOFError) as error:
                 mark = Mark.HANG if isinstance(error, TimeoutError) else Mark.CRASH
-                outcomes.append(outcome(names, mark, worker.end(error)))
+                outcomes.append(outcome_row(names, mark, worker.end(error)))
             failures[subject] += 1
-            if failures[subject] == limits.failures and left_out is not None:
-                times = f"{limits.failures} crashes or hangs"
-                left_out.append(f"{names['library']} {subject}: given up after {times}")
+            if failures[subject] == limits.failures and skipped is not None:
+                reason = f"abandoned after {limits.failures} crashes or hangs"
+                skipped.append(f"{names['library']} {subject}: {reason}")
             worker.start(limits.start_s)
-            warm = ""
+            previous = ""
     return outcomes
 
 
 class Worker:
-    """A process of one thread that judges on demand; what is printed in it goes to a file."""
+    """Process with one thread that evaluates subjects on demand; its printed output goes to a file."""
 
-    def __init__(self, place: str, group: str, quick: bool, printed: TextIO) -> None:
-        self._task, self._printed = (place, group, quick), printed
+    def __init__(self, location: str, group: str, quick: bool, output: TextIO) -> None:
+        self._task, self._printed = (location, group, quick), output
 
     def __enter__(self) -> Self:
         return self
@@ -124,29 +137,29 @@ class Worker:
         self._process.join()
 
     def start(self, limit_s: float) -> list[dict[str, str]]:
-        """Start the process and return the names of all subjects and inputs, as `names_of` gives them."""
+        """Start the process and return the `cell_names` of all subjects and inputs."""
         context = multiprocessing.get_context("spawn")
         self._pipe, other_end = context.Pipe()
         self._process = context.Process(target=serve, args=(other_end, self._printed.name, *self._task))
         self._process.start()
-        other_end.close()  # the process alone holds it, so that its death is the end of the pipe
+        other_end.close()  # only the process has it open, so the pipe ends when the process ends
         cells: list[dict[str, str]] = self._receive(limit_s)
         return cells
 
-    def judge(self, number: int, limit_s: float) -> dict[str, Any]:
+    def evaluate(self, number: int, limit_s: float) -> dict[str, Any]:
         """Return the outcome of one subject on one input."""
         self._pipe.send(number)
         row: dict[str, Any] = self._receive(limit_s)
         return row
 
     def _receive(self, limit_s: float) -> Any:
-        """Return what the process sends; TimeoutError if it takes longer, EOFError if the process dies."""
+        """Return the next message of the process; TimeoutError if it is late, EOFError if it ended."""
         if not self._pipe.poll(limit_s):
             raise TimeoutError(f"no answer within {limit_s:g} s")
         return self._pipe.recv()
 
     def end(self, error: Exception) -> str:
-        """End the process after an error; return what happened, with the last line it printed."""
+        """End the process after an error; return a description with the last line of its output."""
         self._process.kill()
         self._process.join()
         lines = self._printed.read().strip().splitlines()
@@ -155,21 +168,21 @@ class Worker:
         return f"the process ended with {self._process.exitcode}: {lines[-1] if lines else 'no message'}"
 
 
-def serve(pipe: Any, printed: str, place: str, group: str, quick: bool) -> None:
-    """Judge what the other end of the pipe asks for, in one thread, until that end is closed."""
+def serve(pipe: Any, output: str, location: str, group: str, quick: bool) -> None:
+    """Evaluate the pairs whose numbers arrive through the pipe, in one thread, until it is closed."""
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-    file = os.open(printed, os.O_WRONLY | os.O_APPEND)
+    file = os.open(output, os.O_WRONLY | os.O_APPEND)
     os.dup2(file, 1)
     os.dup2(file, 2)
     threadpool_limits(1)
-    module, name = place.split(":")
+    module, name = location.split(":")
     members = getattr(importlib.import_module(module), name)
     subjects: list[Subject] = members() if callable(members) else members
     pairs = [
         (subject, case) for subject in subjects if subject.group == group for case in subject.cases(quick)
     ]
-    pipe.send([names_of(*pair) for pair in pairs])
+    pipe.send([cell_names(*pair) for pair in pairs])
     with suppress(EOFError):
         while True:
-            pipe.send(judge(*pairs[pipe.recv()]))
+            pipe.send(evaluate(*pairs[pipe.recv()]))

@@ -1,4 +1,4 @@
-"""Subjects: every registered feature, and all together as a public library of features is judged."""
+"""Subjects of the battery: each registered feature, and all features together like another library."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -14,148 +14,153 @@ from texclass.features.contract_checks import view_without_recording
 from texclass.features.phase_view import Phase, Views
 from texclass.features.sets import FeatureSet, Member
 from texclass.recording import Phases, Recording, Samples, Tap
-from texclass.stability import rules
-from texclass.stability.inputs import LONG, Case, battery, noise, plain, samples_of
-from texclass.stability.rules import Attempt, Check, Subject, Trial, largest
+from texclass.stability import checks
+from texclass.stability.checks import Check, Findings, Subject, Trial, largest
+from texclass.stability.inputs import LONG, Case, battery, noise, plain, to_float64
 
 LAW_GAINS = (1e-6, 1e-3, 1.0, 1e3, 1e6)
-"""A library that declares no gain law has one where an output follows it over these twelve decades."""
+"""Gains from which the gain law of an output is inferred, if its library does not declare one."""
 cases = partial(battery, n=LONG)
-"""What a feature is given."""
+"""Inputs of features."""
 Extract = Callable[[Any, Case], tuple[dict[str, Any], dict[str, str]]]
-"""Takes samples and case, returns outputs by name, and the reasons of those without a value."""
+"""Function of samples and case that returns outputs by name, and reasons of undefined outputs."""
 
 
 def subjects() -> list[Subject]:
-    """Return one subject for each registered feature, and all together as a library is judged."""
+    """Return one subject for each registered feature, and one for all features together."""
     members = tuple(Member(name, feature) for name, feature in list_features().items())
-    every = FeatureSet("all", members).with_phases("tap", "movement", "travel", "friction")
+    all_features = FeatureSet("all", members).with_phases("tap", "movement", "travel", "friction")
 
     def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
-        values, reasons = every.compute(views_of(x, case.fs))
+        values, reasons = all_features.compute(make_views(x, case.fs))
         by_feature = dict(reasons)
         by_column = {c: by_feature[m.name] for m in members if m.name in by_feature for c in m.columns}
-        return dict(zip(every.column_names, values.tolist(), strict=True)), by_column
+        return dict(zip(all_features.column_names, values.tolist(), strict=True)), by_column
 
     def none_required(quick: bool) -> list[Case]:
         return [replace(case, required=False) for case in cases(quick)]
 
-    given = {"ridge_density": none_required}  # even ordinary noise has no ribs
-    each = [Subject(m.name, "features", given.get(m.name, cases), one_feature(m)) for m in members]
-    return [*each, Subject("all features", "features", cases, extraction(extract))]
+    special_cases = {"ridge_density": none_required}  # ordinary noise has no ridges
+    single = [
+        Subject(m.name, "features", special_cases.get(m.name, cases), feature_trial(m)) for m in members
+    ]
+    return [*single, Subject("all features", "features", cases, library_trial(extract))]
 
 
-def views_of(x: Any, fs: float, phase: Phase = "movement") -> Views:
-    """Return the samples as a movement, as friction, and as taps with their contact after a quarter.
+def make_views(x: Any, fs: float, phase: Phase = "movement") -> Views:
+    """Return views of the samples as movement, friction and taps with the impact after a quarter of each tap.
 
-    One tap of few samples, four of many. Over its way, the samples of a movement are a tenth of a mm apart at
-    10 kHz. For a pair: the samples, and the same backwards.
+    There are four taps for `LONG` inputs, otherwise one. The speed of the movement is 1 m/s. A pair consists
+    of the samples and their reversal.
     """
     if phase == "pair":
-        one, other = views_of(x, fs), views_of(x[::-1], fs)
-        return replace(one, sides=(one, other))
+        first, second = make_views(x, fs), make_views(x[::-1], fs)
+        return replace(first, sides=(first, second))
     n = len(x)
-    each = n // 4 if n >= LONG else n
-    taps = tuple(Tap(i, i + min(each // 4, each - 1), i + each) for i in range(0, n - each + 1, max(each, 1)))
+    size = n // 4 if n >= LONG else n
+    taps = tuple(Tap(i, i + min(size // 4, size - 1), i + size) for i in range(0, n - size + 1, max(size, 1)))
     phases = Phases(taps if n else (), (0, n))
     return Views(Recording(x, fs=fs, friction=x, speed=np.full(n, 1000.0), phases=phases), phases)
 
 
-def one_feature(member: Member) -> Trial:
-    """Return the trial of one of our features: that of a library of its outputs, and its own references."""
+def feature_trial(member: Member) -> Trial:
+    """Return the trial of one feature: the trial of a library with its outputs, and its own references."""
     feature = member.feature
 
     def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
-        if case.family == "broken":  # a recording would refuse it
-            view = view_without_recording(feature.phase, samples_of(x), case.fs)
+        if case.family == "broken":  # `Recording` rejects such samples
+            view = view_without_recording(feature.phase, to_float64(x), case.fs)
             values = np.atleast_1d(np.asarray(feature.function(view), dtype=np.float64))
         else:
-            values = member.values(views_of(x, case.fs, feature.phase))
+            values = member.values(make_views(x, case.fs, feature.phase))
         return dict(zip(member.columns, values.tolist(), strict=True)), {}
 
-    as_library = extraction(extract, dict.fromkeys(member.columns, feature.gain))
+    trial = library_trial(extract, dict.fromkeys(member.columns, feature.gain))
 
-    def attempt(x: Any, case: Case) -> Attempt:
-        values = yield from as_library(x, case)
-        signal = samples_of(x)
-        yield rules.holds("no value for silence", np.any(signal))
-        yield from _in_many_digits(feature.name, signal, values.tolist())
+    def attempt(x: Any, case: Case) -> Findings:
+        values = yield from trial(x, case)
+        signal = to_float64(x)
+        yield checks.condition("no value for silence", np.any(signal))
+        yield from _check_references(feature.name, signal, values.tolist())
 
     return attempt
 
 
-def _in_many_digits(name: str, signal: Samples, values: list[float]) -> Attempt:
-    """Check the features that can be had in many digits."""
+def _check_references(name: str, signal: Samples, values: list[float]) -> Findings:
+    """Check features for which references of high precision are available."""
     wide = signal.astype(np.longdouble)
     match name:
         case "friction":
             right = math.fsum(np.abs(signal)) / signal.size
-            yield rules.close("mean |x|, against exact sums", values[0], right, 1e-13)
+            yield checks.close("mean |x|, against exact sums", values[0], right, 1e-13)
         case "mean_magnitude":
             right = float(np.abs(wide - wide.mean()).mean())
-            yield rules.close("mean |x - mean|", values[0], right, 1e-13, scale=1e-4 * largest(signal))
+            yield checks.close("mean |x - mean|", values[0], right, 1e-13, scale=1e-4 * largest(signal))
         case "variance":
             square = float(wide.var())
             if 1e-290 < square < 1e290:
-                rounding = (1e-13 * largest(signal)) ** 2 / square  # of an offset
-                yield rules.close("variance, in 80-bit floats", values[0], square, 1e-13 + rounding)
+                rounding = (1e-13 * largest(signal)) ** 2 / square  # due to an offset
+                yield checks.close("variance, in 80-bit floats", values[0], square, 1e-13 + rounding)
         case "lpc_coefficients":
-            yield from rules.stable_coefficients(np.append(1.0, -np.array(values)))
+            yield from checks.stable_coefficients(np.append(1.0, -np.array(values)))
 
 
-def extraction(extract: Extract, laws: Mapping[Any, Gain] | None = None) -> Trial:
-    """Return the trial of a library of features, all outputs together.
+def library_trial(extract: Extract, laws: Mapping[Any, Gain] | None = None) -> Trial:
+    """Return the trial of a library of features with all its outputs.
 
     Parameters
     ----------
     extract : callable
-        What is tried.
+        Function under test.
     laws : mapping of str to Gain, optional
-        Gain law that each output declares; by default those that it follows, see `inferred_laws`.
+        Declared gain law of each output (default: inferred by `infer_gain_laws`).
 
     Returns
     -------
     callable
-        Yields the findings, and returns the values.
+        Generator function that yields findings and returns the values.
     """
-    # our features work in single precision inside, and libraries in whatever they are given
+    # Our features compute in single precision, other libraries in the precision of their input.
     limit, copy_limit = (1e-4, 1e-4) if laws is None else (1e-5, 0.0)
 
     def numbers(x: Any, case: Case) -> pd.Series:
         try:
-            return as_numbers(extract(x, case)[0])
+            return to_series(extract(x, case)[0])
         except UndefinedFeatureError:
             return pd.Series(np.nan, index=pd.Index(list(laws or ())))
 
     @cache
-    def of_noise(gain: float, fs: float) -> pd.Series:
+    def noise_outputs(gain: float, fs: float) -> pd.Series:
         return numbers(gain * plain(LONG), Case("plain", "plain", plain(LONG), fs=fs))
 
-    def attempt(x: Any, case: Case) -> Attempt:
+    def attempt(x: Any, case: Case) -> Findings:
         outputs, reasons = extract(x, case)
         yield outputs
-        values, expected, signal = as_numbers(outputs), of_noise(1.0, case.fs), samples_of(x)
+        values, expected, signal = to_series(outputs), noise_outputs(1.0, case.fs), to_float64(x)
         yield from complete(values, reasons, expected)
-        # symmetric signals may tip over, and of what stands on an offset 1e-13 is no small change
+        # Other families are excluded: symmetric signals are sensitive to small changes, and relative to the
+        # vibration on a large offset, 1e-13 of the samples is a large change.
         if case.family in ("plain", "poles", "oversampled", "gain", "rate"):
             changed = numbers(signal * (1 + 1e-13 * noise(signal.size, 6)), case)
             yield same_values("change when samples change by 1e-13", changed, values, 1e-3, expected)
         if case.family in ("dtype", "layout"):
             yield same_values("as of the float64 copy", values, numbers(signal, case), copy_limit)
         if laws is not None:
-            # 1.1 rounds every sample anew: 1.1 times 1e6 by 1e-10, which is 1e-7 of the noise on it
-            louder, allowed = numbers(1.1 * signal, case), 1e-3 if case.family == "offset" else limit
-            yield rules.holds("a value at gain 1.1", np.isfinite(louder).all())
-            # outputs of one feature share a scale: 0 may come out as 1e-17
+            # A factor of 1.1 rounds every sample: by 1e-10 for an offset of 1e6, which is 1e-7 of its noise.
+            louder, tolerance = numbers(1.1 * signal, case), 1e-3 if case.family == "offset" else limit
+            yield checks.condition("a value at gain 1.1", np.isfinite(louder).all())
+            # Outputs of one feature share a scale: 0 may be computed as 1e-17.
             shared = 1e-7 * louder.abs().max()
-            yield under_gain("the declared gain law, at gain 1.1", louder, values, laws, 1.1, allowed, shared)
+            yield check_gain_law(
+                "the declared gain law, at gain 1.1", louder, values, laws, 1.1, tolerance, shared
+            )
         if case.family == "gain" and laws is not None:
             what, shared = "the declared gain law, from gain 1", 1e-7 * values.abs().max()
-            yield under_gain(what, values, expected, laws, case.gain, limit, shared)
+            yield check_gain_law(what, values, expected, laws, case.gain, limit, shared)
         elif case.family == "gain":
-            inferred = inferred_laws([of_noise(gain, case.fs) for gain in LAW_GAINS])
+            inferred = infer_gain_laws([noise_outputs(gain, case.fs) for gain in LAW_GAINS])
             what = "the gain law it follows from 1e-6 to 1e6"
-            yield under_gain(what, values, expected, inferred, case.gain, limit)
+            yield check_gain_law(what, values, expected, inferred, case.gain, limit)
         if reasons and len(reasons) == len(values):
             yield next(iter(reasons.values()))
         return values
@@ -163,20 +168,20 @@ def extraction(extract: Extract, laws: Mapping[Any, Gain] | None = None) -> Tria
     return attempt
 
 
-def as_numbers(outputs: dict[str, Any]) -> pd.Series:
-    """Return outputs as floats, NaN where one is no number."""
+def to_series(outputs: dict[str, Any]) -> pd.Series:
+    """Convert outputs to floats; NaN if an output is not a number."""
     return pd.to_numeric(pd.Series(outputs), errors="coerce").astype(np.float64)
 
 
-def complete(values: pd.Series, reasons: Mapping[str, str], expected: pd.Series) -> Attempt:
-    """Check that every output that plain noise has is there, and is finite or has a reason."""
+def complete(values: pd.Series, reasons: Mapping[str, str], expected: pd.Series) -> Findings:
+    """Check that all outputs of plain noise exist, and are finite or have a reason."""
     n_differ = values.index.symmetric_difference(expected.index).size
     yield Check(f"as many columns as for noise ({n_differ} differ)", float(n_differ), 0.0)
     unexplained = values.index[~np.isfinite(values)].difference(list(reasons), sort=False)
     silent = [name for name in unexplained if np.isfinite(expected.get(name, 0.0))]
     first = f", {', '.join(silent[:3])}" if silent else ""
     what = f"finite outputs, or a reason: {len(silent)} of {len(values)} NaN without a reason{first}"
-    yield rules.holds(what, not silent)
+    yield checks.condition(what, not silent)
     if reasons:
         yield f"{len(reasons)} of {len(values)}: {next(iter(reasons.values()))}"
 
@@ -184,15 +189,15 @@ def complete(values: pd.Series, reasons: Mapping[str, str], expected: pd.Series)
 def same_values(
     what: str, values: pd.Series, reference: pd.Series, limit: float, scale: pd.Series | None = None
 ) -> Check:
-    """Check the worst relative difference of outputs that both have a value; `scale` says what is small."""
-    both = pd.concat({"given": values, "right": reference, "scale": scale}, axis=1)
-    both = both[np.isfinite(both["given"]) & np.isfinite(both["right"])]
-    size = both.abs().replace(np.inf, 0.0).max(axis=1)
-    return _worst(what, (both["given"] - both["right"]).abs() / size, limit)
+    """Check the largest relative difference of outputs that are finite in both; `scale` is a minimum size."""
+    table = pd.concat({"value": values, "reference": reference, "scale": scale}, axis=1)
+    table = table[np.isfinite(table["value"]) & np.isfinite(table["reference"])]
+    size = table.abs().replace(np.inf, 0.0).max(axis=1)
+    return _worst(what, (table["value"] - table["reference"]).abs() / size, limit)
 
 
-def inferred_laws(outputs: Sequence[pd.Series]) -> dict[Any, Gain]:
-    """Return the laws that outputs of noise follow at all `LAW_GAINS`."""
+def infer_gain_laws(outputs: Sequence[pd.Series]) -> dict[Any, Gain]:
+    """Return the gain laws that the outputs for noise follow at all `LAW_GAINS`."""
     decades, laws = np.diff(np.log10(LAW_GAINS)), {}
     for name, y in pd.concat(outputs, axis=1).T.dropna(axis=1).items():
         if not np.all(np.isfinite(y)):
@@ -208,30 +213,31 @@ def inferred_laws(outputs: Sequence[pd.Series]) -> dict[Any, Gain]:
     return laws
 
 
-def under_gain(
+def check_gain_law(
     what: str,
     values: pd.Series,
-    once: pd.Series,
+    reference: pd.Series,
     laws: Mapping[Any, Gain],
     gain: float,
     limit: float,
-    least: float | None = None,
+    min_size: float | None = None,
 ) -> Check:
-    """Check that outputs keep their law at any gain; values out of the range of float64 do not count.
+    """Check that outputs follow their gain law. Values outside the range of float64 are ignored.
 
-    Errors are over the output as it should be, over `least` if it is smaller (by default over what is added).
+    Errors are relative to the expected output, or to `min_size` if that is larger (default: the shift of the
+    law).
     """
     errors = {}
     for name, law in laws.items():
-        exponent = law.power * np.log10(gain) + np.log10(abs(once[name])) if once[name] else 0.0
+        exponent = law.power * np.log10(gain) + np.log10(abs(reference[name])) if reference[name] else 0.0
         if np.isfinite(value := values.get(name, np.nan)) and abs(exponent) <= 290:
-            right = float(law.apply(once[name], gain))
-            small = abs(law.shift * np.log10(gain)) if least is None else least
-            errors[name] = abs(value - right) / max(abs(right), small, 1e-300)
+            expected = float(law.apply(reference[name], gain))
+            small = abs(law.shift * np.log10(gain)) if min_size is None else min_size
+            errors[name] = abs(value - expected) / max(abs(expected), small, 1e-300)
     return _worst(what, pd.Series(errors, dtype=float), limit)
 
 
 def _worst(what: str, errors: pd.Series, limit: float) -> Check:
-    """Check the largest of some outputs' errors, naming the output that exceeds its limit."""
+    """Check the largest error of several outputs; the description names an output that exceeds the limit."""
     worst = float(errors.fillna(0.0).max()) if len(errors) else 0.0
     return Check(f"{what} ({errors.idxmax()})" if worst > limit else what, worst, limit)

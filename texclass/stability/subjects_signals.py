@@ -1,4 +1,4 @@
-"""Subjects: filters, streams of 10^8 samples, and the transforms that features share."""
+"""Subjects of the battery: filters, streams of 10^8 samples, and transforms that features share."""
 
 from collections.abc import Callable
 from functools import partial
@@ -14,16 +14,16 @@ from texclass import signals
 from texclass.features import movement_filters, spectra
 from texclass.features.phase_view import PhaseView
 from texclass.recording import Samples
-from texclass.stability import exact, rules
-from texclass.stability.inputs import RATES_HZ, Case, battery, lengths, noise, samples_of
-from texclass.stability.rules import Attempt, Check, Subject, largest, tried
+from texclass.stability import checks, references
+from texclass.stability.checks import Check, Findings, Subject, largest, register
+from texclass.stability.inputs import RATES_HZ, Case, battery, lengths, noise, to_float64
 from texclass.vibration import Autoregression, LatticeInverse, LatticeSynthesis
 
 SUBJECTS: list[Subject] = []
-filters = partial(tried, SUBJECTS, "filters")
-transforms = partial(tried, SUBJECTS, "transforms")
+filters = partial(register, SUBJECTS, "filters")
+transforms = partial(register, SUBJECTS, "transforms")
 SHORT = 400
-"""Samples that are filtered: as many as 60-digit arithmetic does in reasonable time."""
+"""Number of samples that are filtered, limited by the run time of 60-digit arithmetic."""
 BANDS: dict[Any, Any] = {"lowpass": 100.0, "highpass": 20.0, "bandpass": (50.0, 200.0)}
 BLOCK = 1_000_000
 STREAM_MODEL = Autoregression(np.linspace(0.9, -0.5, 18), np.asarray(1.0))
@@ -32,7 +32,7 @@ STREAM_MODEL = Autoregression(np.linspace(0.9, -0.5, 18), np.asarray(1.0))
 
 
 def _designs(quick: bool) -> list[Case]:
-    """Return cut-offs from 1e-5 to 0.4999 of fs, orders 1 to 16, and parameters that must be refused."""
+    """Return cut-offs from 1e-5 to 0.4999 of fs, orders 1 to 16, and invalid parameters."""
     shares = (1e-5, 1e-4, 1e-3, 0.01, 0.1, 0.4, 0.4999)
 
     def design(name: str, family: str, share: float, fs: float, order: int, kind: str = "lowpass") -> Case:
@@ -53,59 +53,66 @@ def _designs(quick: bool) -> list[Case]:
 
 
 @filters("butterworth", _designs)
-def _butterworth(x: Samples, case: Case) -> Attempt:
-    """Check that it is stable, and has the closed form of the Butterworth response around the cut-off."""
+def _butterworth(x: Samples, case: Case) -> Findings:
+    """Check the stability, and the closed form of the Butterworth response around the cut-off."""
     share, kind = float(x[0]), "highpass" if x[1] else "lowpass"
     sos = signals.butterworth(kind, share * case.fs, case.fs, order=case.order)  # type: ignore[arg-type]
-    yield rules.finite("sections", sos)
-    yield rules.stable_sections(sos[:, 3:])
+    yield checks.finite("sections", sos)
+    yield checks.stable_sections(sos[:, 3:])
     f = np.array([0.5, 0.9, 1.0, 1.1, 2.0]) * share * case.fs
     f = f[f < case.fs / 2]
-    right = exact.butterworth_gain(kind, share * case.fs, case.fs, case.order, f)
-    # a pole 2 pi share from z = 1 is rounded by 1e-16: in second-order sections, squared
+    right = references.butterworth_gain(kind, share * case.fs, case.fs, case.order, f)
+    # A pole at the distance 2 pi share from z = 1 is rounded by 1e-16, which enters second-order sections
+    # squared.
     limit = 1e-12 + 1e-15 * case.order / min(share, 0.5 - share) ** 2
-    yield rules.close("response, against 60 digits", exact.sections_gain(sos, f / case.fs), right, limit)
+    yield checks.close(
+        "response, against 60 digits", references.sections_gain(sos, f / case.fs), right, limit
+    )
 
 
 def _sections(kind: Any, fs: float) -> Samples:
-    """Return the filter of a kind that is tried, its band moved down where fs is low."""
+    """Return the filter of a kind; its band is lower if fs is low."""
     return signals.butterworth(kind, np.multiply(BANDS[kind], min(1.0, fs / 1000)).tolist(), fs)
 
 
-def _referenced(case: Case) -> bool:
-    """Whether 60 digits are spent on a case: of the lengths on all up to 40, then on every twentieth."""
+def _has_reference(case: Case) -> bool:
+    """Whether a 60-digit reference is computed: for lengths up to 40 and every twentieth longer one."""
     n = len(case.x)
     return case.family != "length" or n <= 40 or n % 20 == 0
 
 
 @filters({f"zero phase, {kind}": {"kind": kind} for kind in BANDS}, battery)
-def _zero_phase(x: Any, case: Case, *, kind: str) -> Attempt:
+def _zero_phase(x: Any, case: Case, *, kind: str) -> Findings:
     sos = _sections(kind, case.fs)
     out = signals.zero_phase(sos, x[:SHORT])
-    yield rules.finite("output", out)
-    signal = samples_of(x[:SHORT])
-    if _referenced(case):
-        right = exact.zero_phase(sos, signal, min(3 * (2 * len(sos) + 1), signal.size - 1))
-        yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(signal))
+    yield checks.finite("output", out)
+    signal = to_float64(x[:SHORT])
+    if _has_reference(case):
+        right = references.zero_phase(sos, signal, min(3 * (2 * len(sos) + 1), signal.size - 1))
+        yield checks.close(
+            "output, against 60 digits", out, right, checks.MAX_RESPONSE_ERROR, scale=largest(signal)
+        )
 
 
 @filters("causal", battery)
-def _causal(x: Any, case: Case) -> Attempt:
+def _causal(x: Any, case: Case) -> Findings:
     sos = _sections("bandpass", case.fs)
     out, _ = signals.causal(sos, x[:SHORT])
     first, state = signals.causal(sos, x[:7])
-    none, state = signals.causal(sos, x[:0], state)
-    rest, _ = signals.causal(sos, x[7:SHORT], state)
-    yield rules.finite("output", out)
-    signal = samples_of(x[:SHORT])
-    pieces = np.concatenate([first, none, rest])
+    empty, state = signals.causal(sos, x[:0], state)
+    last, _ = signals.causal(sos, x[7:SHORT], state)
+    yield checks.finite("output", out)
+    signal = to_float64(x[:SHORT])
+    blocks = np.concatenate([first, empty, last])
     if not signal.size:
-        yield rules.holds("no sample gives none", out.size == pieces.size == 0)
+        yield checks.condition("an empty signal gives an empty output", out.size == blocks.size == 0)
         return
-    yield rules.close("pieces = whole", pieces, out, rules.RESPONSE, scale=largest(signal))
-    if _referenced(case):
-        right = exact.causal(sos, signal)
-        yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(signal))
+    yield checks.close("blocks = whole", blocks, out, checks.MAX_RESPONSE_ERROR, scale=largest(signal))
+    if _has_reference(case):
+        right = references.causal(sos, signal)
+        yield checks.close(
+            "output, against 60 digits", out, right, checks.MAX_RESPONSE_ERROR, scale=largest(signal)
+        )
 
 
 # Streams ----------------------------------------------------------------------------------------------------
@@ -126,12 +133,12 @@ def _synthesis() -> Callable[[Samples], Any]:
     return LatticeSynthesis(STREAM_MODEL).process
 
 
-def _synthesis_undone() -> Callable[[Samples], Any]:
+def _synthesis_and_inverse() -> Callable[[Samples], Any]:
     lattice, inverse = LatticeSynthesis(STREAM_MODEL), LatticeInverse(STREAM_MODEL)
     return lambda x: inverse.process(lattice.process(x))
 
 
-def _in_a_stream(quick: bool) -> list[Case]:
+def _stream_cases(quick: bool) -> list[Case]:
     n = 2_000_000 if quick else 100_000_000
     return [Case(f"{n:.0e} samples in a stream", "stream", noise(BLOCK, 8), order=n)]
 
@@ -140,31 +147,31 @@ def _in_a_stream(quick: bool) -> list[Case]:
     {
         "stream: causal": {"start": _band_pass},
         "stream: lattice synthesis, p = 18": {"start": _synthesis},
-        "stream: lattice inverse, p = 18": {"start": _synthesis_undone},
+        "stream: lattice inverse, p = 18": {"start": _synthesis_and_inverse},
     },
-    _in_a_stream,
+    _stream_cases,
 )
-def _stream(x: Samples, case: Case, *, start: Callable[[], Callable[[Samples], Any]]) -> Attempt:
-    """Check that nothing drifts: the last block is what a fresh start makes of it, once that has settled."""
+def _stream(x: Samples, case: Case, *, start: Callable[[], Callable[[Samples], Any]]) -> Findings:
+    """Check that nothing drifts: the last block equals the output of a new filter after its transient."""
     process, last = start(), x
     for _ in range(case.order // BLOCK):
         last = np.asarray(process(x))
-    fresh = x if start is _synthesis_undone else np.asarray(start()(x))
-    settled = slice(BLOCK // 2, None)
-    error = largest((last - fresh)[settled]) / largest(fresh[settled])
-    yield Check("the last block, against a fresh start", error, 1e-9)
+    expected = x if start is _synthesis_and_inverse else np.asarray(start()(x))
+    second_half = slice(BLOCK // 2, None)
+    error = largest((last - expected)[second_half]) / largest(expected[second_half])
+    yield Check("the last block, against a new filter", error, 1e-9)
 
 
 # Conditioning -----------------------------------------------------------------------------------------------
 
 
 @transforms("dft321", battery)
-def _dft321(x: Any, case: Case) -> Attempt:
-    """Check that the energy of each bin is that of all axes together, in 80-bit floats."""
+def _dft321(x: Any, case: Case) -> Findings:
+    """Check that the energy of each bin is the sum over all axes, in 80-bit floats."""
     axes = np.stack([x, x[::-1], np.roll(x, 3)], axis=1)
     out = signals.dft321(axes)
-    yield rules.finite("output", out)
-    axes = samples_of(axes)
+    yield checks.finite("output", out)
+    axes = to_float64(axes)
     scale = largest(axes)
     if scale == 0 or np.ptp(axes, axis=0).max() == 0:
         yield Check("output for constants, over them", largest(out) / (scale or 1.0), 1e-15)
@@ -172,37 +179,39 @@ def _dft321(x: Any, case: Case) -> Attempt:
     wide = (axes / scale).astype(np.longdouble)
     right = np.linalg.norm(np.abs(fft.rfft(wide - wide.mean(axis=0), axis=0)).astype(np.float64), axis=1)
     right[0] = 0
-    given = np.abs(fft.rfft((out / scale).astype(np.longdouble)))
-    if out.size % 2 == 0:  # at fs/2 a real signal has a sign for a phase
-        right, given = right[:-1], given[:-1]
-    yield rules.close("magnitude of each bin", given, right, 1e-12, scale=1e-3 * out.size**0.5)
+    magnitude = np.abs(fft.rfft((out / scale).astype(np.longdouble)))
+    if out.size % 2 == 0:  # the bin at fs/2 of a real signal has no phase
+        right, magnitude = right[:-1], magnitude[:-1]
+    yield checks.close("magnitude of each bin", magnitude, right, 1e-12, scale=1e-3 * out.size**0.5)
 
 
 def _windows(quick: bool) -> list[Case]:
-    whole = battery(quick, longest=0, with_rates=False)
-    each = [case.at_order(n) for case in whole for n in (1, 2, 3, 100, 5000)]
-    return [*each, *(case.at_order(100) for case in lengths(quick))]
+    full_length = battery(quick, longest=0, with_rates=False)
+    cases = [case.at_order(n) for case in full_length for n in (1, 2, 3, 100, 5000)]
+    return [*cases, *(case.at_order(100) for case in lengths(quick))]
 
 
 @transforms("moving_average", _windows)
-def _moving_average(x: Any, case: Case) -> Attempt:
+def _moving_average(x: Any, case: Case) -> Findings:
     out = signals.moving_average(x, case.order)
-    yield rules.finite("output", out)
-    signal = samples_of(x)
-    right = exact.moving_average(signal, case.order)
-    yield rules.close("means, against exact sums", out, right, 4e-15, scale=largest(signal))
+    yield checks.finite("output", out)
+    signal = to_float64(x)
+    right = references.moving_average(signal, case.order)
+    yield checks.close("means, against exact sums", out, right, 4e-15, scale=largest(signal))
 
 
 @transforms("remove_hand_motion", battery)
-def _remove_hand_motion(x: Any, case: Case) -> Attempt:
+def _remove_hand_motion(x: Any, case: Case) -> Findings:
     out = signals.remove_hand_motion(x, case.fs)
-    yield rules.finite("output", out)
-    signal = samples_of(x)
-    right = signal - exact.moving_average(signal, max(2 * round(signals.HAND_WINDOW_S * case.fs / 2) + 1, 3))
-    yield rules.close("output, against exact sums", out, right, 4e-15, scale=largest(signal))
+    yield checks.finite("output", out)
+    signal = to_float64(x)
+    right = signal - references.moving_average(
+        signal, max(2 * round(signals.HAND_WINDOW_S * case.fs / 2) + 1, 3)
+    )
+    yield checks.close("output, against exact sums", out, right, 4e-15, scale=largest(signal))
 
 
-# Shared by features: against 80-bit floats where that is feasible, and always free of gain ------------------
+# Transforms that features share: comparison with 80-bit floats where feasible, and independence of gain -----
 
 
 def _spectrum(x: Any, fs: float) -> Any:
@@ -251,18 +260,18 @@ SHARED: dict[str, tuple[Callable[[PhaseView], Any], Callable[[Any, float], Any] 
     "band_passed": (lambda v: movement_filters.band_passed(v, _cutoff(v), 2 * _cutoff(v), v.fs), None),
     "details": (lambda v: np.concatenate(movement_filters.details(v, _cutoff(v), "coif3", 3)), None),
 }
-"""What several features read: the transform, and what it is of 80-bit samples at a rate."""
+"""Transforms that several features use, each with a reference in 80-bit floats, or None."""
 
 
 @transforms({f"shared, {name}": {"name": name} for name in SHARED}, battery)
-def _shared(x: Any, case: Case, *, name: str) -> Attempt:
+def _shared(x: Any, case: Case, *, name: str) -> Findings:
     transform, reference = SHARED[name]
     out = np.abs(np.asarray(transform(PhaseView(np.asarray(x, dtype=np.float64), case.fs))))
-    yield rules.finite("output", out)
-    signal = samples_of(x)
+    yield checks.finite("output", out)
+    signal = to_float64(x)
     if reference:
         right = np.abs(reference((signal / largest(signal)).astype(np.longdouble), case.fs))
-        yield rules.close("in 80-bit floats", out, right, 5e-6, scale=1e-6)  # computed in single precision
-    other = np.abs(np.asarray(transform(PhaseView(exact.unit(signal) * 1.1, case.fs))))
-    scale = 1e-3 if name == "band_passed" else 1e-2  # of the movement, whose largest magnitude is 1
-    yield rules.close("free of gain", other, out, 1e-5, scale=scale)
+        yield checks.close("in 80-bit floats", out, right, 5e-6, scale=1e-6)  # computed in single precision
+    other = np.abs(np.asarray(transform(PhaseView(references.scale_to_unit(signal) * 1.1, case.fs))))
+    scale = 1e-3 if name == "band_passed" else 1e-2  # relative to the movement, whose largest magnitude is 1
+    yield checks.close("free of gain", other, out, 1e-5, scale=scale)

@@ -1,6 +1,6 @@
-"""References: 60-digit arithmetic (mpmath) where feasible, fractions and fixed point, else 80-bit floats.
+"""Reference computations in 60-digit arithmetic (mpmath), fractions, fixed point or 80-bit floats.
 
-Without mpmath those that need it raise `NoReferenceError`, and their checks are reported as not made.
+Without mpmath, references that need it raise `NoReferenceError`, and their checks are reported as not made.
 """
 
 from fractions import Fraction
@@ -14,19 +14,19 @@ from texclass.recording import Samples
 
 DIGITS = 60
 BITS = 256
-"""Binary digits behind the point of fixed-point references (77 decimal ones)."""
-LARGEST_ORDER = 128
-"""Orders up to this one are fitted in fixed point; beyond, in 80-bit floats."""
+"""Binary digits after the point of fixed-point references (77 decimal digits)."""
+MAX_FIXED_POINT_ORDER = 128
+"""Largest order that is fitted in fixed point; higher orders use 80-bit floats."""
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
-"""Whether `numpy.longdouble` has 64 bits of mantissa here."""
+"""Whether `numpy.longdouble` has a mantissa of 64 bits on this machine."""
 
 
 class NoReferenceError(Exception):
-    """A reference cannot be computed here: the checks that need it, and those after it, are not made."""
+    """Raised if a reference cannot be computed. Checks that need it, and later ones, are not made."""
 
 
 def multiprecision() -> Any:
-    """Return mpmath's context, set to `DIGITS`, or to more where a caller asked for more.
+    """Return the context of mpmath with at least `DIGITS` digits.
 
     Raises
     ------
@@ -41,13 +41,13 @@ def multiprecision() -> Any:
     return mpmath.mp
 
 
-def unit(x: Samples) -> Samples:
-    """Return the signal divided by a power of two: exact, and out of the way of every range."""
+def scale_to_unit(x: Samples) -> Samples:
+    """Return the signal divided by a power of two, which is exact and prevents under- and overflow."""
     return np.ldexp(x, -int(np.frexp(np.max(np.abs(x), initial=0.0))[1]))
 
 
 def moving_average(x: Samples, n: int) -> Samples:
-    """Return the centred mean over `n` samples, the window cut at the ends, each rounded once."""
+    """Return the centred moving average over `n` samples, truncated at the ends, with a single rounding."""
     sums = [Fraction(0), *accumulate(map(Fraction, x.tolist()))]
     edges = [(max(i - n // 2, 0), min(i - n // 2 + n, x.size)) for i in range(x.size)]
     return np.array([float((sums[last] - sums[first]) / (last - first)) for first, last in edges])
@@ -57,19 +57,21 @@ def moving_average(x: Samples, n: int) -> Samples:
 
 
 def burg_energies(x: Samples, order: int, padding: int = 0) -> list[float]:
-    """Return the residual energies at the orders 0 ... p of Burg's optimum, over that of order 0.
+    """Return the residual energies of Burg's optimum at the orders 0 ... p, relative to order 0.
 
-    In 77-digit fixed point up to `LARGEST_ORDER`, beyond in 80-bit floats. It ends where nothing is left.
-    With p zeros of `padding` on both sides it is the optimum of the autocorrelation method.
+    They are computed in 77-digit fixed point up to `MAX_FIXED_POINT_ORDER`, and in 80-bit floats beyond. The
+    list ends where the residual is 0. With a `padding` of p zeros on both sides, the result is the optimum of
+    the autocorrelation method.
     """
-    fitted = next((p for p in (18, LARGEST_ORDER) if order <= p), order)
-    between = np.pad(x, max(padding, LARGEST_ORDER)) if padding else x  # more zeros change nothing
-    return _burg(np.ascontiguousarray(between).tobytes(), fitted)[: order + 1]
+    fitted = next((p for p in (18, MAX_FIXED_POINT_ORDER) if order <= p), order)
+    # More zeros than necessary do not change the result.
+    padded = np.pad(x, max(padding, MAX_FIXED_POINT_ORDER)) if padding else x
+    return _burg(np.ascontiguousarray(padded).tobytes(), fitted)[: order + 1]
 
 
 @cache
 def _burg(samples: bytes, order: int) -> list[float]:
-    x, fixed = unit(np.frombuffer(samples)), order <= LARGEST_ORDER
+    x, fixed = scale_to_unit(np.frombuffer(samples)), order <= MAX_FIXED_POINT_ORDER
     f: Any = np.array([int(v) for v in np.ldexp(x, BITS)], object) if fixed else x.astype(np.longdouble)
     b, whole, energies = f, 2 * (f @ f), [1.0]
     for _ in range(min(order, x.size - 1)):
@@ -88,11 +90,12 @@ def _burg(samples: bytes, order: int) -> list[float]:
 
 
 def lattice_energies(x: Samples, k: Samples, padding: int = 0) -> Samples:
-    """Return the residual energies at the orders 0 ... p that reflection coefficients leave, over order 0.
+    """Return the residual energies of reflection coefficients at the orders 0 ... p, relative to order 0.
 
-    In 80-bit floats. With p zeros of `padding` on both sides it is the energy of the autocorrelation method.
+    They are computed in 80-bit floats. With a `padding` of p zeros on both sides, they are the energies of
+    the autocorrelation method.
     """
-    f = b = np.pad(unit(x), padding).astype(np.longdouble)
+    f = b = np.pad(scale_to_unit(x), padding).astype(np.longdouble)
     energies = [2 * (f @ f)]
     for step in k[: f.size - 1].astype(np.longdouble):
         f, b = f[1:] + step * b[:-1], b[:-1] + step * f[1:]
@@ -101,8 +104,8 @@ def lattice_energies(x: Samples, k: Samples, padding: int = 0) -> Samples:
 
 
 def direct_energy(x: Samples, a: Samples, padding: int = 0) -> float:
-    """Return the residual energy, both ways, of coefficients 1, a_1 ... a_p, over that of order 0."""
-    padded, wide = np.pad(unit(x), padding).astype(np.longdouble), a.astype(np.longdouble)
+    """Return the forward and backward residual energy of 1, a_1 ... a_p, relative to order 0."""
+    padded, wide = np.pad(scale_to_unit(x), padding).astype(np.longdouble), a.astype(np.longdouble)
     f, b = np.convolve(padded, wide, "valid"), np.convolve(padded, wide[::-1], "valid")
     return float((f @ f + b @ b) / (2 * padded @ padded))
 
@@ -111,12 +114,12 @@ def direct_energy(x: Samples, a: Samples, padding: int = 0) -> float:
 
 
 def digits(x: Any) -> Any:
-    """Return an array of floats as an array of mpmath's numbers."""
+    """Convert an array of floats to an array of mpmath numbers."""
     return np.frompyfunc(multiprecision().mpf, 1, 1)(np.asarray(x, dtype=np.float64).astype(object))
 
 
 def coefficients(k: Samples) -> Any:
-    """Return 1, a_1 ... a_p of reflection coefficients, in the digits mpmath works with."""
+    """Return the direct-form coefficients 1, a_1 ... a_p of reflection coefficients as mpmath numbers."""
     a = digits([1.0])
     for step in digits(k):
         longer = np.append(a, 0)
@@ -125,44 +128,44 @@ def coefficients(k: Samples) -> Any:
 
 
 def step_down(a: Samples) -> Samples:
-    """Return the reflection coefficients of direct-form coefficients as they stand; NaN below a |k| >= 1."""
+    """Return the reflection coefficients of direct-form coefficients; NaN below the first |k| >= 1."""
     with multiprecision().workdps(DIGITS + a.size // 2):
-        now, k = digits(a), np.full(a.size - 1, np.nan)
+        current, k = digits(a), np.full(a.size - 1, np.nan)
         for m in range(a.size - 1, 0, -1):
-            step = now[m]
+            step = current[m]
             if not abs(step) < 1:
                 break
             k[m - 1] = float(step)
-            now = (now[:m] - step * now[m:0:-1]) / (1 - step * step)
+            current = (current[:m] - step * current[m:0:-1]) / (1 - step * step)
     return k
 
 
 def log_spectrum_db(k: Samples, omega: Samples) -> Samples:
-    """Return -20 log10 |A(e^jw)| of reflection coefficients."""
+    """Return the log spectrum -20 log10 |A(e^jw)| of reflection coefficients in dB."""
     mp = multiprecision()
-    turn = np.array([mp.expj(-w) for w in digits(omega)])
-    forward = backward = np.ones_like(turn)
+    delay = np.array([mp.expj(-w) for w in digits(omega)])
+    forward = backward = np.ones_like(delay)
     for step in digits(k):
-        delayed = turn * backward
+        delayed = delay * backward
         forward, backward = forward + step * delayed, step * forward + delayed
     return np.array([-20 * mp.log10(abs(value)) for value in forward], dtype=np.float64)
 
 
 def line_spectrum_error(k: Samples, lsf: Samples) -> float:
-    """Return the largest relative distance of a frequency from its root of P or Q (Newton's step)."""
+    """Return the largest relative error of line spectral frequencies (a Newton step to the root)."""
     mp = multiprecision()
-    with mp.workdps(DIGITS + 20 * k.size):  # roots that crowd at 1 or -1 cancel one another
+    with mp.workdps(DIGITS + 20 * k.size):  # roots close to 1 or -1 cause cancellation
         a, w = np.append(coefficients(k), 0), digits(lsf)
         z, errors = np.array([mp.expj(each) for each in w]), [0.0]
         for first, poly in enumerate((a + a[::-1], a - a[::-1])):
-            at = z[first::2]
-            step = np.polyval(poly, at) / (np.polyval(np.polyder(poly), at) * at * mp.mpc(0, 1))
+            roots = z[first::2]
+            step = np.polyval(poly, roots) / (np.polyval(np.polyder(poly), roots) * roots * mp.mpc(0, 1))
             errors += [float(error) for error in np.abs(step) / w[first::2]]
     return max(errors)
 
 
 def cepstrum(k: Samples, n: int) -> Samples:
-    """Return c_1 ... c_{n-1} of ln |1/A| as cosine coefficients, by the recursion on the coefficients."""
+    """Return the cepstral coefficients c_1 ... c_{n-1} of 1/A by the recursion on the coefficients of A."""
     a, c = np.append(coefficients(k), np.zeros(n, dtype=int)), digits([0.0])
     for i in range(1, n):
         c = np.append(c, -a[i] - np.arange(i) * c @ a[i:0:-1] / i)
@@ -170,7 +173,7 @@ def cepstrum(k: Samples, n: int) -> Samples:
 
 
 def all_pole_response(k: Samples, excitation: Samples) -> Samples:
-    """Return the excitation through 1/A of reflection coefficients, at rest before, by the lattice."""
+    """Filter an excitation by 1/A of reflection coefficients with a lattice, starting at rest."""
     steps, out = digits(k), []
     b = digits(np.zeros(k.size + 1))
     for e in digits(excitation):
@@ -186,8 +189,8 @@ def all_pole_response(k: Samples, excitation: Samples) -> Samples:
 # Filters, in 60 digits --------------------------------------------------------------------------------------
 
 
-def _settled(sos: Samples, x: Any) -> Any:
-    """Return a signal of mpmath's numbers through sections that are settled on its first sample."""
+def _filter_settled(sos: Samples, x: Any) -> Any:
+    """Filter mpmath numbers by sections that start in the steady state of the first sample."""
     level = x[0]
     for b0, b1, b2, _, a1, a2 in digits(sos):
         gain = (b0 + b1 + b2) / (1 + a1 + a2)
@@ -202,21 +205,21 @@ def _settled(sos: Samples, x: Any) -> Any:
 
 
 def causal(sos: Samples, x: Samples) -> Samples:
-    """Return `x` through second-order sections that are settled on its first sample."""
-    return np.asarray(_settled(sos, digits(x)), dtype=np.float64)
+    """Filter `x` by second-order sections that start in the steady state of the first sample."""
+    return np.asarray(_filter_settled(sos, digits(x)), dtype=np.float64)
 
 
 def zero_phase(sos: Samples, x: Samples, padding: int) -> Samples:
-    """Return `x` forwards and backwards through second-order sections, continued by point reflection."""
+    """Filter `x` forwards and backwards by second-order sections, with odd extensions at both ends."""
     s = digits(x)
-    before, after = 2 * s[0] - s[padding:0:-1], 2 * s[-1] - s[-2 : -padding - 2 : -1]
-    forwards = _settled(sos, np.concatenate([before, s, after]))
-    both = _settled(sos, forwards[::-1])[::-1]
-    return np.asarray(both[padding : padding + s.size], dtype=np.float64)
+    head, tail = 2 * s[0] - s[padding:0:-1], 2 * s[-1] - s[-2 : -padding - 2 : -1]
+    forwards = _filter_settled(sos, np.concatenate([head, s, tail]))
+    filtered = _filter_settled(sos, forwards[::-1])[::-1]
+    return np.asarray(filtered[padding : padding + s.size], dtype=np.float64)
 
 
 def butterworth_gain(kind: str, cutoff_hz: float, fs: float, order: int, f_hz: Samples) -> Samples:
-    """Return the magnitude of the bilinear Butterworth low- or high-pass: 1 / sqrt(1 + w^(2 order))."""
+    """Return the magnitude response of a bilinear Butterworth filter, 1 / sqrt(1 + w^(2 order))."""
     mp = multiprecision()
     edge, *w = (mp.tan(mp.pi * f / mp.mpf(fs)) for f in digits([cutoff_hz, *f_hz]))
     power = 2 * order if kind == "lowpass" else -2 * order
@@ -224,7 +227,7 @@ def butterworth_gain(kind: str, cutoff_hz: float, fs: float, order: int, f_hz: S
 
 
 def sections_gain(sos: Samples, f: Samples) -> Samples:
-    """Return the magnitude of the response of second-order sections at f (cycles per sample)."""
+    """Return the magnitude response of second-order sections at f in cycles per sample."""
     mp = multiprecision()
     z, gain = np.array([mp.expj(2 * mp.pi * cycles) for cycles in digits(f)]), mp.mpf(1)
     for section in digits(sos):
