@@ -400,13 +400,13 @@ def draw_between(signals, name, width):
     ends = SPEEDS_MM_S[0], SPEEDS_MM_S[-1]
     texture = fit_frequencies([signals[0], signals[-1]], ends, FS, n_frequencies=30)
     figure, panels = _panels(4, 2, width, 0.7)
-    for left, right, v in zip(panels[0::2], panels[1::2], SPEEDS_MM_S, strict=True):
+    for waveform, lines, v in zip(panels[0::2], panels[1::2], SPEEDS_MM_S, strict=True):
         model = texture.at(v)
-        left.plot(np.arange(5000) / FS, model.synthesize(5000, FS), color=OURS, linewidth=0.6)
+        waveform.plot(np.arange(5000) / FS, model.synthesize(5000, FS), color=OURS, linewidth=0.6)
         source = "generated from the recording" if v in ends else "interpolated"
-        left.set(title=f"{name} at {v:g} mm/s: {source}", ylabel="m/s²")
-        right.vlines(model.frequency_hz, 0, model.amplitude, color=OURS, linewidth=1.2)
-        right.set(xlim=(0, SHOWN_HZ), ylim=(0, None))
+        waveform.set(title=f"{name} at {v:g} mm/s: {source}", ylabel="m/s²")
+        lines.vlines(model.frequency_hz, 0, model.amplitude, color=OURS, linewidth=1.2)
+        lines.set(xlim=(0, SHOWN_HZ), ylim=(0, None))
     panels[-2].set_xlabel("time (s)")
     panels[-1].set_xlabel("frequency (Hz)")
     return figure
@@ -484,11 +484,11 @@ def draw_predictions(speeds, wood, seed, width):
 
 def _time_and_spectrum(rows, width):
     figure, panels = _panels(len(rows), 2, width, 0.24 * len(rows))
-    for (title, x, colour), left, right in zip(rows, panels[0::2], panels[1::2], strict=True):
-        left.plot(np.arange(x.size) / FS, x, color=colour, linewidth=0.5)
-        left.set(title=title, xlabel="time (s)")
-        right.plot(*_amplitudes(x), color=colour, linewidth=0.7)
-        right.set(title=f"{title}: amplitude of each line", xlabel="frequency (Hz)", xlim=(0, SHOWN_HZ))
+    for (title, x, colour), waveform, spectrum in zip(rows, panels[0::2], panels[1::2], strict=True):
+        waveform.plot(np.arange(x.size) / FS, x, color=colour, linewidth=0.5)
+        waveform.set(title=title, xlabel="time (s)")
+        spectrum.plot(*_amplitudes(x), color=colour, linewidth=0.7)
+        spectrum.set(title=f"{title}: amplitude of each line", xlabel="frequency (Hz)", xlim=(0, SHOWN_HZ))
     for column in (panels[0::2], panels[1::2]):
         ends = np.array([axes.get_ylim() for axes in column])
         for axes in column:

@@ -183,17 +183,17 @@ def test_in_the_browser_the_worklet_renders_the_samples_of_the_renderer(browser,
 def test_a_stroke_is_audible_a_lift_is_silent_and_the_page_needs_no_network(browser, page):
     browser.events.clear()
     browser.open(page)
-    left, top, width, height = browser.run(
+    x0, y0, width, height = browser.run(
         "(() => { const r = document.querySelector('.face').getBoundingClientRect();"
         "return [r.left, r.top, r.width, r.height]; })()"
     )
-    send_mouse_event(browser, "mousePressed", left + 9, top + height / 2)
+    send_mouse_event(browser, "mousePressed", x0 + 9, y0 + height / 2)
     for i in range(25):
-        send_mouse_event(browser, "mouseMoved", left + 9 + i * (width - 20) / 50, top + height / 2)
+        send_mouse_event(browser, "mouseMoved", x0 + 9 + i * (width - 20) / 50, y0 + height / 2)
         time.sleep(0.012)
     assert element_text(browser, "status").startswith("lattice: ")
     assert element_text(browser, "level") != "silent"
-    send_mouse_event(browser, "mouseReleased", left + 9, top + height / 2)
+    send_mouse_event(browser, "mouseReleased", x0 + 9, y0 + height / 2)
     assert wait_for_text(browser, "level", "silent")
     assert not browser.noises(page)
 

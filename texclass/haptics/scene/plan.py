@@ -491,8 +491,9 @@ def select_model(
                     return PlannedSurface(spectra.name, model, score, reason, spectra)
     model = extend_to_lowest(candidates.most_accurate(), definition.motion)
     score = score_rendered(model, spectra.test, scorer)
-    cause = "cheaper models exceeded it on the test set" if score["within_tolerance"] else "none is within it"
-    reason = f"most accurate model, regardless of cost: {cause}"
+    is_within = score["within_tolerance"]
+    cause = "cheaper models exceeded" if is_within else "no model is within"
+    reason = f"most accurate model, regardless of cost: {cause} the tolerance on the test set"
     return PlannedSurface(spectra.name, model, score, reason, spectra)
 
 
