@@ -1,4 +1,4 @@
-"""Models of made-up features: any steps, any classifier, any number of surfaces, trained in milliseconds."""
+"""Models of random features with any steps, classifier and number of surfaces, trained in milliseconds."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ NAMES = ("cork", "felt", "oak", "slate", "tin", "wool")
 
 
 def rows_of(n_columns, n_classes, n_each=12, *, seed=0, undefined=0.05):
-    """Return features (n, n_columns) in very different units, some undefined, and surfaces."""
+    """Return features (n, n_columns) in very different units, some undefined, and their surfaces."""
     rng = np.random.default_rng(seed)
     units = 10.0 ** np.random.default_rng(1).uniform(-4, 4, n_columns)
     means = np.random.default_rng(2).standard_normal((len(NAMES), n_columns))
@@ -30,16 +30,16 @@ def plan_of(features=("mfcc",), feature_set="texclass"):
 
 
 def fitted(steps, classifier, *, n_classes=4, plan=None, undefined=0.05, X=None, false_alarms=0.05):
-    """Return a model, its held-out recordings drawn anew, and the pruned recogniser it was made of."""
+    """Return a model with other held-out recordings, and its pruned scikit-learn recogniser."""
     plan = plan_of() if plan is None else plan
-    drawn, y = rows_of(len(plan.columns), n_classes, undefined=undefined)
-    X = drawn if X is None else X
-    named = [(f"step{i}", step) for i, step in enumerate(steps)]
-    recogniser = prune(fit_recogniser(plan, X, y, [*named, ("classifier", classifier)]))
-    fresh = rows_of(X.shape[1], n_classes, seed=3, undefined=undefined)[0]
-    fresh = fresh[:, [plan.columns.index(c) for c in recogniser[0].plan_.columns]]
+    random_X, y = rows_of(len(plan.columns), n_classes, undefined=undefined)
+    X = random_X if X is None else X
+    named_steps = [(f"step{i}", step) for i, step in enumerate(steps)]
+    recogniser = prune(fit_recogniser(plan, X, y, [*named_steps, ("classifier", classifier)]))
+    held_out_X = rows_of(X.shape[1], n_classes, seed=3, undefined=undefined)[0]
+    held_out_X = held_out_X[:, [plan.columns.index(c) for c in recogniser[0].plan_.columns]]
     X = X[:, [plan.columns.index(c) for c in recogniser[0].plan_.columns]]
-    prepared, held_out = prepared_by(recogniser, X), prepared_by(recogniser, fresh)
+    prepared, held_out = prepared_by(recogniser, X), prepared_by(recogniser, held_out_X)
     kind = score_kind(recogniser[-1])
     labels = np.unique(y, return_inverse=True)[1]
     distance = fit_class_distance(prepared, labels) if kind == "distance" else None
@@ -62,7 +62,7 @@ def model_of(steps, classifier, **options):
 
 
 def prepared_by(recogniser, X):
-    """Return what the steps between features and classifier make of rows of features."""
+    """Return rows of features after the steps between features and classifier."""
     for _, step in recogniser.steps[1:-1]:
         X = step.transform(X)
     return X

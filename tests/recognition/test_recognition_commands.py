@@ -1,4 +1,4 @@
-"""texclass train, predict and model, as a user calls them."""
+"""The commands train, predict, model and adapt."""
 
 import json
 from pathlib import Path
@@ -34,16 +34,16 @@ features = ["temporal_roughness"]
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory):
-    """A folder of recordings in codes, with a level, and a card that says so."""
+    """Return a folder of recordings in ADC counts with an offset, and its dataset card."""
     folder = tmp_path_factory.mktemp("work")
     (folder / "few.toml").write_text(PIPELINE)
     (folder / "few_features.toml").write_text("[features.mfcc]\n[features.temporal_roughness]\n")
     for surface, hum_hz in (*SURFACES.items(), ("stranger", STRANGER)):
-        place = folder / ("plates" if surface in SURFACES else "") / surface
-        place.mkdir(parents=True)
+        subfolder = folder / ("plates" if surface in SURFACES else "") / surface
+        subfolder.mkdir(parents=True)
         for seed in range(8):
             codes = 2000 * signal(hum_hz, [*map(ord, surface), seed]) + 900
-            name = place / f"{surface}_{seed}.wav"
+            name = subfolder / f"{surface}_{seed}.wav"
             soundfile.write(name, codes.clip(-32768, 32767).astype(np.int16), round(FS), subtype="PCM_16")
     (folder / "plates.toml").write_text(
         'title = "Plates"\nsource = "a test"\nlicence = "MIT"\nformat = "files"\nfolder = "plates"\n'
@@ -55,7 +55,7 @@ def work(tmp_path_factory):
 
 @pytest.fixture
 def run(command, work, monkeypatch):
-    """Run the command line beside the recordings; give exit code, standard output, standard error."""
+    """Return a function that runs the command line in the folder of the recordings."""
     monkeypatch.chdir(work)
     return command
 
@@ -63,8 +63,8 @@ def run(command, work, monkeypatch):
 @pytest.fixture
 def trained(run, work):
     if not (work / "surface.skops").exists():
-        asked = "train plates.toml -o surface.skops --pipeline few.toml --row Spectrum --jobs 1"
-        code, out, err = run(*asked.split())
+        arguments = "train plates.toml -o surface.skops --pipeline few.toml --row Spectrum --jobs 1"
+        code, out, err = run(*arguments.split())
         assert (code, err) == (0, "")
         assert "wrote surface.skops" in out
         assert "few: Spectrum with lda" in out
@@ -81,36 +81,34 @@ def test_files_are_read_as_the_training_files_were(run, trained):
         assert answer["file"] == file
         assert set(answer) >= {"surface", "probability", "runner_up", "unknown", "reasons"}
         assert answer["probability"] > 0.9
-    # The same recordings through the card: the same answers.
+    # The same recordings of the card have the same answers.
     code, out, _ = run("predict", trained.name, *(f"plates.toml:{s}_3" for s in SURFACES), "--jsonl")
     by_card = [json.loads(line) for line in out.splitlines()]
     assert [a["probability"] for a in by_card] == [a["probability"] for a in answers]
-    # As one result, too.
-    told = run("predict", trained.name, *files, "--json", "answers.json")[1]
-    assert "oak" in told
+    # --json writes all answers into one file.
+    out = run("predict", trained.name, *files, "--json", "answers.json")[1]
+    assert "oak" in out
     assert json.loads(Path("answers.json").read_text(encoding="utf-8")) == answers
 
 
-def test_a_script_trains_and_asks_as_the_commands_do(run, trained):
+def test_functions_train_and_predict_as_the_commands_do(run, trained):
     loaded, model = load_model(trained), train("plates.toml", "few.toml", row="Spectrum")
     assert model.manifest.model_copy(update={"cost": loaded.manifest.cost}) == loaded.manifest
     files = [f"plates/{surface}/{surface}_3.wav" for surface in SURFACES]
     answers = model.predict(files)
     assert [answer.surface for answer in answers] == list(SURFACES)
-    assert answers == [found.answer for found in predict(loaded, files)]
+    assert answers == [prediction.answer for prediction in predict(loaded, files)]
     assert model.predict(files[0]) == answers[0]
 
 
-def test_a_file_unlike_the_training_files_is_answered_with_the_options_that_say_how_to_read_it(
-    run, trained, work
-):
+def test_a_file_of_another_format_is_read_with_options(run, trained, work):
     samples, _ = soundfile.read(work / "plates/oak/oak_3.wav", dtype="int16")
     columns = [np.arange(len(samples)) / FS, np.zeros(len(samples)), samples]
     np.savetxt(work / "odd.csv", np.column_stack(columns), delimiter=";")
-    told = ("--delimiter", ";", "--column", "3", "--time-column", "1")
+    options = ("--delimiter", ";", "--column", "3", "--time-column", "1")
     answers = [
-        json.loads(run("predict", trained.name, *asked, "--jsonl")[1])
-        for asked in (("odd.csv", *told), ("plates/oak/oak_3.wav",))
+        json.loads(run("predict", trained.name, *arguments, "--jsonl")[1])
+        for arguments in (("odd.csv", *options), ("plates/oak/oak_3.wav",))
     ]
     assert answers[0]["probability"] == pytest.approx(answers[1]["probability"], rel=1e-6)
     soundfile.write(work / "dense.wav", np.repeat(samples, 2), 2 * round(FS))
@@ -119,14 +117,14 @@ def test_a_file_unlike_the_training_files_is_answered_with_the_options_that_say_
     assert not any("wrong rate" in reason for reason in answer["reasons"])
 
 
-def test_a_stranger_is_called_unknown(run, trained):
+def test_an_untrained_surface_is_reported_as_unknown(run, trained):
     code, out, _ = run("predict", trained.name, "stranger/stranger_1.wav", "plates/oak/oak_1.wav")
     assert code == 0
     assert "unknown (nearest:" in " ".join(out.split())
     assert "unlike every" in out
 
 
-def test_bad_files_are_named_and_the_others_answered(run, trained, work):
+def test_invalid_files_are_named_and_the_others_predicted(run, trained, work):
     (work / "empty.wav").write_bytes(b"")
     files = ["empty.wav", "none.wav", "plates/oak/oak_2.wav"]
     code, out, err = run("predict", trained.name, *files)
@@ -140,14 +138,14 @@ def test_bad_files_are_named_and_the_others_answered(run, trained, work):
     assert ["error" in line for line in lines] == [True, True, False]
 
 
-def test_what_is_inside_is_shown(run, trained):
+def test_the_model_card_is_shown_as_text_and_json(run, trained):
     code, out, _ = run("model", trained.name, "--json", "-")
-    facts = json.loads(out)
+    manifest = json.loads(out)
     assert code == 0
-    assert facts["surfaces"] == sorted(SURFACES)
-    assert facts["input"]["unit"] == "counts"
-    assert facts["input"]["remove_resting_level"] is True
-    assert {"scikit-learn", "skops", "texclass"} <= set(facts["versions"])
+    assert manifest["surfaces"] == sorted(SURFACES)
+    assert manifest["input"]["unit"] == "counts"
+    assert manifest["input"]["remove_resting_level"] is True
+    assert {"scikit-learn", "skops", "texclass"} <= set(manifest["versions"])
     _, out, _ = run("model", trained.name)
     for word in (
         "cork, felt, oak, slate",
@@ -172,7 +170,7 @@ TRAIN = "train plates.toml -o m.skops --pipeline"
         (f"{TRAIN} nothing", "nothing: no TOML"),
     ],
 )
-def test_bad_input_ends_in_one_line(run, work, arguments, message):
+def test_invalid_input_gives_one_line(run, work, arguments, message):
     code, _, err = run(*arguments.split())
     assert code == 1
     assert err.startswith("error: ")
@@ -181,7 +179,7 @@ def test_bad_input_ends_in_one_line(run, work, arguments, message):
 
 
 def test_a_model_is_adapted_to_files_and_folders_of_another_sensor(run, trained, work):
-    """Twice the rate, and softly mounted: files are then brought to the rate by themselves."""
+    """The sensor has twice the rate and a soft mount; the adapted model resamples files."""
     for surface, hum_hz in SURFACES.items():
         (work / "new" / surface).mkdir(parents=True)
         for k in range(20, 24):
@@ -189,29 +187,29 @@ def test_a_model_is_adapted_to_files_and_folders_of_another_sensor(run, trained,
             soft = np.convolve(dense, np.full(6, 1 / 6), "same")
             name = work / "new" / surface / f"{surface}_{k}.wav"
             soundfile.write(name, (2000 * soft).astype(np.int16), 2 * round(FS), subtype="PCM_16")
-    asked = [f"new/{surface}/{surface}_23.wav" for surface in SURFACES]
+    files = [f"new/{surface}/{surface}_23.wav" for surface in SURFACES]
     three = [f"{surface}=new/{surface}/{surface}_20.wav" for surface in list(SURFACES)[:3]]
     code, out, err = run("adapt", trained.name, *three, "--resample", "4000", "-o", "adapted.skops")
     assert (code, err) == (0, "")
     assert "adapted to 3 references, 3 of 3 known surfaces" in out
     assert "wrote adapted.skops" in out
     answers = [
-        json.loads(line) for line in run("predict", "adapted.skops", *asked, "--jsonl")[1].splitlines()
+        json.loads(line) for line in run("predict", "adapted.skops", *files, "--jsonl")[1].splitlines()
     ]
     assert [answer["surface"] for answer in answers] == list(SURFACES)
     assert not any("wrong rate" in reason for answer in answers for reason in answer["reasons"])
     assert "3 references" in " ".join(run("model", "adapted.skops")[1].split())
-    # A folder says the surfaces, unless nobody is to believe it.
+    # Surfaces are the names of subfolders, unless they are ignored by --unlabelled.
     folder = ("adapt", trained.name, "new", "--fs", "8000", "--resample", "4000", "-o", "adapted.skops")
     assert "16 references, 16 of 4 known surfaces" in run(*folder)[1]
     assert "16 references, unlabelled" in run(*folder, "--unlabelled")[1]
-    for wrong, rule in (
+    for references, message in (
         (["tin=new/oak/oak_20.wav", *three], "surface 'tin' is not in the model. Expected one"),
         (["oak=nothing.wav"], "nothing.wav"),
         (["new/nothing.wav"], "nothing.wav"),
     ):
-        code, _, err = run("adapt", trained.name, *wrong, "--resample", "4000", "-o", "no.skops")
-        assert (code, rule in err, len(err.splitlines())) == (1, True, 1), err
+        code, _, err = run("adapt", trained.name, *references, "--resample", "4000", "-o", "no.skops")
+        assert (code, message in err, len(err.splitlines())) == (1, True, 1), err
     assert not Path("no.skops").exists()
     code, _, err = run("adapt", trained.name, *three, "-o", "no.skops")
     assert (code, "--resample 4000 converts" in err) == (1, True), err
@@ -243,11 +241,11 @@ def test_surfaces_that_were_not_trained_are_left_out_of_the_accuracy(run, traine
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes((work / source).read_bytes())
     code, out, _ = run("predict", trained.name, "mixed", "--confusion", "mixed.csv")
-    said = " ".join(out.split())
+    text = " ".join(out.split())
     assert code == 0
-    assert "accuracy 100.0 [" in said
-    assert "on 2 recordings of trained surfaces" in said
-    assert "not trained on new: 1 of 1 recording reported as unknown" in said
+    assert "accuracy 100.0 [" in text
+    assert "on 2 recordings of trained surfaces" in text
+    assert "not trained on new: 1 of 1 recording reported as unknown" in text
     assert (work / "mixed.csv").read_text().splitlines()[-1].startswith("new,")
 
 

@@ -68,10 +68,10 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
 
     Notes
     -----
-    The values of one feature for all segments are adjacent columns: without the recording columns, X[:, j
-    n_segments + i] is feature j of segment i. Features are compared between segments, so a scaler that treats
-    columns separately belongs inside `estimator`. A training recording with identical segments (too short to
-    be divided) counts as one segment.
+    The values of one feature for all segments are adjacent columns. Without the recording columns,
+    X[:, j * n_segments + i] is feature j of segment i. Features are compared between segments, so a scaler
+    that treats columns separately belongs inside `estimator`. A training recording with identical segments
+    (too short to be divided) counts as one segment.
 
     The classifier of whole recordings is trained on n samples per class, that of segments on n_segments n. A
     few recordings do not show the variation between recordings, so the weight of the former grows with n.

@@ -166,6 +166,15 @@ class ContactVerdict:
         settings of the training.
     previous_surface : str
         Predicted surface of the earlier windows if this window restarted the evidence, else "".
+
+    Examples
+    --------
+    >>> evidence = Evidence(("cork", "oak"))
+    >>> p = {"cork": 0.02, "oak": 0.98}
+    >>> window = Answer("stroke_1", "oak", 0.98, "cork", unknown=False, p_known=0.5, probabilities=p)
+    >>> verdict = evidence.add(window, contact_s=1.0)
+    >>> verdict.surface, verdict.sure
+    ('oak', True)
     """
 
     surface: str

@@ -57,8 +57,11 @@ class ModelFileError(ValueError):
 
     Examples
     --------
-    >>> issubclass(ModelFileError, ValueError)
-    True
+    >>> from pathlib import Path
+    >>> n_bytes = Path("damaged.skops").write_bytes(b"not a model")
+    >>> read_manifest_of("damaged.skops")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    texclass.recognition.model_files.ModelFileError: damaged.skops: ...
     """
 
 
@@ -92,7 +95,7 @@ class Manifest(StrictModel):
     calibration : mapping
         method, beta, lapse, n, expected_error and error_by_chance on held-out recordings; prediction_sets.
         Models of windows: correlation between windows of one recording, n_contacts (recordings). For
-        exploration: confusion (row m is the mean probabilities for recordings of surface m) and
+        exploration: confusion (row m contains the mean probabilities for recordings of surface m) and
         repetition_correlation (between repetitions by one operator in one session).
     unknown : mapping
         score, false_alarms, p_threshold, threshold, n held-out recordings, drift_factor (of distances).
@@ -103,9 +106,10 @@ class Manifest(StrictModel):
     versions : mapping
         Versions of texclass, Python and libraries.
     shortest_s : float or None
-        Shortest movement of a sample of the training recordings, in s.
+        Shortest movement among some of the training recordings in s.
     peak_acceleration : float or None
-        Largest acceleration of a sample of the training recordings, relative to the median of its axis.
+        Largest deviation of the acceleration from the median of its axis, among some of the training
+        recordings.
     adapted : mapping
         Empty, or the domain adaptation: references (name, and surface or None), hash, map ("affine", "shift"
         or "none"), threshold_from, scale (10, 50 and 90 % quantile over columns). The accuracy and
