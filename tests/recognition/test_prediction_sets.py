@@ -81,9 +81,16 @@ def test_sets_of_higher_levels_contain_those_of_lower_levels():
     assert all(set(a) <= set(b) for a, b in pairwise(members))
 
 
+def test_no_set_is_empty_even_if_the_model_is_correct_more_often_than_required():
+    always_correct = calibration_of(np.linspace(5, 9, 40))
+    assert always_correct.threshold(0.9) > 5
+    uncertain = np.array([0.1, 0.0, 0.0, 0.0])
+    assert always_correct.predict_sets(uncertain, NAMES, (0.5, 0.9)) == {0.5: NAMES[:1], 0.9: NAMES[:1]}
+
+
 def test_sets_are_described_in_words():
-    assert describe_sets({0.9: (), 0.95: ("oak", "felt"), 0.99: NAMES}, 4) == {
-        "90 %": "none", "95 %": "oak or felt", "99 %": "any"
+    assert describe_sets({0.9: ("oak",), 0.95: ("oak", "felt"), 0.99: NAMES}, 4) == {
+        "90 %": "oak", "95 %": "oak or felt", "99 %": "any"
     }  # fmt: skip
     assert describe_sets({0.9: tuple("abcde")}, 9) == {"90 %": "a or b or c or 2 more"}
 
@@ -176,7 +183,7 @@ def test_a_verdict_uses_the_calibration_of_contacts_of_the_same_length():
     answer = Answer("w", NAMES[0], 0.4, NAMES[1], unknown=False, p_known=0.5, probabilities=p)
     evidence = Evidence(NAMES, correlation=1.0, set_calibrations=calibrations, levels=(0.9,))
     sets = [evidence.add(answer, float(i)).prediction_sets[0.9] for i in range(5)]
-    assert sets == [NAMES] * 3 + [()] * 2
+    assert sets == [NAMES] * 3 + [NAMES[:1]] * 2
 
 
 @pytest.mark.usefixtures("_own_cache")

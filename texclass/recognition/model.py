@@ -186,8 +186,8 @@ class Model:
     ) -> tuple[str, ...]:
         """Return the prediction set of a recording: it contains the true surface with probability `level`.
 
-        The set contains all surfaces if too few recordings were held out. It may be empty if the model is
-        correct more often than the level requires, or if the recording cannot be classified.
+        The set contains at least the likeliest surface, and all surfaces if too few recordings were held out.
+        It is empty only if the recording cannot be classified.
 
         Parameters
         ----------

@@ -50,9 +50,9 @@ def log_odds(scores: Samples) -> Samples:
 class ConformalCalibration:
     """Held-out log odds of the true surface, from which the thresholds of prediction sets follow.
 
-    A prediction set contains every surface whose log odds reach `threshold`. Of all sets with the same
-    coverage, these are the smallest on average (Sadinle et al.). A set may be empty: if the model is correct
-    more often than the level requires, the sets of its least certain answers are empty.
+    A prediction set contains the likeliest surface, and every surface whose log odds reach `threshold`. Of
+    all sets with the same coverage, those of the threshold are the smallest on average (Sadinle et al.). They
+    would be empty for uncertain answers of a model that is correct more often than the level requires.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class ConformalCalibration:
     def predict_sets(
         self, scores: Samples, surfaces: Sequence[str], levels: Sequence[float] = DEFAULT_LEVELS
     ) -> dict[float, tuple[str, ...]]:
-        """Return the prediction set of each level, likeliest surface first.
+        """Return the prediction set of each level, likeliest surface first; no set is empty.
 
         Parameters
         ----------
@@ -152,7 +152,8 @@ class ConformalCalibration:
         sets = {}
         for level in levels:
             threshold = self.threshold(level) - TIE_TOLERANCE
-            sets[level] = tuple(surfaces[i] for i in ranking if odds[i] >= threshold)
+            n_members = max(1, np.count_nonzero(odds >= threshold))
+            sets[level] = tuple(surfaces[i] for i in ranking[:n_members])
         return sets
 
     def updated(self, later: Self, discount: float) -> Self:
@@ -286,13 +287,11 @@ def describe_sets(sets: Mapping[float, Sequence[str]], n_surfaces: int, max_name
 
     Examples
     --------
-    >>> describe_sets({0.9: (), 0.95: ("oak", "felt"), 0.99: ("oak", "felt", "tin")}, n_surfaces=3)
-    {'90 %': 'none', '95 %': 'oak or felt', '99 %': 'any'}
+    >>> describe_sets({0.9: ("oak",), 0.95: ("oak", "felt"), 0.99: ("oak", "felt", "tin")}, n_surfaces=3)
+    {'90 %': 'oak', '95 %': 'oak or felt', '99 %': 'any'}
     """
 
     def words(members: Sequence[str]) -> str:
-        if not members:
-            return "none"
         if len(members) == n_surfaces:
             return "any"
         n_more = len(members) - max_names
