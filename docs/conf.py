@@ -21,7 +21,7 @@ extensions = [
     "myst_parser",
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
-    "made_pages",
+    "generated_pages",
 ]
 exclude_patterns = ["_ext", "_build"]
 default_role = "py:obj"
@@ -60,8 +60,8 @@ sphinx_gallery_conf = {
     "subsection_order": [
         f"../examples/{group}" for group in ("surface", "feature", "certainty", "robot", "haptics")
     ],
-    "image_scrapers": ("made_pages.scrape_figures",),
-    "reset_modules": ("made_pages.reset_style",),
+    "image_scrapers": ("generated_pages.scrape_figures",),
+    "reset_modules": ("generated_pages.reset_style",),
     "first_notebook_cell": "%matplotlib inline",
     "ignore_repr_types": r"matplotlib\.figure",
     "show_memory": False,

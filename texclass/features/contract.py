@@ -323,10 +323,10 @@ def find_feature(name: str, module: str = "") -> Feature:
 
     Examples
     --------
-    >>> find_feature("rib_density")
+    >>> find_feature("ridge_densities")
     Traceback (most recent call last):
     ...
-    KeyError: "there is no feature 'rib_density'. Did you mean ridge_density?"
+    KeyError: "there is no feature 'ridge_densities'. Did you mean ridge_density?"
     """
     if module.rpartition(".")[2] in DIMENSIONS:
         importlib.import_module(f"texclass.features.{module.rpartition('.')[2]}")

@@ -26,7 +26,7 @@ class RidgeSearch:
     lowest_per_mm, highest_per_mm, end_per_mm
         Spatial frequencies that are tried, in 1/mm (periods of 20 to 0.33 mm), and the highest frequency of
         their harmonics.
-    step, smoothing, around
+    step, smoothing, background
         Natural logarithms of ratios of spatial frequencies: between two that are tried; over which the power
         is averaged to both sides; and the standard deviation of the Gaussian that gives the background level.
     weights
@@ -42,7 +42,7 @@ class RidgeSearch:
     end_per_mm: float = 10.0
     step: float = 0.01
     smoothing: float = 0.03
-    around: float = 0.3
+    background: float = 0.3
     weights: tuple[float, ...] = (1.0, 0.6, 0.6**2, 0.6**3, 0.6**4)
     floor: float = 1e-9
 
@@ -343,7 +343,7 @@ def harmonic_sum(view: PhaseView, search: RidgeSearch = RidgeSearch()) -> tuple[
     undefined_if(end < 1, f"samples every {1e3 / view.fs:.3g} mm of the path. Expected at most 0.5 mm")
     k = np.exp(np.arange(np.log(search.lowest_per_mm), np.log(end), search.step))
     level = 10 * np.log10(_spectrum(view, k, search))
-    above = level - ndimage.gaussian_filter1d(level, search.around / search.step, mode="nearest")
+    above = level - ndimage.gaussian_filter1d(level, search.background / search.step, mode="nearest")
     height = np.zeros(int(np.searchsorted(k, search.highest_per_mm)))
     for h, weight in enumerate(np.divide(search.weights, sum(search.weights)), 1):
         line = above[round(np.log(h) / search.step) :][: height.size]

@@ -33,7 +33,7 @@ def tap_level(view: TapView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, a sample is not finite, or all are 0.
+        Without taps, or if a sample is not finite or all are 0.
     """
     undefined_if(not view.taps, "no tap found")
     return magnitude_of(np.concatenate([x for tap in view.taps for x in (tap.hand, tap.impulse)]))
@@ -163,7 +163,7 @@ def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float 
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or no tap with an impulse and some acceleration of the hand.
+        Without taps, or if no tap has an impulse and some acceleration of the hand.
 
     References
     ----------
@@ -215,7 +215,7 @@ def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or no tap with an impulse and an acceleration of the hand above the noise.
+        Without taps, or if no tap has an impulse and an acceleration of the hand above the noise.
 
     References
     ----------
@@ -292,7 +292,7 @@ def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or no tap with an impulse.
+        Without taps, or if no tap has an impulse.
 
     References
     ----------
@@ -378,7 +378,7 @@ def damping(view: TapView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or no tap with an impulse of at least 8 samples.
+        Without taps, or if no tap has an impulse of at least 8 samples.
 
     References
     ----------
@@ -417,7 +417,7 @@ def tap_band(view: TapView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or no tap with an impulse of at least 8 samples.
+        Without taps, or if no tap has an impulse of at least 8 samples.
 
     References
     ----------
@@ -456,7 +456,7 @@ def tap_course(view: TapView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or no tap with an impulse of at least 8 samples.
+        Without taps, or if no tap has an impulse of at least 8 samples.
 
     References
     ----------
@@ -497,7 +497,7 @@ def tap_decay_rate(view: TapView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or no tap that decays over at least 3 samples.
+        Without taps, or if no tap decays over at least 3 samples.
 
     References
     ----------
@@ -542,7 +542,7 @@ def tap_strength(view: TapView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or no tap with an impulse of at least 8 samples.
+        Without taps, or if no tap has an impulse of at least 8 samples.
 
     References
     ----------
@@ -579,7 +579,7 @@ def tap_crest(view: TapView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or no tap with an impulse of at least 8 samples.
+        Without taps, or if no tap has an impulse of at least 8 samples.
 
     References
     ----------

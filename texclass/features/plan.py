@@ -27,12 +27,12 @@ class Computed(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """Feature sets by channel: what is computed for each recording.
+    """The feature set of each channel.
 
     Attributes
     ----------
     parts : tuple of (str, FeatureSet)
-        Column prefix and feature set; the prefix "" stands for the combined channels.
+        Column prefix and feature set; the prefix of the combined channels is "".
     channels : tuple of str
         Names of separate channels; empty if the channels are combined.
 

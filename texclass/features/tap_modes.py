@@ -92,7 +92,7 @@ def tap_mode_frequency(view: TapView, *, n_modes: int = 2, order: int = ORDER) -
     Raises
     ------
     UndefinedFeatureError
-        If there is no tap, or no tap with an impulse of at least two samples per pole.
+        Without taps, or if no tap has an impulse of at least two samples per pole.
 
     References
     ----------

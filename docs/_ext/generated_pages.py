@@ -15,36 +15,36 @@ import texclass as tx
 from texclass.reporting.figure_style import DPI, LOOKS, STYLE
 
 ROOT = Path(__file__).parents[2]
-MADE = ("reports", "features", "api")
-"""Folders below the source that each build generates."""
+GENERATED = ("reports", "features", "api")
+"""Folders below the source folder that each build generates."""
 LINKS = {
     r"\]\(\.\./reports/README\.md\)": "](figures.md)",
     r"\]\(\.\./reports/": "](reports/",
     r"\]\(\.\./examples/((?:surface|feature|certainty|robot|haptics)/\w+)\.py\)": r"](gallery/\1.rst)",
 }
-"""Links between files of the repository -> links between pages."""
+"""Pattern of a link between files of the repository -> link between pages."""
 MARKUP = re.compile(r"``.*?``|\||\*\*?(?=\w)|(?<=\w)_(?![\w`])")
-"""Quoted code (kept), and text such as |k|, g**2, *args or classes_ that docutils takes for markup."""
+"""Quoted code, and text such as |k|, g**2, *args or classes_ that docutils would interpret as markup."""
 
 
 def setup(app):
-    """Generate pages before Sphinx looks for them; correct links and docstrings as they are read."""
-    app.connect("config-inited", make_pages, priority=100)
+    """Generate pages before Sphinx lists them; convert links and docstrings while Sphinx reads them."""
+    app.connect("config-inited", generate_pages, priority=100)
     app.connect("source-read", link_pages)
-    app.connect("autodoc-process-docstring", quote_markup, priority=100)
+    app.connect("autodoc-process-docstring", escape_markup, priority=100)
     app.connect("autodoc-skip-member", lambda app, what, name, *_: re.match("set_.*_request", name) or None)
     return {"parallel_read_safe": True}
 
 
-def make_pages(app, _config):
+def generate_pages(app, _config):
     """Write reports, feature pages and API pages into the source folder."""
     source = Path(app.srcdir)
-    for folder in MADE:
+    for folder in GENERATED:
         shutil.rmtree(source / folder, ignore_errors=True)
     shutil.copytree(
         ROOT / "reports", source / "reports", ignore=shutil.ignore_patterns("README.md", "*.json")
     )
-    for page in (source / "reports").glob("[ts]*/*.md"):  # several results: one title above theirs
+    for page in (source / "reports").glob("[ts]*/*.md"):  # several results get a common title
         text = page.read_text(encoding="utf-8")
         if len(re.findall(r"^# ", text, flags=re.M)) > 1 or page.parent.name == "tables":
             text = re.sub(r"^#", "##", text, flags=re.M)
@@ -81,7 +81,7 @@ def write_subpackage(folder, name, package):
 
 
 def public_names(package):
-    """Return the names in `__all__`, or those that a module without it defines."""
+    """Return the names in `__all__`, or the names that a module without `__all__` defines."""
     if names := getattr(package, "__all__", None):
         return {n: getattr(package, n) for n in names}
     return {
@@ -100,12 +100,12 @@ def prefix_of(value, n, subpackages):
 
 def link_pages(app, docname, source):
     """Turn links to files of the repository into links to their pages."""
-    for written, read in LINKS.items():
-        source[0] = re.sub(written, read, source[0])
+    for pattern, link in LINKS.items():
+        source[0] = re.sub(pattern, link, source[0])
 
 
-def quote_markup(app, what, name, obj, options, lines):
-    """Escape text in docstrings that docutils would take for markup."""
+def escape_markup(app, what, name, obj, options, lines):
+    """Escape text in docstrings that docutils would interpret as markup."""
     lines[:] = [
         line if ">>>" in line else MARKUP.sub(lambda m: m[0] if m[0][0] == "`" else f"\\{m[0]}", line)
         for line in lines
@@ -113,7 +113,7 @@ def quote_markup(app, what, name, obj, options, lines):
 
 
 def reset_style(gallery_conf, name):
-    """Draw every example in the style of the reports."""
+    """Use the figure style of the reports in every example."""
     plt.close("all")
     mpl.rcdefaults()
     mpl.rcParams.update(STYLE)
@@ -122,7 +122,7 @@ def reset_style(gallery_conf, name):
 
 
 def scrape_figures(block, block_vars, gallery_conf, **kwargs):
-    """Save the figures of a block: those of pyplot and those that texclass returned."""
+    """Save the figures of a code block: those of pyplot, and those returned by texclass."""
     paths = []
     for figure in block_vars["example_globals"].values():
         if isinstance(figure, Figure) and not hasattr(figure, "scraped"):
@@ -130,5 +130,5 @@ def scrape_figures(block, block_vars, gallery_conf, **kwargs):
             if figure.canvas.manager is None:  # not created by pyplot
                 paths.append(next(block_vars["image_path_iterator"]))
                 figure.savefig(paths[-1], dpi=DPI)
-    of_pyplot = matplotlib_scraper(block, block_vars, gallery_conf, **kwargs)
-    return figure_rst(paths, gallery_conf["src_dir"]) + of_pyplot
+    pyplot_figures = matplotlib_scraper(block, block_vars, gallery_conf, **kwargs)
+    return figure_rst(paths, gallery_conf["src_dir"]) + pyplot_figures
