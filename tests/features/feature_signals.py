@@ -1,4 +1,4 @@
-"""Signals that tests of several features share."""
+"""Signals shared by the tests of several features."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ FS = 10_000.0
 
 
 def noise(n, seed=0):
-    """White, of deviation 1."""
+    """Return white noise with standard deviation 1."""
     return np.random.default_rng(seed).standard_normal(n)
 
 
 def tone(f_hz, n=50_000, fs=FS):
-    """A sine of amplitude 1."""
+    """Return a sine of amplitude 1."""
     return np.sin(2 * np.pi * f_hz * np.arange(n) / fs)

@@ -1,4 +1,4 @@
-"""Levels of bands and how they change: known filters, tones and modulations are found where they are."""
+"""Band levels and their changes: known filters, tones and modulations are recovered."""
 
 import numpy as np
 import pytest
@@ -35,28 +35,28 @@ def test_power_of_all_bins_obeys_parseval():
     assert power == pytest.approx(np.mean(np.diff(x) ** 2), rel=0.1)
 
 
-def test_an_edge_inside_a_bin_takes_its_share_of_it():
+def test_a_bin_that_contains_an_edge_is_divided_in_proportion():
     power = np.array([[4.0, 1.0, 8.0, 2.0]], dtype=np.float32)
-    edges = np.array([0.0, 0.5, 0.75, 2.25, 4.0])  # in bins of 1 Hz; the second band lies inside one
+    edges = np.array([0.0, 0.5, 0.75, 2.25, 4.0])  # in bins of 1 Hz; the second band lies inside one bin
     expected = [4.0, 4.0, (1.0 + 1.0 + 2.0) / 1.5, (6.0 + 2.0) / 1.75]
     np.testing.assert_allclose(bands.density((power, np.zeros((1, 1)), 1.0), edges), [expected], rtol=1e-12)
     floored = bands.density((power, np.full((1, 1), 5.0), 1.0), edges)
     np.testing.assert_array_equal(floored, [[5.0, 5.0, 5.0, 5.0]])
 
 
-def test_equal_parts_at_once_have_the_power_that_each_has_alone():
+def test_parts_computed_together_equal_parts_computed_separately():
     x = noise(3000).astype(np.float32).reshape(3, 1000)
-    together, least, step_hz = bands.periodogram(x, FS)
+    together, floor, step_hz = bands.periodogram(x, FS)
     for row, part in enumerate(x):
         alone = bands.periodogram(part, FS)
         np.testing.assert_allclose(together[row], alone[0], rtol=1e-4, atol=1e-6 * alone[0].max())
-        assert [least[row, 0], step_hz] == pytest.approx([alone[1][0], alone[2]])
+        assert [floor[row, 0], step_hz] == pytest.approx([alone[1][0], alone[2]])
     x[1] = 0.25
     with pytest.raises(UndefinedFeatureError, match="silence"):
         bands.periodogram(x, FS)
 
 
-def test_long_and_short_movements_have_one_spectrum():
+def test_long_movements_have_the_same_periodogram_as_in_numpy():
     x = noise(12_000).astype(np.float32)
     n = x.size - 1
     d = np.diff(x) * signal.windows.tukey(2 * n + 1, 2 * bands.TAPER)[1::2]
@@ -71,29 +71,29 @@ def test_a_strong_slow_motion_does_not_leak_over_weak_high_frequencies():
     np.testing.assert_allclose(together[6:], band_level(view(weak))[6:], atol=0.1)
 
 
-def test_a_tone_appears_in_its_band_alone():
+def test_a_tone_is_in_its_band_only():
     assert band_level(view(tone(520, 20_000, FS))).argmax() == int(520 / (FS / 2 / 24))
     names = [f"o{k}.{i}" for k in (2, 3, 4) for i in (1, 2, 3)]
     assert names[octave_level(view(tone(100, 20_000, FS))).argmax()] == "o3.1"
     assert bands.fraction_names(octaves=(2, 5), per_octave=3) == tuple(names)
 
 
-def test_all_levels_cost_one_transform():
-    one = view(noise(1000))
-    first = bands.whole_periodogram(one)
-    band_level(one)
-    octave_level(one)
-    assert bands.whole_periodogram(one) is first
+def test_all_levels_share_one_transform():
+    movement = view(noise(1000))
+    first = bands.whole_periodogram(movement)
+    band_level(movement)
+    octave_level(movement)
+    assert bands.whole_periodogram(movement) is first
 
 
-def test_a_fixed_change_of_the_sensor_cancels_in_what_compares_times():
+def test_a_constant_change_of_the_sensor_cancels_in_features_of_change():
     x = noise(60_000) * (1 + 0.5 * tone(0.7, 60_000, FS))
     tilted = signal.lfilter([1, 0.3], [1], x)  # +2.3 dB at 0 Hz, -3.1 dB at fs/2
     for feature in (band_course, level_fluctuation, level_persistence):
         np.testing.assert_allclose(feature(view(tilted)), feature(view(x)), atol=0.03)
 
 
-def test_course_of_a_falling_level_is_in_its_first_term_and_reverses_with_time():
+def test_band_course_of_a_falling_level_is_its_first_term_and_reverses_with_time():
     n = 120_000
     fall = 10 ** (0.05 * np.cos(np.pi * (np.arange(n) + 0.5) / n))
     terms = band_course(view(noise(n) * fall), n_parts=6).reshape(5, 4)
@@ -110,7 +110,7 @@ def test_course_of_a_falling_level_is_in_its_first_term_and_reverses_with_time()
 def test_noise_of_steady_level_fluctuates_less_in_wider_octaves():
     levels = level_fluctuation(view(noise(100_000)))
     assert (np.diff(levels) > 0).all()
-    # The highest octave holds 16 bins, 12 independent ones of a Hann window: log10 of a mean of so many.
+    # The highest octave holds 16 bins, 12 independent ones of a Hann window: log10 of their mean.
     assert levels[0] == pytest.approx(np.sqrt(1.5 / 16) / np.log(10), rel=0.25)
 
 

@@ -1,4 +1,4 @@
-"""The modified MFCC: librosa's, number by number, and what each modification is for."""
+"""Modified MFCC: equal to librosa where comparable, and the purpose of each modification."""
 
 import librosa
 import numpy as np
@@ -17,7 +17,7 @@ def movement(n=30_000, seed=0):
 VIEW = PhaseView(movement(), FS)
 
 
-def test_mfcc_agrees_with_librosa_and_keeps_numbers_2_to_14():
+def test_mfcc_equals_coefficients_2_to_14_of_librosa():
     frames = sliding_window_view(VIEW.samples, 250)[::150] * np.hamming(251)[:-1]
     bank = librosa.filters.mel(sr=FS, n_fft=256, n_mels=20, fmin=0, fmax=1400, dtype=np.float64)
     edges = librosa.mel_frequencies(22, fmin=0, fmax=1400)
@@ -31,7 +31,7 @@ def test_mfcc_agrees_with_librosa_and_keeps_numbers_2_to_14():
     np.testing.assert_array_equal(mfcc(VIEW, coefficients=(2, 5, 12)), mfcc(VIEW)[[1, 4, 11]])
 
 
-def test_decay_acts_on_every_bin_and_is_nearly_a_constant():
+def test_decay_per_bin_is_almost_a_constant_offset():
     f = np.linspace(0, FS / 2, 129)
     constant, decaying = (mel_filters(FS, 256, 20, 0.0, 1400.0, d) for d in (np.inf, 500.0))
     np.testing.assert_allclose(decaying, constant * np.exp(-f / 500)[:, np.newaxis], rtol=1e-6)
@@ -41,7 +41,7 @@ def test_decay_acts_on_every_bin_and_is_nearly_a_constant():
     assert offsets.std(axis=0).max() < 0.02
 
 
-def test_an_amplitude_per_filter_adds_one_constant_to_each_coefficient_of_any_recording():
+def test_an_amplitude_per_filter_adds_a_constant_to_each_coefficient():
     key = (FS, 256, 20, 0.0, 1400.0)
     amplitudes = np.exp(-np.arange(20) / 4.0).astype(np.float32)  # 41 dB from the first filter to the last
     decreasing = {(*key, np.inf): mel_filters(*key, np.inf) * amplitudes}
@@ -49,21 +49,21 @@ def test_an_amplitude_per_filter_adds_one_constant_to_each_coefficient_of_any_re
     for seed in range(4):
         view = PhaseView((seed + 1) * movement(seed=seed), FS)
         with use_filter_banks(dict(decreasing)):
-            changed = mfcc(view), mfcc_deviation(view)
+            with_amplitudes = mfcc(view), mfcc_deviation(view)
         fresh = PhaseView(view.samples, FS)
-        np.testing.assert_allclose(changed[0] - mfcc(fresh), constant, atol=1e-4)
-        np.testing.assert_allclose(changed[1], mfcc_deviation(fresh), atol=1e-4)
+        np.testing.assert_allclose(with_amplitudes[0] - mfcc(fresh), constant, atol=1e-4)
+        np.testing.assert_allclose(with_amplitudes[1], mfcc_deviation(fresh), atol=1e-4)
 
 
-def test_a_frame_does_not_depend_on_other_frames_and_silent_ones_are_left_out():
+def test_frames_are_independent_and_silent_frames_are_skipped():
     quiet, loud = 1e-6 * movement(seed=1)[:250], 1e3 * movement(seed=2)[:250]
-    both = np.concatenate([quiet, np.zeros(200), loud])  # frames start every 150: 0, 150, 300, 450
+    quiet_then_loud = np.concatenate([quiet, np.zeros(200), loud])  # frames start every 150: 0, 150, 300, 450
     alone = mfcc(PhaseView(quiet, FS)) + mfcc(PhaseView(loud, FS))
-    np.testing.assert_allclose(2 * mfcc(PhaseView(both, FS), hop_s=0.045), alone, rtol=2e-5)
+    np.testing.assert_allclose(2 * mfcc(PhaseView(quiet_then_loud, FS), hop_s=0.045), alone, rtol=2e-5)
     padded, aligned = (PhaseView(np.append(VIEW.samples[:3000], np.zeros(n)), FS) for n in (6000, 250))
     np.testing.assert_allclose(mfcc(padded), mfcc(aligned), rtol=1e-5)
 
 
-def test_band_ends_at_half_a_low_rate():
+def test_band_ends_at_half_a_low_sampling_rate():
     slow = PhaseView(movement(), 2200.0)
     np.testing.assert_array_equal(mfcc(slow), mfcc(slow, high_hz=1100.0))

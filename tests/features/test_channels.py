@@ -1,4 +1,4 @@
-"""What two channels tell together, and where one ends: known delays, rails and plans are recovered."""
+"""Correlations of channel pairs, clipping, and plans with separate channels."""
 
 import numpy as np
 import pytest
@@ -19,28 +19,28 @@ def pair(x, y, **parameters):
     return lag_correlation(np.column_stack([x, y]), fs=FS, **parameters)
 
 
-def turning(n=N, seed=0, **given):
+def turning(n=N, seed=0, **facts):
     signals = noise(6 * n, seed).reshape(n, 6)
-    return Recording(signals[:, :3], FS, turn_rate=signals[:, 3:], phases=Phases(movement=(0, n)), **given)
+    return Recording(signals[:, :3], FS, turn_rate=signals[:, 3:], phases=Phases(movement=(0, n)), **facts)
 
 
 def test_a_delayed_copy_correlates_at_its_delay_and_noise_nowhere_else():
     x = noise(N)
     for delay in (-4, -1, 0, 2):
-        found = pair(x, 3 - 5 * np.roll(x, delay))
+        correlations = pair(x, 3 - 5 * np.roll(x, delay))
         expected = np.where(np.array(symmetric_lags(LAGS)) == delay, -1.0, 0.0)
-        np.testing.assert_allclose(found, expected, atol=0.15)
-        assert found[symmetric_lags(LAGS).index(delay)] < -0.98
+        np.testing.assert_allclose(correlations, expected, atol=0.15)
+        assert correlations[symmetric_lags(LAGS).index(delay)] < -0.98
 
 
-def test_correlations_are_those_of_numpy():
+def test_correlations_equal_those_of_numpy():
     x, y = noise(N, 1).cumsum(), noise(N, 2).cumsum()
-    right = np.correlate(y - y.mean(), x - x.mean(), "full")[N - 1 + np.array(symmetric_lags((3, 7)))]
-    np.testing.assert_allclose(pair(x, y, lags=(3, 7)), right / (N * x.std() * y.std()), atol=1e-12)
+    expected = np.correlate(y - y.mean(), x - x.mean(), "full")[N - 1 + np.array(symmetric_lags((3, 7)))]
+    np.testing.assert_allclose(pair(x, y, lags=(3, 7)), expected / (N * x.std() * y.std()), atol=1e-12)
     assert pair(x, y)[symmetric_lags(LAGS).index(0)] == pytest.approx(np.corrcoef(x, y)[0, 1])
 
 
-def test_rails_are_found_and_what_is_only_rounded_ends_nowhere():
+def test_clipped_samples_are_counted_and_rounding_is_not_clipping():
     x = noise(20_000)
     clipped = np.clip(x, -1, 2)
     assert clipping(x, fs=FS) == 0
@@ -48,22 +48,22 @@ def test_rails_are_found_and_what_is_only_rounded_ends_nowhere():
     assert clipping(7 - 0.3 * clipped, fs=FS)[0] == clipping(clipped, fs=FS)[0]
 
 
-def test_every_two_channels_that_are_kept_apart_are_a_pair_named_after_both():
+def test_each_pair_of_separate_channels_has_columns_named_after_both():
     recording, whole = turning(), load_feature_set("coarse")
     plan = Plan.of(whole, ("x", "y", "z", "turn_x", "turn_y", "turn_z"))
-    found = dict(zip(plan.columns, plan.compute(recording).values, strict=True))
-    assert sum("lag_correlation" in column for column in found) == 15 * 7
+    values = dict(zip(plan.columns, plan.compute(recording).values, strict=True))
+    assert sum("lag_correlation" in column for column in values) == 15 * 7
     both = pair(recording.acceleration[:, 1], recording.turn_rate[:, 2])
-    named = [found[f"y*turn_z/lag_correlation.lag{lag}"] for lag in symmetric_lags(LAGS)]
-    np.testing.assert_allclose(named, both)
-    again, same = Plan.of_json(plan.to_json(), plan.channels)
-    assert same
-    np.testing.assert_array_equal(again.compute(recording).values, plan.compute(recording).values)
-    some = plan.restricted_to(["y*turn_z/lag_correlation.lag0"])
-    assert some.compute(recording).values.tolist() == [found["y*turn_z/lag_correlation.lag0"]]
+    columns = [values[f"y*turn_z/lag_correlation.lag{lag}"] for lag in symmetric_lags(LAGS)]
+    np.testing.assert_allclose(columns, both)
+    restored, is_same = Plan.of_json(plan.to_json(), plan.channels)
+    assert is_same
+    np.testing.assert_array_equal(restored.compute(recording).values, plan.compute(recording).values)
+    subset = plan.restricted_to(["y*turn_z/lag_correlation.lag0"])
+    assert subset.compute(recording).values.tolist() == [values["y*turn_z/lag_correlation.lag0"]]
 
 
-def test_one_channel_or_several_combined_have_no_pair_and_say_so():
+def test_single_and_combined_channels_have_no_pair_and_a_reason():
     of_pairs = load_feature_set("coarse").restricted_to(["lag_correlation"])
     for recording, channels in ((turning(), ()), (Recording(noise(N), FS, channels=("x",)), ("x",))):
         values, reasons, *_ = Plan.of(of_pairs, channels).compute(recording)
@@ -74,7 +74,7 @@ def test_one_channel_or_several_combined_have_no_pair_and_say_so():
         views_of(turning(), ("x", "y", "z"))["x*y/"].of("movement")
 
 
-def test_a_dead_channel_leaves_the_pairs_of_the_others():
+def test_a_dead_channel_does_not_affect_pairs_of_other_channels():
     signals = noise(3 * N).reshape(N, 3) * [1, 0, 1]
     plan = Plan.of(load_feature_set("coarse").restricted_to(["lag_correlation"]), ("x", "y", "z"))
     values, reasons, *_ = plan.compute(Recording(signals, FS, phases=Phases(movement=(0, N))))

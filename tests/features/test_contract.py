@@ -1,4 +1,4 @@
-"""What every registered feature keeps, whoever wrote it; a new feature gets these tests for free."""
+"""The contract that every registered feature meets; new features are tested automatically."""
 
 import doctest
 import functools
@@ -25,7 +25,7 @@ FEATURES = list_features()
 
 @functools.cache
 def stroke(duration_s, fs, seed=0):
-    """Stationary noise up to 1 kHz with a 60 Hz grating: the same signal whatever the rate."""
+    """Return noise up to 1 kHz with a 60 Hz grating: the same signal at any sampling rate."""
     sos = signal.butter(4, (15, 1000), "bandpass", fs=5000, output="sos")
     x = signal.resample_poly(signal.sosfiltfilt(sos, noise(round(duration_s * 5000), seed)), round(fs), 5000)
     x = x / x.std() + 0.5 * tone(60, x.size, fs) + 1e-3 * tone(4, x.size, fs)
@@ -33,7 +33,7 @@ def stroke(duration_s, fs, seed=0):
 
 
 def taps(fs, gain=1.0, n=3):
-    """Taps that ring at 300 Hz and bounce once."""
+    """Return taps that ring at 300 Hz and bounce once."""
 
     def tap(strength):
         t = np.arange(round(0.1 * fs)) / fs
@@ -49,48 +49,48 @@ MOVEMENT = stroke(5.0, FS)
 
 
 def normal(phase, gain=1.0, fs=FS, **length_and_seed):
-    """A view that nothing was computed on."""
-    recorded = {"duration_s": 5.0, "fs": fs, **length_and_seed}
+    """Return a view with an empty cache."""
+    arguments = {"duration_s": 5.0, "fs": fs, **length_and_seed}
     if phase == "pair":
-        x, y = (stroke(**recorded | {"seed": seed}) for seed in (0, 1))
+        x, y = (stroke(**arguments | {"seed": seed}) for seed in (0, 1))
         return PairView((PhaseView(gain * x, fs), PhaseView(gain * (x + y), fs)))
-    if phase == "travel":  # ribs, 300 a m
-        x = stroke(**recorded)
+    if phase == "travel":  # 300 ridges per m
+        x = stroke(**arguments)
         return PhaseView(gain * (x + sum(tone(300 * h, x.size, fs) / h for h in (1, 2, 3))), fs)
-    return taps(fs, gain) if phase == "tap" else PhaseView(gain * stroke(**recorded), fs)
+    return taps(fs, gain) if phase == "tap" else PhaseView(gain * stroke(**arguments), fs)
 
 
 shared = functools.cache(normal)
-"""Views that all features share, and the transforms that one of them has computed."""
+"""Views shared by all features, with the cached transforms of earlier ones."""
 
 
 def each(*, phase=None, free_of=None):
-    chosen = [
+    features = [
         f
         for f in FEATURES.values()
         if phase in (None, f.phase) and (not free_of or free_of not in f.depends_on)
     ]
-    return pytest.mark.parametrize("feature", chosen, ids=lambda f: f.name)
+    return pytest.mark.parametrize("feature", features, ids=lambda f: f.name)
 
 
-def test_every_module_with_a_feature_is_looked_at():
+def test_every_module_with_a_feature_is_registered():
     folder = Path(features.__file__).parent
     holding = {p.stem for p in folder.glob("*.py") if re.search(r"^@feature", p.read_text(), re.MULTILINE)}
     assert holding == {f.function.__module__.rpartition(".")[2] for f in FEATURES.values()}
 
 
 @each()
-def test_declaration_is_whole_and_travels_and_values_are_finite_repeatable_and_as_many_as_the_names(feature):
+def test_declaration_is_complete_and_values_are_finite_repeatable_and_match_the_columns(feature):
     columns = feature.columns(feature.name, {})
     assert len(set(columns)) == len(columns)
     assert feature.unit
     assert feature.reference
     assert feature.summary.endswith(".")
-    assert pickle.loads(pickle.dumps(feature)) is feature  # travels by its name
+    assert pickle.loads(pickle.dumps(feature)) is feature  # pickled by name
     view = normal(feature.phase)
     parts = {"tap": lambda: view.taps, "pair": lambda: view.sides}.get(feature.phase, lambda: [view])()
     for array in (array for part in parts for array in vars(part).values() if isinstance(array, np.ndarray)):
-        array.flags.writeable = False  # whoever writes to the input fails
+        array.flags.writeable = False  # writing to the input raises
     values = np.atleast_1d(feature.function(view))
     assert np.isfinite(values).all()
     assert values.shape == (len(columns),)
@@ -112,22 +112,22 @@ def test_gain_law_holds(feature):
     value = feature.function(shared(feature.phase))
     for gain in (1e-100, 1e-6, 1e-2, 1e3, 1e100):
         expected = feature.gain.apply(value, gain)
-        found = feature.function(shared(feature.phase, gain))
-        np.testing.assert_allclose(found, expected, rtol=2e-6, atol=1e-300, err_msg=f"gain {gain}")
+        value_of_gain = feature.function(shared(feature.phase, gain))
+        np.testing.assert_allclose(value_of_gain, expected, rtol=2e-6, atol=1e-300, err_msg=f"gain {gain}")
 
 
 @pytest.mark.parametrize("phase", ["movement", "travel", "tap", "friction", "pair"])
-def test_values_do_not_depend_on_what_was_computed_before_on_the_view(phase):
+def test_values_do_not_depend_on_cached_transforms(phase):
     every = [f for f in FEATURES.values() if f.phase == phase]
-    one = normal(phase)
+    view = normal(phase)
     for f in (*every, *every[::-1]):
-        np.testing.assert_array_equal(f.function(one), f.function(normal(phase)), err_msg=f.name)
+        np.testing.assert_array_equal(f.function(view), f.function(normal(phase)), err_msg=f.name)
 
 
 @each(phase="movement", free_of="length")
 def test_value_does_not_depend_on_length_unless_declared(feature):
     if feature.name == "spectral_peaks":
-        pytest.skip("the order of peaks of equal height is chance; its own test covers it")
+        pytest.skip("the order of peaks of equal height is random; another test covers it")
     short, long = (
         np.array([np.atleast_1d(feature.function(shared("movement", duration_s=s, seed=i))) for i in seeds])
         for s, seeds in ((5.0, range(8)), (20.0, (20, 21)))
@@ -140,29 +140,30 @@ def test_value_does_not_depend_on_length_unless_declared(feature):
 @each(free_of="rate")
 def test_value_does_not_depend_on_rate_unless_declared(feature):
     slow, fast = (feature.function(shared(feature.phase, fs=fs)) for fs in (10_000.0, 20_000.0))
-    if feature.name == "discretized_spectrogram":  # cells at the edge of the band hold other frames and bins
+    if feature.name == "discretized_spectrogram":  # cells at the edge contain other frames and bins
         np.testing.assert_allclose(fast, slow, atol=0.5)
     else:
         np.testing.assert_allclose(fast, slow, rtol=0.03, atol=0.02)
 
 
 @each()
-def test_a_sensor_mounted_the_other_way_round_gives_the_same_value_unless_declared(feature):
+def test_value_does_not_depend_on_sign_unless_declared(feature):
     view = shared(feature.phase)
     is_even = []
-    for step in (0.0, 0.5):  # as drawn, and quantised: then neighbouring samples are often equal
-        seen = changed(view, lambda x, step=step: np.round(x / (step * x.std())) * step if step else x)
+    for step in (0.0, 0.5):  # not quantised, and coarsely quantised: adjacent samples are often equal
+        change = lambda x, step=step: np.round(x / (step * x.std())) * step if step else x  # noqa: E731
+        variant = with_samples(view, change)
         try:
-            value, other = feature.function(seen), feature.function(changed(seen, np.negative))
+            value, negated = feature.function(variant), feature.function(with_samples(variant, np.negative))
         except UndefinedFeatureError:
             assert step > 0, feature.name
             continue
-        is_even.append(np.allclose(other, value, rtol=1e-6, atol=1e-9))
+        is_even.append(np.allclose(negated, value, rtol=1e-6, atol=1e-9))
     assert all(is_even) == ("sign" not in feature.depends_on)
 
 
-def changed(view, change):
-    """Return a view of changed samples."""
+def with_samples(view, change):
+    """Return a view with a function applied to its samples."""
     if isinstance(view, PhaseView):
         return PhaseView(change(view.samples), view.fs)
     if isinstance(view, PairView):
@@ -173,14 +174,14 @@ def changed(view, change):
 
 @pytest.mark.filterwarnings("error")
 @each()
-def test_short_extreme_and_oddly_sampled_signals_have_a_finite_value_or_none(feature):
+def test_short_and_extreme_signals_have_a_finite_value_or_none(feature):
     rng = np.random.default_rng(0)
     long = rng.uniform(-1, 1, 20_000)
-    given = [(long[:n], 10_000.0) for n in range(1, 51)]
-    given += [(long, fs) for fs in (1.0, 10.0, 100.0, 1e3, 1e5, 1e6, 1e7)]
-    given += [(long * gain, 10_000.0) for gain in (1.7e308, 1e300, 1e160, 1e-160, 1e-300, 5e-324)]
+    signals = [(long[:n], 10_000.0) for n in range(1, 51)]
+    signals += [(long, fs) for fs in (1.0, 10.0, 100.0, 1e3, 1e5, 1e6, 1e7)]
+    signals += [(long * gain, 10_000.0) for gain in (1.7e308, 1e300, 1e160, 1e-160, 1e-300, 5e-324)]
     n_defined = 0
-    for x, fs in given:
+    for x, fs in signals:
         signal = np.column_stack((x, x[::-1])) if feature.phase == "pair" else x
         try:
             value = feature.function(signal, fs=fs)
@@ -188,7 +189,7 @@ def test_short_extreme_and_oddly_sampled_signals_have_a_finite_value_or_none(fea
             continue
         assert np.isfinite(value).all()
         n_defined += 1
-    assert n_defined > 0 or feature.phase in ("tap", "travel")  # white noise has neither
+    assert n_defined > 0 or feature.phase in ("tap", "travel")  # white noise contains neither
 
 
 def test_rows_of_table_i_have_the_published_dimension():
@@ -203,7 +204,7 @@ def test_rows_of_table_i_have_the_published_dimension():
         assert len(table.columns_of(names.split())) == dimension, names
 
 
-def test_corrected_set_depends_on_neither_length_nor_rate_but_for_bands_that_scale_with_the_rate():
+def test_corrected_set_does_not_depend_on_length_or_rate_except_for_features_in_samples():
     scaling = {member.name for member in load_feature_set("multiscale").members}
     for member in load_feature_set("texclass").members:
         allowed = {"rate", "sign"} if member.name in scaling else {"sign"}
@@ -224,7 +225,7 @@ def degenerate(kind, phase, fs=FS):
 
 
 def reason_of(feature, view):
-    """Return the reason if undefined; otherwise assert that the value is whole and finite."""
+    """Return the reason if undefined; otherwise assert that all values are finite."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
@@ -248,14 +249,14 @@ def test_degenerate_input_gives_a_value_or_a_reason(feature):
 
 
 @each(phase="tap")
-def test_taps_need_no_absolute_rate_but_there_must_be_some(feature):
+def test_features_of_taps_need_no_absolute_rate_but_at_least_one_tap(feature):
     real = taps(FS)
     assert reason_of(feature, TapView(real.taps, 1.0, real.noise)) is None
     assert reason_of(feature, TapView((), FS)) == "no tap found"
 
 
 @each()
-def test_a_feature_reads_an_array_as_the_view_of_it(feature):
+def test_a_feature_of_an_array_equals_that_of_its_view(feature):
     with pytest.raises(ValueError, match="fs is None"):
         feature.function(MOVEMENT)
     x = (normal("travel").samples if feature.phase == "travel" else MOVEMENT)[:20_000] + 3.0
@@ -293,6 +294,6 @@ def test_names_of_outputs_follow_the_parameters():
     )  # fmt: skip
 
 
-def test_a_name_that_no_feature_has_is_told_the_nearest():
+def test_an_unknown_feature_name_suggests_the_closest_name():
     with pytest.raises(KeyError, match="Did you mean waviness"):
         find_feature("wavines")

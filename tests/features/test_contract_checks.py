@@ -1,4 +1,4 @@
-"""Examination: laws are recovered, and each way to break the contract is told from the others."""
+"""Contract checks: gain laws are recovered, and violations of the contract are distinguished."""
 
 import warnings
 from dataclasses import asdict
@@ -17,8 +17,8 @@ VIEWS = [PhaseView(RNG.standard_normal(500) + 0.1, 1000.0) for _ in range(3)]
 INVARIANT = Gain()
 
 
-def made(function, gain=INVARIANT):
-    return Feature("made", function, "movement", "1", "test", (), gain)
+def feature_of(function, gain=INVARIANT):
+    return Feature("feature", function, "movement", "1", "test", (), gain)
 
 
 @pytest.mark.parametrize(
@@ -31,24 +31,24 @@ def made(function, gain=INVARIANT):
         (lambda view: view.samples.argmax(), Gain()),
     ],
 )
-def test_the_true_law_is_recovered_whatever_is_declared(function, gain):
-    told = measure_gain_law(made(function, gain), VIEWS)
-    assert told["holds"]
-    assert told["measured"] == pytest.approx(asdict(gain), abs=1e-6)
-    wrong = measure_gain_law(made(function, Gain(power=3)), VIEWS)
-    assert not wrong["holds"]
-    assert wrong["measured"] == pytest.approx(asdict(gain), abs=1e-6)
-    assert wrong["n_views"] == 3
+def test_the_true_gain_law_is_recovered_for_any_declaration(function, gain):
+    law = measure_gain_law(feature_of(function, gain), VIEWS)
+    assert law["holds"]
+    assert law["measured"] == pytest.approx(asdict(gain), abs=1e-6)
+    other = measure_gain_law(feature_of(function, Gain(power=3)), VIEWS)
+    assert not other["holds"]
+    assert other["measured"] == pytest.approx(asdict(gain), abs=1e-6)
+    assert other["n_views"] == 3
 
 
-def test_no_law_is_found_where_there_is_none_or_no_value():
+def test_no_gain_law_holds_without_one_or_without_values():
     def never(view):
         raise UndefinedFeatureError("never")
 
-    law = measure_gain_law(made(lambda view: (np.abs(view.samples) > 1).mean()), VIEWS)
+    law = measure_gain_law(feature_of(lambda view: (np.abs(view.samples) > 1).mean()), VIEWS)
     assert not law["holds"]
     assert law["measured_deviation"] > 0.1
-    assert measure_gain_law(made(never), VIEWS) is None
+    assert measure_gain_law(feature_of(never), VIEWS) is None
 
 
 def test_a_scaled_tap_scales_hand_impulse_and_noise():
@@ -56,7 +56,7 @@ def test_a_scaled_tap_scales_hand_impulse_and_noise():
     assert (view.taps[0].hand.max(), view.taps[0].impulse.max(), view.noise) == (4.0, 4.0, 2.0)
 
 
-def test_each_way_to_break_the_contract_has_its_name():
+def test_each_violation_of_the_contract_has_its_own_outcome():
     def careless(view):
         x = view.samples
         if x.size == 0:
@@ -70,15 +70,15 @@ def test_each_way_to_break_the_contract_has_its_name():
                 warnings.warn("odd", RuntimeWarning, stacklevel=1)
         return x.max()
 
-    found = {a["input"]: a for a in check_degenerate_inputs(made(careless))}
-    told = {name: (a["outcome"], a["is_valid"]) for name, a in found.items()}
-    assert told["0 samples"] == ("reason", True)
-    assert told["1 samples"] == ("error", False)
-    assert "IndexError" in found["1 samples"]["detail"]
-    assert told["2 samples"] == ("error", False)
-    assert "shape (2,) instead of (1,)" in found["2 samples"]["detail"]
-    assert told["10 samples"] == ("value", False)
-    assert "warns: odd" in found["10 samples"]["detail"]
-    assert told["100 samples"] == ("value", True)
-    assert told["one NaN"] == ("no reason", False)
-    assert told["silence"] == ("value", False)
+    results = {a["input"]: a for a in check_degenerate_inputs(feature_of(careless))}
+    outcomes = {name: (a["outcome"], a["is_valid"]) for name, a in results.items()}
+    assert outcomes["0 samples"] == ("reason", True)
+    assert outcomes["1 samples"] == ("error", False)
+    assert "IndexError" in results["1 samples"]["detail"]
+    assert outcomes["2 samples"] == ("error", False)
+    assert "shape (2,) instead of (1,)" in results["2 samples"]["detail"]
+    assert outcomes["10 samples"] == ("value", False)
+    assert "warns: odd" in results["10 samples"]["detail"]
+    assert outcomes["100 samples"] == ("value", True)
+    assert outcomes["one NaN"] == ("no reason", False)
+    assert outcomes["silence"] == ("value", False)

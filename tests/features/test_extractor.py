@@ -1,4 +1,4 @@
-"""The extractor: a scikit-learn transformer of recordings and arrays; undefined values carry reasons."""
+"""Extractor: a scikit-learn transformer of recordings and arrays, with reasons of undefined values."""
 
 import pickle
 import re
@@ -45,7 +45,7 @@ FEW = load_feature_set("texclass").restricted_to(["slope_level", "waviness"])
 
 
 def exploration(seed=0, **changes):
-    """Make a tap and a movement of three axes, the louder the higher the seed."""
+    """Return a recording with a tap and a movement; the level rises with the seed."""
     axes = (1 + seed) * noise(3000, seed).reshape(1000, 3)
     phases = Phases(taps=(Tap(180, 200, 260),), movement=(400, 1000), onset=400)
     return Recording(axes, FS, "m/s^2", f"r{seed}", phases=phases).with_(**changes)
@@ -54,13 +54,13 @@ def exploration(seed=0, **changes):
 RECORDINGS = [exploration(seed) for seed in range(6)]
 
 
-def test_one_array_is_a_signal_from_64_samples_on_and_a_row_of_numbers_below():
+def test_an_array_of_at_least_64_samples_is_one_signal():
     assert FeatureExtractor(FEW, fs=FS, unit="g").fit_transform(noise(64)).shape[0] == 1
     with pytest.raises(ValueError, match="Expected 2D array"):
         FeatureExtractor(FEW, fs=FS, unit="g").fit_transform(noise(63))
 
 
-# Named by the check alone: the estimator's representation holds addresses, which differ between processes.
+# IDs contain the check only: addresses in the representation of the estimator differ between processes.
 @pytest.mark.parametrize(
     ("estimator", "check"),
     list(estimator_checks_generator(FeatureExtractor(FEW, fs=FS, unit="g"))),
@@ -73,19 +73,19 @@ def test_extractor_is_a_scikit_learn_transformer(estimator, check):
 def test_undefined_values_are_nan_with_recording_feature_and_reason():
     untapped = exploration(1, phases=Phases(movement=(400, 1000)))
     extractor = FeatureExtractor(TOY).fit([untapped])
-    before = dict(vars(extractor))
-    found = extractor.extract([untapped, exploration(2)])
-    assert found.table.isna().to_numpy().tolist() == [[False, True, True], [False, False, True]]
-    assert ("r1", "strongest", "no tap found") in found.reasons
-    assert ("r2", "voltage", "no friction signal") in found.reasons
-    assert (found.table.index.tolist(), found.table.index.name) == (["r1", "r2"], "recording")
-    assert (found.ms > 0).all()
+    attributes = dict(vars(extractor))
+    extraction = extractor.extract([untapped, exploration(2)])
+    assert extraction.table.isna().to_numpy().tolist() == [[False, True, True], [False, False, True]]
+    assert ("r1", "strongest", "no tap found") in extraction.reasons
+    assert ("r2", "voltage", "no friction signal") in extraction.reasons
+    assert (extraction.table.index.tolist(), extraction.table.index.name) == (["r1", "r2"], "recording")
+    assert (extraction.ms > 0).all()
     assert {name: id(value) for name, value in vars(extractor).items()} == {
-        n: id(v) for n, v in before.items()
+        n: id(v) for n, v in attributes.items()
     }
 
 
-def test_each_channel_gives_the_columns_of_that_channel_alone():
+def test_columns_of_each_channel_equal_those_of_the_channel_alone():
     recording = exploration(channels=("a", "b", "c"))
     each = FeatureExtractor(TOY, channels="each").fit([recording])
     expected = [f"{c}/{f}" for c in "abc" for f in ("rms", "strongest")]
@@ -101,7 +101,7 @@ def as_recording(x, unit="arbitrary", **facts):
     return Recording(x, FS, unit, phases=Phases(movement=(0, len(x))), **facts)
 
 
-def test_arrays_give_what_recordings_of_movement_give():
+def test_arrays_have_the_features_of_recordings_with_movement_only():
     rows, axes = noise(800).reshape(2, 400), noise(1200, 1).reshape(400, 3)
     unequal = [noise(300, 2), noise(350, 3), noise(400, 4)]
     panel = noise(2 * 3 * 400, 5).reshape(2, 3, 400)
@@ -130,12 +130,12 @@ def test_arrays_give_what_recordings_of_movement_give():
     np.testing.assert_array_equal(in_g, FeatureExtractor(TOY).fit_transform([as_recording(axes, "g")]))
 
 
-def test_what_is_neither_recordings_nor_arrays_of_a_known_rate_is_refused():
+def test_invalid_input_and_missing_sampling_rates_are_rejected():
     for X in (noise(1200).reshape(3, 400), [noise(300), noise(400)]):
         with pytest.raises(ValueError, match="fs is required if X contains arrays"):
             FeatureExtractor(TOY).fit(X)
     for nothing in ([], "strese2015", None, noise(20)):
-        with pytest.raises(ValueError):  # noqa: PT011  (scikit-learn words it)
+        with pytest.raises(ValueError):  # noqa: PT011  (message of scikit-learn)
             FeatureExtractor(TOY, fs=FS).fit(nothing)
     for wide in ((9, 400), (3, 40)):
         with pytest.raises(ValueError, match=re.escape(f"has shape {wide}. Expected (n_samples, n_axes)")):
@@ -144,26 +144,26 @@ def test_what_is_neither_recordings_nor_arrays_of_a_known_rate_is_refused():
         FeatureExtractor(TOY, fs=FS).fit([noise(300), np.append(noise(300), np.nan)])
 
 
-def test_rows_of_a_data_frame_are_named_after_recordings_and_processes_change_nothing():
-    one = FeatureExtractor(FEW).set_output(transform="pandas")
-    table = one.fit_transform(RECORDINGS)
+def test_rows_of_a_data_frame_have_recording_names_and_processes_do_not_change_values():
+    extractor = FeatureExtractor(FEW).set_output(transform="pandas")
+    table = extractor.fit_transform(RECORDINGS)
     assert table.columns.tolist() == list(FEW.column_names)
     assert table.index.tolist() == [f"r{i}" for i in range(6)]
-    assert table.equals(clone(one).set_params(n_jobs=2).fit_transform(RECORDINGS))
-    assert table.equals(one.fit_transform(pd.Series(RECORDINGS, index=list("abcdef"))))
-    few = pd.Series([noise(300), noise(400)], index=["x", "y"])
-    assert one.set_params(fs=FS).fit_transform(few).index.tolist() == ["x", "y"]
+    assert table.equals(clone(extractor).set_params(n_jobs=2).fit_transform(RECORDINGS))
+    assert table.equals(extractor.fit_transform(pd.Series(RECORDINGS, index=list("abcdef"))))
+    signals = pd.Series([noise(300), noise(400)], index=["x", "y"])
+    assert extractor.set_params(fs=FS).fit_transform(signals).index.tolist() == ["x", "y"]
 
 
 @pytest.mark.parametrize("name", names("feature_defs"))
-def test_an_extractor_of_every_shipped_set_pickles(name):
+def test_an_extractor_of_each_shipped_set_can_be_pickled(name):
     fitted = FeatureExtractor(name).fit(RECORDINGS[:1])
-    again = pickle.loads(pickle.dumps(fitted))
-    assert again.feature_set_ == fitted.feature_set_
-    np.testing.assert_array_equal(again.transform(RECORDINGS[:1]), fitted.transform(RECORDINGS[:1]))
+    restored = pickle.loads(pickle.dumps(fitted))
+    assert restored.feature_set_ == fitted.feature_set_
+    np.testing.assert_array_equal(restored.transform(RECORDINGS[:1]), fitted.transform(RECORDINGS[:1]))
 
 
-def test_extractor_works_in_a_pipeline_with_a_memory_and_in_a_grid_search(tmp_path):
+def test_extractor_works_in_a_cached_pipeline_and_in_a_grid_search(tmp_path):
     labels = np.array(["soft", "soft", "soft", "loud", "loud", "loud"])
     steps = make_pipeline(FeatureExtractor(TOY), "passthrough", KNeighborsClassifier(1), memory=str(tmp_path))
     steps.set_params(

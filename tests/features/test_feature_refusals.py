@@ -1,4 +1,4 @@
-"""What has no value is refused: the reason names what was given, and the rule."""
+"""Undefined features: the reason names the value and what was expected."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from texclass.features.contract import UndefinedFeatureError
 from texclass.features.decaying_segments import upper_cutoff
 
 LONG, RAMP = noise(30_000), np.linspace(-1, 1, 2000)
-CLICK = np.append(np.zeros(3000), [1.0, -1.0])  # its frames are silent, the whole is not
+CLICK = np.append(np.zeros(3000), [1.0, -1.0])  # frames are silent, the movement is not
 LOW = 2000.0
 
 
@@ -44,11 +44,11 @@ LOW = 2000.0
         (upper_cutoff, {}, LONG, 1.0, "Expected"),
     ],
 )
-def test_it_is_refused_with_the_rule(feature, parameters, x, fs, reason):
+def test_undefined_features_have_a_reason_with_the_expected_value(feature, parameters, x, fs, reason):
     with pytest.raises(UndefinedFeatureError, match=reason):
         feature(x, fs=fs, **parameters)
 
 
-def test_one_sample_more_is_enough():
+def test_one_more_sample_makes_the_feature_defined():
     assert np.isfinite(bands.octave_level(LONG[:768], octaves=(6, 8), fs=LOW)).all()
     assert np.isfinite(roughness.temporal_roughness_as_printed(LONG[:544], fs=FS))

@@ -1,4 +1,4 @@
-"""Taps: hardness and damping as printed and corrected, how a tap rings, and its modes; friction."""
+"""Taps: hardness and damping as printed and corrected, decay and modes; friction."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ HAND = 0.1 * np.sin(np.linspace(0, np.pi, 400))
 
 
 def bounces(*at, n=1000):
-    """Impulses of falling height, each 5 samples wide."""
+    """Return impulses of decreasing height, each 5 samples wide."""
     i = np.zeros(n)
     for height, start in zip((1.0, 0.6, 0.4, 0.2), at, strict=False):
         i[start : start + 5] += height * np.array([0.2, 0.7, 1.0, 0.7, 0.2])
@@ -33,28 +33,28 @@ def ringing(decay, f_hz, fs=FS):
     return one([], np.exp(-decay * t) * np.sin(2 * np.pi * f_hz * t), fs)
 
 
-def test_hardness_as_printed_is_equation_1_written_out():
+def test_hardness_as_printed_equals_equation_1():
     n_mean = ((10 + 2) + (250 + 2) + (600 + 2)) / 3 + 1
     expected = 1.0 / n_mean / sum(abs(x) for x in HAND)
     assert h.hardness_as_printed(one(HAND, bounces(10, 250, 600))) == pytest.approx(expected)
 
 
-def test_impulses_are_the_three_highest_of_all_peaks_that_stand_out():
+def test_impulse_peaks_are_the_three_highest_prominent_peaks():
     rng = np.random.default_rng(0)
     for spacing, prominence in ((1, 0.0), (7, 0.05), (30, 0.3)):
         taps, expected = [np.zeros(40), np.zeros(0)], list[list[int]]([[], []])
         for _ in range(50):
             i = np.abs(rng.standard_normal(300) * np.exp(-np.arange(300) / 100))
             padded = np.pad(i, 1)
-            least = prominence * i.max()
-            peaks, _ = find_peaks(padded, height=least, distance=spacing, prominence=least)
+            threshold = prominence * i.max()
+            peaks, _ = find_peaks(padded, height=threshold, distance=spacing, prominence=threshold)
             highest = sorted(peaks, key=lambda k: -padded[k])[:3]
             taps.append(i)
             expected.append(sorted(k - 1 for k in highest))
         assert h.impulse_peaks(taps, spacing, prominence) == expected
 
 
-def test_printed_hardness_falls_with_the_square_of_the_rate_and_the_corrected_one_does_not():
+def test_only_printed_hardness_depends_on_the_square_of_the_sampling_rate():
     def at(fs):
         t = np.arange(round(0.1 * fs)) / fs
         return one(np.sin(np.pi * t / 0.1), np.exp(-80 * t) * np.sin(2 * np.pi * 250 * t), fs)
@@ -77,13 +77,13 @@ def test_corrected_hardness_is_impact_over_time_and_velocity_above_the_noise():
             function(one([], bounces(10)))
 
 
-def test_damping_as_printed_is_equation_2_written_out():
+def test_damping_as_printed_equals_equation_2():
     i, k = bounces(10, 250), np.arange(1, 2049)
     energy = fft.dct(np.append(i, np.zeros(4096 - i.size)))[1:2049] ** 2
     assert h.damping_as_printed(one(HAND, i)) == pytest.approx(k @ energy / energy.sum())
 
 
-def test_one_bad_tap_changes_neither_a_mean_nor_a_median():
+def test_a_silent_or_unusual_tap_does_not_change_mean_or_median():
     good, silent = TapSignal(HAND, ringing(60, 400).taps[0].impulse), TapSignal(HAND, np.zeros(100))
     odd = TapSignal(7 * HAND, ringing(500, 3000).taps[0].impulse)
     alone, other = TapView((good,), FS), TapView((odd,), FS)
@@ -97,7 +97,7 @@ def test_one_bad_tap_changes_neither_a_mean_nor_a_median():
         assert mean(TapView((good, odd, good), FS)) == pytest.approx(expected)
 
 
-def test_a_decaying_sinusoid_has_its_decay_its_frequency_and_its_course():
+def test_features_of_a_decaying_sinusoid_match_its_parameters():
     for decay in (30.0, 60.0, 200.0):
         assert h.tap_decay_rate(ringing(decay, 400.0)) == pytest.approx(decay, rel=0.05)
     assert h.damping(ringing(20.0, 400.0)) == pytest.approx(400, rel=0.05)
@@ -123,11 +123,11 @@ def taps(fs, noise=0.0, velocities=(0.05, 0.08, 0.12)):
     hand = np.sin(np.pi * np.arange(round(0.05 * fs)) / (0.05 * fs)) ** 2
     hand *= fs / hand.sum()
     x = MODES.synthesize(round(0.1 * fs), fs)
-    struck = [500 * v * (x + noise * rng.standard_normal(x.size)) for v in velocities]
-    return TapView(tuple(TapSignal(v * hand, i) for v, i in zip(velocities, struck, strict=True)), fs)
+    impulse = [500 * v * (x + noise * rng.standard_normal(x.size)) for v in velocities]
+    return TapView(tuple(TapSignal(v * hand, i) for v, i in zip(velocities, impulse, strict=True)), fs)
 
 
-def test_modes_of_a_tap_are_recovered_at_any_rate_and_from_noise():
+def test_modes_of_a_tap_are_recovered_at_any_sampling_rate_and_in_noise():
     for fs in (2000.0, 5000.0, 10_000.0, 25_000.0, 50_000.0):
         np.testing.assert_allclose(tap_mode_frequency(taps(fs)), [220, 610], rtol=1e-6)
         np.testing.assert_allclose(10 ** tap_mode_decay(taps(fs)), [50, 120], rtol=1e-5)
@@ -139,7 +139,7 @@ def test_modes_of_a_tap_are_recovered_at_any_rate_and_from_noise():
     )  # one, given twice
 
 
-def test_decimation_keeps_a_mode_what_it_is():
+def test_decimation_preserves_a_mode():
     fs = 20_000.0
     z = np.exp((-100 + 2j * np.pi * 400) / fs)
     y, rate = decimated((z ** np.arange(500)).real, fs)
@@ -147,17 +147,17 @@ def test_decimation_keeps_a_mode_what_it_is():
     np.testing.assert_allclose(y[2:], 2 * (z**q).real * y[1:-1] - abs(z**q) ** 2 * y[:-2], atol=1e-12)
 
 
-def test_amplitude_slope_is_that_of_the_taps():
+def test_amplitude_slope_recovers_that_of_the_taps():
     peak = np.abs(MODES.synthesize(1000, FS)).max()
     assert tap_amplitude_slope(taps(FS)) == pytest.approx(np.log10(500 * peak), rel=1e-9)
 
 
-def test_friction_is_the_mean_magnitude_whatever_the_direction():
+def test_friction_is_the_mean_magnitude_in_any_direction():
     assert friction(PhaseView(np.array([0.5, -1.5, 1.0]), 1e4)) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
-    ("refused", "view", "reason"),
+    ("function", "view", "reason"),
     [
         (h.damping, one(np.zeros(3), np.ones(7)), "7 samples after the contact. Expected at least 8"),
         (
@@ -170,6 +170,6 @@ def test_friction_is_the_mean_magnitude_whatever_the_direction():
         (friction, PhaseView(np.zeros(10), 1e4), "silence: all 10 samples are 0"),
     ],
 )
-def test_what_has_no_value_is_refused_with_the_rule(refused, view, reason):
+def test_undefined_features_of_taps_have_a_reason(function, view, reason):
     with pytest.raises(UndefinedFeatureError, match=reason):
-        refused(view)
+        function(view)

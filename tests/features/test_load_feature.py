@@ -1,4 +1,4 @@
-"""Features that a user names."""
+"""Features loaded from a module or file of the user."""
 
 import pickle
 import subprocess
@@ -46,7 +46,7 @@ def file(tmp_path):
     return path
 
 
-def test_a_feature_of_a_file_is_found_with_what_it_declares(file, monkeypatch):
+def test_a_feature_of_a_file_is_loaded_with_its_declaration(file, monkeypatch):
     monkeypatch.chdir(file.parent)
     feature = load_feature("mine.py:ends")
     assert feature.columns("ends", {}) == ("ends.low", "ends.high")
@@ -54,37 +54,37 @@ def test_a_feature_of_a_file_is_found_with_what_it_declares(file, monkeypatch):
     assert (feature.gain.power, feature.defaults) == (1, {"share": 0.1})
 
 
-def test_a_process_that_never_saw_the_file_gets_the_feature_by_its_path(file):
+def test_a_new_process_loads_a_pickled_feature_by_its_path(file):
     code = (
         "import pickle, sys\nfeature = pickle.load(sys.stdin.buffer)\n"
         "import numpy as np\nfrom texclass.features.phase_view import PhaseView\n"
         "print(feature.name, feature.function(PhaseView(np.arange(4.0), 1.0))[1])"
     )
     pickled = pickle.dumps(load_feature(f"{file}:ends"))
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code], input=pickled, capture_output=True, cwd="/", check=True
     )
-    assert done.stdout.split() == [b"ends", b"3.0"]
+    assert process.stdout.split() == [b"ends", b"3.0"]
 
 
-def test_an_edited_file_is_read_again_and_an_unchanged_one_is_not(file):
-    first, again = load_feature(f"{file}:ends"), load_feature(f"{file}:ends")
-    assert again.function is first.function
+def test_only_an_edited_file_is_loaded_again(file):
+    first, second = load_feature(f"{file}:ends"), load_feature(f"{file}:ends")
+    assert second.function is first.function
     file.write_text(SOURCE.replace("beside.ends(view.samples)", "[0.0, 7.0]"))
     assert load_feature(f"{file}:ends").function(PhaseView(np.arange(4.0), 1.0)) == [0.0, 7.0]
 
 
-def test_a_feature_of_an_installed_module_is_found():
+def test_a_feature_of_an_installed_module_is_loaded():
     assert load_feature("texclass.features.roughness:waviness").name == "waviness"
 
 
-def test_a_reason_of_its_own_stays_a_reason(file):
+def test_a_custom_feature_can_be_undefined_with_a_reason(file):
     with pytest.raises(UndefinedFeatureError, match="too short"):
         load_feature(f"{file}:ends").function(PhaseView(np.arange(2.0), 1.0))
 
 
 @pytest.mark.parametrize(
-    ("named", "message"),
+    ("path", "message"),
     [
         ("mine.py", "must be module:function or path/to/file.py:function"),
         ("mine.py:", "must be module:function"),
@@ -97,15 +97,15 @@ def test_a_reason_of_its_own_stays_a_reason(file):
         ("no_such_module:x", "no_such_module cannot be imported"),
     ],
 )
-def test_what_is_no_feature_is_refused_in_one_line(file, monkeypatch, named, message):
+def test_invalid_features_are_rejected_with_a_one_line_message(file, monkeypatch, path, message):
     monkeypatch.chdir(file.parent)
     (file.parent / "broken.py").write_text("def x(:\n")
     (file.parent / "taken.py").write_text(SOURCE.replace("def ends", "def waviness"))
-    with pytest.raises(ValueError, match=message) as refused:
-        load_feature(named)
-    assert "\n" not in str(refused.value)
+    with pytest.raises(ValueError, match=message) as error:
+        load_feature(path)
+    assert "\n" not in str(error.value)
 
 
-def test_an_absent_file_is_named(tmp_path):
+def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"absent\.py"):
         load_feature(f"{tmp_path}/absent.py:x")

@@ -1,4 +1,4 @@
-"""Shared transforms: filtered copies and spectra are what they say, at any rate and length."""
+"""Shared filters and spectra of a movement, at any sampling rate and length."""
 
 from itertools import product
 
@@ -38,34 +38,34 @@ def test_band_pass_halves_the_amplitude_at_its_edges_at_any_rate():
             assert np.sqrt(2) * y[100:-100].std() == pytest.approx(amplitude, abs=0.01)
 
 
-def test_banded_is_the_same_signal_at_another_rate():
+def test_band_limited_is_the_same_signal_at_another_rate():
     slow, fs = band_limited(PhaseView(tone(210.0), FS), 1000.0)
     assert fs == 2000.0
     np.testing.assert_allclose(slow[50:-50], tone(210, slow.size, fs)[50:-50], atol=2e-3)
     assert np.abs(band_limited(PhaseView(tone(1210.0), FS), 1000.0)[0][50:-50]).max() < 0.02
 
 
-def test_low_pass_of_corrected_features_is_that_of_printed_ones_to_rounding():
+def test_low_pass_of_corrected_features_equals_that_of_printed_ones():
     view = PhaseView(noise(50_000), FS)
     (own, factor), (shared, same) = low_passed(view, 100.0), low_passed(view, 100.0, shared=True)
     assert factor == same
     np.testing.assert_allclose(shared, own, atol=1e-6)
 
 
-def test_bins_beyond_a_fourth_of_the_rate_and_of_slow_sensors_come_from_the_whole_spectrum():
+def test_bins_above_a_quarter_of_the_rate_come_from_the_full_spectrum():
     fast, slow = PhaseView(noise(2000), FS), PhaseView(noise(2000), 2000.0)
     np.testing.assert_array_equal(first_bins(fast, 501), low_spectrum(fast))
     np.testing.assert_array_equal(first_bins(fast, 600), spectrum(fast)[:600])
     np.testing.assert_array_equal(first_bins(slow, 100), spectrum(slow)[:100])
 
 
-def test_moments_are_those_of_each_frame_written_out():
+def test_spectral_moments_equal_those_of_each_frame():
     view = PhaseView(np.cumsum(noise(30_000, 1)), FS)
     frames, f = long_frames(view)
     for power, mean, std in zip(frames.astype(float), *spectral_moments(view), strict=True):
-        right = np.average(f, weights=power)
-        assert mean == pytest.approx(right, rel=1e-9)
-        assert std == pytest.approx(np.sqrt(np.average((f - right) ** 2, weights=power)), rel=1e-6)
+        expected = np.average(f, weights=power)
+        assert mean == pytest.approx(expected, rel=1e-9)
+        assert std == pytest.approx(np.sqrt(np.average((f - expected) ** 2, weights=power)), rel=1e-6)
 
 
 def test_a_movement_shorter_than_a_long_frame_is_one_frame():
@@ -74,13 +74,13 @@ def test_a_movement_shorter_than_a_long_frame_is_one_frame():
     assert frequency[-1] == 1000.0
 
 
-def test_starts_spread_from_the_first_to_the_last_and_no_closer_than_a_step():
+def test_evenly_spaced_starts_reach_the_last_and_keep_the_step():
     assert evenly_spaced(1000, 100, 64).tolist() == list(range(0, 1001, 100))
     assert evenly_spaced(1000, 1, 5).tolist() == [0, 250, 500, 750, 1000]
     assert evenly_spaced(0, 10, 64).tolist() == [0]
 
 
-def test_mean_spectrum_holds_all_power_of_a_slow_sensor_also_at_half_its_rate():
+def test_mean_spectrum_of_a_slow_sensor_contains_all_power_up_to_half_the_rate():
     for fs, n in ((2000.0, 4000), (2200.0, 13_000), (900.0, 600), (2000.0, 500)):
         mixed = noise(n) + 2 * np.tile([1.0, -1.0], n // 2)
         view = PhaseView(mixed - mixed.mean(), fs)
@@ -100,7 +100,7 @@ def test_the_centroid_of_a_mean_spectrum_does_not_depend_on_the_length(n):
     assert frequency @ density / density.sum() == pytest.approx(366.7, abs=1.5)
 
 
-def test_windows_and_low_pass_are_those_of_scipy():
+def test_windows_and_low_pass_equal_those_of_scipy():
     for name, length in product(("hann", "hamming"), (8, 13, 256)):
         np.testing.assert_allclose(window_of(name, length), signal.get_window(name, length), atol=1e-7)
     x = noise(500)
@@ -108,7 +108,7 @@ def test_windows_and_low_pass_are_those_of_scipy():
     np.testing.assert_allclose(decimated(x, 3 * TAP_RATE)[0], expected, atol=1e-13)
 
 
-def test_frames_are_those_of_a_sliding_window():
+def test_frames_equal_those_of_a_sliding_window():
     for n, length, hop in ((100, 100, 7), (1000, 64, 1), (1003, 250, 150)):
         x = noise(n).astype(np.float32)
         np.testing.assert_array_equal(frames_of(x, length, hop), sliding_window_view(x, length)[::hop])

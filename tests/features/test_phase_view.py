@@ -1,4 +1,4 @@
-"""Phase views: transforms computed once, pieces of a movement, and what of a recording a feature reads."""
+"""Phase views: cached transforms, segments of a movement, and the samples that a feature reads."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def scaled(view, factor, offset=0.0, *, negative=False):
     return (-1 if negative else 1) * (factor * view.n_samples + offset)
 
 
-def test_a_transform_is_computed_once_however_its_parameters_are_given():
+def test_a_transform_is_computed_once_for_positional_and_keyword_parameters():
     CALLS.clear()
     view = PhaseView(np.zeros(7), 100.0)
     forms = [
@@ -49,38 +49,38 @@ def test_a_transform_is_computed_once_however_its_parameters_are_given():
     assert len(CALLS) == 5
 
 
-def test_a_transform_that_fails_is_not_remembered_and_wrong_arguments_are_refused():
+def test_a_failing_transform_is_not_cached_and_invalid_arguments_are_rejected():
     view = PhaseView(np.zeros(7), 100.0)
-    for arguments, named, message in (
+    for arguments, keywords, message in (
         ((), {}, "factor"),
         ((1.0, 2.0, 3.0), {}, "positional"),
         ((1.0,), {"unknown": 2.0}, "unknown"),
     ):
         for _ in range(2):
             with pytest.raises(TypeError, match=message):
-                scaled(view, *arguments, **named)
+                scaled(view, *arguments, **keywords)
     assert not view.memory
 
 
 X = noise(4 * MIN_SEGMENT_SAMPLES) * np.linspace(1, 2, 4 * MIN_SEGMENT_SAMPLES)
 
 
-def test_each_piece_has_the_value_it_has_by_itself():
-    found = band_level(PhaseView(X, FS), n_bands=8, n_segments=4).reshape(8, 4)
-    for i, piece in enumerate(X.reshape(4, -1)):  # several at once are summed in another order
+def test_each_segment_has_the_value_of_the_segment_alone():
+    values = band_level(PhaseView(X, FS), n_bands=8, n_segments=4).reshape(8, 4)
+    for i, segment in enumerate(X.reshape(4, -1)):  # sums of several segments have another order
         np.testing.assert_allclose(
-            found[:, i], band_level(PhaseView(piece, FS), n_bands=8), rtol=1e-6, atol=1e-6
+            values[:, i], band_level(PhaseView(segment, FS), n_bands=8), rtol=1e-6, atol=1e-6
         )
 
 
-def test_one_piece_and_pieces_of_a_short_movement_have_the_value_of_the_whole():
+def test_segments_of_a_short_movement_have_the_value_of_the_movement():
     view = PhaseView(X, FS)
     np.testing.assert_array_equal(band_course(view, n_parts=3, n_segments=1), band_course(view, n_parts=3))
-    short = PhaseView(X[:-1], FS)  # too short for pieces: counts as equal ones
+    short = PhaseView(X[:-1], FS)  # too short: counts as equal segments
     assert vibration_level(short, n_segments=4).tolist() == 4 * vibration_level(short).tolist()
 
 
-def test_a_feature_of_one_row_of_samples_sees_pieces_one_by_one(monkeypatch):
+def test_a_feature_of_single_signals_is_computed_segment_by_segment(monkeypatch):
     monkeypatch.setattr("texclass.features.contract._REGISTRY", list_features())
 
     @feature("movement", "m/s^2", "test", divisible=True)
@@ -100,25 +100,25 @@ def test_a_feature_of_one_row_of_samples_sees_pieces_one_by_one(monkeypatch):
 
 
 @pytest.mark.parametrize("name", [n for n, f in list_features().items() if f.divisible == "at once"])
-def test_pieces_at_once_are_what_each_is_by_itself(name):
+def test_segments_computed_at_once_equal_segments_computed_separately(name):
     function = list_features()[name].function
-    found = function(PhaseView(X, FS), n_segments=4)
-    alone = [np.atleast_1d(function(PhaseView(piece, FS))) for piece in X.reshape(4, -1)]
-    np.testing.assert_allclose(found.reshape(-1, 4), np.stack(alone, axis=1), rtol=1e-6, atol=1e-7)
+    values = function(PhaseView(X, FS), n_segments=4)
+    alone = [np.atleast_1d(function(PhaseView(segment, FS))) for segment in X.reshape(4, -1)]
+    np.testing.assert_allclose(values.reshape(-1, 4), np.stack(alone, axis=1), rtol=1e-6, atol=1e-7)
 
 
-def test_pieces_share_their_transforms_which_are_timed_together():
+def test_segments_share_their_transforms_which_are_timed_together():
     timed = []
     view = PhaseView(X, FS)
     view.memory.timed = lambda key, compute: (timed.append((key[0].__name__, *key[1:])), compute())[1]
     band_level(view, n_segments=2)
     assert ("whole_periodogram", "2 segments") in timed
-    before = len(timed)
+    n_timed = len(timed)
     band_level(view, n_segments=2)
-    assert len(timed) == before
+    assert len(timed) == n_timed
 
 
-def test_a_piece_without_value_and_a_wrong_number_of_pieces_are_named():
+def test_an_undefined_segment_and_an_invalid_number_of_segments_are_named():
     quiet = X.copy()
     quiet[MIN_SEGMENT_SAMPLES : 2 * MIN_SEGMENT_SAMPLES] = 0
     with pytest.raises(UndefinedFeatureError, match="segment 2: silence"):
@@ -128,7 +128,7 @@ def test_a_piece_without_value_and_a_wrong_number_of_pieces_are_named():
             band_level(PhaseView(X, FS), n_segments=n_segments)
 
 
-def test_the_shipped_set_of_quarters_divides_the_set_texclass():
+def test_the_set_multiscale_contains_features_of_texclass_on_quarters():
     quarters, names = load_feature_set("multiscale"), {m.name for m in load_feature_set("texclass").members}
     own = [m.feature.function.__module__ for m in quarters.members if m.name not in names]
     assert set(own) == {"texclass.features.residual_bands"}
@@ -141,7 +141,7 @@ def test_the_shipped_set_of_quarters_divides_the_set_texclass():
 
 
 def exploration(**changes):
-    """Make a quiet start, one tap, one movement, gravity on the last axis."""
+    """Return a quiet start, one tap, one movement, and gravity on the last axis."""
     rng = np.random.default_rng(0)
     axes = 0.01 * rng.normal(size=(1000, 3))
     axes[200:230] += np.exp(-np.arange(30) / 8)[:, None] * [1.0, 0.5, 0.5]
@@ -151,7 +151,7 @@ def exploration(**changes):
     return Recording(axes, FS, "m/s^2", phases=phases).with_(**changes)
 
 
-def test_movement_is_the_combined_axes_and_the_hand_is_left_out_only_where_asked_for_and_felt():
+def test_hand_motion_is_removed_only_on_request_and_if_gravity_is_measured():
     movement = combine(exploration().acceleration[400:])
     views = views_of(exploration())[""]
     np.testing.assert_allclose(views.of("movement").samples, movement, atol=3e-5)
@@ -160,38 +160,38 @@ def test_movement_is_the_combined_axes_and_the_hand_is_left_out_only_where_asked
     )
     for unit in ("m/s^2", "counts"):
         level = exploration().acceleration - [0.0, 0.0, 9.81 * (unit == "m/s^2")]
-        found = views_of(exploration(acceleration=level, unit=unit))[""].of(
+        view = views_of(exploration(acceleration=level, unit=unit))[""].of(
             "movement", remove_hand_motion=True
         )
-        np.testing.assert_allclose(found.samples, combine(level[400:]), atol=3e-5)
+        np.testing.assert_allclose(view.samples, combine(level[400:]), atol=3e-5)
 
 
-def test_of_a_long_movement_a_fast_length_is_kept():
+def test_a_long_movement_is_trimmed_to_a_fast_length():
     for n in (5001, 17_003, 40_000, 99_991):
-        kept = trimmed_length(n)
-        assert 0.93 * n <= kept <= n
-        assert kept % 4 == 0
-        assert fft.prev_fast_len(kept, real=True) == kept
+        length = trimmed_length(n)
+        assert 0.93 * n <= length <= n
+        assert length % 4 == 0
+        assert fft.prev_fast_len(length, real=True) == length
     assert trimmed_length(5000) == 5000
 
 
-def test_values_as_printed_keep_what_lies_below_10_hz_and_do_not_depend_on_the_name_of_the_unit():
+def test_printed_features_keep_frequencies_below_10_hz_and_do_not_depend_on_the_unit():
     rng, n = np.random.default_rng(0), 12_000
     axes = 0.3 * rng.normal(size=(n, 3)) + [0.0, 3.0, 9.0]
-    axes[:, 0] += 2 * np.sin(2 * np.pi * 1.5 * np.arange(n) / 10_000)  # how the hand moves the tool
+    axes[:, 0] += 2 * np.sin(2 * np.pi * 1.5 * np.arange(n) / 10_000)  # hand motion
     phases = Phases(taps=(Tap(180, 200, 260),), movement=(1000, n))
-    felt = {
+    views_by_unit = {
         unit: views_of(Recording(axes, 10_000, unit, friction=axes[:, 1], phases=phases))[""]
         for unit in ("m/s^2", "V", "counts", "arbitrary")
     }
     for name in ("strese2015", "strese2015+models"):
-        values = [load_feature_set(name).compute(views)[0] for views in felt.values()]
+        values = [load_feature_set(name).compute(views)[0] for views in views_by_unit.values()]
         np.testing.assert_array_equal(values, values[:1] * len(values))
     printed, corrected = (
-        load_feature_set(name).restricted_to(["waviness"]).compute(felt["m/s^2"])[0][0]
+        load_feature_set(name).restricted_to(["waviness"]).compute(views_by_unit["m/s^2"])[0][0]
         for name in ("strese2015", "texclass")
     )
-    assert printed > corrected + 0.5  # the stroke of 1.5 Hz is in it
+    assert printed > corrected + 0.5  # contains the hand motion at 1.5 Hz
 
 
 def test_taps_are_split_at_the_contact_on_their_resting_level():
@@ -202,7 +202,7 @@ def test_taps_are_split_at_the_contact_on_their_resting_level():
     assert tap.impulse[0] == pytest.approx(1.0, abs=0.05)
 
 
-def test_noise_of_the_quiet_stretch_does_not_see_the_taps():
+def test_noise_of_the_quiet_start_does_not_depend_on_the_taps():
     strong = exploration().acceleration.copy()
     strong[200:260] *= 100
     noise_level = views_of(exploration())[""].tap.noise
@@ -210,32 +210,32 @@ def test_noise_of_the_quiet_stretch_does_not_see_the_taps():
     assert views_of(exploration(acceleration=strong))[""].tap.noise == noise_level
 
 
-def test_friction_is_read_during_the_movement_only():
+def test_friction_is_limited_to_the_movement():
     friction = np.r_[np.full(400, 9.0), np.full(600, -2.0)]
     assert (views_of(exploration(friction=friction))[""].friction.samples == -2.0).all()
 
 
 def test_auto_combines_the_axes_of_one_accelerometer_only():
-    for channels, apart in (
+    for channels, separate in (
         ((), ()), (("acc_x", "acc_y", "acc_z"), ()), (("c1", "c2", "c3"), ("c1", "c2", "c3"))
     ):  # fmt: skip
-        assert separate_channels(exploration(channels=channels), "auto") == apart
+        assert separate_channels(exploration(channels=channels), "auto") == separate
     with pytest.raises(ValueError, match=r"channels must be .combine"):
         separate_channels(exploration(), "both")
 
 
 def test_all_adds_the_axes_of_the_turn_rate():
     recording = exploration(turn_rate=noise(3000).reshape(1000, 3), channels=("ax", "ay", "az"))
-    apart = separate_channels(recording, "all")
-    assert apart == ("ax", "ay", "az", "turn_x", "turn_y", "turn_z")
+    separate = separate_channels(recording, "all")
+    assert separate == ("ax", "ay", "az", "turn_x", "turn_y", "turn_z")
     assert (
         separate_channels(recording, "each")
         == separate_channels(recording.with_(turn_rate=None), "all")
-        == apart[:3]
+        == separate[:3]
     )
-    views, turn = views_of(recording, apart), recording.turn_rate[400:, 1]
+    views, turn = views_of(recording, separate), recording.turn_rate[400:, 1]
     np.testing.assert_allclose(views["turn_y/"].movement.samples, turn - turn.mean())
     ay = recording.acceleration[400:, 1]
     np.testing.assert_allclose(views["ay/"].movement.samples, ay - ay.mean())
     with pytest.raises(ValueError, match=r"axes are ax, ay, az\. Expected .*turn_z"):
-        views_of(recording.with_(turn_rate=None), apart)
+        views_of(recording.with_(turn_rate=None), separate)

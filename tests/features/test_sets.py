@@ -1,4 +1,4 @@
-"""Feature sets: what a TOML may say, what a restricted set computes, and long movements in parts."""
+"""Feature sets: TOML files, restricted sets, and long movements computed in parts."""
 
 import tracemalloc
 
@@ -54,18 +54,18 @@ def half_silent(view):
 
 
 def a_set(*functions, phase="movement", depends_on=()):
-    made = (
+    features = (
         Feature(
             f.__name__, f, phase, "1", "test", ("min", "max") if f is moments else (), depends_on=depends_on
         )
         for f in functions
     )
-    return FeatureSet("toy", tuple(Member(f.name, f) for f in made))
+    return FeatureSet("toy", tuple(Member(f.name, f) for f in features))
 
 
 @pytest.fixture
 def views():
-    """1000 samples of movement, the first half silent; one tap."""
+    """Return views of 1000 samples of movement, the first half silent, and one tap."""
     signal = np.concatenate([np.zeros(600), noise(500)])
     phases = Phases((Tap(0, 10, 50),), (100, 1100))
     return views_of(Recording(signal, 1000, "V", "r1", phases=phases))[""]
@@ -73,15 +73,15 @@ def views():
 
 @pytest.fixture
 def load(tmp_path):
-    def written(text):
+    def load_text(text):
         path = tmp_path / "mine.toml"
         path.write_text(text)
         return load_feature_set(path)
 
-    return written
+    return load_text
 
 
-def test_shipped_sets_have_unique_columns_that_begin_with_their_feature():
+def test_shipped_sets_have_unique_columns_that_start_with_the_feature_name():
     for name in names("feature_defs"):
         feature_set = load_feature_set(name)
         assert len(set(feature_set.column_names)) == len(feature_set.column_names)
@@ -89,16 +89,16 @@ def test_shipped_sets_have_unique_columns_that_begin_with_their_feature():
 
 
 def test_an_override_changes_the_value_and_the_hash(load, views):
-    plain, other = load("[features.m]\nuse = 'mfcc'"), load("[features.m]\nuse = 'mfcc'\nhop_s = 0.02")
-    assert plain.columns == other.columns
-    assert plain.hash != other.hash
-    assert not np.allclose(plain.compute(views)[0], other.compute(views)[0])
+    plain, override = load("[features.m]\nuse = 'mfcc'"), load("[features.m]\nuse = 'mfcc'\nhop_s = 0.02")
+    assert plain.columns == override.columns
+    assert plain.hash != override.hash
+    assert not np.allclose(plain.compute(views)[0], override.compute(views)[0])
     many = load("[features.m]\nuse = 'mfcc'\ncoefficients = [2, 5]\ndecay_hz = inf\nhigh_hz = 1000")
     assert many.column_names == ("m.c2", "m.c5")
 
 
 @pytest.mark.parametrize(
-    ("text", "rule"),
+    ("text", "message"),
     [
         ("[features.friction]\nhopp = 1", r"mine\.toml: features\.friction: unknown key hopp"),
         ("[features.m]\nuse = 'mfcc'\nhopp_s = 1", "hopp_s.*hop_s"),
@@ -115,17 +115,17 @@ def test_an_override_changes_the_value_and_the_hash(load, views):
         ("features.friction = 3", r"features\.friction is 3. Expected"),
     ],
 )
-def test_a_wrong_set_is_refused_with_file_key_and_rule(load, text, rule):
-    with pytest.raises(ValueError, match=rule):
+def test_an_invalid_set_is_rejected_with_file_key_and_expected_value(load, text, message):
+    with pytest.raises(ValueError, match=message):
         load(text)
 
 
-def test_a_set_that_does_not_exist_lists_the_shipped_ones():
+def test_an_unknown_set_name_lists_the_shipped_sets():
     with pytest.raises(FileNotFoundError, match="strese2015"):
         load_feature_set("nope")
 
 
-def test_a_restricted_set_computes_only_what_its_columns_need_in_its_own_order(views):
+def test_a_restricted_set_computes_only_its_columns_in_the_order_of_the_set(views):
     whole = a_set(level, moments)
     CALLS.clear()
     values, _ = whole.restricted_to(["moments.max"]).compute(views)
@@ -136,7 +136,7 @@ def test_a_restricted_set_computes_only_what_its_columns_need_in_its_own_order(v
         whole.restricted_to(["shape"])
 
 
-def test_what_has_no_value_is_nan_with_its_reason_and_what_fails_is_named_with_its_recording(views):
+def test_undefined_features_are_nan_with_a_reason_and_failures_name_the_recording(views):
     for function, reason in ((silent, "silence"), (infinite, "not a finite number (-inf)")):
         values, reasons = a_set(function, level).compute(views)
         assert np.isnan(values[0])
@@ -147,35 +147,35 @@ def test_what_has_no_value_is_nan_with_its_reason_and_what_fails_is_named_with_i
             a_set(function).compute(views)
 
 
-def test_a_long_movement_has_the_mean_over_the_parts_that_have_a_value(views, monkeypatch):
+def test_a_long_movement_has_the_mean_over_the_parts_with_a_value(views, monkeypatch):
     monkeypatch.setattr(sets, "LONGEST", 300)
     CALLS.clear()
     values, reasons = a_set(size, half_silent, silent).compute(views)
     assert CALLS == [250] * 4
     assert (values[:2].tolist(), reasons) == ([250.0, 2.0], (("silent", "silence"),))
     assert np.isnan(values[2])
-    # What is read from taps or depends on the length is computed as a whole.
+    # Features of taps and features that depend on the length are computed as a whole.
     assert a_set(lambda view: len(view.taps), phase="tap").compute(views)[0].tolist() == [1.0]
     assert a_set(size, depends_on=("length",)).compute(views)[0].tolist() == [1000.0]
 
 
-def test_a_steady_movement_gives_in_parts_what_it_gives_as_a_whole(monkeypatch):
+def test_a_steady_movement_has_the_same_features_in_parts_and_as_a_whole(monkeypatch):
     recording = Recording(noise(30_000, 1), 2000.0, "V", phases=Phases(movement=(0, 30_000)))
     features = load_feature_set("texclass").with_phases("movement")
     whole, _ = features.compute(views_of(recording)[""])
     monkeypatch.setattr(sets, "LONGEST", 10_000)
     divided, _ = features.compute(views_of(recording)[""])
-    course = ["band_course", "fine_band_course", "level_persistence"]  # of noise, which is noise
+    course = ["band_course", "fine_band_course", "level_persistence"]  # random for noise
     noisy = np.isin(features.column_names, features.columns_of(course))
     np.testing.assert_allclose(divided[~noisy], whole[~noisy], rtol=0.05, atol=0.05)
     np.testing.assert_allclose(divided[noisy], whole[noisy], atol=0.15)
 
 
-def test_a_long_movement_takes_the_memory_of_five_copies_as_printed():
+def test_printed_features_of_a_long_movement_need_the_memory_of_five_copies():
     n = 1 << 20
     recording = Recording(np.random.default_rng(0).standard_normal(n), 1e4, phases=Phases(movement=(0, n)))
     printed = load_feature_set("strese2015")
-    printed.compute(views_of(recording)[""])  # what is made once for a length stays
+    printed.compute(views_of(recording)[""])  # results that are cached by length stay in memory
     tracemalloc.start()
     printed.compute(views_of(recording)[""])
     peak = tracemalloc.get_traced_memory()[1]

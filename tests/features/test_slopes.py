@@ -1,4 +1,4 @@
-"""Slopes, curvatures and what stands above their line: known distributions, tones and tilts are recovered."""
+"""Differences, second differences and residual levels: known distributions, tones and tilts are recovered."""
 
 from functools import partial
 
@@ -34,22 +34,22 @@ def test_agreement_of_gaussian_slopes_is_the_arcsine_of_their_correlation():
     np.testing.assert_allclose(slope_agreement(view(x)), expected, atol=0.006)
 
 
-def test_agreement_of_curvatures_is_that_of_second_differences():
+def test_curvature_agreement_equals_that_of_second_differences():
     x = coloured(1)
     positive = x[8:] - 2 * x[4:-4] + x[:-8] > 0
-    found = slopes.curvature_agreement(view(x), lags=(4,), steps=(2,))
-    assert found[0] == pytest.approx(np.mean(positive[8:] == positive[:-8]), abs=1e-4)
+    agreement = slopes.curvature_agreement(view(x), lags=(4,), steps=(2,))
+    assert agreement[0] == pytest.approx(np.mean(positive[8:] == positive[:-8]), abs=1e-4)
 
 
-def test_signs_feel_neither_a_drifting_gain_nor_a_few_strong_events():
+def test_signs_do_not_depend_on_gain_drift_or_a_few_strong_events():
     x = coloured(2)
-    struck = x.copy()
-    struck[:: N // 20] += 100 * x.std()
-    for other in (x * np.linspace(1, 1.2, N), struck):
-        np.testing.assert_allclose(slope_agreement(view(other)), slope_agreement(view(x)), atol=2e-3)
+    with_impacts = x.copy()
+    with_impacts[:: N // 20] += 100 * x.std()
+    for variant in (x * np.linspace(1, 1.2, N), with_impacts):
+        np.testing.assert_allclose(slope_agreement(view(variant)), slope_agreement(view(x)), atol=2e-3)
 
 
-def test_shape_of_gaussian_noise_is_that_of_the_normal_distribution():
+def test_shape_of_gaussian_noise_matches_the_normal_distribution():
     expected = [0, np.log10(3), np.log10(np.sqrt(2 / np.pi))]
     np.testing.assert_allclose(curvature_shape(view(NOISE)), expected * 6, atol=0.02)
     np.testing.assert_allclose(slopes.slope_shape(view(NOISE)), expected * 6, atol=0.02)
@@ -65,8 +65,8 @@ def test_peakedness_is_the_kurtosis_of_scipy():
     assert slopes.vibration_shape(view(x))[1] == pytest.approx(kurtosis, rel=1e-5)
 
 
-def test_slopes_of_a_saw_lean_to_where_it_falls_and_turn_round_with_time():
-    saw = signal.sawtooth(2 * np.pi * 20.01 * np.arange(N) / FS)  # rises slowly, falls at once
+def test_slope_shape_of_a_sawtooth_is_asymmetric_and_reverses_with_time():
+    saw = signal.sawtooth(2 * np.pi * 20.01 * np.arange(N) / FS)  # rises slowly, falls quickly
     forth, back = (slopes.slope_shape(view(x), lags=(1, 4)).reshape(2, 3) for x in (saw, saw[::-1]))
     assert (forth[:, 0] < -0.9).all()
     np.testing.assert_allclose(back, forth * [-1, 1, 1], atol=1e-6)
@@ -74,28 +74,28 @@ def test_slopes_of_a_saw_lean_to_where_it_falls_and_turn_round_with_time():
     np.testing.assert_allclose(slope_level(view(saw[::-1]), lags=(1, 4)), levels, atol=1e-6)
 
 
-def test_turning_a_signal_upside_down_changes_lopsidedness_alone():
+def test_negating_a_signal_changes_lopsidedness_only():
     up, down = (curvature_shape(view(s * np.abs(NOISE))).reshape(-1, 3) for s in (1, -1))
     np.testing.assert_allclose(down, up * [-1, 1, 1], rtol=1e-6)
     assert slopes.vibration_shape(view(np.abs(NOISE)))[0] > 0.2
 
 
-def test_one_impulse_bends_twice_as_far_one_way():
+def test_curvature_shape_of_one_impulse():
     lopsided, peaked, even = curvature_shape(view(np.eye(1, 1000, 500)[0]), lags=(1,))
     assert lopsided == pytest.approx((2 / 4 - 1) / 1.5)  # one -1 and two 1/2: squares 1 and 2/4
     assert peaked == pytest.approx(np.log10((1 + 2 / 16) / 1.5**2 * 998))
     assert even == pytest.approx(np.log10(2 / 998 / np.sqrt(1.5 / 998)))
 
 
-def test_levels_of_a_tone_are_its_amplitude_times_the_response_of_the_difference():
-    one, lags = view(3 * tone(100.1, 100_000, FS) + 7), np.array([1, 2, 4, 8, 16])
+def test_levels_of_a_tone_follow_the_response_of_the_difference():
+    movement, lags = view(3 * tone(100.1, 100_000, FS) + 7), np.array([1, 2, 4, 8, 16])
     response = 1 - np.cos(2 * np.pi * 100.1 * lags / FS)
     expected = np.log10(3 / np.sqrt(2) * response)
-    np.testing.assert_allclose(curvature_level(one, lags=tuple(lags.tolist())), expected, atol=1e-4)
-    np.testing.assert_allclose(slopes.vibration_level(one), np.log10(3 / np.sqrt(2)), atol=1e-4)
+    np.testing.assert_allclose(curvature_level(movement, lags=tuple(lags.tolist())), expected, atol=1e-4)
+    np.testing.assert_allclose(slopes.vibration_level(movement), np.log10(3 / np.sqrt(2)), atol=1e-4)
 
 
-# Above the line ---------------------------------------------------------------------------------------------
+# Residual levels -------------------------------------------------------------------------------------------
 
 LEVELS = {
     residual_bands.band_residual_level: band_level,
@@ -110,15 +110,15 @@ def test_the_line_is_the_least_squares_fit_of_slope_levels():
     walk = view(np.cumsum(NOISE))
     assert residual_bands.level_tilt(walk) == pytest.approx([-np.log10(2) / 2], abs=5e-3)
     np.testing.assert_allclose(residual_bands.slope_residual_level(walk), 0, atol=5e-3)
-    one = view(coloured())
-    tilt, middle = np.polyfit(-np.log2(LAGS), slope_level(one), 1)
-    found = residual_bands.line_at(one, np.array([0.0, -3.0]))
-    np.testing.assert_allclose(found, [middle, middle - 3 * tilt], rtol=1e-9)
+    movement = view(coloured())
+    tilt, middle = np.polyfit(-np.log2(LAGS), slope_level(movement), 1)
+    line = residual_bands.line_at(movement, np.array([0.0, -3.0]))
+    np.testing.assert_allclose(line, [middle, middle - 3 * tilt], rtol=1e-9)
 
 
-def test_levels_are_the_excess_and_the_line_at_the_middle_of_each_band():
-    one = view(coloured())
-    at, edges = partial(residual_bands.line_at, one), np.linspace(0, 1, 25)
+def test_levels_are_residuals_plus_the_line_at_the_centre_of_each_band():
+    movement = view(coloured())
+    at, edges = partial(residual_bands.line_at, movement), np.linspace(0, 1, 25)
     for feature, parameters, expected in (
         (residual_bands.band_residual_level, {}, 2 * at(np.log2((edges[1:] + edges[:-1]) / 2))),
         (
@@ -129,8 +129,8 @@ def test_levels_are_the_excess_and_the_line_at_the_middle_of_each_band():
         (residual_bands.slope_residual_level, {"lags": (4,)}, at(np.array([-2.0]))),
         (residual_bands.curvature_residual_level, {"lags": (4,)}, at(np.array([-2.0]))),
     ):
-        found = LEVELS[feature](one, **parameters) - feature(one, **parameters)
-        np.testing.assert_allclose(found, expected)
-    left = residual_bands.slope_residual_level(one)
-    assert np.abs(left).max() > 0.02
-    assert (left.sum(), left @ residual_bands.log_frequency(LAGS)) == pytest.approx((0, 0), abs=1e-9)
+        line = LEVELS[feature](movement, **parameters) - feature(movement, **parameters)
+        np.testing.assert_allclose(line, expected)
+    residual = residual_bands.slope_residual_level(movement)
+    assert np.abs(residual).max() > 0.02
+    assert (residual.sum(), residual @ residual_bands.log_frequency(LAGS)) == pytest.approx((0, 0), abs=1e-9)

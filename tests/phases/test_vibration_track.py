@@ -1,4 +1,4 @@
-"""Vibration levels: the filter in one pass against scipy, units, and fades."""
+"""Vibration levels: the one-pass filter compared with scipy, units, and fades."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from texclass.signals import butterworth
 
 @pytest.mark.parametrize(("step", "bin_size"), [(1, 1), (1, 5), (3, 5), (2, 1)])
 @pytest.mark.parametrize("first", [0, 700])
-def test_power_in_one_pass_equals_filter_and_sums_of_scipy(step, bin_size, first):
+def test_power_in_one_pass_equals_that_of_scipy(step, bin_size, first):
     sos = butterworth("highpass", 60.0, 2000.0)
     axes = np.random.default_rng(0).normal(size=(5003, 2)).cumsum(axis=0)
     rest = axes[:20].mean(axis=0)
@@ -30,7 +30,7 @@ def test_power_in_one_pass_equals_filter_and_sums_of_scipy(step, bin_size, first
 
 
 @pytest.mark.parametrize(("n", "size"), [(12, 1), (12, 4), (13, 4), (3, 5)])
-def test_bin_means_are_the_means_of_bins_the_last_of_which_may_be_shorter(n, size):
+def test_bin_means_include_a_shorter_last_bin(n, size):
     x = np.random.default_rng(n).normal(size=(2, n))
     expected = [x[:, k : k + size].mean(axis=1) for k in range(0, n, size)]
     np.testing.assert_allclose(bin_means(x, size), np.transpose(expected), rtol=1e-12)
