@@ -40,8 +40,8 @@ models = {
     "corduroy": surface(80, 60, 1.2, 2.0), "mesh": surface(180, 60, 2.0, 1.0),
     "file": surface(260, 70, 2.5, 0.5),
 }  # fmt: skip
-named, band = {name: i for i, name in enumerate(models)}, (20.0, 450.0)
-scene = tx.haptics.scene.PlannedScene("a dozen", FS, "m/s^2", band, 30.0, 4, named, tuple(models.values()))
+indices, band = {name: i for i, name in enumerate(models)}, (20.0, 450.0)
+scene = tx.haptics.scene.PlannedScene("a dozen", FS, "m/s^2", band, 30.0, 4, indices, tuple(models.values()))
 
 # %%
 # `tx.haptics.scene.write_scene_page("scene.html", scene)` writes this page. Press a surface and stroke it.

@@ -29,10 +29,10 @@ rendered = packed.renderer(seed=1).process(np.tile([110.0, 0.0], (n, 1)), np.one
 # %%
 # Change a scale of ``texclass describe``; the others stay.
 
-before = tx.haptics.textures.measure_scales(packed)
-rougher = tx.haptics.textures.retouch(packed, rough=before["rough"] + 2)
-after = tx.haptics.textures.measure_scales(rougher)
-print({name: f"{before[name]:.1f} -> {after[name]:.1f}" for name in before})
+original = tx.haptics.textures.measure_scales(packed)
+rougher = tx.haptics.textures.retouch(packed, rough=original["rough"] + 2)
+changed = tx.haptics.textures.measure_scales(rougher)
+print({name: f"{original[name]:.1f} -> {changed[name]:.1f}" for name in original})
 
 # %%
 

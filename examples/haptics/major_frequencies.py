@@ -30,6 +30,6 @@ axis.legend()
 plt.show()
 
 # %%
-# Share of the power in these lines:
+# Fraction of the power in these lines:
 
 print(f"{100 * np.sum(lines.amplitude**2 / 2) / np.mean(x**2):.0f} %")

@@ -2,7 +2,8 @@
 Export to other devices
 =======================
 
-A phone has no input of speed and force, so a texture is rendered once. The writers return what is lost.
+A phone has no input of speed and force, so a texture is rendered once. The writers return a description of
+the losses.
 """
 
 import tempfile
@@ -26,11 +27,11 @@ rendition = exchange.play_texture(texture, speed=80.0, seconds=1.0)
 
 with tempfile.TemporaryDirectory() as folder:
     mpeg, apple = Path(folder) / "a.hjif", Path(folder) / "a.ahap"
-    for name, lost in (
+    for name, losses in (
         ("MPEG", exchange.write_hjif(rendition, mpeg)),
         ("Apple", exchange.write_ahap(rendition, apple)),
     ):
-        print(name, *(f"{key}: {text}" for key, text in lost.items()), sep="\n  ")
+        print(name, *(f"{key}: {text}" for key, text in losses.items()), sep="\n  ")
     played = exchange.play_hjif(exchange.read_hjif(mpeg))[:, 0]
     pattern = exchange.play_ahap(exchange.read_ahap(apple))
 

@@ -30,20 +30,20 @@ for f, b, a in zip(modes.frequency_hz, modes.decay_per_s, modes.amplitude, stric
 # %%
 # Both fit the recording, with different numbers of poles.
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
-left.plot(1e3 * t, x, ".", color="0.7", label="recorded")
-left.plot(1e3 * t, prony.synthesize(t.size), color="C1", label="Prony")
-left.plot(1e3 * t, modes.synthesize(t.size, fs), color="C0", label="matrix pencil")
-left.set_xlabel("ms")
-left.set_ylabel("m/s²")
-left.legend()
+figure, (signal_axis, pole_axis) = plt.subplots(1, 2, figsize=(10, 4))
+signal_axis.plot(1e3 * t, x, ".", color="0.7", label="recorded")
+signal_axis.plot(1e3 * t, prony.synthesize(t.size), color="C1", label="Prony")
+signal_axis.plot(1e3 * t, modes.synthesize(t.size, fs), color="C0", label="matrix pencil")
+signal_axis.set_xlabel("ms")
+signal_axis.set_ylabel("m/s²")
+signal_axis.legend()
 
 z = np.exp((-modes.decay_per_s + 2j * np.pi * modes.frequency_hz) / fs)
-right.add_patch(plt.Circle((0, 0), 1, fill=False, color="0.6"))
+pole_axis.add_patch(plt.Circle((0, 0), 1, fill=False, color="0.6"))
 for poles, look in ((np.roots(prony.a), "C1."), (np.append(z, z.conj()), "C0x")):
-    right.plot(poles.real, poles.imag, look)
-right.set_xticks([-1, 0, 1])
-right.set_yticks([-1, 0, 1])
-right.set_title("poles in the unit circle")
-right.set_aspect("equal")
+    pole_axis.plot(poles.real, poles.imag, look)
+pole_axis.set_xticks([-1, 0, 1])
+pole_axis.set_yticks([-1, 0, 1])
+pole_axis.set_title("poles in the unit circle")
+pole_axis.set_aspect("equal")
 plt.show()

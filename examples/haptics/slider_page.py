@@ -33,8 +33,8 @@ Framed(tx.haptics.scene.slider_page(texture, file="wood.texture"))
 # %%
 # The sliders call :func:`texclass.haptics.textures.retouch`: one scale changes, the others stay.
 
-before = tx.haptics.textures.measure_scales(texture)
-targets = before["rough"] + np.array([-2.0, -1.0, 1.0, 2.0])
+original = tx.haptics.textures.measure_scales(texture)
+targets = original["rough"] + np.array([-2.0, -1.0, 1.0, 2.0])
 measured = [
     tx.haptics.textures.measure_scales(tx.haptics.textures.retouch(texture, rough=value), seed=5)
     for value in targets

@@ -16,7 +16,7 @@ import texclass as tx
 # A surface whose resonance is proportional to the speed is recorded at four speeds and rendered at another.
 
 
-def recorded(speed, seed):
+def simulate(speed, seed):
     """Return 2 s at 2 kHz: noise through a resonance at 2 Hz per mm/s; the level rises with speed."""
     noise = np.random.default_rng(seed).standard_normal(4000)
     resonance = [1, -1.9 * np.cos(2 * np.pi * 2 * speed / 2000), 0.95**2]
@@ -24,7 +24,7 @@ def recorded(speed, seed):
 
 
 speeds = [60, 100, 140, 180]
-texture = tx.haptics.textures.oeztuerk2018.fit_lpc([recorded(v, v) for v in speeds], speeds, fs=2000, order=2)
+texture = tx.haptics.textures.oeztuerk2018.fit_lpc([simulate(v, v) for v in speeds], speeds, fs=2000, order=2)
 renderer = texture.renderer(seed=0)
 velocity = np.tile([120.0, 0.0], (8000, 1))
 rendered = renderer.process(velocity, np.ones(8000))
@@ -32,7 +32,7 @@ rendered = renderer.process(velocity, np.ones(8000))
 # %%
 figure, axis = plt.subplots(figsize=(8, 3.5))
 for signal, name in (
-    (recorded(120, 7), "recorded at 120 mm/s, held out"),
+    (simulate(120, 7), "recorded at 120 mm/s, held out"),
     (rendered, "rendered at 120 mm/s"),
 ):
     f, power = welch(signal, 2000, nperseg=512)

@@ -36,11 +36,11 @@ from shared import arguments, write_chapter
 from texclass.haptics.textures.guruswamy2011 import (
     RESOLUTION,
     FittedScan,
+    extract_profile,
     fit_level_law,
     fit_texture,
-    profile_of,
 )
-from texclass.haptics.textures.guruswamy2011.texture import LARGEST_OUTPUT, N_RINGING
+from texclass.haptics.textures.guruswamy2011.texture import MAX_RINGING, PEAK_FACTOR
 from texclass.haptics.textures.scan import Scan
 from texclass.loaders import DataNotFoundError, open_dataset
 from texclass.provenance import versions
@@ -156,7 +156,7 @@ def compute(
 
 def zero_phase_density(fitted: FittedScan) -> float:
     """Return the segments per mm that a filter run backwards, too, leads to."""
-    profile = profile_of(fitted.normalised, fitted.scan.fs, phase="zero")
+    profile = extract_profile(fitted.acceleration, fitted.scan.fs, phase="zero")
     return float(profile.segmentation.n_segments / fitted.scan.distance_mm[-1])
 
 
@@ -356,9 +356,9 @@ def paths(n: Mapping[str, Any]) -> str:
     finite = "all output finite" if p["finite"] else "NOT ALL OUTPUT FINITE"
     return (
         f"{p['n_paths']} random paths (wandering, jumps, lifting off; up to 5 m/s and 20 N): {finite}, the "
-        f"largest {p['largest']:.3g} times the recorded peak (limit: {LARGEST_OUTPUT:g} times; "
+        f"largest {p['largest']:.3g} times the recorded peak (limit: {PEAK_FACTOR:g} times; "
         f"{100 * p['limited']:.2g} % of the samples are held there), at most {p['most_ringing']} of "
-        f"{N_RINGING} places for ringing modes taken."
+        f"{MAX_RINGING} places for ringing modes taken."
     )
 
 

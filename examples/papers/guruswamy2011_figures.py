@@ -62,7 +62,7 @@ def draw_spectra(width: float, fitted: Mapping[str, FittedScan]) -> Drawing:
     """Draw the smoothed power spectra with their cut-offs, ours and published (figures 6 and 7)."""
     figure, panels = _panels(2, 3, (width, 5.4))
     for axes, (name, each) in zip(panels, fitted.items(), strict=False):
-        f, power = signal.periodogram(signal.detrend(each.normalised), each.scan.fs)
+        f, power = signal.periodogram(signal.detrend(each.acceleration), each.scan.fs)
         smooth = ndimage.gaussian_filter1d(power, SMOOTHING_HZ / f[1])
         axes.fill_between(f, smooth / smooth.max(), color=FAINT)
         band, theirs = each.profile.band, dict(zip(ROW, TABLE_1[name], strict=True))
@@ -92,7 +92,7 @@ def draw_textures(width: float, fitted: Mapping[str, FittedScan]) -> Drawing:
         per_s = speed * each.texture.n_features / each.texture.length_mm
         cut = slice(int(2 * fs), int(2 * fs + 8 * fs / max(per_s, 8)))
         t = np.arange(n)[cut] / fs
-        axes.plot(t, each.normalised[cut], "x", color=INK, markersize=3, label="scan")
+        axes.plot(t, each.acceleration[cut], "x", color=INK, markersize=3, label="scan")
         axes.plot(t, total[cut], color=OURS, linewidth=1.4, label="texture")
         axes.set_title(name)
         axes.set_ylabel("m/s²")

@@ -15,12 +15,12 @@ from texclass.haptics.textures.guruswamy2011 import (
     FittedScan,
     LevelLaw,
     SpatialTexture,
+    extract_profile,
     fit_level_law,
     fit_modes,
     fit_sinusoid,
     fit_texture,
-    normalised,
-    profile_of,
+    normalise_acceleration,
 )
 from texclass.haptics.textures.scan import Scan
 from texclass.vibration import DecayingModes, PronyFilter, fit_prony
@@ -98,8 +98,8 @@ def published_row(scan: Scan, law: LevelLaw, resolution: float = RESOLUTION) -> 
         tails included, to the band-passed profile, mm/s^2).
     """
     scaling = _amplitude(scan, law)
-    a = normalised(scan, scaling)
-    profile = profile_of(a, scan.fs, resolution=resolution)
+    a = normalise_acceleration(scan, scaling)
+    profile = extract_profile(a, scan.fs, resolution=resolution)
     filters = fit_published(profile.segmentation.split(profile.samples), resolution)
     bounds = profile.segmentation.bounds
     model = np.concatenate([f.synthesize(n)[:n] for f, n in zip(filters, np.diff(bounds), strict=True)])
@@ -140,7 +140,7 @@ def modes_row(fitted: FittedScan, law: LevelLaw) -> dict[str, float]:
     return {
         "poles": float(np.mean([n_poles(modes) for modes in fitted.responses.modes])),
         "sad_bandpass": 1e3 * mean_absolute_difference(fitted.profile.samples, total),
-        "sad_original": 1e3 * mean_absolute_difference(fitted.normalised, total),
+        "sad_original": 1e3 * mean_absolute_difference(fitted.acceleration, total),
         "sad_sinusoid": 1e3 * mean_absolute_difference(fitted.profile.samples, baseline),
     }
 
@@ -182,7 +182,7 @@ def recover(thing: SimulatedObject, seed: int, *, repeatability: float = 0.01) -
     law = fit_level_law(level_scans(thing, rng, repeatability=repeatability), thing.law.k_c).law
     section = lay_out(thing, DURATION_S * thing.speed, rng)
     scan = simulate_scan(thing, section, rng)
-    profile = profile_of(normalised(scan, _amplitude(scan, law)), scan.fs)
+    profile = extract_profile(normalise_acceleration(scan, _amplitude(scan, law)), scan.fs)
     return np.array([
         profile.segmentation.n_segments / scan.distance_mm[-1] / thing.density_per_mm - 1,
         profile.band.major_hz - TABLE_1[thing.name][ROW.index("f_major_hz")],

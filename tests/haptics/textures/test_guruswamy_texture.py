@@ -1,4 +1,4 @@
-"""Textures in space, as fitted and as rendered."""
+"""Spatial textures: fit and rendering."""
 
 from dataclasses import replace
 
@@ -13,7 +13,12 @@ from texclass.haptics.textures.guruswamy2011 import (
     SpatialTexture,
     fit_texture,
 )
-from texclass.haptics.textures.guruswamy2011.texture import LARGEST_OUTPUT, N_RINGING, PLAY_MM, SILENT
+from texclass.haptics.textures.guruswamy2011.texture import (
+    BACKLASH_MM,
+    MAX_RINGING,
+    PEAK_FACTOR,
+    SILENCE_RATIO,
+)
 from texclass.haptics.textures.scan import Scan
 from texclass.vibration.decaying_modes import DecayingModes
 
@@ -26,10 +31,10 @@ def rubber_fit():
     return fit_texture(simulate_scan(OBJECTS[2], section, rng), OBJECTS[2].law)
 
 
-# As fitted --------------------------------------------------------------------------------------------------
+# Fit --------------------------------------------------------------------------------------------------------
 
 
-def test_rendered_along_the_scan_it_is_the_scan(rubber_fit):
+def test_rendering_along_the_path_of_the_scan_reproduces_the_scan(rubber_fit):
     scan, texture = rubber_fit.scan, rubber_fit.texture
     y = texture.renderer().process(scan.velocity, scan.force, scan.position)
     total = rubber_fit.responses.sum(len(scan), scan.fs)
@@ -38,7 +43,7 @@ def test_rendered_along_the_scan_it_is_the_scan(rubber_fit):
     assert np.mean(np.abs(total - rubber_fit.profile.samples)) < 0.153
 
 
-def test_rendered_level_obeys_equation_2_at_other_speeds(rubber_fit):
+def test_the_rendered_level_satisfies_equation_2_at_other_speeds(rubber_fit):
     texture = rubber_fit.texture
     n = 6000
     for speed, force in ((40.0, 0.443), (85.0, 0.443), (60.0, 1.5)):
@@ -51,7 +56,7 @@ def test_rendered_level_obeys_equation_2_at_other_speeds(rubber_fit):
         assert rms == pytest.approx(expected, rel=0.15)
 
 
-def test_what_breaks_a_rule_is_refused(rubber_fit):
+def test_invalid_values_are_refused(rubber_fit):
     texture = rubber_fit.texture
     arrays = texture.arrays()
     for change in (
@@ -66,32 +71,32 @@ def test_what_breaks_a_rule_is_refused(rubber_fit):
             replace(texture, **change)
 
 
-def test_baseline_is_one_sinusoid_a_feature_and_fits_worse(rubber_fit):
+def test_the_baseline_has_one_sinusoid_per_feature_and_a_larger_error(rubber_fit):
     baseline = fit_texture(rubber_fit.scan, rubber_fit.texture.scaling.law, method="sinusoid")
     assert isinstance(baseline.texture, SinusoidTexture)
     assert baseline.texture.family == "guruswamy2011-sinusoid"
     assert np.array_equal(baseline.texture.feature, np.arange(baseline.texture.n_features))
     n, x = len(rubber_fit.scan), rubber_fit.profile.samples
-    errors = [np.mean(np.abs(each.responses.sum(n, 500.0) - x)) for each in (baseline, rubber_fit)]
+    errors = [np.mean(np.abs(fit.responses.sum(n, 500.0) - x)) for fit in (baseline, rubber_fit)]
     assert errors[0] > 2 * errors[1]
 
 
-def test_operations_count_the_modes_that_ring(rubber_fit):
+def test_operations_count_the_active_modes(rubber_fit):
     texture = rubber_fit.texture
     modes = {"frequency_hz": [20.0], "decay_per_s": [10.0], "amplitude": [texture.peak], "phase": [0.0]}
-    one = replace(texture, position_mm=[0.0], feature=[0], **modes)
-    share = np.log(1 / SILENT) / 10.0 * texture.scaling.speed / texture.length_mm
-    assert one.operations == pytest.approx(30 + 10 * share)
+    single = replace(texture, position_mm=[0.0], feature=[0], **modes)
+    n_active = np.log(1 / SILENCE_RATIO) / 10.0 * texture.scaling.speed / texture.length_mm
+    assert single.operations == pytest.approx(30 + 10 * n_active)
 
 
 @pytest.mark.parametrize(("speed", "level"), [(0.0, 1.0), (20.0, 0.01)])
-def test_a_scan_that_rests_or_is_silent_is_refused(speed, level):
+def test_scans_at_rest_and_silent_scans_are_refused(speed, level):
     noise = level * np.random.default_rng(0).standard_normal(500)
     with pytest.raises(ValueError, match=r"Expected|must"):
         fit_texture(Scan.along_line(noise, speed, 0.5, 500.0, "nothing"))
 
 
-def test_features_lie_along_the_stroke_wherever_it_began():
+def test_features_lie_along_the_stroke_wherever_it_starts():
     t = np.arange(1000) / 500
     a = 5 * np.exp(-20 * (t % 0.2)) * np.sin(2 * np.pi * 40 * (t % 0.2))
     path = np.column_stack([-3.0 * t, 4.0 * t])
@@ -105,7 +110,7 @@ def test_features_lie_along_the_stroke_wherever_it_began():
     assert np.mean(np.abs(rendered - fitted.responses.sum(1000, 500.0))) < 0.02
 
 
-# As rendered ------------------------------------------------------------------------------------------------
+# Rendering --------------------------------------------------------------------------------------------------
 
 
 FS = 500.0
@@ -113,10 +118,10 @@ LAW = LevelLaw(k_v=20.0, k_c=0.5, a_0=0.3)
 RING = DecayingModes(*np.array([[60.0], [30.0], [2.0], [-1.0]]))
 
 
-def surface(places=(10.0, 20.0, 35.0), length=50.0, **changes) -> SpatialTexture:
-    n = len(places)
+def surface(positions=(10.0, 20.0, 35.0), length=50.0, **changes) -> SpatialTexture:
+    n = len(positions)
     texture = SpatialTexture(
-        "three ridges", FS, length, places, np.arange(n), *(np.full(n, v[0]) for v in (
+        "three ridges", FS, length, positions, np.arange(n), *(np.full(n, v[0]) for v in (
             RING.frequency_hz, RING.decay_per_s, RING.amplitude, RING.phase)),
         scaling=Amplitude(LAW, 20.0, 0.5), peak=2.0, direction=[1.0, 0.0],
     )  # fmt: skip
@@ -129,9 +134,9 @@ def stroke(speed, n, start=0.0, force=0.5):
     return np.column_stack([np.full(n, speed), zero]), np.full(n, force), np.column_stack([x, zero])
 
 
-def struck(texture, at, n, factor):
+def expected_output(texture, starts, n, factor):
     out = np.zeros(n)
-    for k in at:
+    for k in starts:
         out[k:] += factor * RING.synthesize(n - k, FS)
     return out
 
@@ -140,31 +145,31 @@ def struck(texture, at, n, factor):
     ("speed", "force", "compensated"),
     [(20.0, 0.5, True), (55.0, 9.0, False), (130.0, 0.5, True), (130.0, 0.01, False), (12.0, 0.5, True)],
 )
-def test_output_is_the_sum_of_equation_5(speed, force, compensated):
+def test_the_output_is_the_sum_of_equation_5(speed, force, compensated):
     texture = surface(scaling=Amplitude(LAW, 20.0, 0.5, compensated))
     v, f, x = stroke(speed, 1000, force=force)
-    passed = [
-        int(np.argmax(x[:, 0] >= place + 50.0 * turn))
-        for turn in range(6)
-        for place in texture.position_mm
-        if place + 50.0 * turn <= x[-1, 0]
+    starts = [
+        int(np.argmax(x[:, 0] >= position + 50.0 * period))
+        for period in range(6)
+        for position in texture.position_mm
+        if position + 50.0 * period <= x[-1, 0]
     ]
-    expected = struck(texture, passed, 1000, texture.scaling.factor(speed, force))
-    assert np.abs(texture.renderer().process(v, f, x) - expected).max() < 5 * SILENT * texture.peak
+    expected = expected_output(texture, starts, 1000, texture.scaling.factor(speed, force))
+    assert np.abs(texture.renderer().process(v, f, x) - expected).max() < 5 * SILENCE_RATIO * texture.peak
 
 
-def test_a_return_stroke_meets_the_features_again_in_reverse_order():
+def test_a_return_stroke_passes_the_features_in_reverse_order():
     texture = surface()
     v, f, x = stroke(50.0, 400)
     path = np.concatenate([x, x[::-1]])
     y = texture.renderer().process(np.concatenate([v, -v]), np.concatenate([f, f]), path)
-    there = [int(np.argmax(path[:, 0] >= place)) for place in (10.0, 20.0, 35.0)]
-    back = [400 + int(np.argmax(path[400:, 0] + PLAY_MM < place)) for place in (35.0, 20.0, 10.0)]
-    expected = struck(texture, there + back, 800, texture.scaling.factor(50.0, 0.5))
-    assert np.abs(y - expected).max() < 7 * SILENT * texture.peak
+    forward = [int(np.argmax(path[:, 0] >= position)) for position in (10.0, 20.0, 35.0)]
+    back = [400 + int(np.argmax(path[400:, 0] + BACKLASH_MM < position)) for position in (35.0, 20.0, 10.0)]
+    expected = expected_output(texture, forward + back, 800, texture.scaling.factor(50.0, 0.5))
+    assert np.abs(y - expected).max() < 7 * SILENCE_RATIO * texture.peak
 
 
-def test_a_tip_that_trembles_on_a_feature_does_not_strike_it_again():
+def test_a_tip_that_trembles_on_a_feature_excites_it_once():
     texture = surface()
     x = np.concatenate([np.linspace(9, 10.0, 50), 10 + 0.04 * np.sin(np.arange(500))])
     path = np.column_stack([x, np.zeros(x.size)])
@@ -173,26 +178,26 @@ def test_a_tip_that_trembles_on_a_feature_does_not_strike_it_again():
     assert np.abs(y[-200:]).max() == 0
 
 
-def test_grooves_are_silent_along_themselves_and_grains_are_not():
+def test_grooves_are_silent_along_their_direction_and_grains_are_not():
     v, f, x = stroke(100.0, 500)
-    across = v[:, ::-1], f, x[:, ::-1]
-    assert not np.any(surface().renderer().process(*across))
+    perpendicular = v[:, ::-1], f, x[:, ::-1]
+    assert not np.any(surface().renderer().process(*perpendicular))
     grains = surface(course="travelled")
-    assert np.array_equal(grains.renderer().process(*across), grains.renderer().process(v, f, x))
+    assert np.array_equal(grains.renderer().process(*perpendicular), grains.renderer().process(v, f, x))
 
 
-def test_without_contact_nothing_is_struck_and_what_rings_rings_on():
+def test_without_contact_no_feature_is_excited_and_active_modes_decay():
     texture = surface()
     v, f, x = stroke(50.0, 400)
     assert not np.any(texture.renderer().process(v, 0 * f, x))
     lifted = np.where(x[:, 0] > 10.5, 0.0, 0.5)
-    y, held = (texture.renderer().process(v, force, x) for force in (lifted, f))
+    y, pressed = (texture.renderer().process(v, force, x) for force in (lifted, f))
     second = int(np.argmax(x[:, 0] >= 20))
-    assert np.array_equal(y[:second], held[:second])
+    assert np.array_equal(y[:second], pressed[:second])
     assert np.abs(y[-50:]).max() == 0
 
 
-def test_decayed_filters_leave_the_pool():
+def test_decayed_modes_leave_the_pool():
     renderer = surface().renderer()
     renderer.process(*stroke(50.0, 450))
     assert renderer.n_ringing <= 2
@@ -200,37 +205,37 @@ def test_decayed_filters_leave_the_pool():
     assert renderer.n_ringing == 0
 
 
-def test_output_stays_bounded_and_finite_whatever_the_path():
-    places = np.arange(0.0, 50.0, 0.05)
-    texture = surface(tuple(places))
+def test_the_output_is_bounded_and_finite_for_any_path():
+    positions = np.arange(0.0, 50.0, 0.05)
+    texture = surface(tuple(positions))
     rng = np.random.default_rng(4)
     renderer = texture.renderer()
     for _ in range(10):
         v = 10.0 ** rng.uniform(0, 6) * rng.standard_normal((100, 2))
         y = renderer.process(v, 50 * rng.standard_normal(100), 1e3 * rng.standard_normal((100, 2)))
         assert np.all(np.isfinite(y))
-        assert np.abs(y).max() <= LARGEST_OUTPUT * texture.peak
-        assert renderer.n_ringing <= N_RINGING
+        assert np.abs(y).max() <= PEAK_FACTOR * texture.peak
+        assert renderer.n_ringing <= MAX_RINGING
 
 
-def test_far_from_the_origin_the_surface_repeats():
+def test_the_surface_repeats_far_from_the_origin():
     texture = surface()
-    here = texture.renderer().process(*stroke(50.0, 400))
-    for turn in (-1000, 1000):
-        there = texture.renderer().process(*stroke(50.0, 400, start=50.0 * turn))
-        assert np.abs(there - here).max() < 1e-9
+    reference = texture.renderer().process(*stroke(50.0, 400))
+    for period in (-1000, 1000):
+        shifted = texture.renderer().process(*stroke(50.0, 400, start=50.0 * period))
+        assert np.abs(shifted - reference).max() < 1e-9
 
 
-def test_what_is_beyond_numbers_is_refused_and_changes_nothing():
+def test_too_large_inputs_are_refused_and_leave_the_state_unchanged():
     texture = surface()
     v, f, x = stroke(50.0, 200)
     renderer = texture.renderer()
     renderer.process(v[:100], f[:100], x[:100])
     for which in range(3):
-        broken = [v[100:].copy(), f[100:].copy(), x[100:].copy()]
-        broken[which][3] = 1e10
-        with pytest.raises(ValueError, match="Expected less"):
-            renderer.process(*broken)
+        inputs = [v[100:].copy(), f[100:].copy(), x[100:].copy()]
+        inputs[which][3] = 1e10
+        with pytest.raises(ValueError, match="at most 1e"):
+            renderer.process(*inputs)
     whole = texture.renderer().process(v, f, x)
     assert np.array_equal(renderer.process(v[100:], f[100:], x[100:]), whole[100:])
     with pytest.raises(ValueError, match="position"):

@@ -1,4 +1,4 @@
-"""Textures of Guruswamy, Lang and Lee (2011): decaying filters at places, rendered along strokes."""
+"""Spatial textures of `guruswamy2011`: decaying filters at positions, rendered along strokes."""
 
 import lazy_loader
 

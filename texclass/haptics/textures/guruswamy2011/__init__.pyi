@@ -3,14 +3,14 @@ from .fit import BandedVibration as BandedVibration
 from .fit import FittedScan as FittedScan
 from .fit import LevelFit as LevelFit
 from .fit import Responses as Responses
-from .fit import band_of as band_of
+from .fit import estimate_band as estimate_band
+from .fit import extract_profile as extract_profile
 from .fit import fit_level_law as fit_level_law
 from .fit import fit_modes as fit_modes
 from .fit import fit_responses as fit_responses
 from .fit import fit_sinusoid as fit_sinusoid
 from .fit import fit_texture as fit_texture
-from .fit import normalised as normalised
-from .fit import profile_of as profile_of
+from .fit import normalise_acceleration as normalise_acceleration
 from .fit import scan_level as scan_level
 from .texture import Amplitude as Amplitude
 from .texture import LevelLaw as LevelLaw

@@ -1,4 +1,4 @@
-"""From the scan of a surface to its texture: band-pass, segment, one filter a segment, placed in space."""
+"""Fit of spatial textures to scans: level law, band-pass, segmentation, and one filter per segment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -23,33 +23,35 @@ from texclass.vibration.decaying_modes import NO_MODES, DecayingModes, fit_ampli
 from texclass.vibration.rising_peaks import Segmentation, VibrationBand, segment_rising_peaks, vibration_band
 
 LOWER_HZ = 0.122
-"""Lower limit of the band, `guruswamy2011` section V-A; 500 / 4096 and 1000 / 8192 Hz."""
+"""Lower limit of the band in Hz: 500 / 4096 and 1000 / 8192 in `guruswamy2011`, section V-A."""
 PATH_CUTOFF_HZ = 10.0
-"""Low-pass of force and speed (f_lowpass). The paper gives none; a hand is slower than that."""
+"""Low-pass cut-off of force and speed in Hz (f_lowpass). The paper gives none; hand motion is slower
+(ours)."""
 RESOLUTION = 0.153
-"""One bit of the paper's sensor, m/s^2 (2 g / 128)."""
+"""One bit of the sensor of the paper in m/s^2 (2 g / 128)."""
 SMOOTHING_HZ = 3.0
-"""Standard deviation of the Gaussian that low-passes the spectrum. The paper names none; ours."""
-HIGHEST = 0.9
-"""An upper cut-off above that part of fs/2 would only turn the phase of what it keeps: none is applied."""
+"""Standard deviation in Hz of the Gaussian that smooths the spectrum. The paper gives none (our choice)."""
+MAX_CUTOFF_FRACTION = 0.9
+"""Fraction of fs/2 above which no upper cut-off is applied: it would only change the phase in the band."""
 
 Phase = Literal["causal", "zero"]
 
 
-# How strongly a surface vibrates ----------------------------------------------------------------------------
+# Law of the level -------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class LevelFit:
-    """A law found from repeated scans, and the scans it was found from.
+    """A law of the level, and the scans to which it was fitted.
 
     Attributes
     ----------
     law : LevelLaw
+        Fitted law.
     speed, force, rms : ndarray of shape (n_scans,)
-        Means (mm/s, N) and RMS acceleration (m/s^2) of the scans.
+        Mean speed (mm/s), mean force (N) and RMS acceleration (m/s^2) of the scans.
     r_squared : float
-        Part of the variance of the RMS (without the share of a given k_c) that the law explains.
+        Fraction of the variance of the RMS (without the part of a given k_c) that the law explains.
     """
 
     law: LevelLaw
@@ -60,74 +62,82 @@ class LevelFit:
 
 
 def fit_level_law(scans: Sequence[Scan], k_c: float | None = None) -> LevelFit:
-    """Regress the law on repeated scans of one surface at different speeds.
+    """Fit the law of the level to repeated scans of one surface at different speeds.
 
-    Least squares of the deviation relative to the level: two scans of one kind differ by some per cent, not
-    by some m/s^2, so that weak scans know a_0 best.
+    The relative deviations are minimised by iteratively reweighted least squares, because two scans of one
+    kind differ by some per cent and not by some m/s^2. Weak scans therefore determine a_0.
 
     Parameters
     ----------
     scans : sequence of Scan
-        At least 2, of different mean speed; at least 3, of different mean force, too, without `k_c`.
+        At least 2 scans of different mean speed; without `k_c` at least 3, also of different mean force.
     k_c : float, optional
-        Force factor known from elsewhere, as the paper takes it; regressed with the others by default.
+        Force factor from another measurement, as in the paper (default: fitted like the others).
 
     Returns
     -------
     LevelFit
-        Factors that would come out negative are held at 0.
+        Fit with factors of at least 0.
 
     Raises
     ------
     ValueError
-        For too few scans, scans that do not differ, or silence.
+        If there are too few scans, scans do not differ, or all are silent.
 
     References
     ----------
     `guruswamy2011`, section III (eq. 2), section V-B, figure 10.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal(2000)
+    >>> scans = [Scan.along_line(k * noise, 20.0 * k, 1.0, fs=1000.0) for k in (1, 2, 4)]
+    >>> law = fit_level_law(scans, k_c=0.0).law
+    >>> round(law.k_v), round(law.a_0, 3)
+    (50, 0.0)
     """
     from scipy.optimize import nnls
 
     speed, force, rms = np.array([scan_level(scan) for scan in scans]).reshape(-1, 3).T
-    known = np.zeros_like(rms) if k_c is None else k_c * force
+    offset = np.zeros_like(rms) if k_c is None else k_c * force
     design = np.column_stack([speed / 1000, *([force] if k_c is None else []), np.ones_like(speed)])
     if np.linalg.matrix_rank(design) < design.shape[1] or not np.any(rms):
         raise ValueError(
-            f"scans at {speed} mm/s and {force} N of RMS {rms}. Expected {design.shape[1]} scans or more "
-            "that differ in speed (and in force, if k_c is not given), not silent"
+            "scans must differ in speed (and in force, without k_c), be not silent, and be "
+            f"{design.shape[1]} or more, got {speed} mm/s and {force} N with RMS {rms}"
         )
     weight = np.ones_like(rms)
     for _ in range(5):
         weighted = design * weight[:, np.newaxis]
         size = np.linalg.norm(weighted, axis=0)
-        found = nnls(weighted / size, (rms - known) * weight)[0] / size
-        weight = 1 / np.maximum(design @ found + known, 1e-3 * rms.max())
-    k_v, k_f, a_0 = (found[0], k_c, found[1]) if k_c is not None else found
-    rest, spread = rms - known - design @ found, rms - known - np.mean(rms - known)
-    explained = 1 - float(rest @ rest) / max(float(spread @ spread), np.finfo(float).tiny)
+        factors = nnls(weighted / size, (rms - offset) * weight)[0] / size
+        weight = 1 / np.maximum(design @ factors + offset, 1e-3 * rms.max())
+    k_v, k_f, a_0 = (factors[0], k_c, factors[1]) if k_c is not None else factors
+    residual, spread = rms - offset - design @ factors, rms - offset - np.mean(rms - offset)
+    explained = 1 - float(residual @ residual) / max(float(spread @ spread), np.finfo(float).tiny)
     return LevelFit(LevelLaw(float(k_v), float(k_f), float(a_0)), speed, force, rms, explained)
 
 
 def scan_level(scan: Scan) -> tuple[float, float, float]:
     """Return mean speed (mm/s), mean force (N) and RMS acceleration (m/s^2) of a scan.
 
-    Of the acceleration only a linear trend is left out: the law speaks of all that was felt, and over the
-    seconds of a fast scan a filter at `LOWER_HZ` would mostly show its own transient.
+    Only a linear trend is removed from the acceleration: the law describes the whole vibration, and for a
+    fast scan of a few seconds a filter at `LOWER_HZ` would mostly show its own transient.
     """
     a = signal.detrend(scan.acceleration)
     return float(scan.speed.mean()), float(scan.force.mean()), float(np.sqrt(np.mean(a**2)))
 
 
-def smoothed_path(scan: Scan) -> tuple[Samples, Samples]:
-    """Return speed (mm/s) and force (N) of a scan below `PATH_CUTOFF_HZ`, not negative."""
+def smooth_path(scan: Scan) -> tuple[Samples, Samples]:
+    """Return speed (mm/s) and force (N) of a scan, low-passed at `PATH_CUTOFF_HZ` and not negative."""
     cutoff = min(PATH_CUTOFF_HZ, 0.4 * scan.fs)
     both = signals.lowpass(np.column_stack([scan.speed, scan.force]), cutoff, scan.fs)
     return np.maximum(both[:, 0], 0.0), np.maximum(both[:, 1], 0.0)
 
 
-def normalised(scan: Scan, amplitude: Amplitude) -> Samples:
-    """Return the acceleration as it would be at the constant speed and force of `amplitude`, (n_samples,)."""
-    factor = amplitude.factor(*smoothed_path(scan))
+def normalise_acceleration(scan: Scan, amplitude: Amplitude) -> Samples:
+    """Return the acceleration (n_samples,) normalised to the constant speed and force of `amplitude`."""
+    factor = amplitude.factor(*smooth_path(scan))
     return np.asarray(scan.acceleration / np.maximum(factor, 1 / 16))
 
 
@@ -136,17 +146,18 @@ def normalised(scan: Scan, amplitude: Amplitude) -> Samples:
 
 @dataclass(frozen=True, eq=False)
 class BandedVibration:
-    """A vibration within its band.
+    """A vibration filtered to its band, and its segmentation.
 
     Attributes
     ----------
     samples : ndarray of shape (n_samples,)
-        Unit of the acceleration.
+        Vibration in the unit of the acceleration.
     band : VibrationBand
-        Major frequency and automatic cut-off, Hz.
+        Major frequency and automatic cut-off in Hz.
     cutoff_hz : float
-        Upper cut-off that was used: that of the band, or fs/2 where that lies above `HIGHEST` fs/2.
+        Upper cut-off that was applied: that of the band, or fs/2 if it is above `MAX_CUTOFF_FRACTION` fs/2.
     segmentation : Segmentation
+        Segments of the vibration.
     """
 
     samples: Samples
@@ -155,19 +166,25 @@ class BandedVibration:
     segmentation: Segmentation
 
 
-def band_of(acceleration: ArrayLike, fs: float) -> VibrationBand:
-    """Return major frequency and automatic upper cut-off of a vibration.
+def estimate_band(acceleration: ArrayLike, fs: float) -> VibrationBand:
+    """Return the major frequency and the automatic upper cut-off of a vibration.
 
     Parameters
     ----------
     acceleration : array_like of shape (n_samples,)
-        Any unit; a linear trend is left out.
+        Acceleration in any unit; a linear trend is removed.
     fs : float
-        Hz.
+        Sampling rate in Hz.
 
     References
     ----------
     `guruswamy2011`, eq. (6) and (7), between 0.122 Hz and fs/2.
+
+    Examples
+    --------
+    >>> t = np.arange(2000) / 500
+    >>> round(estimate_band(np.sin(2 * np.pi * 60 * t), fs=500.0).major_hz)
+    60
     """
     a = np.asarray(acceleration, dtype=np.float64)
     n_fft = max(a.size, int(2 ** np.ceil(np.log2(fs / LOWER_HZ))))
@@ -175,55 +192,61 @@ def band_of(acceleration: ArrayLike, fs: float) -> VibrationBand:
     return vibration_band(f[f >= LOWER_HZ], power[f >= LOWER_HZ], smoothing_hz=SMOOTHING_HZ)
 
 
-def profile_of(
+def extract_profile(
     acceleration: ArrayLike,
     fs: float,
     *,
     resolution: float = RESOLUTION,
     phase: Phase = "causal",
 ) -> BandedVibration:
-    """Band-pass an acceleration by a 4th-order Butterworth filter and cut it where peaks rise.
+    """Band-pass an acceleration with a 4th-order Butterworth filter and segment it at rising peaks.
 
     Parameters
     ----------
     acceleration : array_like of shape (n_samples,)
-        Normalised to one speed and force. Not silent.
+        Acceleration normalised to one speed and force; not silent.
     fs : float
-        Hz.
+        Sampling rate in Hz.
     resolution : float
-        Of the sensor, in the unit of the acceleration; the dead band is twice that.
+        Resolution of the sensor in the unit of the acceleration; the dead band is twice that.
     phase : {"causal", "zero"}
-        "causal": forwards once, then moved back by the delay at the major frequency (whole samples). "zero":
-        forwards and backwards. See the notes.
+        "causal" (default): filter forwards and remove the delay at the major frequency (whole samples).
+        "zero": filter forwards and backwards. See the notes.
 
     Returns
     -------
     BandedVibration
+        Filtered vibration with its band and segments.
 
     Raises
     ------
     ValueError
-        For silence, NaN or infinity, or fewer than 8 samples.
+        If the acceleration is constant, not finite, or shorter than 8 samples.
 
-    Notes
-    -----
-    The paper does not say which. A filter that runs backwards, too, rings *before* each onset: the peaks then
-    rise in steps, and the rule of rising peaks cuts the onset into several segments (a quarter to a half more
-    of them on the simulated regular surfaces). Forwards only, what decayed still decays, and the edges are at
-    -3 dB as designed instead of -6 dB; the delay of some samples is known and taken back.
+    Notes ----- The paper does not specify the direction of the filter. A backward pass rings *before* each
+    onset: peaks then rise in steps, and the rule of rising peaks splits onsets into several segments (25 to
+    50 % more segments on the simulated regular surfaces). A forward pass keeps the decay, its edges are at -3
+    dB as designed instead of -6 dB, and its delay of some samples is known and removed.
 
     References
     ----------
     `guruswamy2011`, sections IV-B, IV-C and V-A.
+
+    Examples
+    --------
+    >>> t = np.arange(100) / 500
+    >>> impulse = 5 * np.exp(-40 * t) * np.sin(2 * np.pi * 30 * t)
+    >>> extract_profile(np.tile(impulse, 10), fs=500.0).segmentation.n_segments
+    10
     """
     a = np.asarray(acceleration, dtype=np.float64)
     if a.ndim != 1 or a.size < 8 or not np.all(np.isfinite(a)) or np.ptp(a) == 0:
         raise ValueError(
-            f"acceleration has shape {a.shape}. Expected at least 8 samples of one channel, "
-            "finite, not constant"
+            "acceleration must be one finite channel of at least 8 samples and not constant, "
+            f"got shape {a.shape}"
         )
-    band = band_of(a, fs)
-    is_wide = band.upper_hz > HIGHEST * fs / 2
+    band = estimate_band(a, fs)
+    is_wide = band.upper_hz > MAX_CUTOFF_FRACTION * fs / 2
     cutoff = fs / 2 if is_wide else band.upper_hz
     edges = LOWER_HZ if is_wide else (LOWER_HZ, cutoff)
     sos = signals.butterworth("highpass" if is_wide else "bandpass", edges, fs)
@@ -231,12 +254,12 @@ def profile_of(
     if phase == "zero":
         samples = signals.zero_phase(sos, a)
     else:
-        # the group delay -d phi / d omega at the major frequency, in whole samples
-        around = np.clip([band.major_hz - 0.5, band.major_hz + 0.5], LOWER_HZ, 0.499 * fs)
-        H = signal.freqz_sos(sos, around, fs=fs)[1]
-        turned = np.angle(H[0] * np.conj(H[1]))
-        samples_late = round(float(turned / (2 * np.pi * (around[1] - around[0])) * fs))
-        delay = min(max(samples_late, 0), a.size - 1)
+        # group delay -d phi / d omega at the major frequency, in whole samples
+        frequencies = np.clip([band.major_hz - 0.5, band.major_hz + 0.5], LOWER_HZ, 0.499 * fs)
+        H = signal.freqz_sos(sos, frequencies, fs=fs)[1]
+        phase_step = np.angle(H[0] * np.conj(H[1]))
+        n_late = round(float(phase_step / (2 * np.pi * (frequencies[1] - frequencies[0])) * fs))
+        delay = min(max(n_late, 0), a.size - 1)
         samples = signals.causal(sos, np.pad(a, (0, delay), mode="edge"))[0][delay:]
     return BandedVibration(samples, band, cutoff, segment_rising_peaks(samples, 2 * resolution))
 
@@ -244,12 +267,13 @@ def profile_of(
 # One filter per segment -------------------------------------------------------------------------------------
 
 RING_S = 0.5
-"""A filter has fallen by 60 dB after that long, at the latest."""
-LEAST_DECAY = float(np.log(1000) / RING_S)
+"""Longest time in s in which a filter decays by 60 dB (our choice)."""
+MIN_DECAY = float(np.log(1000) / RING_S)
+"""Smallest decay rate of a mode in 1/s."""
 MAX_POLES = 24
-"""Largest order of a filter: it bounds what a feature costs to render, and to fit."""
-CANCELLING = 100.0
-"""A fit whose modes exceed the segment's peak by that factor, and so nearly cancel, is not taken."""
+"""Largest order of a filter, which bounds the cost of rendering and fitting."""
+MAX_AMPLITUDE_RATIO = 100.0
+"""Largest ratio of a mode to the peak of the segment. Larger modes nearly cancel, and the fit is rejected."""
 
 Method = Literal["modes", "sinusoid"]
 
@@ -263,14 +287,14 @@ class Responses:
     start : ndarray of int, shape (n_segments,)
         First sample of each segment.
     modes : tuple of DecayingModes
-        The filter of each; one without modes adds nothing to what still rings.
+        Filter of each segment; one without modes adds nothing.
     """
 
     start: NDArray[np.int64]
     modes: tuple[DecayingModes, ...]
 
     def sum(self, n_samples: int, fs: float) -> Samples:
-        """Return the sum of all filters, each struck at its start: eq. (5) at the speed of the scan."""
+        """Return the sum of all filters, each excited at its start: eq. (5) at the speed of the scan."""
         total = np.zeros(n_samples)
         for start, modes in zip(self.start, self.modes, strict=True):
             stop = min(start + _ring_samples(fs), n_samples)
@@ -283,140 +307,166 @@ def fit_responses(
 ) -> Responses:
     """Fit one filter to each segment of a profile.
 
-    What earlier filters still ring is taken off a segment before it is fitted, so that the sum of all filters
-    is the profile again; fitted alone, as printed, the sum has tails on top.
+    The decay of earlier filters is subtracted from a segment before it is fitted, so that the sum of all
+    filters equals the profile. If segments are fitted alone, as printed, the sum has additional tails.
 
     Parameters
     ----------
     x : ndarray of shape (n_samples,)
-        The profile.
+        Profile.
     bounds : sequence of int
-        Segment i holds the samples bounds[i] ... bounds[i + 1] - 1.
+        Segment i consists of samples bounds[i] ... bounds[i + 1] - 1.
     fs : float
-        Hz.
+        Sampling rate in Hz.
     resolution : float
-        Mean absolute error to reach, in the unit of `x`.
+        Target of the mean absolute error in the unit of `x`.
     method : {"modes", "sinusoid"}
-        `fit_modes`, or one decaying sinusoid, eq. (3).
+        `fit_modes` (default), or one decaying sinusoid, eq. (3).
 
     Returns
     -------
     Responses
+        Filters of the segments.
 
     References
     ----------
     `guruswamy2011`, section IV-A.
+
+    Examples
+    --------
+    >>> t = np.arange(100) / 500
+    >>> x = np.tile(5 * np.exp(-40 * t) * np.sin(2 * np.pi * 30 * t), 2)
+    >>> responses = fit_responses(x, [0, 100, 200], 500.0, resolution=0.01)
+    >>> bool(np.abs(responses.sum(200, 500.0) - x).max() < 0.1)
+    True
     """
-    rest = np.array(x, dtype=np.float64)
-    fitted = []
+    residual = np.array(x, dtype=np.float64)
+    filters = []
     for start, stop in pairwise(bounds):
-        piece = rest[start:stop]
-        modes = fit_modes(piece, fs, resolution) if method == "modes" else fit_sinusoid(piece, fs)
-        fitted.append(modes)
-        end = min(start + _ring_samples(fs), rest.size)
-        rest[start:end] -= modes.synthesize(end - start, fs)
-    return Responses(np.asarray(bounds[:-1]), tuple(fitted))
+        segment = residual[start:stop]
+        modes = fit_modes(segment, fs, resolution) if method == "modes" else fit_sinusoid(segment, fs)
+        filters.append(modes)
+        end = min(start + _ring_samples(fs), residual.size)
+        residual[start:end] -= modes.synthesize(end - start, fs)
+    return Responses(np.asarray(bounds[:-1]), tuple(filters))
 
 
-def fit_modes(piece: Samples, fs: float, resolution: float) -> DecayingModes:
-    """Fit decaying modes of about the least number of poles that meets the resolution.
+def fit_modes(segment: Samples, fs: float, resolution: float) -> DecayingModes:
+    """Fit decaying modes with approximately the smallest number of poles that reaches the resolution.
 
-    The number of poles is doubled until the mean absolute error of the segment falls below the resolution,
-    then halved back; without success the fit of the least error counts. All modes decay by 60 dB in `RING_S`
-    at the latest.
+    The number of poles is doubled until the mean absolute error is below the resolution, then reduced by
+    bisection. If no number reaches it, the fit with the smallest error is used. All modes decay by 60 dB
+    within `RING_S`.
 
     Parameters
     ----------
-    piece : ndarray of shape (n_samples,)
-        Segment.
+    segment : ndarray of shape (n_samples,)
+        Segment of a vibration.
     fs : float
-        Hz.
+        Sampling rate in Hz.
     resolution : float
-        In the unit of `piece`, above 0.
+        Target of the mean absolute error in the unit of `segment`, above 0.
 
     Returns
     -------
     DecayingModes
-        None at all for a segment below the resolution.
+        Fitted modes; none for a segment below the resolution.
+
+    Examples
+    --------
+    >>> t = np.arange(100) / 500
+    >>> modes = fit_modes(5 * np.exp(-40 * t) * np.sin(2 * np.pi * 30 * t), 500.0, resolution=0.01)
+    >>> modes.frequency_hz.round(1).tolist(), modes.decay_per_s.round(1).tolist()
+    ([30.0], [40.0])
     """
-    if np.mean(np.abs(piece)) < resolution:
+    if np.mean(np.abs(segment)) < resolution:
         return NO_MODES
-    x = np.pad(piece, (0, max(0, 8 - piece.size)))  # short segments are continued by zeros, as printed
-    tried: dict[int, tuple[float, DecayingModes]] = {}
+    x = np.pad(segment, (0, max(0, 8 - segment.size)))  # short segments are zero-padded, as printed
+    fits: dict[int, tuple[float, DecayingModes]] = {}
 
     def error(order: int) -> float:
-        if order not in tried:
+        if order not in fits:
             modes = fit_matrix_pencil(x, fs, order=order)
-            if modes.decay_per_s.min(initial=LEAST_DECAY) < LEAST_DECAY:
-                faster = np.maximum(modes.decay_per_s, LEAST_DECAY)
+            if modes.decay_per_s.min(initial=MIN_DECAY) < MIN_DECAY:
+                faster = np.maximum(modes.decay_per_s, MIN_DECAY)
                 modes = fit_amplitudes(x, modes.frequency_hz, faster, fs)
-            missed = float(np.mean(np.abs(modes.synthesize(piece.size, fs) - piece)))
-            moderate = np.max(modes.amplitude, initial=0.0) <= CANCELLING * np.max(np.abs(x))
-            tried[order] = missed if moderate else np.inf, modes
-        return tried[order][0]
+            difference = float(np.mean(np.abs(modes.synthesize(segment.size, fs) - segment)))
+            largest = np.max(modes.amplitude, initial=0.0)
+            is_moderate = largest <= MAX_AMPLITUDE_RATIO * np.max(np.abs(x))
+            fits[order] = difference if is_moderate else np.inf, modes
+        return fits[order][0]
 
     low, high, highest = 0, 2, min(x.size // 2, MAX_POLES)
     while error(high) >= resolution and high < highest:
         low, high = high, min(2 * high, highest)
-    while high - low > 1 and tried[high][0] < resolution:
+    while high - low > 1 and fits[high][0] < resolution:
         middle = (low + high) // 2
         low, high = (low, middle) if error(middle) < resolution else (middle, high)
-    best = tried[high] if tried[high][0] < resolution else min(tried.values(), key=lambda each: each[0])
-    return best[1] if np.isfinite(best[0]) else fit_sinusoid(piece, fs)
+    best = fits[high] if fits[high][0] < resolution else min(fits.values(), key=lambda fit: fit[0])
+    return best[1] if np.isfinite(best[0]) else fit_sinusoid(segment, fs)
 
 
-def fit_sinusoid(piece: Samples, fs: float) -> DecayingModes:
-    """Fit a(t) = A exp(-beta t) sin(omega t) to a segment by least squares, A of either sign.
+def fit_sinusoid(segment: Samples, fs: float) -> DecayingModes:
+    """Fit a(t) = A exp(-beta t) sin(omega t) to a segment by least squares, with A of either sign.
 
-    For given beta and omega, A is the projection of the segment on the shape; beta and omega are searched on
-    a grid that is narrowed four times about its best point.
+    For each beta and omega, A is the projection of the segment on the shape. Beta and omega are searched on a
+    grid that is narrowed four times around its best point.
 
     References
     ----------
-    `guruswamy2011`, eq. (3) and (4), after `okamura2001`, whose fit from peaks and spectrum needs two peaks.
+    `guruswamy2011`, eq. (3) and (4), after `okamura2001`, whose fit needs two peaks.
+
+    Examples
+    --------
+    >>> t = np.arange(100) / 500
+    >>> mode = fit_sinusoid(5 * np.exp(-40 * t) * np.sin(2 * np.pi * 30 * t), 500.0)
+    >>> mode.frequency_hz.round().tolist(), mode.decay_per_s.round().tolist()
+    ([30.0], [40.0])
     """
-    if piece.size < 2 or not np.any(piece):  # every shape begins with 0
+    if segment.size < 2 or not np.any(segment):  # every shape starts at 0
         return NO_MODES
-    t = np.arange(piece.size) / fs
-    low = np.log([LEAST_DECAY, 0.25 / max(t[-1], 1 / fs)])
+    t = np.arange(segment.size) / fs
+    low = np.log([MIN_DECAY, 0.25 / max(t[-1], 1 / fs)])
     high = np.log([2 * fs, 0.49 * fs])
     for _ in range(5):
         B, f = (np.exp(axis) for axis in np.meshgrid(*np.linspace(low, high, 24).T))
         shape = np.exp(-B.ravel()[:, np.newaxis] * t) * np.sin(2 * np.pi * f.ravel()[:, np.newaxis] * t)
         size = np.maximum(np.linalg.norm(shape, axis=1), np.finfo(float).tiny)
-        best = int(np.argmax(np.abs(shape @ piece / size)))
+        best = int(np.argmax(np.abs(shape @ segment / size)))
         centre, half = np.log([B.ravel()[best], f.ravel()[best]]), (high - low) / 8
         low, high = np.maximum(centre - half, low), np.minimum(centre + half, high)
-    A = shape[[best]] @ piece / size[best] ** 2
+    A = shape[[best]] @ segment / size[best] ** 2
     return DecayingModes(f.ravel()[[best]], B.ravel()[[best]], np.abs(A), np.where(A >= 0, -0.5, 0.5) * np.pi)
 
 
 def _ring_samples(fs: float) -> int:
-    """Three times `RING_S`: 180 dB."""
+    """Return the number of samples in three times `RING_S`, in which a mode decays by 180 dB."""
     return int(3 * RING_S * fs)
 
 
-# The texture ------------------------------------------------------------------------------------------------
+# Texture ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class FittedScan:
-    """A scan on its way to a texture, with what was found on the way.
+    """A texture with the intermediate results of its fit.
 
     Attributes
     ----------
     scan : Scan
-    normalised : ndarray of shape (n_samples,)
-        Acceleration as at the mean speed and force.
+        Scan.
+    acceleration : ndarray of shape (n_samples,)
+        Acceleration normalised to the mean speed and force, without its mean.
     profile : BandedVibration
-        That within its band, and its segments.
+        Band-passed acceleration and its segments.
     responses : Responses
         One filter per segment.
     texture : SpatialTexture
+        Fitted texture.
     """
 
     scan: Scan
-    normalised: Samples = field(repr=False)
+    acceleration: Samples = field(repr=False)
     profile: BandedVibration
     responses: Responses
     texture: SpatialTexture
@@ -436,52 +486,61 @@ def fit_texture(
     Parameters
     ----------
     scan : Scan
-        One stroke, at best slow and steady: features that come before the last has decayed merge.
+        One stroke, preferably slow and steady: features merge if one begins before the previous has decayed.
     law : LevelLaw
-        Of the surface, from `fit_level_law`; by default speed and force change nothing.
+        Law of the level of the surface, from `fit_level_law` (default: no effect of speed and force).
     resolution : float
-        One bit of the sensor, in the unit of the acceleration.
+        One bit of the sensor in the unit of the acceleration (default 0.153).
     method : {"modes", "sinusoid"}
-        Filters of the order that each segment needs, or one decaying sinusoid each (the baseline).
+        Filters of the order that each segment needs (default), or one decaying sinusoid each (the baseline).
     compensated : bool
-        See `Amplitude`.
+        Compensation of the feature rate, see `Amplitude` (default True).
     course : {"line", "travelled"}
-        See `SpatialTexture`.
+        Coordinate of the tip, see `SpatialTexture`.
 
     Returns
     -------
     FittedScan
+        Texture and intermediate results.
 
     Raises
     ------
     ValueError
-        If the tip does not move, the acceleration is silent, or nothing in it exceeds the resolution.
+        If the tip does not move, or the acceleration never exceeds the resolution.
 
     References
     ----------
     `guruswamy2011`, sections III and IV.
+
+    Examples
+    --------
+    Ten ridges, 4 mm apart:
+
+    >>> t = np.arange(100) / 500
+    >>> vibration = np.tile(5 * np.exp(-40 * t) * np.sin(2 * np.pi * 30 * t), 10)
+    >>> texture = fit_texture(Scan.along_line(vibration, 20.0, 0.5, fs=500.0)).texture
+    >>> texture.n_features, np.diff(texture.position_mm).round().tolist()[:3]
+    (10, [4.0, 4.0, 4.0])
     """
     length = scan.distance_mm[-1]
     speed = float(scan.speed.mean())
     if not (length > 0 and speed > 0):
-        raise ValueError(
-            f"scan {scan.name!r} is {length:g} mm long at {speed:g} mm/s. Expected a stroke that moves"
-        )
+        raise ValueError(f"scan {scan.name!r} must move, got a path of {length:g} mm at {speed:g} mm/s")
     scaling = Amplitude(law, speed, max(float(scan.force.mean()), 0.0), compensated)
-    a = normalised(scan, scaling)
-    profile = profile_of(a, scan.fs, resolution=resolution)
+    a = normalise_acceleration(scan, scaling)
+    profile = extract_profile(a, scan.fs, resolution=resolution)
     bounds = profile.segmentation.bounds.tolist()
     responses = fit_responses(profile.samples, bounds, scan.fs, resolution, method=method)
-    kept = [i for i, modes in enumerate(responses.modes) if modes.n_modes]
-    if not kept:
+    nonempty = [i for i, modes in enumerate(responses.modes) if modes.n_modes]
+    if not nonempty:
         raise ValueError(
-            f"scan {scan.name!r} never exceeds the resolution. Expected a stronger vibration, "
-            "or a smaller resolution"
+            f"scan {scan.name!r} never exceeds the resolution, {resolution:g}. Expected a stronger "
+            "vibration, or pass a smaller resolution"
         )
-    modes = [responses.modes[i] for i in kept]
-    # each filter begins where its segment does: along the path, half a sample before the start
-    x, start = scan.distance_mm, responses.start[kept]
-    passed = (x[np.maximum(start - 1, 0)] + x[start]) / 2
+    modes = [responses.modes[i] for i in nonempty]
+    # each filter starts with its segment: half a sample before its first sample, along the path
+    x, start = scan.distance_mm, responses.start[nonempty]
+    position = (x[np.maximum(start - 1, 0)] + x[start]) / 2
     # the line is the first principal axis of the path, from start to end
     axis = np.linalg.svd(scan.position - scan.position.mean(axis=0), full_matrices=False)[2][0]
     direction = -axis if (scan.position[-1] - scan.position[0]) @ axis < 0 else axis
@@ -489,9 +548,9 @@ def fit_texture(
     texture = (SinusoidTexture if method == "sinusoid" else SpatialTexture)(
         name=scan.name,
         fs=scan.fs,
-        length_mm=max(float(x[-1]), float(np.nextafter(passed[-1], np.inf))),
-        position_mm=passed,
-        feature=np.repeat(np.arange(float(len(kept))), [m.n_modes for m in modes]),
+        length_mm=max(float(x[-1]), float(np.nextafter(position[-1], np.inf))),
+        position_mm=position,
+        feature=np.repeat(np.arange(float(len(nonempty))), [m.n_modes for m in modes]),
         frequency_hz=f,
         decay_per_s=B,
         amplitude=A,
