@@ -68,7 +68,7 @@ def select_protocol(
     if default == RANDOM_PROTOCOL and is_sequence and is_enough:
         reason = f"at least {counts.min()} numbered repetitions per surface: the sensor may drift"
         return find_protocol(CHRONOLOGICAL_PROTOCOL), reason
-    return find_protocol(default), "of the pipeline"
+    return find_protocol(default), "default of the pipeline"
 
 
 def rule_of_succession(share: float, n: int) -> float:

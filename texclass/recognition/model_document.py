@@ -36,7 +36,7 @@ def model_document(model: Model) -> Document:
         "Held out": _held_out(m),
         "Not evaluated": "; ".join(m.accuracy.get("not_evaluated", ()))
         or "nothing that the recordings state",
-        "Probabilities": _probabilities(m.calibration),
+        "Probabilities": _probabilities(m),
         "Prediction sets": _prediction_sets(model),
         "Unknown surfaces": _unknown(m),
         "Cost": _cost(m.cost),
@@ -114,15 +114,15 @@ def _unknown(m: Manifest) -> str:
     if m.accuracy.get("later_recordings"):
         notes += "; later recordings may be reported as unknown more often"
     return (
-        f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
-        f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out{notes}"
+        f"novelty score: {unknown['score']}, threshold {unknown['threshold']:.4g} for "
+        f"{100 * unknown['false_alarms']:g} % false alarms, from {unknown['n']} held-out {_unit(m)}{notes}"
     )
 
 
 def _cost(cost: Mapping[str, float]) -> str:
     names = ("segmentation", "features", "classifier")
     steps = ", ".join(f"{name} {cost[f'{name}_ms']:.2f}" for name in names)
-    return f"{sum(cost.values()):.2f} ms per recording ({steps}) on the machine of the training"
+    return f"{sum(cost.values()):.2f} ms per recording ({steps}) on the training machine"
 
 
 def describe_adaptation(manifest: Manifest) -> str:
@@ -177,14 +177,19 @@ def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
     return Document(counted(len(rows), "recording"), [Table(frame, n_words=n_words, strong=unknown), reasons])
 
 
-def _probabilities(calibration: Mapping[str, Any]) -> str:
+def _unit(m: Manifest) -> str:
+    return "recordings" if m.window_s is None else "windows"
+
+
+def _probabilities(m: Manifest) -> str:
     """Return the calibration method and its error."""
+    calibration = m.calibration
     method = f"{calibration['method']} scaling, beta {calibration['beta']:.3g}"
     if "expected_error" not in calibration:
         return f"{method}; from other datasets"
     chance = calibration.get("error_by_chance")
     by_chance = f" ({chance:.3f} expected by chance)" if chance else ""
-    error = f"{calibration['expected_error']:.3f} on {calibration['n']} held out"
+    error = f"{calibration['expected_error']:.3f} on {calibration['n']} held-out {_unit(m)}"
     return f"{method}; expected calibration error {error}{by_chance}"
 
 

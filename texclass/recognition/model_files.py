@@ -100,7 +100,7 @@ class Manifest(StrictModel):
     unknown : mapping
         score, false_alarms, p_threshold, threshold, n held-out recordings, drift_factor (of distances).
     cost : mapping
-        segmentation_ms, features_ms and classifier_ms per recording, on the machine of the training.
+        segmentation_ms, features_ms and classifier_ms per recording, on the training machine.
     window_s : float or None
         Length of a window in s; None for whole recordings.
     versions : mapping
