@@ -30,7 +30,7 @@ def full_disk(monkeypatch):
     monkeypatch.setattr(Path, "write_text", lambda path, text, **_: write_half(path, text.encode()))
 
 
-def test_a_full_disk_leaves_a_result_as_it_was_and_nothing_beside_it(tmp_path, full_disk):
+def test_a_full_disk_leaves_a_result_unchanged_and_no_temporary_file(tmp_path, full_disk):
     (tmp_path / "r.json").touch()
     for write in (
         lambda: write_atomic(tmp_path / "r.json", '{"new": 1}'),
@@ -42,10 +42,10 @@ def test_a_full_disk_leaves_a_result_as_it_was_and_nothing_beside_it(tmp_path, f
         assert [(file.name, file.stat().st_size) for file in tmp_path.iterdir()] == [("r.json", 0)]
 
 
-def test_a_full_disk_leaves_no_half_of_a_picture(tmp_path, full_disk, monkeypatch, capsys):
+def test_a_full_disk_leaves_no_truncated_figure(tmp_path, full_disk, monkeypatch, capsys):
     np.savetxt(tmp_path / "r.txt", np.random.default_rng(0).normal(size=2000))
-    given = ["r.txt", "--fs", "1000", "--unit", "counts", "--features", "coarse"]
-    monkeypatch.setattr("sys.argv", ["texclass", "inspect", *given])
+    arguments = ["r.txt", "--fs", "1000", "--unit", "counts", "--features", "coarse"]
+    monkeypatch.setattr("sys.argv", ["texclass", "inspect", *arguments])
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit):
         main()
@@ -53,7 +53,7 @@ def test_a_full_disk_leaves_no_half_of_a_picture(tmp_path, full_disk, monkeypatc
     assert [file.name for file in tmp_path.iterdir()] == ["r.txt"]
 
 
-def test_a_link_stays_a_link_and_what_is_no_file_is_written_to(tmp_path):
+def test_links_are_kept_and_pipes_are_written_to(tmp_path):
     (tmp_path / "real").touch()
     (tmp_path / "link").symlink_to(tmp_path / "real")
     write_atomic(tmp_path / "link", "text")
@@ -62,7 +62,7 @@ def test_a_link_stays_a_link_and_what_is_no_file_is_written_to(tmp_path):
     assert not Path(os.devnull).is_file()
 
 
-def test_a_folder_that_another_process_removes_is_made_again(tmp_path, monkeypatch):
+def test_a_folder_removed_by_another_process_is_created_again(tmp_path, monkeypatch):
     there = iter([False, True])
     made = Path.mkdir
     monkeypatch.setattr(Path, "mkdir", lambda path, **how: next(there) and made(path, **how))
@@ -70,7 +70,7 @@ def test_a_folder_that_another_process_removes_is_made_again(tmp_path, monkeypat
     assert (tmp_path / "parts" / "1.json").read_text() == "{}"
 
 
-def test_a_file_that_somebody_reads_on_windows_is_written_in_the_end(tmp_path, monkeypatch):
+def test_writing_is_tried_again_while_a_file_is_read_on_windows(tmp_path, monkeypatch):
     free, put = iter([False, True]), Path.replace
 
     def replace(path, target):
@@ -86,17 +86,17 @@ def test_a_file_that_somebody_reads_on_windows_is_written_in_the_end(tmp_path, m
 STEERING = "wood\x1b[2J"
 
 
-def test_control_characters_of_names_reach_no_terminal_and_no_page(tmp_path, capsys, monkeypatch):
-    (tmp_path / "felt" / STEERING).mkdir(parents=True)
+def test_control_characters_in_names_are_not_printed(tmp_path, capsys, monkeypatch):
+    (tmp_path / "own" / STEERING).mkdir(parents=True)
     rows = np.random.default_rng(0).normal(size=(100, 2))
-    np.savetxt(tmp_path / "felt" / STEERING / "r.txt", rows[:, 0])
+    np.savetxt(tmp_path / "own" / STEERING / "r.txt", rows[:, 0])
     with pytest.raises(
-        RecordingError, match=r"'wood\\x1b\[2J.* holds a control character. Expected printable"
+        RecordingError, match=r"'wood\\x1b\[2J.* contains a control character. Expected printable"
     ):
-        open_dataset(tmp_path / "felt", fs=1000, unit="g")
+        open_dataset(tmp_path / "own", fs=1000, unit="g")
     table = tmp_path / "r.csv"
     table.write_text(f"x\x1b[2J,y\n{rows[0, 0]},1\n2,3\n")
-    with pytest.raises(RecordingError, match=r"column 'x\\x1b\[2J' holds a control character"):
+    with pytest.raises(RecordingError, match=r"column 'x\\x1b\[2J' contains a control character"):
         load_recording(table, fs=1000, unit="g", column="1")
     card = tmp_path / "card.toml"
     card.write_text(f"title = {json.dumps(STEERING)}\nformat = 'simulated'\n[recipe]\n")

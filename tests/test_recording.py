@@ -11,13 +11,13 @@ def recording(**changes):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
-        *(({"fs": fs}, "fs is .*Expected a sampling rate in Hz above 0") for fs in (0, -1, None, "fast")),
-        *(({"fs": fs}, "fs is .*Expected a sampling rate in Hz above 0") for fs in (np.nan, np.inf)),
-        ({"unit": "m/s"}, r"unit is 'm/s'. Expected one of m/s\^2"),
+        *(({"fs": fs}, "fs is .*Expected a positive sampling rate in Hz") for fs in (0, -1, None, "fast")),
+        *(({"fs": fs}, "fs is .*Expected a positive sampling rate in Hz") for fs in (np.nan, np.inf)),
+        ({"unit": "m/s"}, r"unknown unit 'm/s'. Expected one of m/s\^2"),
         *(
-            ({"acceleration": np.where(np.arange(100) == 7, bad, SIGNAL)}, r"holds 1 values .*first at \[7\]")
+            ({"acceleration": np.where(np.arange(100) == 7, bad, SIGNAL)}, r"contains 1 NaN .*first at \[7\]")
             for bad in (np.nan, np.inf, -np.inf)
         ),
         ({"acceleration": ["1", "two"]}, "not a number"),
@@ -25,8 +25,8 @@ def recording(**changes):
         ({"friction": SIGNAL[:-1]}, "friction has 99 samples, acceleration 100"),
     ],
 )
-def test_what_is_no_recording_is_refused_with_value_and_rule(changes, said):
-    with pytest.raises(RecordingError, match=said):
+def test_an_invalid_recording_is_an_error_with_value_and_expectation(changes, message):
+    with pytest.raises(RecordingError, match=message):
         recording(**changes)
 
 
@@ -80,11 +80,11 @@ def test_a_tap_is_in_order_of_time(indices):
         (Phases(taps=(Tap(0, 1, 2),), movement=(3, 9)), "taps and movement"),
     ],
 )
-def test_phases_say_what_there_is(phases, kind):
+def test_the_kind_of_phases_is_given_in_words(phases, kind):
     assert phases.kind == kind
 
 
-def test_a_copy_with_the_values_it_has_is_the_recording_itself():
+def test_a_copy_without_changes_is_the_recording_itself():
     made = recording(surface="wood", phases=Phases(movement=(0, 9)))
     assert made.with_(phases=made.phases, surface="wood") is made
     assert made.with_(surface="cork").surface == "cork"
@@ -93,7 +93,7 @@ def test_a_copy_with_the_values_it_has_is_the_recording_itself():
         made.with_(n_samples=made.n_samples)
 
 
-def test_an_array_that_nobody_can_write_to_is_kept_without_a_copy():
+def test_a_read_only_array_is_not_copied():
     own = make_read_only(SIGNAL.copy().reshape(-1, 2))
     made = recording(acceleration=own)
     assert made.acceleration is own
@@ -109,7 +109,7 @@ def test_samples_and_a_rate_are_enough():
     assert (bare.unit, bare.recording_id, bare.channels) == ("arbitrary", "recording", ("c1",))
 
 
-def test_a_recording_tells_itself_in_a_line_and_as_a_table():
+def test_a_recording_is_shown_in_one_line_and_as_a_table():
     oak = recording(recording_id="oak_1", surface="<oak>", friction=SIGNAL)
     assert repr(oak) == "<Recording 'oak_1' of <oak>: 0.1 s at 1000 Hz, 1 axis in m/s^2>"
     table = oak._repr_html_()

@@ -10,12 +10,12 @@ from texclass.loaders import filesets, readers, text_layout
 TEXT = (Path(__file__).parents[1] / "SECURITY.md").read_text(encoding="utf-8")
 
 
-def test_the_stated_limits_are_those_of_the_code():
-    for stated in (
+def test_the_documented_limits_equal_those_of_the_code():
+    for limit in (
         f"{readers.MAX_VALUES:,} values in one recording",
-        f"a first line of {text_layout.LONGEST_LINE:,} characters and {text_layout.MOST_COLUMNS:,} columns",
-        f"expand at most {readers.MOST_EXPANSION} times",
-        f"may take {filesets.LONGEST_MATCH_S:g} s of CPU time",
+        f"a first line of {text_layout.MAX_LINE:,} characters and {text_layout.MAX_COLUMNS:,} columns",
+        f"expand at most {readers.MAX_EXPANSION} times",
+        f"may take {filesets.MATCH_TIMEOUT_S:g} s of CPU time",
         f"whole numbers up to {allowed_estimators.LIMITS.integer}",
         f"{allowed_estimators.LIMITS.models} models in nested ensembles",
         f"{allowed_estimators.LIMITS.weights:,} weights between hidden layers",
@@ -23,15 +23,15 @@ def test_the_stated_limits_are_those_of_the_code():
         f"lists of {allowed_estimators.LIMITS.members} members",
         f"{trusted.MOST_BYTES >> 30} GiB; a schema of {trusted.MOST_SCHEMA_BYTES >> 20} MiB",
     ):
-        assert stated in TEXT, stated
+        assert limit in TEXT, limit
 
 
-def test_the_stated_limits_of_workbooks_are_those_of_the_code():
+def test_the_documented_limits_of_workbooks_equal_those_of_the_code():
     pytest.importorskip("openpyxl", reason="the extra `formats` is not installed")
     from texclass.loaders import workbooks
 
-    stated = (
-        f"workbooks {workbooks.MOST_EXPANSION} times (or to 64 MB)",
-        f"a sheet has {workbooks.MOST_ROWS:,} rows and {workbooks.MOST_CELLS:,} cells",
+    limits = (
+        f"workbooks {workbooks.MAX_EXPANSION} times (or to 64 MB)",
+        f"a sheet has {workbooks.MAX_ROWS:,} rows and {workbooks.MAX_CELLS:,} cells",
     )
-    assert [text for text in stated if text not in TEXT] == []
+    assert [text for text in limits if text not in TEXT] == []

@@ -1,4 +1,4 @@
-"""What is shipped is known by name, and so is what an installed package adds: features, sets, readers."""
+"""Definitions, features and readers by name, shipped or registered by an installed package."""
 
 import os
 import subprocess
@@ -26,10 +26,10 @@ def installed(tmp_path, monkeypatch):
         metadata = tmp_path / "texclass_toy-0.1.dist-info"
         metadata.mkdir()
         (metadata / "METADATA").write_text(f"Name: {project['name']}\nVersion: {project['version']}\n")
-        said = (
+        entry_points = (
             f"[{group}]\n{name} = {of}\n" for group, names in groups.items() for name, of in names.items()
         )
-        (metadata / "entry_points.txt").write_text("".join(said))
+        (metadata / "entry_points.txt").write_text("".join(entry_points))
         shipped.entry_point_modules.cache_clear()
 
     monkeypatch.setattr(contract, "_REGISTRY", contract.list_features())
@@ -42,15 +42,15 @@ def installed(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def test_what_a_package_adds_is_known_by_name(installed, tmp_path):
+def test_extensions_of_a_package_are_found_by_name(installed, tmp_path):
     installed(installed.groups)
     assert "toy" in shipped.names("feature_defs")
     assert find_feature("toy_crest").reference == "an example"
     x = np.random.default_rng(0).normal(size=(2, 1000))
     for surface, samples in zip(("oak", "pine"), x, strict=True):
-        (tmp_path / "felt" / surface).mkdir(parents=True)
-        (tmp_path / "felt" / surface / "a.toy").write_text("\n".join(["500", *map(str, samples)]))
-    dataset = tx.open_dataset(tmp_path / "felt", unit="m/s^2")
+        (tmp_path / "own" / surface).mkdir(parents=True)
+        (tmp_path / "own" / surface / "a.toy").write_text("\n".join(["500", *map(str, samples)]))
+    dataset = tx.open_dataset(tmp_path / "own", unit="m/s^2")
     assert [recording.fs for recording in dataset] == [500.0, 500.0]
     table = tx.extract(dataset, "toy")
     assert list(table.columns) == ["toy_crest"]
@@ -103,7 +103,7 @@ def test_a_package_that_cannot_be_imported_is_named(installed, group, asked):
         asked()
 
 
-def test_every_shipped_card_is_valid_and_says_where_its_data_comes_from():
+def test_every_shipped_card_is_valid_and_names_its_source():
     promised = {"simulated", "simulated6", "simulated69", "biotac20", "taps5", "borealtc", "lmt_excerpts"}
     assert promised <= set(shipped.names("datasets"))
     for name in shipped.names("datasets"):
@@ -114,7 +114,7 @@ def test_every_shipped_card_is_valid_and_says_where_its_data_comes_from():
         assert card.licence
 
 
-def test_what_is_shipped_wins_over_what_a_package_names_alike(installed, tmp_path):
+def test_a_shipped_definition_takes_precedence_over_one_of_a_package(installed, tmp_path):
     (tmp_path / "repeats" / "datasets").mkdir(parents=True)
     (tmp_path / "repeats" / "__init__.py").touch()
     (tmp_path / "repeats" / "datasets" / "simulated.toml").touch()
@@ -122,19 +122,21 @@ def test_what_is_shipped_wins_over_what_a_package_names_alike(installed, tmp_pat
     assert shipped.locate("datasets", "simulated") == shipped.folder("datasets") / "simulated.toml"
 
 
-def test_a_path_to_ones_own_definition_passes_through(tmp_path):
+def test_the_path_of_an_own_definition_is_returned(tmp_path):
     own = tmp_path / "mine.toml"
     own.write_text("title = 'mine'")
     assert shipped.locate("datasets", own) == own
     assert shipped.read("datasets", str(own)) == {"title": "mine"}
 
 
-def test_a_shipped_name_is_a_name_not_a_path_and_an_unknown_one_lists_them():
+def test_an_unknown_name_is_an_error_that_lists_the_shipped_names():
     for name in ("nothing", "../datasets/simulated", "./simulated"):
         with pytest.raises(FileNotFoundError, match="simulated69"):
             shipped.locate("datasets", name)
 
 
-def test_what_nothing_registers_is_an_import_error_with_its_group():
-    with pytest.raises(ImportError, match=r"no installed package registers 'dds' under texclass\.sources"):
+def test_an_unregistered_name_is_an_import_error_with_its_group():
+    with pytest.raises(
+        ImportError, match=r"no installed package registers 'dds' in the entry point group texclass\.sources"
+    ):
         shipped.module_of("sources", "dds")

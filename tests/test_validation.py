@@ -1,4 +1,4 @@
-"""What people write is taken as the model says, or refused with file, key, value and rule."""
+"""Validation of files: values are converted as the model declares, errors name file, key and value."""
 
 from typing import Annotated, Literal
 
@@ -39,7 +39,7 @@ class AnyPart(RootModel[Annotated[Nail | Screw, Field(discriminator="kind")]]):
     pass
 
 
-def test_lists_stand_for_tuples_and_whole_numbers_for_others():
+def test_lists_are_accepted_for_tuples_and_integers_for_floats():
     box = validate(Box, {"name": "b", "sizes": [1, 2.5], "parts": [{"kind": "nail", "length_mm": 3}]}, "f")
     assert box.sizes == (1.0, 2.5)
     assert box.parts == (Nail(kind="nail", length_mm=3.0),)
@@ -47,7 +47,7 @@ def test_lists_stand_for_tuples_and_whole_numbers_for_others():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("changes", "message"),
     [
         ({"name": 5}, "name is 5. Expected text"),
         ({"name": "boxes"}, "name: 'boxes' is long. Expected at most 4 letters"),
@@ -69,14 +69,14 @@ def test_lists_stand_for_tuples_and_whole_numbers_for_others():
         ({"layers": 3}, "layers is 3. Expected one of 1 or 2"),
     ],
 )
-def test_a_fault_is_told_with_file_key_value_and_rule(wrong, said):
-    with pytest.raises(ValueError) as caught:  # noqa: PT011
-        validate(Box, {"name": "b"} | wrong, "box.toml")
-    assert str(caught.value).startswith(f"box.toml: {said}")
-    assert "\n" not in str(caught.value)
+def test_an_error_names_file_key_value_and_expectation(changes, message):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        validate(Box, {"name": "b"} | changes, "box.toml")
+    assert str(error.value).startswith(f"box.toml: {message}")
+    assert "\n" not in str(error.value)
 
 
-def test_what_is_no_table_is_refused_and_further_faults_are_counted():
+def test_content_that_is_not_a_table_is_an_error_and_further_errors_are_counted():
     with pytest.raises(ValueError, match=r"^f: \[1\]. Expected a table of kind, length_mm, turns$"):
         validate(AnyPart, [1], "f")
     with pytest.raises(ValueError, match=r"\(and 1 more\)$"):
@@ -84,12 +84,12 @@ def test_what_is_no_table_is_refused_and_further_faults_are_counted():
 
 
 def test_all_missing_and_unknown_keys_are_listed_each_with_the_closest_valid_key():
-    wrong = {"size": 3, "part": 1, "parts": [{"kind": "screw", "turn": 1}], "layers": 7, "marks": 2}
-    with pytest.raises(ValueError) as caught:  # noqa: PT011
-        validate(Box, wrong, "box.toml")
+    content = {"size": 3, "part": 1, "parts": [{"kind": "screw", "turn": 1}], "layers": 7, "marks": 2}
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        validate(Box, content, "box.toml")
     first = "box.toml: marks is 2. Expected a table; "
-    assert str(caught.value).startswith(first)
-    keys = str(caught.value).removeprefix(first).removesuffix(" (and 1 more)")
+    assert str(error.value).startswith(first)
+    keys = str(error.value).removeprefix(first).removesuffix(" (and 1 more)")
     assert sorted(keys.split("; ")) == [
         "missing key name",
         "missing key parts.1.turns",
@@ -104,7 +104,7 @@ def test_a_file_of_unknown_keys_gives_a_message_of_limited_length():
         validate(Box, {"name": "b"} | {f"k{i}": 1 for i in range(10_000)}, "box.toml")
 
 
-def test_numbers_that_no_float_holds_and_tables_too_deep_are_refused():
+def test_numbers_beyond_float_and_deep_tables_are_errors():
     deep: dict[str, object] = {}
     for _ in range(500):
         deep = {"name": deep}
@@ -121,7 +121,7 @@ def test_a_file_that_is_not_toml_is_named(tmp_path, content):
         read_toml(own)
 
 
-def test_a_table_without_keys_says_so():
+def test_an_unknown_key_of_an_empty_table_is_an_error():
     class Empty(StrictModel):
         pass
 

@@ -1,4 +1,4 @@
-"""Atomic writes of files, checked suffixes of output files, and the folder of caches."""
+"""Atomic writes, suffixes of output files, and the cache folder."""
 
 import contextlib
 import os
@@ -10,18 +10,30 @@ import platformdirs
 
 
 def cache_root() -> Path:
-    """Return the folder for what can be computed again: $TEXCLASS_CACHE, else the user's cache folder."""
-    stated = os.environ.get("TEXCLASS_CACHE")
-    return Path(stated).expanduser() if stated else platformdirs.user_cache_path("texclass")
+    """Return the cache folder: $TEXCLASS_CACHE, or the cache folder of the user."""
+    folder = os.environ.get("TEXCLASS_CACHE")
+    return Path(folder).expanduser() if folder else platformdirs.user_cache_path("texclass")
 
 
 def check_suffix(path: str | Path, *suffixes: str) -> Path:
-    """Return the path of an output file after checking that its suffix, in any case, is one of some.
+    """Return the path of an output file after checking its suffix.
+
+    Parameters
+    ----------
+    path : str or Path
+        Output file.
+    *suffixes : str
+        Valid suffixes in lower case; the case of the path does not matter.
 
     Raises
     ------
     ValueError
-        If it is not; the message lists them.
+        If the suffix is not valid.
+
+    Examples
+    --------
+    >>> check_suffix("table.CSV", ".csv", ".parquet").name
+    'table.CSV'
     """
     path = Path(path)
     if path.suffix.lower() not in suffixes:
@@ -31,56 +43,56 @@ def check_suffix(path: str | Path, *suffixes: str) -> Path:
 
 
 def sibling_path(path: Path, suffix: str, prefix: str = "") -> Path:
-    """Return a path beside another one, by its name; file systems end names at 255 bytes."""
+    """Return a path in the same folder with an added prefix and suffix, cut to 255 bytes."""
     name = path.name.encode()[: 200 - len(suffix)].decode(errors="ignore")
     return path.with_name(f"{prefix}{name}{suffix}")
 
 
 def write_atomic(path: str | Path, content: bytes | str) -> None:
-    """Write a file that is either complete or what it was before; its folders are made.
+    """Write a file completely or not at all; missing folders are created.
 
-    It is written under a name of its own beside the file, so that two processes (on two machines, or in two
-    containers that count processes alike) may write the same one; the last one stands. What is no regular
-    file (a pipe, a terminal) is written to as it is.
+    The content is written to a temporary file with a unique name in the same folder, which then replaces the
+    file. Several processes may write the same file: the last one wins. Pipes and terminals are written to
+    directly.
 
     Parameters
     ----------
     path : str or Path
-        The file.
+        File to write.
     content : bytes or str
-        All that is to be in it; text is stored as UTF-8.
+        Complete content; text is stored as UTF-8.
 
     Raises
     ------
     OSError
-        If it cannot be written; nothing is left behind.
+        If the file cannot be written; the temporary file is removed.
     """
     data = content.encode() if isinstance(content, str) else content
     path = Path(path)
     if path.exists() and not path.is_file():
         path.write_bytes(data)
         return
-    path = path.resolve()  # what a link leads to, not the link
+    path = path.resolve()  # the target of a link, not the link itself
     for attempt in range(3):
-        unfinished = sibling_path(path, f".{os.getpid()}.{uuid.uuid4().hex[:8]}", ".")
+        temporary = sibling_path(path, f".{os.getpid()}.{uuid.uuid4().hex[:8]}", ".")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            unfinished.write_bytes(data)
-            unfinished.replace(path)
+            temporary.write_bytes(data)
+            temporary.replace(path)
             return
         except (FileNotFoundError, PermissionError):
-            # Another process removed the folder, having finished; or reads the file, on Windows.
+            # Another process may have removed the folder or, on Windows, may be reading the file.
             if attempt == 2:
                 raise
             time.sleep(0.05)
-        except OSError as error:  # a full disk is told without the file
+        except OSError as error:  # the error of a full disk does not name the file
             raise OSError(error.errno, error.strerror, str(path)) from error
         finally:
             with contextlib.suppress(OSError):
-                unfinished.unlink(missing_ok=True)
+                temporary.unlink(missing_ok=True)
 
 
 def write_if_possible(path: Path, content: bytes) -> None:
-    """Write a file of the cache, whole; a full or read-only disk is no error."""
+    """Write a cache file atomically; ignore errors such as a full or read-only disk."""
     with contextlib.suppress(OSError):
         write_atomic(path, content)

@@ -1,8 +1,8 @@
-"""Real Fourier transforms in single precision, made of four interleaved short ones.
+"""Real Fourier transforms in single precision, computed as four interleaved short transforms.
 
-Four short transforms at once fill the vector unit of a processor, which a long one does not, and stay in its
-cache: about half the time of `scipy.fft.rfft`. With Y_p the transform of every fourth of N samples, from p
-on, of period N/4 = M, the bins of the whole are::
+Four short transforms fill the vector unit of a processor and stay in its cache, which takes about half the
+time of `scipy.fft.rfft`. Let Y_p be the transform of samples p, p + 4, p + 8, ... of N samples, with M = N/4
+bins. The bins of the full transform are::
 
     X_(k+qM) = sum_p (-i)^(pq) exp(-2 pi i k p / N) Y_p(k)
 """
@@ -16,19 +16,19 @@ from scipy import fft
 from texclass.recording import make_read_only
 
 LANES = 4
-"""Transforms at once: lanes of single precision in the narrowest vector unit."""
+"""Number of short transforms: single-precision lanes of the narrowest vector unit."""
 BLOCK = 2048
-"""Bins of each of the four that are joined at a time, few enough to stay in the cache of the processor."""
+"""Number of bins combined at a time, few enough to stay in the cache of the processor."""
 Bins = NDArray[np.complex64]
 
 
 def rfft_quarters(x: NDArray[np.float32]) -> Bins:
-    """Return the Fourier transform of real samples, each quarter of the frequencies in a column.
+    """Return the Fourier transform of real samples, with a quarter of the frequencies per column.
 
     Parameters
     ----------
     x : ndarray of shape (n_samples,)
-        Single precision; 4 divides `n_samples`.
+        Samples in single precision; `n_samples` must be a multiple of 4.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def rfft_quarters(x: NDArray[np.float32]) -> Bins:
 
 
 def irfft_quarters(X: Bins, n: int) -> NDArray[np.float32]:
-    """Return the n real samples of a transform in the layout of `rfft_quarters`; `X` is overwritten."""
+    """Return the n real samples of a transform from `rfft_quarters`; `X` is overwritten."""
     for rows, turns, join in _blocks(n):
         X[rows] = X[rows] @ (join.conj().T / LANES) * turns.conj()
     return np.asarray(fft.irfft(X, n // LANES, axis=0, overwrite_x=True)).reshape(n)
@@ -54,7 +54,7 @@ def rfft(x: NDArray[np.float32], *, quarter: bool = False) -> Bins:
     Parameters
     ----------
     x : ndarray of shape (n_samples,)
-        Single precision; 4 divides `n_samples`.
+        Samples in single precision; `n_samples` must be a multiple of 4.
     quarter : bool
         Return only the bins 0 ... n_samples/4 (default False).
 
@@ -74,9 +74,10 @@ def rfft(x: NDArray[np.float32], *, quarter: bool = False) -> Bins:
 
 @functools.lru_cache(maxsize=8)
 def _blocks(n: int) -> tuple[tuple[slice, Bins, Bins], ...]:
-    """Return blocks of bins k with the factors, by bin and as a matrix, that join Y_p(k) to the whole.
+    """Return blocks of bins k, with the factors by bin and the matrix that combine Y_p(k).
 
-    exp(-2 pi i k p / n) is that of the first bin of a block (in the matrix) times that from there on.
+    The factor exp(-2 pi i k p / n) is the product of that of the first bin of a block, which is part of the
+    matrix, and that of the distance from it.
     """
     n_bins, p = n // LANES // 2 + 1, np.arange(LANES)
     turns = make_read_only(np.exp(-2j * np.pi / n * np.outer(np.arange(BLOCK), p)).astype(np.complex64))

@@ -72,15 +72,15 @@ def extract(
     from texclass.features.extractor import describe_missing_values
     from texclass.recording import Recording
 
-    given = as_dataset([recordings] if isinstance(recordings, Recording) else recordings, fs, unit)
+    dataset = as_dataset([recordings] if isinstance(recordings, Recording) else recordings, fs, unit)
     extractor = FeatureExtractor(features, channels=channels, fs=fs, unit=unit, n_jobs=n_jobs)
-    found = extractor.fit(given).extract(given)
-    table = found.table
+    extraction = extractor.fit(dataset).extract(dataset)
+    table = extraction.table
     if table.isna().to_numpy().any():
-        summary = describe_missing_values(table, found.reasons)
+        summary = describe_missing_values(table, extraction.reasons)
         warnings.warn(f"{summary}. `.attrs['reasons']` has all", UserWarning, stacklevel=2)
-    counts = Counter((one.feature, one.reason) for one in found.reasons)
-    table.attrs["reasons"] = [(*undefined, n) for undefined, n in counts.items()]
+    counts = Counter((item.feature, item.reason) for item in extraction.reasons)
+    table.attrs["reasons"] = [(feature, reason, n) for (feature, reason), n in counts.items()]
     return table
 
 
@@ -146,12 +146,13 @@ def plot_recording(
     from texclass.evaluation.inspection import inspected
     from texclass.loaders import find_recording
 
-    one = find_recording(recording, fs=fs, unit=unit) if isinstance(recording, str | Path) else recording
-    return inspected(one, "strese2015")[0]
+    if isinstance(recording, str | Path):
+        recording = find_recording(recording, fs=fs, unit=unit)
+    return inspected(recording, "strese2015")[0]
 
 
 def as_dataset(dataset: Any, fs: float | None, unit: str | None) -> Any:
-    """Return the dataset with a name or path; return other objects unchanged."""
+    """Open the dataset of a name or path; return other objects unchanged."""
     from texclass.loaders import open_dataset
 
     return open_dataset(dataset, fs=fs, unit=unit) if isinstance(dataset, str | Path) else dataset

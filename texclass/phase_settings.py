@@ -1,4 +1,4 @@
-"""Settings of segmentation: every threshold and duration, with its unit and origin."""
+"""Settings of the segmentation into phases: thresholds and durations."""
 
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal
@@ -10,75 +10,78 @@ Contents = Literal["taps and strokes", "taps"]
 class PhaseSettings:
     """Settings of `find_phases`; the defaults suit a hand-held tool.
 
-    Durations are in seconds, ratios are ratios of power to that of the noise.
+    Durations are in s. Ratios are powers relative to the noise.
 
     Attributes
     ----------
     contents
-        What recordings contain: "taps and strokes", or any number of "taps" alone.
+        Content of the recordings: "taps and strokes", or only "taps", in any number.
     tap_spacing_s
-        Impulses closer than this are one tap and its rebounds.
+        Impulses with a smaller distance are one tap and its rebounds.
     rebound_db
         A tap begins with its first hit, even if a later one is stronger by up to this.
 
     hand_hz
-        Motion below this frequency (Hz) belongs to hand, tremor and gravity, not to the contact.
+        Frequency in Hz below which motion comes from hand, tremor and gravity rather than from the contact.
     hand_s
-        Longest acceleration of the hand before an impact.
+        Longest duration of the hand's acceleration before an impact.
     bin_s
-        Resolution of the levels.
+        Time resolution of the levels.
     quiet_s
-        The quietest stretch of this length gives the noise floor.
+        Length of the quietest segment, which gives the noise floor.
     rest_s
-        A shorter rest at the end is a turning point of the movement.
+        Shortest rest at the end; a shorter one is a turning point of the movement.
     opening_s
-        An impulse that begins this early has no hand acceleration before it; vibration that lasts twice as
-        long at the start is a stroke.
+        An impulse this close to the start has no acceleration of the hand before it. Vibration that lasts
+        twice this time at the start is a stroke.
     kink_s
-        Time around the start or end of a fade of gravity in which the filter still rings.
+        Ringing time of the filter around the start or end of a fade of gravity.
 
     active_ratio, stroke_ratio
-        Vibration exceeds the noise by this ratio; lasting vibration by this one.
+        Ratio of vibration to noise above which a bin is active, and above which lasting vibration is a
+        stroke.
     tap_ratio
-        The peak of a tap exceeds the noise by this ratio.
-    stand_out_db
-        A tap exceeds what was just before, and what is left after its decay, by this.
-    before_s
-        Window before the rise of an impulse to which its peak is compared.
+        Smallest ratio of the peak of a tap to the noise.
+    prominence_db
+        Smallest rise of a tap above the level before it, and smallest fall after it.
+    look_back_s
+        Length of the window before an impulse with which its peak is compared.
     window_s, share
-        The tool strokes where at least this share of a window vibrates; a tap leaves most of it quiet.
+        Length of a window, and smallest share of active bins in it during a stroke. A tap leaves most of
+        the window quiet.
     gap_s
-        A shorter rest does not interrupt vibration.
+        Shortest rest that interrupts vibration.
     pause_s
-        Within this time after a stroke there are strokes, however faint, but no taps.
+        Time after a stroke in which all vibration, however faint, belongs to strokes and not to taps.
     range_db
-        The weakest tap relative to the strongest: a tool that is lifted, set down or turned in the hand
-        vibrates less.
+        Range of taps below the strongest one. Lifting, setting down or turning the tool causes weaker
+        impulses.
     clear_db, clear_s, clear_range_db
-        A weaker impulse (by at most `clear_range_db`) is a tap if it is this strong and this short.
+        A weaker impulse, down to `clear_range_db` below the strongest, is a tap if it is this strong and this
+        short.
     lasting_db, ring_db
-        An impulse below `lasting_db` ends before it could pass for movement; one that falls by less than
-        `ring_db` before other vibration sets in may be the first of the texture.
+        An impulse below `lasting_db` ends before it can be mistaken for movement. One that falls by less than
+        `ring_db` before other vibration starts may be the first impulse of a texture.
     strong_db
-        An impulse that exceeds the peaks of the strokes (95 % of bins) by this is none of them.
+        An impulse that exceeds the peaks of the strokes (95 % of bins) by this level is a tap.
     first_gap_s
-        Impulses weaker than the strokes, so soon before them, are the first of a slow stroke.
+        Impulses weaker than the strokes, within this time before them, are the start of a slow stroke.
     echo_db, echo_s, between_s
-        Vibration that is weaker than the strongest tap by this is no movement if it is shorter than `echo_s`
-        after all taps, or than `between_s` before or between taps.
+        Vibration that is weaker than the strongest tap by `echo_db` is not movement if it is shorter than
+        `echo_s` after all taps, or than `between_s` before or between taps.
     soft_db
-        An impulse whose level in all bands is lower is visible in the soft band only.
+        Level over all bands below which an impulse is visible only in the soft band.
     pull_s, pull_db
-        Such an impulse is the pull of the hand if a stronger one (by this) follows within this time.
-    few, sure_db
-        Fewer impulses than this, none this strong, may be those of faint strokes.
+        A soft impulse is a pull of the hand if one that is stronger by this level follows within this time.
+    min_impulses, certain_db
+        Fewer impulses than this, none of them this strong, may come from faint strokes.
     faint_ratio
-        Ratio that faint strokes nowhere reach as a mean over `quiet_s`.
+        Ratio, as a mean over `quiet_s`, that faint strokes do not reach.
 
     sharp_s, calm_s
-        Averaging windows of the levels that locate a peak and that follow its decay.
+        Averaging windows of the levels for locating a peak and for following its decay.
     rise_s
-        Longest rise: half the duration of a soft contact plus the delay of the filter.
+        Longest rise of an impulse: half the duration of a soft contact plus the delay of the filter.
     stall_s, stall_db
         A level that falls by less than `stall_db` within `stall_s` has stopped decaying (27 dB/s, a time
         constant of 0.33 s).
@@ -90,26 +93,26 @@ class PhaseSettings:
         Margin around an impulse in which the sample of its impact is located.
 
     rate_hz
-        Faster recordings are averaged down to about this rate.
+        Rate in Hz to which faster recordings are averaged down.
     soft_band_hz, soft_s
         Band in which soft contacts push and ring, analysed separately so that noise above it does not mask
         them, and the window over which its level is averaged.
     soft_margin
-        Level of the soft band over its median at rest that hand motion does not reach.
+        Level of the soft band relative to its median at rest that hand motion does not reach.
     soft_tail
         Noise exceeds its median once in 100,000 bins by this many times the distance (in dB) between median
         and 90 % quantile (2.5 to 2.9 for chi-squared powers with 5 to 20 degrees of freedom).
     soft_impulse
         Ratio assigned to a bin of the soft band beyond that tail: just above the threshold of a tap.
     unrest_ratio
-        Ratio of all bands below which only the hand moves.
+        Ratio over all bands below which only the hand moves.
     steady_ratio, steady_samples
-        The quietest stretch is steady if its fifths differ by at most this ratio; more for few samples.
+        The quietest segment is steady if its fifths differ by at most this ratio, or more with few samples.
     quiet_spread, noisy_spread, noisy_contrast
-        Ratio of the level of all rest to its quietest stretch: by chance, and where vibration exceeds
-        `noisy_contrast`, so that intermittent noise of a room or machine is not taken for strokes.
+        Ratio of the level of all rest to its quietest segment: by chance, and where vibration exceeds
+        `noisy_contrast`. Intermittent noise of a room or machine is then not detected as strokes.
     noisy_weight
-        Factor applied to the level of strokes where the noise is intermittent.
+        Factor for the level of strokes if the noise is intermittent.
     opening_ratio
         The level at the start is noise if its fifths differ by at most this ratio; an automatic gain lowers
         it after the first tap.
@@ -137,8 +140,8 @@ class PhaseSettings:
     active_ratio: float = 2.0
     stroke_ratio: float = 1.5
     tap_ratio: float = 40.0
-    stand_out_db: float = 10.0
-    before_s: float = 0.03
+    prominence_db: float = 10.0
+    look_back_s: float = 0.03
     window_s: float = 0.3
     share: float = 0.65
     gap_s: float = 0.03
@@ -157,8 +160,8 @@ class PhaseSettings:
     soft_db: float = 16.0
     pull_s: float = 0.15
     pull_db: float = 6.0
-    few: int = 3
-    sure_db: float = 20.0
+    min_impulses: int = 3
+    certain_db: float = 20.0
     faint_ratio: float = 30.0
 
     sharp_s: float = 0.003

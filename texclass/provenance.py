@@ -1,4 +1,4 @@
-"""Versions of libraries, and hashes of the code that results depend on."""
+"""Versions of libraries, and hashes of the code behind a result."""
 
 import ast
 import hashlib
@@ -15,78 +15,84 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def versions(*libraries: str) -> dict[str, str]:
-    """Return the versions of texclass, Python and these distributions; "not installed" if one is absent."""
-    found = {"texclass": __version__, "python": platform.python_version()}
+    """Return the versions of texclass, Python and some distributions, or "not installed"."""
+    result = {"texclass": __version__, "python": platform.python_version()}
     for name in libraries:
         try:
-            found[name] = version(name)
+            result[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+            result[name] = "not installed"
+    return result
 
 
 def code_provenance(*places: str) -> dict[str, Any]:
-    """Return the subpackages and modules that made a result, and the hash of their code without words.
+    """Return the subpackages and modules that computed a result, and the hash of their code.
 
     Parameters
     ----------
     *places : str
-        As in `code_hash`.
+        Subpackages and modules, as in `code_hash`. Comments and docstrings do not count.
     """
     return {"code_of": sorted(places), "code_hash": code_hash(*places, words=False)}
 
 
 def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> str:
-    """Return a digest of code, by which results of other code are recognised.
+    """Return a hash of code, which shows whether a result was computed by other code.
 
     Parameters
     ----------
     *places : str
-        Subpackages ("phases": every module and table in it) and top-level modules ("signals") of texclass.
+        Subpackages ("phases": all its modules and tables) and top-level modules ("signals") of texclass.
     files : iterable of Path, optional
-        More source files; one that is absent counts by its name.
+        Further source files; a missing file counts by its name.
     words : bool
-        False leaves out comments, docstrings and the modules that put results into words, which change no
-        result.
+        Include comments, docstrings and report modules, which do not change results (default True).
 
     Returns
     -------
     str
-        16 hexadecimal digits.
+        Hash of 16 hexadecimal digits.
 
     Raises
     ------
     ValueError
-        If a place does not exist, which would otherwise drop out of the digest unnoticed.
+        If a place does not exist.
+
+    Examples
+    --------
+    >>> len(code_hash("phases", "signals"))
+    16
     """
-    found = set(files)
+    sources = set(files)
     for place in places:
         package = _PACKAGE / place
         modules = set(package.rglob("*.py")) if package.is_dir() else {package.with_suffix(".py")}
         if not modules or not all(module.is_file() for module in modules):
-            raise ValueError(f"texclass contains no {place!r}. Expected a subpackage or a top-level module")
-        found |= modules | set(package.rglob("*.csv"))
+            raise ValueError(
+                f"texclass has no {place!r}. Expected the name of a subpackage or top-level module"
+            )
+        sources |= modules | set(package.rglob("*.csv"))
     digest = hashlib.sha256()
-    for file in sorted(found, key=lambda f: (f.name, str(f))):
+    for file in sorted(sources, key=lambda f: (f.name, str(f))):
         source = file.read_bytes() if file.is_file() else b""
         if not words and file.name.endswith("_document.py"):
             continue
-        as_is = words or file.suffix != ".py"
-        digest.update(file.name.encode() + (source if as_is else _without_words(source)))
+        is_whole = words or file.suffix != ".py"
+        digest.update(file.name.encode() + (source if is_whole else _strip_docstrings(source)))
     return digest.hexdigest()[:16]
 
 
 @cache
-def _without_words(source: bytes) -> bytes:
+def _strip_docstrings(source: bytes) -> bytes:
     tree = ast.parse(source)
     nodes: list[Any] = [tree]
-    for node in nodes:  # statements alone: no expression holds a docstring
+    for node in nodes:  # only statements contain docstrings
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             docstrings = (
                 s for s in node.body if isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant)
             )
             for statement in docstrings:
                 statement.value = ast.Constant("")
-        for inside in ("body", "orelse", "handlers", "finalbody", "cases"):
-            nodes += getattr(node, inside, ())
+        for block in ("body", "orelse", "handlers", "finalbody", "cases"):
+            nodes += getattr(node, block, ())
     return ast.unparse(tree).encode()

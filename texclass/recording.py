@@ -1,4 +1,4 @@
-"""A recording: what one exploration of one surface recorded, and where its phases are."""
+"""Recordings of one exploration of one surface, and their phases."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -20,8 +20,8 @@ STANDARD_GRAVITY = 9.80665
 ACCELERATION_UNITS: dict[str, float] = {"m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1000}
 """Factor from a physical unit of acceleration to m/s^2."""
 UNITS = (*ACCELERATION_UNITS, "counts", "V", "arbitrary")
-"""Those, and others without a known factor to m/s^2: levels then compare only within the dataset."""
-if TYPE_CHECKING:  # a Literal of what is listed elsewhere is none to mypy
+"""Units of acceleration. Levels in "counts", "V" and "arbitrary" are comparable only within a dataset."""
+if TYPE_CHECKING:  # mypy does not accept a Literal of listed values
     Unit = str
 else:
     Unit = Literal[*UNITS]
@@ -32,10 +32,10 @@ AUXILIARY_UNITS = {
     "sound": "arbitrary",
     "turn_rate": "rad/s",
 }
-"""The auxiliary signals a recording may carry, and the unit each is kept in."""
+"""Unit of each auxiliary signal of a recording."""
 
 _BLOCK = 1 << 20
-"""Samples looked at at a time: a mask of a long recording would take an eighth of its memory."""
+"""Samples checked at a time; a mask of a long recording would need an eighth of its memory."""
 
 
 class RecordingError(ValueError):
@@ -197,8 +197,7 @@ class Recording:
         if self.unit in ACCELERATION_UNITS and (factor := ACCELERATION_UNITS[self.unit]) != 1.0:
             acceleration = _as_frozen_array(make_read_only(acceleration * factor), "acceleration", where)
         elif self.unit not in UNITS:
-            known = ", ".join(UNITS)
-            raise RecordingError(f"{where}: unit is {self.unit!r}. Expected one of {known}")
+            raise RecordingError(f"{where}: unknown unit {self.unit!r}. Expected one of {', '.join(UNITS)}")
         object.__setattr__(self, "fs", fs)
         native_fs = fs if self.native_fs is None else _sampling_rate(self.native_fs, where)
         object.__setattr__(self, "native_fs", min(native_fs, fs))
@@ -211,7 +210,7 @@ class Recording:
                 if len(array) != self.n_samples:
                     raise RecordingError(
                         f"{where}: {name} has {len(array)} samples, acceleration {self.n_samples}. "
-                        "Expected one rate and one length for all signals of a recording"
+                        "Expected the same rate and length for all signals of a recording"
                     )
                 object.__setattr__(self, name, array)
 
@@ -227,27 +226,27 @@ class Recording:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Identity, duration, rate, unit, channels and further signals, in words."""
-        beside = ", ".join(name for name in AUXILIARY_UNITS if getattr(self, name) is not None)
-        told = {
+        """Labels, duration, rate, unit, channels, other signals and flags as text, by name."""
+        other_signals = ", ".join(name for name in AUXILIARY_UNITS if getattr(self, name) is not None)
+        facts = {
             "recording": self.recording_id,
             "surface": self.surface,
             "operator": self.operator,
             "session": self.session,
             "duration": f"{self.duration_s:.3g} s, {self.n_samples} samples at {self.fs:g} Hz",
             "acceleration": f"{', '.join(self.channels)} in {self.unit}",
-            "other signals": beside,
+            "other signals": other_signals,
             "phases": None if self.phases is None else self.phases.kind,
             "flags": "; ".join(self.flags),
         }
-        return {name: fact for name, fact in told.items() if fact}
+        return {name: text for name, text in facts.items() if text}
 
     def __repr__(self) -> str:
-        """Return one line."""
-        of = f" of {self.surface}" if self.surface else ""
+        """Return id, surface, duration, rate and axes in one line."""
+        surface = f" of {self.surface}" if self.surface else ""
         n = len(self.channels)
         return (
-            f"<Recording {self.recording_id!r}{of}: {self.duration_s:.3g} s at {self.fs:g} Hz, "
+            f"<Recording {self.recording_id!r}{surface}: {self.duration_s:.3g} s at {self.fs:g} Hz, "
             f"{n} {'axis' if n == 1 else 'axes'} in {self.unit}>"
         )
 
@@ -257,10 +256,10 @@ class Recording:
         return f"<table>{''.join(rows)}</table>"
 
     def with_(self, **changes: Any) -> "Recording":
-        """Return a copy with some fields replaced; this recording if it has these values already."""
-        facts = vars(self)
-        unchanged = all(name in facts and facts[name] is value for name, value in changes.items())
-        return self if unchanged else replace(self, **changes)
+        """Return a copy with some fields replaced; this recording if nothing changes."""
+        values = vars(self)
+        is_unchanged = all(name in values and values[name] is value for name, value in changes.items())
+        return self if is_unchanged else replace(self, **changes)
 
     def cut(self, start: int, stop: int, recording_id: str) -> "Recording":
         """Return samples [start, stop) of every signal, all of it movement."""
@@ -274,17 +273,17 @@ class Recording:
     def to_xarray(self) -> "xarray.DataArray":
         """Return the acceleration as a DataArray over time (s) and axis, with labels as attributes.
 
-        Other signals and phases are not included. `loaders.recordings_of` converts back. Needs xarray.
+        Other signals and phases are not included. `loaders.recordings_of` converts back. Requires xarray.
         """
         import xarray
 
         dims = ("time", "axis")[: self.acceleration.ndim]
         time = ("time", np.arange(self.n_samples) / self.fs, {"units": "s"})
         names = ("fs", "native_fs", "unit", "surface", "operator", "session", "repetition")
-        facts = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        attributes = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         coords = {"time": time, "axis": list(self.channels)}
         coords = {dim: coords[dim] for dim in dims}
-        return xarray.DataArray(self.acceleration, coords, dims, self.recording_id, facts)
+        return xarray.DataArray(self.acceleration, coords, dims, self.recording_id, attributes)
 
     def _channel_names(self, where: str) -> tuple[str, ...]:
         n_channels = 1 if self.acceleration.ndim == 1 else self.acceleration.shape[1]
@@ -292,19 +291,27 @@ class Recording:
         names = tuple(self.channels) or default
         if len(names) != n_channels or len(set(names)) != n_channels:
             raise RecordingError(
-                f"{where}: channels are {names}. Expected {n_channels} different names, one a column"
+                f"{where}: channels are {names}. Expected {n_channels} different names, one per column"
             )
         return names
 
 
 def axes_differ(axes: Sequence[str], others: Sequence[str]) -> bool:
-    """Return whether two recordings have different axes: another number, or names that differ partly."""
+    """Return whether two recordings have different axes.
+
+    Axes differ if their numbers differ, or if only some of their names agree.
+
+    Examples
+    --------
+    >>> axes_differ(["x", "y"], ["X", "Y"]), axes_differ(["x", "y"], ["y", "z"])
+    (False, True)
+    """
     a, b = ({name.casefold() for name in names} for names in (axes, others))
     return len(a) != len(b) or (a != b and bool(a & b))
 
 
 def describe_axes(names: Sequence[str]) -> str:
-    """Return number and names of axes: "3 axes (x, y, z)"; a single one needs no name."""
+    """Return number and names of axes as text: "3 axes (x, y, z)"; "1 axis" without its name."""
     return "1 axis" if len(names) == 1 else f"{len(names)} axes ({', '.join(names)})"
 
 
@@ -314,16 +321,16 @@ def _sampling_rate(fs: Any, where: str) -> float:
     except (TypeError, ValueError):
         value = float("nan")
     if not (np.isfinite(value) and value > 0):
-        raise RecordingError(f"{where}: fs is {fs!r}. Expected a sampling rate in Hz above 0")
+        raise RecordingError(f"{where}: fs is {fs!r}. Expected a positive sampling rate in Hz")
     return value
 
 
 def make_read_only(array: A) -> A:
-    """Return an array that is closed to writing, so that a `Recording` keeps it without a copy."""
-    whole: object = array
-    while isinstance(whole, np.ndarray):
-        whole.flags.writeable = False
-        whole = whole.base
+    """Make an array and its bases read-only, so that a `Recording` does not copy it; return the array."""
+    base: object = array
+    while isinstance(base, np.ndarray):
+        base.flags.writeable = False
+        base = base.base
     return array
 
 
@@ -331,18 +338,18 @@ def _as_frozen_array(signal: ArrayLike, name: str, where: str) -> Samples:
     try:
         array = np.asarray(signal, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise RecordingError(f"{where}: {name} holds something that is not a number ({error})") from error
+        raise RecordingError(f"{where}: {name} contains a value that is not a number ({error})") from error
     if array.size == 0:
         raise RecordingError(f"{where}: {name} is empty. Expected at least one sample")
     rows = np.atleast_1d(array)
     if not all(np.isfinite(rows[k : k + _BLOCK]).all() for k in range(0, len(rows), _BLOCK)):
         n_bad, first = int((~np.isfinite(array)).sum()), np.argwhere(~np.isfinite(array))[0].tolist()
         raise RecordingError(
-            f"{where}: {name} holds {n_bad} values that are NaN or infinite (first at {first}). "
+            f"{where}: {name} contains {n_bad} NaN or infinite values, the first at {first}. "
             "Expected finite samples"
         )
-    whole: object = array
-    while isinstance(whole, np.ndarray) and not whole.flags.writeable:
-        whole = whole.base
-    # Neither the array nor what it is a view of can be written to: it is kept as it is.
-    return array if array.flags.c_contiguous and whole is None else make_read_only(np.array(array))
+    base: object = array
+    while isinstance(base, np.ndarray) and not base.flags.writeable:
+        base = base.base
+    # A read-only array whose bases are also read-only needs no copy.
+    return array if array.flags.c_contiguous and base is None else make_read_only(np.array(array))

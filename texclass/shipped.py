@@ -1,13 +1,13 @@
-"""Find definitions by name: shipped ones, a user's own, and those that other installed packages register.
+"""Definitions by name: shipped ones, files of the user, and those that other installed packages register.
 
-The areas `texclass.haptics` and `texclass.robot`, and other packages, register what they add by entry points:
+The areas `texclass.haptics` and `texclass.robot`, and other packages, register extensions by entry points:
 
 | group | name | value |
 |---|---|---|
 | `texclass.definitions` | any | package with `feature_defs`, `pipelines` or `datasets` |
 | `texclass.features` | any | module with decorated features |
 | `texclass.readers` | suffix | module with `names(path, settings)` and `read(path, wanted, settings)` |
-| `texclass.dataset_formats` | `format` of a card | module with `open_models(card, root, **about)` |
+| `texclass.dataset_formats` | `format` of a card | module with `open_models(card, root, **attributes)` |
 | `texclass.sources` | "ros2" | module with `topic_blocks` and `AnswerPublisher` |
 | `texclass.exporters` | "onnx" | module with `without_graph(feature_set)` |
 | `texclass.commands` | any | module that registers commands with `texclass.cli.app.app.command()` |
@@ -29,32 +29,38 @@ Kind = Literal["feature_defs", "pipelines", "datasets"]
 
 
 def folder(kind: Kind) -> Path:
-    """Return the folder of shipped definitions: inside an installed wheel, else beside the package."""
+    """Return the folder of shipped definitions, in the installed package or next to it in the repository."""
     package = Path(__file__).resolve().parent
-    inside = package / "_shipped" / kind
-    return inside if inside.is_dir() else package.parent / kind
+    installed = package / "_shipped" / kind
+    return installed if installed.is_dir() else package.parent / kind
 
 
 def names(kind: Kind) -> tuple[str, ...]:
-    """Return the names of the definitions of a kind, sorted."""
+    """Return the sorted names of all definitions of a kind.
+
+    Examples
+    --------
+    >>> "strese2015" in names("pipelines")
+    True
+    """
     return tuple(sorted(_files(kind)))
 
 
 def locate(kind: Kind, name_or_path: str | Path) -> Path:
-    """Return the file of a known name, or the given path of a user's own TOML.
+    """Return the file of a definition, given its name or the path of a TOML file.
 
     Raises
     ------
     FileNotFoundError
-        If there is neither; the message lists the shipped names.
+        If neither exists; the message lists the shipped names.
     """
-    if registered := _files(kind).get(str(name_or_path)):
-        return registered
+    if shipped_file := _files(kind).get(str(name_or_path)):
+        return shipped_file
     path = Path(name_or_path).expanduser()
     if path.suffix == ".toml" and path.is_file():
         return path
     raise FileNotFoundError(
-        f"{name_or_path}: no TOML file and none of the shipped {kind} ({', '.join(names(kind))})"
+        f"{name_or_path}: no such TOML file, and not one of the shipped {kind}: {', '.join(names(kind))}"
     )
 
 
@@ -64,18 +70,18 @@ def read(kind: Kind, name_or_path: str | Path) -> dict[str, Any]:
     Raises
     ------
     FileNotFoundError
-        If it does not exist.
+        If the definition does not exist.
     ValueError
-        If it is not valid TOML; the message names the file and the place.
+        If the file is not valid TOML.
     """
-    from texclass.validation import read_toml  # pydantic: a recording is loaded sooner without it
+    from texclass.validation import read_toml  # pydantic: slow import
 
     return read_toml(locate(kind, name_or_path))
 
 
 @cache
 def entry_point_modules(group: str) -> dict[str, str]:
-    """Return what packages register under texclass.<group>: name -> module."""
+    """Return the modules that packages register in the group texclass.<group>, by name."""
     _warn_unless_installed()
     return {entry.name: entry.value for entry in entry_points(group=f"texclass.{group}")}
 
@@ -86,10 +92,12 @@ def module_of(group: str, name: str) -> ModuleType:
     Raises
     ------
     ImportError
-        If nothing has the name, or it cannot be imported; the message names the entry point.
+        If no package registers the name, or the module cannot be imported.
     """
     if name not in entry_point_modules(group):
-        raise ImportError(f"no installed package registers {name!r} under texclass.{group}")
+        raise ImportError(
+            f"no installed package registers {name!r} in the entry point group texclass.{group}"
+        )
     try:
         return importlib.import_module(entry_point_modules(group)[name])
     except Exception as error:
@@ -98,7 +106,7 @@ def module_of(group: str, name: str) -> ModuleType:
 
 @cache
 def _warn_unless_installed() -> None:
-    """Warn once where texclass runs from a folder of its sources without an installation."""
+    """Warn once if texclass runs from its source folder without an installation."""
     try:
         distribution("texclass")
     except PackageNotFoundError:
@@ -111,19 +119,16 @@ def _warn_unless_installed() -> None:
 
 
 def _files(kind: Kind) -> dict[str, Path]:
-    """Return the file of each name; where a package repeats one of ours, ours.
-
-    Packages are found without importing them.
-    """
+    """Return the file of each definition; shipped ones take precedence. Packages are not imported."""
     folders = []
     for name, package in entry_point_modules("definitions").items():
-        found = find_spec(package)
-        if found is None or not found.submodule_search_locations:
-            raise ImportError(f"{_entry_point('definitions', name)} is no package")
-        folders.append(Path(found.submodule_search_locations[0]) / kind)
-    return {path.stem: path for one in (*folders, folder(kind)) for path in one.glob("*.toml")}
+        spec = find_spec(package)
+        if spec is None or not spec.submodule_search_locations:
+            raise ImportError(f"{_entry_point('definitions', name)} is not a package")
+        folders.append(Path(spec.submodule_search_locations[0]) / kind)
+    return {path.stem: path for root in (*folders, folder(kind)) for path in root.glob("*.toml")}
 
 
 def _entry_point(group: str, name: str) -> str:
-    """Return an entry point as messages show it."""
+    """Return an entry point for messages."""
     return f"entry point texclass.{group}: {name} = {entry_point_modules(group)[name]!r}"

@@ -117,6 +117,11 @@ def combine(acceleration: ArrayLike, *, single: bool = False) -> Samples:
     -------
     ndarray of shape (n_samples,)
         Signal with zero mean, in the unit of the input.
+
+    Examples
+    --------
+    >>> combine([1.0, 2.0, 3.0]).tolist()
+    [-1.0, 0.0, 1.0]
     """
     samples = np.asarray(acceleration, dtype=np.float64)
     return dft321(samples[:, np.newaxis] if samples.ndim == 1 else samples, single=single)
@@ -138,6 +143,13 @@ def remove_hand_motion(x: ArrayLike, fs: float) -> Samples:
     Returns
     -------
     ndarray of shape (n_samples,)
+        Signal without hand motion, in the unit of the input.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> bool(np.allclose(remove_hand_motion(np.full(1000, 9.81), fs=1000), 0))
+    True
     """
     half_window = max(round(HAND_WINDOW_S * positive(fs, "fs") / 2), 1)
     return np.asarray(x, dtype=np.float64) - moving_average(x, 2 * half_window + 1)
@@ -157,17 +169,24 @@ def moving_average(x: ArrayLike, n: int) -> Samples:
     -------
     ndarray of shape (n_samples,)
         Output i is the mean of x[i - n//2 : i - n//2 + n], so a constant stays a constant.
+
+    Examples
+    --------
+    >>> moving_average([0.0, 3.0, 0.0, 3.0], 3).tolist()
+    [1.5, 1.0, 2.0, 1.5]
     """
     samples = one_channel(x, "x")
     if n < 1:
         raise ValueError(f"n must be at least 1, got {n}")
     size = samples.size
     n = min(n, 2 * size)
-    before, after = n // 2, n - n // 2
-    offset = np.median(samples[:: -(-size // 1000)])  # scipy's running sum would lose digits to it
+    n_left, n_right = n // 2, n - n // 2
+    offset = np.median(
+        samples[:: -(-size // 1000)]
+    )  # a large offset costs precision in the running sum of scipy
     average = scipy.ndimage.uniform_filter1d(samples - offset, n, mode="constant")
-    ends = np.r_[: min(before, size), max(before, size - after + 1) : size]
-    average[ends] *= n / (np.minimum(ends + after, size) - np.maximum(ends - before, 0))
+    ends = np.r_[: min(n_left, size), max(n_left, size - n_right + 1) : size]
+    average[ends] *= n / (np.minimum(ends + n_right, size) - np.maximum(ends - n_left, 0))
     average += offset
     return np.asarray(average)
 

@@ -1,6 +1,7 @@
-"""Check what people write (cards, pipelines, feature sets, scenes, results): one reader, one form of message.
+"""Validation of TOML and JSON files (cards, pipelines, feature sets, scenes, results), and its messages.
 
-A kind of file is a pydantic model derived from `Written`; its fields are the keys of the file.
+Each kind of file is a pydantic model derived from `StrictModel`. The fields of the model are the keys of the
+file.
 """
 
 import difflib
@@ -17,13 +18,13 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 M = TypeVar("M", bound=BaseModel)
-LARGEST_TOML = 1 << 20
-"""Bytes; the shipped definitions have a hundredth."""
+MAX_TOML = 1 << 20
+"""Largest size of a TOML file in bytes; shipped definitions need less than a hundredth."""
 _DEEP = re.compile(rb"""(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")
-"""Keys of so many parts cost the parser the square of their number."""
-_STEERING = re.compile(r"(?<!\\)(?:\\\\)*(\\[bf]|\\u00(?:0[0-8be-f]|1[0-9a-f]|[89][0-9a-f])|\x7f)")
-"""What steers a terminal, in JSON: control characters but tabs and ends of lines."""
-_WORDS = {
+"""Keys with 32 or more parts, for which the time of the parser is quadratic."""
+_CONTROL = re.compile(r"(?<!\\)(?:\\\\)*(\\[bf]|\\u00(?:0[0-8be-f]|1[0-9a-f]|[89][0-9a-f])|\x7f)")
+"""Control characters in JSON, except tabs and line ends, which could change a terminal."""
+_EXPECTED = {
     "bool_type": "true or false",
     "dict_type": "a table",
     "finite_number": "a finite number",
@@ -43,35 +44,33 @@ _WORDS = {
     "too_short": "at least {min_length} of them",
     "tuple_type": "a list",
 }
-"""Kind of a fault -> rule, where pydantic's own words are those of a programmer."""
+"""Expected value by error type of pydantic, where its own text is for programmers."""
 
 
 class StrictModel(BaseModel):
-    """A table that people write: frozen; unknown keys and values of another kind are errors.
+    """Base of all file models: frozen; unknown keys and values of another type are errors.
 
-    Types are taken strictly (no text for a number), but a list may stand where a tuple is declared, and a
-    whole number where a float is.
+    Text is not converted to numbers, but lists are accepted for tuples and integers for floats.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file that may be damaged or hostile.
+    """Read a TOML file; damaged and malicious files raise an error.
 
     Raises
     ------
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     ValueError
-        If it is not valid TOML, longer than `LARGEST_TOML` or nested deeper than any definition; the message
-        names the file and the place.
+        If the file is not valid TOML, is larger than `MAX_TOML`, or has keys of 32 or more parts.
     """
     with path.open("rb") as file:
-        data = file.read(LARGEST_TOML + 1)
-    if len(data) > LARGEST_TOML or _DEEP.search(data):
+        data = file.read(MAX_TOML + 1)
+    if len(data) > MAX_TOML or _DEEP.search(data):
         raise ValueError(
-            f"{path}: not valid TOML (at most {LARGEST_TOML} bytes, and keys of 32 parts, are read)"
+            f"{path}: not valid TOML (larger than {MAX_TOML} bytes, or a key with 32 or more parts)"
         )
     try:
         return tomllib.loads(data.decode("utf-8-sig"))
@@ -79,90 +78,108 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: not valid TOML ({error})") from error
 
 
-def check_positive(**named: float | None) -> None:
-    """Refuse arguments that are not above 0, or not finite; None stands for one that is not given.
+def check_positive(**values: float | None) -> None:
+    """Raise an error for arguments that are not positive and finite; None is accepted.
 
     Raises
     ------
     ValueError
-        The message names argument, value and rule.
+        If a value is zero, negative, infinite or NaN.
     """
-    for name, value in named.items():
+    for name, value in values.items():
         if value is not None and not 0 < value < math.inf:
-            raise ValueError(f"{name} is {value!r}. Expected a positive, finite number")
+            raise ValueError(f"{name} must be positive and finite, got {value!r}")
 
 
 def validate(model: type[M], content: Any, where: object, *, context: object = None) -> M:
-    """Return the content of a file as a model.
+    """Validate the content of a file.
 
     Parameters
     ----------
     model : type of BaseModel
-        What its keys must be, usually a `Written`.
+        Model of the file, usually a `StrictModel`.
     content : mapping
-        As a TOML or JSON parser returns it.
+        Content from a TOML or JSON parser.
     where : str or Path
-        The file, for messages; of a part of it, file and key.
+        File for messages, or file and key of a table.
     context : object, optional
-        What the model's validators are told, as the file that other paths are relative to.
+        Context for the validators of the model, such as the file to which paths are relative.
+
+    Returns
+    -------
+    BaseModel
+        Instance of `model`.
 
     Raises
     ------
     ValueError
-        Naming the file, the first wrong value, and all missing and unknown keys; further faults are counted.
+        If the content is invalid. The message names the first invalid value and all missing and unknown keys.
+
+    Examples
+    --------
+    >>> class Sensor(StrictModel):
+    ...     fs_hz: float
+    >>> validate(Sensor, {"fs_hz": 1000}, "card.toml").fs_hz
+    1000.0
+    >>> validate(Sensor, {"fs": 1000}, "card.toml")
+    Traceback (most recent call last):
+    ValueError: card.toml: missing key fs_hz; unknown key fs (did you mean fs_hz?)
     """
     if not isinstance(content, Mapping):
         raise ValueError(
             f"{where}: {_shorten(content)}. Expected a table of {', '.join(_keys([*_models_in(model)]))}"
         )
     try:
-        # Under the rules for JSON a list is good for a tuple, and all else stays strict.
+        # In JSON mode, lists are accepted for tuples and everything else stays strict.
         text = json.dumps(content, default=str)
-        if steering := _STEERING.search(text):
-            raise ValueError(f"{where}: holds the control character {steering[1]}. Expected printable text")
+        if match := _CONTROL.search(text):
+            raise ValueError(f"{where}: contains the control character {match[1]}. Expected printable text")
         return model.model_validate_json(text, context=context)
     except ValidationError as error:
-        faults = error.errors()
-        keys, others = ([f for f in faults if _is_of_key(f) == of_key] for of_key in (True, False))
-        shown = [*others[:1], *keys[:20]]
-        more = f" (and {len(faults) - len(shown)} more)" if len(faults) > len(shown) else ""
-        words = dict.fromkeys(_describe(fault, model) for fault in shown)
-        raise ValueError(f"{where}: {'; '.join(words)}{more}") from None
+        errors = error.errors()
+        key_errors, value_errors = (
+            [item for item in errors if _is_key_error(item) == is_key] for is_key in (True, False)
+        )
+        reported = [*value_errors[:1], *key_errors[:20]]
+        n_more = len(errors) - len(reported)
+        suffix = f" (and {n_more} more)" if n_more else ""
+        messages = dict.fromkeys(_describe(item, model) for item in reported)
+        raise ValueError(f"{where}: {'; '.join(messages)}{suffix}") from None
 
 
-def _is_of_key(error: ErrorDetails) -> bool:
-    """Whether a key is missing or unknown."""
+def _is_key_error(error: ErrorDetails) -> bool:
+    """Return whether an error is a missing or unknown key."""
     return error["type"] in ("missing", "union_tag_not_found", "extra_forbidden") or (
         error["type"] == "literal_error" and error["loc"][-1] == "[key]"
     )
 
 
 def _describe(error: ErrorDetails, model: type[BaseModel]) -> str:
-    """Return one fault in words: the key as people write it, the value, the rule."""
+    """Return the message of one error: key, value, and what was expected."""
     kind, place, context = error["type"], error["loc"], error.get("ctx", {})
     key, field, tables = _follow(model, place)
     if kind in ("missing", "union_tag_not_found"):
         tag = _split_quoted(context["discriminator"]) if context else []
         return f"missing key {'.'.join(filter(None, [key, *tag]))}"
-    if _is_of_key(error):
-        known = _split_quoted(context["expected"]) if kind == "literal_error" else [*_keys(tables)]
-        near = difflib.get_close_matches(key.rpartition(".")[2], known, n=1)
-        beside = f"{key.rpartition('.')[0]}." if "." in key else ""
-        rule = f"expected one of {', '.join(known)}" if known else "expected no key at all"
-        return f"unknown key {key} ({f'did you mean {beside}{near[0]}?' if near else rule})"
+    if _is_key_error(error):
+        valid_keys = _split_quoted(context["expected"]) if kind == "literal_error" else [*_keys(tables)]
+        closest = difflib.get_close_matches(key.rpartition(".")[2], valid_keys, n=1)
+        prefix = f"{key.rpartition('.')[0]}." if "." in key else ""
+        expected = f"expected one of {', '.join(valid_keys)}" if valid_keys else "expected no key at all"
+        return f"unknown key {key} ({f'did you mean {prefix}{closest[0]}?' if closest else expected})"
     if kind == "union_tag_invalid":
         key = ".".join(filter(None, [key, *_split_quoted(context["discriminator"])]))
         tags = ", ".join(_split_quoted(context["expected_tags"]))
         return f"{key} is {context['tag']!r}. Expected one of {tags}"
     if kind in ("value_error", "json_invalid"):
-        said = str(context["error"])
-        return f"{key}: {said}" if key else said
-    rule = (field.description if field else None) or _rule(error, tables)
-    return f"{key} is {_shorten(error['input'])}. Expected {rule}" if key else f"expected {rule}"
+        message = str(context["error"])
+        return f"{key}: {message}" if key else message
+    expected = (field.description if field else None) or _expected_value(error, tables)
+    return f"{key} is {_shorten(error['input'])}. Expected {expected}" if key else f"expected {expected}"
 
 
-def _rule(error: ErrorDetails, tables: list[type[BaseModel]]) -> str:
-    """Return what pydantic asks for in plain words."""
+def _expected_value(error: ErrorDetails, tables: list[type[BaseModel]]) -> str:
+    """Return what pydantic expected, in plain words."""
     context = error.get("ctx", {})
     match error["type"]:
         case "model_type":
@@ -171,30 +188,30 @@ def _rule(error: ErrorDetails, tables: list[type[BaseModel]]) -> str:
             return f"one of {', '.join(_split_quoted(context['expected']))}"
         case "string_pattern_mismatch":
             return f"text like {context['pattern']}"
-    words = _WORDS.get(error["type"])
-    return words.format_map(context) if words else error["msg"].removeprefix("Input should be ")
+    template = _EXPECTED.get(error["type"])
+    return template.format_map(context) if template else error["msg"].removeprefix("Input should be ")
 
 
 def _follow(
     model: type[BaseModel], place: tuple[int | str, ...]
 ) -> tuple[str, FieldInfo | None, list[type[BaseModel]]]:
-    """Follow the place of a fault through nested tables.
+    """Follow the location of an error through nested tables.
 
     Returns
     -------
     key : str
-        As people write it: "rows.2.name", lists counted from 1.
+        Key as in the file: "rows.2.name", with lists counted from 1.
     field : FieldInfo or None
-        The last field on the way.
+        Last field on the way.
     tables : list of type
-        Models that may stand at the place; for a key that none of them knows, the models it is missing in.
+        Models that are valid at the location; for an unknown key, the models that lack it.
     """
-    shown: list[str] = []
+    parts: list[str] = []
     field: FieldInfo | None = None
     tables = list(_models_in(model))
     for part in place:
         tagged = [table for table in tables if len(tables) > 1 and _has_tag(table, part)]
-        if tagged:  # of the kinds of a table, the one that its tag names; people do not write it
+        if tagged:  # the tag of a union selects a model; it is not part of the key
             tables = tagged
             continue
         holder = next((table for table in tables if part in table.model_fields), None)
@@ -202,12 +219,12 @@ def _follow(
             field = holder.model_fields[str(part)]
             tables = list(_models_in(field.annotation))
         if part != "[key]":
-            shown.append(str(part + 1 if isinstance(part, int) else part))
-    return ".".join(shown), field, tables
+            parts.append(str(part + 1 if isinstance(part, int) else part))
+    return ".".join(parts), field, tables
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Yield the models in a type, those inside a `RootModel` in its place."""
+    """Yield the models in a type; a `RootModel` is replaced by its content."""
     if isinstance(annotation, type) and issubclass(annotation, RootModel):
         yield from _models_in(annotation.model_fields["root"].annotation)
     elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
@@ -225,12 +242,12 @@ def _keys(tables: list[type[BaseModel]]) -> dict[str, None]:
     return dict.fromkeys(key for table in tables for key in table.model_fields)
 
 
-def _split_quoted(listed: str) -> list[str]:
-    """Return the values in what pydantic lists as "'a', 'b' or 'c'"; all of it where these are no texts."""
-    return re.findall(r"'([^']*)'", listed) or [listed]
+def _split_quoted(text: str) -> list[str]:
+    """Return the quoted values in a text such as "'a', 'b' or 'c'", or the text if there are none."""
+    return re.findall(r"'([^']*)'", text) or [text]
 
 
 def _shorten(value: Any) -> str:
-    """Return a wrong value as messages show it, in at most 60 characters."""
-    shown = json.dumps(value, default=repr) if isinstance(value, dict | list) else repr(value)
-    return shown if len(shown) <= 60 else f"{shown[:57]}..."
+    """Return an invalid value for a message, in at most 60 characters."""
+    text = json.dumps(value, default=repr) if isinstance(value, dict | list) else repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -7,7 +7,7 @@ from pathlib import Path
 from fuzz.contract import Target
 from fuzz.mutate import json_of, of_text, toml_of, trees
 from texclass import shipped
-from texclass.cli.result_files import read_document, refusing_damage
+from texclass.cli.result_files import damage_as_value_error, read_document
 from texclass.evaluation import load_pipeline
 from texclass.features import load_feature_set
 from texclass.haptics.scene.definition import EXAMPLES, read_path, read_scene
@@ -108,7 +108,7 @@ def _card(path: Path) -> object:
     assert card.scale == card.scale
     if card.format == "files":
         match_name(card.files, "oak/01_X.csv")
-    return hash(card.facts)
+    return hash(card.hash_input)
 
 
 def _set(path: Path) -> object:
@@ -168,7 +168,7 @@ def _results() -> list[bytes]:
 
 def _page(path: Path) -> object:
     document = read_document(path)
-    with refusing_damage(str(path)):
+    with damage_as_value_error(str(path)):
         page = render_page([document])
     assert page.startswith("<!")
     return page

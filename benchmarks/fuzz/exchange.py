@@ -65,9 +65,9 @@ def _families() -> list[bytes]:
     folder = str(Path(__file__).parents[2] / "tests" / "haptics" / "exchange")
     if folder not in sys.path:
         sys.path.insert(0, folder)
-    from test_families import MADE
+    from test_families import FAMILIES
 
-    return [written("a.texture", partial(save_texture, make())) for make in MADE.values()]
+    return [written("a.texture", partial(save_texture, make())) for make in FAMILIES.values()]
 
 
 def _scenes() -> list[bytes]:

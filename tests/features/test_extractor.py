@@ -140,7 +140,7 @@ def test_invalid_input_and_missing_sampling_rates_are_rejected():
     for wide in ((9, 400), (3, 40)):
         with pytest.raises(ValueError, match=re.escape(f"has shape {wide}. Expected (n_samples, n_axes)")):
             FeatureExtractor(TOY, fs=FS).fit([np.zeros(wide)])
-    with pytest.raises(RecordingError, match="row 1: acceleration holds 1 values that are NaN"):
+    with pytest.raises(RecordingError, match="row 1: acceleration contains 1 NaN or infinite values"):
         FeatureExtractor(TOY, fs=FS).fit([noise(300), np.append(noise(300), np.nan)])
 
 

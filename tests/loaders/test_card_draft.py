@@ -189,7 +189,7 @@ def test_the_command_writes_a_card_that_benchmark_reads(command, tmp_path, monke
     assert "question: what is the sampling rate" in out
     code, _, err = command("card", "own", "-o", "own.toml")
     assert code == 1
-    assert "own.toml exists already" in err
+    assert "own.toml already exists" in err
     code, out, err = command("card", "own", "--unit", "g", "--fs", "1000", "-o", "new.toml")
     assert (code, err, "question" in out) == (0, "", False)
     arguments = (

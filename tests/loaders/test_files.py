@@ -209,7 +209,7 @@ def test_a_line_that_is_not_one_number_is_named(tmp_path):
 
 
 def test_text_that_is_not_finite_or_too_short_is_refused(tmp_path):
-    with pytest.raises(RecordingError, match=r"holds 2 values that are NaN or infinite \(first at \[1\]\)"):
+    with pytest.raises(RecordingError, match=r"contains 2 NaN or infinite values, the first at \[1\]"):
         load(tmp_path / "r.txt", "1\nnan\ninf\n")
     for content in ("\n\n", "5\n"):
         with pytest.raises(RecordingError, match="at least"):
@@ -235,8 +235,8 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path):
         ("a,b\n", "acceleration is empty"),
         ("a,t\n", "acceleration is empty"),
         ("a,b\n1,2\nNA,4\n", "line 3 is 'NA,4'"),
-        (b"\xff\xfe\x00", "is not text.*Expected UTF-8, or UTF-16 with a byte order mark"),
-        (b"a,b\n1\0\xff,2\n", "is not text.*Expected UTF-8"),
+        (b"\xff\xfe\x00", "not a text file.*Expected UTF-8, or UTF-16 with a byte order mark"),
+        (b"a,b\n1\0\xff,2\n", "not a text file.*Expected UTF-8"),
     ):
         with pytest.raises(RecordingError, match=f"(?s)r.csv: .*{message}"):
             load(tmp_path / "r.csv", content)

@@ -145,7 +145,7 @@ def test_a_size_limit_reduces_the_kernel_and_is_in_the_manifest(kernel_model):
     assert small.manifest.pipeline["budget"] == "2 kB of a kernel"
     with pytest.raises(ValueError, match="max_kb = 2 has no effect: no candidate is a KernelDiscriminant"):
         train(surfaces(), pipeline(), row="Spectrum", classifier="lda", max_kb=2)
-    with pytest.raises(ValueError, match=r"max_kb is 0. Expected a positive, finite number"):
+    with pytest.raises(ValueError, match=r"max_kb must be positive and finite, got 0"):
         train(surfaces(), pipeline(), max_kb=0)
 
 

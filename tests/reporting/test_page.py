@@ -216,8 +216,8 @@ def test_every_kind_of_result_but_a_study_has_an_example_here():
         ('{"kind": ["benchmark"], "version": 1}', r"kind \"\['benchmark'\]\""),
         ('{"kind": "bench", "version": 1}', "kind 'bench', version '1'.* benchmark .version 1."),
         ('{"kind": "benchmark", "version": 0}', "version '0'.* benchmark .version 1."),
-        ('{"kind": "benchmark", "version": 1, "rows": [NaN]}', "number NaN, expected"),
-        ('{"kind": "benchmark", "version": 1}', "cannot be shown .KeyError"),
+        ('{"kind": "benchmark", "version": 1, "rows": [NaN]}', "a number is NaN. Expected"),
+        ('{"kind": "benchmark", "version": 1}', "damaged result .KeyError"),
         ('{"kind": "study", "version": 1}', "a study has no page"),
     ],
 )
@@ -254,7 +254,7 @@ def test_binary_files_and_pages_over_results_are_refused(tmp_path):
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match=r"x\.json"):
         read_document(path)
-    with pytest.raises(ValueError, match="another file name"):
+    with pytest.raises(ValueError, match="another file for the page"):
         write_page([path], path)
     with pytest.raises(ValueError, match="no result given"):
         write_page([], tmp_path / "page.html")

@@ -32,11 +32,11 @@ def todays():
     ("change", "why"),
     [
         (lambda data: None, ""),
-        (lambda data: data.pop("code_hash"), "made before results carried a hash of their code"),
-        (lambda data: data.update(code_hash="0"), "made by other code"),
+        (lambda data: data.pop("code_hash"), "contains no hash of its code"),
+        (lambda data: data.update(code_hash="0"), "its code has changed"),
         (lambda data: data["pipeline"].update(hash="0"), "pipeline strese2015 has changed"),
         (lambda data: data["pipeline"].update(features_hash="0"), "feature set strese2015 has changed"),
-        (lambda data: data["pipeline"].update(name="mine"), "pipeline mine is not here"),
+        (lambda data: data["pipeline"].update(name="mine"), "pipeline mine does not exist"),
     ],
 )
 def test_results_of_other_code_pipelines_or_features_are_listed_with_the_reason(tmp_path, change, why):
@@ -66,9 +66,9 @@ def test_studies_name_the_code_that_made_them_and_are_listed_too(tmp_path):
     path = tmp_path / "study.json"
     for facts, why in (
         (code_provenance("haptics", "signals"), None),
-        (code_provenance("haptics") | {"code_of": ["signals"]}, "made by other code"),
-        (code_provenance("haptics") | {"code_of": ["gone"]}, "made by other code"),
-        ({}, "made before results carried a hash of their code"),
+        (code_provenance("haptics") | {"code_of": ["signals"]}, "its code has changed"),
+        (code_provenance("haptics") | {"code_of": ["gone"]}, "its code has changed"),
+        ({}, "contains no hash of its code"),
     ):
         path.write_text(json.dumps({**STUDY, "pipeline": ["multiscale"], "ratio": np.nan, **facts}))
         assert stale_results([path])[0].get(path) == why
@@ -86,7 +86,7 @@ def test_files_that_are_no_results_are_skipped_and_listed(tmp_path, capsys):
     (tmp_path / "picture.png").write_bytes(b"\x89PNG\xff")
     files = [other, tmp_path / "page.md", tmp_path / "picture.png", tmp_path, stale]
     found, skipped = stale_results(files)
-    assert found == {stale: "made by other code"}
+    assert found == {stale: "its code has changed"}
     assert list(skipped) == files[:4]
     assert "kind" in skipped[other]
     report(files, stale=True)

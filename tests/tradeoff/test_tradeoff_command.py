@@ -78,11 +78,11 @@ def test_every_limit_is_respected_and_appears_in_the_files(tradeoff, plates):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--max-ms", 0), "max_ms is 0.0. Expected a positive, finite number"),
-        (("--max-ms", "nan"), "max_ms is nan. Expected a positive, finite number"),
+        (("--max-ms", 0), "max_ms must be positive and finite, got 0.0"),
+        (("--max-ms", "nan"), "max_ms must be positive and finite, got nan"),
         (("--max-ms", 1e-9), "max_ms must be at least"),
-        (("--max-features", 0), "max_features is 0. Expected a positive, finite number"),
-        (("--max-seconds", -1), "seconds is -1.0. Expected a positive, finite number"),
+        (("--max-features", 0), "max_features must be positive and finite, got 0"),
+        (("--max-seconds", -1), "seconds must be positive and finite, got -1.0"),
         (("--max-seconds", 9), "no recording can be used"),
         (("--surfaces", "cork,silk"), "no surface 'silk'; its surfaces are cork, felt, oak"),
         (("--surfaces", "cork"), "must contain at least two surfaces"),

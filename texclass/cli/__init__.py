@@ -1,8 +1,8 @@
-"""The command line: parse the options, call one function of the package, print its result.
+"""Command line: parse the options, call one function of the package, print its result.
 
-The signature of a command states its options; types that several commands share are in `parameters`.
-Commands of the areas and of other packages are modules named by entry points under `texclass.commands`.
-Scientific packages are imported inside the commands, so that help and wrong options are answered at once.
+The signature of a command defines its options; types that several commands share are in `parameters`. The
+areas and other packages register modules with commands as entry points `texclass.commands`. Scientific
+packages are imported inside the commands, so that help and errors of options appear at once.
 """
 
 import typer

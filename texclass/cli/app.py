@@ -43,7 +43,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # characters that the output cannot encode become "?"
             stream.reconfigure(errors="replace")
-    gc.set_threshold(100_000)  # the modules that a command imports are no garbage, now and at exit
+    gc.set_threshold(100_000)  # imported modules are never garbage, so collect less often
     try:
         app(prog_name="texclass")
     except (ValueError, OSError, ImportError) as error:

@@ -62,7 +62,7 @@ def card(
     from texclass.loaders.card_draft import QUESTION
 
     if output.exists():
-        raise FileExistsError(f"{output} exists already. Remove it, or choose another file with --output")
+        raise FileExistsError(f"{output} already exists. Remove it, or choose another file with --output")
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
     )
@@ -109,24 +109,24 @@ def inspect(
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
     )
-    found = find_recording(recording, **reader, resample=resample)
+    one = find_recording(recording, **reader, resample=resample)
     if tap_spacing is not None:
-        found = found.with_(phase_settings=replace(found.phase_settings, tap_spacing_s=tap_spacing))
+        one = one.with_(phase_settings=replace(one.phase_settings, tap_spacing_s=tap_spacing))
     from texclass.atomic_write import write_atomic
     from texclass.evaluation.inspection import inspected
     from texclass.reporting.wording import counted
 
-    figure, phases = inspected(found, features)
-    path = output or Path(f"{Path(found.recording_id).name}.inspect.png")
-    picture = io.BytesIO()
-    figure.savefig(picture, dpi=130, format=path.suffix[1:].lower())
-    write_atomic(path, picture.getvalue())
+    figure, phases = inspected(one, features)
+    path = output or Path(f"{Path(one.recording_id).name}.inspect.png")
+    image = io.BytesIO()
+    figure.savefig(image, dpi=130, format=path.suffix[1:].lower())
+    write_atomic(path, image.getvalue())
     movement = "none"
     if phases.movement is not None:
         start, stop = phases.movement
-        movement = f"{start / found.fs:.2f} to {stop / found.fs:.2f} s"
+        movement = f"{start / one.fs:.2f} to {stop / one.fs:.2f} s"
     typer.echo(f"{phases.kind}: {counted(len(phases.taps), 'tap')}, movement {movement}")
-    print_lines("note:", (*found.flags, *phases.notes))
+    print_lines("note:", (*one.flags, *phases.notes))
     typer.echo(f"wrote {path}")
 
 
@@ -159,7 +159,7 @@ def get(
             typer.echo(f"cite: {card.citation}")
         with progress_bar() as progress:
             folder = fetch_recordings(name, progress)
-        typer.echo(f"complete, each file as published: {folder}")
+        typer.echo(f"complete, checksums verified: {folder}")
 
 
 app.add_typer(cards, name="datasets", rich_help_panel="Recordings")

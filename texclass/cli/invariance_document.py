@@ -1,4 +1,4 @@
-"""The study of features under other speeds, forces and impacts, as a document."""
+"""Report of the study of features under different speeds, forces and impacts."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class InvarianceStudy(Result, kind="invariance"):
-    """The study of features under other speeds, forces and impacts: `benchmarks/invariance_study.py`."""
+    """Result of `benchmarks/invariance_study.py`: features under different speeds, forces and impacts."""
 
     def document(self) -> Document:
         """Return the study as a document."""
@@ -29,7 +29,7 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
     Parameters
     ----------
     data : mapping
-        The JSON of the study: `rows` with feature, set, origin, condition, ratio (of the deviation between
+        JSON of the study: `rows` with feature, set, origin, condition, ratio (of the deviation between
         surfaces to that within one; None where undefined) and trend.
     """
     rows = pd.DataFrame(
@@ -38,19 +38,21 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
     rows["set"] = rows["set"].fillna("")
     rows["origin"] = rows["origin"].fillna(rows["set"]).replace("", "features")
     rows = rows.astype({"ratio": float, "trend": float})
-    known = rows[rows["ratio"] > 0]
-    medians = known.groupby("origin")["ratio"].median()
+    defined = rows[rows["ratio"] > 0]
+    medians = defined.groupby("origin")["ratio"].median()
     ours, *others = sorted(set(rows["origin"]), key=lambda origin: (origin != "texclass", origin))
-    told = "; ".join(f"{origin}: {digits(medians[origin])}" for origin in others if origin in medians)
+    other_medians = "; ".join(
+        f"{origin}: {digits(medians[origin])}" for origin in others if origin in medians
+    )
     value = digits(medians[ours]) if ours in medians else "none"
     conditions = ", ".join(dict.fromkeys(rows["condition"]))
     blocks: list[Block] = [Heading("Every feature under every condition")]
-    if len(known):
-        table = known.pivot_table("ratio", "origin", "condition", "median", sort=False).reindex(
+    if len(defined):
+        table = defined.pivot_table("ratio", "origin", "condition", "median", sort=False).reindex(
             [ours, *others]
         )
         table.columns = table.columns.astype(str)
-        blocks.append(_ratios(rows, known, [ours, *others]))
+        blocks.append(_ratios(rows, defined, [ours, *others]))
         blocks.append(Table(table.rename_axis("From").reset_index(), "Median ratio of the features."))
     blocks.append(
         [
@@ -66,21 +68,21 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
             value,
             "times" if value != "none" else "",
             "",
-            "as far apart are surfaces as one surface under other speeds, forces and impacts: the median "
-            f"over the features of {ours} and conditions (above 1, surfaces differ more than conditions "
-            "change the value).",
-            f"The same median for {told}." if told else "",
+            "larger are differences between surfaces than changes of one surface over speeds, forces and "
+            f"impacts: median over conditions and the features of {ours} (above 1, surfaces differ more than "
+            "conditions change the value).",
+            f"The same median for {other_medians}." if other_medians else "",
             "Median ratio of the deviation between surfaces to that within one "
-            f"({'; '.join(filter(None, (ours, told)))}).",
+            f"({'; '.join(filter(None, (ours, other_medians)))}).",
         ),
         again={"Seed": str(data.get("seed", ""))},
         versions=data.get("versions", {}),
     )
 
 
-def _ratios(rows: pd.DataFrame, known: pd.DataFrame, origins: Sequence[str]) -> Figure:
-    """Return the ratio of every feature, that of the best worst condition at the top."""
-    worst = known.groupby(["origin", "set", "feature"], sort=False)["ratio"].min()
+def _ratios(rows: pd.DataFrame, defined: pd.DataFrame, origins: Sequence[str]) -> Figure:
+    """Return a figure of the ratios of all features, sorted by their worst condition."""
+    worst = defined.groupby(["origin", "set", "feature"], sort=False)["ratio"].min()
     order = list(worst.sort_values(ascending=False, kind="stable").index)
     table = rows[["feature", "set", "origin", "condition"]].assign(
         ratio=[digits(ratio) or "undefined" for ratio in rows["ratio"]],
@@ -90,31 +92,31 @@ def _ratios(rows: pd.DataFrame, known: pd.DataFrame, origins: Sequence[str]) -> 
         "ratios",
         "Between-surface over within-surface deviation; right is better",
         f"By its worst condition the best feature is {_name(*order[0])}, the last {_name(*order[-1])}.",
-        lambda width: _draw(known, order, origins, width),
+        lambda width: _draw(defined, order, origins, width),
         Table(table.rename(columns=str.capitalize), n_words=4),
     )
 
 
-def _draw(known: pd.DataFrame, order: list[Any], origins: Sequence[str], width: float) -> "Drawing":
-    """Draw a mark a condition, a colour an origin."""
+def _draw(defined: pd.DataFrame, order: list[Any], origins: Sequence[str], width: float) -> "Drawing":
+    """Draw the ratios with one marker per condition and one colour per origin."""
     figure, axes = row_axes(width, [_name(*key) for key in order], "ratio (log scale)")
     colours = {origin: LOOKS[i % len(LOOKS)][0] for i, origin in enumerate(origins)}
-    shapes = {name: LOOKS[i % len(LOOKS)][1] for i, name in enumerate(dict.fromkeys(known["condition"]))}
+    shapes = {name: LOOKS[i % len(LOOKS)][1] for i, name in enumerate(dict.fromkeys(defined["condition"]))}
     at = {key: y for y, key in enumerate(order)}
-    for row in known.to_dict("records"):
+    for row in defined.to_dict("records"):
         key = row["origin"], row["set"], row["feature"]
-        said = f"{_name(*key)}, {row['condition']}: {digits(row['ratio'])}"
+        label = f"{_name(*key)}, {row['condition']}: {digits(row['ratio'])}"
         shape = shapes[row["condition"]]
-        axes.plot(row["ratio"], at[key], shape, markersize=5, color=colours[row["origin"]], gid=said)
-    for label, colour in colours.items():
-        axes.plot([], [], "o", color=colour, label=label)
-    for label, shape in shapes.items():
-        axes.plot([], [], shape, color=MUTED, label=label)
+        axes.plot(row["ratio"], at[key], shape, markersize=5, color=colours[row["origin"]], gid=label)
+    for origin, colour in colours.items():
+        axes.plot([], [], "o", color=colour, label=origin)
+    for condition, shape in shapes.items():
+        axes.plot([], [], shape, color=MUTED, label=condition)
     axes.axvline(1.0, color=MUTED, linewidth=1)
     log_x(axes)
     legend_above(figure, axes)
     return figure
 
 
-def _name(_origin: str, of_set: str, feature: str) -> str:
-    return f"{feature} ({of_set})" if of_set else feature
+def _name(_origin: str, feature_set: str, feature: str) -> str:
+    return f"{feature} ({feature_set})" if feature_set else feature

@@ -1,4 +1,4 @@
-"""Listings of the shipped dataset cards and of the features, as documents."""
+"""Tables of the shipped dataset cards and of the features."""
 
 import pandas as pd
 
@@ -32,7 +32,7 @@ def datasets_document() -> Document:
 def features_document(feature_set: str | None = None) -> Document:
     """Return a table of all features, or of those of a set: phase, columns, unit, reference, gain law."""
     if feature_set is None:
-        title, about = "All features", []
+        title, notes = "All features", []
         columns = {name: (feature, feature.columns(name, {})) for name, feature in list_features().items()}
     else:
         members = load_feature_set(feature_set)
@@ -40,7 +40,7 @@ def features_document(feature_set: str | None = None) -> Document:
         conditioning = "Movements: mean removed"
         if members.remove_hand_motion:
             conditioning += f"; with gravity in m/s^2, a moving average over {HAND_WINDOW_S:g} s removed"
-        about = [f"{members.description}. {conditioning}."]
+        notes = [f"{members.description}. {conditioning}."]
         columns = {member.name: (member.feature, member.columns) for member in members.members}
     rows = []
     for name, (feature, names) in columns.items():
@@ -49,4 +49,4 @@ def features_document(feature_set: str | None = None) -> Document:
             contract += f"; depends on {' and '.join(sorted(feature.depends_on))}"
         rows.append((name, feature.phase, str(len(names)), feature.unit, f"{feature.summary}\n{contract}\n"))
     frame = pd.DataFrame(rows, columns=["feature", "phase", "columns", "unit", "description"])
-    return Document(title, [*about, Table(frame, n_words=5)])
+    return Document(title, [*notes, Table(frame, n_words=5)])

@@ -176,7 +176,7 @@ def predict(
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
     )
-    trained, predictions, facts = recognition.load_model(model), [], []
+    trained, predictions, results = recognition.load_model(model), [], []
     with progress_bar() as progress:
         for prediction in recognition.predict(trained, files, labels=labels, **reader, resample=resample):
             predictions.append(prediction)
@@ -185,16 +185,16 @@ def predict(
                 answer = {"error": prediction.problem}
             else:
                 answer = prediction.answer.to_dict()
-            true = {} if prediction.surface is None else {"true_surface": prediction.surface}
-            facts.append({"file": prediction.name, **true, **answer})
+            true_surface = {} if prediction.surface is None else {"true_surface": prediction.surface}
+            results.append({"file": prediction.name, **true_surface, **answer})
             if as_lines:
-                typer.echo(json.dumps(facts[-1]))
+                typer.echo(json.dumps(results[-1]))
             progress(len(predictions), max(len(predictions), len(files)), "recordings")
-    write_json(json_file, json.dumps(facts, indent=1))
-    answers = [(one.name, one.answer) for one in predictions if one.answer is not None]
+    write_json(json_file, json.dumps(results, indent=1))
+    answers = [(item.name, item.answer) for item in predictions if item.answer is not None]
     if answers and not as_lines:
         print_document(answers_document(answers))
-    has_labels = any(one.surface for one in predictions if one.answer is not None)
+    has_labels = any(item.surface for item in predictions if item.answer is not None)
     if confusion is not None or (has_labels and not as_lines):
         from texclass.recognition.evaluation import PredictionSummary
 

@@ -22,7 +22,7 @@ def write_json(path: Path | None, text: str) -> None:
 
 
 def print_lines(prefix: str, lines: Iterable[object]) -> None:
-    """Print each line behind a prefix, such as "note" or "wrote"."""
+    """Print lines with a prefix such as "note:" or "wrote"."""
     for line in lines:
         typer.echo(f"{prefix} {line}")
 
@@ -30,7 +30,7 @@ def print_lines(prefix: str, lines: Iterable[object]) -> None:
 def print_and_save(
     result: "Result", folder: Path, json_file: Path | None = None, *, written: Iterable[Path] = ()
 ) -> None:
-    """Print a result, write its JSON and its report, and list these files and others already `written`."""
+    """Print a result, write its JSON and report, and list these files and those in `written`."""
     from texclass.reporting import print_document
 
     print_document(result.document())
@@ -40,21 +40,21 @@ def print_and_save(
 
 @contextmanager
 def progress_bar() -> Iterator[Any]:
-    """Give a callable (done, total, what) that draws a progress bar on standard error."""
+    """Yield a function (n_done, n_total, label) that draws a progress bar on standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
     if not console.is_interactive:  # rich would print an empty line
-        yield lambda done, total, what: None
+        yield lambda n_done, n_total, label: None
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         tasks: dict[str, Any] = {}
 
-        def advance(done: int, total: int, what: str) -> None:
-            if what not in tasks:
-                tasks[what] = bar.add_task(what, total=total)
-            bar.update(tasks[what], completed=done, total=total)
+        def advance(n_done: int, n_total: int, label: str) -> None:
+            if label not in tasks:
+                tasks[label] = bar.add_task(label, total=n_total)
+            bar.update(tasks[label], completed=n_done, total=n_total)
 
         yield advance

@@ -19,7 +19,7 @@ running_option = partial(Option, rich_help_panel="Running")
 output_option = partial(Option, rich_help_panel="Output")
 
 ProtocolName = Literal["recording", "operator", "chronological", "few-shot", "grouped", "paper"]
-"""The names in `texclass.evaluation.protocols.PROTOCOLS`, which cannot be imported without scikit-learn."""
+"""Names in `texclass.evaluation.protocols.PROTOCOLS`, copied because its import is slow."""
 
 
 def shipped_names(kind: Kind) -> Callable[[str], list[str]]:
@@ -43,7 +43,7 @@ def output_file(*flags: str, suffixes: Sequence[str], help: str) -> Any:
 
 
 def check_folder(path: Path | None) -> Path | None:
-    """Refuse an output folder that is named like a file: `-o results.csv` would create a folder."""
+    """Raise an error for an output folder with the name of a file, such as `-o results.csv`."""
     files = {".csv", ".htm", ".html", ".json", ".md", ".parquet", ".pdf", ".png", ".skops", ".txt", ".xlsx"}
     if path is not None and path.suffix.lower() in files and not path.is_dir():
         raise ValueError(f"cannot write {path}: the suffix is {path.suffix!r}. Expected a folder")
@@ -257,7 +257,7 @@ def protocol_name(
 
 
 def check_scheduler(backend: str, scheduler: str | None) -> None:
-    """Refuse the address of a Dask scheduler for a run on this machine."""
+    """Raise an error for a Dask scheduler without `--backend dask`."""
     if scheduler is not None and backend != "dask":
         raise typer.BadParameter("--scheduler requires --backend dask")
 

@@ -1,4 +1,4 @@
-"""Pages of saved results, and which of them are stale."""
+"""Report pages of saved results, and detection of stale results."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -25,48 +25,47 @@ from texclass.tradeoff import study  # noqa: F401
 
 
 def read_document(path: str | Path) -> Document:
-    """Read a result that a command wrote as JSON, as a document.
+    """Read the JSON of a result and return its report as a document.
 
     Parameters
     ----------
     path : str or path
-        A JSON file.
+        JSON file written by a command.
 
     Raises
     ------
     ValueError
-        If it is no result, or damaged; the message names file and value.
+        If the file is not a result, or is damaged.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
-    result = read_result(path, _shown)
-    with refusing_damage(str(path)):
+    result = read_result(path, _parse_number)
+    with damage_as_value_error(str(path)):
         return result.document()
 
 
-def _shown(text: str) -> float:
-    """Return a number of a result; refuse what no figure can show."""
+def _parse_number(text: str) -> float:
+    """Parse a number of a result; raise an error if it is too large for a figure."""
     if not abs(float(text)) <= 1e100:
-        raise ValueError(f"number {text:.40}, expected at most 1e100 in magnitude")
+        raise ValueError(f"a number is {text:.40}. Expected at most 1e100 in magnitude")
     return int(text) if text.removeprefix("-").isdigit() else float(text)
 
 
 @contextmanager
-def refusing_damage(files: str) -> Iterator[None]:
-    """Name the files if their values, which nobody checked, cannot be shown."""
+def damage_as_value_error(files: str) -> Iterator[None]:
+    """Convert the errors of damaged results to a ValueError that names the files."""
     try:
         yield
     except (ValueError, TypeError, LookupError, ArithmeticError, AttributeError) as error:
         raise ValueError(
-            f"{files}: cannot be shown ({type(error).__name__}: {error}). Write it again with its command"
+            f"{files}: damaged result ({type(error).__name__}: {error}). Run its command again"
         ) from error
 
 
 def stale_results(paths: Sequence[str | Path]) -> tuple[dict[Path, str], dict[Path, str]]:
-    """Return the results to be made again, and the files that contain no result, each with the reason.
+    """Find stale results, whose code, pipeline or features have changed.
 
-    A result is made again where its code, pipeline or features have changed; comments, docstrings and the
-    modules that put results into words do not count as code.
+    Changes of comments, docstrings and report modules do not count.
 
     Parameters
     ----------
@@ -75,10 +74,10 @@ def stale_results(paths: Sequence[str | Path]) -> tuple[dict[Path, str], dict[Pa
 
     Returns
     -------
-    dict of Path to str
-        Results to be made again.
-    dict of Path to str
-        Skipped files: folders, and files that contain no result.
+    stale : dict of Path to str
+        Reason for each stale result.
+    skipped : dict of Path to str
+        Reason for each folder, and each file that contains no result.
 
     Raises
     ------
@@ -92,7 +91,7 @@ def stale_results(paths: Sequence[str | Path]) -> tuple[dict[Path, str], dict[Pa
             continue
         try:
             result = read_result(path)
-            with refusing_damage(str(path)):
+            with damage_as_value_error(str(path)):
                 reasons = [*_changed_code(result), *_changed_definitions(result)]
         except ValueError as error:
             skipped[path] = str(error).removeprefix(f"{path}: ")
@@ -106,72 +105,71 @@ _hash_of_code = cache(partial(code_hash, words=False))
 
 
 def _changed_code(result: Result) -> Iterator[str]:
-    """Yield why the code of a result is not today's."""
+    """Yield a reason if the code of a result has changed."""
     if not result.data.get("code_hash"):
-        yield "made before results carried a hash of their code"
+        yield "contains no hash of its code"
         return
     places = result.data.get("code_of", COMPUTED_BY)
-    if foreign := [place for place in places if not place.isidentifier()]:
-        raise ValueError(f"code_of names {foreign[0]!r}, expected subpackages and modules of texclass")
+    if invalid := [place for place in places if not place.isidentifier()]:
+        raise ValueError(f"code_of contains {invalid[0]!r}. Expected subpackages and modules of texclass")
     try:
         is_same = result.data["code_hash"] == _hash_of_code(*places)
-    except ValueError:  # a subpackage that is gone
+    except ValueError:  # a subpackage that no longer exists
         is_same = False
     if not is_same:
-        yield "made by other code"
+        yield "its code has changed"
 
 
 def _changed_definitions(result: Result) -> Iterator[str]:
-    """Yield which pipeline or feature set of a result has changed."""
+    """Yield a reason for each pipeline and feature set of a result that has changed."""
     loaders: dict[str, Callable[[str], Any]] = {"pipeline": load_pipeline, "feature set": load_feature_set}
-    for what, (name, digest) in result.definitions.items():
+    for kind, (name, digest) in result.definitions.items():
         if name and digest:
             try:
-                if loaders[what](name).hash != digest:
-                    yield f"{what} {name} has changed"
+                if loaders[kind](name).hash != digest:
+                    yield f"{kind} {name} has changed"
             except (ValueError, OSError):
-                yield f"{what} {name} is not here"
+                yield f"{kind} {name} does not exist"
 
 
 def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "") -> Path:
-    """Read results and write a page that holds all it shows and asks for nothing outside, or their Markdown.
+    """Write a report page of results, as self-contained HTML or as Markdown.
 
     Parameters
     ----------
     paths : sequence of str or path
         JSON files, in the order of the page.
     output : str or path
-        The file; its folder is made if it does not exist. Its suffix decides: HTML (.html, .htm), or Markdown
-        without pictures (.md).
+        Page to write: HTML (.html, .htm), or Markdown without figures (.md). Missing folders are created.
     title : str
-        Its title; by default the datasets'.
+        Title of the page (default: the names of the datasets).
 
     Returns
     -------
     Path
-        The page.
+        Path of the page.
 
     Raises
     ------
     ValueError
-        If there are none, a file is no result, the page would replace one, or has another suffix.
+        If a file is not a result, the page would overwrite a result, or its suffix is invalid.
     """
     output = Path(output)
     if output.resolve() in [Path(path).resolve() for path in paths]:
-        raise ValueError(f"{output} is one of the results. Expected another file name")
+        raise ValueError(f"{output} is one of the results. Expected another file for the page")
     check_suffix(output, ".html", ".htm", ".md")
-    read = [(Path(path).name, read_document(path)) for path in paths]
-    counts = Counter(document.title for _, document in read)
+    results = [(Path(path).name, read_document(path)) for path in paths]
+    counts = Counter(document.title for _, document in results)
     documents = []
-    for file, document in read:
-        # Results of equal titles are told apart by their pipelines, or else by their files.
+    for file, document in results:
+        # Results with equal titles are distinguished by pipeline, or by file.
         distinction = document.subtitle.partition(":")[0] if document.data else file
         full_title = f"{document.title}: {distinction}" if counts[document.title] > 1 else document.title
         documents.append(replace(document, title=full_title, again={"File": file, **document.again}))
     names = list(dict.fromkeys(document.data[0] for document in documents if document.data))
     if not title:
-        title = "Surfaces from what a tool felt" + (f": {', '.join(names)}" if 0 < len(names) <= 3 else "")
-    with refusing_damage(", ".join(file for file, _ in read) or "no file"):
+        title = "Surface classification" + (f": {', '.join(names)}" if 0 < len(names) <= 3 else "")
+    with damage_as_value_error(", ".join(file for file, _ in results) or "no file"):
         if output.suffix.lower() == ".md":
             page = "\n".join(map(render_markdown, documents))
         else:

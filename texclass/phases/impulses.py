@@ -105,7 +105,7 @@ def find_impulses(levels: Levels, settings: PhaseSettings) -> list[Impulse]:
     1. Smooth the levels and convert them to dB.
     2. Find candidate peaks: local maxima above the level before them.
     3. Measure each candidate from the last to the first, because an impulse ends where the next one starts.
-    4. Keep those that decay by at least `stand_out_db`.
+    4. Keep those that decay by at least `prominence_db`.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def find_impulses(levels: Levels, settings: PhaseSettings) -> list[Impulse]:
     for peak in candidate_peaks(smooth, rise_db, settings)[::-1]:
         if peak < stop:
             impulse = measure(smooth, peak, stop, float(rise_db[peak]), settings)
-            if impulse.fall_db >= settings.stand_out_db:
+            if impulse.fall_db >= settings.prominence_db:
                 impulses.append(impulse)
                 stop = max(impulse.start, 1)
     return impulses[::-1]
@@ -177,12 +177,12 @@ class SmoothLevels:
 def rise_over_past(smooth: SmoothLevels, settings: PhaseSettings) -> Samples:
     """Return by how much (dB) each bin, or a bin shortly before it, exceeds the maximum of the past.
 
-    The past is a window of `before_s` that ends `rise_s` earlier. The level of all bands counts only if that
-    past is at rest: hand motion in the soft band must not hide a loud tap.
+    The past is a window of `look_back_s` that ends `rise_s` earlier. The level of all bands counts only if
+    that past is at rest: hand motion in the soft band must not hide a loud tap.
     """
-    n_past, n_rise = smooth.n_bins(settings.before_s), smooth.n_bins(settings.rise_s)
+    n_past, n_rise = smooth.n_bins(settings.look_back_s), smooth.n_bins(settings.rise_s)
     rise = np.zeros(len(smooth.sharp))
-    for level, highest_past_db in ((smooth.sharp, np.inf), (smooth.broadband, settings.stand_out_db)):
+    for level, highest_past_db in ((smooth.sharp, np.inf), (smooth.broadband, settings.prominence_db)):
         past = _delayed(_trailing_max(level, n_past), n_rise + 1 - n_past % 2)
         past[: n_rise + n_past // 2] = 0.0  # less than half of the window exists
         above = np.where(past < highest_past_db, level - past, 0.0)
@@ -200,7 +200,7 @@ def candidate_peaks(smooth: SmoothLevels, rise_db: Samples, settings: PhaseSetti
     loud_db = 10 * np.log10(settings.tap_ratio)
     is_peak = np.zeros(len(rise_db), dtype=bool)
     for level in (smooth.sharp, smooth.broadband):
-        is_hit = (rise_db >= settings.stand_out_db) & (level >= loud_db) & (level == _maximum(level, rise))
+        is_hit = (rise_db >= settings.prominence_db) & (level >= loud_db) & (level == _maximum(level, rise))
         is_highest = level == _maximum(np.where(is_hit, level, 0.0), spacing)
         is_peak |= is_hit & is_highest & (level >= _maximum(level, spacing) - settings.rebound_db)
     return np.flatnonzero(is_peak).tolist()
@@ -213,7 +213,7 @@ def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings
     peak_db = float(sharp[peak])
 
     hit = first_hit(smooth, peak, settings)
-    onset = max(0, hit - n_bins(settings.before_s))
+    onset = max(0, hit - n_bins(settings.look_back_s))
     rise, hit_db = sharp[onset:hit], float(sharp[hit])
     # In the tail of another impulse, the level may never be 20 dB lower.
     lowest_db = float(rise.min(initial=hit_db))
@@ -238,7 +238,7 @@ def first_hit(smooth: SmoothLevels, peak: int, settings: PhaseSettings) -> int:
     """Return the bin of the first hit of a tap whose strongest hit is in bin `peak`.
 
     The first hit is less than `tap_spacing_s` earlier, and weaker by at most `rebound_db`. It rises by
-    `stand_out_db` within `rise_s`, unlike the tail of an earlier tap, and falls by `rebound_db` after it.
+    `prominence_db` within `rise_s`, unlike the tail of an earlier tap, and falls by `rebound_db` after it.
     """
     sharp, n_rise = smooth.sharp, smooth.n_bins(settings.rise_s)
     earliest = max(0, peak - smooth.n_bins(settings.tap_spacing_s) + 1)
@@ -249,7 +249,7 @@ def first_hit(smooth: SmoothLevels, peak: int, settings: PhaseSettings) -> int:
     hit = first + int(sharp[first : min(peak, first + n_rise)].argmax())
     lowest_before = float(sharp[max(0, hit - n_rise) : hit].min(initial=np.inf))
     lowest_after = float(sharp[hit:peak].min(initial=np.inf))
-    is_rising = lowest_before < sharp[hit] - settings.stand_out_db
+    is_rising = lowest_before < sharp[hit] - settings.prominence_db
     is_hit = is_rising and lowest_after < sharp[hit] - settings.rebound_db
     return hit if is_hit else peak
 

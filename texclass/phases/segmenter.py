@@ -155,7 +155,7 @@ def _may_be_strokes(
 ) -> bool:
     """Return whether the impulses are few and weak enough to come from faint strokes."""
     strongest = max((i.broadband_db for i in impulses), default=0.0)
-    is_weak = len(impulses) < settings.few and strongest < settings.sure_db
+    is_weak = len(impulses) < settings.min_impulses and strongest < settings.certain_db
     return is_weak and _is_faint(vibration, (0, span[1]), settings)
 
 
