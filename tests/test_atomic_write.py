@@ -100,7 +100,7 @@ def test_control_characters_in_names_are_not_printed(tmp_path, capsys, monkeypat
         load_recording(table, fs=1000, unit="g", column="1")
     card = tmp_path / "card.toml"
     card.write_text(f"title = {json.dumps(STEERING)}\nformat = 'simulated'\n[recipe]\n")
-    with pytest.raises(CardError, match=r"card.toml: holds the control character \\u001b"):
+    with pytest.raises(CardError, match=r"card.toml: contains the control character \\u001b"):
         open_dataset(card)
     monkeypatch.setattr("sys.argv", ["texclass", "inspect", f"{STEERING}.csv"])
     with pytest.raises(SystemExit):

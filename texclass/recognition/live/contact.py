@@ -557,7 +557,7 @@ class ContactDetector:
     def _classify_activity(self, n_received: int, *, is_over: bool) -> list[Event]:
         """Return the taps of an activity that is over, or the taps and the onset of a movement."""
         settings, meter = self.settings, self._meter
-        margin = round(2 * settings.before_s * meter.fs)
+        margin = round(2 * settings.look_back_s * meter.fs)
         start, size, powers = meter.fine_powers(self._activity[0] - margin, n_received)
         ratio = powers / self._effective_floor()
         levels = Levels(ratio, ratio, ratio, size / meter.fs, -(-MIN_LEVEL_SAMPLES // size))
