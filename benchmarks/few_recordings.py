@@ -33,7 +33,7 @@ from texclass.loaders import open_dataset
 from texclass.recognition import NoveltyDetector
 from texclass.recognition.candidates import Candidate, list_candidates, without_selection
 from texclass.recognition.held_out_predictions import HeldOutPredictions, predict_held_out
-from texclass.recognition.holdout import LATER_ALARM_FACTOR, rule_of_succession
+from texclass.recognition.holdout import LIMITS, rule_of_succession
 from texclass.recognition.novelty import conservative_rate
 from texclass.reporting import Heading
 
@@ -206,7 +206,7 @@ def promised(
         strange = np.isin(surfaces[got.rows], strangers)
         for margin, level in (
             ("plain", FALSE_ALARMS),
-            ("wide", conservative_rate(FALSE_ALARMS, len(known.novelty), LATER_ALARM_FACTOR)),
+            ("wide", conservative_rate(FALSE_ALARMS, len(known.novelty), LIMITS.later_alarm_factor)),
         ):  # fmt: skip
             least = 1 / (len(known.novelty) + 1)
             novelty = NoveltyDetector("decision", np.sort(known.novelty), max(level, least))
@@ -273,8 +273,8 @@ def report(found: dict[str, list[dict[str, Any]]], made: dict[str, Any], out: Pa
         "Promised is what some of them, held out at random, come to (rule of succession). Kept: of what "
         f"their accuracy is above chance. Called unknown at a setting of {FALSE_ALARMS:.0%}: later "
         "recordings, and strangers (a fifth of the surfaces, left out), by a threshold as held-out "
-        f"recordings give it (plain), and by one that expects {LATER_ALARM_FACTOR:g} times as many false "
-        "alarms later (wide).",
+        f"recordings give it (plain), and by one that expects {LIMITS.later_alarm_factor:g} times as many "
+        "false alarms later (wide).",
         table(
             kept,
             "set = {set} | n = {n} | promised = {promise:.1%} | later = {later:.1%} | kept = {kept:.2f} | "

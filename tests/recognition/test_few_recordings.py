@@ -13,13 +13,7 @@ from texclass.evaluation.feature_table import metadata
 from texclass.evaluation.protocols import find_protocol
 from texclass.loaders import open_dataset
 from texclass.recognition import load_model, train
-from texclass.recognition.holdout import (
-    FEW_RECORDINGS,
-    LATER_ALARM_FACTOR,
-    LATER_SHARE,
-    Holdout,
-    later_accuracy,
-)
+from texclass.recognition.holdout import LIMITS, Holdout, later_accuracy
 from texclass.recognition.model_document import model_document
 from texclass.recognition.novelty import NoveltyDetector, conservative_rate
 from texclass.recognition.probabilities import prior_calibration
@@ -30,7 +24,7 @@ STUDY = Path(__file__).parents[2] / "reports" / "studies" / "few_recordings.json
 
 @pytest.fixture(scope="module")
 def few():
-    return train(surfaces(FEW_RECORDINGS - 2), pipeline())
+    return train(surfaces(LIMITS.few_recordings - 2), pipeline())
 
 
 def test_nothing_is_selected_below_ten_recordings_per_surface(few):
@@ -38,19 +32,17 @@ def test_nothing_is_selected_below_ten_recordings_per_surface(few):
     assert few.manifest.pipeline["classifier"] == "kernel"  # it weights columns itself
     (card,) = model_document(few).blocks
     assert card["Pipeline"].endswith("8 recordings of a surface: too few to select on, thresholds are wider")
-    accuracy = train(surfaces(FEW_RECORDINGS), pipeline()).manifest.accuracy
+    accuracy = train(surfaces(LIMITS.few_recordings), pipeline()).manifest.accuracy
     assert accuracy["n_candidates"] == 4
     assert accuracy["low"] <= accuracy["mean"] <= accuracy["high"]
     assert "selection" in accuracy["description"]
 
 
 def test_a_named_row_or_classifier_is_trained_on_few_recordings_too():
-    model = train(surfaces(FEW_RECORDINGS - 2), pipeline(), row="Roughness", classifier="lda")
+    model = train(surfaces(LIMITS.few_recordings - 2), pipeline(), row="Roughness", classifier="lda")
     assert (model.manifest.pipeline["row"], model.manifest.pipeline["classifier"]) == ("Roughness", "lda")
-    assert (
-        train(surfaces(FEW_RECORDINGS - 2), pipeline(), classifier="lda").manifest.accuracy["n_candidates"]
-        == 2
-    )
+    model = train(surfaces(LIMITS.few_recordings - 2), pipeline(), classifier="lda")
+    assert model.manifest.accuracy["n_candidates"] == 2
 
 
 @pytest.fixture(scope="module")
@@ -120,11 +112,11 @@ def test_the_model_card_states_that_later_recordings_and_other_sessions_were_not
 def test_a_perfect_accuracy_on_few_recordings_is_corrected_and_extended_for_later_ones(few):
     accuracy = few.manifest.accuracy
     assert accuracy["mean"] == pytest.approx(33 / 34)  # 32 of 32
-    low = 1 / 4 + LATER_SHARE * (accuracy["low"] - 1 / 4)  # four surfaces
+    low = 1 / 4 + LIMITS.later_share * (accuracy["low"] - 1 / 4)  # four surfaces
     assert accuracy["later_recordings"] == {"low": pytest.approx(low), "high": accuracy["high"]}
     assert later_accuracy({"low": 0.01, "high": 0.3}, 4) == {"low": 0.01, "high": 0.3}  # below chance already
     chronological = train(
-        surfaces(FEW_RECORDINGS - 2), pipeline(), protocol="chronological", false_alarms=0.1
+        surfaces(LIMITS.few_recordings - 2), pipeline(), protocol="chronological", false_alarms=0.1
     ).manifest.accuracy
     assert "later_recordings" not in chronological
     assert chronological["mean"] == pytest.approx(17 / 18)
@@ -135,10 +127,10 @@ def test_the_constants_for_later_recordings_agree_with_the_committed_study():
     results = pd.DataFrame(study["promises"])
     share = results.groupby("set")["kept"].mean()
     assert len(share) == 5
-    assert pytest.approx(share.min(), abs=0.05) == LATER_SHARE
+    assert pytest.approx(share.min(), abs=0.05) == LIMITS.later_share
     several = results[results["n"] >= 3]
     growth = several.groupby("set")["plain_alarms"].mean().median() / study["false_alarms"]
-    assert pytest.approx(growth, rel=0.25) == LATER_ALARM_FACTOR
+    assert pytest.approx(growth, rel=0.25) == LIMITS.later_alarm_factor
     # The guide mentions datasets whose later recordings differ from the first ones.
     poor = several[several["promise"] > 0.95].groupby("set")["kept"].mean()
     assert poor.min() < 0.5
@@ -163,13 +155,17 @@ def test_thresholds_are_wider_if_later_recordings_are_not_evaluated():
         ]
         for n, protocol in ((10, "recording"), (10, "chronological"), (20, "recording"))
     }
-    assert thresholds[10, "recording"] == conservative_rate(0.2, 40, LATER_ALARM_FACTOR) == 1 / 41
+    assert thresholds[10, "recording"] == conservative_rate(0.2, 40, LIMITS.later_alarm_factor) == 1 / 41
     assert thresholds[10, "chronological"] == thresholds[20, "recording"] == 0.2
 
 
 def test_recordings_that_are_tested_in_several_folds_are_not_windows():
     model = train(
-        surfaces(FEW_RECORDINGS), pipeline(), protocol="few-shot 1", row="Spectrum", classifier="kernel"
+        surfaces(LIMITS.few_recordings),
+        pipeline(),
+        protocol="few-shot 1",
+        row="Spectrum",
+        classifier="kernel",
     )
     assert "correlation" not in model.manifest.calibration
     assert model.manifest.accuracy["not_evaluated"] == [

@@ -8,11 +8,11 @@ from toy_surfaces import pipeline, recording, surfaces
 from texclass.evaluation.feature_table import metadata
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition import load_model, train
-from texclass.recognition.holdout import MIN_REPETITIONS, select_protocol
+from texclass.recognition.holdout import LIMITS, select_protocol
 from texclass.recognition.model_document import model_document
 
 
-def _table(n=MIN_REPETITIONS, surfaces=("cork", "felt"), **labels):
+def _table(n=LIMITS.min_repetitions, surfaces=("cork", "felt"), **labels):
     entries = [Entry(f"{m}-{r}", m, repetition=r, **labels) for m in surfaces for r in range(1, n + 1)]
     return metadata(entries)
 
@@ -43,7 +43,7 @@ ENOUGH = _table()
         (ENOUGH, None, "recording", 0.05, "chronological"),
         (_table(operator="ann"), None, "recording", 0.05, "chronological"),
         # Otherwise the protocol of the pipeline is used.
-        (_table(MIN_REPETITIONS - 1), None, "recording", 0.05, "recording"),
+        (_table(LIMITS.min_repetitions - 1), None, "recording", 0.05, "recording"),
         (pd.concat([ENOUGH, _table(6, ("oak",))], ignore_index=True), None, "recording", 0.05, "recording"),
         (_unnumbered(ENOUGH), None, "recording", 0.05, "recording"),
         (_twice(ENOUGH), None, "recording", 0.05, "recording"),
@@ -60,7 +60,7 @@ ENOUGH = _table()
         (ENOUGH, None, "recording", 0.045, "recording"),
         # Recordings are counted, not windows.
         (_windows(8), None, "recording", 0.05, "recording"),
-        (_windows(MIN_REPETITIONS), None, "recording", 0.05, "chronological"),
+        (_windows(LIMITS.min_repetitions), None, "recording", 0.05, "chronological"),
     ],
 )
 def test_many_numbered_repetitions_are_split_chronologically(table, requested, default, false_alarms, name):
@@ -88,9 +88,9 @@ class Drifting:
 
 @pytest.fixture(scope="module")
 def drifting():
-    toy = surfaces(2 * MIN_REPETITIONS)
-    early = tuple(entry for entry in toy.entries if entry.repetition <= MIN_REPETITIONS)
-    late = tuple(entry for entry in toy.entries if entry.repetition > MIN_REPETITIONS)
+    toy = surfaces(2 * LIMITS.min_repetitions)
+    early = tuple(entry for entry in toy.entries if entry.repetition <= LIMITS.min_repetitions)
+    late = tuple(entry for entry in toy.entries if entry.repetition > LIMITS.min_repetitions)
     load = Drifting(toy.load)
     return Dataset("early", early, load, "drift-early"), Dataset("late", late, load, "drift-late")
 
@@ -107,7 +107,7 @@ def test_a_chronological_split_gives_fewer_false_alarms_if_a_sensor_drifts(drift
         for protocol in (None, "recording")
     }
     accuracy = models[None].manifest.accuracy
-    assert (accuracy["protocol"], accuracy["n_tested"]) == ("chronological", 4 * MIN_REPETITIONS / 2)
+    assert (accuracy["protocol"], accuracy["n_tested"]) == ("chronological", 4 * LIMITS.min_repetitions / 2)
     assert _false_alarms(models[None], late) < _false_alarms(models["recording"], late) - 0.1
     assert np.mean([models[None].answer(recording("stranger", seed)).unknown for seed in range(10)]) >= 0.8
     models[None].save(tmp_path / "m.skops")
@@ -118,10 +118,10 @@ def test_a_chronological_split_gives_fewer_false_alarms_if_a_sensor_drifts(drift
 
 
 def test_without_drift_distances_are_those_of_random_folds():
-    toy = surfaces(MIN_REPETITIONS)
+    toy = surfaces(LIMITS.min_repetitions)
     default = train(toy, pipeline(), row="Spectrum", classifier="lda")
     requested = train(toy, pipeline(), row="Spectrum", classifier="lda", protocol="recording")
-    assert default.manifest.unknown["n"] == 4 * MIN_REPETITIONS
+    assert default.manifest.unknown["n"] == 4 * LIMITS.min_repetitions
     assert 1 <= default.manifest.unknown["drift_factor"] < 1.3
     np.testing.assert_allclose(
         default.novelty.held_out, default.manifest.unknown["drift_factor"] * requested.novelty.held_out

@@ -16,15 +16,33 @@ from texclass.reporting.wording import counted
 
 DEFAULT_FALSE_ALARMS = 0.05
 """Accepted share of recordings of trained surfaces that are reported as unknown."""
-MIN_REPETITIONS = 20
-"""Repetitions per surface from which the later half is held out, so that ten are left for training."""
-FEW_RECORDINGS = 10
-"""Recordings (or runs) per surface below which nothing is selected, and thresholds are wider."""
-LATER_SHARE = 0.45
-"""Smallest share of the accuracy above chance that later recordings reached in the study `few_recordings`."""
-LATER_ALARM_FACTOR = 3.0
-"""Median ratio of false alarms of later recordings to held-out ones in the study `few_recordings`."""
 RANDOM_PROTOCOL, CHRONOLOGICAL_PROTOCOL = "recording", "chronological"
+
+
+@dataclass(frozen=True)
+class HoldoutLimits:
+    """Numbers of recordings that determine the protocol, and the loss to expect for later recordings.
+
+    Attributes
+    ----------
+    min_repetitions : int
+        Repetitions per surface from which the later half is held out, so that ten are left for training.
+    few_recordings : int
+        Recordings (or runs) per surface below which nothing is selected, and thresholds are wider.
+    later_share : float
+        Smallest share of the accuracy above chance that later recordings reached in the study
+        `few_recordings`.
+    later_alarm_factor : float
+        Median ratio of the false alarms of later recordings to those of held-out ones in that study.
+    """
+
+    min_repetitions: int = 20
+    few_recordings: int = 10
+    later_share: float = 0.45
+    later_alarm_factor: float = 3.0
+
+
+LIMITS = HoldoutLimits()
 
 
 def select_protocol(
@@ -64,7 +82,7 @@ def select_protocol(
         and not recordings.duplicated(["surface", "repetition"]).any()
         and len(recordings["operator"].unique()) == 1
     )
-    is_enough = counts.min() >= MIN_REPETITIONS and n_held_out >= min_held_out(false_alarms)
+    is_enough = counts.min() >= LIMITS.min_repetitions and n_held_out >= min_held_out(false_alarms)
     if default == RANDOM_PROTOCOL and is_sequence and is_enough:
         reason = f"at least {counts.min()} numbered repetitions per surface: the sensor may drift"
         return find_protocol(CHRONOLOGICAL_PROTOCOL), reason
@@ -95,8 +113,8 @@ def later_accuracy(interval: Mapping[str, float], n_classes: int) -> dict[str, f
     """Return the range of accuracies to expect for later recordings, `low` and `high`.
 
     Recordings of one session resemble each other. In some datasets later recordings reached the accuracy of
-    the held-out ones, in others only `LATER_SHARE` of it above chance, so the lower limit is moved towards
-    chance.
+    the held-out ones, in others only `LIMITS.later_share` of it above chance, so the lower limit is moved
+    towards chance.
 
     Parameters
     ----------
@@ -106,7 +124,7 @@ def later_accuracy(interval: Mapping[str, float], n_classes: int) -> dict[str, f
         Number of surfaces.
     """
     chance = 1 / n_classes
-    low = chance + LATER_SHARE * (interval["low"] - chance)
+    low = chance + LIMITS.later_share * (interval["low"] - chance)
     return {"low": min(low, interval["low"]), "high": interval["high"]}
 
 
@@ -147,8 +165,8 @@ class Holdout:
 
     @property
     def shortage(self) -> str:
-        """Number of recordings (or runs) of the rarest surface as text; empty from `FEW_RECORDINGS` on."""
-        if self.n_per_surface >= FEW_RECORDINGS:
+        """Number of recordings (or runs) of the rarest surface as text; empty if there are enough."""
+        if self.n_per_surface >= LIMITS.few_recordings:
             return ""
         return f"{counted(self.n_per_surface, self.protocol.unit)} of a surface"
 
@@ -171,7 +189,7 @@ class Holdout:
         if table["repetition"].isna().any() or not all(is_later):
             n = int(table[~parents(table).duplicated()]["surface"].value_counts().min())
             conditions.append(
-                f"{LATER_RECORDINGS} ({n} of each surface, held out at random; from {MIN_REPETITIONS} "
+                f"{LATER_RECORDINGS} ({n} of each surface, held out at random; from {LIMITS.min_repetitions} "
                 f"numbered repetitions on, or with `--protocol {CHRONOLOGICAL_PROTOCOL}`, the later half is "
                 "held out)"
             )
@@ -207,10 +225,10 @@ class Holdout:
 
     def p_threshold(self, false_alarms: float, n_held_out: int) -> float:
         """Return the largest p-value of an unknown recording: below the rate if recordings are few."""
-        if self.n_per_surface >= (MIN_REPETITIONS if self.is_random_order else FEW_RECORDINGS):
+        if self.n_per_surface >= (LIMITS.min_repetitions if self.is_random_order else LIMITS.few_recordings):
             return false_alarms
         return conservative_rate(
-            false_alarms, n_held_out, LATER_ALARM_FACTOR if self.is_random_order else 1.0
+            false_alarms, n_held_out, LIMITS.later_alarm_factor if self.is_random_order else 1.0
         )
 
     def accuracy_entry(
