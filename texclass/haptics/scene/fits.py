@@ -226,9 +226,9 @@ def model_spectra(model: GridModel, points: OperatingPoints, scorer: SpectralSco
     rows, power = model.at(points.speed, points.force)
     k, line_share = rows[:, : model.order], rows[:, model.order :] ** 2 / 2
     line_hz = model.frequency_hz + np.multiply.outer(points.speed, model.per_mm)
-    orders = np.array([model.order])
-    shares_of_order = line_share[:, np.newaxis]
-    return _mixed_spectra(k, orders, power[:, np.newaxis], shares_of_order, line_hz, scorer)[:, 0]
+    order = np.array([model.order])
+    spectra = _mixed_spectra(k, order, power[:, np.newaxis], line_share[:, np.newaxis], line_hz, scorer)
+    return spectra[:, 0]
 
 
 def _mixed_spectra(
@@ -295,9 +295,8 @@ def line_shapes(hz: Samples, scorer: SpectralScorer) -> Samples:
     """
     width = scorer.device.rate_hz / scorer.n_segment
     bins = (scorer.frequencies - hz[..., np.newaxis]) / width
-    regular = np.where(
-        np.abs(np.abs(bins) - 1) < 1e-6, bins + 1e-5, bins
-    )  # avoids 0 / 0 one bin from the line
+    # The formula is 0 / 0 one bin from the line.
+    regular = np.where(np.abs(np.abs(bins) - 1) < 1e-6, bins + 1e-5, bins)
     shape = (np.sinc(regular) / (1 - regular**2)) ** 2 / 1.5 / width
     return np.asarray(np.where(hz[..., np.newaxis] < scorer.device.rate_hz / 2, shape, 0.0))
 
