@@ -18,7 +18,7 @@ from texclass.recognition import load_model
 from texclass.robot import export_onnx
 from texclass.robot.export.answers_graph import OUTPUTS
 from texclass.robot.export.parity import run
-from texclass.robot.export.sample_graph import SAMPLES, build_of_samples, channels_of, recording_of
+from texclass.robot.export.sample_graph import SAMPLES, build_sample_graph, channels_of, recording_of
 from texclass.robot.export.sample_parity import (
     MARGIN,
     TOLERANCE,
@@ -78,7 +78,7 @@ def studied(model, windows, path, n_rounds):
     """Return what was found of one model."""
     exported, export_s = timed(lambda: export_onnx(model, path, start="samples"))
     n_samples = windows.shape[2]
-    with_features = build_of_samples(model, n_samples, with_features=True).SerializeToString()
+    with_features = build_sample_graph(model, n_samples, with_features=True).SerializeToString()
     found = run(with_features, windows, SAMPLES)
     X = features_of_windows(model, windows)
     parity = check_sample_parity(model, with_features, windows, X)
@@ -110,7 +110,7 @@ def studied(model, windows, path, n_rounds):
         "verdicts_differ": int((found["unknown"] != (p_known <= model.novelty.false_alarms)).sum()),
         "n_close": parity.n_close,
         "n_unknown": parity.n_unknown,
-        "n_answered": parity.n_answered,
+        "n_answered": parity.n_predicted,
         "largest_gap": float(np.abs(found["probabilities"] - p).max()),
         "feature_gap": parity.feature_difference,
         "texclass_ms": float(times["texclass"]),

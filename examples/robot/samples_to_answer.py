@@ -20,7 +20,7 @@ dataset = tx.open_dataset("simulated6")
 model = tx.train(dataset, row="Several time scales", classifier="lda", window_s=0.5, exportable=True)
 file = Path(tempfile.mkdtemp()) / "windows.onnx"
 exported = tx.robot.export_onnx(model, file, start="samples")
-print(exported.of_samples)
+print(exported.sample_parity)
 
 # %%
 # The metadata describe the window, and contain windows with their answers to check the file.

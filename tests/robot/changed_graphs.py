@@ -1,16 +1,16 @@
-"""Graphs that were tampered with."""
+"""Graphs with changed constants, to test the parity check."""
 
 import onnx
 from onnx import numpy_helper
 
 
-def changed_graphs(graph, chosen, change):
-    """Return a graph, as bytes, with one of its constants changed: one for each whose values are chosen."""
-    found = []
+def changed_graphs(graph, condition, change):
+    """Return copies of a graph, as bytes, each with one changed constant, for all that meet a condition."""
+    graphs = []
     for i, constant in enumerate(graph.graph.initializer):
         values = numpy_helper.to_array(constant).copy()
-        if chosen(values):
-            tampered = onnx.ModelProto.FromString(graph.SerializeToString())
-            tampered.graph.initializer[i].CopyFrom(numpy_helper.from_array(change(values), constant.name))
-            found.append(tampered.SerializeToString())
-    return found
+        if condition(values):
+            copy = onnx.ModelProto.FromString(graph.SerializeToString())
+            copy.graph.initializer[i].CopyFrom(numpy_helper.from_array(change(values), constant.name))
+            graphs.append(copy.SerializeToString())
+    return graphs

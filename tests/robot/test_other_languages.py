@@ -1,4 +1,4 @@
-"""The exported file in other languages: the programs of the examples answer as texclass does."""
+"""The exported file in other languages: the example programs have the same answers as texclass."""
 
 import json
 import os
@@ -15,29 +15,29 @@ from texclass.robot.export.sample_graph import recording_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robot"
 ONNXRUNTIME = Path(os.environ.get("ONNXRUNTIME_ROOT", "/usr"))
-"""Holds include/onnxruntime_cxx_api.h and lib/libonnxruntime.so."""
+"""Folder with include/onnxruntime_cxx_api.h and lib/libonnxruntime.so."""
 
 
 @pytest.fixture(scope="module")
-def felt(touch_model, tmp_path_factory):
-    """Return a folder with a model, its facts, and windows, and what texclass says of these."""
-    folder = tmp_path_factory.mktemp("felt")
+def windows_and_answers(touch_model, tmp_path_factory):
+    """Return a folder with a model, its metadata and windows, and the answers of texclass."""
+    folder = tmp_path_factory.mktemp("windows")
     model = touch_model
     exported = export_onnx(model, folder / "windows.onnx", start="samples")
     (folder / "windows.json").write_text(json.dumps(exported.facts), encoding="utf-8")
-    touches = [model.cut(recording(surface, 61))[0] for surface in (*SURFACES, "stranger")]
-    windows = np.array([touch.acceleration[None] for touch in touches], dtype="<f4")
-    windows.tofile(folder / "felt.f32")
+    recordings = [model.cut(recording(surface, 61))[0] for surface in (*SURFACES, "stranger")]
+    windows = np.array([r.acceleration[None] for r in recordings], dtype="<f4")
+    windows.tofile(folder / "windows.f32")
     return folder, [model.answer(recording_of(model, window)) for window in windows]
 
 
-def said(command, folder):
-    with (folder / "felt.f32").open("rb") as samples:
-        found = subprocess.run(
+def run(command, folder):
+    with (folder / "windows.f32").open("rb") as samples:
+        process = subprocess.run(
             command, stdin=samples, capture_output=True, text=True, cwd=folder, check=False
         )
-    assert found.returncode == 0, found.stderr
-    return [line.split("\t") for line in found.stdout.splitlines()]
+    assert process.returncode == 0, process.stderr
+    return [line.split("\t") for line in process.stdout.splitlines()]
 
 
 def assert_answers(lines, answers):
@@ -49,34 +49,35 @@ def assert_answers(lines, answers):
     assert {answer.unknown for answer in answers} == {True, False}
 
 
-def test_the_program_in_node_answers_and_checks_itself(felt):
-    found = subprocess.run(
+def test_the_program_in_node_has_the_same_answers_and_a_self_check(windows_and_answers):
+    process = subprocess.run(
         ["node", "-e", "require('onnxruntime-node')"], capture_output=True, check=False
     ) if shutil.which("node") else None  # fmt: skip
-    if found is None or found.returncode:
-        pytest.skip("no Node with onnxruntime-node ($NODE_PATH says where it is)")
-    folder, answers = felt
+    if process is None or process.returncode:
+        pytest.skip("Node with onnxruntime-node is not installed (see $NODE_PATH)")
+    folder, answers = windows_and_answers
     program = ["node", str(EXAMPLES / "surface.cjs"), "windows.onnx"]
-    assert_answers(said(program, folder), answers)
-    assert said([*program, "windows.json"], folder) == [["8 checks answered as they have to be"]]
+    assert_answers(run(program, folder), answers)
+    assert run([*program, "windows.json"], folder) == [["8 checks answered as they have to be"]]
     facts = json.loads((folder / "windows.json").read_text(encoding="utf-8"))
     facts["self_check"][3]["gain"] *= 1.5
     facts["self_check"][3]["smooth"] *= 0.9
     (folder / "others.json").write_text(json.dumps(facts), encoding="utf-8")
-    wrong = subprocess.run([*program, "others.json"], capture_output=True, text=True, cwd=folder, check=False)
-    assert wrong.returncode == 1
-    assert wrong.stderr.startswith("error: check 3 gives")
+    command = [*program, "others.json"]
+    process = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
+    assert process.returncode == 1
+    assert process.stderr.startswith("error: check 3 gives")
 
 
-def test_the_program_in_cpp_answers(felt, tmp_path):
+def test_the_program_in_cpp_has_the_same_answers(windows_and_answers, tmp_path):
     headers, libraries = ONNXRUNTIME / "include", ONNXRUNTIME / "lib"
     if shutil.which("g++") is None or not (headers / "onnxruntime_cxx_api.h").exists():
-        pytest.skip("no g++, or no headers of ONNX Runtime ($ONNXRUNTIME_ROOT says where they are)")
-    folder, answers = felt
+        pytest.skip("g++ or the headers of ONNX Runtime are not installed (see $ONNXRUNTIME_ROOT)")
+    folder, answers = windows_and_answers
     program = tmp_path / "surface"
     subprocess.run(
         ["g++", "-std=c++17", str(EXAMPLES / "surface.cpp"), "-I", str(headers), "-L", str(libraries),
          "-lonnxruntime", f"-Wl,-rpath,{libraries}", "-o", str(program)],
         check=True,
     )  # fmt: skip
-    assert_answers(said([str(program), "windows.onnx"], folder), answers)
+    assert_answers(run([str(program), "windows.onnx"], folder), answers)

@@ -188,7 +188,7 @@ def exportable_candidates(
     ValueError
         If no candidate has an exportable feature.
     """
-    without_graph = shipped.module_of("exporters", "onnx").without_graph
+    without_graph = shipped.module_of("exporters", "onnx").features_without_graph
     exportable, not_exportable = [], dict[str, None]()
     for candidate in candidates:
         plan, columns = candidate.plan, []

@@ -52,8 +52,8 @@ def export(
     if json_file == Path("-"):
         return
     typer.echo(str(exported.parity))
-    if exported.of_samples is not None:
-        typer.echo(str(exported.of_samples))
+    if exported.sample_parity is not None:
+        typer.echo(str(exported.sample_parity))
     if exported.single_precision:
         typer.echo(f"in single precision: {', '.join(exported.single_precision)}")
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")

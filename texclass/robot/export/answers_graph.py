@@ -1,7 +1,7 @@
-"""A trained model as an ONNX graph: features in; label, probabilities, p-value and verdict out.
+"""ONNX graph of a trained model, from features to label, probabilities, p-value and verdict.
 
-Steps and classifiers are built from their array form (`texclass.recognition.array_form`); skl2onnx converts
-estimators of scikit-learn that have none.
+Steps and classifiers are built from their array form (`texclass.recognition.array_form`). skl2onnx converts
+scikit-learn estimators without array form.
 """
 
 import warnings
@@ -21,17 +21,17 @@ from texclass.robot.export.graph import OPSETS, Graph, OnnxExportError, Tensor, 
 FEATURES = "features"
 OUTPUTS: tuple[str, ...] = ("label", "probabilities", "p_known", "unknown")
 UNDEFINED = ""
-"""Label of a row that has an infinite feature, or an undefined one that no step fills."""
+"""Label of a row with an infinite feature, or with an undefined feature that no step imputes."""
 DOC = """\
-Which surface is this: the part of a texclass model that follows the features.
+Surface classification of features with a texclass model.
 
-Input: features, float64 (n, n_columns), a row a touch or recording; texclass.columns names the columns in
-order; NaN where a feature is undefined.
-Outputs: label, string (n,), the likeliest surface; probabilities, float64 (n, n_surfaces), calibrated, in
-the order of texclass.surfaces; p_known, float64 (n,), conformal p-value of "this surface is one of them";
-unknown, bool (n,), p_known <= texclass.false_alarms, or no feature has a value.
-A row that is infinite somewhere, or undefined where nothing fills it, has the label "", NaN, and is unknown.
-Computing the features is left to the program; texclass.self_check holds rows with the answers it has to get.
+Input: features, float64 (n, n_columns), one row per window or recording. texclass.columns contains the names
+of the columns in order; NaN marks undefined features. Outputs: label, string (n,), the most probable surface;
+probabilities, float64 (n, n_surfaces), calibrated, in the order of texclass.surfaces; p_known, float64 (n,),
+conformal p-value of "the surface is one of these"; unknown, bool (n,), p_known <= texclass.false_alarms, or
+all features are undefined. A row with infinite features, or with undefined features that are not imputed, has
+the label "", NaN, and is unknown. The program must compute the features; texclass.self_check contains rows
+with their answers.
 """
 
 
@@ -41,17 +41,17 @@ def build(model: Model) -> Any:
     Parameters
     ----------
     model : Model
-        What is exported.
+        Trained model.
 
     Returns
     -------
     onnx.ModelProto
-        One input, "features"; the outputs of `OUTPUTS`.
+        Model with the input "features" and the outputs of `OUTPUTS`.
 
     Raises
     ------
     OnnxExportError
-        If a step or the classifier has no export.
+        If a step or the classifier cannot be exported.
     """
     graph = Graph()
     outputs = add_answers(model, Tensor(graph, FEATURES))
@@ -59,51 +59,52 @@ def build(model: Model) -> Any:
     return graph.model([entry], outputs, "surfaces", DOC)
 
 
-def add_answers(model: Model, features: Tensor, silent: Tensor | None = None) -> list[Any]:
-    """Add what a model says of rows of features, and return the descriptions of `OUTPUTS`.
+def add_answers(model: Model, features: Tensor, is_invalid: Tensor | None = None) -> list[Any]:
+    """Add the answers of a model to a graph, and return the descriptions of its outputs (`OUTPUTS`).
 
     Parameters
     ----------
     model : Model
-        What is exported.
+        Trained model.
     features : Tensor
-        Of shape (n, n_columns), double, in the order of the model's columns.
-    silent : Tensor, optional
-        Of shape (n,), bool: rows of which nothing is said, whatever their features are.
+        Features (n, n_columns) in double precision, in the order of the model's columns.
+    is_invalid : Tensor, optional
+        Rows (n,) without a defined answer, in addition to those with undefined features.
 
     Raises
     ------
     OnnxExportError
-        If a step or the classifier has no export.
+        If a step or the classifier cannot be exported.
     """
     graph, prepared = features.graph, features
     for part in model.steps:
         prepared = add_part(part, prepared)
     decisions = add_part(model.classifier, prepared)
-    # (1 - lapse) softmax(beta s) + lapse / K; a scalar beta would lose digits as single columns do
+    # (1 - lapse) softmax(beta s) + lapse / K. Beta is an array, because onnxruntime stores a scalar factor
+    # next to a matrix product in single precision: see Graph.model.
     n, calibration = len(model.surfaces), model.calibration
     p = graph.add("Softmax", decisions * np.full(n, calibration.beta), axis=1)
     p = p * (1 - calibration.lapse) + calibration.lapse / n
-    undefined = _of_rows("ReduceMax", graph.add("IsNaN", prepared) | graph.add("IsInf", prepared))
-    if silent is not None:
-        undefined = undefined | silent
+    undefined = _reduce_rows("ReduceMax", graph.add("IsNaN", prepared) | graph.add("IsInf", prepared))
+    if is_invalid is not None:
+        undefined = undefined | is_invalid
     best = graph.add("ArgMax", p, axis=1, keepdims=0)
     names = graph.add("Gather", np.array(model.surfaces, dtype=object), best)
     graph.add("Where", undefined, np.array(UNDEFINED, dtype=object), names, name="label")
     graph.add("Where", undefined.unsqueeze(), np.nan, p, name="probabilities")
-    # p = (1 + #{held-out scores >= score}) / (n + 1), and whether false alarms may have it as small
+    # p = (1 + #{held-out scores >= score}) / (n + 1); the surface is unknown if p <= false_alarms
     novelty, distance = model.novelty, model.novelty.class_distance
     if novelty.kind == "decision" or distance is None:
-        strange = -decisions.reduced("ReduceMax", 1, keepdims=False)
+        score = -decisions.reduced("ReduceMax", 1, keepdims=False)
     else:
         squares = _squares((prepared - distance.mean) @ distance.projection, distance.class_means)
-        strange = squares.reduced("ReduceMin", 1, keepdims=False)
-    at_least = (strange.unsqueeze() <= novelty.held_out[None]).cast(np.float64)
-    p_known = (at_least.reduced("ReduceSum", 1, keepdims=False) + 1.0) / float(len(novelty.held_out) + 1)
-    small = p_known <= novelty.false_alarms
-    empty = _of_rows("ReduceMin", graph.add("IsNaN", features))
+        score = squares.reduced("ReduceMin", 1, keepdims=False)
+    is_higher = (score.unsqueeze() <= novelty.held_out[None]).cast(np.float64)
+    p_known = (is_higher.reduced("ReduceSum", 1, keepdims=False) + 1.0) / float(len(novelty.held_out) + 1)
+    is_small = p_known <= novelty.false_alarms
+    has_no_feature = _reduce_rows("ReduceMin", graph.add("IsNaN", features))
     graph.add("Where", undefined, np.nan, p_known, name="p_known")
-    graph.add("Or", small | empty, undefined, name="unknown")
+    graph.add("Or", is_small | has_no_feature, undefined, name="unknown")
     return [
         tensor_of("label", object, "n"),
         tensor_of("probabilities", np.float64, "n", len(model.surfaces)),
@@ -112,33 +113,33 @@ def add_answers(model: Model, features: Tensor, silent: Tensor | None = None) ->
     ]
 
 
-def _of_rows(reduction: str, truths: Tensor) -> Tensor:
-    """Add whether any ("ReduceMax") or all ("ReduceMin") of each row is true, shape (n,)."""
-    return truths.cast(np.float64).reduced(reduction, 1, keepdims=False).cast(np.bool_)
+def _reduce_rows(reduction: str, condition: Tensor) -> Tensor:
+    """Add whether any ("ReduceMax") or all ("ReduceMin") elements of each row are true, shape (n,)."""
+    return condition.cast(np.float64).reduced(reduction, 1, keepdims=False).cast(np.bool_)
 
 
 def add_part(part: ArrayStep, rows: Tensor) -> Tensor:
-    """Add a step of a recogniser, or what decides, to a graph.
+    """Add a step or classifier to a graph.
 
     Parameters
     ----------
     part : mapping
-        As `texclass.recognition.array_form` describes it.
+        Array form of the step or classifier, see `texclass.recognition.array_form`.
     rows : Tensor
-        Of shape (n, n_features_in), double.
+        Rows (n, n_features_in) in double precision.
 
     Returns
     -------
     Tensor
-        What it makes of them, double: rows, or decisions of shape (n, n_classes).
+        Transformed rows, or decisions of shape (n, n_classes), in double precision.
 
     Raises
     ------
     OnnxExportError
-        If it has no export.
+        If it cannot be exported.
     """
-    held = {name: value for name, value in part.items() if name != "operation"}
-    return BUILDERS[part["operation"]](rows, **held)
+    parameters = {name: value for name, value in part.items() if name != "operation"}
+    return BUILDERS[part["operation"]](rows, **parameters)
 
 
 def _standardise(rows: Tensor, center: Samples | float, scale: Samples | float) -> Tensor:
@@ -159,29 +160,29 @@ def _kernel(
     dual: Samples,
     length: float,
 ) -> Tensor:
-    """Add K alpha, K the mean over the views of the kernels between rows and prototypes.
+    """Add K alpha, where K is the mean over the views of the kernels between rows and prototypes.
 
-    Prototypes are kept once: with a = z W and b = Z W in each view, a b' is (z W W') Z'.
+    Prototypes are stored once: with a = z W and b = Z W in each view, a b' is (z W W') Z'.
     """
     graph = rows.graph
-    # The standardised samples of the first view; those of 16 bits exactly.
+    # Standardised prototypes of the first view, exactly if they were stored with 16 bits.
     standardised = prototypes[0] / views[0]["weights"]
-    kept = standardised.astype(np.float16).astype(np.float64)
-    standardised = kept if np.array_equal(kept * views[0]["weights"], prototypes[0]) else standardised
+    rounded = standardised.astype(np.float16).astype(np.float64)
+    standardised = rounded if np.array_equal(rounded * views[0]["weights"], prototypes[0]) else standardised
     samples, kernels = graph.short(np.ascontiguousarray(standardised.T)), []
     product = "MatMul" if standardised.shape[1] > 1 else "Mul"  # see Graph.model
-    for view, known in zip(views, prototypes, strict=True):
+    for view, b in zip(views, prototypes, strict=True):
         z = (rows - view["mean"]) / view["scale"]
         if view["weights"].ndim == 1:
-            seen = z * view["weights"]
-            back = seen * (-2 * view["weights"])
+            a = z * view["weights"]
+            minus_2_a_W = a * (-2 * view["weights"])
         else:
             weights = graph.short(view["weights"])
-            seen = graph.add(product, z, weights)
-            back = graph.add(product, seen, graph.add("Transpose", weights * -2.0))
+            a = graph.add(product, z, weights)
+            minus_2_a_W = graph.add(product, a, graph.add("Transpose", weights * -2.0))
         # (1 + s) exp(-s), s = sqrt(3) |a - b| / length, with |a - b|^2 = |a|^2 - 2 a b + |b|^2
-        squares = graph.add(product, back, samples) + seen.reduced("ReduceSumSquare", 1)
-        squares = squares + np.einsum("ij,ij->i", known, known)
+        squares = graph.add(product, minus_2_a_W, samples) + a.reduced("ReduceSumSquare", 1)
+        squares = squares + np.einsum("ij,ij->i", b, b)
         s = (graph.add("Max", squares, 0.0) * (3 / length**2)).sqrt()
         kernels.append((s + 1.0) * graph.add("Exp", -s))
     return graph.add("Sum", *kernels) @ graph.short(dual / len(kernels))
@@ -206,27 +207,28 @@ def _centroids(rows: Tensor, points: Samples, scale: Samples, prior: Samples) ->
 def _neighbours(
     rows: Tensor, points: Samples, classes: NDArray[Any], n: int, n_classes: int, is_averaged: bool
 ) -> Tensor:
-    """Add the shares of the nearest points: those with the smallest |b|^2 - 2 a b."""
+    """Add the fractions of the classes among the nearest points: those with the smallest |b|^2 - 2 a b."""
     products = rows @ np.ascontiguousarray(-2 * points.T)
     nearness = -(products + np.einsum("ij,ij->i", points, points))
     nearest = rows.graph.largest(nearness, n, axis=1, largest=1, sorted=1)[1]
-    right = rows.graph.add("Gather", np.eye(n_classes)[classes], nearest, axis=0)
-    return _as_decisions(right.reduced("ReduceMean", 1, keepdims=False), n_classes, is_averaged)
+    one_hot = rows.graph.add("Gather", np.eye(n_classes)[classes], nearest, axis=0)
+    return _as_decisions(one_hot.reduced("ReduceMean", 1, keepdims=False), n_classes, is_averaged)
 
 
 def _vote(
     rows: Tensor, columns: NDArray[Any], segment: ArrayStep, whole: ArrayStep | None, whole_weight: float
 ) -> Tensor:
-    """Add the mean over the pieces, then that and the whole.
+    """Add the mean decision over the segments, combined with the decision for the whole movement.
 
-    Pieces that are all the same need no rule of their own: their mean is their decision.
+    If all segments are equal, one of them suffices.
     """
-    n_asked = 1 if rows.graph.same_pieces else columns.shape[1]
-    votes = [add_part(segment, rows.take(columns[:, i])) for i in range(n_asked)]
+    n_segments = 1 if rows.graph.has_equal_segments else columns.shape[1]
+    votes = [add_part(segment, rows.take(columns[:, i])) for i in range(n_segments)]
     mean = rows.graph.add("Sum", *votes) / len(votes)
     if whole is None:
         return mean
-    # (mean + w whole) / (1 + w); a scalar w beside the product in `whole` would lose digits: see Graph.model
+    # (mean + w whole) / (1 + w), without a scalar factor next to the matrix product in `whole`: see
+    # Graph.model
     return (mean / whole_weight + add_part(whole, rows)) / (1 / whole_weight + 1)
 
 
@@ -236,26 +238,26 @@ def _chain(rows: Tensor, steps: Sequence[ArrayStep], classifier: ArrayStep) -> T
     return rows
 
 
-def _ask(rows: Tensor, estimator: Any, is_averaged: bool | None = None) -> Tensor:
-    """Add what skl2onnx makes of an estimator that has no array form."""
+def _estimator(rows: Tensor, estimator: Any, is_averaged: bool | None = None) -> Tensor:
+    """Add an estimator without array form, converted by skl2onnx."""
     if is_averaged is None:
         if isinstance(estimator, SimpleImputer):
             raise OnnxExportError(
-                f"{_class_name(estimator)} has add_indicator = {estimator.add_indicator}, missing_values = "
-                f"{estimator.missing_values}. Expected False and NaN"
+                f"cannot export {_class_name(estimator)}: add_indicator must be False and missing_values "
+                f"NaN, got {estimator.add_indicator} and {estimator.missing_values}"
             )
-        return _converted(estimator, rows)
+        return _convert(estimator, rows)
     n_classes = len(estimator.classes_)
     if hasattr(estimator, "decision_function"):
         decision = {"raw_scores": True}
-        scores = _converted(estimator, rows, {"zipmap": False, **decision}, decision)
+        scores = _convert(estimator, rows, {"zipmap": False, **decision}, decision)
         return scores if n_classes > 2 else _both(scores)
     if not hasattr(estimator, "predict_proba"):
         raise OnnxExportError(
-            f"{_class_name(estimator)} has labels only, no decisions or probabilities. "
-            "Expected a classifier with decisions or probabilities"
+            f"cannot export {_class_name(estimator)}: it predicts labels only. Expected a classifier with "
+            "decision_function or predict_proba"
         )
-    return _as_decisions(_converted(estimator, rows, {"zipmap": False}), n_classes, is_averaged)
+    return _as_decisions(_convert(estimator, rows, {"zipmap": False}), n_classes, is_averaged)
 
 
 BUILDERS: Mapping[str, Callable[..., Tensor]] = {
@@ -271,34 +273,34 @@ BUILDERS: Mapping[str, Callable[..., Tensor]] = {
     "neighbours": _neighbours,
     "vote": _vote,
     "chain": _chain,
-    "estimator": _ask,
+    "estimator": _estimator,
 }
-"""What is done -> what adds it to a graph; see `texclass.recognition.array_form`."""
+"""Operation of an array form -> function that adds it to a graph; see `texclass.recognition.array_form`."""
 
 
 def _as_decisions(p: Tensor, n_classes: int, is_averaged: bool) -> Tensor:
-    """Add probabilities as decisions: logarithms; a voter's as they are, of two classes about 0."""
+    """Add the decisions for probabilities: logarithms, or probabilities if they are averaged in a vote."""
     if not is_averaged:
         return p.graph.add("Log", p.graph.add("Max", p, MIN_PROBABILITY))
     return _both(p - 0.5) if n_classes == 2 else p
 
 
 def _squares(rows: Tensor, points: Samples, weight: Samples | None = None) -> Tensor:
-    """Add |x_i - c_j|^2 of rows (n, p) and points (m, p), shape (n, m), from the differences themselves."""
-    apart = rows.unsqueeze() - points[None]
+    """Add |x_i - c_j|^2 for rows (n, p) and points (m, p), shape (n, m)."""
+    differences = rows.unsqueeze() - points[None]
     if weight is not None:
-        apart = apart * weight[None]
-    return apart.reduced("ReduceSumSquare", 2, keepdims=False)
+        differences = differences * weight[None]
+    return differences.reduced("ReduceSumSquare", 2, keepdims=False)
 
 
 def _both(decision: Tensor) -> Tensor:
-    """Return a decision between two classes, its last column, as minus it, and it."""
+    """Return the decisions for both of two classes: minus the last column, and the last column."""
     second = decision.take(along(-1))
-    return decision.graph.beside(-second, second)
+    return decision.graph.concatenate(-second, second)
 
 
-def _converted(part: Any, rows: Tensor, *choices: dict[str, bool]) -> Tensor:
-    """Add what skl2onnx makes of an estimator, under the first options it knows; return its last output."""
+def _convert(part: Any, rows: Tensor, *choices: dict[str, bool]) -> Tensor:
+    """Add an estimator converted by skl2onnx, with the first accepted options; return its last output."""
     from onnx.utils import Extractor
     from skl2onnx import to_onnx
     from skl2onnx.common.data_types import DoubleTensorType
@@ -306,20 +308,20 @@ def _converted(part: Any, rows: Tensor, *choices: dict[str, bool]) -> Tensor:
     entry = [("rows", DoubleTensorType([None, part.n_features_in_]))]
     problem: Exception | None = None
     for options in choices or ({},):
-        chosen = {id(part): options} if options else None
+        part_options = {id(part): options} if options else None
         try:
-            with warnings.catch_warnings():  # of fitted attributes that skl2onnx still reads
+            with warnings.catch_warnings():  # skl2onnx reads deprecated attributes
                 warnings.filterwarnings("ignore", "Attribute `.+` was deprecated", FutureWarning)
-                whole = to_onnx(part, initial_types=entry, options=chosen, target_opset=dict(OPSETS))
-        except Exception as error:  # whatever a converter that was made for another version runs into
+                model = to_onnx(part, initial_types=entry, options=part_options, target_opset=dict(OPSETS))
+        except Exception as error:  # converters for other versions of scikit-learn raise many kinds of errors
             problem = problem or error
         else:
-            last = whole.graph.output[-1].name
-            return rows.graph.embed(Extractor(whole).extract_model(["rows"], [last]), rows)
-    said = str(problem).strip().partition("\n")[0]
+            last = model.graph.output[-1].name
+            return rows.graph.embed(Extractor(model).extract_model(["rows"], [last]), rows)
+    reason = str(problem).strip().partition("\n")[0]
     raise OnnxExportError(
-        f"{_class_name(part)} has no export to ONNX ({said}). "
-        "Expected what shipped pipelines name, or what skl2onnx converts"
+        f"cannot export {_class_name(part)} to ONNX ({reason}). Expected an estimator of a shipped "
+        "pipeline, or one that skl2onnx converts"
     ) from problem
 
 

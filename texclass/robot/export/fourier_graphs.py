@@ -1,8 +1,9 @@
-"""Fourier transforms of the rows of a tensor, as products of small matrices, and filters made of them.
+"""Fourier transforms of the rows of a tensor as products of small matrices, and filters based on them.
 
-The `DFT` of ONNX Runtime is slow where a length is no power of two. Here a length N = N1 N2 is cut in two
-(Cooley, Tukey 1965): N1 transforms of length N2 after N2 of length N1, with a turn of each element between
-them. Matrices are looked up in a table of one turn when the file is loaded; the file holds the table.
+The `DFT` operator of ONNX Runtime is slow for lengths that are not powers of two. A length N = N1 N2 is
+therefore factorised (Cooley, Tukey 1965): N2 transforms of length N1, a rotation of each element (twiddle
+factor), and N1 transforms of length N2. The file contains one period of cosine and sine; the matrices are
+built from it when the file is loaded.
 """
 
 from collections.abc import Callable
@@ -22,138 +23,148 @@ def rfft(rows: Tensor, n: int, n_fft: int, n_bins: int) -> tuple[Tensor, Tensor]
     Parameters
     ----------
     rows : Tensor
-        Of shape (n_rows, n), double.
+        Rows (n_rows, n) in double precision.
     n, n_fft, n_bins : int
-        Samples of a row, length of the transform, bins from 0 on that are wanted, at most n_fft // 2 + 1.
+        Number of samples in a row, length of the transform, and number of bins (at most n_fft // 2 + 1).
 
     Returns
     -------
     real, imaginary : Tensor
-        Of shape (n_rows, n_bins).
+        Real and imaginary parts, shape (n_rows, n_bins).
     """
     graph = rows.graph
     N1, N2 = factors(n_fft)
     K1 = N1 // 2 + 1
     if N2 == 1 or n * n_bins <= K1 * N2 * (N1 + 2 * N2):
-        cos, sin = _turns(graph, n, n_bins, n_fft)
+        cos, sin = _rotation_matrices(graph, n, n_bins, n_fft)
         return rows @ cos, -(rows @ sin)
     # X[k1 + N1 k2] = sum_n2 W_N^(n2 k1) (sum_n1 x[N2 n1 + n2] W_N1^(n1 k1)) W_N2^(n2 k2),
-    # W_N = exp(-2 pi i / N); all through, what is kept beside the real part is minus the imaginary one.
+    # W_N = exp(-2 pi i / N). The variable `minus` is the negative imaginary part.
     if n < n_fft:
         rows = graph.add("Pad", rows, np.array([0, 0, 0, n_fft - n], dtype=np.int64))
     x = rows.reshape(0, N1, N2)
-    cos, sin = _turns(graph, K1, N1, N1)
-    real, minus = _turned(cos @ x, sin @ x, K1, N2, n_fft)
-    cos, sin = _turns(graph, N2, N2, N2)
-    M = _blocks(graph, ("rfft", N2), lambda: [[cos, sin], [-sin, cos]])
-    X = (graph.beside(real, minus, axis=2) @ M).reshape(0, K1 * 2 * N2)
-    # Of the bins k1 above N1/2 the mirror images are there: X[k] = conj X[N - k].
+    cos, sin = _rotation_matrices(graph, K1, N1, N1)
+    real, minus = _rotate(cos @ x, sin @ x, K1, N2, n_fft)
+    cos, sin = _rotation_matrices(graph, N2, N2, N2)
+    M = _block_matrix(graph, ("rfft", N2), lambda: [[cos, sin], [-sin, cos]])
+    X = (graph.concatenate(real, minus, axis=2) @ M).reshape(0, K1 * 2 * N2)
+    # Bins with k1 above N1/2 follow from symmetry: X[k] = conj X[N - k].
     k = np.arange(n_bins)
-    mirrored = k % N1 >= K1
-    k = np.where(mirrored, n_fft - k, k)
-    at = (k % N1) * 2 * N2 + k // N1
-    real, minus = X.take(at), X.take(at + N2)
-    return real, minus * np.where(mirrored, 1.0, -1.0)
+    is_mirrored = k % N1 >= K1
+    k = np.where(is_mirrored, n_fft - k, k)
+    indices = (k % N1) * 2 * N2 + k // N1
+    real, minus = X.take(indices), X.take(indices + N2)
+    return real, minus * np.where(is_mirrored, 1.0, -1.0)
 
 
 def power(rows: Tensor, n: int, n_fft: int, n_bins: int) -> Tensor:
-    """Add |X_k|^2 of what `rfft` gives, shape (n_rows, n_bins)."""
+    """Add the power spectrum |X_k|^2, shape (n_rows, n_bins); the arguments are those of `rfft`."""
     real, imaginary = rfft(rows, n, n_fft, n_bins)
     return real * real + imaginary * imaginary
 
 
 def irfft(real: Tensor, imaginary: Tensor, n: int) -> Tensor:
-    """Add the real rows, shape (n_rows, n), of which all n // 2 + 1 bins are given.
+    """Add the inverse transform, shape (n_rows, n), of n // 2 + 1 bins.
 
-    What is imaginary at 0 and at half the rate must be 0.
+    The imaginary parts at 0 and at half the sampling rate must be 0.
     """
     graph, n_bins, (N1, N2) = real.graph, n // 2 + 1, factors(n)
     if N2 == 1 or n_bins <= 2 * N1 + N2:
-        cos, sin = _turns(graph, n_bins, n, n)
-        twice = np.where((np.arange(n_bins) == 0) | (2 * np.arange(n_bins) == n), 1.0, 2.0) / n
-        real, imaginary = real * twice, imaginary * twice
+        cos, sin = _rotation_matrices(graph, n_bins, n, n)
+        weights = np.where((np.arange(n_bins) == 0) | (2 * np.arange(n_bins) == n), 1.0, 2.0) / n
+        real, imaginary = real * weights, imaginary * weights
         return real @ cos - imaginary @ sin
     # x[c + N1 d] = 1/N sum_b V_N^(b c) (sum_a X[N2 a + b] V_N1^(a c)) V_N2^(b d), V_N = exp(2 pi i/N)
     k = np.arange(n)
-    mirrored = k >= n_bins
-    k = np.where(mirrored, n - k, k)
+    is_mirrored = k >= n_bins
+    k = np.where(is_mirrored, n - k, k)
     real = real.take(k) * (1 / n)
-    imaginary = imaginary.take(k) * np.where(mirrored, -1 / n, 1 / n)
-    X = graph.beside(real.reshape(0, N1, N2), imaginary.reshape(0, N1, N2))
-    cos, sin = _turns(graph, N1, N1, N1)
-    X = _blocks(graph, ("irfft", N1), lambda: [[cos, -sin], [sin, cos]]) @ X
+    imaginary = imaginary.take(k) * np.where(is_mirrored, -1 / n, 1 / n)
+    X = graph.concatenate(real.reshape(0, N1, N2), imaginary.reshape(0, N1, N2))
+    cos, sin = _rotation_matrices(graph, N1, N1, N1)
+    X = _block_matrix(graph, ("irfft", N1), lambda: [[cos, -sin], [sin, cos]]) @ X
     real, imaginary = X.cut(0, N1, axis=1), X.cut(N1, 2 * N1, axis=1)
-    real, imaginary = _turned(real, imaginary, N1, N2, n)
-    cos, sin = _turns(graph, N2, N2, N2)
+    real, imaginary = _rotate(real, imaginary, N1, N2, n)
+    cos, sin = _rotation_matrices(graph, N2, N2, N2)
     x = real @ cos - imaginary @ sin
     return graph.add("Transpose", x, perm=[0, 2, 1]).reshape(0, n)
 
 
 def factors(n: int) -> tuple[int, int]:
-    """Return N1 N2 = n with the least work: N1 is about twice N2."""
+    """Return the factors N1 N2 = n with the fewest operations: N1 is about twice N2.
+
+    Examples
+    --------
+    >>> factors(10_000)
+    (125, 80)
+    """
     cost = {N1 + 2 * (n // N1): N1 for N1 in range(1, n + 1) if n % N1 == 0 and n // N1 <= N1}
     N1 = cost[min(cost)]
     return N1, n // N1
 
 
-def _turned(real: Tensor, imaginary: Tensor, n_rows: int, n_columns: int, n: int) -> tuple[Tensor, Tensor]:
-    """Add a rotation of element (r, c) of the last two axes by 2 pi r c / n."""
+def _rotate(real: Tensor, imaginary: Tensor, n_rows: int, n_columns: int, n: int) -> tuple[Tensor, Tensor]:
+    """Add the rotation of element (r, c) of the last two axes by 2 pi r c / n (twiddle factors)."""
     graph = real.graph
     angle = 2 * np.pi / n * np.outer(np.arange(n_rows, dtype=np.float64), np.arange(n_columns))
-    cos, sin = graph.once(("turned", n_rows, n_columns, n), lambda: _constants(graph, angle))
+    cos, sin = graph.once(("twiddle", n_rows, n_columns, n), lambda: _constants(graph, angle))
     return real * cos - imaginary * sin, real * sin + imaginary * cos
 
 
-def _turns(graph: Graph, n_rows: int, n_columns: int, period: int) -> tuple[Tensor, Tensor]:
-    """Add cos and sin of 2 pi r c / period, shape (n_rows, n_columns): made when the file is loaded."""
+def _rotation_matrices(graph: Graph, n_rows: int, n_columns: int, period: int) -> tuple[Tensor, Tensor]:
+    """Add cos and sin of 2 pi r c / period, shape (n_rows, n_columns), from tables of one period."""
 
-    def make() -> tuple[Tensor, Tensor]:
+    def create() -> tuple[Tensor, Tensor]:
         angle = 2 * np.pi / period * np.arange(period, dtype=np.float64)
-        cos, sin = graph.once(("turn", period), lambda: _constants(graph, angle))
+        cos, sin = graph.once(("period", period), lambda: _constants(graph, angle))
         r, c = np.arange(n_rows, dtype=np.int64)[:, None], np.arange(n_columns, dtype=np.int64)
-        at = graph.add("Mod", graph.add("Mul", r, c), np.array(period, dtype=np.int64))
-        return graph.add("Gather", cos, at), graph.add("Gather", sin, at)
+        indices = graph.add("Mod", graph.add("Mul", r, c), np.array(period, dtype=np.int64))
+        return graph.add("Gather", cos, indices), graph.add("Gather", sin, indices)
 
-    return graph.once(("turns", n_rows, n_columns, period), make)
+    return graph.once(("rotation", n_rows, n_columns, period), create)
 
 
 def _constants(graph: Graph, angle: Samples) -> tuple[Tensor, Tensor]:
     return graph.constant(np.cos(angle)), graph.constant(np.sin(angle))
 
 
-def _blocks(graph: Graph, key: tuple[str, int], blocks: Callable[[], list[list[Tensor]]]) -> Tensor:
-    """Add a matrix of blocks, once."""
-    return graph.once(key, lambda: graph.beside(*(graph.beside(*row) for row in blocks()), axis=0))
+def _block_matrix(graph: Graph, key: tuple[str, int], blocks: Callable[[], list[list[Tensor]]]) -> Tensor:
+    """Add a matrix of blocks, once for each key."""
+
+    def create() -> Tensor:
+        return graph.concatenate(*(graph.concatenate(*row) for row in blocks()), axis=0)
+
+    return graph.once(key, create)
 
 
-# Filters, as in `texclass.features.movement_filters`: a response times the spectrum.
+# Filters in the frequency domain, as in `texclass.features.movement_filters`
 
 
-def _padded(view: GraphView) -> int:
+def _padded_length(view: GraphView) -> int:
     return movement_filters.FINEST * int(fft.next_fast_len(-(-view.n_samples // movement_filters.FINEST)))
 
 
 @once
 def _spectrum(view: GraphView, n_bins: int) -> tuple[Tensor, Tensor]:
-    return rfft(view.unit, view.n_samples, _padded(view), n_bins)
+    return rfft(view.unit, view.n_samples, _padded_length(view), n_bins)
 
 
-def _filtered(view: GraphView, response: Samples, n: int) -> Tensor:
-    """Add the first bins of the spectrum times a response, back in time at n samples: (n_rows, n)."""
+def _filter(view: GraphView, response: Samples, n: int) -> Tensor:
+    """Add the inverse transform of the spectrum times a response, with n samples: (n_rows, n)."""
     real, imaginary = _spectrum(view, n // 2 + 1)
     bins = np.arange(n // 2 + 1)
-    scale = response * n / _padded(view)
+    scale = response * n / _padded_length(view)
     return irfft(real * scale, imaginary * np.where((bins == 0) | (2 * bins == n), 0.0, scale), n)
 
 
 @once
 def low_passed(view: GraphView, cutoff_hz: float) -> tuple[Tensor, int, int]:
-    """Add the low-passed movement, and say by which factor its rate is lower, and its length."""
-    n_fft, rate = _padded(view), cutoff_hz * 10
+    """Add the low-passed movement; return it with the decimation factor and its length."""
+    n_fft, rate = _padded_length(view), cutoff_hz * 10
     factor = next((k for k in (movement_filters.FINEST, 10, 5, 4, 2) if view.fs / k >= rate), 1)
     size = -(-view.n_samples // factor)
     f = np.arange(n_fft // factor // 2 + 1) * (view.fs / n_fft)
-    slow = _filtered(view, 1 / (1 + (f / cutoff_hz) ** 4), n_fft // factor).cut(0, size)
+    slow = _filter(view, 1 / (1 + (f / cutoff_hz) ** 4), n_fft // factor).cut(0, size)
     return slow, factor, size
 
 
@@ -161,20 +172,20 @@ def low_passed(view: GraphView, cutoff_hz: float) -> tuple[Tensor, int, int]:
 def band_magnitude(view: GraphView, band_hz: tuple[float, float], rate_hz: float) -> Tensor:
     """Add the magnitude of the movement in a band; see `movement_filters.band_passed`."""
     low_hz, high_hz = band_hz
-    n_fft = _padded(view)
+    n_fft = _padded_length(view)
     n = 2 * int(fft.next_fast_len(int(np.ceil(n_fft * rate_hz / view.fs / 2)), real=True))
     n = min(n_fft, n)
     f = np.arange(n // 2 + 1) * (view.fs / n_fft)
-    through, beside = (f * (high_hz - low_hz)) ** 4, (f**2 - low_hz * high_hz) ** 4
-    return abs(_filtered(view, through / (through + beside), n).cut(0, view.n_samples * n // n_fft))
+    numerator, stop = (f * (high_hz - low_hz)) ** 4, (f**2 - low_hz * high_hz) ** 4
+    return abs(_filter(view, numerator / (numerator + stop), n).cut(0, view.n_samples * n // n_fft))
 
 
 @once
 def band_limited(view: GraphView, band_hz: float) -> tuple[Tensor, int, float]:
-    """Add the band-limited movement; return its length and rate too. See `movement_filters.band_limited`."""
+    """Add the band-limited movement; return it with length and rate. See `movement_filters.band_limited`."""
     if view.fs <= 2 * band_hz:
         return view.unit, view.n_samples, view.fs
-    n_fft = _padded(view)
+    n_fft = _padded_length(view)
     n = 2 * int(band_hz * n_fft / view.fs)
     size = view.n_samples * n // n_fft
-    return _filtered(view, np.ones(n // 2 + 1), n).cut(0, size), size, view.fs * n / n_fft
+    return _filter(view, np.ones(n // 2 + 1), n).cut(0, size), size, view.fs * n / n_fft

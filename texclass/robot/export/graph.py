@@ -1,4 +1,4 @@
-"""ONNX graphs: tensors that are computed with as arrays are, and the nodes that this adds."""
+"""ONNX graphs: tensors with the operators of arrays, which add nodes to a graph."""
 
 import math
 from collections.abc import Callable, Hashable, Mapping
@@ -8,30 +8,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 OPSETS: Mapping[str, int] = {"": 18, "ai.onnx.ml": 3}
-"""Versions of the operators, old enough for onnxruntime 1.15 (2023): robots rarely have the latest."""
+"""Versions of the operators, supported since onnxruntime 1.15 (2023), as robots seldom have the latest."""
 
-Made = TypeVar("Made")
+Cached = TypeVar("Cached")
 
 
 class OnnxExportError(ValueError):
-    """A model cannot be exported; the message says what of it, and the rule."""
+    """Error for a model that cannot be exported, with the reason.
+
+    Examples
+    --------
+    >>> issubclass(OnnxExportError, ValueError)
+    True
+    """
 
 
 class Tensor:
-    """A tensor of a graph: whatever is computed of it adds a node, whose output is the result.
+    """Tensor of a graph. Its operators, which are those of arrays, add nodes and return their outputs.
 
-    Operators are those of arrays, with other tensors, numbers and arrays, which become constants.
+    Operands are tensors, numbers or arrays; the latter become constants.
 
     Parameters
     ----------
     graph : Graph
-        Grows.
+        Graph to which nodes are added.
     name : str
-        Of the tensor in it.
+        Name of the tensor in the graph.
     """
 
     __slots__ = ("graph", "name")
-    __array_ufunc__ = None  # of an array and a tensor, the tensor computes
+    __array_ufunc__ = None  # numpy then leaves the operators of an array and a tensor to the tensor
 
     def __init__(self, graph: "Graph", name: str) -> None:
         self.graph, self.name = graph, name
@@ -87,68 +93,69 @@ class Tensor:
         return self.graph.add("Log", self) * (1 / math.log(10))
 
     def mean(self, axis: int = -1) -> "Tensor":
-        """Return the mean over an axis, which is kept."""
+        """Return the mean over an axis, which remains with length 1."""
         return self.reduced("ReduceMean", axis)
 
     def sum(self, axis: int = -1) -> "Tensor":
-        """Return the sum over an axis, which is kept."""
+        """Return the sum over an axis, which remains with length 1."""
         return self.reduced("ReduceSum", axis)
 
     def reduced(self, operator: str, *axes: int, keepdims: bool = True) -> "Tensor":
-        """Return a reduction ("ReduceMax") over axes."""
+        """Return a reduction over axes, such as "ReduceMax"."""
         return self.graph.add(operator, self, along(*axes), keepdims=int(keepdims))
 
     def cast(self, dtype: type[np.generic]) -> "Tensor":
-        """Return it in another type of numbers."""
+        """Return the tensor with another data type."""
         from onnx import helper
 
         return self.graph.add("Cast", self, to=helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
 
-    def take(self, at: NDArray[Any], axis: int = 1) -> "Tensor":
+    def take(self, indices: NDArray[Any], axis: int = 1) -> "Tensor":
         """Return the elements at some indices along an axis."""
-        return self.graph.add("Gather", self, at, axis=axis)
+        return self.graph.add("Gather", self, indices, axis=axis)
 
     def cut(self, start: int, stop: int, axis: int = -1) -> "Tensor":
         """Return the elements [start, stop) along an axis."""
         return self.graph.add("Slice", self, along(start), along(stop), along(axis))
 
     def reshape(self, *shape: int) -> "Tensor":
-        """Return it in another shape; 0 keeps the length of an axis, -1 is what is left."""
+        """Return the tensor with another shape; 0 keeps the length of an axis, -1 is inferred."""
         return self.graph.add("Reshape", self, along(*shape))
 
     def unsqueeze(self, axis: int = 1) -> "Tensor":
-        """Return it with a new axis of length 1."""
+        """Return the tensor with a new axis of length 1."""
         return self.graph.add("Unsqueeze", self, along(axis))
 
     def where(self, condition: "Tensor", otherwise: "Operand" = np.nan) -> "Tensor":
-        """Return it where a condition holds, NaN or something else elsewhere."""
+        """Return the tensor where a condition is true, NaN or other values elsewhere."""
         return self.graph.add("Where", condition, self, otherwise)
 
 
 Operand = Tensor | float | NDArray[Any]
-"""A tensor, or a constant; numbers in double precision."""
+"""Tensor or constant; numbers are in double precision."""
 
 
 class Graph:
-    """Nodes in the order of their computation.
+    """ONNX graph: nodes in the order of their computation, and constants.
 
     Parameters
     ----------
-    same_pieces : bool
-        Whether the pieces of a recording are all the same to classifiers that let them vote: one vote is all.
+    has_equal_segments : bool
+        Whether all segments of a movement have equal features, so that one segment suffices for segment
+        voting.
 
     Attributes
     ----------
     nodes, constants : list
-        What was added so far.
+        Nodes and constants so far.
     """
 
-    def __init__(self, *, same_pieces: bool = False) -> None:
-        self.same_pieces = same_pieces
+    def __init__(self, *, has_equal_segments: bool = False) -> None:
+        self.has_equal_segments = has_equal_segments
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
         self._n_names = 0
-        self._made: dict[Hashable, Any] = {}
+        self._cache: dict[Hashable, Any] = {}
 
     def add(self, operator: str, *operands: Operand, name: str | None = None, **attributes: Any) -> Tensor:
         """Add a node and return its output.
@@ -156,56 +163,57 @@ class Graph:
         Parameters
         ----------
         operator : str
-            Of the standard operators.
+            Name of an ONNX operator.
         *operands : Tensor, float or ndarray
-            What it computes with.
+            Inputs of the operator.
         name : str, optional
-            Of the output; a new one by default.
+            Name of the output (default: a new one).
         **attributes
-            Of the operator.
+            Attributes of the operator.
         """
         from onnx import helper
 
-        names = [one.name if isinstance(one, Tensor) else self.constant(one).name for one in operands]
+        names = [x.name if isinstance(x, Tensor) else self.constant(x).name for x in operands]
         output = name or self._new(operator)
         self.nodes.append(helper.make_node(operator, names, [output], **attributes))
         return Tensor(self, output)
 
     def constant(self, value: float | NDArray[Any]) -> Tensor:
-        """Add a constant; a number in double precision."""
+        """Add a constant; numbers are in double precision."""
         values = value if isinstance(value, np.ndarray) else np.array(value, dtype=np.float64)
-        if values.size < 64:  # equal constants are kept once from here on
-            return self._kept(values)
-        return self.once((values.dtype, values.shape, values.tobytes()), lambda: self._kept(values))
+        if values.size < 64:  # only large constants are worth sharing
+            return self._add_constant(values)
+        key = (values.dtype, values.shape, values.tobytes())
+        return self.once(key, lambda: self._add_constant(values))
 
-    def _kept(self, values: NDArray[Any]) -> Tensor:
+    def _add_constant(self, values: NDArray[Any]) -> Tensor:
         from onnx import numpy_helper
 
         self.constants.append(numpy_helper.from_array(values, self._new("constant")))
         return Tensor(self, self.constants[-1].name)
 
-    def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
-        """Return what `make` adds, which is added the first time a key is asked for."""
-        if key not in self._made:
-            self._made[key] = make()
-        made: Made = self._made[key]
-        return made
+    def once(self, key: Hashable, create: Callable[[], Cached]) -> Cached:
+        """Return the result of `create`, which is called only for the first use of a key."""
+        if key not in self._cache:
+            self._cache[key] = create()
+        cached: Cached = self._cache[key]
+        return cached
 
     def short(self, values: NDArray[np.float64]) -> Tensor:
-        """Add a constant in the fewest bits that lose nothing of it, converted to double precision."""
+        """Add a constant with the fewest bits that represent it exactly, and its cast to double precision."""
         for dtype in (np.float16, np.float32):
             with np.errstate(over="ignore"):
-                kept = values.astype(dtype)
-            if np.array_equal(kept, values):
-                return self.constant(kept).cast(np.float64)
+                rounded = values.astype(dtype)
+            if np.array_equal(rounded, values):
+                return self.constant(rounded).cast(np.float64)
         return self.constant(values)
 
-    def beside(self, *columns: Tensor, axis: int = 1) -> Tensor:
-        """Add tensors side by side."""
-        return self.add("Concat", *columns, axis=axis)
+    def concatenate(self, *tensors: Tensor, axis: int = 1) -> Tensor:
+        """Add the concatenation of tensors along an axis."""
+        return self.add("Concat", *tensors, axis=axis)
 
     def largest(self, operand: Tensor, n: int, **attributes: Any) -> tuple[Tensor, Tensor]:
-        """Add the n largest elements along an axis, and where they are."""
+        """Add the n largest elements along an axis; return values and indices."""
         from onnx import helper
 
         names = [self._new("largest"), self._new("indices")]
@@ -214,42 +222,42 @@ class Graph:
         return Tensor(self, names[0]), Tensor(self, names[1])
 
     def embed(self, part: Any, operand: Tensor) -> Tensor:
-        """Add a model of one input and one output, and return its output, in double precision."""
+        """Add a model with one input and one output, and return its output in double precision."""
         from onnx import TensorProto, compose
 
-        apart = compose.add_prefix(part, f"{self._new('part')}/")
-        (entry,), (output,) = apart.graph.input, apart.graph.output
+        prefixed = compose.add_prefix(part, f"{self._new('part')}/")
+        (entry,), (output,) = prefixed.graph.input, prefixed.graph.output
         self.add("Identity", operand, name=entry.name)
-        self.nodes += apart.graph.node
-        self.constants += apart.graph.initializer
+        self.nodes += prefixed.graph.node
+        self.constants += prefixed.graph.initializer
         last = Tensor(self, output.name)
         return last if output.type.tensor_type.elem_type == TensorProto.DOUBLE else last.cast(np.float64)
 
     def model(self, inputs: list[Any], outputs: list[Any], name: str, doc: str) -> Any:
-        """Return the finished model.
+        """Return the complete ONNX model.
 
         Raises
         ------
         OnnxExportError
-            If it is not valid.
+            If the model is not valid.
         """
         from onnx import checker, helper
 
-        # Products with matrices of one row are products of elements. onnxruntime moves a scalar factor into
-        # the matrix product beside it, and keeps it there in single precision: a scale, where there is one
-        # column.
-        single = {one.name for one in self.constants if len(one.dims) == 2 and one.dims[0] == 1}
+        # onnxruntime fuses a scalar factor with a neighbouring matrix product, and stores it in single
+        # precision. A model with one column has such a factor (its scale), so that products with matrices of
+        # one row are written as products of elements.
+        single = {c.name for c in self.constants if len(c.dims) == 2 and c.dims[0] == 1}
         for node in self.nodes:
             if node.op_type == "MatMul" and node.input[1] in single:
                 node.op_type = "Mul"
-        used = {node.domain for node in self.nodes} | {""}
+        domains = {node.domain for node in self.nodes} | {""}
         graph = helper.make_graph(self.nodes, name, inputs, outputs, self.constants, doc)
-        opsets = [helper.make_opsetid(domain, OPSETS[domain]) for domain in OPSETS if domain in used]
-        # Version 8 of the file format belongs to opset 18.
+        opsets = [helper.make_opsetid(domain, OPSETS[domain]) for domain in OPSETS if domain in domains]
+        # Version 8 of the file format corresponds to opset 18.
         model = helper.make_model(graph, opset_imports=opsets, ir_version=8, doc_string=doc)
         try:
             checker.check_model(model, full_check=True)
-        except Exception as error:  # its exceptions have no class in common
+        except Exception as error:  # the exceptions of onnx have no common base class
             raise OnnxExportError(f"the graph is not valid ({error}). Expected opset {OPSETS['']}") from error
         return model
 
@@ -259,12 +267,12 @@ class Graph:
 
 
 def along(*axes: int) -> NDArray[np.int64]:
-    """Return axes as reductions take them."""
+    """Return axes or indices as an integer array, the form that ONNX operators expect."""
     return np.array(axes, dtype=np.int64)
 
 
 def tensor_of(name: str, dtype: type, *shape: int | str) -> Any:
-    """Return the description of an input or output of a graph; of text, the type is `object`."""
+    """Return the description of an input or output of a graph; the dtype of text is `object`."""
     from onnx import helper
 
     kind = helper.np_dtype_to_tensor_dtype(np.dtype(dtype))

@@ -1,11 +1,12 @@
-"""What features as graphs are made with: a view of movements as tensors, and which feature has a builder.
+"""Views of movements as tensors, and the registry of features with a graph.
 
-A builder takes a `GraphView`, which stands for `PhaseView`, and the parameters of the feature; it returns
-a tensor (n, n_outputs) of double precision, NaN in a row where the signal leaves the feature undefined. Where
-the length or the rate of a window does, nothing is built. Comparisons are made on samples of single
-precision, as the functions do, so that counts are equal; sums are made in double precision.
+A builder is the graph of a feature. It receives a `GraphView`, which corresponds to `PhaseView`, and the
+parameters of the feature, and returns a tensor (n, n_outputs) in double precision, with NaN in rows where the
+feature is undefined for the signal. Comparisons use samples in single precision, like the functions of
+features, so that counts are equal; sums are in double precision.
 
-A feature of one's own gets a graph under ``@graph_of("its_name")``, anywhere in the module that defines it.
+``@graph_of("name")`` registers the graph of your own feature, anywhere in the module that defines the
+feature.
 """
 
 import importlib
@@ -19,26 +20,26 @@ import numpy as np
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import MIN_SEGMENT_SAMPLES, PhaseView
 from texclass.features.sets import FeatureSet, Member
-from texclass.robot.export.graph import Graph, Made, Tensor
+from texclass.robot.export.graph import Cached, Graph, Tensor
 
 Builder = Callable[..., Tensor]
-Given = ParamSpec("Given")
+Parameters = ParamSpec("Parameters")
 GRAPHS: dict[str, Builder] = {}
-"""Feature -> its builder; see `builders`."""
+"""Name of a feature -> builder of its graph; see `builders`."""
 
 
 @dataclass(frozen=True, eq=False)
 class GraphView:
-    """Movements of one length, as tensors: what `PhaseView` is to the function of a feature.
+    """Conditioned movements of equal length as tensors; corresponds to `PhaseView`.
 
     Attributes
     ----------
     samples : Tensor
-        Of shape (n, n_samples), double, conditioned.
+        Conditioned samples (n, n_samples) in double precision.
     fs : float
         Sampling rate in Hz.
     n_samples : int
-        Samples of each movement.
+        Number of samples of each movement.
     """
 
     samples: Tensor
@@ -47,34 +48,34 @@ class GraphView:
 
     @property
     def graph(self) -> Graph:
-        """What grows."""
+        """Graph to which nodes are added."""
         return self.samples.graph
 
     @cached_property
     def level(self) -> Tensor:
-        """The largest magnitude, shape (n, 1)."""
+        """Largest magnitude, shape (n, 1)."""
         return abs(self.samples).reduced("ReduceMax", -1)
 
     @cached_property
-    def silent(self) -> Tensor:
-        """Whether all samples are the same, or one is not finite, shape (n, 1), bool."""
+    def is_undefined(self) -> Tensor:
+        """Whether all samples are equal, or one is not finite, shape (n, 1), bool."""
         range_ = self.samples.reduced("ReduceMax", -1) - self.samples.reduced("ReduceMin", -1)
-        is_broken = self.add("IsNaN", self.level * 0.0)
-        return self.add("Not", range_ > 0.0) | is_broken
+        is_not_finite = self.add("IsNaN", self.level * 0.0)
+        return self.add("Not", range_ > 0.0) | is_not_finite
 
     @cached_property
     def unit32(self) -> Tensor:
-        """The samples divided by `level`, in single precision, shape (n, n_samples)."""
+        """Samples divided by `level`, in single precision, shape (n, n_samples)."""
         return (self.samples / self.level).cast(np.float32)
 
     @cached_property
     def unit(self) -> Tensor:
-        """What `unit32` holds, in double precision."""
+        """Values of `unit32` in double precision."""
         return self.unit32.cast(np.float64)
 
     @cached_property
     def log_level(self) -> Tensor:
-        """log10 of `level`, shape (n, 1)."""
+        """Logarithm (base 10) of `level`, shape (n, 1)."""
         return self.level.log10()
 
     def add(self, operator: str, *operands: Any, **attributes: Any) -> Tensor:
@@ -82,31 +83,31 @@ class GraphView:
         return self.graph.add(operator, *operands, **attributes)
 
     def running(self, operand: Tensor) -> Tensor:
-        """Add sums of the first 0, 1, 2 ... elements of rows."""
+        """Add the sums of the first 0, 1, 2 ... elements of each row."""
         return self.add(
             "Pad", self.add("CumSum", operand, np.array(1)), np.array([0, 1, 0, 0], dtype=np.int64)
         )
 
     def moving_average(self, operand: Tensor, size: int, n: int) -> Tensor:
-        """Add the centred moving average over n of rows of `size`, cut at the ends; see `moving_average`."""
+        """Add the centred moving average over n elements of rows of `size`, truncated at the ends."""
         start = np.arange(size) - min(n, 2 * size) // 2
         first, stop = np.maximum(start, 0), np.minimum(start + min(n, 2 * size), size)
         running = self.running(operand)
-        low, high = (running.take(at) for at in (first, stop))
+        low, high = (running.take(indices) for indices in (first, stop))
         return (high - low) / (stop - first).astype(np.float64)
 
 
 def once(
-    adds: Callable[Concatenate[GraphView, Given], Made],
-) -> Callable[Concatenate[GraphView, Given], Made]:
-    """Let the decorated function add for a view what it adds only once: asked again, it returns the same."""
+    function: Callable[Concatenate[GraphView, Parameters], Cached],
+) -> Callable[Concatenate[GraphView, Parameters], Cached]:
+    """Cache the tensors that a function adds, so that they are added once per view and arguments."""
 
-    @wraps(adds)
-    def added(view: GraphView, /, *args: Given.args, **options: Given.kwargs) -> Made:
-        key = adds, view, args, *sorted(options.items())
-        return view.graph.once(key, partial(adds, view, *args, **options))
+    @wraps(function)
+    def cached(view: GraphView, /, *args: Parameters.args, **options: Parameters.kwargs) -> Cached:
+        key = function, view, args, *sorted(options.items())
+        return view.graph.once(key, partial(function, view, *args, **options))
 
-    return added
+    return cached
 
 
 def graph_of(feature: str) -> Callable[[Builder], Builder]:
@@ -115,7 +116,15 @@ def graph_of(feature: str) -> Callable[[Builder], Builder]:
     Parameters
     ----------
     feature : str
-        Its name.
+        Name of the feature.
+
+    Examples
+    --------
+    >>> @graph_of("my_level")
+    ... def my_level(view):
+    ...     return view.log_level
+    >>> GRAPHS.pop("my_level") is my_level
+    True
     """
 
     def register(builder: Builder) -> Builder:
@@ -126,54 +135,53 @@ def graph_of(feature: str) -> Callable[[Builder], Builder]:
 
 
 def builders() -> Mapping[str, Builder]:
-    """Return the builder of every feature that has one."""
+    """Return the builders of all features with a graph."""
     importlib.import_module(f"{__package__}.feature_graphs")
     return GRAPHS
 
 
-def without_graph(feature_set: FeatureSet) -> tuple[str, ...]:
-    """Return the names of the members of a set that have no graph, or read no movement."""
-    known = builders()
+def features_without_graph(feature_set: FeatureSet) -> tuple[str, ...]:
+    """Return the names of the members of a set that have no graph, or do not read the movement."""
+    graphs = builders()
     return tuple(
-        m.name for m in feature_set.members if m.feature.phase != "movement" or m.feature.name not in known
+        m.name for m in feature_set.members if m.feature.phase != "movement" or m.feature.name not in graphs
     )
 
 
 def member_graph(view: GraphView, member: Member) -> Tensor:
-    """Add all columns of a member of a set, shape (n, n_columns): NaN in all where one is undefined.
-
-    Whether the length or the rate of the movements leaves them undefined is found by trying.
+    """Add all columns of a member of a feature set, shape (n, n_columns): all are NaN if one is undefined.
 
     Parameters
     ----------
     view : GraphView
-        The movements.
+        Movements.
     member : Member
-        Its feature has a graph.
+        Member of a feature set, whose feature has a graph.
     """
+    # Noise of the same length and rate shows whether these leave the feature undefined.
     noise = np.random.default_rng(0).standard_normal(view.n_samples)
     try:
         member.feature.function(PhaseView(noise, view.fs), **member.parameters)
     except UndefinedFeatureError:
         return view.level * 0.0 + np.full((1, len(member.all_columns)), np.nan)
-    given: dict[str, Any] = {**member.feature.defaults, **member.parameters}
-    n_segments = given.pop("n_segments", 1) if member.feature.divisible else 1
-    cut = n_segments > 1 and view.n_samples >= n_segments * MIN_SEGMENT_SAMPLES
-    part = segments_of(view, n_segments) if cut else view
-    made = once(builders()[member.feature.name])(part, **given)
-    values = part.add("Where", part.silent, np.nan, made)
+    parameters: dict[str, Any] = {**member.feature.defaults, **member.parameters}
+    n_segments = parameters.pop("n_segments", 1) if member.feature.divisible else 1
+    is_divided = n_segments > 1 and view.n_samples >= n_segments * MIN_SEGMENT_SAMPLES
+    segments = segments_of(view, n_segments) if is_divided else view
+    outputs = once(builders()[member.feature.name])(segments, **parameters)
+    values = segments.add("Where", segments.is_undefined, np.nan, outputs)
     n_outputs = len(member.all_columns) // n_segments
-    if cut:
+    if is_divided:
         values = values.reshape(-1, n_segments, n_outputs)
         values = view.add("Transpose", values, perm=[0, 2, 1]).reshape(0, n_outputs * n_segments)
     elif n_segments > 1:
         values = values.take(np.repeat(np.arange(n_outputs), n_segments))
-    broken = view.add("IsNaN", (values * 0.0).sum())  # one is NaN or infinite
-    return view.add("Where", broken, np.nan, values)
+    is_not_finite = view.add("IsNaN", (values * 0.0).sum())  # true if any value is NaN or infinite
+    return view.add("Where", is_not_finite, np.nan, values)
 
 
 @once
 def segments_of(view: GraphView, n_segments: int) -> GraphView:
-    """Return the view of equal pieces, one after the other: n_segments rows of each movement."""
+    """Return the view of the segments, with n_segments consecutive rows for each movement."""
     size = view.n_samples // n_segments
     return GraphView(view.samples.cut(0, size * n_segments).reshape(-1, size), view.fs, size)

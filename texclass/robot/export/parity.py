@@ -1,7 +1,7 @@
-"""Whether a graph gives the answers of its model: label by label, probability by probability.
+"""Parity check: an exported graph must give the same labels and probabilities as its model.
 
-Both are asked about rows of features that are ordinary, extreme, undefined, and on either side of boundaries
-between answers. What differs is an error, unless rounding alone decides.
+Both classify rows of features that are ordinary, extreme, undefined, or close to decision boundaries. A
+difference is an error unless rounding explains it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,39 +21,46 @@ from texclass.robot.export.graph import OnnxExportError
 
 SEED = 2015
 TOLERANCE = 1e-9
-"""Largest difference of a probability, and relative difference of other numbers, that counts as none."""
+"""Largest difference of probabilities, and largest relative difference of other numbers, due to rounding."""
 
 
-Said = dict[str, NDArray[Any]]
-"""What is said of rows, by output."""
+Outputs = dict[str, NDArray[Any]]
+"""Name of an output of a graph -> values, one row per classified row."""
 
 
 class ParityError(OnnxExportError):
-    """A graph gives other answers than its model; the message says where and by how much."""
+    """Error for a graph with other answers than its model, with the first difference.
+
+    Examples
+    --------
+    >>> issubclass(ParityError, OnnxExportError)
+    True
+    """
 
 
 @dataclass(frozen=True)
 class Parity:
-    """How a graph was compared with its model, and found the same.
+    """Result of the comparison of a graph with its model.
 
     Attributes
     ----------
     rows
-        How many were compared, of each kind; see `check_rows`.
-    n_answered, n_surfaces : int
-        Surfaces that were answered at least once, of how many there are.
+        Kind of rows -> number of rows; see `check_rows`.
+    n_predicted, n_surfaces : int
+        Number of surfaces that were predicted at least once, and of all surfaces.
     n_unknown : int
-        Rows called unknown.
+        Number of rows with the answer "unknown".
     n_ties : int
-        Rows where rounding decides, and decided differently.
+        Number of rows where rounding causes a different answer.
     difference : float
-        Largest difference of a probability.
+        Largest difference of probabilities.
     tolerance : float
-        What it may be, beside what a probability changes when its features do by 1e-13 of themselves.
+        Tolerance for the difference, in addition to the sensitivity of the probabilities to a relative change
+        of the features by 1e-13.
     """
 
     rows: dict[str, int]
-    n_answered: int
+    n_predicted: int
     n_surfaces: int
     n_unknown: int
     n_ties: int
@@ -63,207 +70,216 @@ class Parity:
     def __str__(self) -> str:
         kinds = ", ".join(f"{n} {kind}" for kind, n in self.rows.items())
         return (
-            f"as texclass on {sum(self.rows.values())} rows ({kinds}): no label differs, probabilities "
-            f"by at most {self.difference:.1e} (tolerance {self.tolerance:g}), {self.n_ties} ties; "
-            f"{self.n_answered} of {self.n_surfaces} surfaces were answered, {self.n_unknown} rows unknown"
+            f"same labels as texclass for {sum(self.rows.values())} rows ({kinds}), probabilities within "
+            f"{self.difference:.1e} (tolerance {self.tolerance:g}), {self.n_ties} ties; "
+            f"{self.n_predicted} of {self.n_surfaces} surfaces predicted, {self.n_unknown} rows unknown"
         )
 
 
 def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
-    """Compare a graph with the model it was made of.
+    """Compare the answers of a graph with those of its model.
 
     Parameters
     ----------
     model : Model
-        What the graph was made of.
+        Trained model.
     graph : bytes
-        The ONNX model.
+        ONNX model.
     seed : int
-        Of the rows.
+        Seed of the random rows.
+
+    Returns
+    -------
+    parity : Parity
+        Number of rows and largest difference.
 
     Raises
     ------
     ParityError
-        If a label, a verdict or a probability differs by more than rounding explains: of two labels whose
-        probabilities are equal within the tolerance, of neighbours equally far, of a novelty score equal to
-        one that was held out, and where features changed by 1e-13 of themselves give other probabilities.
+        If a label, a verdict or a probability differs by more than rounding explains. Rounding explains a
+        difference between labels with equal probabilities, between neighbours at equal distances, at a
+        novelty score equal to a held-out one, and where a relative change of the features by 1e-13 has the
+        same effect.
     OnnxExportError
-        If onnxruntime cannot run it.
+        If onnxruntime cannot run the graph.
     """
     X, kinds = check_rows(model, seed)
-    expected, found = reference(model, X), run(graph, X)
-    allowed = TOLERANCE + _rounding(model, X, expected["probabilities"], np.random.default_rng(seed))
-    allowed[expected["tied"]] = np.inf
-    # Decisions of a kernel reach 1: below 1e-3, differences of the novelty score count as there.
-    rounding = TOLERANCE * np.maximum(np.abs(expected["strange"]), 1e-3)
+    expected, outputs = reference(model, X), run(graph, X)
+    tolerance = TOLERANCE + _sensitivity(model, X, expected["probabilities"], np.random.default_rng(seed))
+    tolerance[expected["tied"]] = np.inf
+    # Decisions of a kernel are up to 1: the tolerance for novelty scores below 1e-3 is that for 1e-3.
+    score_tolerance = TOLERANCE * np.maximum(np.abs(expected["novelty_score"]), 1e-3)
     names = [f"row {i} ({kind})" for i, kind in enumerate(kinds)]
-    gap = check_same(
-        model, X, found, expected, allowed=allowed, rounding=rounding,
-        against="texclass", names=names, tolerance=TOLERANCE,
+    difference = check_same(
+        model, X, outputs, expected, tolerance=tolerance, score_tolerance=score_tolerance,
+        against="texclass", names=names, stated_tolerance=TOLERANCE,
     )  # fmt: skip
-    decided = (found["label"] != expected["label"]) | (gap > TOLERANCE)
-    decided |= (expected["label"] != UNDEFINED) & (found["p_known"] != expected["p_known"])
-    kinds_of, counts = np.unique(kinds, return_counts=True)
+    is_tie = (outputs["label"] != expected["label"]) | (difference > TOLERANCE)
+    is_tie |= (expected["label"] != UNDEFINED) & (outputs["p_known"] != expected["p_known"])
+    unique_kinds, counts = np.unique(kinds, return_counts=True)
     return Parity(
-        rows=dict(zip(kinds_of.tolist(), counts.tolist(), strict=True)),
-        n_answered=len(set(expected["label"].tolist()) - {UNDEFINED}),
+        rows=dict(zip(unique_kinds.tolist(), counts.tolist(), strict=True)),
+        n_predicted=len(set(expected["label"].tolist()) - {UNDEFINED}),
         n_surfaces=len(model.surfaces),
         n_unknown=int(expected["unknown"].sum()),
-        n_ties=int(decided.sum()),
-        difference=float(gap[gap <= TOLERANCE].max(initial=0.0)),
+        n_ties=int(is_tie.sum()),
+        difference=float(difference[difference <= TOLERANCE].max(initial=0.0)),
     )
 
 
 def check_same(
     model: Model,
     X: Samples,
-    found: Mapping[str, NDArray[Any]],
-    expected: Said,
+    outputs: Mapping[str, NDArray[Any]],
+    expected: Outputs,
     *,
-    allowed: Samples,
-    rounding: Samples,
+    tolerance: Samples,
+    score_tolerance: Samples,
     against: str,
     names: Sequence[str],
-    tolerance: float,
+    stated_tolerance: float,
 ) -> Samples:
-    """Refuse answers of a graph that differ from those of a model by more than rounding explains.
+    """Raise an error if the outputs of a graph differ from the expected ones by more than the tolerance.
 
     Parameters
     ----------
     model : Model
-        What the graph was made of.
+        Trained model.
     X : ndarray of shape (n, n_columns)
-        Features of what both were asked.
-    found, expected : mapping of str to ndarray
-        What the graph says, and what it has to, as `reference` returns it.
-    allowed, rounding : ndarray of shape (n,)
-        By how much probabilities may differ, and how strange what is asked is.
-    against, names, tolerance
-        For the message: what the graph is compared with, what each row is called, and the tolerance.
+        Features of the classified rows.
+    outputs, expected : mapping of str to ndarray
+        Outputs of the graph, and those of the model as `reference` returns them.
+    tolerance, score_tolerance : ndarray of shape (n,)
+        Largest differences of probabilities and of novelty scores.
+    against, names, stated_tolerance
+        For the message: what the graph is compared with, the name of each row, and the tolerance.
 
     Returns
     -------
     ndarray of shape (n,)
-        Largest difference of a probability.
+        Largest difference of a probability in each row.
 
     Raises
     ------
     ParityError
-        Naming the first that differs, and how many do.
+        With the first difference, and their number.
     """
-    defined = expected["label"] != UNDEFINED
-    p, other = found["probabilities"], expected["probabilities"]
-    gap = np.nan_to_num(np.abs(p - other), nan=np.inf)
-    gap[~defined & np.isnan(p).all(axis=1)] = 0.0
-    largest, at = gap.max(axis=1), (np.arange(len(X)), gap.argmax(axis=1))
-    # A label is the largest of its own probabilities, and of the expected ones but for a tie.
-    place = {surface: k for k, surface in enumerate(model.surfaces)}
-    k = np.array([place.get(label, -1) for label in found["label"].tolist()])
-    own, chosen = (np.where(k >= 0, one[at[0], k], np.nan) for one in (p, other))
-    right = (own == p.max(axis=1)) & (chosen >= other.max(axis=1) - 2 * allowed)
-    # A p-value is that of the expected novelty score, within its rounding.
-    p_known = found["p_known"]
-    low, high = (model.novelty.p_value(expected["strange"] + side * rounding) for side in (1, -1))
-    between = (low <= p_known) & (p_known <= high)
-    verdict = _verdict(model, X, np.nan_to_num(p_known))
-    for what, agree, one, reference_ in (
-        ("label", np.where(defined, right, found["label"] == UNDEFINED), found["label"], expected["label"]),
-        ("probability", largest <= allowed, p[at], other[at]),
-        ("p_known", np.where(defined, between, np.isnan(p_known)), p_known, expected["p_known"]),
-        ("unknown =", found["unknown"] == verdict, found["unknown"], verdict),
+    is_defined = expected["label"] != UNDEFINED
+    p, expected_p = outputs["probabilities"], expected["probabilities"]
+    differences = np.nan_to_num(np.abs(p - expected_p), nan=np.inf)
+    differences[~is_defined & np.isnan(p).all(axis=1)] = 0.0
+    rows = np.arange(len(X))
+    largest, column = differences.max(axis=1), differences.argmax(axis=1)
+    # The label must have the largest probability of the graph, and, except for ties, of the model.
+    class_index = {surface: k for k, surface in enumerate(model.surfaces)}
+    k = np.array([class_index.get(label, -1) for label in outputs["label"].tolist()])
+    label_p, expected_label_p = (np.where(k >= 0, values[rows, k], np.nan) for values in (p, expected_p))
+    is_best = (label_p == p.max(axis=1)) & (expected_label_p >= expected_p.max(axis=1) - 2 * tolerance)
+    # The p-value must be that of the expected novelty score, within its tolerance.
+    p_known, score = outputs["p_known"], expected["novelty_score"]
+    low, high = (model.novelty.p_value(score + sign * score_tolerance) for sign in (1, -1))
+    is_between = (low <= p_known) & (p_known <= high)
+    verdict = _is_unknown(model, X, np.nan_to_num(p_known))
+    labels = outputs["label"]
+    for name, is_same, values, expected_values in (
+        ("label", np.where(is_defined, is_best, labels == UNDEFINED), labels, expected["label"]),
+        ("probability", largest <= tolerance, p[rows, column], expected_p[rows, column]),
+        ("p_known", np.where(is_defined, is_between, np.isnan(p_known)), p_known, expected["p_known"]),
+        ("unknown =", outputs["unknown"] == verdict, outputs["unknown"], verdict),
     ):
-        if not agree.all():
-            i = int(np.argmin(agree))
+        if not is_same.all():
+            i = int(np.argmin(is_same))
             raise ParityError(
-                f"ONNX differs from {against} in {int((~agree).sum())} of {len(names)} "
-                f"{names[i].partition(' ')[0]}s; {names[i]} has {what} {one[i]} in ONNX, {reference_[i]} in "
-                f"{against}. Expected the same label and verdict, and probabilities within {tolerance:g}"
+                f"ONNX differs from {against} in {int((~is_same).sum())} of {len(names)} "
+                f"{names[i].partition(' ')[0]}s; {names[i]} has {name} {values[i]} in ONNX, "
+                f"{expected_values[i]} in {against}. Expected the same label and verdict, and probabilities "
+                f"within {stated_tolerance:g}"
             )
     return np.asarray(largest)
 
 
-def reference(model: Model, X: Samples) -> Said:
-    """Return what a model says of rows of features (n, n_columns), as a graph has to.
+def reference(model: Model, X: Samples) -> Outputs:
+    """Return the outputs of a model for rows of features (n, n_columns), in the form of a graph.
 
     Returns
     -------
     dict of str to ndarray of shape (n, ...)
-        The outputs of a graph; how strange the rows are, as "strange"; and as "tied" where neighbours are so
-        equally far that rounding says which of them count. Of rows of which nothing can be said: "", NaN.
+        Outputs of a graph; "novelty_score"; and "tied", whether rounding decides which neighbours count. Rows
+        without a defined answer have the label "" and NaN.
     """
     prepared = model.prepare(X)
-    defined = np.isfinite(prepared).all(axis=1)
-    seen = prepared[defined]
-    decisions = apply(model.classifier, seen)
-    strange = novelty_scores(model.novelty.kind, decisions, seen, model.novelty.class_distance)
+    is_defined = np.isfinite(prepared).all(axis=1)
+    rows = prepared[is_defined]
+    decisions = apply(model.classifier, rows)
+    scores = novelty_scores(model.novelty.kind, decisions, rows, model.novelty.class_distance)
     p = model.calibration(decisions)
-    said: Said = {}
+    outputs: Outputs = {}
     for name, values, undefined in (
         ("label", np.array(model.surfaces)[p.argmax(axis=1)], UNDEFINED),
         ("probabilities", p, np.nan),
-        ("strange", strange, np.nan),
-        ("p_known", model.novelty.p_value(strange), np.nan),
-        ("tied", _tied(model.classifier, seen), False),
+        ("novelty_score", scores, np.nan),
+        ("p_known", model.novelty.p_value(scores), np.nan),
+        ("tied", _has_tied_neighbours(model.classifier, rows), False),
     ):
-        said[name] = np.full((len(X), *values.shape[1:]), undefined, dtype=values.dtype)
-        said[name][defined] = values
-    return said | {"unknown": _verdict(model, X, np.nan_to_num(said["p_known"]))}
+        outputs[name] = np.full((len(X), *values.shape[1:]), undefined, dtype=values.dtype)
+        outputs[name][is_defined] = values
+    return outputs | {"unknown": _is_unknown(model, X, np.nan_to_num(outputs["p_known"]))}
 
 
-def _tied(classifier: ArrayStep, rows: Samples) -> NDArray[np.bool_]:
-    """Return of which prepared rows the last neighbour that counts and the next one are equally far."""
-    tied, estimator = np.zeros(len(rows), dtype=bool), classifier.get("estimator")
+def _has_tied_neighbours(classifier: ArrayStep, rows: Samples) -> NDArray[np.bool_]:
+    """Return for which prepared rows the n-th nearest neighbour and the next one are at equal distances."""
+    is_tied, estimator = np.zeros(len(rows), dtype=bool), classifier.get("estimator")
     if classifier["operation"] == "neighbours":
         n, squares = classifier["n"], np.sort(squared_distances(rows, classifier["points"]), axis=1)
     elif isinstance(estimator, KNeighborsClassifier) and len(rows):
-        n, most = estimator.n_neighbors, estimator.n_samples_fit_
-        squares = estimator.kneighbors(rows, min(n + 1, most))[0] ** 2
+        n, n_points = estimator.n_neighbors, estimator.n_samples_fit_
+        squares = estimator.kneighbors(rows, min(n + 1, n_points))[0] ** 2
     else:
-        return tied
+        return is_tied
     if n == squares.shape[1]:
-        return tied
-    # A squared distance may come from |a|^2 - 2 a b + |b|^2.
+        return is_tied
+    # The graph computes squared distances as |a|^2 - 2 a b + |b|^2, which rounds differently.
     rounding = TOLERANCE * squares[:, n] + 1e-13 * np.square(rows).sum(axis=1)
     return np.asarray(squares[:, n] - squares[:, n - 1] <= rounding)
 
 
-def check_of(said: Said, i: int) -> dict[str, Any]:
-    """Return the answer for row i, with which a program can check its own."""
+def answer_check(outputs: Outputs, i: int) -> dict[str, Any]:
+    """Return the answer for row i as JSON, for the self-check of a program."""
     return {
-        "label": str(said["label"][i]),
-        "probabilities": said["probabilities"][i].tolist(),
-        "p_known": float(said["p_known"][i]),
-        "unknown": bool(said["unknown"][i]),
+        "label": str(outputs["label"][i]),
+        "probabilities": outputs["probabilities"][i].tolist(),
+        "p_known": float(outputs["p_known"][i]),
+        "unknown": bool(outputs["unknown"][i]),
     }
 
 
-def _rounding(model: Model, X: Samples, p: Samples, rng: np.random.Generator) -> Samples:
-    """Return by how much probabilities change with features changed by 1e-13 of themselves, shape (n,)."""
+def _sensitivity(model: Model, X: Samples, p: Samples, rng: np.random.Generator) -> Samples:
+    """Return the change of probabilities, shape (n,), for a relative change of the features by 1e-13."""
     changes = np.zeros(len(X))
     for _ in range(3):
-        nudged = reference(model, X * (1 + 1e-13 * rng.choice([-1.0, 1.0], X.shape)))["probabilities"]
-        changes = np.maximum(changes, np.nan_to_num(np.abs(nudged - p)).max(axis=1))
+        changed_p = reference(model, X * (1 + 1e-13 * rng.choice([-1.0, 1.0], X.shape)))["probabilities"]
+        changes = np.maximum(changes, np.nan_to_num(np.abs(changed_p - p)).max(axis=1))
     return changes
 
 
-def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, outputs: Sequence[str] = OUTPUTS) -> Said:
-    """Return what onnxruntime answers, by output.
+def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, outputs: Sequence[str] = OUTPUTS) -> Outputs:
+    """Run a graph in onnxruntime and return its outputs.
 
     Parameters
     ----------
     graph : bytes
-        The ONNX model.
+        ONNX model.
     X : ndarray of shape (n, ...)
         Rows of features, or windows.
     entry : str
-        Input that takes them.
+        Name of the input.
     outputs : sequence of str
-        What is asked for.
+        Names of the outputs to return.
 
     Raises
     ------
     OnnxExportError
-        If it cannot.
+        If onnxruntime cannot run the graph.
     """
     import onnxruntime
 
@@ -272,74 +288,77 @@ def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, outputs: Sequence[
     options.log_severity_level = 4
     try:
         session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
-        # Distances and spectra take memory: 64 rows or windows at a time.
+        # Batches of 64 rows or windows limit the memory for distances and spectra.
         batches = (np.ascontiguousarray(X[k : k + 64]) for k in range(0, len(X), 64))
-        found = [session.run(list(outputs), {entry: batch}) for batch in batches]
-    except Exception as error:  # its exceptions have no class in common
-        said = f"onnxruntime {onnxruntime.__version__} cannot run the graph ({error})"
-        raise OnnxExportError(f"{said}. Expected operators that it has in double precision") from error
-    whole = {name: np.concatenate(parts) for name, *parts in zip(outputs, *found, strict=True)}
-    return {name: said.astype(str) if name == "label" else said for name, said in whole.items()}
+        results = [session.run(list(outputs), {entry: batch}) for batch in batches]
+    except Exception as error:  # the exceptions of onnxruntime have no common base class
+        raise OnnxExportError(
+            f"onnxruntime {onnxruntime.__version__} cannot run the graph ({error}). Expected operators that "
+            "it supports in double precision: install a newer version"
+        ) from error
+    arrays = {name: np.concatenate(batches) for name, *batches in zip(outputs, *results, strict=True)}
+    return {name: values.astype(str) if name == "label" else values for name, values in arrays.items()}
 
 
 def check_rows(model: Model, seed: int = SEED) -> tuple[Samples, NDArray[np.str_]]:
-    """Return rows on which a model and its graph are compared.
+    """Return the rows of features for which a model and its graph are compared.
 
     Parameters
     ----------
     model : Model
-        Its ranges say what values the columns had in training; a column without any stays undefined.
+        Trained model with the ranges of its features; columns that were never defined in training stay
+        undefined.
     seed : int
-        Of everything random.
+        Seed of the random rows.
 
     Returns
     -------
     X : ndarray of shape (n, n_columns)
-        NaN where undefined.
+        Rows of features, NaN where undefined.
     kinds : ndarray of str, shape (n,)
-        "ordinary", "extreme", "undefined" or "boundary".
+        Kind of each row: "ordinary", "extreme", "undefined" or "boundary".
     """
     rng, order = np.random.default_rng(seed), (UNDEFINED, *sorted(model.surfaces))
     low, median, high = model.ranges.low, model.ranges.median, model.ranges.high
     n_columns = len(median)
 
-    def numbered(X: Samples) -> NDArray[np.intp]:
-        said = reference(model, X)
-        return np.asarray(2 * np.searchsorted(order, said["label"]) + said["unknown"])
+    def answer_number(X: Samples) -> NDArray[np.intp]:
+        outputs = reference(model, X)
+        return np.asarray(2 * np.searchsorted(order, outputs["label"]) + outputs["unknown"])
 
-    # Between the ends of the ranges; how far a row strays from the median is drawn as well.
+    # Within the ranges of training, at random distances from the median.
     u = rng.uniform(-1, 1, (100, n_columns)) * rng.uniform(0, 1, (100, 1))
     ordinary = median + u * np.where(u < 0, median - low, high - median)
-    # What the model remembers, and rows on the way from there to each other and to others.
-    known = remembered(model)
-    if len(known):
-        every, n = np.concatenate([known, ordinary]), 150
-        A, B = (rows[rng.integers(len(rows), size=n)] for rows in (known, every))
-        some = known[rng.permutation(len(known))[:n]]
-        ordinary = np.concatenate([ordinary, some, _mixed(A, B, rng.uniform(0, 1, n) ** 2)])
-    # The ends, corners of the ranges, and as far outside again.
+    # Stored rows, and mixtures of them with each other and with random rows.
+    stored = stored_rows(model)
+    if len(stored):
+        all_rows, n = np.concatenate([stored, ordinary]), 150
+        A, B = (rows[rng.integers(len(rows), size=n)] for rows in (stored, all_rows))
+        selected = stored[rng.permutation(len(stored))[:n]]
+        ordinary = np.concatenate([ordinary, selected, _mix(A, B, rng.uniform(0, 1, n) ** 2)])
+    # Limits and corners of the ranges, and rows twice as far from the median.
     corners = np.where(rng.random((64, n_columns)) < 0.5, low, high)
     extreme = np.concatenate([[low, median, high], corners, corners + (corners - median)])
-    # Without a fifth of their values, or without one; and a row without any.
-    gaps = rng.random(ordinary.shape) < 0.2
-    gaps[::2] = np.arange(n_columns) == rng.integers(n_columns, size=(len(gaps[::2]), 1))
-    undefined = np.concatenate([np.where(gaps, np.nan, ordinary), np.full((1, n_columns), np.nan)])
-    boundary = _near_boundaries(ordinary, numbered, rng)
+    # A fifth of the values undefined, or one value, or all.
+    is_undefined = rng.random(ordinary.shape) < 0.2
+    is_undefined[::2] = np.arange(n_columns) == rng.integers(n_columns, size=(len(is_undefined[::2]), 1))
+    undefined = np.concatenate([np.where(is_undefined, np.nan, ordinary), np.full((1, n_columns), np.nan)])
+    boundary = _near_boundaries(ordinary, answer_number, rng)
     rows = {"ordinary": ordinary, "extreme": extreme, "undefined": undefined, "boundary": boundary}
     return np.concatenate(list(rows.values())), np.repeat(list(rows), [len(X) for X in rows.values()])
 
 
-def remembered(model: Model) -> Samples:
-    """Return rows of features that a model remembers of its surfaces: training samples, or means of classes.
+def stored_rows(model: Model) -> Samples:
+    """Return the rows of features that a model stores: training samples or class means.
 
-    None, shape (0, n_columns), where nothing is remembered, or a step cannot be undone.
+    The shape is (0, n_columns) if the model stores none, or a step cannot be inverted.
     """
-    distance, nothing = model.novelty.class_distance, np.empty((0, len(model.columns)))
-    prepared = _in_classifier(model.classifier)
-    if distance is not None:  # the features of the class means that are closest to the mean of all
+    distance, no_rows = model.novelty.class_distance, np.empty((0, len(model.columns)))
+    prepared = _rows_in_classifier(model.classifier)
+    if distance is not None:  # class means in the space of features, as close to the total mean as possible
         prepared.append(distance.mean + distance.class_means @ np.linalg.pinv(distance.projection))
     if not prepared:
-        return nothing
+        return no_rows
     rows = np.concatenate(prepared)
     for part in reversed(model.steps):
         match part:
@@ -352,37 +371,34 @@ def remembered(model: Model) -> Samples:
             case {"operation": "estimator", "estimator": step} if hasattr(step, "inverse_transform"):
                 rows = step.inverse_transform(rows)
             case _:
-                return nothing
+                return no_rows
     return rows
 
 
 def self_checks(model: Model) -> list[dict[str, Any]]:
-    """Return rows of features with the answers they have: medians, with gaps, and what training was like.
-
-    null stands for NaN.
-    """
+    """Return rows of features with their answers as JSON: medians, medians with gaps, and stored rows."""
     median = model.ranges.median
-    gaps = np.where(np.arange(len(median)) % 2, median, np.nan)
-    known = remembered(model)
-    some = np.linspace(0, len(known) - 1, min(3, len(known)), dtype=int)
-    X = np.concatenate([[median, gaps], known[some]])
-    said = reference(model, X)
-    answered = np.flatnonzero(said["label"] != UNDEFINED).tolist()
-    return [{"features": listed(X[i]), **check_of(said, i)} for i in answered]
+    with_gaps = np.where(np.arange(len(median)) % 2, median, np.nan)
+    stored = stored_rows(model)
+    selected = np.linspace(0, len(stored) - 1, min(3, len(stored)), dtype=int)
+    X = np.concatenate([[median, with_gaps], stored[selected]])
+    outputs = reference(model, X)
+    indices = np.flatnonzero(outputs["label"] != UNDEFINED).tolist()
+    return [{"features": to_json(X[i]), **answer_check(outputs, i)} for i in indices]
 
 
-def listed(values: Samples) -> list[float | None]:
-    """Return values as JSON has them: null for NaN."""
+def to_json(values: Samples) -> list[float | None]:
+    """Return values as a list with None (null in JSON) for NaN."""
     return [None if np.isnan(value) else value for value in values.tolist()]
 
 
-def _in_classifier(part: ArrayStep) -> list[Samples]:  # noqa: PLR0911  (one for each kind)
-    """Return the prepared rows that a classifier remembers."""
+def _rows_in_classifier(part: ArrayStep) -> list[Samples]:  # noqa: PLR0911  (one for each kind)
+    """Return the prepared rows that a classifier stores."""
     match part:
         case {"operation": "vote", "whole": dict(whole)}:
-            return _in_classifier(whole)
+            return _rows_in_classifier(whole)
         case {"operation": "chain", "steps": [{"operation": "clip"}], "classifier": dict(kernel)}:
-            return _in_classifier(kernel)
+            return _rows_in_classifier(kernel)
         case {"operation": "kernel", "views": [{"mean": mean, "scale": scale, "weights": weights}, *_]}:
             if weights.ndim > 1:
                 return []
@@ -392,33 +408,32 @@ def _in_classifier(part: ArrayStep) -> list[Samples]:  # noqa: PLR0911  (one for
         case {"operation": "gauss", "mean": rows} | {"operation": "centroids" | "neighbours", "points": rows}:
             return [rows]
         case {"operation": "estimator", "estimator": classifier}:
-            names = ("means_", "theta_", "centroids_")  # in which scikit-learn keeps means of classes
+            names = ("means_", "theta_", "centroids_")  # class means of scikit-learn estimators
             return [np.asarray(getattr(classifier, name)) for name in names if hasattr(classifier, name)]
     return []
 
 
-def _verdict(model: Model, X: Samples, p_known: Samples) -> NDArray[np.bool_]:
-    """Return which rows are unknown, of their p-values."""
+def _is_unknown(model: Model, X: Samples, p_known: Samples) -> NDArray[np.bool_]:
     return np.asarray((p_known <= model.novelty.false_alarms) | np.isnan(X).all(axis=1))
 
 
 def _near_boundaries(
-    rows: Samples, name: Callable[[Samples], NDArray[np.intp]], rng: np.random.Generator
+    rows: Samples, answer_number: Callable[[Samples], NDArray[np.intp]], rng: np.random.Generator
 ) -> Samples:
-    """Return mixtures of two rows with different answers, close to where the answer changes, if it does."""
-    names, n_pairs = name(rows), 64
+    """Return mixtures of two rows with different answers, close to the decision boundary (by bisection)."""
+    answers, n_pairs = answer_number(rows), 64
     i, j = rng.integers(len(rows), size=(2, 50 * n_pairs))
-    pairs = np.flatnonzero(names[i] != names[j])[:n_pairs]
-    A, B, named = rows[i[pairs]], rows[j[pairs]], names[i[pairs]]
+    pairs = np.flatnonzero(answers[i] != answers[j])[:n_pairs]
+    A, B, answers_of_A = rows[i[pairs]], rows[j[pairs]], answers[i[pairs]]
     low, high = np.zeros(len(pairs)), np.ones(len(pairs))
     for _ in range(30 if len(pairs) else 0):
         middle = (low + high) / 2
-        same = name(_mixed(A, B, middle)) == named
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    # So far from the boundary, in parts of the way between the two rows.
+        is_same = answer_number(_mix(A, B, middle)) == answers_of_A
+        low, high = np.where(is_same, middle, low), np.where(is_same, high, middle)
+    # Distances from the boundary as fractions of the distance between the two rows.
     margins = (0.0, 1e-9, 1e-6, 1e-3)
-    return np.concatenate([_mixed(A, B, t) for m in margins for t in (low - m, high + m)])
+    return np.concatenate([_mix(A, B, t) for m in margins for t in (low - m, high + m)])
 
 
-def _mixed(A: Samples, B: Samples, t: Samples) -> Samples:
+def _mix(A: Samples, B: Samples, t: Samples) -> Samples:
     return np.asarray(A + t[:, None] * (B - A))
