@@ -9,7 +9,7 @@ The areas `texclass.haptics` and `texclass.robot`, and other packages, register 
 | `texclass.readers` | suffix | module with `names(path, settings)` and `read(path, wanted, settings)` |
 | `texclass.dataset_formats` | `format` of a card | module with `open_models(card, root, **attributes)` |
 | `texclass.sources` | "ros2" | module with `topic_blocks` and `AnswerPublisher` |
-| `texclass.exporters` | "onnx" | module with `without_graph(feature_set)` |
+| `texclass.exporters` | "onnx" | module with `features_without_graph(feature_set)` |
 | `texclass.commands` | any | module that registers commands with `texclass.cli.app.app.command()` |
 
     [project.entry-points."texclass.readers"]
