@@ -81,7 +81,9 @@ def compared(name: str, n_baseline_draws: int, asked: Any) -> dict[str, Any]:
     for seed in range(asked.draws):
         splits = protocol.split(known.frame, N_FOLDS, seed)
         for row in (FIRST, LAST):
-            trial = pipeline.trial(MatchedRow.of(definitions[row], pipeline.features, known), "kernel", known)
+            trial = pipeline.trial(
+                MatchedRow.match(definitions[row], pipeline.features, known), "kernel", known
+            )
             right = np.full(len(labels), np.nan)
             for (_, test), found in zip(splits, trial(splits).hits, strict=True):
                 right[test] = found

@@ -57,8 +57,8 @@ def measure(skill: str, p: float, n_operators: int, n_tests: int) -> list[dict[s
     ]
     rows: list[dict[str, float | str]] = []
     # Without a least error (NaN) the spread alone is left.
-    for way, least in (("ours", accuracy.LEAST_CORRELATION), ("spread alone", -np.inf)):
-        with patch.object(accuracy, "LEAST_CORRELATION", least), np.errstate(invalid="ignore"):
+    for way, least in (("ours", accuracy.MIN_CORRELATION), ("spread alone", -np.inf)):
+        with patch.object(accuracy, "MIN_CORRELATION", least), np.errstate(invalid="ignore"):
             low, high = np.array([accuracy.cluster_interval(hits, clusters) for hits in trials]).T
         rows.append(
             {
@@ -88,7 +88,7 @@ def main() -> None:
     blocks = [
         f"{N_TRIALS:,} trials of each of 4 proportions (0.6 to 0.9) and about 10, 20 and 100 tests per "
         "operator, unequal by up to e^2: the lowest coverage of these, and the mean width in points. The "
-        f"lower limit allows for an intraclass correlation of {accuracy.LEAST_CORRELATION:g} at least; "
+        f"lower limit allows for an intraclass correlation of {accuracy.MIN_CORRELATION:g} at least; "
         "`spread alone` does not. 2,000 trials estimate a coverage of 0.93 to 0.006.",
         table(
             shown,

@@ -24,7 +24,7 @@ from distributed import Client
 from scaling_study import FS, SEED, card_of
 from study import command_line, table, write
 
-from texclass.evaluation import extract_partitions, extract_table, running_on
+from texclass.evaluation import extract_partitions, extract_table, use_backend
 from texclass.features import load_feature_set
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
@@ -61,7 +61,7 @@ def measure(card: Path, way: str, output: Path) -> dict[str, float]:
                 idle = peak_mb(processes[0].pid)
                 address = client.scheduler.address
                 moved, start = psutil.net_io_counters(pernic=True)["lo"].bytes_sent, time.perf_counter()
-                with running_on("dask", address):
+                with use_backend("dask", address):
                     if way == "table":
                         extract_table(dataset, features, output)
                     else:

@@ -27,7 +27,7 @@ from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.folds import Evaluation, evaluate
 from texclass.evaluation.pipeline import MatchedRow
-from texclass.evaluation.protocols import FewShot, splits_of
+from texclass.evaluation.protocols import FewShot, make_splits
 from texclass.evaluation.splits import Indices, Split, runs
 from texclass.loaders import open_dataset
 from texclass.recognition import NoveltyDetector
@@ -63,18 +63,20 @@ def main() -> None:
         dataset = open_dataset(name)
         hashes[name] = dataset.input_hash
         if window_s is not None:
-            dataset = windows.overlapping(
+            dataset = windows.add_overlapping_windows(
                 cut_windows(dataset, window_s, n_jobs=1), load_pipeline(own).overlap
             )
         pipelines = [load_pipeline(each) for each in dict.fromkeys((own, *others))]
         tables = [cached_table(dataset, *p.needed, channels=p.channels, n_jobs=1) for p in pipelines]
-        meter = CostMeter.on(dataset, tables[0].frame["recording_id"].tolist(), pipelines[0].channels)
+        meter = CostMeter.from_dataset(
+            dataset, tables[0].frame["recording_id"].tolist(), pipelines[0].channels
+        )
         default, *_ = without_selection(list_candidates(pipelines[0], tables[0], meter))
         for protocol, n, splits in cells(tables[0].frame):
             cell = {"set": name, "protocol": protocol, "n": n, "n_folds": len(splits)}
             found["cells"].append(cell | compared(default, list(zip(pipelines, tables, strict=True)), splits))
             print(cell, *(found["cells"][-1][who]["mean"] for who in ("default", "best")), flush=True)
-        frame = tables[0].frame[windows.asked(tables[0].frame)].reset_index(drop=True)
+        frame = tables[0].frame[windows.is_testable(tables[0].frame)].reset_index(drop=True)
         for n, start, trains, later in made_in_one_go(frame):
             told = {"set": name, "n": n, "start": start}
             found["promises"].append(told | promised(default, frame, trains, later, start))
@@ -127,8 +129,8 @@ def compared(
     rows = []
     for pipeline, features in offers:
         for definition in (row for row in pipeline.rows if row.select is None):
-            row = MatchedRow.of(definition, pipeline.features, features)
-            names = definition.judged_by(pipeline.classifiers) if row.columns else ()
+            row = MatchedRow.match(definition, pipeline.features, features)
+            names = definition.select_classifiers(pipeline.classifiers) if row.columns else ()
             for name in names:
                 with suppress(ValueError):
                     said = pipeline.trial(row, name, features)(splits)
@@ -223,7 +225,7 @@ def answers(
     """Return what is said of recordings held out from those that train, and of later ones."""
     part = frame.iloc[trains].reset_index(drop=True)
     return (
-        predict_held_out(default, part, splits_of(find_protocol("recording"), part, SEED)),
+        predict_held_out(default, part, make_splits(find_protocol("recording"), part, SEED)),
         predict_held_out(default, frame, [(trains, later)]),
     )
 

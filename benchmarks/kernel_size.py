@@ -11,9 +11,9 @@ from study import command_line, interval, table, timed, write
 
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
 from texclass.evaluation import cached_table, cut_windows, load_pipeline
-from texclass.evaluation.folds import over_folds
+from texclass.evaluation.folds import map_folds
 from texclass.evaluation.pipeline import MatchedRow
-from texclass.evaluation.protocols import find_protocol, splits_of
+from texclass.evaluation.protocols import find_protocol, make_splits
 from texclass.loaders import open_dataset
 from texclass.recognition.array_form import classifier_of
 from texclass.robot.export.answers_graph import add_part
@@ -29,10 +29,10 @@ def judged(classifier, data, splits):
     """Return accuracy, samples kept, kB and seconds of the fit."""
 
     def fitted_on(fold):
-        found, seconds = timed(lambda: fold.fitted(classifier))
-        return found, found.predict(fold.asked) == fold.truth, seconds
+        found, seconds = timed(lambda: fold.fit(classifier))
+        return found, found.predict(fold.X_test) == fold.y_test, seconds
 
-    ((fitted, hits, seconds),) = over_folds(fitted_on, data.X, data.y, splits, preprocessing())
+    ((fitted, hits, seconds),) = map_folds(fitted_on, data.X, data.y, splits, preprocessing())
     graph = Graph()
     add_part(classifier_of(fitted), Tensor(graph, "rows"))
     return {
@@ -49,14 +49,14 @@ def main() -> None:
     found = cached_table(felt, *pipeline.needed, channels=pipeline.channels, n_jobs=asked.jobs)
     frame, protocol = found.frame, find_protocol("chronological")
     row = next(row for row in pipeline.rows if row.name == ROW)
-    columns = list(MatchedRow.of(row, pipeline.features, found).columns)
+    columns = list(MatchedRow.match(row, pipeline.features, found).columns)
     data = LabelledData(
         frame[columns].to_numpy(dtype=np.float64),
         frame["surface"].to_numpy(dtype=str),
         protocol.clusters(frame),
         protocol.independent(frame)[1],
     )
-    splits = splits_of(protocol, frame, pipeline.seed)
+    splits = make_splits(protocol, frame, pipeline.seed)
     rows = []
     for max_kb in LIMITS_KB:
         few = judged(KernelDiscriminant(max_kb=max_kb), data, splits)

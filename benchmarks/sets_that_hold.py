@@ -15,7 +15,7 @@ from study import command_line, table, write
 
 from texclass.evaluation import cached_table, cluster_interval, cut_windows, load_pipeline
 from texclass.evaluation.cost import CostMeter
-from texclass.evaluation.protocols import find_protocol, splits_of
+from texclass.evaluation.protocols import find_protocol, make_splits
 from texclass.evaluation.windows import parents
 from texclass.loaders import open_dataset
 from texclass.recognition.candidates import list_candidates
@@ -65,12 +65,12 @@ def measure(case: dict[str, Any]) -> list[dict[str, Any]]:
     felt = dataset if case["window_s"] is None else cut_windows(dataset, case["window_s"])
     features = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
     frame = features.frame.reset_index(drop=True)
-    meter = CostMeter.on(felt, frame["recording_id"].tolist(), pipeline.channels)
+    meter = CostMeter.from_dataset(felt, frame["recording_id"].tolist(), pipeline.channels)
     (candidate,) = list_candidates(pipeline, features, meter, row=case["row"], classifier=case["classifier"])
     ways: dict[tuple[str, float], list[dict[str, Any]]] = {}
     for train, test in draws(case["dataset"], frame):
         learnt, asked = frame.iloc[train].reset_index(drop=True), frame.iloc[test]
-        splits = splits_of(find_protocol(case["held_out"]), learnt, pipeline.seed)
+        splits = make_splits(find_protocol(case["held_out"]), learnt, pipeline.seed)
         held_out = predict_held_out(candidate, learnt, splits)
         calibration = fit_calibration(held_out.decisions, held_out.labels)
         of = facts(learnt.iloc[held_out.rows])

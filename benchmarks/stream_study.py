@@ -24,7 +24,7 @@ from study import command_line, in_turns, interval, table, timed, write
 
 from texclass.evaluation import PipelineDefinition, cut_windows, load_pipeline, wilson_interval
 from texclass.evaluation.pipeline import RowDefinition
-from texclass.evaluation.windows import by_recording
+from texclass.evaluation.windows import group_by_recording
 from texclass.loaders import Dataset, open_dataset
 from texclass.provenance import versions
 from texclass.recognition import (
@@ -101,7 +101,7 @@ def _biotac() -> Model:
     cut = cut_windows(biotac_recordings(range(1, TRAINED_REPETITIONS + 1)), BIOTAC_TOUCH_S, step=HOP_S)
     kept = [
         window
-        for windows in by_recording(cut.entries)
+        for windows in group_by_recording(cut.entries)
         for i, window in enumerate(windows)
         # Other places in each repetition: a stream has its windows at all of them.
         if i < BIOTAC_OPENING or (i + (window.repetition or 0)) % BIOTAC_EVERY == 0

@@ -159,7 +159,10 @@ def write(
             fact = ", ".join(f"{name} {str(digest)[:16]}" for name, digest in fact.items())
         again[key.replace("_", " ").capitalize()] = str(fact)
     document = Document(
-        title, blocks, again={name: fact for name, fact in again.items() if fact}, versions=made["versions"]
+        title,
+        blocks,
+        reproduction={name: fact for name, fact in again.items() if fact},
+        versions=made["versions"],
     )
     text = render_markdown(document)
     page = next((page for page, studies in PAGES.items() if name in studies), name)

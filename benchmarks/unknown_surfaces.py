@@ -49,7 +49,7 @@ def main() -> None:
     dataset, pipeline = open_dataset("biotac20"), load_pipeline(PIPELINE)
     features = cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
     row = next(r for r in pipeline.rows if r.name == ROW)
-    columns = list(MatchedRow.of(row, pipeline.features, features).columns)
+    columns = list(MatchedRow.match(row, pipeline.features, features).columns)
     pairs = list(itertools.combinations(dataset.surfaces, 2))
     drawn = np.random.default_rng(SEED).permutation(len(pairs))[: asked.pairs]
     made = {

@@ -10,7 +10,7 @@ from fuzz.mutate import json_of
 from fuzz.recordings import OF_BAGS
 from fuzz.targets import LIBRARIES, target_of
 
-from texclass.evaluation.feature_table import read_part, read_table
+from texclass.evaluation.feature_table import read_checkpoint, read_table
 from texclass.loaders import CardError
 from texclass.loaders.readers import formats
 from texclass.recording import RecordingError
@@ -112,7 +112,7 @@ def test_test_modules_of_libraries_are_not_imported(tmp_path, monkeypatch):
 
     refuse = lambda name: pytest.fail(f"imported {name}")  # noqa: E731
     monkeypatch.setattr(allowed_estimators.importlib, "import_module", refuse)
-    with pytest.raises(ValueError, match="is refused"):
+    with pytest.raises(ValueError, match="is not an allowed estimator"):
         allowed_estimators.resolve("sklearn.tests.test_base.MyEstimator")
 
 
@@ -235,7 +235,7 @@ def test_a_damaged_part_of_an_extraction_says_what_to_do(row, tmp_path):
     whole = {"features": [1.0, float("nan")], "reasons": [["mfcc", "short"]], "flags": [], "ms": 1.0}
     whole |= {"axes": ["x"], "phases": [1, 2.0, 3.0]}
     path.write_text(json.dumps([whole]))
-    assert read_part(path, 2)[0].ms == 1.0
+    assert read_checkpoint(path, 2)[0].ms == 1.0
     path.write_text(json.dumps([whole | row]))
-    with pytest.raises(ValueError, match=r"p\.json: is damaged.*delete it"):
-        read_part(path, 2)
+    with pytest.raises(ValueError, match=r"p\.json is damaged.*Delete it"):
+        read_checkpoint(path, 2)

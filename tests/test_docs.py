@@ -83,10 +83,10 @@ def test_the_page_of_the_new_feature_works_and_its_study_is_complete(folder, mon
     (file,) = folder.glob("reports/*-feature.json")
     found = json.loads(file.read_text())
     assert found["rows"][-1]["name"] == "New: crest"
-    paired = found["gains"]["groups"][0]["paired"]
+    comparison = found["ablation"]["groups"][0]["comparison"]
     # The latter if all folds agree.
-    assert paired["test"].startswith(("corrected resampled t-test", "exact McNemar test"))
-    assert paired["least"] > 0
+    assert comparison["test"].startswith(("corrected resampled t-test", "exact McNemar test"))
+    assert comparison["minimum_detectable"] > 0
     assert found["new_feature"]["gain_law"]["holds"]
     assert all(answer["is_valid"] for answer in found["new_feature"]["degenerate_inputs"])
     assert "17 of 17 results meet the feature contract" in capsys.readouterr().out

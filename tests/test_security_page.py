@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from texclass.evaluation import allowed_estimators, trusted
+from texclass.evaluation import allowed_estimators, skops_archive
 from texclass.loaders import filesets, readers, text_layout
 
 TEXT = (Path(__file__).parents[1] / "SECURITY.md").read_text(encoding="utf-8")
@@ -21,7 +21,7 @@ def test_the_documented_limits_equal_those_of_the_code():
         f"{allowed_estimators.LIMITS.weights:,} weights between hidden layers",
         f"{allowed_estimators.LIMITS.nesting} nested estimators",
         f"lists of {allowed_estimators.LIMITS.members} members",
-        f"{trusted.MOST_BYTES >> 30} GiB; a schema of {trusted.MOST_SCHEMA_BYTES >> 20} MiB",
+        f"{skops_archive.MAX_BYTES >> 30} GiB; a schema of {skops_archive.MAX_SCHEMA_BYTES >> 20} MiB",
     ):
         assert limit in TEXT, limit
 

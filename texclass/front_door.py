@@ -143,12 +143,12 @@ def plot_recording(
     >>> recording = tx.Recording(np.random.default_rng(0).standard_normal((20_000, 3)), fs=10_000)
     >>> tx.plot_recording(recording).savefig("recording.png")
     """
-    from texclass.evaluation.inspection import inspected
+    from texclass.evaluation.inspection import inspect_recording
     from texclass.loaders import find_recording
 
     if isinstance(recording, str | Path):
         recording = find_recording(recording, fs=fs, unit=unit)
-    return inspected(recording, "strese2015")[0]
+    return inspect_recording(recording, "strese2015")[0]
 
 
 def as_dataset(dataset: Any, fs: float | None, unit: str | None) -> Any:

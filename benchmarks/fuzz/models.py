@@ -22,7 +22,13 @@ from fuzz.mutate import Tree, archives, either, json_of, members_of, of_bytes, o
 from fuzz.recordings import valid, written
 from texclass.baselines.worker_process import read_outcome
 from texclass.classifiers import KernelDiscriminant
-from texclass.evaluation.feature_table import FeatureTable, LeftOut, read_part, read_table, write_table
+from texclass.evaluation.feature_table import (
+    FeatureTable,
+    LeftOutRecording,
+    read_checkpoint,
+    read_table,
+    write_table,
+)
 from texclass.evaluation.windows import read_movements
 from texclass.features.extractor import Reason
 from texclass.loaders.simulated import read_cached, write_cached
@@ -94,7 +100,7 @@ def _tables() -> list[bytes]:
                           "session": [None, None], "repetition": pd.array([1, None], dtype="Int64"),
                           "mfcc.c1": [1.0, np.nan]})  # fmt: skip
     table = FeatureTable(frame, ("mfcc.c1",), np.array([1.0, 2.0]), (Reason("b", "mfcc", "short"),), (),
-                         (LeftOut("c", "bad"),), "key")  # fmt: skip
+                         (LeftOutRecording("c", "bad"),), "key")  # fmt: skip
     return [written("a.parquet", lambda p: write_table(table, p))]
 
 
@@ -124,7 +130,7 @@ def _table_facts(rng: random.Random, data: bytes) -> bytes:
 
 
 def _part(path: Path) -> object:
-    rows = read_part(path, 2)
+    rows = read_checkpoint(path, 2)
     assert all(len(row.features) == 2 and np.isfinite(row.ms) for row in rows)
     return rows
 

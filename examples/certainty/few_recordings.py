@@ -18,7 +18,7 @@ for pipeline, n_trained, shift in (("strese2015", [3, 4, 6], -0.05), ("surfaces"
         result = tx.benchmark(
             dataset, pipeline, protocol=f"repetition=1-{n} -> repetition=7-12", nested_cv=True
         )
-        accuracies.append(result.data["choice"]["accuracy"])
+        accuracies.append(result.data["nested_cv"]["accuracy"])
     accuracy = 100 * pd.DataFrame(accuracies)[["mean", "low", "high"]]
     error = [accuracy["mean"] - accuracy["low"], accuracy["high"] - accuracy["mean"]]
     axis.errorbar(

@@ -80,7 +80,7 @@ def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
             Heading("Random paths"), paths(numbers),
             Heading("Recordings of others"), *recorded(numbers),
         ],
-        again={
+        reproduction={
             "command": f"python examples/papers/{KEY}.py --out DIR",
             "seed": str(seed),
             "inputs": ", ".join(f"{name} {value[:12]}" for name, value in numbers["input_hash"].items()),

@@ -178,7 +178,7 @@ def build_chapter(numbers, curves, excerpts, speeds, wood, seed):
             and 160 mm/s every 0.2 s, relative to the largest difference at constant speed. A value near 1
             means no click. The time per sample is that of one block on the machine of this run.""",
         ],
-        again={
+        reproduction={
             "Command": "`python examples/papers/oeztuerk2018.py --out DIR`",
             "Inputs": ", ".join(f"{k} {v[:12]}" for k, v in numbers["input_hash"].items()) or "none",
         },

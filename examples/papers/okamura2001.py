@@ -85,7 +85,7 @@ def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
         blocks,
         subtitle='Okamura, Cutkosky, Dennerlein, "Reality-based models for vibration feedback in virtual '
         'environments", 2001',
-        again={
+        reproduction={
             "command": f"python examples/papers/{KEY}.py --out DIR",
             "seed": str(seed),
             "input": digest or "none",

@@ -59,7 +59,7 @@ def interpreter(tmp_path_factory):
 @pytest.fixture
 def ours_here(monkeypatch):
     """Time our rows in this process: starting another takes longer than all they do."""
-    monkeypatch.setattr(worker_process, "each", lambda calls, n_jobs: (call() for call in calls))
+    monkeypatch.setattr(worker_process, "run_parallel", lambda calls, n_jobs: (call() for call in calls))
 
 
 @pytest.fixture(scope="session")

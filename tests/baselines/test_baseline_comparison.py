@@ -14,7 +14,7 @@ from texclass.baselines import (
 )
 from texclass.baselines.comparison import _length_notes, every_channel, same_signals
 from texclass.evaluation import BenchmarkResult
-from texclass.evaluation.result import CHOICE
+from texclass.evaluation.result_facts import NESTED_CV_TITLE
 from texclass.features.phase_view import views_of
 from texclass.recording import Phases, Recording, Tap
 
@@ -85,12 +85,15 @@ def test_what_was_chosen_inside_the_training_parts_competes_first_and_is_compare
     folds = [[row, judge]] * 3 + [[other["row"], other["classifier"]]]
     accuracy = result.data["rows"][0]["accuracy"][judge]
     chosen = BenchmarkResult(
-        {**result.data, "choice": {"accuracy": accuracy, "chosen": folds, "protocol": "recording"}}
+        {
+            **result.data,
+            "nested_cv": {"accuracy": accuracy, "selected": folds, "inner_protocols": ["recording"]},
+        }
     )
     settings = BaselineSettings(("mfcc",), interpreter("perfect"))
     found = compare_with_baselines(dataset, pipeline, chosen, settings)
     first, best, *_ = found.data["contestants"]
-    assert (first["name"], first["classifier"], first["difference"]) == (CHOICE, "selected", None)
+    assert (first["name"], first["classifier"], first["difference"]) == (NESTED_CV_TITLE, "selected", None)
     assert first["accuracy"]["folds"][:3] == best["accuracy"]["folds"][:3]
     hits = first["accuracy"]["mean"]
     assert of_baseline(found, "mfcc")["difference"]["difference"] == pytest.approx(hits - 1.0)
@@ -105,7 +108,7 @@ def test_settings_are_checked():
         ({"names": ("mfcc", "weka")}, "weka"),
         ({"time_limit_s": 0.0}, "0.0 s"),
         ({"time_limit_s": np.nan}, "nan"),
-        ({"signals": "raw"}, "'raw'.*'same' or 'each'"),
+        ({"signals": "raw"}, "'same' or 'each', got 'raw'"),
     ):
         with pytest.raises(ValueError, match=told):
             BaselineSettings(**wrong)
@@ -119,7 +122,7 @@ def test_a_limit_keeps_surfaces_whole(bench):
     assert len(some) == 8
     assert "2 of the 3 surfaces" in some.notes[-1]
     assert whole_surfaces(dataset, 12) is dataset
-    with pytest.raises(ValueError, match="limit of 7"):
+    with pytest.raises(ValueError, match="limit is 7"):
         whole_surfaces(dataset, 7)
 
 

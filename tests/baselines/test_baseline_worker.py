@@ -15,7 +15,7 @@ from texclass.baselines.baseline_worker.baselines import (
     BASELINES,
     CLASSIFIERS,
     CountScaler,
-    OfEqualLength,
+    EqualLength,
     PerRecording,
     equal_lengths,
 )
@@ -45,7 +45,7 @@ def test_what_is_written_is_read(task, signals):
     assert (found.fs, found.seed, len(found.signals)) == (1000.0, 5, 24)
     for one, other in zip(found.signals, signals, strict=True):
         np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(found.of(np.array([7, 3]))[1], signals[3])
+    np.testing.assert_array_equal(found.select(np.array([7, 3]))[1], signals[3])
     np.testing.assert_array_equal(found.signals[2:4][0], signals[2])
     for (train, test), (a, b) in zip(found.splits, SPLITS, strict=True):
         np.testing.assert_array_equal(train, a)
@@ -77,7 +77,7 @@ def test_equal_lengths_crop_the_middle_and_pad_with_zeros():
     found = equal_lengths([long, short], 5)
     assert found[0, 0].tolist() == [2, 3, 4, 5, 6]
     assert found[1, 0].tolist() == [1, 1, 1, 0, 0]
-    assert OfEqualLength(list, list).fit([long, short, short]).n_samples == 3
+    assert EqualLength(list, list).fit([long, short, short]).n_samples == 3
 
 
 def test_channels_are_described_apart_and_what_is_not_finite_takes_the_training_median():

@@ -19,7 +19,7 @@ from texclass.evaluation.accuracy import (
     exact_mcnemar,
     has_spread,
     holm,
-    least_difference,
+    minimum_detectable_difference,
     most_frequent,
     score,
     wilson_interval,
@@ -129,9 +129,13 @@ def test_score_of_windows_holds_bounds_balance_and_vote():
     assert found.balanced == pytest.approx((3 / 7 + 1) / 2)
     hits, of = [1, 1, 0, 0, 0, 1, 0, 1], [1, 1, 1, 2, 2, 3, 3, 4]
     assert found.bounds == found.interval == cluster_interval(hits, of)
-    assert (found.voted.n_hits, found.voted.n_tested, found.voted.folds) == (3, 4, (0.5, 1.0))
-    assert found.voted.balanced == pytest.approx((2 / 3 + 1) / 2)
-    assert found.voted.bounds is None
+    assert (found.majority_vote.n_hits, found.majority_vote.n_tested, found.majority_vote.folds) == (
+        3,
+        4,
+        (0.5, 1.0),
+    )
+    assert found.majority_vote.balanced == pytest.approx((2 / 3 + 1) / 2)
+    assert found.majority_vote.bounds is None
 
 
 def test_recordings_of_few_operators_and_their_votes_have_intervals_over_operators():
@@ -141,7 +145,7 @@ def test_recordings_of_few_operators_and_their_votes_have_intervals_over_operato
     predicted = np.where(rng.random(240) < 0.5 + 0.08 * operator, truth, "x")
     found = score([truth], [predicted], [recording], [operator])
     assert found.interval == cluster_interval(truth == predicted, operator)
-    assert (found.n_clusters, found.spread, found.voted.n_clusters) == (6, True, 6)
+    assert (found.n_clusters, found.has_spread, found.majority_vote.n_clusters) == (6, True, 6)
     told = found.to_dict("recording", "operator")
     assert (told["interval"], told["clusters"], told["n_clusters"]) == ("t over operators", "operator", 6)
     assert told["per_recording"]["interval"] == "t over operators"
@@ -152,7 +156,7 @@ def test_recordings_of_few_operators_and_their_votes_have_intervals_over_operato
 def test_recordings_tested_equally_often_have_neither_vote_nor_another_balance():
     truth, predicted = np.array(list("abab")), np.array(list("abaa"))
     found = score([truth[:3], truth[3:]], [predicted[:3], predicted[3:]], [np.arange(3), np.arange(3, 4)])
-    assert (found.balanced, found.bounds, found.voted) == (None, None, None)
+    assert (found.balanced, found.bounds, found.majority_vote) == (None, None, None)
     assert found.interval == wilson_interval(3, 4)
     assert found.mean == 0.75  # over recordings, not over folds
     assert found.to_dict() == {
@@ -179,7 +183,7 @@ def test_overlap_widens_the_interval_by_the_printed_factor():
 def test_folds_that_all_agree_but_for_rounding_cannot_be_judged_and_one_fold_is_no_resampling():
     for differences in ([0.0] * 4, [0.02] * 10, [0.1 + 0.2, 0.3, 0.3]):
         assert corrected_resampled_t(differences, 1 / 9) == ((-1.0, 1.0), 1.0)
-    with pytest.raises(ValueError, match=r"1 differences. Expected at least 2 folds"):
+    with pytest.raises(ValueError, match=r"differences has 1 values. Expected at least 2 folds"):
         corrected_resampled_t([0.1], 0.5)
 
 
@@ -209,7 +213,9 @@ def test_the_test_over_operators_is_wrong_in_seven_of_hundred_at_most_and_its_in
 
 
 def test_the_least_difference_told_is_found_in_eight_of_ten_trials():
-    told = np.median([least_difference(interval, 19) for interval, _ in trials_of_pairs(20, 0.08)])
+    told = np.median(
+        [minimum_detectable_difference(interval, 19) for interval, _ in trials_of_pairs(20, 0.08)]
+    )
     found = np.mean([p < 0.05 for _, p in trials_of_pairs(20, 0.08, told)])
     assert 0.05 < told < 0.15
     assert found == pytest.approx(0.8, abs=0.06)
@@ -265,7 +271,7 @@ def test_one_set_of_splits_says_which_test_was_used_over_how_many_clusters():
         assert (found["test"], found["n_clusters"], found["clusters"]) == (test, n, "recording")
         assert found["difference"] == pytest.approx(1 / 3)
         assert found["low"] <= found["difference"] <= found["high"]
-        assert found["least"] > 0
+        assert found["minimum_detectable"] > 0
         assert (found["n_gained"], found["n_lost"]) == (2, 0)
 
 
@@ -289,10 +295,10 @@ def test_the_report_on_intervals_over_operators_holds_what_the_docstring_states(
     assert ours["coverage"].min() >= 0.935
     worse = alone[alone["skill"].str.startswith("one in ten")].groupby("n_operators")["coverage"].min()
     assert (worse.min().round(2), worse.max().round(2)) == (0.53, 0.87)
-    told = " ".join(cluster_interval.__doc__.split())
-    assert "94 % or more" in told
-    assert "covers 53 to 87 %" in told
-    assert "17 points wide, not 10" in told
+    docstring = " ".join(cluster_interval.__doc__.split())
+    assert "at least 94 %" in docstring
+    assert "covers 53 to 87 %" in docstring
+    assert "17 points instead of 10" in docstring
     equal = (rows["skill"] == "equal") & (rows["n_operators"] == 12) & (rows["n_tests"] == 20)
     widths = rows[equal].groupby("way")["width"].mean()
     assert (100 * widths).round().to_dict() == {"ours": 17, "spread alone": 10}

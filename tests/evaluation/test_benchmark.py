@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import spearmanr
 from toy_noises import CLASSIFIERS, FS, STEPS, TINY, a_table, row
 
-from texclass.evaluation.benchmark import choose_inside, inner_splits, rank_agreement, run_benchmark
+from texclass.evaluation.benchmark import inner_splits, rank_agreement, run_benchmark, run_nested_cv
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.pipeline import MatchedRow, Selection, Use, load_pipeline
 from texclass.evaluation.protocols import find_protocol
@@ -167,7 +167,7 @@ def test_dataset_and_pipeline_may_be_named(tmp_path):
 def test_where_operators_are_left_out_interval_and_choice_are_over_operators(toy_dataset, pipeline):
     few = pipeline(row("Chance", "rarely", "level"), classifiers=EUCLIDEAN)
     data = run_benchmark(toy_dataset(3, 12, operators=6), few, protocol="operator", nested_cv=True).data
-    for found in (data["rows"][0]["accuracy"]["euclidean"], data["choice"]["accuracy"]):
+    for found in (data["rows"][0]["accuracy"]["euclidean"], data["nested_cv"]["accuracy"]):
         assert (found["clusters"], found["n_clusters"]) == ("operator", 6)
         assert found["interval"].endswith("over operators")
 
@@ -219,12 +219,12 @@ def choice_of(pipeline, frame):
     table = FeatureTable(frame, pipeline.features.column_names, np.zeros(len(frame)))
     protocol = find_protocol("chronological")
     splits = protocol.split(table.frame, 0, 0)
-    rows = [MatchedRow.of(definition, pipeline.features, table) for definition in pipeline.rows]
+    rows = [MatchedRow.match(definition, pipeline.features, table) for definition in pipeline.rows]
     evaluations = {
         one.definition.name: {name: pipeline.trial(one, name, table)(splits) for name in pipeline.classifiers}
         for one in rows
     }
-    return choose_inside(rows, table, splits, pipeline, protocol, evaluations), evaluations
+    return run_nested_cv(rows, table, splits, pipeline, protocol, evaluations), evaluations
 
 
 def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
@@ -236,8 +236,8 @@ def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
     values |= {level: np.where(later, noise[0], truth)}
     values |= {peak: np.where(later, truth, noise[1]) for peak in peaks}
     choice, evaluations = choice_of(two, a_table(4, 20).assign(**values))
-    assert choice["chosen"] == [["Level", "euclidean"]]
-    assert choice["protocols"] == ["chronological"]
+    assert choice["selected"] == [["Level", "euclidean"]]
+    assert choice["inner_protocols"] == ["chronological"]
     assert choice["accuracy"]["mean"] == evaluations["Level"]["euclidean"].accuracy.mean
 
 
@@ -259,11 +259,11 @@ def test_permuted_labels_leave_the_choice_at_chance_where_the_best_of_the_table_
 def test_each_fold_counts_with_what_it_chose(toy_dataset, two):
     found = run_benchmark(toy_dataset(), two, nested_cv=True).data
     accuracies = {line["name"]: line["accuracy"] for line in found["rows"]}
-    chosen = found["choice"]["chosen"]
+    chosen = found["nested_cv"]["selected"]
     expected = [accuracies[name][classifier]["folds"][k] for k, (name, classifier) in enumerate(chosen)]
-    assert found["choice"]["accuracy"]["folds"] == expected
+    assert found["nested_cv"]["accuracy"]["folds"] == expected
     assert len(expected) == 4
-    assert run_benchmark(toy_dataset(), two).data["choice"] is None
+    assert run_benchmark(toy_dataset(), two).data["nested_cv"] is None
 
 
 def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, pipeline):
@@ -271,14 +271,14 @@ def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, pipeline
     widening = pipeline(*rows, classifiers=EUCLIDEAN, steps=STEPS[1:])
     found = run_benchmark(toy_dataset(), widening, nested_cv=True).data
     assert [line["accuracy"]["euclidean"]["mean"] for line in found["rows"]] == [1.0, 1.0]
-    assert found["choice"]["chosen"] == [["Both", "euclidean"]] * 4
+    assert found["nested_cv"]["selected"] == [["Both", "euclidean"]] * 4
 
 
 def test_one_row_and_one_classifier_are_chosen_before_any_recording_is_seen(toy_dataset, pipeline):
     one = pipeline(row("Both", "level", "peaks"), classifiers=EUCLIDEAN, steps=STEPS[1:])
     found = run_benchmark(toy_dataset(), one, protocol="repetition=1 -> repetition=2-4", nested_cv=True).data
-    assert found["choice"]["protocols"] == []
-    assert found["choice"]["accuracy"] == found["rows"][0]["accuracy"]["euclidean"]
+    assert found["nested_cv"]["inner_protocols"] == []
+    assert found["nested_cv"]["accuracy"] == found["rows"][0]["accuracy"]["euclidean"]
 
 
 def test_training_parts_are_split_as_the_whole_where_possible():
@@ -299,9 +299,11 @@ def test_training_parts_are_split_as_the_whole_where_possible():
 
 
 def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_dataset, two):
-    with pytest.raises(ValueError, match=r"'paper'. Expected one whose test recordings stay unseen"):
+    with pytest.raises(
+        ValueError, match=r"protocol 'paper' fits scaling and selection on the test recordings"
+    ):
         run_benchmark(toy_dataset(), two, protocol="paper", nested_cv=True)
-    with pytest.raises(ValueError, match="cannot be split again"):
+    with pytest.raises(ValueError, match="cannot be split for nested cross-validation"):
         inner_splits(find_protocol("recording"), a_table(3, 2), [(np.arange(6), None)], 0)
 
 

@@ -95,7 +95,7 @@ def ticks(monkeypatch):
 
 def test_measures_every_transform_once_without_what_is_inside_it(ticks, toy_dataset):
     dataset = toy_dataset()
-    meter = CostMeter.on(dataset, [e.recording_id for e in dataset.entries], "combine")
+    meter = CostMeter.from_dataset(dataset, [e.recording_id for e in dataset.entries], "combine")
     model = meter.model(ticks)
     parts = dict(zip(model.parts, model.ms, strict=True))
     assert parts["outer()"] == pytest.approx(5)
@@ -103,28 +103,28 @@ def test_measures_every_transform_once_without_what_is_inside_it(ticks, toy_data
     assert parts["second"] == pytest.approx(2)
     assert model.by_feature()["alone"].to_dict() == pytest.approx({"first": 36, "second": 67})
     assert model.total == pytest.approx(68)
-    assert meter.measured(Plan.of(ticks))[0] == pytest.approx(model.total)
+    assert meter.measure(Plan.of(ticks))[0] == pytest.approx(model.total)
 
 
 def test_predicts_the_cost_of_what_is_left_out_and_changes_no_value(ticks, toy_dataset):
     dataset = toy_dataset()
     plan = Plan.of(ticks)
     before = plan.compute(dataset[0]).values
-    meter = CostMeter.on(dataset, [dataset.entries[0].recording_id], "combine")
+    meter = CostMeter.from_dataset(dataset, [dataset.entries[0].recording_id], "combine")
     model = meter.model(ticks)
     for column in model.columns:
-        assert model.cost([column]) == pytest.approx(meter.measured(plan.restricted_to([column]))[0])
+        assert model.cost([column]) == pytest.approx(meter.measure(plan.restricted_to([column]))[0])
     np.testing.assert_array_equal(plan.compute(dataset[0]).values, before)
 
 
 def test_costs_that_decide_are_measured_once(ticks, toy_dataset, monkeypatch, tmp_path):
     monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path))
     dataset = toy_dataset()
-    meter = CostMeter.on(dataset, [dataset.entries[0].recording_id], "combine")
-    first = meter.kept(ticks)
+    meter = CostMeter.from_dataset(dataset, [dataset.entries[0].recording_id], "combine")
+    first = meter.cached_model(ticks)
     with monkeypatch.context() as patched:
         patched.setattr(CostMeter, "model", None)  # not asked again
-        again = meter.kept(ticks)
+        again = meter.cached_model(ticks)
     assert again.machine == first.machine
     assert again.machine.endswith(str(date.today()))
     assert (again.columns, again.features, again.parts) == (first.columns, first.features, first.parts)
@@ -132,7 +132,7 @@ def test_costs_that_decide_are_measured_once(ticks, toy_dataset, monkeypatch, tm
     np.testing.assert_array_equal(again.needs, first.needs)
     (kept,) = (tmp_path / "costs").iterdir()
     kept.write_bytes(kept.read_bytes()[:-9])  # damaged: measured anew
-    assert meter.kept(ticks).columns == first.columns
+    assert meter.cached_model(ticks).columns == first.columns
 
 
 def test_columns_that_are_constant_within_classes_are_no_warning():

@@ -191,7 +191,7 @@ def test_tables_kept_apart_are_one_and_only_the_new_part_is_computed(toy_dataset
     joined = cached_table(dataset, old, new)
     assert len(dataset.load.loaded) == len(dataset)
     assert joined.columns == ("level", "knock", "rarely", "peaks.second", "peaks.first")
-    np.testing.assert_array_equal(joined.of(whole.columns), whole.values)
+    np.testing.assert_array_equal(joined.select(whole.columns), whole.values)
     assert list(joined.frame["recording_id"]) == list(whole.frame["recording_id"])
     assert sorted(joined.reasons) == sorted(whole.reasons)
     assert joined.flags == whole.flags
@@ -204,11 +204,13 @@ def test_a_channel_with_a_slash_in_its_name_keeps_its_features_and_reasons():
     reason = Reason("r", "force/left/hardness", "no tap")
     frame = pd.DataFrame({"force/left/mfcc.m1": [1.0], "mfcc.m1": [2.0]})
     table = FeatureTable(frame, tuple(frame.columns), np.zeros(1), (reason,))
-    assert table.matching(["mfcc.m1"]) == ("force/left/mfcc.m1", "mfcc.m1")
+    assert table.match_columns(["mfcc.m1"]) == ("force/left/mfcc.m1", "mfcc.m1")
     assert table.reason_of("hardness") == "no tap"
     columns = tuple(f"{channel}/level.segment{i}" for channel in "xy" for i in (1, 2))
     pieces = FeatureTable(pd.DataFrame([[1.0] * 4], columns=columns), columns, np.zeros(1))
-    assert pieces.matching(["level.segment1", "level.segment2"]) == columns  # those of a channel together
+    assert (
+        pieces.match_columns(["level.segment1", "level.segment2"]) == columns
+    )  # those of a channel together
 
 
 def test_parts_that_a_second_process_took_away_cost_no_recording(toy_dataset, tmp_path, monkeypatch):

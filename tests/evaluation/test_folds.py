@@ -81,7 +81,7 @@ def test_classifiers_that_share_their_preparation_answer_as_each_alone_and_it_is
     assert len(Spy.fitted) == len(SPLITS)
     for judge, found in zip(judges, together, strict=True):
         alone = evaluate(X, Y, SPLITS, make_pipeline(Spy()), judge)
-        assert [p.tolist() for p in found.predicted] == [p.tolist() for p in alone.predicted]
+        assert [p.tolist() for p in found.y_pred] == [p.tolist() for p in alone.y_pred]
         assert found.accuracy == alone.accuracy
     assert together[0].accuracy != together[1].accuracy
 

@@ -34,8 +34,8 @@ def test_the_table_stands_as_it_was_with_a_row_for_the_feature_alone(study):
     names = [line["name"] for line in study.data["rows"]]
     assert names == ["Chance", "Peaks", "New: loud"]
     assert study.data["rows"][-1]["accuracy"]["euclidean"]["mean"] > 0.9
-    assert study.data["gains"]["row"] == "Peaks"
-    assert [group["name"] for group in study.data["gains"]["groups"]] == ["loud"]
+    assert study.data["ablation"]["row"] == "Peaks"
+    assert [group["name"] for group in study.data["ablation"]["groups"]] == ["loud"]
 
 
 def test_law_cost_and_repetition_are_measured(study):
@@ -59,7 +59,7 @@ def test_a_study_is_written_beside_its_benchmark_without_pictures_of_its_own(stu
 
 def test_a_name_that_the_set_has_is_refused_and_a_new_one_changes_the_hash(few):
     assert few.with_feature(LOUD).hash != few.hash
-    with pytest.raises(ValueError, match=r"'level' is in the feature set 'toy'. Expected a new name"):
+    with pytest.raises(ValueError, match=r"'level' exists in the feature set 'toy'. Choose another name"):
         few.with_feature(Feature("level", loud, "movement", "g", "test"))
 
 

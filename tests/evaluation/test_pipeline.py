@@ -9,7 +9,7 @@ from sklearn.preprocessing import MinMaxScaler
 from texclass.classifiers.forward_selection import ForwardSelector
 from texclass.evaluation.allowed_estimators import resolve
 from texclass.evaluation.feature_table import FeatureTable
-from texclass.evaluation.pipeline import AdditionSettings, MatchedRow, Use, load_pipeline
+from texclass.evaluation.pipeline import AblationSettings, MatchedRow, Use, load_pipeline
 from texclass.shipped import names
 
 START = 'features = "strese2015"\nseed = 1\n'
@@ -53,7 +53,7 @@ def test_what_is_trained_by_default_leaves_nothing_to_choose_and_knows_what_is_n
     columns = pipeline.features.column_names
     frame = pd.DataFrame({"surface": ["a", "b"], **{c: [1.0, 2.0] for c in columns}})
     table = FeatureTable(frame, columns, np.zeros(2))
-    row = MatchedRow.of(pipeline.rows[0], pipeline.features, table)
+    row = MatchedRow.match(pipeline.rows[0], pipeline.features, table)
     classifier = pipeline.trial(row, "vote", table).keywords["classifier"]
     recording_features = {row.columns[i].split(".")[0] for i in classifier.recording_columns}
     assert recording_features == {m.name for m in pipeline.features.members if m.feature.phase != "movement"}
@@ -68,7 +68,7 @@ def test_an_argument_of_a_classifier_may_be_an_estimator():
 @pytest.mark.parametrize(
     ("judge", "problem"),
     [
-        ('use = "os.system"', "use = 'os.system' is refused"),
+        ('use = "os.system"', "use = 'os.system' is not an allowed estimator"),
         ('use = "sklearn.naive_bayes.GaussianNB", wrong = 1', "unknown key 'wrong'"),
         ('use = "texclass.classifiers.kernel_discriminant.KernelDiscriminant", length = -1', "length == -1"),
     ],
@@ -143,7 +143,7 @@ def test_use_names_estimators_of_sklearn_and_texclass_only(tmp_path, monkeypatch
     (tmp_path / "trap.py").write_text("raise SystemExit('imported')")
     monkeypatch.syspath_prepend(tmp_path)
     for path in REFUSED:
-        with pytest.raises(ValueError, match=r"use = .*(refused|does not exist)"):
+        with pytest.raises(ValueError, match=r"use = .*(not an allowed estimator|does not exist)"):
             resolve(path)
 
 
@@ -154,11 +154,11 @@ def test_use_names_estimators_of_sklearn_and_texclass_only(tmp_path, monkeypatch
         (WHOLE.replace("seed = 1\n", ""), "missing key seed"),
         (WHOLE.replace("strese2015", "none"), r"mine\.toml: features: none: no TOML file"),
         (WHOLE.replace("friction", "smell"), "rows: F: features: .*'smell' is neither"),
-        (WHOLE + "published = { svm = 3 }\n", "rows: F: published names 'svm'"),
+        (WHOLE + "published = { svm = 3 }\n", "rows: F: published contains 'svm'"),
         (WHOLE + "published = { naive_bayes = 300 }\n", "published.naive_bayes is 300. .* 100"),
-        (WHOLE + "classifiers = ['nobody']\n", "classifiers names 'nobody'. .* of naive_bayes"),
+        (WHOLE + "classifiers = ['nobody']\n", "classifiers contains 'nobody'. .* of naive_bayes"),
         (WHOLE + "select = { n = 0 }\n", r"rows\.1\.select\.n is 0. Expected"),
-        (WHOLE + ROW, "two are named 'F'"),
+        (WHOLE + ROW, "two entries have the name 'F'"),
         (START + CLASSIFIER, "missing key rows"),
         (START + CLASSIFIER + "rows = []\n", r"classifiers\.naive_bayes: unknown key 'rows'"),
         ("rows = []\n" + START + CLASSIFIER, r"rows is \[\]. Expected"),
@@ -171,22 +171,22 @@ def test_use_names_estimators_of_sklearn_and_texclass_only(tmp_path, monkeypatch
             WHOLE.replace("GaussianNB", "GaussianNb"),
             r"classifiers\.naive_bayes: use = .*mean 'sklearn.*GaussianNB'",
         ),
-        (WHOLE.replace("sklearn.naive_bayes.GaussianNB", "os.system"), "is refused"),
+        (WHOLE.replace("sklearn.naive_bayes.GaussianNB", "os.system"), "is not an allowed estimator"),
         (
             WHOLE.replace("naive_bayes.GaussianNB", "preprocessing.MinMaxScaler"),
             r"classifiers\.naive_bayes: sklearn\.preprocessing\.MinMaxScaler is not a classifier",
         ),
         (step("naive_bayes.GaussianNB"), r"steps\.1: sklearn.naive_bayes.GaussianNB is not a transformer"),
         ("channels = 'some'\n" + WHOLE, "channels is 'some'. Expected .*combine"),
-        (WHOLE + "[protocol]\nname = 'luck'\n", r"protocol\.name: no protocol is named 'luck'"),
+        (WHOLE + "[protocol]\nname = 'luck'\n", r"protocol\.name: unknown protocol 'luck'"),
         (WHOLE + "[protocol]\nfolds = 1\n", r"protocol\.folds is 1"),
-        (MORE + "select = { n = 2 }\n", "additions: more: select is of rows"),
+        (MORE + "select = { n = 2 }\n", "additions: more: the key 'select' is for rows only"),
         (MORE.replace("mfcc_constant.c2", "smell"), "additions: more: features: .*'smell' is neither"),
         (MORE + "[gain]\nbase = 'W'\n", "gain.base is 'W'. .* without features of an addition: F"),
         (MORE + "[gain]\nclassifier = 'svm'\n", "gain.classifier is 'svm'. .* a classifier: naive_bayes"),
         (MORE + "[gain]\nrepeats = 0\n", r"gain\.repeats is 0. Expected"),
         (MORE.replace('"friction"', '"waviness"'), "every row has features of an addition"),
-        (MORE + MORE[MORE.index("[[additions]]") :], "additions: two are named 'more'"),
+        (MORE + MORE[MORE.index("[[additions]]") :], "additions: two entries have the name 'more'"),
     ],
 )
 def test_a_wrong_pipeline_is_refused_with_place_and_rule(tmp_path, text, message):
@@ -199,16 +199,16 @@ def test_additions_are_read(tmp_path):
     pipeline = load_pipeline(write(tmp_path, MORE + facts))
     (group,) = pipeline.additions
     assert (group.name, group.reference, group.skip_missing) == ("more", "mine", True)
-    assert pipeline.gain == AdditionSettings(base="F", repeats=3)
+    assert pipeline.gain == AblationSettings(base="F", repeats=3)
     assert set(pipeline.needed[0].columns) == {"friction", "waviness", "mfcc_constant"}
 
 
 def test_a_row_may_name_its_classifiers_and_all_features(tmp_path):
-    assert {row.judged_by(["a", "b"]) for row in load_pipeline("strese2015").rows} == {("a", "b")}
+    assert {row.select_classifiers(["a", "b"]) for row in load_pipeline("strese2015").rows} == {("a", "b")}
     pipeline = load_pipeline("texclass")
     selected = [row for row in pipeline.rows if row.select]
     assert selected
-    assert all("kernel" not in row.judged_by(pipeline.classifiers) for row in selected)
+    assert all("kernel" not in row.select_classifiers(pipeline.classifiers) for row in selected)
     everything = load_pipeline(write(tmp_path, WHOLE.replace('["friction"]', '"all"')))
     assert everything.rows[0].features == tuple(everything.features.columns)
 

@@ -12,7 +12,7 @@ from toy_noises import a_table
 
 from texclass.classifiers.forward_selection import ForwardSelector
 from texclass.evaluation.folds import evaluate
-from texclass.evaluation.protocols import PROTOCOLS, find_protocol, repeated
+from texclass.evaluation.protocols import PROTOCOLS, find_protocol, repeated_splits
 from texclass.evaluation.splits import n_starts
 
 
@@ -137,14 +137,14 @@ def test_no_run_trains_and_tests_and_every_fold_tests():
 
 def test_splits_follow_the_seed_and_repeats_are_those_of_the_next_seeds():
     for name in ("recording", "grouped", "paper"):
-        repeats = repeated(find_protocol(name), a_table(), 5, 3, 7)
+        repeats = repeated_splits(find_protocol(name), a_table(), 5, 3, 7)
         for r, folds in enumerate(repeats):
             tests = [test.tolist() for _, test in folds]
             assert tests == [test.tolist() for _, test in split(name, a_table(), 5, 7 + r)]
         assert repeats[0][0][1].tolist() != repeats[1][0][1].tolist()
     for name, n in (("recording", 0), ("chronological", 2), ("few-shot", 3), ("operator", 2)):
-        with pytest.raises(ValueError, match=f"{n} repeats of the protocol `{name}`. Expected 1"):
-            repeated(find_protocol(name), a_table(), 5, n, 0)
+        with pytest.raises(ValueError, match=f"n_repeats is {n} for the protocol `{name}`. Expected 1"):
+            repeated_splits(find_protocol(name), a_table(), 5, n, 0)
 
 
 def test_an_impossible_split_names_value_and_rule():
@@ -152,33 +152,45 @@ def test_an_impossible_split_names_value_and_rule():
     three_runs = a_table().assign(session=["a", "b", "c"] * 10)
     for name, table, message in (
         ("recording", few, "surface m0 has 1 recording; 10 folds need at least 10 of each"),
-        ("recording", a_table(1, 10), "1 surface; classification needs at least 2"),
+        ("recording", a_table(1, 10), "1 surface. Classification needs at least 2"),
         (
             "recording",
             a_table(2, 7),
-            "7 recordings; 10 folds need at least 10 of each; 2 to 7 folds are possible: `--folds 7`",
+            "7 recordings; 10 folds need at least 10 of each. Use 2 to 7 folds: `--folds 7`",
         ),
-        ("grouped", a_table(2, 7), "m0 has 7 runs; 10 folds .* at least 10 of each; 2 to 7 folds are"),
-        ("grouped", three_runs, "has 3 runs; 10 folds grouped by run need at least 10 of each; 2 to 3 folds"),
-        ("few-shot", a_table(3, 5), "m0 has 5 recordings; the protocol `few-shot` needs 6 of each"),
+        ("grouped", a_table(2, 7), "m0 has 7 runs; 10 folds .* at least 10 of each. Use 2 to 7 folds"),
+        (
+            "grouped",
+            three_runs,
+            "has 3 runs; 10 folds grouped by run need at least 10 of each. Use 2 to 3 folds",
+        ),
+        ("few-shot", a_table(3, 5), "m0 has 5 recordings. The protocol `few-shot` needs 6 per surface"),
         (
             "few-shot",
             a_table(3, 3, repetition=None),
-            "m0 has 3 runs; the protocol `few-shot` needs 4 of each",
+            "m0 has 3 runs. The protocol `few-shot` needs 4 per surface",
         ),
-        ("few-shot 0", a_table(), "no protocol is named 'few-shot 0'.*few-shot NUMBER"),
+        ("few-shot 0", a_table(), "unknown protocol 'few-shot 0'.*few-shot NUMBER"),
         ("operator", a_table(operator=None), "0 operators and 0 sessions"),
         ("operator", a_table(operator="o1"), "1 operators and 0 sessions"),
         ("operator", single, "surface m0 has no recording without operator a"),
         ("chronological", a_table(3, 1), "surface m0 has 1 recording"),
         ("chronological", a_table(repetition=None), "recording m0_1 has no repetition number"),
         ("random", a_table(), f"{', '.join(PROTOCOLS)}, few-shot NUMBER, leave-out LABEL, LABEL=VALUES"),
-        ("repetition=0-4 -> repetition=4-9", a_table(), "recording m0_4 would train and test"),
-        ("repetition=0-4 -> repetition=40-49", a_table(), "has repetition '40-49'; there are 1, 2, 3"),
-        ("repetition=0-4 -> smell=a", a_table(), "label .* 'smell'. Expected one of surface, operator"),
-        ("repetition=0-4 -> session", a_table(), "chosen by 'session'. Expected LABEL=VALUE,VALUE"),
-        ("leave-out session", a_table(), "0 sessions, 30 recordings without one; .* needs at least 2"),
-        ("leave-one", a_table(), "no protocol is named 'leave-one'.*leave-out LABEL"),
+        (
+            "repetition=0-4 -> repetition=4-9",
+            a_table(),
+            "recording m0_4 is in the training set and in the test set",
+        ),
+        ("repetition=0-4 -> repetition=40-49", a_table(), "has repetition '40-49'. Expected one of: 1, 2, 3"),
+        ("repetition=0-4 -> smell=a", a_table(), "unknown label 'smell'. Expected one of surface, operator"),
+        ("repetition=0-4 -> session", a_table(), "by 'session'. Expected LABEL=VALUE,VALUE"),
+        (
+            "leave-out session",
+            a_table(),
+            "0 sessions, and 30 recordings without one. Leave-one-out .* at least 2 different",
+        ),
+        ("leave-one", a_table(), "unknown protocol 'leave-one'.*leave-out LABEL"),
         ("leave-out surface", a_table(), "has no recording without surface"),
     ):
         with pytest.raises(ValueError, match=message):

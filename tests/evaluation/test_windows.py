@@ -13,7 +13,7 @@ from texclass.evaluation.benchmark import run_benchmark
 from texclass.evaluation.feature_table import cached_table, extract_table, metadata
 from texclass.evaluation.pipeline import FoldSettings
 from texclass.evaluation.protocols import PROTOCOLS
-from texclass.evaluation.windows import cut_windows, overlapping
+from texclass.evaluation.windows import add_overlapping_windows, cut_windows
 from texclass.features.extractor import FeatureExtractor
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import Phases, Recording, RecordingError, Tap
@@ -57,29 +57,29 @@ def test_windows_may_be_one_a_recording_or_overlap(counting):
 
 def test_short_windows_that_follow_each_other_get_others_between_them(counting, monkeypatch):
     felt = cut_windows(counting, 0.4)  # of 40 samples, 4 a recording
-    found = overlapping(felt, 4)
+    found = add_overlapping_windows(felt, 4)
     assert [entry.start for entry in found.entries[:13]] == list(range(40, 170, 10))
     assert [entry.recording_id for entry in found.entries[:3]] == ["m0_1#1", "m0_1#1.1", "m0_1#1.2"]
-    assert tuple(entry for entry in found.entries if not entry.between) == felt.entries
+    assert tuple(entry for entry in found.entries if not entry.is_train_only) == felt.entries
     np.testing.assert_array_equal(found[1].acceleration, np.arange(50.0, 90.0))
     for alone in (
         counting,
         cut_windows(counting, 0.4, per_recording=1),
         cut_windows(counting, 0.4, step=0.6),
     ):
-        assert overlapping(alone, 4).entries == alone.entries
-    monkeypatch.setattr(windows, "MOST_WINDOWS", len(felt) + 6 * 3)  # one between, not three
-    assert [entry.start for entry in overlapping(felt, 4).entries[:3]] == [40, 60, 80]
-    monkeypatch.setattr(windows, "MOST_WINDOWS", len(felt))
-    assert overlapping(felt, 4).entries == felt.entries
+        assert add_overlapping_windows(alone, 4).entries == alone.entries
+    monkeypatch.setattr(windows, "MAX_WINDOWS", len(felt) + 6 * 3)  # one between, not three
+    assert [entry.start for entry in add_overlapping_windows(felt, 4).entries[:3]] == [40, 60, 80]
+    monkeypatch.setattr(windows, "MAX_WINDOWS", len(felt))
+    assert add_overlapping_windows(felt, 4).entries == felt.entries
     monkeypatch.undo()
-    monkeypatch.setattr(windows, "SHORT", 40)
-    assert overlapping(felt, 4).entries == felt.entries
+    monkeypatch.setattr(windows, "SHORT_WINDOW", 40)
+    assert add_overlapping_windows(felt, 4).entries == felt.entries
 
 
 def test_windows_between_others_train_and_are_never_asked_about(toy_dataset):
     felt = cut_windows(toy_dataset(3, 6), 0.1)
-    alone, closer = metadata(felt.entries), metadata(overlapping(felt, 2).entries)
+    alone, closer = metadata(felt.entries), metadata(add_overlapping_windows(felt, 2).entries)
     for protocol in PROTOCOLS.values():
         splits = zip(protocol.split(alone, 3, 0), protocol.split(closer, 3, 0), strict=True)
         for (train, test), (more, same) in splits:
@@ -94,7 +94,7 @@ def test_what_is_too_short_or_bad_says_so_when_it_is_loaded(toy_dataset, feature
         extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.parquet")
     table = extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.parquet", skip_bad=True)
     assert (table.n_recordings, [b.recording_id for b in table.left_out]) == (11 * 3, ["m1_1"])
-    with pytest.raises(RecordingError, match=r"m0_1: 0\.3 s of movement. Expected at least 0\.4"):
+    with pytest.raises(RecordingError, match=r"m0_1: the movement lasts 0\.3 s. Expected at least 0\.4"):
         extract_table(cut_windows(toy_dataset(), 0.4), feature_set, tmp_path / "t.parquet")
 
 

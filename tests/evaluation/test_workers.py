@@ -17,9 +17,9 @@ import pytest
 from joblib.externals.loky import get_reusable_executor
 from threadpoolctl import threadpool_info
 
+from texclass.evaluation.checkpoints import write_checkpoint
 from texclass.evaluation.feature_table import extract_partitions, extract_table
-from texclass.evaluation.parts import write_part
-from texclass.evaluation.workers import begin_loading, each, running_on
+from texclass.evaluation.workers import begin_loading, run_parallel, use_backend
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
@@ -49,26 +49,30 @@ def cluster(tmp_path_factory):
 
 def test_each_keeps_the_order_reports_and_stops_when_it_is_closed():
     calls, told = [partial(pow, i, 2) for i in range(20)], []
-    found = each(calls, n_jobs=2, progress=lambda *call: told.append(call), what="squares", done=5, total=25)
+    found = run_parallel(
+        calls, n_jobs=2, progress=lambda *call: told.append(call), stage="squares", done=5, total=25
+    )
     assert list(found) == [i * i for i in range(20)]
     assert told == [(n, 25, "squares") for n in range(6, 26)]
-    outcomes = each(partial(pow, i, 2) for i in range(10**6))
+    outcomes = run_parallel(partial(pow, i, 2) for i in range(10**6))
     assert next(outcomes) == 0
     outcomes.close()
 
 
 def test_each_worker_uses_one_thread():
-    found = list(each([partial(threadpool_info)] * 4, n_jobs=2))
+    found = list(run_parallel([partial(threadpool_info)] * 4, n_jobs=2))
     assert all(pool["num_threads"] == 1 for pools in found for pool in pools)
 
 
 def test_what_is_done_soon_is_done_here_and_the_rest_by_others():
     calls = [partial(os.getpid)] * 4
-    assert set(each(calls, n_jobs=2, here_s=60.0)) == {os.getpid()}
-    assert os.getpid() not in set(each(calls, n_jobs=2))
+    assert set(run_parallel(calls, n_jobs=2, local_s=60.0)) == {os.getpid()}
+    assert os.getpid() not in set(run_parallel(calls, n_jobs=2))
     told, spend = [], "import time\nend = time.process_time() + 0.2\nwhile time.process_time() < end: pass"
     first, *others = [partial(exec, spend), *calls]
-    found = each([first, *others], n_jobs=2, here_s=0.1, progress=lambda *call: told.append(call), total=5)
+    found = run_parallel(
+        [first, *others], n_jobs=2, local_s=0.1, progress=lambda *call: told.append(call), total=5
+    )
     assert os.getpid() not in list(found)[1:]
     assert [done for done, *_ in told] == [1, 2, 3, 4, 5]
 
@@ -77,12 +81,14 @@ def test_workers_load_what_computes_features_before_there_is_work_and_no_library
     assert begin_loading(1) is None
     get_reusable_executor().shutdown(wait=True)  # workers of other tests may have loaded it
     begin_loading(2).join()
-    is_loaded = "'texclass.evaluation.parts' in __import__('sys').modules"
+    is_loaded = "'texclass.evaluation.checkpoints' in __import__('sys').modules"
     # One worker may have loaded it twice before the other began. Calls that last let both of them answer.
     answer = partial(eval, f"__import__('time').sleep(0.3) or {is_loaded}")
-    assert any(each([answer] * 6, n_jobs=2))
+    assert any(run_parallel([answer] * 6, n_jobs=2))
     dataset, features = open_dataset("simulated"), load_feature_set("strese2015")
-    call = partial(write_part, dataset.load, dataset.entries[:1], Plan.of(features, ()), tmp_path / "part")
+    call = partial(
+        write_checkpoint, dataset.load, dataset.entries[:1], Plan.of(features, ()), tmp_path / "part"
+    )
     (tmp_path / "call").write_bytes(pickle.dumps(call))
     code = (
         f"import pickle, sys\nprint(pickle.load(open({str(tmp_path / 'call')!r}, 'rb'))())\n"
@@ -95,9 +101,9 @@ def test_workers_load_what_computes_features_before_there_is_work_and_no_library
 
 def test_a_worker_seldom_looks_for_garbage_and_its_caller_as_before():
     before = gc.get_threshold()
-    found = list(each([partial(gc.get_threshold)] * 2, n_jobs=2))
+    found = list(run_parallel([partial(gc.get_threshold)] * 2, n_jobs=2))
     assert all(often[0] >= 100_000 for often in found)  # 700 as Python starts
-    assert list(each([partial(gc.get_threshold)])) == [before] == [gc.get_threshold()]
+    assert list(run_parallel([partial(gc.get_threshold)])) == [before] == [gc.get_threshold()]
 
 
 def faults_of_arrays_made_again():
@@ -116,7 +122,7 @@ def faults_of_arrays_made_again():
 def test_a_worker_keeps_the_memory_of_the_last_recording_for_the_next():
     pages = 10 * 200_000 * 8 / mmap.PAGESIZE
     get_reusable_executor().shutdown(wait=True)  # those of other tests may have divided their memory
-    assert all(taken < 0.05 * pages for taken in each([faults_of_arrays_made_again] * 4, n_jobs=2))
+    assert all(taken < 0.05 * pages for taken in run_parallel([faults_of_arrays_made_again] * 4, n_jobs=2))
 
 
 def test_a_cluster_gives_the_same_table_even_if_a_worker_is_killed_on_the_way(cluster, tmp_path, monkeypatch):
@@ -132,19 +138,19 @@ def test_a_cluster_gives_the_same_table_even_if_a_worker_is_killed_on_the_way(cl
         if n_done == 3:
             workers[0].kill()
 
-    with running_on("dask", address):
+    with use_backend("dask", address):
         there = extract_table(dataset, features, tmp_path / "there.parquet", progress=kill_one)
         extract_partitions(dataset, features, tmp_path / "parts", 3)
     assert workers[0].wait() == -signal.SIGKILL
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "parts")[list(here.frame)], here.frame)
     pd.testing.assert_frame_equal(there.frame, here.frame, check_exact=True)
     assert there.reasons == here.reasons
-    assert list(each([partial(os.getpid)])) == [os.getpid()]  # here again
+    assert list(run_parallel([partial(os.getpid)])) == [os.getpid()]  # here again
 
 
 def test_a_scheduler_that_does_not_answer_and_an_impossible_backend_are_refused():
     for backend, address in (("local", "tcp://127.0.0.1:8786"), ("spark", None)):
-        with pytest.raises(ValueError, match=backend), running_on(backend, address):
+        with pytest.raises(ValueError, match=backend), use_backend(backend, address):
             pass
     pytest.importorskip("distributed")
     import dask
@@ -152,6 +158,6 @@ def test_a_scheduler_that_does_not_answer_and_an_impossible_backend_are_refused(
     with (
         dask.config.set({"distributed.comm.timeouts.connect": "200ms"}),
         pytest.raises(OSError, match=r"127\.0\.0\.1:9"),
-        running_on("dask", "tcp://127.0.0.1:9"),
+        use_backend("dask", "tcp://127.0.0.1:9"),
     ):
         pass

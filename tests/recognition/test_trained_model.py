@@ -162,7 +162,7 @@ def test_invalid_recordings_are_left_out_and_listed():
     [
         ({"row": "Colour"}, r"no row 'Colour'. Expected one of Roughness, Spectrum"),
         ({"classifier": "svm"}, r"no classifier 'svm'. Expected one of lda, kernel"),
-        ({"protocol": "paper"}, r"'paper'. Expected one whose test recordings stay unseen"),
+        ({"protocol": "paper"}, r"protocol 'paper' fits scaling and selection on the test recordings"),
         ({"false_alarms": 0.001}, r"requires at least 999 held-out recordings, got 40"),
         ({"false_alarms": 1.5}, r"false_alarms must be between 0 and 1, got 1.5"),
     ],

@@ -1,7 +1,7 @@
 """The page that several modules look at."""
 
 import pytest
-from told import FILES
+from example_results import FILES
 
 from texclass.cli.result_files import write_page
 

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure as Drawing
 from rich.console import Console
 
 from texclass.reporting import (
+    Details,
     Document,
     Figure,
     Finding,
-    Folded,
     Heading,
-    Heat,
+    HeatMap,
     Shade,
     Table,
     render_markdown,
@@ -46,11 +46,11 @@ def a_table():
         ["Friction | taps", 1, None, None, None],
     ]
     frame = pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(TWO_LEVELS))
-    return Table(frame, "Best is bold.", strong=[0], instead={2: "not computed: no taps"}, n_kept=3)
+    return Table(frame, "Best is bold.", bold_rows=[0], messages={2: "not computed: no taps"}, n_narrow=3)
 
 
 def a_document():
-    heat = Heat(
+    heat = HeatMap(
         "confusion",
         "Confusion matrix",
         "1 of 10 is taken for another.",
@@ -66,7 +66,7 @@ def a_document():
         "A text of `code`.",
         ["first note", HOSTILE],
         {"What": "a fact"},
-        Folded("Behind", [a_table()]),
+        Details("Behind", [a_table()]),
     ]
     return Document(
         "toy, folds",
@@ -168,7 +168,7 @@ def test_what_results_share_stands_once_on_their_page():
     assert page.count("<dt>Licence</dt>") == 1
     assert page.count("<td>7</td>") == 2
     assert page.count('<th scope="row">numpy</th>') == 1
-    with pytest.raises(ValueError, match="no result given"):
+    with pytest.raises(ValueError, match="documents is empty"):
         render_page([])
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from told import DATA, FILES, HOSTILE, result
+from example_results import DATA, FILES, HOSTILE, result
 
 from texclass.cli.result_files import read_document, write_page
 from texclass.reporting.result_files import RESULTS, read_result
@@ -208,9 +208,9 @@ def test_every_kind_of_result_but_a_study_has_an_example_here():
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("", "is not a JSON file"),
-        ("{", "is not a JSON file"),
-        ("[" * 5000, "is not a JSON file"),
+        ("", "not a valid JSON file"),
+        ("{", "not a valid JSON file"),
+        ("[" * 5000, "not a valid JSON file"),
         ("[]", "kind 'None', version 'None'.* benchmark .version 1."),
         ('{"rows": [], "pipeline": {}}', "kind 'None'"),
         ('{"kind": ["benchmark"], "version": 1}', r"kind \"\['benchmark'\]\""),
@@ -218,7 +218,7 @@ def test_every_kind_of_result_but_a_study_has_an_example_here():
         ('{"kind": "benchmark", "version": 0}', "version '0'.* benchmark .version 1."),
         ('{"kind": "benchmark", "version": 1, "rows": [NaN]}', "a number is NaN. Expected"),
         ('{"kind": "benchmark", "version": 1}', "damaged result .KeyError"),
-        ('{"kind": "study", "version": 1}', "a study has no page"),
+        ('{"kind": "study", "version": 1}', "a study has no document"),
     ],
 )
 def test_what_is_no_result_is_refused_with_file_and_value(text, fault, tmp_path):
@@ -234,8 +234,8 @@ def test_what_is_no_result_is_refused_with_file_and_value(text, fault, tmp_path)
         ("benchmark", lambda d: d["rows"][0].pop("name")),
         ("benchmark", lambda d: d["rows"][0].update(accuracy=3)),
         ("benchmark", lambda d: d["example"]["low"].pop()),
-        ("benchmark", lambda d: d["gains"]["groups"][0]["paired"].update(low=None)),
-        ("benchmark", lambda d: d.update(choice={"accuracy": {"mean": 1, "low": 1, "high": 1}})),
+        ("benchmark", lambda d: d["ablation"]["groups"][0]["comparison"].update(low=None)),
+        ("benchmark", lambda d: d.update(nested_cv={"accuracy": {"mean": 1, "low": 1, "high": 1}})),
         ("benchmark", lambda d: d["rows"][0].update(ms_per_recording=1e308)),
         ("stability", lambda d: d.pop("tallies")),
         ("tradeoff", lambda d: d["curves"][0]["x"].pop()),
@@ -256,7 +256,7 @@ def test_binary_files_and_pages_over_results_are_refused(tmp_path):
         read_document(path)
     with pytest.raises(ValueError, match="another file for the page"):
         write_page([path], path)
-    with pytest.raises(ValueError, match="no result given"):
+    with pytest.raises(ValueError, match="documents is empty"):
         write_page([], tmp_path / "page.html")
 
 

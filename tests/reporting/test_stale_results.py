@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from told import result
+from example_results import result
 
 from texclass import provenance
 from texclass.cli.evaluation_commands import report
 from texclass.cli.result_files import stale_results
 from texclass.evaluation import load_pipeline
-from texclass.evaluation.result import COMPUTED_BY
+from texclass.evaluation.result_facts import CODE_DEPENDENCIES
 from texclass.features import load_feature_set
 from texclass.provenance import code_hash, code_provenance
 
@@ -25,7 +25,7 @@ def todays():
         "features": "strese2015",
         "features_hash": features.hash,
     }
-    return result("benchmark") | {"pipeline": facts, **code_provenance(*COMPUTED_BY)}
+    return result("benchmark") | {"pipeline": facts, **code_provenance(*CODE_DEPENDENCIES)}
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_each_kind_of_result_names_its_pipeline_and_features_in_its_own_way(tmp_
         ("tradeoff", features, {"features_hash": "0"}, "feature set strese2015 has changed"),
     ):  # fmt: skip
         for facts, reason in (({}, None), (changed, why)):
-            path.write_text(json.dumps(result(kind) | named | code_provenance(*COMPUTED_BY) | facts))
+            path.write_text(json.dumps(result(kind) | named | code_provenance(*CODE_DEPENDENCIES) | facts))
             assert stale_results([path])[0].get(path) == reason
 
 

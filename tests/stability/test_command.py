@@ -55,9 +55,9 @@ def test_the_report_shows_texclass_and_other_libraries():
     document = result(*RIGHT, *WRONG, *THEIRS).document()
     assert document.finding.value == "1"
     assert "of 5 pairs of subject and input are wrong in texclass" in document.finding.sentence
-    assert document.finding.beside.endswith("2 of 2.")
+    assert document.finding.comparison.endswith("2 of 2.")
     ours, features, libraries = (block for block in document.blocks if hasattr(block, "columns"))
-    assert [shade.sign for shade in ours.rows["fit"]] == ["\N{CHECK MARK}", "\N{MIDDLE DOT}", "1"]
+    assert [shade.text for shade in ours.rows["fit"]] == ["\N{CHECK MARK}", "\N{MIDDLE DOT}", "1"]
     assert list(features.rows) == ["hardness"]
     assert [(s.sign, s.look) for s in libraries.rows["librosa: lpc"]] == [("2", "e5")]
     text = render_markdown(document)

@@ -16,7 +16,7 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
 from texclass.classifiers.forward_selection import ForwardSelector
-from texclass.evaluation import trusted
+from texclass.evaluation import skops_archive
 from texclass.features import FeatureExtractor, load_feature_set
 from texclass.recording import Phases, Recording
 from texclass.tradeoff.cost_selection import CostAwareSelector
@@ -155,7 +155,7 @@ def test_other_files_raise_a_value_error(tmp_path, monkeypatch):
     skops.io.dump({"f": np.testing.assert_array_equal}, tmp_path / "foreign.skops")
     with pytest.raises(ValueError, match=r"Expected classes of scikit-learn and texclass.*safe\)$"):
         load_recogniser(tmp_path / "foreign.skops")
-    monkeypatch.setattr(trusted, "foreign_in", lambda data: ["texclass.evaluation.choice.Choice"])
+    monkeypatch.setattr(skops_archive, "find_disallowed", lambda data: ["texclass.evaluation.choice.Choice"])
     with pytest.raises(ValueError, match=r"names texclass\.evaluation\.choice\.Choice.* make it again with"):
         load_recogniser(tmp_path / "foreign.skops")
 

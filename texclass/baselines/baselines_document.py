@@ -1,4 +1,4 @@
-"""A comparison with public libraries as a document: accuracy against time, all tools and classifiers."""
+"""Document of a comparison with baselines: accuracy against time, all tools and classifiers."""
 
 from collections.abc import Iterator, Mapping
 from textwrap import fill
@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from texclass.evaluation.protocols import find_protocol
-from texclass.evaluation.result import (
-    CHOICE,
-    again_facts,
+from texclass.evaluation.result_facts import (
+    NESTED_CV_TITLE,
     caution,
-    chance_of,
+    chance_level,
     classifier_title,
+    cluster_phrase,
     dataset_facts,
-    over,
-    size,
+    dataset_size,
+    reproduction_facts,
 )
-from texclass.reporting import Document, Figure, Finding, Folded, Heading, Table
+from texclass.reporting import Details, Document, Figure, Finding, Heading, Table
 from texclass.reporting.blocks import Block
 from texclass.reporting.figure_style import (
     OTHER,
@@ -64,33 +64,33 @@ def baselines_document(data: Data) -> Document:
     Parameters
     ----------
     data : mapping
-        As `BaselineComparison.to_dict` returns it, or its JSON read back.
+        Values of a `BaselineComparison`.
     """
     pipeline, contestants = data["pipeline"], data["contestants"]
-    blocks: list[Block] = [Heading("All tools and classifiers"), _every(data)]
-    if any(map(_placed, contestants)):
-        blocks.append(_accuracy_against_time(contestants, 100 * chance_of(data)))
+    blocks: list[Block] = [Heading("All tools and classifiers"), _all_contestants(data)]
+    if any(map(_has_time, contestants)):
+        blocks.append(_accuracy_against_time(contestants, 100 * chance_level(data)))
     settings = dict.fromkeys((c["title"], c.get("reference", "")) for c in contestants if not c["ours"])
-    used = {
+    baseline_tables = {
         "Settings of the baselines": pd.DataFrame(list(settings), columns=["Tool", "Setting"]),
         "Versions of the baselines": pd.DataFrame(
             data["baseline_versions"].items(), columns=["Package", "Version"]
         ),
     }
-    folded = [Folded(title, [Table(frame, n_words=2)]) for title, frame in used.items()]
+    details = [Details(title, [Table(frame, n_words=2)]) for title, frame in baseline_tables.items()]
     return Document(
         f"{data['dataset']['name']}, comparison with baselines",
-        [*blocks, list(_notes(data)), *folded],
-        f"Pipeline {pipeline}, {find_protocol(data['protocol']).title}: {size(data['dataset'])}",
+        [*blocks, list(_notes(data)), *details],
+        f"Pipeline {pipeline}, {find_protocol(data['protocol']).title}: {dataset_size(data['dataset'])}",
         _finding(data),
         dataset_facts(data),
-        again_facts(data, f"{pipeline} ({data['pipeline_hash']})"),
+        reproduction_facts(data, f"{pipeline} ({data['pipeline_hash']})"),
         data["versions"],
     )
 
 
 def best_baseline(data: Data) -> Data | None:
-    """Return the most accurate baseline of those that finished every fold; the first of equals."""
+    """Return the most accurate baseline that finished every fold; None if there is none."""
     baselines = [c for c in data["contestants"] if not c["ours"] and c["accuracy"]]
     finished = [c for c in baselines if c["n_folds"] == data["n_folds"]]
     return max(finished, key=lambda c: float(c["accuracy"]["mean"]), default=None)
@@ -102,18 +102,18 @@ def _finding(data: Data) -> Finding:
     if best is None or best["difference"] is None or not ours["accuracy"]:
         return Finding("none", "", "", "of the baselines finished every fold.")
     difference = best["difference"]
-    clear = "no significant difference"
+    conclusion = "no significant difference"
     if difference["low"] > 0 or difference["high"] < 0:
-        clear = f"ours is {'better' if difference['low'] > 0 else 'worse'}"
+        conclusion = f"ours is {'better' if difference['low'] > 0 else 'worse'}"
     cost = ""
     if best["cost"] and ours["cost"] and best["cost"]["total_s"] > 0 and best["cost"]["feature_ms"] > 0:
-        shares = (ours["cost"][key] / best["cost"][key] for key in ("total_s", "feature_ms"))
-        whole, part = (
-            f"{digits(1 / share)} times as fast" if share <= 1 else f"{digits(share)} times as slow"
-            for share in shares
+        ratios = (ours["cost"][key] / best["cost"][key] for key in ("total_s", "feature_ms"))
+        total, features = (
+            f"{digits(1 / ratio)} times as fast" if ratio <= 1 else f"{digits(ratio)} times as slow"
+            for ratio in ratios
         )
-        cost = f"Ours is {whole} in all, and {part} in its features."
-    told_ours, told_best = (
+        cost = f"Ours is {total} in all, and {features} in its features."
+    ours_text, best_text = (
         f"{c['title']}, {classifier_title(c['classifier'])}: {percent(c['accuracy']['mean'])} %"
         for c in (ours, best)
     )
@@ -121,21 +121,21 @@ def _finding(data: Data) -> Finding:
         points(difference["difference"]),
         "points",
         points_interval(difference),
-        f"for ours ({told_ours}) minus the best baseline ({told_best}), on the same folds: {clear} (95 % "
-        f"confidence interval{over(difference)}; chance level {percent(chance_of(data))} %). p "
-        f"{p_value(difference['p_value'])} by {difference['test']}. {_in_view(data)} Protocol: "
+        f"for ours ({ours_text}) minus the best baseline ({best_text}), on the same folds: {conclusion} (95 "
+        f"% confidence interval{cluster_phrase(difference)}; chance level {percent(chance_level(data))} %). "
+        f"p {p_value(difference['p_value'])} by {difference['test']}. {_selection_text(data)} Protocol: "
         f"{data['protocol_description']}.",
         cost,
         f"Ours minus the best baseline, {best['title']} with {classifier_title(best['classifier'])}, on the "
-        f"same folds: {clear}. {cost}",
+        f"same folds: {conclusion}. {cost}",
     )
 
 
-def _in_view(data: Data) -> str:
-    """Return which accuracies are selected on the test folds."""
+def _selection_text(data: Data) -> str:
+    """Return a statement on which accuracies are selected on the test folds."""
     n_baselines = sum(bool(not c["ours"] and c["accuracy"]) for c in data["contestants"])
     baseline = f"The best baseline is the highest of {n_baselines}, selected on the test folds."
-    if data["contestants"][0]["name"] == CHOICE:
+    if data["contestants"][0]["name"] == NESTED_CV_TITLE:
         return f"Ours is selected in each training set (nested cross-validation). {baseline}"
     pairs = f" of {data['n_pairs']} pairs of row and classifier" if data.get("n_pairs") else ""
     if data.get("n_pairs") == 1:
@@ -146,30 +146,30 @@ def _in_view(data: Data) -> str:
     )
 
 
-def _every(data: Data) -> Table:
-    """Return all rows of the comparison, with the reason if a tool did not finish."""
-    contestants, instead, rows = data["contestants"], {}, []
+def _all_contestants(data: Data) -> Table:
+    """Return a table of all contestants, with the reason if a tool did not finish."""
+    contestants, messages, rows = data["contestants"], {}, []
     for i, c in enumerate(contestants):
         accuracy, difference = c["accuracy"], c["difference"]
         if accuracy is None or c["cost"] is None:
-            instead[i] = f"{c['status']}: {c['message']}" if c["message"] else c["status"]
+            messages[i] = f"{c['status']}: {c['message']}" if c["message"] else c["status"]
             rows.append((_tool(c), *[""] * 6))
             continue
         part = f" ({c['n_folds']} of {data['n_folds']} folds)" if c["n_folds"] != data["n_folds"] else ""
-        ahead = (gain(difference), p_value(difference["p_value"])) if difference else ("reference", "")
+        comparison = (gain(difference), p_value(difference["p_value"])) if difference else ("reference", "")
         balanced = accuracy["mean"] if accuracy.get("balanced") is None else accuracy["balanced"]
         classifier = classifier_title(c["classifier"]) + part
         rows.append(
-            (_tool(c), classifier, estimate(accuracy), *ahead, str(c["n_columns"]), percent(balanced))
+            (_tool(c), classifier, estimate(accuracy), *comparison, str(c["n_columns"]), percent(balanced))
         )
     titles = ["Tool", "Classifier", "% [95 %]", "Ours ahead by, points [95 %]", "p", "Columns", "Balanced, %"]
     frame = pd.DataFrame(rows, columns=titles)
     for title, key in COSTS.items():
         frame[title] = aligned(
-            None if i in instead else c["cost"].get(key) for i, c in enumerate(contestants)
+            None if i in messages else c["cost"].get(key) for i, c in enumerate(contestants)
         )
     strong = [i for i, c in enumerate(contestants) if c["ours"]]
-    return Table(frame, COST_NOTE, n_words=2, strong=strong, instead=instead, n_kept=5)
+    return Table(frame, COST_NOTE, n_words=2, bold_rows=strong, messages=messages, n_narrow=5)
 
 
 def _notes(data: Data) -> Iterator[str]:
@@ -185,8 +185,8 @@ def _notes(data: Data) -> Iterator[str]:
     )
     if accuracy := first["accuracy"]:
         yield (
-            f"Chance level {percent(chance_of(data))} %; 95 % confidence intervals{over(accuracy)}. "
-            f"{caution(accuracy)}"
+            f"Chance level {percent(chance_level(data))} %; 95 % confidence "
+            f"intervals{cluster_phrase(accuracy)}. {caution(accuracy)}"
         ).strip()
     yield f"Time limit per baseline: {digits(data['time_limit_s'])} s."
     for c in data["contestants"]:
@@ -199,14 +199,14 @@ def _notes(data: Data) -> Iterator[str]:
 
 
 def _accuracy_against_time(contestants: list[Data], chance: float) -> Figure:
-    """Return the best classifier of each tool, numbered by accuracy."""
+    """Return a figure of the best classifier of each tool, numbered by accuracy."""
     best: dict[str, Data] = {}
-    for c in sorted(filter(_placed, contestants), key=lambda c: -float(c["accuracy"]["mean"])):
+    for c in sorted(filter(_has_time, contestants), key=lambda c: -float(c["accuracy"]["mean"])):
         best.setdefault(c["name"], c)
     ranked = list(best.values())
     names = [f"{i}. {_tool(c)}, {classifier_title(c['classifier'])}" for i, c in enumerate(ranked, start=1)]
-    at = next((i for i, c in enumerate(ranked, start=1) if c["ours"]), None)
-    ours = "" if at is None else f"; the first of ours is number {at} of {len(ranked)}"
+    rank = next((i for i, c in enumerate(ranked, start=1) if c["ours"]), None)
+    ours = "" if rank is None else f"; the first of ours is number {rank} of {len(ranked)}"
     fastest = min(ranked, key=lambda c: float(c["cost"]["feature_ms"]))
     rows = [
         (name, estimate(c["accuracy"]), digits(c["cost"]["feature_ms"]))
@@ -228,9 +228,9 @@ def _draw(ranked: list[Data], names: list[str], width: float, chance: float) -> 
         x, colour = c["cost"]["feature_ms"], OURS if c["ours"] else OTHER
         mean, low, high = (100 * c["accuracy"][key] for key in ("mean", "low", "high"))
         axes.plot([x, x], [low, high], color=colour)
-        said = f"{name}: {estimate(c['accuracy'])} %, {digits(x)} ms"
+        gid = f"{name}: {estimate(c['accuracy'])} %, {digits(x)} ms"
         label = fill(f"{name}: {percent(c['accuracy']['mean'])} %, {digits(x)} ms", int(11 * width))
-        axes.plot(x, mean, "o", color=colour, markersize=13, gid=said, label=label, clip_on=False)
+        axes.plot(x, mean, "o", color=colour, markersize=13, gid=gid, label=label, clip_on=False)
         axes.annotate(str(rank), (x, mean), color=PAPER, fontsize=8, weight="bold", ha="center", va="center")
     log_x(axes)
     axes.set(xlabel="CPU ms of features, one recording (log scale)", ylabel="accuracy, %")
@@ -241,7 +241,7 @@ def _draw(ranked: list[Data], names: list[str], width: float, chance: float) -> 
     return figure
 
 
-def _placed(c: Data) -> bool:
+def _has_time(c: Data) -> bool:
     return bool(c["accuracy"] and c["cost"] and c["cost"]["feature_ms"] > 0)
 
 

@@ -1,6 +1,6 @@
-"""Public libraries on extreme inputs: adapters for the battery, judged by the rules that ours are judged by.
+"""Adapters that run public libraries on the battery of extreme inputs, with the same checks as texclass.
 
-Each is called as its documentation says, with what a user would write.
+Each library is called as its documentation recommends.
 """
 
 import importlib.util
@@ -26,16 +26,16 @@ from texclass.stability.subjects_models import (
 from texclass.stability.subjects_signals import SHORT
 
 LIBRARIES = ("librosa", "scipy", "spectrum", "statsmodels", "pysptk", "tsfel", "tsfresh", "pycatch22")
-"""Public libraries that are tried where they are installed."""
+"""Public libraries that are tested if they are installed."""
 CORE = ("librosa", "scipy")
-"""Those that come with texclass: a quick run tries no others, whose import alone takes seconds."""
+"""Dependencies of texclass. A quick run tests only these, because importing the others takes seconds."""
 BURG, AUTOCORRELATION = "Burg", "the autocorrelation method"
-LARGEST = 400
-"""Largest order the public libraries are asked for: beyond it some of them take minutes."""
+MAX_ORDER = 400
+"""Largest order passed to public libraries; with higher orders some of them take minutes."""
 
 
 def installed(quick: bool = False) -> tuple[dict[str, str], list[str]]:
-    """Return where the subjects of each library that is tried stand, and which libraries are not, and why."""
+    """Return library -> import path of its subjects, and the reasons why others are not tested."""
     skipped = {name: "not installed" for name in LIBRARIES if importlib.util.find_spec(name) is None}
     if quick:
         skipped |= {name: "not in a quick run" for name in LIBRARIES if name not in {*CORE, *skipped}}
@@ -47,7 +47,7 @@ def installed(quick: bool = False) -> tuple[dict[str, str], list[str]]:
 
 
 def spectrum() -> list[Subject]:
-    """Return Burg, Yule-Walker, LPC, and line spectral frequencies."""
+    """Return the subjects of spectrum: Burg, Yule-Walker, LPC, line spectral frequencies."""
     import spectrum as library
 
     def lsf(k: Samples) -> tuple[Samples, Samples]:
@@ -63,7 +63,7 @@ def spectrum() -> list[Subject]:
 
 
 def statsmodels() -> list[Subject]:
-    """Return Burg and Yule-Walker."""
+    """Return the subjects of statsmodels: Burg and Yule-Walker."""
     from statsmodels.regression import linear_model as library
 
     def burg(x: Any, p: int) -> Samples:
@@ -79,7 +79,7 @@ def statsmodels() -> list[Subject]:
 
 
 def pysptk() -> list[Subject]:
-    """Return LPC and line spectral pairs."""
+    """Return the subjects of pysptk: LPC and line spectral pairs."""
     import pysptk as library
 
     def lpc(x: Any, p: int) -> Samples:
@@ -100,7 +100,7 @@ def _one_first(a: Any) -> Samples:
 
 
 def _step_up(k: Samples) -> Samples:
-    """Return direct-form coefficients in float64, as every library that needs them computes them."""
+    """Return direct-form coefficients from reflection coefficients, in float64 as in these libraries."""
     a = np.ones(1)
     for k_m in k:
         a = np.append(a, 0.0) + k_m * np.append(a, 0.0)[::-1]
@@ -109,7 +109,9 @@ def _step_up(k: Samples) -> Samples:
 
 def _predictor(library: str, name: str, method: str, fit: Callable[[Any, int], Any]) -> Subject:
     def cases(quick: bool) -> Iterable[Case]:
-        return (case for case in signals_at_orders(quick, 18 if quick else LARGEST) if case.order <= LARGEST)
+        return (
+            case for case in signals_at_orders(quick, 18 if quick else MAX_ORDER) if case.order <= MAX_ORDER
+        )
 
     def attempt(x: Any, case: Case) -> Findings:
         a = np.asarray(fit(x, case.order))
@@ -119,27 +121,27 @@ def _predictor(library: str, name: str, method: str, fit: Callable[[Any, int], A
         if np.any(samples) and samples.size > p and references.EXTENDED:
             padding = 0 if method == BURG else p
             energy = references.direct_energy(samples, a, padding)
-            least = references.burg_energies(samples, p, padding)[-1]
+            optimum = references.burg_energies(samples, p, padding)[-1]
             limit = (
                 1e-3 if x.dtype in (np.float32, np.float16) else checks.MAX_EXCESS_ENERGY
             )  # single precision
-            yield checks.excess_energy(f"{method}'s optimum", energy, least, limit)
+            yield checks.excess_energy(f"{method}'s optimum", energy, optimum, limit)
         yield from checks.stable_coefficients(a)
 
     return Subject(name, "baselines", cases, attempt, library)
 
 
 def _models(quick: bool) -> tuple[Case, ...]:
-    return model_cases(quick, 18 if quick else LARGEST)
+    return model_cases(quick, 18 if quick else MAX_ORDER)
 
 
 def _line_spectrum(library: str, name: str, convert: Callable[[Samples], tuple[Samples, Samples]]) -> Subject:
     def attempt(x: Any, case: Case) -> Findings:
         lsf, a = convert(case_reflection(x, case))
         yield lsf, a
-        whole = a.size == case.order + 1 and np.all(np.isfinite(a))
+        is_valid = a.size == case.order + 1 and np.all(np.isfinite(a))
         yield from checks.line_spectrum(
-            case_reflection(x, case), lsf, references.step_down(a) if whole else None
+            case_reflection(x, case), lsf, references.step_down(a) if is_valid else None
         )
 
     return Subject(name, "baselines", _models, attempt, library)
@@ -149,7 +151,7 @@ def _line_spectrum(library: str, name: str, convert: Callable[[Samples], tuple[S
 
 
 def scipy() -> list[Subject]:
-    """Return normal equations by `solve_toeplitz`, direct-form filters, moving averages."""
+    """Return the subjects of scipy: normal equations by `solve_toeplitz`, filters, moving averages."""
 
     def toeplitz(x: Any, p: int) -> Samples:
         samples = np.asarray(x, dtype=np.float64)
@@ -184,7 +186,7 @@ def _direct_form(x: Any, case: Case) -> Findings:
 
 
 def _filtfilt(x: Any, case: Case) -> Findings:
-    """Compare with the same Butterworth band-pass in sections, in 60 digits."""
+    """Compare with the same Butterworth band-pass in second-order sections, computed with 60 digits."""
     band: Any = {"N": 4, "Wn": (50.0, 200.0), "btype": "bandpass", "fs": case.fs}
     b, a = signal.butter(**band)
     out = np.asarray(signal.filtfilt(b, a, x[:SHORT]))
@@ -192,20 +194,20 @@ def _filtfilt(x: Any, case: Case) -> Findings:
     samples = to_float64(x[:SHORT])
     yield checks.finite("output", out)
     sections: Any = signal.butter(**band, output="sos")
-    right = references.zero_phase(sections, samples, 27)
+    reference = references.zero_phase(sections, samples, 27)
     yield checks.close(
-        "output, against 60 digits", out, right, checks.MAX_RESPONSE_ERROR, scale=largest(samples)
+        "output, against 60 digits", out, reference, checks.MAX_RESPONSE_ERROR, scale=largest(samples)
     )
 
 
 def _uniform_filter(x: Any, case: Case) -> Findings:
-    """Compare inside the signal, where no rule for the ends matters."""
+    """Compare inside the signal, where the boundary mode has no effect."""
     out = np.asarray(ndimage.uniform_filter1d(x, case.order, mode="nearest", output=np.float64))
     yield out
     samples, half = to_float64(x), case.order // 2
     yield checks.finite("output", out)
-    right = references.moving_average(samples, case.order)[half:-half]
-    yield checks.close("means, against exact sums", out[half:-half], right, 1e-13, scale=largest(samples))
+    reference = references.moving_average(samples, case.order)[half:-half]
+    yield checks.close("means, against exact sums", out[half:-half], reference, 1e-13, scale=largest(samples))
 
 
 # Features ---------------------------------------------------------------------------------------------------
@@ -214,7 +216,7 @@ Named = tuple[dict[str, Any], dict[str, str]]
 
 
 def librosa() -> list[Subject]:
-    """Return Burg's method, and the features users take from librosa."""
+    """Return the subjects of librosa: Burg's method, and commonly used features."""
     import librosa as library
 
     def extract(x: Any, case: Case) -> Named:
@@ -238,7 +240,7 @@ def librosa() -> list[Subject]:
 
 
 def tsfel() -> list[Subject]:
-    """Return all 156 features of TSFEL, on every tenth length."""
+    """Return the subject of TSFEL: all 156 features, on every tenth length."""
     import tsfel as library
 
     configuration = library.get_features_by_domain()
@@ -249,13 +251,13 @@ def tsfel() -> list[Subject]:
 
     def thinned(quick: bool) -> list[Case]:
         every = enumerate(feature_cases(False))
-        return _few(True) if quick else [c for i, c in every if c.family != "length" or i % 10 == 0]
+        return _short_battery(True) if quick else [c for i, c in every if c.family != "length" or i % 10 == 0]
 
     return [Subject("features (all 156)", "baselines", thinned, library_trial(extract), "tsfel")]
 
 
 def pycatch22() -> list[Subject]:
-    """Return catch22, with mean and deviation."""
+    """Return the subject of pycatch22: catch22 with mean and deviation."""
     import pycatch22 as library
 
     def extract(x: Any, case: Case) -> Named:
@@ -266,7 +268,7 @@ def pycatch22() -> list[Subject]:
 
 
 def tsfresh() -> list[Subject]:
-    """Return tsfresh's efficient set (777 columns), of a quarter of the samples: it takes seconds."""
+    """Return the subject of tsfresh: its efficient set (777 columns), on 512 samples to limit the time."""
     import pandas as pd
     from tsfresh.feature_extraction import EfficientFCParameters, extract_features
 
@@ -285,11 +287,13 @@ def tsfresh() -> list[Subject]:
         )
         return {name: table[name].iloc[0] for name in table.columns}, {}
 
-    return [Subject("features (efficient, 777)", "baselines", _few, library_trial(extract), "tsfresh")]
+    return [
+        Subject("features (efficient, 777)", "baselines", _short_battery, library_trial(extract), "tsfresh")
+    ]
 
 
-def _few(quick: bool) -> list[Case]:
-    """Return the battery with a few lengths; quick: a handful of inputs."""
+def _short_battery(quick: bool) -> list[Case]:
+    """Return the battery with fewer lengths, or six inputs for a quick run."""
     if quick:
         return [*cases_of("plain", "silent", "broken", "gain", quick=True)[:6]]
     return [case for case in feature_cases(False) if case.family != "length"] + list(lengths(True))

@@ -1,6 +1,7 @@
-"""Contestants run apart: a baseline in an interpreter of its own, a row of ours in a process of its own.
+"""Processes of contestants: a baseline in its own interpreter, one of our rows in its own process.
 
-The crash, memory and threads of a baseline are not ours; clock and memory gauge are the same for all.
+A crash, the memory and the threads of a baseline do not affect this process. Time and memory are measured in
+the same way for all contestants.
 """
 
 import json
@@ -18,7 +19,7 @@ from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.folds import Evaluation
 from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
 from texclass.evaluation.splits import Split
-from texclass.evaluation.workers import each
+from texclass.evaluation.workers import run_parallel
 from texclass.features.phase_view import separate_channels
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet
@@ -27,7 +28,7 @@ from texclass.phases import find_phases
 
 HERE = Path(__file__).parent
 START = "import sys; sys.path.append(sys.argv.pop(1)); from baseline_worker.run import main; sys.exit(main())"
-"""The worker's folder comes last on the path, so that none of its neighbours hides an installed module."""
+"""Start of the worker. Its folder is last on the path, so that no file in it hides an installed module."""
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"),
     "NUMBA_THREADING_LAYER": "workqueue",
@@ -35,7 +36,7 @@ ENVIRONMENT = {
     "PYTHONWARNINGS": "ignore",
 }
 N_TIMED = 100
-"""Recordings, spread over the dataset, on which our features are timed."""
+"""Number of recordings, spread over the dataset, on which the time of our features is measured."""
 
 
 def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s: float) -> dict[str, Any]:
@@ -44,15 +45,15 @@ def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s:
     Parameters
     ----------
     python : Path
-        Interpreter with numpy, scikit-learn and the baseline; nothing of texclass is imported by it.
+        Interpreter with numpy, scikit-learn and the packages of the baseline; texclass is not needed.
     task : Path
         Folder written by `baseline_worker.run.write_task`.
     baseline : str
-        Name in the registry.
+        Name of the baseline.
     out : Path
-        Empty folder for what the worker writes.
+        Empty output folder of the worker.
     time_limit_s : float
-        Wall-clock seconds after which the worker is stopped; the folds it finished are kept.
+        Time limit in s of wall-clock time. Folds finished by then are part of the outcome.
 
     Returns
     -------
@@ -62,7 +63,7 @@ def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s:
     Raises
     ------
     ValueError
-        If there is no such interpreter.
+        If the interpreter cannot be run.
     """
     out.mkdir(parents=True, exist_ok=True)
     command = [str(python), "-c", START, str(HERE), str(task), baseline, str(out)]
@@ -87,14 +88,14 @@ def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s:
 
 
 def read_outcome(out: Path, *, expired: bool, time_limit_s: float) -> dict[str, Any]:
-    """Return what the worker of a baseline left behind, whether or not it came to its end.
+    """Read the output of the worker of a baseline, complete or not.
 
     Returns
     -------
     dict
-        `status`: "done", "not installed", or "out of time" and "failed", which may have finished some of the
-        folds; `message`: what went wrong; `folds`: what each finished fold took and predicted; `first_s`: CPU
-        seconds of the first call on two recordings, imports and compilation; `versions` of the packages used.
+        `status`: "done", "not installed", "out of time" or "failed"; `message`: the error; `folds`: costs and
+        predictions of each finished fold; `first_s`: CPU time in s of the first call on two recordings, with
+        imports and compilation; `versions` of the packages.
     """
     started = _read(out / "started.json") or {}
     failed = _read(out / "failed.json")
@@ -112,18 +113,18 @@ def read_outcome(out: Path, *, expired: bool, time_limit_s: float) -> dict[str, 
         )
     else:
         lines = (out / "stderr.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        status, message = "failed", lines[-1] if lines else "ended without a word (out of memory?)"
+        status, message = "failed", lines[-1] if lines else "ended without a message (out of memory?)"
     facts = {"first_s": started.get("first_s"), "versions": started.get("versions", {})}
     return {"status": status, "message": message, "folds": folds, **facts}
 
 
 def _read(path: Path) -> dict[str, Any] | None:
-    """Return what a worker wrote; None if it wrote nothing, or nothing whole."""
+    """Return the content of a JSON file of a worker; None if it is missing or incomplete."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError, RecursionError):
         return None
-    return found if isinstance(found, dict) else None
+    return content if isinstance(content, dict) else None
 
 
 def measure_ours(
@@ -136,23 +137,24 @@ def measure_ours(
     *,
     nested: bool,
 ) -> dict[str, Any]:
-    """Evaluate and time one row of ours in a process of its own.
+    """Evaluate one of our rows and measure its cost, in its own process.
 
     Returns
     -------
     dict
-        `predicted` labels of each fold; CPU seconds, as a worker writes them: `feature_s` of a recording,
-        `fit_s` of a fold, `predict_s` of a recording, `first_s` of the first call on two recordings; and
-        `memory_mb`, the growth of the process at its largest.
+        `predicted` labels of each fold; CPU times in s: `segmentation_s`, `feature_s` and `predict_s` per
+        recording, `fit_s` per fold, `first_s` of the first call on two recordings; and `memory_mb`, the
+        largest growth of the process.
     """
-    wanted = set(table.frame["recording_id"])
-    usable = [entry for entry in dataset.entries if entry.recording_id in wanted]
-    some = np.unique(np.linspace(0, len(usable) - 1, min(N_TIMED, len(usable))).astype(int))
+    recording_ids = set(table.frame["recording_id"])
+    usable = [entry for entry in dataset.entries if entry.recording_id in recording_ids]
+    indices = np.unique(np.linspace(0, len(usable) - 1, min(N_TIMED, len(usable))).astype(int))
     features = pipeline.features.restricted_to(row.definition.features)
     trial = pipeline.trial(row, classifier, table)
-    work = (dataset, [usable[i] for i in some], features, pipeline.channels, trial, tuple(splits), nested)
-    (found,) = each([partial(_measure, *work)], n_jobs=2)  # two, because one process would be this one
-    return found
+    work = (dataset, [usable[i] for i in indices], features, pipeline.channels, trial, tuple(splits), nested)
+    # With n_jobs=1 it would run in this process.
+    (measurement,) = run_parallel([partial(_measure, *work)], n_jobs=2)
+    return measurement
 
 
 def _measure(
@@ -169,17 +171,17 @@ def _measure(
     _, first_s = timed(lambda: [plan.compute(first) for _ in range(2)])
     megabytes, seconds, segmentation = watch_memory(), [], []
     for recording in map(dataset.load, entries):
-        # Apart, for baselines are given movements that have been found already.
-        phases, took = timed(partial(find_phases, recording))
-        segmentation.append(took)
+        # Measured separately, because the baselines get segmented movements.
+        phases, segmentation_s = timed(partial(find_phases, recording))
+        segmentation.append(segmentation_s)
         seconds.append(timed(partial(plan.compute, recording.with_(phases=phases)))[1])
-    found = trial(splits, nested=nested)
+    evaluation = trial(splits, nested=nested)
     return {
-        "predicted": found.predicted,
+        "predicted": evaluation.y_pred,
         "segmentation_s": float(np.mean(segmentation)),
         "feature_s": float(np.mean(seconds)),
-        "fit_s": found.fit_s,
-        "predict_s": found.predict_s,
+        "fit_s": evaluation.fit_s,
+        "predict_s": evaluation.predict_s,
         "first_s": first_s,
         "memory_mb": megabytes(),
     }

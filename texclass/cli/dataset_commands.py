@@ -113,10 +113,10 @@ def inspect(
     if tap_spacing is not None:
         one = one.with_(phase_settings=replace(one.phase_settings, tap_spacing_s=tap_spacing))
     from texclass.atomic_write import write_atomic
-    from texclass.evaluation.inspection import inspected
+    from texclass.evaluation.inspection import inspect_recording
     from texclass.reporting.wording import counted
 
-    figure, phases = inspected(one, features)
+    figure, phases = inspect_recording(one, features)
     path = output or Path(f"{Path(one.recording_id).name}.inspect.png")
     image = io.BytesIO()
     figure.savefig(image, dpi=130, format=path.suffix[1:].lower())

@@ -89,12 +89,12 @@ def extract(
     recordings = open_dataset(
         dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad
     )
-    from texclass.evaluation import extract_partitions, extract_table, running_on
+    from texclass.evaluation import extract_partitions, extract_table, use_backend
     from texclass.features import load_feature_set
     from texclass.reporting.wording import counted
 
     feature_set = load_feature_set(features)
-    with running_on(backend, scheduler), progress_bar() as progress:
+    with use_backend(backend, scheduler), progress_bar() as progress:
         work: dict[str, Any] = {"n_jobs": jobs, "skip_bad": skip_bad, "progress": progress}
         if partition is not None:
             parts = extract_partitions(recordings, feature_set, output, partition, **work)
@@ -113,7 +113,7 @@ def extract(
     )
     typer.echo(table.summary)
     print_lines("left out:", table.left_out)
-    print_lines("note:", (*recordings.notes, *table.doubts))
+    print_lines("note:", (*recordings.notes, *table.notices))
 
 
 @app.command(
@@ -249,8 +249,8 @@ def benchmark(
         cut_windows,
         load_pipeline,
         run_benchmark,
-        running_on,
         study_feature,
+        use_backend,
     )
     from texclass.features import load_feature
 
@@ -265,7 +265,7 @@ def benchmark(
             recordings = whole_surfaces(recordings, baselines_limit)
     work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
     how = {"protocol": chosen_protocol, "nested_cv": nested_cv, **work}
-    with running_on(backend, scheduler), progress_bar() as progress:
+    with use_backend(backend, scheduler), progress_bar() as progress:
         if window is not None:
             recordings = cut_windows(
                 recordings, window, per_recording=max_windows, n_jobs=jobs, progress=progress
@@ -355,7 +355,7 @@ def tradeoff(
     """
     p.check_scheduler(backend, scheduler)
     chosen_protocol = p.protocol_name(protocol, shots, train, test, leave_out)
-    from texclass.evaluation import running_on
+    from texclass.evaluation import use_backend
     from texclass.features import load_feature_set
     from texclass.loaders import open_dataset
     from texclass.tradeoff import Limits, trade_off
@@ -369,7 +369,7 @@ def tradeoff(
     )
     scene = tuple(name.strip() for name in (surfaces or "").split(",") if name.strip())
     stem = tradeoff_stem({"name": recordings.name, "surfaces": scene, "max_seconds": max_seconds})
-    with running_on(backend, scheduler), progress_bar() as progress:
+    with use_backend(backend, scheduler), progress_bar() as progress:
         result = trade_off(
             recordings,
             load_feature_set(features),

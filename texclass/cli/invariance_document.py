@@ -75,7 +75,7 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
             "Median ratio of the deviation between surfaces to that within one "
             f"({'; '.join(filter(None, (ours, other_medians)))}).",
         ),
-        again={"Seed": str(data.get("seed", ""))},
+        reproduction={"Seed": str(data.get("seed", ""))},
         versions=data.get("versions", {}),
     )
 

@@ -15,7 +15,7 @@ from texclass.baselines import comparison  # noqa: F401
 from texclass.cli import invariance_document  # noqa: F401
 from texclass.evaluation import new_feature  # noqa: F401
 from texclass.evaluation.pipeline import load_pipeline
-from texclass.evaluation.result import COMPUTED_BY
+from texclass.evaluation.result_facts import CODE_DEPENDENCIES
 from texclass.features.sets import load_feature_set
 from texclass.provenance import code_hash
 from texclass.reporting import Document, render_markdown, render_page
@@ -109,7 +109,7 @@ def _changed_code(result: Result) -> Iterator[str]:
     if not result.data.get("code_hash"):
         yield "contains no hash of its code"
         return
-    places = result.data.get("code_of", COMPUTED_BY)
+    places = result.data.get("code_of", CODE_DEPENDENCIES)
     if invalid := [place for place in places if not place.isidentifier()]:
         raise ValueError(f"code_of contains {invalid[0]!r}. Expected subpackages and modules of texclass")
     try:
@@ -163,10 +163,12 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
     documents = []
     for file, document in results:
         # Results with equal titles are distinguished by pipeline, or by file.
-        distinction = document.subtitle.partition(":")[0] if document.data else file
+        distinction = document.subtitle.partition(":")[0] if document.dataset else file
         full_title = f"{document.title}: {distinction}" if counts[document.title] > 1 else document.title
-        documents.append(replace(document, title=full_title, again={"File": file, **document.again}))
-    names = list(dict.fromkeys(document.data[0] for document in documents if document.data))
+        documents.append(
+            replace(document, title=full_title, reproduction={"File": file, **document.reproduction})
+        )
+    names = list(dict.fromkeys(document.dataset[0] for document in documents if document.dataset))
     if not title:
         title = "Surface classification" + (f": {', '.join(names)}" if 0 < len(names) <= 3 else "")
     with damage_as_value_error(", ".join(file for file, _ in results) or "no file"):

@@ -11,7 +11,7 @@ from .feature_table import read_table as read_table
 from .folds import Evaluation as Evaluation
 from .folds import Fold as Fold
 from .folds import evaluate as evaluate
-from .folds import over_folds as over_folds
+from .folds import map_folds as map_folds
 from .new_feature import FeatureStudy as FeatureStudy
 from .new_feature import study_feature as study_feature
 from .pipeline import PipelineDefinition as PipelineDefinition
@@ -20,8 +20,7 @@ from .pipeline import load_pipeline as load_pipeline
 from .protocols import PROTOCOLS as PROTOCOLS
 from .protocols import Protocol as Protocol
 from .protocols import find_protocol as find_protocol
-from .protocols import repeated as repeated
+from .protocols import repeated_splits as repeated_splits
 from .windows import Window as Window
 from .windows import cut_windows as cut_windows
-from .workers import each as each
-from .workers import running_on as running_on
+from .workers import use_backend as use_backend

@@ -1,6 +1,6 @@
-"""Accuracies with intervals, and their differences on the same splits, over what is independent.
+"""Accuracies with confidence intervals over independent units, and comparisons of two pipelines.
 
-That is recordings, runs, or the operators who made them.
+Independent units are recordings, runs or operators.
 """
 
 from collections import Counter
@@ -22,38 +22,46 @@ if TYPE_CHECKING:
 
 Labels = NDArray[Any]
 Hits = Sequence[Sequence[NDArray[np.bool_]]]
-"""Repeat -> fold -> whether each test was right."""
-LEAST_CLUSTERS = 5
-"""Clusters from which their spread is an interval; of fewer, each counts as one test."""
-LEAST_CORRELATION = 0.1
-"""Intraclass correlation that the lower limit of an interval over clusters allows for at least: clusters that
-agree may lack the one in ten that is far worse (see `cluster_interval`)."""
+"""Repeat -> fold -> whether each prediction is correct."""
+MIN_CLUSTERS = 5
+"""Smallest number of clusters whose spread gives an interval. With fewer, each cluster counts as one test."""
+MIN_CORRELATION = 0.1
+"""Smallest intraclass correlation assumed for the lower limit of an interval over clusters. A test with few
+operators may miss the one in ten who is far worse (see `cluster_interval`)."""
 LEVEL = 0.05
-"""Of tests, two-sided."""
+"""Significance level of two-sided tests."""
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Share of correct classifications, pooled over folds.
+    """Accuracy, pooled over folds, with its confidence interval.
 
     Attributes
     ----------
     n_hits, n_tested
-        Correct classifications out of all.
+        Number of correct predictions, number of predictions.
     folds
         Accuracy of each fold, for paired comparisons on the same folds.
     balanced
-        Mean over surfaces of the share that was recognised; None where every surface was tested equally
-        often, for then it is the accuracy itself.
+        Balanced accuracy: mean over surfaces of the share of correct predictions. None if every surface was
+        tested equally often, because it then equals the accuracy.
     bounds
-        95 % interval over clusters (recordings, runs, operators), where several tests come from one of them;
+        95 % confidence interval over clusters (recordings, runs, operators), if clusters have several tests;
         see `cluster_interval`.
-    voted
-        Accuracy of the recordings (or runs), each the majority of its tests; None where each is one test.
+    majority_vote
+        Accuracy of recordings (or runs) by majority vote of their tests; None if each has one test.
     n_clusters
-        How many clusters were tested; None where each is one test.
-    spread
-        Whether the bounds come from the spread over clusters; if not, so few cannot tell.
+        Number of clusters; None if each has one test.
+    has_spread
+        Whether `bounds` are computed from the spread over clusters, which needs at least `MIN_CLUSTERS`.
+
+    Examples
+    --------
+    >>> accuracy = Accuracy(n_hits=18, n_tested=20)
+    >>> accuracy.mean
+    0.9
+    >>> [round(limit, 3) for limit in accuracy.interval]
+    [0.699, 0.972]
     """
 
     n_hits: int
@@ -61,9 +69,9 @@ class Accuracy:
     folds: tuple[float, ...] = ()
     balanced: float | None = None
     bounds: tuple[float, float] | None = None
-    voted: "Accuracy | None" = None
+    majority_vote: "Accuracy | None" = None
     n_clusters: int | None = None
-    spread: bool = False
+    has_spread: bool = False
 
     @property
     def mean(self) -> float:
@@ -72,7 +80,7 @@ class Accuracy:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % confidence interval: `bounds`, else Wilson's."""
+        """95 % confidence interval: `bounds`, or the Wilson score interval without clusters."""
         return self.bounds or wilson_interval(self.n_hits, self.n_tested)
 
     @property
@@ -86,174 +94,228 @@ class Accuracy:
         Parameters
         ----------
         unit : str
-            What votes: "recording" or "run".
+            Unit of the majority vote: "recording" (default) or "run".
         clusters : str
-            What is independent: "recording", "run", "operator", "session"; what votes by default.
+            Independent unit: "recording", "run", "operator" or "session" (default: `unit`).
         """
-        (low, high), over = self.interval, clusters or unit
-        alone = self.bounds is None
+        (low, high), cluster_name = self.interval, clusters or unit
+        method = "Wilson"
+        if self.bounds is not None:
+            method = f"{'t' if self.has_spread else 'Wilson'} over {cluster_name}s"
         return {
             "mean": self.mean,
             "low": low,
             "high": high,
-            "interval": "Wilson" if alone else f"{'t' if self.spread else 'Wilson'} over {over}s",
-            "clusters": over,
+            "interval": method,
+            "clusters": cluster_name,
             "n_clusters": self.n_tested if self.n_clusters is None else self.n_clusters,
             "balanced": self.mean if self.balanced is None else self.balanced,
             "worst": self.worst,
             "folds": list(self.folds),
-            **({} if self.voted is None else {f"per_{unit}": self.voted.to_dict(unit, over)}),
+            **(
+                {}
+                if self.majority_vote is None
+                else {f"per_{unit}": self.majority_vote.to_dict(unit, cluster_name)}
+            ),
         }
 
 
 def wilson_interval(n_hits: float, n_tested: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the Wilson score interval of a proportion; hits may be a fraction, as of clusters.
+    """Return the Wilson score interval of a proportion.
 
     (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n), with p = n_hits/n and z the normal quantile.
+
+    Parameters
+    ----------
+    n_hits : float
+        Number of hits; may be a fraction.
+    n_tested : int
+        Number of tests.
+    confidence : float
+        Coverage of the interval (default 0.95).
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper limit.
+
+    Examples
+    --------
+    >>> [round(limit, 3) for limit in wilson_interval(18, 20)]
+    [0.699, 0.972]
     """
     p, n, z = n_hits / n_tested, n_tested, ndtri(0.5 + confidence / 2)
     half = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
     low, high = ((p + z**2 / (2 * n) + side * half) / (1 + z**2 / n) for side in (-1, 1))
-    # Rounding must not part a proportion from its own limits.
+    # Rounding errors must not exclude the proportion from its interval.
     return max(0.0, min(float(low), p)), min(1.0, max(float(high), p))
 
 
 def cluster_interval(hits: ArrayLike, clusters: ArrayLike, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the interval of a proportion whose tests come in clusters, few or many.
+    """Return the confidence interval of a proportion whose tests are correlated within clusters.
 
-    The logit of the pooled proportion, g = log((s + 1/2)/(n - s + 1/2)), s hits of n tests, is computed
-    again without each of the K clusters; its standard error is that of the jackknife,
+    The logit of the pooled proportion is g = log((s + 1/2)/(n - s + 1/2)), with s hits in n tests. Its
+    standard error e is the jackknife error over the K clusters,
 
         e^2 = (K - 1)/K sum_k (g_(k) - mean g_(.))^2,
 
-    and the interval g -+ t e, with the t quantile of K - 1 degrees of freedom, is taken back to proportions.
-    One far worse operator in ten may be absent from a test of few operators, whose spread is then too small.
-    The lower limit therefore uses at least the error at an intraclass correlation of r = `LEAST_CORRELATION`,
+    where g_(k) is computed without cluster k. The interval g -+ t e, with the t quantile of K - 1 degrees of
+    freedom, is transformed back to proportions. In a test with few operators, the one in ten who is far worse
+    may be missing, and the spread is then too small. The lower limit therefore uses at least the error at an
+    intraclass correlation of r = `MIN_CORRELATION`,
 
         e^2 >= (1 + r (sum_k n_k^2/n - 1))/(n p (1 - p)),  p = (s + 1/2)/(n + 1).
 
-    Simulated with 5 to 40 clusters and proportions of 0.6 to 0.9 (reports/studies/certainty.md), it covers
-    94 % or more where one operator in ten is far worse (intraclass correlation 0.2), where the spread alone
-    covers 53 to 87 %, and where skill varies by a beta distribution. The price is width: with about 20 tests
-    from each of 12 operators of equal skill it is 17 points wide, not 10. The upper limit makes no allowance
-    for one operator in ten who is far better.
-    Where all clusters agree, or fewer than `LEAST_CLUSTERS` are there, each counts as one test of Wilson's.
+    If all clusters have the same proportion, or there are fewer than `MIN_CLUSTERS`, each cluster counts as
+    one test in the Wilson score interval.
 
     Parameters
     ----------
     hits : array_like of bool, shape (n_tested,)
-        Whether each test was right.
+        Whether each prediction is correct.
     clusters : array_like of shape (n_tested,)
-        Which recording (or run, operator) each test comes from.
+        Cluster of each test: recording, run or operator.
     confidence : float
-        Coverage.
+        Coverage of the interval (default 0.95).
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper limit.
+
+    Notes
+    -----
+    In simulations with 5 to 40 clusters and proportions of 0.6 to 0.9 (reports/studies/certainty.md), the
+    coverage is at least 94 % if one operator in ten is far worse (intraclass correlation 0.2); the spread
+    alone covers 53 to 87 %. The interval is wider in return: with about 20 tests from each of 12 operators of
+    equal skill, 17 points instead of 10. The upper limit makes no allowance for far better operators.
+
+    Examples
+    --------
+    >>> hits = [1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1, 1]
+    >>> operators = ["a", "a", "b", "b", "c", "c", "d", "d", "e", "e", "f", "f"]
+    >>> [round(limit, 2) for limit in cluster_interval(hits, operators)]
+    [0.37, 0.96]
     """
-    n_hits, n_tests = by_cluster(hits, clusters)
+    n_hits, n_tests = sum_clusters(hits, clusters)
     s, n, k = n_hits.sum(), n_tests.sum(), len(n_tests)
     if not has_spread(n_hits, n_tests):
         return wilson_interval(k * s / n, k, confidence)
-    g, without = np.log((s + 0.5) / (n - s + 0.5)), (s - n_hits, n - n_tests)
+    g = np.log((s + 0.5) / (n - s + 0.5))
+    s_k, n_k = s - n_hits, n - n_tests  # without cluster k
     # e^2 = (K - 1)/K sum_k (g_(k) - mean g_(.))^2
-    error = jackknife_error(np.log((without[0] + 0.5) / (without[1] - without[0] + 0.5)))
+    error = jackknife_error(np.log((s_k + 0.5) / (n_k - s_k + 0.5)))
     # e^2 >= (1 + r (sum_k n_k^2/n - 1))/(n p (1 - p))
     p = (s + 0.5) / (n + 1)
-    least = np.sqrt((1 + LEAST_CORRELATION * ((n_tests**2).sum() / n - 1)) / (n * p * (1 - p)))
+    min_error = np.sqrt((1 + MIN_CORRELATION * ((n_tests**2).sum() / n - 1)) / (n * p * (1 - p)))
     t = stdtrit(k - 1, 0.5 + confidence / 2)
-    low, high = expit([g - t * max(error, least), g + t * error])
+    low, high = expit([g - t * max(error, min_error), g + t * error])
     return min(float(low), s / n), max(float(high), s / n)
 
 
-def by_cluster(values: ArrayLike, clusters: ArrayLike) -> tuple[Samples, NDArray[np.intp]]:
-    """Return the sum of what belongs to each cluster, and how many tests that is."""
+def sum_clusters(values: ArrayLike, clusters: ArrayLike) -> tuple[Samples, NDArray[np.intp]]:
+    """Return the sum of the values in each cluster, and the number of values in each cluster."""
     _, cluster = np.unique(np.asarray(clusters), return_inverse=True)
     sums = np.bincount(cluster, weights=np.asarray(values, dtype=np.float64))
     return sums.astype(np.float64), np.bincount(cluster)
 
 
 def has_spread(sums: Samples, n_tests: NDArray[np.intp]) -> bool:
-    """Return whether there are `LEAST_CLUSTERS` clusters, and their means are not all the same."""
-    return len(n_tests) >= LEAST_CLUSTERS and bool(np.any(sums * n_tests.sum() != n_tests * sums.sum()))
+    """Return whether there are at least `MIN_CLUSTERS` clusters with different means."""
+    return len(n_tests) >= MIN_CLUSTERS and bool(np.any(sums * n_tests.sum() != n_tests * sums.sum()))
 
 
-def jackknife_error(without: Samples) -> float:
-    """Return the standard error of what was computed without each cluster in turn."""
-    k = len(without)
-    return float(np.sqrt((k - 1) / k * ((without - without.mean()) ** 2).sum()))
+def jackknife_error(estimates: Samples) -> float:
+    """Return the jackknife standard error of estimates without one cluster each, shape (n_clusters,)."""
+    k = len(estimates)
+    return float(np.sqrt((k - 1) / k * ((estimates - estimates.mean()) ** 2).sum()))
 
 
 def most_frequent(labels: Iterable[Any]) -> Any:
-    """Return what occurs most often; of equals, what comes first."""
+    """Return the most frequent label; of equally frequent ones, the first."""
     return Counter(labels).most_common(1)[0][0]
 
 
 def score(
-    truth: Sequence[Labels],
-    predicted: Sequence[Labels],
+    y_true: Sequence[Labels],
+    y_pred: Sequence[Labels],
     clusters: Sequence[Labels] | None = None,
     independent: Sequence[Labels] | None = None,
 ) -> Accuracy:
-    """Score predictions.
+    """Return the accuracy of predictions.
 
     Parameters
     ----------
-    truth, predicted : sequence of ndarray
-        Labels, one array a fold.
-    clusters : sequence of ndarray, optional
-        Which recording (or run) each test comes from: it votes, if any holds several tests.
-    independent : sequence of ndarray, optional
-        Which operator (or whatever is independent) each test comes from: the bounds are over these, if any
-        holds several tests. The clusters by default; without any, tests are independent.
+    y_true, y_pred : sequence of ndarray of shape (n_test,)
+        True and predicted labels of each fold.
+    clusters : sequence of ndarray of shape (n_test,), optional
+        Recording (or run) of each test. If one has several tests, the accuracy of their majority vote is
+        computed, too.
+    independent : sequence of ndarray of shape (n_test,), optional
+        Independent unit of each test, for example the operator: the confidence interval is over these, if one
+        has several tests (default: `clusters`; without both, tests are independent).
+
+    Returns
+    -------
+    Accuracy
+        Accuracy with its interval.
     """
-    hits = [t == p for t, p in zip(truth, predicted, strict=True)]
-    every_truth, every_hit = np.concatenate(truth), np.concatenate(hits)
-    surfaces, counts = np.unique(every_truth, return_counts=True)
+    hits = [t == p for t, p in zip(y_true, y_pred, strict=True)]
+    all_labels, all_hits = np.concatenate(y_true), np.concatenate(hits)
+    surfaces, counts = np.unique(all_labels, return_counts=True)
     balanced = None
     if np.ptp(counts):
-        balanced = float(np.mean([every_hit[every_truth == surface].mean() for surface in surfaces]))
+        balanced = float(np.mean([all_hits[all_labels == surface].mean() for surface in surfaces]))
     accuracy = Accuracy(
-        n_hits=int(every_hit.sum()),
-        n_tested=every_hit.size,
+        n_hits=int(all_hits.sum()),
+        n_tested=all_hits.size,
         folds=tuple(float(h.mean()) for h in hits),
         balanced=balanced,
     )
     groups = independent or clusters
-    if groups is not None and (over := np.concatenate(groups)).size > (n := len(np.unique(over))):
-        bounds, spread = cluster_interval(every_hit, over), has_spread(*by_cluster(every_hit, over))
-        accuracy = replace(accuracy, bounds=bounds, n_clusters=n, spread=spread)
+    if groups is not None and (units := np.concatenate(groups)).size > (n := len(np.unique(units))):
+        bounds, is_spread = cluster_interval(all_hits, units), has_spread(*sum_clusters(all_hits, units))
+        accuracy = replace(accuracy, bounds=bounds, n_clusters=n, has_spread=is_spread)
     if clusters is None or all(np.unique(c).size == c.size for c in clusters):
         return accuracy
     votes = [
-        pd.DataFrame({"truth": t, "predicted": p, "cluster": c, "independent": i})
-        # A cluster of two surfaces counts as two.
-        .groupby(["truth", "cluster"], sort=False)
-        .agg({"predicted": most_frequent, "independent": "last"})
+        pd.DataFrame({"y_true": t, "y_pred": p, "cluster": c, "independent": i})
+        # A cluster with two surfaces counts as two.
+        .groupby(["y_true", "cluster"], sort=False)
+        .agg({"y_pred": most_frequent, "independent": "last"})
         .reset_index()
-        for t, p, c, i in zip(truth, predicted, clusters, groups or clusters, strict=True)
+        for t, p, c, i in zip(y_true, y_pred, clusters, groups or clusters, strict=True)
     ]
-    columns = ([of[name].to_numpy() for of in votes] for name in ("truth", "predicted", "independent"))
-    felt, taken, of_votes = columns
-    return replace(accuracy, voted=score(felt, taken, independent=of_votes))
+    vote_true, vote_pred, vote_units = (
+        [frame[name].to_numpy() for frame in votes] for name in ("y_true", "y_pred", "independent")
+    )
+    return replace(accuracy, majority_vote=score(vote_true, vote_pred, independent=vote_units))
 
 
 def corrected_resampled_t(
     differences: ArrayLike, test_train_ratio: float
 ) -> tuple[tuple[float, float], float]:
-    """Return 95 % interval and two-sided p-value of the mean difference over folds that are drawn repeatedly.
+    """Return the 95 % interval and p-value of a mean difference over repeated folds (corrected t-test).
 
-    The training sets of folds overlap, so their differences d_1 ... d_J are not independent, and the plain
-    t-test finds differences where there are none. With the corrected variance of the mean,
+    The training sets of folds overlap. Their differences d_1 ... d_J are therefore correlated, and the plain
+    t-test reports too many significant differences. With the corrected variance of the mean,
 
         t = mean d / sqrt((1/J + n_test/n_train) s^2),  J - 1 degrees of freedom,
 
-    s^2 being the variance of d (divisor J - 1). Folds that all agree have no spread to judge a difference by:
-    then it may be anything, from -1 to 1, and p is 1.
+    where s^2 is the variance of d (divisor J - 1). If all differences are equal, the variance is unknown: the
+    interval is (-1, 1), and p is 1.
 
     Parameters
     ----------
     differences : array_like of shape (J,)
-        Accuracy of the one minus that of the other in each fold of each repeat.
+        Difference of two accuracies in each fold of each repeat.
     test_train_ratio : float
-        n_test/n_train, recordings of a fold.
+        n_test/n_train, the ratio of the sizes of test set and training set.
+
+    Returns
+    -------
+    tuple
+        Interval (low, high), and two-sided p-value.
 
     Raises
     ------
@@ -273,33 +335,40 @@ def corrected_resampled_t(
     """
     d = np.asarray(differences, dtype=np.float64)
     if d.size < 2:
-        raise ValueError(f"{d.size} differences. Expected at least 2 folds")
-    if agree(d):
+        raise ValueError(f"differences has {d.size} values. Expected at least 2 folds")
+    if is_constant(d):
         return (-1.0, 1.0), 1.0
     # t = mean d / sqrt((1/J + n_test/n_train) s^2)
     error = float(np.sqrt((1 / d.size + test_train_ratio) * d.var(ddof=1)))
     return _t_test(float(d.mean()), error, d.size - 1)
 
 
-def agree(values: ArrayLike) -> bool:
-    """Return whether values are the same but for rounding."""
+def is_constant(values: ArrayLike) -> bool:
+    """Return whether all values are equal, apart from rounding errors."""
     return bool(np.ptp(values) <= 1e-12)
 
 
 def clustered_t(differences: ArrayLike, n_tests: ArrayLike) -> tuple[tuple[float, float], float]:
-    """Return 95 % interval and two-sided p-value of a pooled difference whose tests come in clusters.
+    """Return the 95 % interval and p-value of a pooled difference whose tests are correlated in clusters.
 
         t = d / e,  d = sum of differences / sum of tests,  e^2 = (K - 1)/K sum_k (d_(k) - mean d_(.))^2,
 
-    d_(k) being computed without cluster k; K - 1 degrees of freedom. Where clusters have no spread (see
-    `has_spread`) each counts as one test: the interval is as far to either side
-    as Wilson's of none of them, and p is that of flipping their signs, 2/2^K; if none differs, 1.
+    where d_(k) is computed without cluster k, with K - 1 degrees of freedom. If the clusters have no spread
+    (see `has_spread`), each counts as one test: the half-width of the interval is the upper Wilson limit of 0
+    hits in K tests, and p is that of the sign test, 2/2^K, or 1 if the signs differ.
 
     Parameters
     ----------
-    differences, n_tests : array_like of shape (n_clusters,)
-        Of each recording (or run, operator): tests that only the one recognised, minus those that only the
-        other did; and how many tests it holds.
+    differences : array_like of shape (n_clusters,)
+        Tests in each cluster that only the first pipeline predicts correctly, minus those that only the
+        second does.
+    n_tests : array_like of shape (n_clusters,)
+        Number of tests in each cluster.
+
+    Returns
+    -------
+    tuple
+        Interval (low, high), and two-sided p-value.
     """
     sums, n = np.asarray(differences, dtype=np.float64), np.asarray(n_tests)
     d, k = float(sums.sum() / n.sum()), len(n)
@@ -307,37 +376,46 @@ def clustered_t(differences: ArrayLike, n_tests: ArrayLike) -> tuple[tuple[float
         half = cluster_interval(np.zeros(k), np.arange(k))[1]
         p = 2.0 ** (1 - k) if np.all(sums > 0) or np.all(sums < 0) else 1.0
         return (max(-1.0, d - half), min(1.0, d + half)), p
-    # d_(k): without cluster k
+    # d_(k), the difference without cluster k
     return _t_test(d, jackknife_error((sums.sum() - sums) / (n.sum() - n)), k - 1)
 
 
-def _t_test(mean: float, error: float, free: int) -> tuple[tuple[float, float], float]:
-    half = float(stdtrit(free, 1 - LEVEL / 2) * error)
-    return (mean - half, mean + half), float(2 * stdtr(free, -abs(mean / error)))
+def _t_test(mean: float, error: float, dof: int) -> tuple[tuple[float, float], float]:
+    half = float(stdtrit(dof, 1 - LEVEL / 2) * error)
+    return (mean - half, mean + half), float(2 * stdtr(dof, -abs(mean / error)))
 
 
-def least_difference(interval: tuple[float, float], free: int) -> float:
-    """Return the difference that a test would find in 8 of 10 trials, from its 95 % interval.
+def minimum_detectable_difference(interval: tuple[float, float], dof: int) -> float:
+    """Return the difference that a test detects with a power of 80 %, from its 95 % confidence interval.
 
-    (t_(1 - LEVEL/2) + t_0.8) e, with the standard error e that is in the interval.
+    (t_(1 - LEVEL/2) + t_0.8) e, where e is the standard error that follows from the interval.
+
+    Parameters
+    ----------
+    interval : tuple of float
+        95 % confidence interval of a difference.
+    dof : int
+        Degrees of freedom of its t quantile.
     """
-    quantile = stdtrit(free, 1 - LEVEL / 2)
-    return float((interval[1] - interval[0]) / 2 * (quantile + stdtrit(free, 0.8)) / quantile)
+    quantile = stdtrit(dof, 1 - LEVEL / 2)
+    return float((interval[1] - interval[0]) / 2 * (quantile + stdtrit(dof, 0.8)) / quantile)
 
 
 def exact_mcnemar(n_gained: int, n_lost: int) -> float:
-    """Return the two-sided p-value of McNemar's exact test.
+    """Return the two-sided p-value of the exact McNemar test.
 
-    Of the recordings that only one of two pipelines recognises, chance alone gives each pipeline half.
+    Under the null hypothesis, a recording that only one of two pipelines predicts correctly belongs to either
+    pipeline with probability 1/2.
     """
     n_discordant = n_gained + n_lost
     return float(scipy.stats.binomtest(n_gained, n_discordant).pvalue) if n_discordant else 1.0
 
 
 def holm(p_values: ArrayLike) -> Samples:
-    """Return p-values corrected for how many there are (Holm, 1979), in the order given.
+    """Return p-values corrected for multiple comparisons (Holm, 1979), in the order of the input.
 
-    The k-th smallest of m (from 0) is multiplied by m - k, and none is smaller than the one before.
+    The k-th smallest of m p-values (from k = 0) is multiplied by m - k, and made at least as large as the
+    previous one.
     """
     p = np.asarray(p_values, dtype=np.float64)
     order = np.argsort(p)
@@ -354,49 +432,50 @@ def compare(
     protocol: "Protocol",
     independent: tuple[str, NDArray[np.str_]],
 ) -> dict[str, Any]:
-    """Compare two pipelines on the same tests.
+    """Compare the accuracies of two pipelines on the same tests.
 
-    Folds that the protocol draws are resampled: `corrected_resampled_t` takes the differences of all folds
-    and repeats. One set of splits, or folds that all agree, are judged by what is independent: `clustered_t`
-    gives the interval and the p-value, or `exact_mcnemar` the latter where each is a single test.
+    With repeated random folds, `corrected_resampled_t` tests the differences of all folds and repeats. With
+    one repeat, or equal differences in all folds, the independent units are tested: `clustered_t` gives the
+    interval and the p-value, or `exact_mcnemar` the p-value if each unit has one test.
 
     Parameters
     ----------
     hits, other : sequence of sequence of ndarray of shape (n_test,)
-        Repeat -> fold -> whether each test was right, by the one and by the other.
+        Repeat -> fold -> whether each prediction of the first and of the second pipeline is correct.
     splits : sequence of (train, test)
-        Of the first repeat; there may be more than were tested.
+        Splits of the first repeat; may contain more folds than were tested.
     protocol : Protocol
-        How they were made.
+        Protocol of the splits.
     independent : (str, ndarray of shape (n_recordings,))
-        What is independent, and which each row comes from; see `Protocol.independent`.
+        Independent unit, and the unit of each row; see `Protocol.independent`.
 
     Returns
     -------
     dict
-        As JSON: `difference` of the mean accuracies, a fraction, with its 95 % interval from `low` to `high`;
-        two-sided `p_value`: how likely chance alone makes such a difference or a larger one; the `least`
-        difference that would be found in 8 of 10 trials; the `test` that gave them, over `n_clusters` of
-        `clusters`; the difference in each of the `folds` of each repeat; tests (of all repeats) in which only
-        the one, only the other was right: `n_gained`, `n_lost`.
+        JSON values: `difference` of the mean accuracies (a fraction) with its 95 % interval from `low` to
+        `high`; two-sided `p_value`; `minimum_detectable` difference with a power of 80 %; name of the `test`,
+        over `n_clusters` units (`clusters`); difference in each of the `folds` of each repeat; number of
+        tests that only the first (`n_gained`) or only the second pipeline (`n_lost`) predicts correctly.
     """
     folds = [
         [float(a.mean() - b.mean()) for a, b in zip(*pair, strict=True)]
         for pair in zip(hits, other, strict=True)
     ]
-    one, two = (np.concatenate([fold for repeat in of for fold in repeat]) for of in (hits, other))
-    gained, lost = int((one & ~two).sum()), int((two & ~one).sum())
+    one, two = (np.concatenate([fold for repeat in repeats for fold in repeat]) for repeats in (hits, other))
+    n_gained, n_lost = int((one & ~two).sum()), int((two & ~one).sum())
     differences, (unit, groups) = np.concatenate(folds), independent
-    tested = np.concatenate([groups[test] for _, test in splits[: len(hits[0])]])
-    first = slice(tested.size)  # of the first repeat
-    sums, n_tests = by_cluster(one[first].astype(int) - two[first], tested)
-    if protocol.is_random and len(hits[0]) > 1 and not agree(differences):
+    test_units = np.concatenate([groups[test] for _, test in splits[: len(hits[0])]])
+    first = slice(test_units.size)  # tests of the first repeat
+    sums, n_tests = sum_clusters(one[first].astype(int) - two[first], test_units)
+    if protocol.is_random and len(hits[0]) > 1 and not is_constant(differences):
         ratio = float(np.mean([test.size / train.size for train, test in splits]))
         interval, p = corrected_resampled_t(differences, ratio)
-        test, difference, free = "corrected resampled t-test over folds and repeats", differences.mean(), None
+        test, difference = "corrected resampled t-test over folds and repeats", differences.mean()
+        dof = differences.size - 1
     else:
         interval, p = clustered_t(sums, n_tests)
-        test, difference, free = f"t-test over {unit}s", sums.sum() / n_tests.sum(), len(n_tests) - 1
+        test, difference = f"t-test over {unit}s", sums.sum() / n_tests.sum()
+        dof = len(n_tests) - 1 or differences.size - 1
         if n_tests.max() == 1:
             n_first = (int((one & ~two)[first].sum()), int((two & ~one)[first].sum()))
             test, p = f"exact McNemar test, t interval over {unit}s", exact_mcnemar(*n_first)
@@ -405,11 +484,11 @@ def compare(
         "high": interval[1],
         "difference": float(difference),
         "p_value": p,
-        "least": least_difference(interval, max(1, free or differences.size - 1)),
+        "minimum_detectable": minimum_detectable_difference(interval, max(1, dof)),
         "test": test,
         "clusters": unit,
         "n_clusters": len(n_tests),
         "folds": folds,
-        "n_gained": gained,
-        "n_lost": lost,
+        "n_gained": n_gained,
+        "n_lost": n_lost,
     }

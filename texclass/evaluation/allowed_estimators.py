@@ -1,4 +1,4 @@
-"""The allow-list of estimators, parameters and sizes that a file may name: pipelines and saved models."""
+"""Allow-list of estimators, parameters and sizes in pipeline files and saved models."""
 
 import importlib
 import inspect
@@ -70,32 +70,32 @@ ESTIMATORS = frozenset(
         "texclass.classifiers.segment_voting.SegmentVoting",
     }
 )
-"""Classes that `use` may name. None opens a file, imports a module or starts a process with the parameters
-that are left."""
+"""Classes allowed in `use`. With the allowed parameters, none of them opens a file, imports a module or
+starts a process."""
 REFUSED_PARAMETERS = frozenset(
     {"callback", "importance_getter", "memory", "n_jobs", "pre_dispatch", "verbose"}
 )
-"""Parameters that set a cache, a number of processes or output, are called, or name an attribute to read."""
+"""Parameters that set a cache, a number of processes or output, or that are called or read as attributes."""
 UNBOUNDED = frozenset({"random_state", "subsample", "subsample_for_bin"})
-"""Whole numbers that cost neither time nor memory."""
+"""Integer parameters without a limit, because large values need neither time nor memory."""
 
 
 @dataclass(frozen=True)
 class SizeLimits:
-    """How large parameters may be: more is a mistake or an attack.
+    """Upper limits of parameters. Larger values are a mistake or an attack.
 
     Attributes
     ----------
     integer
-        Estimators, iterations, components, neighbours, neurons of a layer, ....
+        Largest integer: number of estimators, iterations, components, neighbours, neurons (default 10,000).
     models
-        Models in all, of ensembles inside of ensembles.
+        Largest number of models, in nested ensembles together (default 10,000).
     weights
-        Weights between the hidden layers of a network: 80 MB.
+        Largest number of weights between the hidden layers of a network (default 10 million: 80 MB).
     nesting
-        Estimators inside of each other.
+        Largest depth of nested estimators (default 4).
     members, letters
-        Of a list, and of a text.
+        Largest number of elements of a list (default 1,000), and of characters of a text (default 200).
     """
 
     integer: int = 10_000
@@ -110,12 +110,12 @@ LIMITS = SizeLimits()
 
 
 def resolve(path: str) -> "type[BaseEstimator]":
-    """Return an estimator class of the allow-list by its dotted path.
+    """Return the class with this path from the allow-list.
 
     Raises
     ------
     ValueError
-        If it is not on the list; the message names the closest path that is.
+        If the path is not on the allow-list.
     """
     if path not in ESTIMATORS:
         name = path.rpartition(".")[2]
@@ -123,7 +123,8 @@ def resolve(path: str) -> "type[BaseEstimator]":
         near = [by_name[one] for one in get_close_matches(name, by_name, n=1)]
         hint = f" Did you mean {near[0]!r}?" if near else ""
         raise ValueError(
-            f"use = {path[: LIMITS.letters]!r} is refused: it is not an allowed estimator.{hint}"
+            f"use = {path[: LIMITS.letters]!r} is not an allowed estimator. Expected an estimator of "
+            f"scikit-learn or texclass on the allow-list.{hint}"
         )
     module, _, name = path.rpartition(".")
     try:
@@ -133,35 +134,35 @@ def resolve(path: str) -> "type[BaseEstimator]":
 
 
 def check_parameters(path: str, parameters: Mapping[str, Any]) -> None:
-    """Check names, types and sizes of an estimator's parameters, those of nested estimators included.
+    """Check names, types and sizes of the parameters of an estimator and its nested estimators.
 
     Raises
     ------
     ValueError
-        At the first that is refused; the message names it and what is allowed.
+        If a parameter is not allowed.
     """
-    if (n_models := _n_models(path, parameters, 1)) > LIMITS.models:
+    if (n_models := _count_models(path, parameters, 1)) > LIMITS.models:
         raise ValueError(f"{path} builds {n_models} models. Expected at most {LIMITS.models}")
 
 
-def _n_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
-    """Check an estimator, and return how many models it builds."""
+def _count_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
+    """Check the parameters of an estimator, and return the number of models that it fits."""
     if depth > LIMITS.nesting:
         raise ValueError(f"{path} is nested {depth} deep. Expected at most {LIMITS.nesting}")
-    known = [name for name in inspect.signature(resolve(path)).parameters if name not in REFUSED_PARAMETERS]
+    names = [name for name in inspect.signature(resolve(path)).parameters if name not in REFUSED_PARAMETERS]
     n_models = 1
     for key, value in parameters.items():
         if key in REFUSED_PARAMETERS:
             raise ValueError(
-                f"parameter {key!r} is refused: a file sets no caches, processes or output. "
-                f"Remove it; {path} takes {', '.join(known)}"
+                f"parameter {key!r} is not allowed in a file, which must not set caches, processes or "
+                f"output. Remove it; {path} takes {', '.join(names)}"
             )
-        if key not in known:
-            near = get_close_matches(key, known, n=1) or known or ["none"]
+        if key not in names:
+            near = get_close_matches(key, names, n=1) or names or ["none"]
             raise ValueError(f"unknown key {key!r}. Expected a parameter of {path}: {', '.join(near)}")
         if isinstance(value, dict) and isinstance(value.get("use"), str):
             nested = {name: one for name, one in value.items() if name != "use"}
-            n_models *= _n_models(value["use"], nested, depth + 1)
+            n_models *= _count_models(value["use"], nested, depth + 1)
         else:
             _check_value(key, value)
         if key == "n_estimators" or (key == "max_iter" and path.endswith("HistGradientBoostingClassifier")):
@@ -174,21 +175,21 @@ def _n_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
 
 
 def _check_value(key: str, value: Any) -> None:
-    """Check that a value is a number, text, truth value or list of these, and of a bearable size."""
+    """Check that a value is a number, text, boolean or list of these, within the size limits."""
     if isinstance(value, bool):
         return
     if isinstance(value, str):
         if len(value) > LIMITS.letters:
-            raise ValueError(f"{key} has {len(value)} letters. Expected at most {LIMITS.letters}")
+            raise ValueError(f"{key} has {len(value)} characters. Expected at most {LIMITS.letters}")
     elif isinstance(value, int):
         if abs(value) > LIMITS.integer and key not in UNBOUNDED:
             raise ValueError(f"{key} is {value}. Expected at most {LIMITS.integer}")
     elif isinstance(value, list | tuple):
         if len(value) > LIMITS.members:
-            raise ValueError(f"{key} has {len(value)} members. Expected at most {LIMITS.members}")
+            raise ValueError(f"{key} has {len(value)} elements. Expected at most {LIMITS.members}")
         for one in value:
             if isinstance(one, list | tuple | dict):
-                raise ValueError(f"{key} holds {str(one)[:40]!r}. Expected numbers, texts or booleans")
+                raise ValueError(f"{key} contains {str(one)[:40]!r}. Expected numbers, texts or booleans")
             _check_value(key, one)
     elif not isinstance(value, float):
         raise ValueError(

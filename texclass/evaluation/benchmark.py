@@ -1,6 +1,7 @@
-"""The benchmark: dataset and pipeline in, the table out.
+"""Benchmark: evaluate every row and classifier of a pipeline on a dataset.
 
-The best of a table is chosen with the tests in view; what it is really worth, `choose_inside` tells.
+The best row of a table is selected on the test folds, so its accuracy is optimistic. `run_nested_cv` computes
+an unbiased accuracy.
 """
 
 import re
@@ -14,8 +15,8 @@ import pandas as pd
 from scipy.stats import spearmanr
 from sklearn.metrics import confusion_matrix
 
+from texclass.evaluation.ablation import measure_ablation, select_base
 from texclass.evaluation.accuracy import most_frequent, score
-from texclass.evaluation.additions import choose_base, measure_additions
 from texclass.evaluation.confusion import write_confusion
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, cached_table, metadata
@@ -23,15 +24,21 @@ from texclass.evaluation.folds import Evaluation
 from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition, load_pipeline
 from texclass.evaluation.protocols import (
     Protocol,
-    fewest,
     find_protocol,
-    require_unseen,
-    splits_of,
+    make_splits,
+    min_per_surface,
+    require_nested,
 )
-from texclass.evaluation.result import COMPUTED_BY, best_of, example_of, measured_on, pairs_of
+from texclass.evaluation.result_facts import (
+    CODE_DEPENDENCIES,
+    best_pair,
+    describe_dataset,
+    example_facts,
+    list_pairs,
+)
 from texclass.evaluation.splits import Split, n_starts
-from texclass.evaluation.windows import asked, overlapping
-from texclass.evaluation.workers import Progress, each
+from texclass.evaluation.windows import add_overlapping_windows, is_testable
+from texclass.evaluation.workers import Progress, run_parallel
 from texclass.features.extractor import Reason
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
@@ -43,25 +50,32 @@ if TYPE_CHECKING:
 
     from texclass.reporting import Document
 
-LEAST_TRAINED = 2
-"""Recordings of each surface that must be left to train on: spread cannot be learnt from one."""
+MIN_TRAINING_RECORDINGS = 2
+"""Smallest number of training recordings per surface: the variance within a surface needs two."""
 
 
 class BenchmarkResult(Result, kind="benchmark"):
-    """A pipeline evaluated on a dataset; see `run_benchmark`.
+    """Accuracies of a pipeline on a dataset; returned by `run_benchmark`.
 
-    `data` holds `dataset` (facts and numbers), `pipeline`, `protocol`, `rows` (accuracies by classifier,
-    published ones, milliseconds, what is missing), `confusion` of the best row, `gains` (what additions
-    add), `choice` (made inside training parts), `example` (a recording and its phases), `left_out`, `flags`,
-    `undefined`, and what is needed to do it again.
+    `data` contains `dataset` (its facts), `pipeline`, `protocol`, `rows` (accuracies by classifier, published
+    accuracies, latency, missing features), `confusion` (confusion matrix of the best row), `ablation` (gain
+    of each feature group), `nested_cv` (nested cross-validation), `example` (a recording and its phases),
+    `left_out`, `flags`, `undefined`, and what is needed to reproduce the result.
+
+    Examples
+    --------
+    >>> accuracy = {"lda": {"mean": 0.9, "low": 0.8, "high": 0.95}}
+    >>> rows = [{"name": "MFCC", "accuracy": accuracy}]
+    >>> BenchmarkResult({"rows": rows}).best
+    ('MFCC', 'lda')
     """
 
     def __repr__(self) -> str:
-        named = f"{self.data['dataset']['name']}, {self.data['pipeline']['name']}, {self.data['protocol']}"
+        title = f"{self.data['dataset']['name']}, {self.data['pipeline']['name']}, {self.data['protocol']}"
         if self.best is None:
-            return f"<{type(self).__name__}: {named}; no row was computed>"
+            return f"<{type(self).__name__}: {title}; no row could be evaluated>"
         mean = 100 * self.table["mean"].max()
-        return f"<{type(self).__name__}: {named}; best {mean:.1f} %, {' with '.join(self.best)}>"
+        return f"<{type(self).__name__}: {title}; best {mean:.1f} %, {' with '.join(self.best)}>"
 
     def _repr_html_(self) -> str:
         """Return the table for a notebook."""
@@ -69,22 +83,22 @@ class BenchmarkResult(Result, kind="benchmark"):
 
     @property
     def stem(self) -> str:
-        """What the names of its files begin with: dataset, pipeline and protocol."""
+        """Start of the file names: dataset, pipeline and protocol."""
         protocol = re.sub(r"[^\w.+-]+", "-", self.data["protocol"].replace("->", "to"))
         return f"{self.data['dataset']['name']}-{self.data['pipeline']['name']}-{protocol}"
 
     @property
     def definitions(self) -> dict[str, tuple[str, str]]:
         """Name and hash of pipeline and feature set."""
-        made_with = self.data["pipeline"]
+        pipeline = self.data["pipeline"]
         return {
-            "pipeline": (made_with["name"], made_with["hash"]),
-            "feature set": (made_with["features"], made_with.get("features_hash", "")),
+            "pipeline": (pipeline["name"], pipeline["hash"]),
+            "feature set": (pipeline["features"], pipeline.get("features_hash", "")),
         }
 
     @property
     def table(self) -> pd.DataFrame:
-        """One line a row and classifier: accuracy with its interval, published accuracy, milliseconds."""
+        """Table with one line per row and classifier: accuracy, interval, published accuracy, latency."""
         keys = ("mean", "low", "high", "interval", "clusters", "n_clusters", "balanced", "worst")
         lines = [
             {
@@ -95,12 +109,12 @@ class BenchmarkResult(Result, kind="benchmark"):
                 "paper": pair.published,
                 "ms_per_recording": pair.row["ms_per_recording"],
             }
-            for pair in pairs_of(self.data)
+            for pair in list_pairs(self.data)
         ]
         return pd.DataFrame(lines)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write JSON, Markdown, pictures and the confusion matrix (CSV) into a folder."""
+        """Write JSON, Markdown, figures and the confusion matrix (CSV) into a folder."""
         written = super().save(folder)
         if self.data["confusion"] is None:
             return written
@@ -112,12 +126,12 @@ class BenchmarkResult(Result, kind="benchmark"):
         Raises
         ------
         ValueError
-            If no row was computed.
+            If no row could be evaluated.
         """
-        found = self.data["confusion"]
-        if found is None:
+        confusion = self.data["confusion"]
+        if confusion is None:
             raise ValueError("cannot write the confusion matrix: no row could be evaluated")
-        return write_confusion(path, found["surfaces"], found["surfaces"], found["counts"])
+        return write_confusion(path, confusion["surfaces"], confusion["surfaces"], confusion["counts"])
 
     def document(self) -> "Document":
         """Return the benchmark as a document."""
@@ -148,8 +162,8 @@ class BenchmarkResult(Result, kind="benchmark"):
 
     @property
     def best(self) -> tuple[str, str] | None:
-        """Row and classifier of the highest accuracy, the first of equals; None if no row was computed."""
-        best = best_of(self.data)
+        """Row and classifier with the highest accuracy; None if no row could be evaluated."""
+        best = best_pair(self.data)
         return (best.row["name"], best.classifier) if best else None
 
 
@@ -164,71 +178,76 @@ def run_benchmark(
     skip_bad: bool = False,
     progress: Progress | None = None,
 ) -> BenchmarkResult:
-    """Evaluate every row of a pipeline on a dataset.
+    """Evaluate every row and classifier of a pipeline on a dataset by cross-validation.
 
     Parameters
     ----------
     dataset : Dataset, str or path
-        Labelled recordings, or their windows (`cut_windows`), which stay in the fold of their recording and
-        vote for it; short windows overlap in the training set where the pipeline asks for it. Or an argument
-        of `open_dataset`: a shipped name, a card, or a folder whose files give rate and unit.
+        Labelled recordings, or windows from `cut_windows`. Windows of one recording stay in the same fold,
+        and the accuracy of their majority vote is reported. Or an argument of `open_dataset`: name of a
+        shipped dataset, path of a card, or path of a folder whose files state sampling rate and unit.
     pipeline : PipelineDefinition, str or path
-        See `load_pipeline`.
+        Pipeline, or an argument of `load_pipeline` (default "strese2015").
     protocol : str, optional
-        A name of `PROTOCOLS`; the pipeline's own by default.
+        Name of a protocol; see `find_protocol` (default: that of the pipeline).
     n_folds : int, optional
-        Folds of "recording", "grouped" and "paper"; the pipeline's own by default.
+        Number of folds of "recording", "grouped" and "paper" (default: that of the pipeline).
     nested_cv : bool
-        Also choose a row and a classifier inside each training part, see `choose_inside`.
+        Whether to run nested cross-validation, too: row and classifier are selected inside each training set
+        (default False).
     n_jobs : int
-        Processes.
+        Number of processes (default 1).
     skip_bad : bool
-        List bad recordings in the result instead of stopping at the first.
+        Whether to list bad recordings in the result (default: raise an error at the first).
     progress : callable, optional
-        Called with (done, total, what).
+        Function called with (done, total, stage).
 
     Returns
     -------
     BenchmarkResult
-        The same for the same dataset, pipeline, protocol and versions, apart from milliseconds.
+        Deterministic for the same dataset, pipeline, protocol and versions, except for the latency.
 
     Raises
     ------
     RecordingError
-        At a bad recording.
+        If a recording is bad.
     ValueError
-        If the protocol cannot split the dataset; the message names value and rule.
+        If the protocol cannot split the dataset.
     """
     dataset = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
     pipeline = pipeline if isinstance(pipeline, PipelineDefinition) else load_pipeline(pipeline)
     dataset = dataset.with_phase_settings(pipeline.phase_settings.changes, override=False)
-    dataset = overlapping(dataset, pipeline.overlap)
-    chosen = find_protocol(protocol or pipeline.protocol.name)
-    folds = pipeline.protocol.folds if n_folds is None else n_folds
-    # Before the features: a split that is impossible should not cost an extraction.
-    facts = metadata(dataset.entries)
-    splits = chosen.split(facts, folds, pipeline.seed)
+    dataset = add_overlapping_windows(dataset, pipeline.overlap)
+    split_protocol = find_protocol(protocol or pipeline.protocol.name)
+    n_folds = pipeline.protocol.folds if n_folds is None else n_folds
+    # Split before the features are computed, so that an impossible split fails at once.
+    labels = metadata(dataset.entries)
+    splits = split_protocol.split(labels, n_folds, pipeline.seed)
     if nested_cv:
-        require_unseen(chosen)
-        if sum(len(row.judged_by(pipeline.classifiers)) for row in pipeline.rows) > 1:
-            inner_splits(chosen, facts, splits, pipeline.seed)
+        require_nested(split_protocol)
+        if sum(len(row.select_classifiers(pipeline.classifiers)) for row in pipeline.rows) > 1:
+            inner_splits(split_protocol, labels, splits, pipeline.seed)
     work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
     table = cached_table(dataset, *pipeline.needed, channels=pipeline.channels, skip_bad=skip_bad, **work)
-    splits = chosen.split(table.frame, folds, pipeline.seed)
-    rows = [MatchedRow.of(row, pipeline.features, table) for row in pipeline.rows]
-    meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
-    evaluations = _evaluate(rows, table, splits, pipeline, chosen, **work)
-    choice = choose_inside(rows, table, splits, pipeline, chosen, evaluations, **work) if nested_cv else None
-    base = choose_base(pipeline, rows, evaluations) if pipeline.additions else None
-    units = (chosen.unit, chosen.independent(table.frame)[0])
+    frame = table.frame
+    splits = split_protocol.split(frame, n_folds, pipeline.seed)
+    rows = [MatchedRow.match(row, pipeline.features, table) for row in pipeline.rows]
+    meter = CostMeter.from_dataset(dataset, frame["recording_id"].tolist(), pipeline.channels)
+    evaluations = _evaluate(rows, table, splits, pipeline, split_protocol, **work)
+    nested = None
+    if nested_cv:
+        nested = run_nested_cv(rows, table, splits, pipeline, split_protocol, evaluations, **work)
+    ablation = None
+    if pipeline.additions and (base := select_base(pipeline, rows, evaluations)):
+        ablation = measure_ablation(pipeline, table, base, split_protocol, n_folds, meter, **work)
+    units = (split_protocol.unit, split_protocol.independent(frame)[0])
     lines = [_line(row, pipeline, meter, evaluations.get(row.definition.name, {}), units) for row in rows]
     agreement = {name: rank_agreement(lines, name) for name in pipeline.classifiers}
-    frame = table.frame
-    tested = "windows" if "parent" in frame else "recordings"
+    test_unit = "windows" if "parent" in frame else "recordings"
     return BenchmarkResult(
         {
-            "dataset": measured_on(dataset, frame, meter.recordings[0]),
-            "example": example_of(meter.recordings[0]),
+            "dataset": describe_dataset(dataset, frame, meter.recordings[0]),
+            "example": example_facts(meter.recordings[0]),
             "pipeline": {
                 "name": pipeline.name,
                 "hash": pipeline.hash,
@@ -236,19 +255,19 @@ def run_benchmark(
                 "features_hash": pipeline.features.hash,
             },
             "movement": pipeline.features.movement,
-            "protocol": chosen.name,
-            "protocol_description": chosen.description,
+            "protocol": split_protocol.name,
+            "protocol_description": split_protocol.description,
             "n_folds": len(splits),
             **({"n_starts": starts} if (starts := n_starts(splits)) else {}),
-            "accuracy_unit": f"fraction of {tested}; low and high are the 95 % interval by `interval`",
+            "accuracy_unit": f"fraction of {test_unit}; low and high are the 95 % interval by `interval`",
             "rows": lines,
             "segmentation_ms": meter.segmentation_ms,
             "published_on": pipeline.published_on and pipeline.published_on.model_dump(),
-            "rank_agreement": {name: found and found[0] for name, found in agreement.items()},
-            "rank_agreement_interval": {name: found and found[1] for name, found in agreement.items()},
+            "rank_agreement": {name: value and value[0] for name, value in agreement.items()},
+            "rank_agreement_interval": {name: value and value[1] for name, value in agreement.items()},
             "confusion": _confusion(lines, evaluations, dataset.surfaces),
-            "gains": base and measure_additions(pipeline, table, base, chosen, folds, meter, **work),
-            "choice": choice,
+            "ablation": ablation,
+            "nested_cv": nested,
             "left_out": [list(item) for item in table.left_out],
             "flags": [list(item) for item in table.flags],
             "undefined": _undefined(table),
@@ -257,7 +276,7 @@ def run_benchmark(
             ),
             "seed": pipeline.seed,
             "input_hash": dataset.input_hash,
-            **code_provenance(*COMPUTED_BY),
+            **code_provenance(*CODE_DEPENDENCIES),
         }
     )
 
@@ -270,42 +289,43 @@ def _evaluate(
     protocol: Protocol,
     **work: Any,
 ) -> dict[str, dict[str, Evaluation]]:
-    """Evaluate every computable row with every classifier: row name -> classifier -> evaluation."""
+    """Evaluate every row that has columns with every classifier: row name -> classifier -> evaluation."""
     options = {
         "nested": protocol.is_nested,
         "clusters": protocol.clusters(table.frame),
         "independent": protocol.independent(table.frame)[1],
     }
-    single = min(fewest(protocol, table.frame.iloc[train]) for train, _ in splits) < LEAST_TRAINED
+    n_train = min(min_per_surface(protocol, table.frame.iloc[train]) for train, _ in splits)
+    is_single = n_train < MIN_TRAINING_RECORDINGS
     tasks, calls = [], []
     for row in rows:
-        judges = row.definition.judged_by(pipeline.classifiers) if row.columns else ()
-        # A row that selects does so for each classifier; each by itself may refuse single recordings.
-        apart = single or row.definition.select is not None
-        for names in [(name,) for name in judges] if apart else filter(None, [judges]):
+        classifiers = row.definition.select_classifiers(pipeline.classifiers) if row.columns else ()
+        # Forward selection depends on the classifier, and some classifiers reject single recordings.
+        is_separate = is_single or row.definition.select is not None
+        for names in [(name,) for name in classifiers] if is_separate else filter(None, [classifiers]):
             trial = partial(pipeline.trials(row, names, table), splits, **options)
-            calls.append(partial(_unless_too_few, trial) if single else trial)
+            calls.append(partial(_evaluate_if_possible, trial) if is_single else trial)
             tasks.append((row.definition.name, names))
     evaluations: dict[str, dict[str, Evaluation]] = {}
-    # Other processes would take up to 2 s of CPU time to load scikit-learn.
-    found = each(calls, what="rows", total=len(calls), here_s=2.0, **work)
-    for (row_name, names), answers in zip(tasks, found, strict=True):
-        if answers:
-            evaluations.setdefault(row_name, {}).update(zip(names, answers, strict=True))
+    # Importing scikit-learn in other processes takes up to 2 s of CPU time.
+    results = run_parallel(calls, stage="rows", total=len(calls), local_s=2.0, **work)
+    for (row_name, names), row_evaluations in zip(tasks, results, strict=True):
+        if row_evaluations:
+            evaluations.setdefault(row_name, {}).update(zip(names, row_evaluations, strict=True))
     return evaluations
 
 
 def _undefined(table: FeatureTable) -> list[Any]:
-    """Return for each undefined feature the commonest reason, and the number of recordings."""
-    tested = table.frame["recording_id"][asked(table.frame)]
+    """Return the most frequent reason for each undefined feature, and the number of recordings."""
+    testable = table.frame["recording_id"][is_testable(table.frame)]
     reasons = pd.DataFrame(table.reasons, columns=Reason._fields)
-    by_feature = reasons[reasons["recording_id"].isin(tested)].groupby("feature", sort=False)["reason"]
+    by_feature = reasons[reasons["recording_id"].isin(testable)].groupby("feature", sort=False)["reason"]
     undefined = by_feature.agg(reason=most_frequent, n_recordings="size")
     return undefined.reset_index().to_dict("records")
 
 
-def _unless_too_few(trial: Callable[[], list[Evaluation]]) -> list[Evaluation]:
-    """Return evaluations; none if a classifier or selection refuses single recordings of a surface."""
+def _evaluate_if_possible(trial: Callable[[], list[Evaluation]]) -> list[Evaluation]:
+    """Return no evaluation if a classifier or selection rejects single recordings of a surface."""
     try:
         return trial()
     except ValueError:
@@ -319,20 +339,24 @@ def _line(
     evaluations: Mapping[str, Evaluation],
     units: tuple[str, str],
 ) -> dict[str, Any]:
-    """Return a line of the table; published figures as fractions."""
-    # Of the whole pool, where columns are selected.
+    """Return a line of the table as JSON values; published accuracies as fractions."""
+    # All features of the row, also if columns are selected: the selection differs between folds.
     features = pipeline.features.restricted_to(row.definition.features)
     shares = {name: zip(row.columns, e.support.tolist(), strict=True) for name, e in evaluations.items()}
-    selects = row.definition.select is not None
-    too_few = "single recordings are too few for its classifiers" if row.columns and not evaluations else None
+    has_selection = row.definition.select is not None
+    problem = "single recordings are too few for its classifiers" if row.columns and not evaluations else None
     return {
         "name": row.definition.name,
         "n_features": row.n_features,
         "accuracy": {name: e.accuracy.to_dict(*units) for name, e in evaluations.items()},
         "paper": {name: value / 100 for name, value in row.definition.published.items()},
         "ms_per_recording": meter.milliseconds(features) if row.columns else None,
-        "missing": too_few or row.missing,
-        "selected": {name: {c: s for c, s in pairs if s > 0} for name, pairs in shares.items() if selects},
+        "missing": problem or row.missing,
+        "selected": {
+            name: {column: share for column, share in pairs if share > 0}
+            for name, pairs in shares.items()
+            if has_selection
+        },
         "reference": row.definition.reference,
         **({"note": row.definition.note} if row.definition.note else {}),
     }
@@ -341,10 +365,22 @@ def _line(
 def rank_agreement(
     lines: Sequence[Mapping[str, Any]], classifier: str
 ) -> tuple[float, tuple[float, float] | None] | None:
-    """Return Spearman's correlation of our accuracies with the published ones, and its 95 % interval.
+    """Return the Spearman correlation of our accuracies with the published ones, and its 95 % interval.
 
-    tanh(atanh(r) -+ 1.96 sqrt((1 + r^2/2)/(n - 3))) over n rows. None with fewer than three rows; no interval
-    with fewer than four, or of a perfect agreement.
+    The interval over n rows is tanh(atanh(r) -+ 1.96 sqrt((1 + r^2/2)/(n - 3))).
+
+    Parameters
+    ----------
+    lines : sequence of mapping
+        Rows of the result.
+    classifier : str
+        Name of the classifier.
+
+    Returns
+    -------
+    tuple or None
+        Correlation and interval. None with fewer than three rows; the interval is None with fewer than four
+        rows, or for a perfect correlation.
 
     References
     ----------
@@ -372,18 +408,18 @@ def _confusion(
     evaluations: Mapping[str, Mapping[str, Evaluation]],
     surfaces: Sequence[str],
 ) -> dict[str, Any] | None:
-    """Return who is taken for whom by the row and classifier with the highest accuracy."""
-    best = best_of({"rows": lines})
+    """Return the confusion matrix of the row and classifier with the highest accuracy."""
+    best = best_pair({"rows": lines})
     if best is None:
         return None
     row, name = best.row["name"], best.classifier
-    found = evaluations[row][name]
-    truth, predicted = np.concatenate(found.truth), np.concatenate(found.predicted)
-    counts = confusion_matrix(truth, predicted, labels=list(surfaces)).tolist()
+    evaluation = evaluations[row][name]
+    y_true, y_pred = np.concatenate(evaluation.y_true), np.concatenate(evaluation.y_pred)
+    counts = confusion_matrix(y_true, y_pred, labels=list(surfaces)).tolist()
     return {"row": row, "classifier": name, "surfaces": list(surfaces), "counts": counts}
 
 
-def choose_inside(
+def run_nested_cv(
     rows: Sequence[MatchedRow],
     table: FeatureTable,
     splits: Sequence[Split],
@@ -394,93 +430,99 @@ def choose_inside(
     n_jobs: int = 1,
     progress: Progress | None = None,
 ) -> dict[str, Any] | None:
-    """Choose for each fold the row and classifier that do best within its training part.
+    """Run nested cross-validation: select row and classifier inside each training set, test on the test set.
+
+    Of pairs with equal accuracy inside a training set, the one with the most columns is selected, then the
+    first.
 
     Parameters
     ----------
     rows, table, splits, pipeline, protocol
-        What the benchmark evaluated.
-    evaluations
-        Row -> classifier -> predictions of the test parts, fold after fold.
+        As evaluated by the benchmark.
+    evaluations : mapping
+        Row -> classifier -> predictions for the test set of each fold.
     n_jobs : int
-        Processes.
+        Number of processes (default 1).
     progress : callable, optional
-        Called with (done, total, what).
+        Function called with (done, total, "choices").
 
     Returns
     -------
     dict or None
-        As JSON: the `accuracy` of the chosen rows and classifiers on the test parts, which had no say; row
-        and classifier `chosen` in each fold; the `protocols` that split the training parts, none where
-        there is nothing to choose. None where no row could be computed. Of rows that do equally well within a
-        training part, as few recordings often leave them, the one that reads the most columns is chosen; of
-        such, the first.
+        JSON values: `accuracy` of the selected pairs on the test sets; row and classifier `selected` in each
+        fold; names of the `inner_protocols`, empty if there is only one pair. None if no row could be
+        evaluated.
 
     Raises
     ------
     ValueError
-        As `inner_splits`.
+        As in `inner_splits`.
     """
     pairs = [(row, name) for row in rows for name in evaluations.get(row.definition.name, ())]
     if not pairs:
         return None
-    require_unseen(protocol)
-    if len(pairs) == 1:  # the choice is made before any recording is seen, of one a surface, too
+    require_nested(protocol)
+    if len(pairs) == 1:  # nothing to select, so that one training recording per surface is enough
         ((row, name),) = pairs
-        known = evaluations[row.definition.name][name].accuracy
-        chosen = [[row.definition.name, name]] * len(splits)
+        accuracy = evaluations[row.definition.name][name].accuracy
+        selected = [[row.definition.name, name]] * len(splits)
         units = protocol.unit, protocol.independent(table.frame)[0]
-        return {"accuracy": known.to_dict(*units), "chosen": chosen, "protocols": []}
+        return {"accuracy": accuracy.to_dict(*units), "selected": selected, "inner_protocols": []}
     inner = inner_splits(protocol, table.frame, splits, pipeline.seed)
-    y, clusters = table.surfaces, protocol.clusters(table.frame)
-    over, independent = protocol.independent(table.frame)
+    unit_name, units_of_rows = protocol.independent(table.frame)
     trials = [pipeline.trial(row, name, table) for row, name in pairs]
     calls = [
-        partial(trial, [(train[a], train[b]) for a, b in found])
-        for (train, _), (_, found) in zip(splits, inner, strict=True)
+        partial(trial, [(train[a], train[b]) for a, b in inner_folds])
+        for (train, _), (_, inner_folds) in zip(splits, inner, strict=True)
         for trial in trials
     ]
-    reported: dict[str, Any] = {"progress": progress, "what": "choices", "total": len(calls)}
-    hits = [e.accuracy.n_hits for e in each(calls, n_jobs=n_jobs, **reported)]
-    # Less than one recording, so that it only parts equals.
-    wider = np.array([row.n_features for row, _ in pairs]) / (1 + sum(row.n_features for row, _ in pairs))
-    best = (np.reshape(hits, (len(splits), len(pairs))) + wider).argmax(axis=1)
-    chosen = [[pairs[k][0].definition.name, pairs[k][1]] for k in best]
-    predicted = [evaluations[row][name].predicted[k] for k, (row, name) in enumerate(chosen)]
-    truth, *tested = ([of[test] for _, test in splits] for of in (y, clusters, independent))
+    options: dict[str, Any] = {"progress": progress, "stage": "choices", "total": len(calls)}
+    hits = [e.accuracy.n_hits for e in run_parallel(calls, n_jobs=n_jobs, **options)]
+    # A bonus of less than one hit, which only decides between pairs with equal numbers of hits.
+    bonus = np.array([row.n_features for row, _ in pairs]) / (1 + sum(row.n_features for row, _ in pairs))
+    best = (np.reshape(hits, (len(splits), len(pairs))) + bonus).argmax(axis=1)
+    selected = [[pairs[k][0].definition.name, pairs[k][1]] for k in best]
+    y_pred = [evaluations[row][name].y_pred[k] for k, (row, name) in enumerate(selected)]
+    y_true, *groups = (
+        [values[test] for _, test in splits]
+        for values in (table.surfaces, protocol.clusters(table.frame), units_of_rows)
+    )
     return {
-        "accuracy": score(truth, predicted, *tested).to_dict(protocol.unit, over),
-        "chosen": chosen,
-        "protocols": list(dict.fromkeys(name for name, _ in inner)),
+        "accuracy": score(y_true, y_pred, *groups).to_dict(protocol.unit, unit_name),
+        "selected": selected,
+        "inner_protocols": list(dict.fromkeys(name for name, _ in inner)),
     }
 
 
 def inner_splits(
     protocol: Protocol, table: pd.DataFrame, splits: Sequence[Split], seed: int
 ) -> list[tuple[str, tuple[Split, ...]]]:
-    """Return how each training part is split to choose within it, with the name of that protocol.
+    """Return the inner splits of each training set, with the name of their protocol.
 
-    As the whole is, where that is possible; else into stratified folds over recordings (three repetitions are
-    too few for `few-shot` again, and one operator alone cannot be left out).
+    The protocol of the outer splits is used if possible, else stratified folds over recordings: for example,
+    a training set of one operator cannot be split by operator.
 
     Raises
     ------
     ValueError
-        If the protocol lets preparation see the test parts, or a training part cannot be split.
+        If the protocol fits the preparation on test sets, or a training set cannot be split.
     """
-    require_unseen(protocol)
-    return [_split_again(protocol, table.iloc[train].reset_index(drop=True), seed) for train, _ in splits]
+    require_nested(protocol)
+    return [_inner_split(protocol, table.iloc[train].reset_index(drop=True), seed) for train, _ in splits]
 
 
-def _split_again(protocol: Protocol, part: pd.DataFrame, seed: int) -> tuple[str, tuple[Split, ...]]:
-    for tried in dict.fromkeys((protocol.name, "recording")):
-        way = find_protocol(tried)
+def _inner_split(protocol: Protocol, training_set: pd.DataFrame, seed: int) -> tuple[str, tuple[Split, ...]]:
+    for name in dict.fromkeys((protocol.name, "recording")):
+        inner_protocol = find_protocol(name)
         try:
-            found = splits_of(way, part, seed)
-            least = min(fewest(way, part.iloc[train]) for train, _ in found)
-            if least >= LEAST_TRAINED:
-                return tried, found
-            problem = f"{least} {way.unit} of a surface would train. Expected at least {LEAST_TRAINED}"
+            splits = make_splits(inner_protocol, training_set, seed)
+            n_train = min(min_per_surface(inner_protocol, training_set.iloc[train]) for train, _ in splits)
+            if n_train >= MIN_TRAINING_RECORDINGS:
+                return name, splits
+            problem = (
+                f"a surface would have {n_train} training {inner_protocol.unit}. "
+                f"Expected at least {MIN_TRAINING_RECORDINGS}"
+            )
         except ValueError as error:
             problem = str(error)
-    raise ValueError(f"a training part cannot be split again to choose within it: {problem}")
+    raise ValueError(f"a training set cannot be split for nested cross-validation: {problem}")

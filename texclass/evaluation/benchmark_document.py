@@ -1,4 +1,4 @@
-"""A benchmark as a document: accuracies of all rows, confusion matrix, cost, ablation."""
+"""Document of a benchmark: accuracies of all rows, confusion matrix, latency, ablation."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from texclass.evaluation.additions import gains_blocks
+from texclass.evaluation.ablation import ablation_blocks
 from texclass.evaluation.protocols import find_protocol
-from texclass.evaluation.result import (
+from texclass.evaluation.result_facts import (
     Pair,
-    again_facts,
-    best_of,
+    best_pair,
     caution,
-    chance_of,
+    chance_level,
     classifier_title,
+    cluster_phrase,
     dataset_facts,
-    over,
-    pairs_of,
-    size,
+    dataset_size,
+    list_pairs,
+    reproduction_facts,
 )
-from texclass.reporting import Document, Figure, Finding, Heading, Heat, Shade, Table
+from texclass.reporting import Document, Figure, Finding, Heading, HeatMap, Shade, Table
 from texclass.reporting.blocks import Block
 from texclass.reporting.figure_style import (
     FAINT,
@@ -40,12 +40,13 @@ from texclass.reporting.figure_style import (
 from texclass.reporting.wording import aligned, counted, digits, estimate, interval, percent, points, sentence
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Drawing
 
-MOST_LISTED = 6
-"""Recordings, flags or features that a note lists one by one; the JSON holds all of them."""
+MAX_LISTED = 6
+"""Largest number of recordings, flags or features in a note. The JSON file contains all of them."""
 NEAR = 0.05
-"""Accuracy that a faster row may lack to be named beside the best one."""
+"""Largest difference in accuracy to the best row for a row to be named as a faster alternative."""
 Data = Mapping[str, Any]
 
 
@@ -55,124 +56,129 @@ def benchmark_document(data: Data) -> Document:
     Parameters
     ----------
     data : mapping
-        As `BenchmarkResult.to_dict` returns it, or its JSON read back.
+        Values of a `BenchmarkResult`.
     """
-    best = best_of(data)
+    best = best_pair(data)
     pipeline = data["pipeline"]
     return Document(
         f"{data['dataset']['name']}, {find_protocol(data['protocol']).title}",
         list(benchmark_blocks(data)),
-        f"Pipeline {pipeline['name']}: {size(data['dataset'])}",
+        f"Pipeline {pipeline['name']}: {dataset_size(data['dataset'])}",
         _finding(data, best)
         if best
         else Finding(
-            "none", "", "", "of the rows could be evaluated; the table states what the dataset lacks."
+            "none", "", "", "of the rows could be evaluated; the table states which features are missing."
         ),
         dataset_facts(data),
-        again_facts(data, f"{pipeline['name']} ({pipeline['hash']}), features {pipeline['features']}"),
+        reproduction_facts(data, f"{pipeline['name']} ({pipeline['hash']}), features {pipeline['features']}"),
         data["versions"],
     )
 
 
 def benchmark_blocks(data: Data) -> Iterator[Block]:
     """Yield the blocks of a benchmark's document."""
-    best = best_of(data)
+    best = best_pair(data)
     published = any(row.get("paper") for row in data["rows"])
     if data.get("example"):
         yield _example(data["example"])
     yield Heading("All rows, with published accuracies" if published else "All rows")
     yield _rows(data, best)
-    beside = _beside(data)
-    if beside is not None:
-        yield beside
+    further = _further_accuracies(data)
+    if further is not None:
+        yield further
     if best is not None:
         yield _ranking(data, best)
     if data["confusion"]:
         yield Heading("Confusion matrix")
-        yield _confusion(data["confusion"], "tests" if data.get("n_starts") else _tested(data))
+        yield confusion_heat_map(data["confusion"], "tests" if data.get("n_starts") else _test_units(data))
     if best is not None and best.row["ms_per_recording"] is not None:
         yield Heading("Cost of each row")
         yield _costs(data, best)
-    if data.get("gains"):
+    if data.get("ablation"):
         yield Heading("Ablation: accuracy gained by adding a feature group")
-        yield from gains_blocks(data["gains"], data["seed"])
+        yield from ablation_blocks(data["ablation"], data["seed"])
     if notes := list(_notes(data, best)):
         yield Heading("Notes")
         yield notes
 
 
 def _finding(data: Data, best: Pair) -> Finding:
-    """Return the accuracy of nested cross-validation if it was done, else the highest of the table."""
-    name, n_pairs = classifier_title(best.classifier), len(pairs_of(data))
-    of = f"of the {_tested(data)} of {data['dataset']['n_surfaces']} surfaces classified correctly"
+    """Return the accuracy of nested cross-validation if it was run, else the highest of the table."""
+    name, n_pairs = classifier_title(best.classifier), len(list_pairs(data))
+    share = f"of the {_test_units(data)} of {data['dataset']['n_surfaces']} surfaces classified correctly"
     folds = f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""
     folds += f" of {counted(data['n_starts'], 'start')}" if data.get("n_starts") else ""
-    under = f"Protocol: {data['protocol_description']}{folds}."
-    highest = f"the best of {n_pairs} pairs of row and classifier, selected on the test folds"
-    row, chance = f"{best.row['name']} with {name}", f"chance level {percent(chance_of(data))} %"
-    beside, brief = _beside_paper(data, best)
+    protocol = f"Protocol: {data['protocol_description']}{folds}."
+    selection = f"the best of {n_pairs} pairs of row and classifier, selected on the test folds"
+    row, chance = f"{best.row['name']} with {name}", f"chance level {percent(chance_level(data))} %"
+    comparison, brief = _compare_with_paper(data, best)
     note = ""
-    if choice := data.get("choice"):
-        found = choice["accuracy"]
-        said = f"{of}, with row and classifier selected in each training set (nested cross-validation)"
-        beside = f"{percent(best.accuracy['mean'])} % by {row}: {highest} (optimistic). {beside}".rstrip()
+    if nested := data.get("nested_cv"):
+        accuracy = nested["accuracy"]
+        sentence_start = (
+            f"{share}, with row and classifier selected in each training set (nested cross-validation)"
+        )
+        comparison = (
+            f"{percent(best.accuracy['mean'])} % by {row}: {selection} (optimistic). {comparison}".rstrip()
+        )
         brief = "Nested cross-validation."
     else:
-        found, said = best.accuracy, f"{of}, with {row}"
+        accuracy, sentence_start = best.accuracy, f"{share}, with {row}"
         if n_pairs > 1:
-            said, note = f"{said}: {highest}", "optimistic; "
-            under = f"`--nested-cv` gives an unbiased accuracy. {under}"
+            sentence_start, note = f"{sentence_start}: {selection}", "optimistic; "
+            protocol = f"`--nested-cv` gives an unbiased accuracy. {protocol}"
         brief = f"{row}; {brief}" if brief else f"{row}."
     if data.get("n_starts"):
-        under += f" The worst fold: {percent(found['worst'])} %."
+        protocol += f" The worst fold: {percent(accuracy['worst'])} %."
+    remarks = f"{note}95 % confidence interval{cluster_phrase(accuracy)}; {chance}"
     return Finding(
-        percent(found["mean"]), "%", interval(found),
-        f"{said} ({note}95 % confidence interval{over(found)}; {chance}). {under} {caution(found)}".rstrip(),
-        beside, brief,
+        percent(accuracy["mean"]), "%", interval(accuracy),
+        f"{sentence_start} ({remarks}). {protocol} {caution(accuracy)}".rstrip(),
+        comparison, brief,
     )  # fmt: skip
 
 
-def _beside_paper(data: Data, best: Pair) -> tuple[str, str]:
-    """Return the difference of the best row, or of the best published one, to its published accuracy, twice.
+def _compare_with_paper(data: Data, best: Pair) -> tuple[str, str]:
+    """Return a comparison with the published accuracy, as sentences and in brief.
 
-    Only for the same number of surfaces and the same protocol.
+    Accuracies are compared only for the same number of surfaces and the same protocol.
     """
-    what, brief = "for this row with this classifier", True
-    published = [pair for pair in pairs_of(data) if pair.published is not None]
+    what, is_best = "for this row with this classifier", True
+    published = [pair for pair in list_pairs(data) if pair.published is not None]
     if not published:
         return "No row of this table has a published accuracy.", "no published accuracy."
-    if unlike := unlike_published(data):
-        return f"Published accuracies are not comparable: {unlike}.", ""
+    if differences := differences_to_published(data):
+        return f"Published accuracies are not comparable: {differences}.", ""
     if best.published is None:
         best = max(published, key=lambda pair: float(pair.published))
         what = (
             f"for {best.row['name']} with {classifier_title(best.classifier)}, the best published row here, "
             f"where ours is {percent(best.accuracy['mean'])} %"
         )
-        brief = False  # another row's
+        is_best = False
     theirs = best.published
     difference, low, high = (points(best.accuracy[key] - theirs) for key in ("mean", "low", "high"))
     return (
         f"{difference} points [{low}, {high}] against the {100 * theirs:.0f} % published {what}. The "
         "published accuracy has no interval and is from other recordings.",
-        f"{difference} points against the published {100 * theirs:.0f} %." if brief else "",
+        f"{difference} points against the published {100 * theirs:.0f} %." if is_best else "",
     )
 
 
-def unlike_published(data: Data) -> str:
+def differences_to_published(data: Data) -> str:
     """Return why published accuracies are not comparable; an empty string if they are."""
-    theirs, n, tested = data.get("published_on"), data["dataset"]["n_surfaces"], _tested(data)
-    if not theirs:
+    conditions, n = data.get("published_on"), data["dataset"]["n_surfaces"]
+    if not conditions:
         return "number of surfaces and protocol of the publication are not stated"
-    unlike = []
-    if n != theirs["n_surfaces"]:
-        unlike.append(f"{n} surfaces here, {theirs['n_surfaces']} there")
-    if data["protocol"] not in theirs["protocols"]:
-        there = " or ".join(f"`{name}`" for name in theirs["protocols"])
-        unlike.append(f"protocol `{data['protocol']}` here, {there} there")
-    if tested == "windows":
-        unlike.append("windows here, recordings there")
-    return "; ".join(unlike)
+    differences = []
+    if n != conditions["n_surfaces"]:
+        differences.append(f"{n} surfaces here, {conditions['n_surfaces']} there")
+    if data["protocol"] not in conditions["protocols"]:
+        protocols = " or ".join(f"`{name}`" for name in conditions["protocols"])
+        differences.append(f"protocol `{data['protocol']}` here, {protocols} there")
+    if _test_units(data) == "windows":
+        differences.append("windows here, recordings there")
+    return "; ".join(differences)
 
 
 def _rows(data: Data, best: Pair | None) -> Table:
@@ -183,25 +189,25 @@ def _rows(data: Data, best: Pair | None) -> Table:
         ("Row", ""): [row["name"] for row in data["rows"]],
     }
     for name in names:
-        title, found = classifier_title(name), [row["accuracy"].get(name) for row in data["rows"]]
-        columns[title, "% [95 %]"] = [estimate(accuracy) if accuracy else "" for accuracy in found]
+        title, accuracies = classifier_title(name), [row["accuracy"].get(name) for row in data["rows"]]
+        columns[title, "% [95 %]"] = [estimate(accuracy) if accuracy else "" for accuracy in accuracies]
         if name in published:
             theirs = [row.get("paper", {}).get(name) for row in data["rows"]]
             columns[title, "Paper %"] = ["" if value is None else f"{100 * value:.0f}" for value in theirs]
     columns["Dim", ""] = [str(row["n_features"]) for row in data["rows"]]
     columns["ms", ""] = aligned(row["ms_per_recording"] for row in data["rows"])
-    tested, also = _tested(data), ", next to the published one" if published else ""
-    if published and (unlike := unlike_published(data)):
-        also += f" (not comparable: {unlike})"
-    clusters = over(best.accuracy) if best else ""
+    units, paper = _test_units(data), ", next to the published one" if published else ""
+    if published and (differences := differences_to_published(data)):
+        paper += f" (not comparable: {differences})"
+    clusters = cluster_phrase(best.accuracy) if best else ""
     return Table(
         pd.DataFrame(columns),
-        f"Accuracy over {tested} in % with 95 % confidence interval{clusters}{also}; chance level "
-        f"{percent(chance_of(data))} %. The best row is bold (selected on the test folds, optimistic). "
-        f"Dim: columns at the classifier; ms: latency per {tested[:-1]}, from {_path(data)}, one thread, "
+        f"Accuracy over {units} in % with 95 % confidence interval{clusters}{paper}; chance level "
+        f"{percent(chance_level(data))} %. The best row is bold (selected on the test folds, optimistic). "
+        f"Dim: columns at the classifier; ms: latency per {units[:-1]}, {_latency_scope(data)}, one thread, "
         "shared transforms counted once.",
-        strong=[i for i, row in enumerate(data["rows"]) if best is not None and row is best.row],
-        instead={
+        bold_rows=[i for i, row in enumerate(data["rows"]) if best is not None and row is best.row],
+        messages={
             i: f"not evaluated: {row['missing'] or 'no reason given'}"
             for i, row in enumerate(data["rows"])
             if not row["accuracy"]
@@ -209,94 +215,105 @@ def _rows(data: Data, best: Pair | None) -> Table:
     )
 
 
-def _beside(data: Data) -> Table | None:
+def _further_accuracies(data: Data) -> Table | None:
     """Return balanced accuracies, worst folds and majority votes of windows; None if there are none."""
-    every = [pair.accuracy for pair in pairs_of(data)]
-    unit = next((u for u in ("recording", "run") if any(f"per_{u}" in found for found in every)), None)
-    balanced = any(abs(found.get("balanced", found["mean"]) - found["mean"]) > 1e-9 for found in every)
+    accuracies = [pair.accuracy for pair in list_pairs(data)]
+    unit = next((u for u in ("recording", "run") if any(f"per_{u}" in a for a in accuracies)), None)
+    is_unbalanced = any(abs(a.get("balanced", a["mean"]) - a["mean"]) > 1e-9 for a in accuracies)
     starts = data.get("n_starts")
-    if unit is None and not balanced and not starts:
+    if unit is None and not is_unbalanced and not starts:
         return None
     rows = [row for row in data["rows"] if row["accuracy"]]
     columns: dict[tuple[str, str], list[str]] = {("Row", ""): [row["name"] for row in rows]}
     for name in _classifiers(data):
-        found = [row["accuracy"].get(name, {}) for row in rows]
-        if balanced:
-            means = [one.get("balanced", one.get("mean")) for one in found]
-            columns[classifier_title(name), "balanced"] = [percent(m) if m is not None else "" for m in means]
+        title, accuracies = classifier_title(name), [row["accuracy"].get(name, {}) for row in rows]
+        if is_unbalanced:
+            means = [accuracy.get("balanced", accuracy.get("mean")) for accuracy in accuracies]
+            columns[title, "balanced"] = [percent(m) if m is not None else "" for m in means]
         if starts:
-            columns[classifier_title(name), "worst"] = [percent(one["worst"]) if one else "" for one in found]
+            columns[title, "worst"] = [percent(a["worst"]) if a else "" for a in accuracies]
         if unit is not None:
-            votes = [one.get(f"per_{unit}") for one in found]
-            columns[classifier_title(name), f"per {unit}"] = [estimate(v) if v else "" for v in votes]
-    caption = "Further accuracies in %. " + "Balanced: mean over surfaces. " * balanced
+            votes = [accuracy.get(f"per_{unit}") for accuracy in accuracies]
+            columns[title, f"per {unit}"] = [estimate(v) if v else "" for v in votes]
+    caption = "Further accuracies in %. " + "Balanced: mean over surfaces. " * is_unbalanced
     caption += (
         f"Worst: lowest of {data['n_folds']} folds (one start and one part of the test set each). "
         if starts
         else ""
     )
-    caption += f"Per {unit}: majority vote of its {_tested(data)} [95 %]." if unit else ""
+    caption += f"Per {unit}: majority vote of its {_test_units(data)} [95 %]." if unit else ""
     return Table(pd.DataFrame(columns), caption)
 
 
 def _ranking(data: Data, best: Pair) -> Figure:
     """Return a figure of all rows with every classifier, and the published accuracies."""
-    unlike, pairs = unlike_published(data), pairs_of(data)
+    is_comparable, pairs = not differences_to_published(data), list_pairs(data)
     title = classifier_title(best.classifier)
-    found = [pair for pair in pairs if pair.classifier == best.classifier]
-    gaps = [pair.accuracy["mean"] - pair.published for pair in found if pair.published is not None]
-    gaps = [] if unlike else gaps
+    same_classifier = [pair for pair in pairs if pair.classifier == best.classifier]
+    gaps = [pair.accuracy["mean"] - pair.published for pair in same_classifier if pair.published is not None]
+    gaps = gaps if is_comparable else []
     reached = (
         f"; with {title}, {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach the published accuracy"
     )
     rows = []
     for row, name, ours, theirs in pairs:
-        against = ("", "") if theirs is None else (f"{100 * theirs:.0f}", points(ours["mean"] - theirs))
-        against = (against[0], "") if unlike else against
-        rows.append((row["name"], classifier_title(name), estimate(ours), *against))
+        paper = "" if theirs is None else f"{100 * theirs:.0f}"
+        difference = points(ours["mean"] - theirs) if is_comparable and theirs is not None else ""
+        rows.append((row["name"], classifier_title(name), estimate(ours), paper, difference))
     columns = ["Row", "Classifier", "Ours, % [95 %]", "Published, %", "Points"]
     return Figure(
         "ranking",
         "All rows and classifiers" if len(_classifiers(data)) > 1 else f"All rows with {title}",
         f"The best of {counted(len(pairs), 'pair')}, selected on the test folds, is {best.row['name']} with "
         f"{title}, {percent(best.accuracy['mean'])} %{reached if gaps else ''}; chance level "
-        f"{percent(chance_of(data))} %.",
+        f"{percent(chance_level(data))} %.",
         lambda width: draw_rows(data, None, width),
         Table(pd.DataFrame(rows, columns=columns), n_words=2),
     )
 
 
 def draw_rows(data: Data, classifiers: Sequence[str] | None, width: float) -> "Drawing":
-    """Plot accuracies with intervals, published accuracies, and the chance level if it is in range.
+    """Draw a figure of accuracies with intervals, published accuracies and the chance level.
 
-    Each classifier (default: all) has a colour and a shape.
+    Each classifier (default: all) has its own colour and marker.
     """
     names = classifiers or _classifiers(data)
-    rows = [row for row in data["rows"] if row["accuracy"].keys() & set(names)]
-    figure, axes = row_axes(width, [row["name"] for row in rows], "accuracy, %", n_marks=len(names))
+    row_names = [row["name"] for row in _rows_of(data, names)]
+    figure, axes = row_axes(width, row_names, "accuracy, %", n_marks=len(names))
+    plot_rows(data, names, axes)
+    legend_above(figure, axes)
+    return figure
+
+
+def _rows_of(data: Data, classifiers: Sequence[str]) -> list[Data]:
+    """Return the rows that one of the classifiers evaluates."""
+    return [row for row in data["rows"] if row["accuracy"].keys() & set(classifiers)]
+
+
+def plot_rows(data: Data, classifiers: Sequence[str], axes: "Axes") -> None:
+    """Plot accuracies with intervals, published accuracies and the chance level, row i at y = i."""
+    names, rows = classifiers, _rows_of(data, classifiers)
     lows = []
     for i, (name, (colour, _), shape) in enumerate(zip(names, cycle(LOOKS), cycle("os^v"), strict=False)):
-        place, title = 0.6 * ((i + 0.5) / len(names) - 0.5), classifier_title(name)
+        offset, title = 0.6 * ((i + 0.5) / len(names) - 0.5), classifier_title(name)
         for y, row in enumerate(rows):
             if (theirs := row.get("paper", {}).get(name)) is not None and name in row["accuracy"]:
                 lows.append(100 * theirs)
                 axes.plot(
-                    100 * theirs, y + place, "D", color=colour, markerfacecolor=PAPER, markersize=4.5,
+                    100 * theirs, y + offset, "D", color=colour, markerfacecolor=PAPER, markersize=4.5,
                     gid=f"{row['name']}, {title}: published {100 * theirs:.0f} %", label="hollow: published",
                 )  # fmt: skip
         for y, row in enumerate(rows):
-            if found := row["accuracy"].get(name):
-                mean, low, high = (100 * found[key] for key in ("mean", "low", "high"))
+            if accuracy := row["accuracy"].get(name):
+                mean, low, high = (100 * accuracy[key] for key in ("mean", "low", "high"))
                 lows.append(low)
-                axes.plot([low, high], 2 * [y + place], color=colour, linewidth=1.2)
-                said = f"{row['name']}, {title}: ours {estimate(found)} %"
+                axes.plot([low, high], 2 * [y + offset], color=colour, linewidth=1.2)
+                gid = f"{row['name']}, {title}: ours {estimate(accuracy)} %"
                 label = f"{title}, 95 % interval"
-                axes.plot(mean, y + place, shape, color=colour, markersize=5, gid=said, label=label)
+                axes.plot(mean, y + offset, shape, color=colour, markersize=5, gid=gid, label=label)
     low, high = per_cent_limits(lows)
-    chance_line(axes.axvline, 100 * chance_of(data), low)
+    chance_line(axes.axvline, 100 * chance_level(data), low)
     axes.set_xlim(low, high)
-    legend_above(figure, axes)
-    return figure
 
 
 def _example(example: Data) -> Figure:
@@ -304,13 +321,13 @@ def _example(example: Data) -> Figure:
     taps, movement, seconds = example["taps"], example["movement"], example["seconds"]
     spans = [(f"tap {i}", start, end) for i, (start, _, end) in enumerate(taps, start=1)]
     spans += [("movement", *movement)] if movement else []
-    moved = "movement from {:.2f} to {:.2f} s".format(*movement) if movement else "no movement"
+    movement_text = "movement from {:.2f} to {:.2f} s".format(*movement) if movement else "no movement"
     rows = [(name, f"{start:.3f}", f"{end:.3f}") for name, start, end in spans]
     return Figure(
         "example",
         "Phases of one recording",
         f"{example['recording']} ({example['surface'] or 'surface unknown'}, {seconds:.3g} s): "
-        f"{counted(len(taps), 'tap') if taps else 'no taps'}, {moved}.",
+        f"{counted(len(taps), 'tap') if taps else 'no taps'}, {movement_text}.",
         lambda width: draw_example(example, width),
         Table(pd.DataFrame(rows, columns=["Phase", "from, s", "to, s"])),
     )
@@ -332,64 +349,75 @@ def draw_example(example: Data, width: float) -> "Drawing":
     return figure
 
 
-def _confusion(found: Data, tested: str) -> Heat:
-    """Return the confusion matrix, and a list of confusions, the most frequent first."""
-    names, totals = found["surfaces"], [sum(counts) for counts in found["counts"]]
-    wrong = [
-        (felt, taken, count, totals[i])
-        for i, (felt, counts) in enumerate(zip(names, found["counts"], strict=True))
-        for j, (taken, count) in enumerate(zip(names, counts, strict=True))
+def confusion_heat_map(confusion: Data, units: str = "recordings") -> HeatMap:
+    """Return a confusion matrix as a heat map, with a table of its errors, the most frequent first.
+
+    Parameters
+    ----------
+    confusion : mapping
+        `row`, `classifier`, `surfaces` and `counts` (rows: true labels), as in `BenchmarkResult.data`.
+    units : str
+        Name of the tests: "recordings" (default), "windows" or "tests".
+    """
+    names, totals = confusion["surfaces"], [sum(counts) for counts in confusion["counts"]]
+    errors = [
+        (true, predicted, count, totals[i])
+        for i, (true, counts) in enumerate(zip(names, confusion["counts"], strict=True))
+        for j, (predicted, count) in enumerate(zip(names, counts, strict=True))
         if i != j and count
     ]
-    wrong.sort(key=lambda one: -one[2])
-    says = f"{sum(one[2] for one in wrong)} of {sum(totals)} {tested} are misclassified"
-    if wrong:
-        says += "; most frequent: {} predicted as {}, {} of {}".format(*wrong[0])
+    errors.sort(key=lambda error: -error[2])
+    summary = f"{sum(error[2] for error in errors)} of {sum(totals)} {units} are misclassified"
+    if errors:
+        summary += "; most frequent: {} predicted as {}, {} of {}".format(*errors[0])
     rows = {}
-    for i, felt in enumerate(names):
+    for i, true in enumerate(names):
         shades = []
-        for j, count in enumerate(found["counts"][i]):
-            said = f"{count} of {totals[i]} {tested} ({100 * count / max(totals[i], 1):.0f} %)"
+        for j, count in enumerate(confusion["counts"][i]):
+            description = f"{count} of {totals[i]} {units} ({100 * count / max(totals[i], 1):.0f} %)"
             fifth = max(1, -(-5 * count // max(totals[i], 1)))
-            shades.append(Shade(f"{'d' if i == j else 'e'}{fifth}", str(count), said) if count else Shade())
-        rows[felt] = shades
-    listed = [(felt, taken, str(count), f"{100 * count / n:.0f}") for felt, taken, count, n in wrong]
-    return Heat(
+            colour = f"{'d' if i == j else 'e'}{fifth}"
+            shades.append(Shade(colour, str(count), description) if count else Shade())
+        rows[true] = shades
+    table = [(true, predicted, str(count), f"{100 * count / n:.0f}") for true, predicted, count, n in errors]
+    return HeatMap(
         "confusion",
-        f"Confusion matrix of {found['row']}, {classifier_title(found['classifier'])}",
-        f"{says}.",
+        f"Confusion matrix of {confusion['row']}, {classifier_title(confusion['classifier'])}",
+        f"{summary}.",
         dict.fromkeys(names, ""),
         rows,
         {
             "d1 d2 d3 d4 d5": "correct",
-            "e1 e2 e3 e4 e5": f"wrong; each step is a fifth of the {tested} of a surface",
+            "e1 e2 e3 e4 e5": f"wrong; each step is a fifth of the {units} of a surface",
         },
         "never",
         "True label (rows), predicted label (columns)",
         " predicted as ",
         Table(
-            pd.DataFrame(listed, columns=["True label", "Predicted label", "Count", "% of its tests"]),
+            pd.DataFrame(table, columns=["True label", "Predicted label", "Count", "% of its tests"]),
             n_words=2,
         ),
+        row_label="True label",
+        column_label="Predicted label",
     )
 
 
 def _costs(data: Data, best: Pair) -> Figure:
     """Return the latency of each row with its best classifier, the most accurate row first."""
-    of_row: dict[str, Pair] = {}
-    for pair in sorted(pairs_of(data), key=lambda pair: -float(pair.accuracy["mean"])):
+    pair_of_row: dict[str, Pair] = {}
+    for pair in sorted(list_pairs(data), key=lambda pair: -float(pair.accuracy["mean"])):
         if pair.row["ms_per_recording"] is not None:
-            of_row.setdefault(pair.row["name"], pair)
-    pairs, what = list(of_row.values()), _tested(data)[:-1]
+            pair_of_row.setdefault(pair.row["name"], pair)
+    pairs, unit = list(pair_of_row.values()), _test_units(data)[:-1]
     near = [pair for pair in pairs if pair.accuracy["mean"] >= best.accuracy["mean"] - NEAR]
     fastest = min(near, key=lambda pair: float(pair.row["ms_per_recording"]))
-    told = "no faster row comes within"
+    alternative = "no faster row comes within"
     if fastest.row is not best.row:
-        told = f"{_cost_of(fastest, what)} is the fastest within"
+        alternative = f"{_cost_of(fastest, unit)} is the fastest within"
     return Figure(
         "row-costs",
-        f"Latency per {what} in ms, from {_path(data)}, the most accurate row first",
-        f"{_cost_of(best, what)}, is the most accurate; {told} {100 * NEAR:g} points of it.",
+        f"Latency per {unit} in ms, {_latency_scope(data)}, the most accurate row first",
+        f"{_cost_of(best, unit)}, is the most accurate; {alternative} {100 * NEAR:g} points of it.",
         lambda width: draw_row_costs(pairs, width),
         Table(
             pd.DataFrame(
@@ -405,16 +433,12 @@ def _costs(data: Data, best: Pair) -> Figure:
     )
 
 
-def _path(data: Data) -> str:
-    """Return the path that the latency of a row covers."""
-    found = data.get("segmentation_ms")
-    if found is None:
-        return "phases to features"
-    return f"samples to features ({digits(found)} ms of it segmentation)"
+def _latency_scope(data: Data) -> str:
+    return f"from samples to features ({digits(data['segmentation_ms'])} ms of it segmentation)"
 
 
-def _cost_of(pair: Pair, what: str) -> str:
-    return f"{pair.row['name']}, {digits(pair.row['ms_per_recording'])} ms per {what}"
+def _cost_of(pair: Pair, unit: str) -> str:
+    return f"{pair.row['name']}, {digits(pair.row['ms_per_recording'])} ms per {unit}"
 
 
 def draw_row_costs(pairs: Sequence[Pair], width: float) -> "Drawing":
@@ -431,38 +455,38 @@ def draw_row_costs(pairs: Sequence[Pair], width: float) -> "Drawing":
 
 def _notes(data: Data, best: Pair | None) -> Iterator[str]:
     """Yield the notes on the table."""
-    told = [pair.accuracy for pair in pairs_of(data)]
-    clustered = [a for a in told if a.get("interval", "").startswith(("t over", "Wilson over"))]
+    accuracies = [pair.accuracy for pair in list_pairs(data)]
+    clustered = [a for a in accuracies if a.get("interval", "").startswith(("t over", "Wilson over"))]
     if clustered:
-        what = clustered[0].get("clusters", "recording")
-        tested = "tests" if data.get("n_starts") else _tested(data)
+        cluster = clustered[0].get("clusters", "recording")
+        units = "tests" if data.get("n_starts") else _test_units(data)
         yield (
-            f"Accuracy is the share of {tested}; its interval is{over(clustered[0])}, because those of one "
-            f"{what} are not independent (t, jackknife of the logit)."
+            f"Accuracy is the share of {units}; its interval is{cluster_phrase(clustered[0])}, because those "
+            f"of one {cluster} are not independent (t, jackknife of the logit)."
         )
     yield from dict.fromkeys(filter(None, map(caution, clustered)))
     agreement = {n: value for n, value in data.get("rank_agreement", {}).items() if value is not None}
     if agreement:
         bounds = data.get("rank_agreement_interval", {})
-        listed = ", ".join(
+        correlations = ", ".join(
             f"{classifier_title(n)} {v:.2f}"
             + (" [{:.2f}, {:.2f}]".format(*bounds[n]) if bounds.get(n) else "")
             for n, v in agreement.items()
         )
-        yield f"Rank correlation of the rows with the published accuracies (Spearman, 95 %): {listed}."
+        yield f"Rank correlation of the rows with the published accuracies (Spearman, 95 %): {correlations}."
     if best is not None and (columns := best.row.get("selected", {}).get(best.classifier)):
-        chosen = sorted(columns.items(), key=lambda item: -item[1])
-        listed = ", ".join(f"{column} {share:.0%}" for column, share in chosen)
-        yield f"Columns selected by {best.row['name']}, with the share of folds: {listed}."
-    if choice := data.get("choice"):
-        folds = Counter((row, name) for row, name in choice["chosen"]).most_common()
-        n, found = len(choice["chosen"]), choice["accuracy"]
-        mean, low, high = (digits(round(100 * found[key], 1)) for key in ("mean", "low", "high"))
-        listed = "; ".join(f"{row}, {classifier_title(name)} ({k} of {n} folds)" for (row, name), k in folds)
-        titles = ", ".join(find_protocol(name).title for name in choice["protocols"])
+        by_share = sorted(columns.items(), key=lambda item: -item[1])
+        shares = ", ".join(f"{column} {share:.0%}" for column, share in by_share)
+        yield f"Columns selected by {best.row['name']}, with the share of folds: {shares}."
+    if nested := data.get("nested_cv"):
+        folds = Counter((row, name) for row, name in nested["selected"]).most_common()
+        n, accuracy = len(nested["selected"]), nested["accuracy"]
+        mean, low, high = (digits(round(100 * accuracy[key], 1)) for key in ("mean", "low", "high"))
+        pairs = "; ".join(f"{row}, {classifier_title(name)} ({k} of {n} folds)" for (row, name), k in folds)
+        titles = ", ".join(find_protocol(name).title for name in nested["inner_protocols"])
         yield (
             "Nested cross-validation (inner folds: "
-            f"{titles or 'none, one pair'}): {mean} % [{low}, {high}]; selected: {listed}."
+            f"{titles or 'none, one pair'}): {mean} % [{low}, {high}]; selected: {pairs}."
         )
     for row in data["rows"]:
         if row["accuracy"] and row.get("note"):
@@ -474,7 +498,7 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
 
 
 def _problems(data: Data) -> Iterator[str]:
-    """Yield recordings left out, flags and undefined features, each list shortened."""
+    """Yield recordings left out, notices of loaders and undefined features, each list shortened."""
     n = data["dataset"].get("n_windows", data["dataset"]["n_recordings"])
     undefined = [one for one in data.get("undefined", []) if one["n_recordings"] < n]
     for what, lines in {
@@ -485,13 +509,13 @@ def _problems(data: Data) -> Iterator[str]:
         ],
     }.items():
         if lines:
-            more = f"; and {len(lines) - MOST_LISTED} more, in the JSON" if len(lines) > MOST_LISTED else ""
-            yield sentence(f"{what}, {len(lines)}: {'; '.join(lines[:MOST_LISTED])}{more}")
+            more = f"; and {len(lines) - MAX_LISTED} more, in the JSON" if len(lines) > MAX_LISTED else ""
+            yield sentence(f"{what}, {len(lines)}: {'; '.join(lines[:MAX_LISTED])}{more}")
 
 
 def _classifiers(data: Data) -> list[str]:
-    return list(dict.fromkeys(pair.classifier for pair in pairs_of(data)))
+    return list(dict.fromkeys(pair.classifier for pair in list_pairs(data)))
 
 
-def _tested(data: Data) -> str:
+def _test_units(data: Data) -> str:
     return "windows" if "n_windows" in data["dataset"] else "recordings"

@@ -1,4 +1,4 @@
-"""Confusion matrices as CSV."""
+"""Confusion matrices: CSV files and figures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,12 +11,12 @@ from texclass.atomic_write import write_atomic
 def write_confusion(
     path: str | Path, true: Sequence[str], predicted: Sequence[str], counts: Sequence[Sequence[int]]
 ) -> Path:
-    """Write a confusion matrix as CSV, one line per true label, and return its path.
+    """Write a confusion matrix as CSV, one line per true label.
 
     Parameters
     ----------
     path : str or Path
-        File to write.
+        Output file.
     true, predicted : sequence of str
         Labels of the rows and of the columns.
     counts : sequence of sequence of int

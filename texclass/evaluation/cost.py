@@ -1,4 +1,4 @@
-"""What features and classifiers cost: measured milliseconds per recording, shared transforms counted once."""
+"""Measured cost of features and classifiers: ms per recording, with shared transforms counted once."""
 
 import hashlib
 import json
@@ -33,41 +33,48 @@ from texclass.recording import Recording, Samples
 
 R = TypeVar("R")
 clock = time.thread_time if time.get_clock_info("thread_time").resolution < 1e-5 else time.perf_counter
-"""Seconds of this thread alone, where the system counts them finely: what else runs then matters little."""
+"""Clock in s: CPU time of this thread if its resolution is sufficient, else wall-clock time."""
 QUARTILE = 0.25
-"""Of several runs: what else runs can only make one slower."""
+"""Quantile over repeated measurements. Other processes only slow runs down: fast runs are reliable."""
 N_RECORDINGS, N_REPEATS = 3, 5
-"""On how many recordings costs are measured, and how often."""
+"""Number of recordings on which costs are measured, and number of repeats."""
 
 
 @dataclass(frozen=True, eq=False)
 class CostModel:
-    """What any choice of columns costs on one machine, for one dataset.
+    """Cost of any subset of columns, for one dataset on one machine.
 
-    A part is what is computed at most once a recording: the conditioning of a phase, a transform that
-    features share, or what a feature computes for itself. A column needs some of the parts, and
+    A part is computed at most once per recording: the conditioning of a phase, a transform shared by several
+    features, or the remaining computation of one feature. The cost of a set S of columns is
 
-        cost(S) = segmentation + sum_p ms_p [some column of S needs p],
+        cost(S) = segmentation + sum_p ms_p [some column of S needs part p].
 
-    so the columns of one feature share all of its cost, a transform is paid by whoever asks first, and the
-    cost is that of the whole path from the samples as recorded to the features. No columns cost nothing.
+    It is the cost of the whole path from recorded samples to features. Shared transforms count once. The cost
+    of no columns is 0.
 
     Attributes
     ----------
     columns : tuple of str
         Columns of the feature table.
     features : tuple of str
-        The feature of each column.
+        Feature of each column.
     parts : tuple of str
         Names of the parts.
     ms : ndarray of shape (n_parts,)
-        Milliseconds per recording.
+        Cost of each part in ms per recording.
     needs : ndarray of bool, shape (n_columns, n_parts)
-        Which column needs which part.
+        Whether a column needs a part.
     segmentation_ms : float
-        Finding the phases: paid once, whatever is chosen.
+        Cost of the segmentation in ms, which every non-empty set needs.
     machine : str
-        On which machine, and when, the milliseconds were measured.
+        Machine and date of the measurement.
+
+    Examples
+    --------
+    >>> needs = np.array([[True, False], [True, True]])
+    >>> model = CostModel(("a", "b"), ("a", "b"), ("spectrum", "b"), np.array([2.0, 1.0]), needs)
+    >>> model.cost(["a"]), model.cost(["a", "b"])
+    (2.0, 3.0)
     """
 
     columns: tuple[str, ...]
@@ -79,7 +86,7 @@ class CostModel:
     machine: str = ""
 
     def cost(self, columns: Sequence[str]) -> float:
-        """Return the milliseconds that these columns cost together, 0.0 for none.
+        """Return the cost of a set of columns in ms.
 
         Raises
         ------
@@ -88,35 +95,36 @@ class CostModel:
         """
         if unknown := [c for c in columns if c not in self._index]:
             raise ValueError(f"column {unknown[0]!r} has no cost. Expected a column of the cost model")
-        return self.of([self._index[c] for c in columns])
+        return self.cost_of_indices([self._index[c] for c in columns])
 
-    def of(self, indices: Sequence[int] | NDArray[np.intp]) -> float:
-        """Return the cost of columns given by number."""
-        chosen = np.asarray(indices, dtype=np.intp)
-        features_ms = self.ms[self.needs[chosen].any(axis=0)].sum()
-        return float(self.segmentation_ms + features_ms) if chosen.size else 0.0
+    def cost_of_indices(self, indices: Sequence[int] | NDArray[np.intp]) -> float:
+        """Return the cost of columns, selected by index, in ms."""
+        subset = np.asarray(indices, dtype=np.intp)
+        features_ms = self.ms[self.needs[subset].any(axis=0)].sum()
+        return float(self.segmentation_ms + features_ms) if subset.size else 0.0
 
     @property
     def total(self) -> float:
-        """Cost of all columns."""
+        """Cost of all columns in ms."""
         return self.cost(self.columns)
 
     @property
     def features_ms(self) -> float:
-        """The share of features in the cost of all columns: conditioning, transforms, what each computes."""
+        """Cost of all columns without segmentation, in ms."""
         return self.total - self.segmentation_ms
 
     @property
     def cheapest(self) -> float:
-        """Cost of the cheapest column."""
-        return min(self.of([i]) for i in range(len(self.columns)))
+        """Cost of the cheapest column in ms."""
+        return min(self.cost_of_indices([i]) for i in range(len(self.columns)))
 
     def by_feature(self) -> pd.DataFrame:
-        """Return what each feature costs: its `share` of the total, `alone`, and as the `last`, by name.
+        """Return three costs of each feature in ms: its `share`, `alone`, and as the `last` one.
 
-        A part's cost is split equally between the features that need it. That is the Shapley value: the mean
-        marginal cost of a feature over all orders in which features could be bought; the shares add up to
-        `features_ms`. `last` is what leaving the feature out of the full set would save.
+        `share` splits the cost of a part equally between the features that need it. This is the Shapley
+        value: the mean marginal cost of the feature over all orders of adding features. The shares add up to
+        `features_ms`. `alone` is the cost of the feature by itself, `last` the saving if it is dropped from
+        the full set.
         """
         users = {f: self.needs[self.features.index(f)] for f in dict.fromkeys(self.features)}
         n_users = np.sum(list(users.values()), axis=0)
@@ -131,10 +139,10 @@ class CostModel:
         return pd.DataFrame(costs, index=pd.Index(users, name="feature"), columns=["share", "alone", "last"])
 
     def restricted_to(self, columns: Sequence[str]) -> "CostModel":
-        """Return the model of some of the columns, in the order given."""
-        chosen = [self._index[c] for c in columns]
-        features = tuple(self.features[i] for i in chosen)
-        return replace(self, columns=tuple(columns), features=features, needs=self.needs[chosen])
+        """Return the cost model of some columns, in this order."""
+        indices = [self._index[c] for c in columns]
+        features = tuple(self.features[i] for i in indices)
+        return replace(self, columns=tuple(columns), features=features, needs=self.needs[indices])
 
     @cached_property
     def _index(self) -> dict[str, int]:
@@ -143,18 +151,18 @@ class CostModel:
 
 @dataclass(frozen=True)
 class CostMeter:
-    """Measures feature sets on a few recordings whose phases are known already.
+    """Measure the cost of feature sets on a few segmented recordings.
 
     Attributes
     ----------
     recordings
-        The recordings.
+        Recordings with phases.
     channels
-        Channels kept apart; see `FeatureExtractor`.
+        Separate channels; see `FeatureExtractor`.
     segmentation_ms
-        Of finding the phases: lower quartiles of a few runs, the mean over recordings.
+        Cost of the segmentation in ms: lower quartile of repeated runs, mean over recordings.
     input_hash
-        Of the dataset that they are of.
+        Hash of the dataset.
     """
 
     recordings: tuple[Recording, ...]
@@ -163,11 +171,11 @@ class CostMeter:
     input_hash: str = ""
 
     @classmethod
-    def on(cls, dataset: Dataset, usable: Sequence[str], channels: Channels) -> "CostMeter":
-        """Take up to `N_RECORDINGS` usable recordings spread over a dataset."""
-        n = min(N_RECORDINGS, len(usable))
-        wanted = {usable[i] for i in np.linspace(0, len(usable) - 1, n).astype(int)}
-        loaded = [dataset.load(entry) for entry in dataset.entries if entry.recording_id in wanted]
+    def from_dataset(cls, dataset: Dataset, recording_ids: Sequence[str], channels: Channels) -> "CostMeter":
+        """Load up to `N_RECORDINGS` recordings, spread over the usable ones of a dataset."""
+        n = min(N_RECORDINGS, len(recording_ids))
+        sample = {recording_ids[i] for i in np.linspace(0, len(recording_ids) - 1, n).astype(int)}
+        loaded = [dataset.load(entry) for entry in dataset.entries if entry.recording_id in sample]
         recordings = tuple(recording.with_(phases=find_phases(recording)) for recording in loaded)
         with one_thread():
             runs = [[_timed(partial(find_phases, r))[1] for _ in range(3)] for r in loaded]
@@ -175,13 +183,13 @@ class CostMeter:
         return cls(recordings, separate_channels(recordings[0], channels), ms, dataset.input_hash)
 
     def milliseconds(self, feature_set: FeatureSet) -> float:
-        """Return what a set takes, finding the phases included; see `CostModel`."""
-        return self.segmentation_ms + self.measured(Plan.of(feature_set, self.channels), n_repeats=3)[0]
+        """Return the cost of a feature set in ms per recording, with segmentation."""
+        return self.segmentation_ms + self.measure(Plan.of(feature_set, self.channels), n_repeats=3)[0]
 
-    def measured(self, *plans: Plan, n_repeats: int = N_REPEATS) -> tuple[float, ...]:
-        """Return what plans take where phases are known: lower quartiles of runs, means over recordings.
+    def measure(self, *plans: Plan, n_repeats: int = N_REPEATS) -> tuple[float, ...]:
+        """Return the cost of each plan in ms without segmentation: lower quartile, mean over recordings.
 
-        They take turns, so that a machine that gets slower or faster meanwhile does so for all of them.
+        The plans are measured alternately, so that changes of the machine's speed affect all of them.
         """
         runs = np.empty((len(self.recordings), n_repeats, len(plans)))
         with one_thread():
@@ -189,17 +197,17 @@ class CostMeter:
                 runs[i, k, j] = _timed(partial(plans[j].compute, self.recordings[i]))[1]
         return tuple(map(float, np.quantile(runs, QUARTILE, axis=1).mean(axis=0)))
 
-    def kept(self, feature_set: FeatureSet) -> CostModel:
-        """Return what `model` measured when it was first asked for here: what is decided by costs stays so.
+    def cached_model(self, feature_set: FeatureSet) -> CostModel:
+        """Return the cost model of a feature set, measured once and then read from the cache folder.
 
-        The table is kept in the cache folder, for a machine, a dataset, features, their code and the versions
-        of libraries; who wants it measured anew removes `costs` there.
+        With stored costs, repeated selections under a budget agree. The key consists of machine, dataset,
+        features, code and library versions. Delete the folder `costs` of the cache to measure again.
         """
         names = [member.name for member in feature_set.members]
-        known = (platform.node(), self.input_hash, [r.recording_id for r in self.recordings], names)
+        measurement = (platform.node(), self.input_hash, [r.recording_id for r in self.recordings], names)
         code = (code_hash(feature_set), hash_of_code("phases", "signals"))
-        made_by = (self.channels, *code, versions("numpy", "scipy", "PyWavelets", "librosa"))
-        key = hashlib.sha256(repr((known, made_by)).encode()).hexdigest()[:16]
+        software = (self.channels, *code, versions("numpy", "scipy", "PyWavelets", "librosa"))
+        key = hashlib.sha256(repr((measurement, software)).encode()).hexdigest()[:16]
         path = cache_root() / "costs" / f"{feature_set.name}-{key}.json"
         with suppress(OSError, ValueError, TypeError):
             facts: dict[str, Any] = json.loads(path.read_bytes())
@@ -212,52 +220,53 @@ class CostMeter:
         return model
 
     def model(self, feature_set: FeatureSet) -> CostModel:
-        """Measure every part of a set, each feature by itself on fresh views.
+        """Measure the parts of a feature set, each feature separately on fresh views.
 
-        A part's time is the lower quartile of the runs that computed it, and the mean over recordings. All
-        are then multiplied by what the full set takes over their sum: quartiles of parts do not add up.
+        The cost of a part is the lower quartile of its runs, averaged over recordings. Because quartiles do
+        not add up, all parts are then scaled so that their sum is the measured cost of the full set.
         """
         plan = Plan.of(feature_set, self.channels)
         members = [(prefix, member) for prefix, part in plan.parts for member in part.members]
-        by_recording: list[dict[Hashable, float]] = []
+        ms_of_recordings: list[dict[Hashable, float]] = []
         users: dict[Hashable, set[int]] = defaultdict(set)
         with one_thread():
             for recording in self.recordings:
                 times: dict[Hashable, list[float]] = defaultdict(list)
-                for _ in range(1 + N_REPEATS):  # the first run warms up
+                for _ in range(1 + N_REPEATS):  # one more run, for warming up
                     for i, (prefix, member) in enumerate(members):
                         views = views_of(recording, self.channels)[prefix]
                         for part, seconds in _seconds_of(member, views, prefix).items():
                             times[part].append(1e3 * seconds)
                             users[part].add(i)
-                by_recording.append({part: float(np.quantile(ms, QUARTILE)) for part, ms in times.items()})
-        ms = np.array([np.mean([found.get(part, 0.0) for found in by_recording]) for part in users])
-        ms *= self.measured(plan)[0] / ms.sum()
+                quartiles = {part: float(np.quantile(ms, QUARTILE)) for part, ms in times.items()}
+                ms_of_recordings.append(quartiles)
+        ms = np.array([np.mean([times_ms.get(part, 0.0) for times_ms in ms_of_recordings]) for part in users])
+        ms *= self.measure(plan)[0] / ms.sum()
         owner = [i for i, (_, member) in enumerate(members) for _ in member.columns]
         return CostModel(
             plan.columns,
             tuple(f"{members[i][0]}{members[i][1].name}" for i in owner),
-            tuple(_named(part) for part in users),
+            tuple(_part_name(part) for part in users),
             ms,
-            np.array([[i in who for who in users.values()] for i in owner], dtype=bool).reshape(-1, len(ms)),
+            np.array([[i in ids for ids in users.values()] for i in owner], dtype=bool).reshape(-1, len(ms)),
             self.segmentation_ms,
         )
 
 
 def _seconds_of(member: Member, views: Views, prefix: str) -> dict[Hashable, float]:
-    """Compute a feature on fresh views: seconds of conditioning, each transform and the rest, none twice."""
+    """Compute a feature on fresh views; return the exclusive time of each part in s."""
     seconds: dict[Hashable, float] = defaultdict(float)
-    inside = [0.0]  # what computations within the present one have taken
+    nested_s = [0.0]  # stack: time of the computations nested in each running one
 
     def timed(part: Hashable, compute: Callable[[], R]) -> R:
-        inside.append(0.0)
+        nested_s.append(0.0)
         start = clock()
         try:
             return compute()
         finally:
             elapsed = clock() - start
-            seconds[part] += elapsed - inside.pop()
-            inside[-1] += elapsed
+            seconds[part] += elapsed - nested_s.pop()
+            nested_s[-1] += elapsed
 
     phase = member.feature.phase
     with suppress(UndefinedFeatureError):
@@ -268,12 +277,22 @@ def _seconds_of(member: Member, views: Views, prefix: str) -> dict[Hashable, flo
 
 
 def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any]) -> dict[str, float]:
-    """Measure a classifier on prepared features (finite), one thread; medians of a few runs.
+    """Measure the fit and the prediction of a classifier, with one thread.
+
+    Parameters
+    ----------
+    classifier : classifier
+        Unfitted classifier.
+    X : ndarray of shape (n_recordings, n_columns)
+        Prepared features, finite.
+    y : ndarray of shape (n_recordings,)
+        Labels.
 
     Returns
     -------
     dict
-        `fit_ms`: fitting all recordings once; `predict_ms`: one recording at a time, as a robot asks.
+        `fit_ms`: fit on all recordings; `predict_ms`: prediction of a single recording. Medians of repeated
+        runs, in ms.
     """
     with one_thread(), quiet_fits():
         fits = [_timed(lambda: clone(classifier).fit(X, y)) for _ in range(N_REPEATS)]
@@ -291,13 +310,13 @@ def _processor() -> str:
 
 
 def _timed(call: Callable[[], R]) -> tuple[R, float]:
-    """Return a result and the milliseconds it took."""
+    """Return the result of a call and its duration in ms."""
     start = clock()
     result = call()
     return result, 1e3 * (clock() - start)
 
 
-def _named(part: Any) -> str:
+def _part_name(part: Any) -> str:
     match part:
         case (prefix, phase):
             return f"{prefix}conditioning of the {phase}"

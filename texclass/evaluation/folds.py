@@ -1,14 +1,14 @@
-"""The one loop over folds: what learns is fitted on the training part, then asked about the test part.
+"""Cross-validation loop: fit on the training set of each fold, predict its test set.
 
-Whatever cross-validates in texclass goes through `over_folds`: it prepares the columns of each fold on its
-training rows and hands a `Fold` to a function, which fits and asks classifiers. `evaluate` is the usual such
-function; selections under a budget and recognisers that must know strangers have their own:
+All cross-validation in texclass uses `map_folds`. It prepares the columns of each fold on the training set
+and passes a `Fold` to a function, which fits classifiers and evaluates their predictions. `evaluate` does
+this for accuracies; feature selection under a budget and novelty detection pass their own functions:
 
 >>> import numpy as np
 >>> X, y = np.array([[0.0], [0.1], [5.0], [5.1]]), np.array(["cork", "cork", "slate", "slate"])
 >>> splits = [(np.array([0, 2]), np.array([1, 3]))]
->>> from sklearn.neighbors import NearestCentroid
->>> over_folds(lambda fold: fold.fitted(NearestCentroid()).predict(fold.asked).tolist(), X, y, splits)
+>>> from sklearn.neighbors import KNeighborsClassifier
+>>> map_folds(lambda fold: fold.fit(KNeighborsClassifier(1)).predict(fold.X_test).tolist(), X, y, splits)
 [['cork', 'slate']]
 """
 
@@ -33,7 +33,7 @@ R = TypeVar("R")
 
 
 class Fold:
-    """One fold: its rows and labels, and its columns as prepared on the training part alone.
+    """One fold of cross-validation: training set and test set, with columns prepared on the training set.
 
     Parameters
     ----------
@@ -42,66 +42,76 @@ class Fold:
     y : ndarray of shape (n_recordings,)
         Surfaces.
     split : (train, test)
-        Row numbers.
+        Row indices of the training set and of the test set.
     preparation : transformer, optional
-        Imputation, scaling, selection; columns are taken as they are without it.
+        Imputation, scaling and selection (default: none).
     nested : bool
-        False says that the preparation is fitted already (on all rows, test parts included).
+        Whether to fit the preparation on the training set (default True). False: it is fitted already, on
+        all rows, test sets included.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.neighbors import KNeighborsClassifier
+    >>> X, y = np.array([[0.0], [0.1], [5.0], [5.1]]), np.array(["cork", "cork", "slate", "slate"])
+    >>> fold = Fold(X, y, (np.array([0, 2]), np.array([1, 3])))
+    >>> fold.hits(KNeighborsClassifier(1))
+    array([ True,  True])
     """
 
     def __init__(
         self, X: Samples, y: Labels, split: Split, preparation: Any = None, *, nested: bool = True
     ) -> None:
         self.train, self.test = split
-        self.labels, self.truth = y[self.train], y[self.test]
+        self.y_train, self.y_test = y[self.train], y[self.test]
         self._X, self._unfitted, self._nested = X, preparation, nested
 
     @cached_property
     def preparation(self) -> Any:
-        """The preparation, fitted on the training part."""
+        """Preparation, fitted on the training set."""
         if self._unfitted is None or not self._nested:
             return self._unfitted
-        return fit(self._unfitted, self._X[self.train], self.labels)
+        return fit(self._unfitted, self._X[self.train], self.y_train)
 
     @cached_property
-    def learnt(self) -> Samples:
-        """The prepared training rows, shape (n_train, n_prepared)."""
-        return self._prepared(self.train)
+    def X_train(self) -> Samples:  # noqa: N802 - name of scikit-learn
+        """Prepared training set, shape (n_train, n_prepared)."""
+        return self._prepare(self.train)
 
     @cached_property
-    def asked(self) -> Samples:
-        """The prepared test rows, shape (n_test, n_prepared)."""
-        return self._prepared(self.test)
+    def X_test(self) -> Samples:  # noqa: N802 - name of scikit-learn
+        """Prepared test set, shape (n_test, n_prepared)."""
+        return self._prepare(self.test)
 
     @property
     def support(self) -> Samples:
-        """Which columns the preparation has selected (1) or left out (0), shape (n_columns,)."""
+        """Columns that the preparation selects (1) or drops (0), shape (n_columns,)."""
         n_columns = self._X.shape[1]
         selector = getattr(self.preparation, "steps", [("", self.preparation)])[-1][1]
         mask = selector.get_support() if hasattr(selector, "get_support") else np.ones(n_columns)
         return np.asarray(mask if len(mask) == n_columns else np.ones(n_columns), dtype=np.float64)
 
-    def fitted(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> Any:
-        """Return a classifier fitted on some of the prepared columns; see `fit_varying`."""
-        return fit_varying(classifier, self.learnt[:, columns], self.labels)
+    def fit(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> Any:
+        """Return a clone of a classifier, fitted on some prepared columns of the training set."""
+        return fit_varying(classifier, self.X_train[:, columns], self.y_train)
 
     def hits(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> NDArray[np.bool_]:
-        """Return whether a classifier recognises each row of the test part by some of the columns."""
-        return np.asarray(self.fitted(classifier, columns).predict(self.asked[:, columns]) == self.truth)
+        """Return for each row of the test set whether a classifier predicts it correctly, shape (n_test,)."""
+        return np.asarray(self.fit(classifier, columns).predict(self.X_test[:, columns]) == self.y_test)
 
-    def _prepared(self, rows: Indices) -> Samples:
+    def _prepare(self, rows: Indices) -> Samples:
         X = self._X[rows]
         prepared = X if self.preparation is None else self.preparation.transform(X)
-        # scikit-learn's own check is switched off in `over_folds`, for speed.
+        # `map_folds` switches off the check of scikit-learn, for speed.
         if not np.isfinite(prepared).all():
             raise ValueError(
-                "features are undefined (NaN) at the classifier. Expected a step that fills them, "
-                "such as sklearn.impute.SimpleImputer"
+                "the classifier gets undefined features (NaN). Add a step that replaces them to the "
+                "pipeline, such as sklearn.impute.SimpleImputer"
             )
         return np.asarray(prepared)
 
 
-def over_folds(
+def map_folds(
     work: Callable[[Fold], R],
     X: Samples,
     y: Labels,
@@ -110,23 +120,37 @@ def over_folds(
     *,
     nested: bool = True,
 ) -> list[R]:
-    """Return what a function makes of each fold.
+    """Call a function with each fold of a cross-validation, and return the results.
 
     Parameters
     ----------
     work : callable
-        Fold -> anything.
+        Function of a `Fold`.
     X, y, preparation
         See `Fold`; the preparation is unfitted.
     splits : sequence of (train, test)
-        Row numbers.
+        Row indices of each fold.
     nested : bool
-        False fits the preparation once on all recordings, test folds included: an optimistic accuracy.
+        Whether to fit the preparation in each fold (default True). False fits it once on all recordings, test
+        sets included: the accuracy is optimistic.
+
+    Returns
+    -------
+    list
+        Result of the function for each fold.
 
     Raises
     ------
     ValueError
         If prepared columns are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> X, y = np.array([[0.0], [0.1], [5.0], [5.1]]), np.array(["cork", "cork", "slate", "slate"])
+    >>> splits = [(np.array([0, 2]), np.array([1, 3])), (np.array([1, 3]), np.array([0, 2]))]
+    >>> map_folds(lambda fold: fold.X_test[:, 0].tolist(), X, y, splits)
+    [[0.1, 5.1], [0.0, 5.0]]
     """
     with (
         quiet_fits(),
@@ -140,23 +164,23 @@ def over_folds(
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Predictions of every test recording of every fold.
+    """Predictions for the test recordings of every fold, with their accuracy and cost.
 
     Attributes
     ----------
-    truth, predicted : tuple of ndarray of shape (n_test,)
-        Labels of each fold.
+    y_true, y_pred : tuple of ndarray of shape (n_test,)
+        True and predicted labels of each fold.
     accuracy : Accuracy
-        Pooled, with that of each fold.
+        Accuracy pooled over folds, and of each fold.
     support : ndarray of shape (n_columns,)
-        Share of folds in which a column reached the classifier.
+        Share of folds in which a column reaches the classifier.
     fit_s, predict_s : float
-        CPU seconds, means over folds: preparing and fitting the training part; preparing and classifying one
-        test recording.
+        CPU time in s, mean over folds: preparation and fit of a training set; preparation and prediction of
+        one test recording.
     """
 
-    truth: tuple[Labels, ...]
-    predicted: tuple[Labels, ...]
+    y_true: tuple[Labels, ...]
+    y_pred: tuple[Labels, ...]
     accuracy: Accuracy
     support: Samples
     fit_s: float
@@ -164,14 +188,25 @@ class Evaluation:
 
     @property
     def hits(self) -> tuple[NDArray[np.bool_], ...]:
-        """Whether each test of each fold was right."""
-        return tuple(t == p for t, p in zip(self.truth, self.predicted, strict=True))
+        """Whether each prediction of each fold is correct."""
+        return tuple(t == p for t, p in zip(self.y_true, self.y_pred, strict=True))
 
 
 def evaluate(
     X: Samples, y: Labels, splits: Sequence[Split], preparation: Any, classifier: Any, **options: Any
 ) -> Evaluation:
-    """Fit on each fold's training recordings, predict its test recordings; see `evaluate_each`."""
+    """Evaluate a classifier by cross-validation; see `evaluate_each` for the options.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.neighbors import KNeighborsClassifier
+    >>> from sklearn.preprocessing import StandardScaler
+    >>> X, y = np.array([[0.0], [0.1], [5.0], [5.1]]), np.array(["cork", "cork", "slate", "slate"])
+    >>> splits = [(np.array([0, 2]), np.array([1, 3])), (np.array([1, 3]), np.array([0, 2]))]
+    >>> evaluate(X, y, splits, StandardScaler(), KNeighborsClassifier(1)).accuracy.mean
+    1.0
+    """
     return evaluate_each(X, y, splits, preparation, [classifier], **options)[0]
 
 
@@ -186,48 +221,48 @@ def evaluate_each(
     clusters: Labels | None = None,
     independent: Labels | None = None,
 ) -> list[Evaluation]:
-    """Evaluate several classifiers that share their preparation, which is fitted once a fold.
+    """Evaluate several classifiers with the same preparation, which is fitted once per fold.
 
     Parameters
     ----------
     X, y, splits, preparation, nested
-        See `over_folds`.
+        See `map_folds`.
     classifiers : sequence of classifier
-        Unfitted.
+        Unfitted classifiers.
     clusters, independent : ndarray of shape (n_recordings,), optional
-        Which recording or run each row of X is a part of, and which operator or whatever is independent; see
-        `score`.
+        Recording or run of each row of X, and its independent unit, for example the operator; see `score`.
 
     Returns
     -------
     list of Evaluation
-        Of each classifier; the seconds of preparing count for each.
+        Evaluation of each classifier. The times of each include the preparation.
     """
 
-    def answers(fold: Fold) -> list[tuple[Labels, Samples, float, float]]:
+    def predict(fold: Fold) -> list[tuple[Labels, Samples, float, float]]:
         clock = time.process_time
         times = [clock()]
-        for part in ("learnt", "asked"):
-            getattr(fold, part)
+        for subset in ("X_train", "X_test"):  # prepared on first access
+            getattr(fold, subset)
             times.append(clock())
-        learnt_s, asked_s = np.diff(times).tolist()
-        said = []
+        prepare_train_s, prepare_test_s = np.diff(times).tolist()
+        results = []
         for classifier in classifiers:
-            start = clock()
-            fitted = fold.fitted(classifier)
-            middle = clock()
-            predicted = fitted.predict(fold.asked)
-            predict_s = (asked_s + clock() - middle) / len(fold.test)
-            said.append((predicted, fold.support, learnt_s + middle - start, predict_s))
-        return said
+            fit_start = clock()
+            model = fold.fit(classifier)
+            predict_start = clock()
+            labels = model.predict(fold.X_test)
+            predict_s = (prepare_test_s + clock() - predict_start) / len(fold.test)
+            results.append((labels, fold.support, prepare_train_s + predict_start - fit_start, predict_s))
+        return results
 
-    truth = tuple(y[test] for _, test in splits)
-    tested, over = (
-        None if of is None else [of[test] for _, test in splits] for of in (clusters, independent)
+    y_true = tuple(y[test] for _, test in splits)
+    test_clusters, test_units = (
+        None if groups is None else [groups[test] for _, test in splits] for groups in (clusters, independent)
     )
     evaluations = []
-    for found in zip(*over_folds(answers, X, y, splits, preparation, nested=nested), strict=True):
-        predicted, support, *seconds = zip(*found, strict=True)
-        accuracy, costs = score(truth, predicted, tested, over), np.mean(seconds, axis=1).tolist()
-        evaluations.append(Evaluation(truth, predicted, accuracy, np.mean(support, axis=0), *costs))
+    for results in zip(*map_folds(predict, X, y, splits, preparation, nested=nested), strict=True):
+        y_pred, support, *seconds = zip(*results, strict=True)
+        accuracy = score(y_true, y_pred, test_clusters, test_units)
+        costs = np.mean(seconds, axis=1).tolist()
+        evaluations.append(Evaluation(y_true, y_pred, accuracy, np.mean(support, axis=0), *costs))
     return evaluations

@@ -1,4 +1,4 @@
-"""A picture of one recording that is understood at a glance."""
+"""Figure of one recording: signal, phases, one tap, spectrogram and feature values."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import signal
 
-from texclass.evaluation.result import main_direction, outline
+from texclass.evaluation.result_facts import main_direction, signal_envelope
 from texclass.phases import find_phases
 from texclass.recording import Phases, Recording, Samples
 from texclass.reporting.figure_style import shorten_middle
@@ -24,33 +24,42 @@ COLOURS = {
     "movement": "#009E73",
     "signal": "#333333",
 }
-"""Okabe and Ito's colours, told apart with every common kind of colour vision."""
-MOST_POINTS = 4000
-MOST_VALUES = 40
+"""Palette of Okabe and Ito, whose colours are distinguishable with all common forms of colour vision."""
+MAX_POINTS = 4000
+"""Number of samples above which the envelope is drawn instead of the signal, to keep files small."""
+MAX_VALUES = 40
+"""Largest number of feature values in the figure."""
 LEGEND: Any = {
     "loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "fontsize": 8, "frameon": False,
     "handlelength": 1.2, "columnspacing": 1.2,
 }  # fmt: skip
-"""Above the axes, clear of the data."""
+"""Legend above the axes, where it does not cover data."""
 
 
-def inspected(recording: Recording, features: str | Path) -> tuple["Figure", Phases]:
-    """Find the phases of a recording, compute a feature set, and draw all of it: see `draw_inspection`.
+def inspect_recording(recording: Recording, features: str | Path) -> tuple["Figure", Phases]:
+    """Find the phases of a recording, compute its features, and draw them with `draw_inspection`.
 
     Parameters
     ----------
     recording : Recording
-        Any.
+        Recording.
     features : str or Path
-        A shipped set, or a TOML.
+        Name of a shipped feature set, or path of a TOML file.
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+        The figure.
+    phases : Phases
+        Phases of the recording.
     """
     from texclass.features import FeatureExtractor, load_feature_set
 
-    phases, shown = find_phases(recording), load_feature_set(features)
-    declared = [recording.with_(phases=phases)]
-    found = FeatureExtractor(shown).fit(declared).extract(declared)
-    values = dict(zip(found.columns, found.values[0], strict=True))
-    return draw_inspection(recording, phases, values, shown.units), phases
+    phases, feature_set = find_phases(recording), load_feature_set(features)
+    recordings = [recording.with_(phases=phases)]
+    extracted = FeatureExtractor(feature_set).fit(recordings).extract(recordings)
+    values = dict(zip(extracted.columns, extracted.values[0], strict=True))
+    return draw_inspection(recording, phases, values, feature_set.units), phases
 
 
 def draw_inspection(
@@ -64,14 +73,19 @@ def draw_inspection(
     Parameters
     ----------
     recording : Recording
-        Of any number of axes, unit and rate; several axes are shown along the direction in which they vary
-        most (DFT321 mixes the phases of the axes and would blur the contact).
+        Recording. Several axes are projected on the direction of the largest changes (DFT321 mixes the phases
+        of the axes, which blurs the contact).
     phases : Phases
-        Its phases.
+        Phases of the recording.
     feature_values : mapping of str to float, optional
-        What the table shows; NaN is shown as "undefined". Beyond 40 values the rest is counted.
+        Feature values; NaN is shown as "undefined". At most 40 are shown.
     units : mapping of str to str, optional
-        Of these, as features declare them: for recordings in m/s^2, in whose place that of others is put.
+        Units of the feature values for recordings in m/s^2. The unit of the recording replaces m/s^2.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
@@ -88,35 +102,34 @@ def draw_inspection(
         figure = Figure(figsize=(14, 8.5), layout="constrained")
         remarks = [f"note: {remark}" for remark in (*recording.flags, *phases.notes)]
         figure.suptitle("\n".join(["  |  ".join(facts), *remarks[:3]]), fontsize=12)
-        ((left, right),) = figure.subfigures(1, 2, squeeze=False, width_ratios=[2.4, 1.0])
-        above, below = left.subplots(2, 1, sharex=True)
-        _draw_signal(above, samples, recording, phases)
-        _draw_spectrogram(below, samples, recording)
-        tap_axes, value_axes = right.subplots(2, 1, height_ratios=[1.0, 1.9])
+        ((signal_part, value_part),) = figure.subfigures(1, 2, squeeze=False, width_ratios=[2.4, 1.0])
+        signal_axes, spectrogram_axes = signal_part.subplots(2, 1, sharex=True)
+        _draw_signal(signal_axes, samples, recording, phases)
+        _draw_spectrogram(spectrogram_axes, samples, recording)
+        tap_axes, value_axes = value_part.subplots(2, 1, height_ratios=[1.0, 1.9])
         _draw_tap(tap_axes, samples, recording, phases)
-        told = {name: unit.replace("m/s^2", recording.unit) for name, unit in (units or {}).items()}
-        _draw_values(value_axes, feature_values, told)
+        value_units = {name: unit.replace("m/s^2", recording.unit) for name, unit in (units or {}).items()}
+        _draw_values(value_axes, feature_values, value_units)
     return figure
 
 
 def _draw_signal(axes: "Axes", samples: Samples, recording: Recording, phases: Phases) -> None:
     fs, n = recording.fs, samples.size
-    if n <= MOST_POINTS:
+    if n <= MAX_POINTS:
         axes.plot(np.arange(n) / fs, samples, color=COLOURS["signal"], linewidth=0.9, label="signal")
     else:
-        low, high = outline(samples, MOST_POINTS)
-        times = (np.arange(low.size) + 0.5) * (n // MOST_POINTS) / fs
+        low, high = signal_envelope(samples, MAX_POINTS)
+        times = (np.arange(low.size) + 0.5) * (n // MAX_POINTS) / fs
         axes.fill_between(times, low, high, color=COLOURS["signal"], linewidth=0.5, label="signal")
     spans = [] if phases.movement is None else [(*phases.movement, "movement", 0.22)]
     for tap in phases.taps:
         spans += [(tap.start, tap.impact, "hand", 0.45), (tap.impact, tap.end, "decay", 0.6)]
         axes.axvline(tap.impact / fs, color=COLOURS["impact"], linewidth=0.8)
     for i, (start, stop, what, alpha) in enumerate(spans):
-        told = {"decay": "impact, decay"}.get(what, what)
-        seen = what in [span[2] for span in spans[:i]]  # one entry of the legend for all taps
-        axes.axvspan(
-            start / fs, stop / fs, color=COLOURS[what], alpha=alpha, label=f"_{told}" if seen else told
-        )
+        label = {"decay": "impact, decay"}.get(what, what)
+        is_in_legend = what in [span[2] for span in spans[:i]]  # one legend entry for all taps
+        label = f"_{label}" if is_in_legend else label
+        axes.axvspan(start / fs, stop / fs, color=COLOURS[what], alpha=alpha, label=label)
     if phases.onset is not None:
         axes.axvline(phases.onset / fs, color=COLOURS["movement"], linestyle="--", label="onset of sliding")
     if phases.taps:
@@ -153,7 +166,7 @@ def _draw_spectrogram(axes: "Axes", samples: Samples, recording: Recording) -> N
 
 
 def _draw_tap(axes: "Axes", samples: Samples, recording: Recording, phases: Phases) -> None:
-    """Draw the tap of median strength."""
+    """Draw the tap with the median peak."""
     if not phases.taps:
         axes.set_axis_off()
         axes.text(0.5, 0.5, "no tap in this recording", transform=axes.transAxes, ha="center", color="0.4")
@@ -162,8 +175,8 @@ def _draw_tap(axes: "Axes", samples: Samples, recording: Recording, phases: Phas
     index = int(np.argsort(peaks)[len(peaks) // 2])
     tap, to_ms = phases.taps[index], 1e3 / recording.fs
     margin = round(0.3 * (tap.end - tap.start)) + 1
-    shown = np.arange(max(0, tap.start - margin), min(samples.size, tap.end + margin))
-    axes.plot((shown - tap.impact) * to_ms, samples[shown], color=COLOURS["signal"], lw=0.9)
+    indices = np.arange(max(0, tap.start - margin), min(samples.size, tap.end + margin))
+    axes.plot((indices - tap.impact) * to_ms, samples[indices], color=COLOURS["signal"], lw=0.9)
     for what, start, stop in (("hand", tap.start, tap.impact), ("decay", tap.impact, tap.end)):
         ends = (start - tap.impact) * to_ms, (stop - tap.impact) * to_ms
         label = {"decay": "impact, decay"}.get(what, what)
@@ -180,20 +193,20 @@ def _draw_values(axes: "Axes", values: Mapping[str, float] | None, units: Mappin
     if not values:
         axes.text(0.5, 0.5, "no feature values", transform=axes.transAxes, ha="center", color="0.4")
         return
-    shown = [
+    lines = [
         (name, f"{values[name]:.4g}" if np.isfinite(values[name]) else "undefined", units.get(name, ""))
-        for name in sorted(values, key=lambda name: "." in name)[:MOST_VALUES]  # scalars first
+        for name in sorted(values, key=lambda name: "." in name)[:MAX_VALUES]  # scalars first
     ]
-    if len(values) > MOST_VALUES:
-        shown[-1] = ("...", f"and {len(values) - MOST_VALUES + 1} more", "")
-    n_rows = max(20, len(shown))
-    place: dict[str, Any] = {"transform": axes.transAxes, "fontsize": 7, "family": "monospace"}
-    for i, (name, text, unit) in enumerate(shown):
+    if len(values) > MAX_VALUES:
+        lines[-1] = ("...", f"and {len(values) - MAX_VALUES + 1} more", "")
+    n_rows = max(20, len(lines))
+    style: dict[str, Any] = {"transform": axes.transAxes, "fontsize": 7, "family": "monospace"}
+    for i, (name, text, unit) in enumerate(lines):
         height = 1.0 - (i + 0.8) / n_rows
-        axes.text(0.0, height, shorten_middle(name, 32), **place)
-        axes.text(0.68, height, text, ha="right", **place)
-        # A ratio has no unit; powers as everywhere in the picture.
-        axes.text(0.7, height, "" if unit == "1" else unit.replace("^2", "²"), **place)
+        axes.text(0.0, height, shorten_middle(name, 32), **style)
+        axes.text(0.68, height, text, ha="right", **style)
+        # "1" is the unit of ratios, which is not shown.
+        axes.text(0.7, height, "" if unit == "1" else unit.replace("^2", "²"), **style)
 
 
 def _unit(recording: Recording) -> str:

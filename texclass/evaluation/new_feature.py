@@ -1,4 +1,4 @@
-"""A new feature against the table: alone, added to the best row, its cost, its contract, what it repeats."""
+"""Study of a new feature: accuracy alone and added to the best row, cost, contract, redundancy."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -13,21 +13,21 @@ from sklearn.model_selection import KFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
+from texclass.evaluation.ablation import detectable
 from texclass.evaluation.accuracy import LEVEL
-from texclass.evaluation.additions import unseen
 from texclass.evaluation.benchmark import BenchmarkResult, run_benchmark
 from texclass.evaluation.benchmark_document import benchmark_blocks, benchmark_document
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, cached_table
 from texclass.evaluation.pipeline import PipelineDefinition
-from texclass.evaluation.result import classifier_title, over
+from texclass.evaluation.result_facts import classifier_title, cluster_phrase
 from texclass.evaluation.workers import one_thread
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
 from texclass.features.contract_checks import EXACT, check_degenerate_inputs, measure_gain_law
 from texclass.features.phase_view import View, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Samples
-from texclass.reporting import Document, Finding, Folded, Heading, Table, write_document
+from texclass.reporting import Details, Document, Finding, Heading, Table, write_document
 from texclass.reporting.blocks import Block
 from texclass.reporting.wording import digits, estimate, p_value, percent, points, points_interval
 
@@ -35,16 +35,17 @@ Data = Mapping[str, Any]
 
 
 class FeatureStudy(BenchmarkResult, kind="feature"):
-    """A new feature against the table of a pipeline on a dataset; see `study_feature`.
+    """Comparison of a new feature with the rows of a pipeline on a dataset; returned by `study_feature`.
 
-    `data` is that of the benchmark, with a row for the feature alone and, as `gains`, what it adds to the
-    best row; and `new_feature`: what it is, `ms_alone` and `ms_added` per recording, its `gain_law` as
-    declared and as measured, its results for `degenerate_inputs`, and its `redundancy` (see `redundancy`).
+    `data` contains the values of the benchmark, with a row for the feature alone and the gain of adding it to
+    the best row (`ablation`), and `new_feature`: the declaration of the feature, its latency alone
+    (`ms_alone`) and added to the best row (`ms_added`), its `gain_law` as declared and as measured, its
+    `behaviour` on degenerate input, and its `redundancy` (see the function of this name).
     """
 
     @property
     def result(self) -> BenchmarkResult:
-        """The benchmark alone."""
+        """Benchmark without the study of the feature."""
         return BenchmarkResult({key: value for key, value in self.data.items() if key != "new_feature"})
 
     @property
@@ -60,7 +61,7 @@ class FeatureStudy(BenchmarkResult, kind="feature"):
         return new_feature_document(self.data)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write the benchmark, and beside it what was found about the feature."""
+        """Write the benchmark and the study of the feature into a folder."""
         stem = f"{self.stem}-feature"
         written = write_document(self.document(), folder, stem, json=self.to_json(), pictures=False)
         return (*self.result.save(folder), *written)
@@ -69,94 +70,99 @@ class FeatureStudy(BenchmarkResult, kind="feature"):
 def study_feature(
     dataset: Dataset, pipeline: PipelineDefinition, feature: Feature, **options: Any
 ) -> FeatureStudy:
-    """Put a new feature against the table of a pipeline.
+    """Compare a new feature with the rows of a pipeline.
 
     Parameters
     ----------
     dataset : Dataset
         Labelled recordings.
     pipeline : PipelineDefinition
-        Its table; its own additions are left out, for the question is what this feature adds.
+        Pipeline whose rows are compared. Its own additions are replaced by the feature.
     feature : Feature
-        See `texclass.features.load_feature`.
+        Feature; see `texclass.features.load_feature`.
     **options
-        As in `run_benchmark`.
+        Options of `run_benchmark`.
+
+    Returns
+    -------
+    FeatureStudy
+        The study.
 
     Raises
     ------
     ValueError
-        As `run_benchmark`; and if the pipeline's feature set has the feature already, or the feature fails.
+        As in `run_benchmark`, and if the feature set has a feature of this name, or the feature fails.
     """
     extended = pipeline.with_feature(feature)
     result = run_benchmark(dataset, extended, **options)
-    kept = {key: options[key] for key in ("n_jobs", "skip_bad") if key in options}
-    # Computed a moment ago: this only reads the cache.
-    table = cached_table(dataset, *extended.needed, channels=pipeline.channels, **kept)
-    meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
+    table_options = {key: options[key] for key in ("n_jobs", "skip_bad") if key in options}
+    # Reads the cache: `run_benchmark` has computed this table.
+    table = cached_table(dataset, *extended.needed, channels=pipeline.channels, **table_options)
+    meter = CostMeter.from_dataset(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
     alone = extended.features.restricted_to([feature.name])
     views: list[View] = []
     for recording in meter.recordings:
-        for of_channel in views_of(recording, meter.channels).values():
+        for channel_views in views_of(recording, meter.channels).values():
             with suppress(UndefinedFeatureError):
-                views.append(of_channel.of(feature.phase))
-    gains = result.data["gains"]
-    joined = gains and gains["groups"][0]["joined"]
-    found = {
+                views.append(channel_views.of(feature.phase))
+    ablation = result.data["ablation"]
+    combined = ablation and ablation["groups"][0]["combined"]
+    study = {
         "name": feature.name,
         "phase": feature.phase,
         "unit": feature.unit,
         "reference": feature.reference,
         "columns": feature.columns(feature.name, {}),
         "ms_alone": meter.model(alone).total,
-        # It may share transforms with the row that it is added to.
-        "ms_added": joined and joined["ms_per_recording"] - gains["without"]["ms_per_recording"],
+        # Less than `ms_alone` if it shares transforms with the base row.
+        "ms_added": combined and combined["ms_per_recording"] - ablation["base"]["ms_per_recording"],
         "gain_law": measure_gain_law(feature, views),
         "degenerate_inputs": check_degenerate_inputs(feature),
-        "redundancy": redundancy(table, table.matching(alone.column_names)),
+        "redundancy": redundancy(table, table.match_columns(alone.column_names)),
     }
-    return FeatureStudy({**result.data, "new_feature": found})
+    return FeatureStudy({**result.data, "new_feature": study})
 
 
 def redundancy(table: FeatureTable, new: Sequence[str]) -> list[dict[str, Any]]:
-    """Compare new columns with all others of a table.
+    """Return the correlation of new columns with the existing columns of a table.
 
     Parameters
     ----------
     table : FeatureTable
-        Both.
+        Table with new and existing columns.
     new : sequence of str
-        The new columns; those without two different values are left out.
+        Names of the new columns. Constant columns are skipped.
 
     Returns
     -------
     list of dict
-        For each `column`: the existing ones that are `nearest`, by their `rank_correlation` (Spearman) with
-        it; and how much of it is `explained` by all of them together: R^2 of its prediction by ridge
-        regression on left-out recordings. 1 says that it is a linear mixture of them, 0 or less that it is
-        not; None that it is constant, or that there are too few recordings.
+        For each `column`: the three existing columns with the highest rank correlation (`nearest`, each with
+        its Spearman `rank_correlation`), and `explained`, the R^2 of its prediction from all existing columns
+        by ridge regression with five-fold cross-validation. 1: linear combination of existing columns; 0 or
+        less: not predictable; None: fewer than ten recordings.
     """
     values = table.frame[list(table.columns)].astype(np.float64)
     existing = values.drop(columns=list(new)).dropna(axis=1, how="all")
     existing = existing.loc[:, existing.max() > existing.min()]
     varying = [column for column in new if values[column].max() > values[column].min()]
-    found: list[dict[str, Any]] = []
+    results: list[dict[str, Any]] = []
     for name in varying:
         column = values[name].dropna()
         others = existing.loc[column.index]
         rho = others.corrwith(column, method="spearman").dropna()
         nearest = rho.reindex(rho.abs().sort_values(ascending=False, kind="stable").index)[:3]
-        found.append(
+        results.append(
             {
                 "column": name,
                 "nearest": [{"column": str(c), "rank_correlation": float(r)} for c, r in nearest.items()],
                 "explained": _explained(others.to_numpy(np.float64), column.to_numpy(np.float64)),
             }
         )
-    return found
+    return results
 
 
 def _explained(X: Samples, y: Samples) -> float | None:
-    """Return R^2 = 1 - sum (y - y^)^2 / sum (y - mean y)^2, y^ from five-fold cross-validation."""
+    """Return R^2 = 1 - sum (y - y^)^2 / sum (y - mean y)^2, with y^ from five-fold cross-validation."""
     if y.size < 10 or not X.size:
         return None
     model = make_pipeline(SimpleImputer(strategy="median"), StandardScaler(), RidgeCV(np.logspace(-3, 3, 7)))
@@ -168,54 +174,55 @@ def _explained(X: Samples, y: Samples) -> float | None:
 
 
 def new_feature_document(data: Data) -> Document:
-    """Return a study as a document: what the feature adds, what it is, then the table.
+    """Return the document of a study: gain and properties of the feature, then the benchmark.
 
     Parameters
     ----------
     data : mapping
-        As `FeatureStudy.to_dict` returns it, or its JSON read back.
+        Values of a `FeatureStudy`.
     """
     table, new = benchmark_document(data), data["new_feature"]
     return Document(
         f"New feature {new['name']} on {table.title}",
-        [Heading("The feature itself"), *_itself(new, data), *benchmark_blocks(data)],
-        table.subtitle, _finding(data), table.data, table.again, table.versions,
+        [Heading("The feature itself"), *_feature_blocks(new, data), *benchmark_blocks(data)],
+        table.subtitle, _finding(data), table.dataset, table.reproduction, table.versions,
     )  # fmt: skip
 
 
 def _finding(data: Data) -> Finding:
-    gains, name = data.get("gains"), data["new_feature"]["name"]
-    groups = [group for group in gains["groups"] if group["paired"]] if gains else []
-    if not gains or not groups:
+    ablation, name = data.get("ablation"), data["new_feature"]["name"]
+    groups = [group for group in ablation["groups"] if group["comparison"]] if ablation else []
+    if not ablation or not groups:
         return Finding(
-            "none", "", "", f"gain could be measured for {name}: there is no row that it can join."
+            "none", "", "", f"gain could be measured for {name}: there is no row to which it can be added."
         )
-    paired, p = groups[0]["paired"], p_value(groups[0]["paired"]["p_value"])
-    base = f"{gains['row']} with {classifier_title(gains['classifier'])}"
-    seen = paired["p_value"] < LEVEL
-    told = "" if seen else f" No difference seen{unseen(groups)}."
+    comparison = groups[0]["comparison"]
+    p = p_value(comparison["p_value"])
+    base = f"{ablation['row']} with {classifier_title(ablation['classifier'])}"
+    is_significant = comparison["p_value"] < LEVEL
+    remark = "" if is_significant else f" No significant difference{detectable(groups)}."
     return Finding(
-        points(paired["difference"]), "points", points_interval(paired),
-        f"of accuracy when {name} joins the best row, {base} "
-        f"({percent(gains['without']['accuracy'])} % without it); p {p} by {paired['test']}, 95 % "
-        f"interval{over(paired)}.{told}",
-        brief=f"Gain when it joins {base}; p {p}.",
+        points(comparison["difference"]), "points", points_interval(comparison),
+        f"of accuracy when {name} is added to the best row, {base} "
+        f"({percent(ablation['base']['accuracy'])} % without it); p {p} by {comparison['test']}, 95 % "
+        f"interval{cluster_phrase(comparison)}.{remark}",
+        brief=f"Gain when it is added to {base}; p {p}.",
     )  # fmt: skip
 
 
-def _itself(new: Data, data: Data) -> Iterator[Block]:
-    """Yield what was found about the feature itself."""
+def _feature_blocks(new: Data, data: Data) -> Iterator[Block]:
+    """Yield accuracy, cost, gain law, redundancy and behaviour of the feature."""
     alone = data["rows"][-1]
     accuracies = [f"{classifier_title(n)} {estimate(a)} %" for n, a in alone["accuracy"].items()]
     cost = f"{digits(new['ms_alone'])} ms per recording alone"
     if new["ms_added"] is not None:
-        cost += f"; {digits(max(new['ms_added'], 0.0))} ms more beside the best row"
-    repeats = []
-    for found in new["redundancy"]:
-        kin = [f"{near['column']} {near['rank_correlation']:+.2f}" for near in found["nearest"]]
-        repeats.append(f"{found['column']}: rank correlation with {', '.join(kin) or 'nothing'}")
-        if (explained := found["explained"]) is not None:
-            repeats[-1] += f"; all columns together explain R\N{SUPERSCRIPT TWO} = {explained:.2f}"
+        cost += f"; {digits(max(new['ms_added'], 0.0))} ms more with the best row"
+    redundancies = []
+    for column in new["redundancy"]:
+        nearest = [f"{near['column']} {near['rank_correlation']:+.2f}" for near in column["nearest"]]
+        redundancies.append(f"{column['column']}: rank correlation with {', '.join(nearest) or 'nothing'}")
+        if (explained := column["explained"]) is not None:
+            redundancies[-1] += f"; all columns together explain R\N{SUPERSCRIPT TWO} = {explained:.2f}"
     results = pd.DataFrame(
         [
             (r["input"], r["outcome"], r["detail"], "valid" if r["is_valid"] else "INVALID")
@@ -230,22 +237,22 @@ def _itself(new: Data, data: Data) -> Iterator[Block]:
         f"{new['reference']}.",
         "Alone": alone["missing"] or ", ".join(accuracies),
         "Cost": cost,
-        "Gain law": _law(new["gain_law"]),
-        "Repeats": "; ".join(repeats) or "nothing: it does not vary",
+        "Gain law": _gain_law_text(new["gain_law"]),
+        "Redundancy": "; ".join(redundancies) or "none: the feature is constant",
         "Degenerate input": title,
     }
     if len(invalid):
         yield Table(invalid, "Results that violate the feature contract.", n_words=4)
-    yield Folded(f"Degenerate input: {title}", [Table(results, n_words=4)])
+    yield Details(f"Degenerate input: {title}", [Table(results, n_words=4)])
 
 
-def _law(law: Data | None) -> str:
+def _gain_law_text(law: Data | None) -> str:
     if law is None:
-        return "not measured: the feature has no value on the recordings it was tried on"
+        return "not measured: the feature is undefined for the recordings of the measurement"
     declared = f"declared y(g x) = {Gain(**law['declared'])}"
     if law["holds"]:
         return f"{declared}; measured the same (to {law['deviation']:.0e})"
-    found = f"y(g x) = {Gain(**law['measured'])}"
+    measured = f"y(g x) = {Gain(**law['measured'])}"
     if law.get("measured_deviation", 0.0) > EXACT:
-        found = "another, of no power and no shift"
-    return f"{declared}; BROKEN by {digits(law['deviation'])}; measured {found}"
+        measured = "another law, neither a power nor a shift"
+    return f"{declared}; BROKEN by {digits(law['deviation'])}; measured {measured}"

@@ -1,4 +1,4 @@
-"""A pipeline TOML: features, scikit-learn steps, classifiers and table rows, checked before anything runs."""
+"""Pipeline files (TOML): feature set, scikit-learn steps, classifiers and rows, validated before use."""
 
 import hashlib
 import re
@@ -37,52 +37,52 @@ from texclass.shipped import locate
 from texclass.validation import StrictModel, read_toml, validate
 
 ALL = "all"
-"""Stands for every feature of the set in a row."""
+"""Keyword in a row that selects every feature of the set."""
 
 
 class Use(StrictModel):
-    """One scikit-learn object of a TOML: the class it names, and beside it the arguments of its constructor.
+    """Estimator in a TOML file: the path of its class, and the arguments of its constructor.
 
-    An argument that is another such object, `estimator = { use = "..." }`, is made, too.
+    An argument can be an estimator itself: `estimator = { use = "..." }`.
 
     Attributes
     ----------
     use
-        Dotted path of a class of `ESTIMATORS`.
+        Path of a class in `ESTIMATORS`.
     """
 
     model_config = ConfigDict(extra="allow")
     use: str
 
     def make(self) -> Any:
-        """Return a new, unfitted object."""
-        made = dict(self.parameters)
-        for key, value in made.items():
+        """Return a new unfitted estimator."""
+        arguments = dict(self.parameters)
+        for key, value in arguments.items():
             if _is_use(value):
                 try:
-                    made[key] = Use(**value).make()
-                except ValidationError as error:  # its first fault, in one line
+                    arguments[key] = Use(**value).make()
+                except ValidationError as error:  # the first fault, in one line
                     raise ValueError(error.errors()[0]["msg"]) from None
-        return resolve(self.use)(**made)
+        return resolve(self.use)(**arguments)
 
     @property
     def parameters(self) -> Mapping[str, Any]:
-        """The arguments of its constructor."""
+        """Arguments of the constructor."""
         return self.model_extra or {}
 
     @model_validator(mode="after")
-    def _takes_its_parameters(self) -> Self:
+    def _check_arguments(self) -> Self:
         check_parameters(self.use, self.parameters)
         try:
-            made = self.make()
-        except Exception as error:  # estimators raise almost anything of parameters they do not expect
+            estimator = self.make()
+        except Exception as error:  # estimators raise many types of errors for bad arguments
             raise ValueError(str(error)) from None
         try:
-            made.fit(None, None)
+            estimator.fit(None, None)
         except Exception as error:
-            # Parameters are checked before data, so a message that names one is about its value.
-            own = [key for key, value in self.parameters.items() if not _is_use(value)]
-            if any(re.search(rf"\b{re.escape(key)}\b", str(error)) for key in own):
+            # `fit` checks parameters before data, so an error that names a parameter is about its value.
+            names = [key for key, value in self.parameters.items() if not _is_use(value)]
+            if any(re.search(rf"\b{re.escape(key)}\b", str(error)) for key in names):
                 raise ValueError(str(error)) from None
         return self
 
@@ -91,55 +91,61 @@ def _is_use(value: Any) -> bool:
     return isinstance(value, dict) and "use" in value
 
 
-def _classifies(use: Use) -> Use:
+def _check_classifier(use: Use) -> Use:
     if not is_classifier(use.make()):
-        raise ValueError(f"{use.use} is not a classifier")
+        raise ValueError(f"{use.use} is not a classifier. Expected a scikit-learn classifier")
     return use
 
 
-def _transforms(use: Use) -> Use:
-    if is_classifier(made := use.make()) or not hasattr(made, "transform"):
-        raise ValueError(f"{use.use} is not a transformer")
+def _check_transformer(use: Use) -> Use:
+    if is_classifier(estimator := use.make()) or not hasattr(estimator, "transform"):
+        raise ValueError(f"{use.use} is not a transformer. Expected a scikit-learn transformer")
     return use
 
 
 class Selection(StrictModel):
-    """Sequential forward selection of a row: how many columns, judged in how many inner folds."""
+    """Sequential forward selection in a row: number of columns `n`, and number of inner folds `folds`."""
 
     n: Annotated[int, Field(ge=1)]
     folds: Annotated[int, Field(ge=2)] = 5
 
 
-def _names(given: Any) -> Any:
-    """Return what stands for features: a list as a tuple, the word "all" as one name."""
-    return (ALL,) if given == ALL else tuple(given) if isinstance(given, list) else given
+def _feature_names(value: Any) -> Any:
+    """Convert a TOML list to a tuple, and the keyword "all" to a tuple with one name."""
+    return (ALL,) if value == ALL else tuple(value) if isinstance(value, list) else value
 
 
 class RowDefinition(StrictModel):
-    """One row of the table; or, without what only rows have, a group of features that is added to one.
+    """Row of the table (a feature subset), or a feature group of the ablation.
 
     Attributes
     ----------
     name
-        As printed.
+        Name in reports.
     features
-        Names of features and columns of the set; a TOML may say "all".
+        Features and columns of the set; in a TOML file also "all".
     reference
-        Where the published figures or the features come from.
+        Source of the features or of the published accuracies.
     skip_missing
-        Whether a dataset that lacks some of the features is evaluated with the others.
+        Whether to evaluate the row without the features that a dataset lacks.
     select
-        Of rows: sequential selection among the features; None keeps all.
+        Rows only: sequential forward selection among the features (default: none).
     published
-        Of rows: classifier -> published accuracy in per cent.
+        Rows only: classifier -> published accuracy in per cent.
     classifiers
-        Of rows: which of the pipeline's classifiers evaluate it; all of them by default.
+        Rows only: classifiers of the pipeline that evaluate this row (default: all).
     note
-        Of rows: what a reader of its accuracy must know; printed below the table.
+        Rows only: remark printed below the table.
+
+    Examples
+    --------
+    >>> row = RowDefinition(name="MFCC", features=("mfcc",))
+    >>> row.select_classifiers(["lda", "naive_bayes"])
+    ('lda', 'naive_bayes')
     """
 
     name: str
-    features: Annotated[tuple[str, ...], BeforeValidator(_names)]
+    features: Annotated[tuple[str, ...], BeforeValidator(_feature_names)]
     reference: str = ""
     skip_missing: bool = False
     select: Selection | None = None
@@ -147,27 +153,27 @@ class RowDefinition(StrictModel):
     classifiers: tuple[str, ...] = ()
     note: str = ""
 
-    def judged_by(self, classifiers: Iterable[str]) -> tuple[str, ...]:
-        """Return those of a pipeline's classifiers that evaluate this row."""
+    def select_classifiers(self, classifiers: Iterable[str]) -> tuple[str, ...]:
+        """Return the classifiers of a pipeline that evaluate this row."""
         return self.classifiers or tuple(classifiers)
 
 
 class FoldSettings(StrictModel):
-    """How recordings are split: name of a protocol, and folds of those that draw them."""
+    """Protocol of a pipeline: its name, and the number of folds for protocols that draw folds."""
 
     name: Annotated[str, AfterValidator(lambda name: find_protocol(name).name)] = "recording"
     folds: Annotated[int, Field(ge=2)] = 10
 
 
 class PublishedOn(StrictModel):
-    """Under which conditions the published figures of a table were measured.
+    """Conditions under which the published accuracies were measured.
 
     Attributes
     ----------
     n_surfaces
-        How many surfaces were told apart.
+        Number of surfaces.
     protocols
-        Those of ours that split as the publication did.
+        Names of our protocols that split recordings as the publication did.
     """
 
     n_surfaces: Annotated[int, Field(ge=2)]
@@ -175,21 +181,21 @@ class PublishedOn(StrictModel):
 
     @field_validator("protocols")
     @classmethod
-    def _known(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+    def _check_protocols(cls, names: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(find_protocol(name).name for name in names)
 
 
-class AdditionSettings(StrictModel):
-    """How it is measured what each group adds to a row.
+class AblationSettings(StrictModel):
+    """Settings of the ablation: which row the feature groups are added to, and how often folds are drawn.
 
     Attributes
     ----------
     base
-        The row that is added to; None takes the most accurate one without features of any group.
+        Row to which the groups are added (default: the most accurate row without features of any group).
     classifier
-        None takes the one that is most accurate there.
+        Classifier (default: the most accurate one for that row).
     repeats
-        How many times folds are drawn (with seed, seed + 1, ...), where a protocol draws them.
+        Number of repeats with seeds seed, seed + 1, ... (default 5), for protocols that draw folds.
     """
 
     base: str | None = None
@@ -197,139 +203,150 @@ class AdditionSettings(StrictModel):
     repeats: Annotated[int, Field(ge=1)] = 5
 
 
-def _set_of(given: Any) -> FeatureSet:
-    if isinstance(given, FeatureSet):
-        return given
-    if not isinstance(given, str):
-        raise ValueError(f"{given!r:.60}. Expected a shipped name or a path")
+def _to_feature_set(value: Any) -> FeatureSet:
+    if isinstance(value, FeatureSet):
+        return value
+    if not isinstance(value, str):
+        raise ValueError(f"{value!r:.60}. Expected a shipped name or a path")
     try:
-        return load_feature_set(given)
+        return load_feature_set(value)
     except OSError as error:
         raise ValueError(str(error)) from None
 
 
 class PipelineDefinition(StrictModel):
-    """Everything a benchmark does, apart from the dataset; see `load_pipeline`.
+    """Definition of a benchmark, without the dataset; see `load_pipeline`.
 
     Attributes
     ----------
     name, description, reference
-        What it is, and where it comes from.
+        Name, description and source.
     features
-        The set that rows choose from; a TOML gives a shipped name or a path.
+        Feature set; in a TOML file a shipped name or a path.
     steps
         scikit-learn transformers before every classifier.
     classifiers
         Name -> scikit-learn classifier.
-    rows, additions
-        Lines of the table; groups of features whose effect on a row is measured, which are no lines of it.
+    rows
+        Rows of the table.
+    additions
+        Feature groups of the ablation.
     seed
-        Of folds, and of the bootstrap.
+        Random seed of the folds.
     channels
         See `FeatureExtractor`.
     overlap
-        Windows that begin within each short touch of a training part; see `texclass.evaluation.windows`.
+        Number of training windows that start within each short window; see `texclass.evaluation.windows`.
     protocol, gain
-        How recordings are split, and how it is measured what groups add.
+        Protocol, and settings of the ablation.
     published_on
-        Under which conditions the published figures of the rows were measured; without it they are not
-        compared with ours.
+        Conditions of the published accuracies. Without them, published accuracies are not compared with ours.
     phase_settings
-        Settings by which phases are found, unless the dataset states them; see `PhaseSettings`.
+        Settings of the segmentation, unless the dataset has its own; see `PhaseSettings`.
+
+    Examples
+    --------
+    >>> pipeline = load_pipeline("strese2015")
+    >>> list(pipeline.classifiers)
+    ['naive_bayes', 'lda', 'euclidean']
     """
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
-    features: Annotated[FeatureSet, PlainValidator(_set_of)]
+    features: Annotated[FeatureSet, PlainValidator(_to_feature_set)]
     seed: Annotated[int, Field(ge=0)]
-    classifiers: Annotated[dict[str, Annotated[Use, AfterValidator(_classifies)]], Field(min_length=1)]
+    classifiers: Annotated[dict[str, Annotated[Use, AfterValidator(_check_classifier)]], Field(min_length=1)]
     rows: Annotated[tuple[RowDefinition, ...], Field(min_length=1)]
     additions: tuple[RowDefinition, ...] = ()
-    steps: tuple[Annotated[Use, AfterValidator(_transforms)], ...] = ()
+    steps: tuple[Annotated[Use, AfterValidator(_check_transformer)], ...] = ()
     channels: Channels = "combine"
     overlap: Annotated[int, Field(ge=1)] = 1
     protocol: FoldSettings = FoldSettings()
-    gain: AdditionSettings = AdditionSettings()
+    gain: AblationSettings = AblationSettings()
     phase_settings: PhaseSettings = PhaseSettings()
     published_on: PublishedOn | None = None
     name: str = ""
     description: str = ""
     reference: str = ""
     _hash: str = PrivateAttr("")
-    _apart: tuple[str, ...] = PrivateAttr(())
-    """Features whose table is kept apart from that of the others: new ones, likely to change."""
+    _separate: tuple[str, ...] = PrivateAttr(())
+    """Features with a table of their own in the cache: new features, whose code is likely to change."""
 
     @field_validator("rows", "additions")
     @classmethod
-    def _of_the_set(cls, rows: tuple[RowDefinition, ...], info: ValidationInfo) -> tuple[RowDefinition, ...]:
-        """Put all features for "all"; refuse names that are unknown or stand twice."""
-        known: FeatureSet | None = info.data.get("features")
-        if known is None:  # a fault that is told already
+    def _check_features(
+        cls, rows: tuple[RowDefinition, ...], info: ValidationInfo
+    ) -> tuple[RowDefinition, ...]:
+        """Replace "all" by all features; reject unknown features and duplicate names."""
+        feature_set: FeatureSet | None = info.data.get("features")
+        if feature_set is None:  # pydantic reports this fault already
             return rows
-        found = {}
+        checked_rows = {}
         for row in rows:
-            names = tuple(known.columns) if row.features == (ALL,) else row.features
-            if row.name in found:
-                raise ValueError(f"two are named {row.name!r}. Expected unique names")
+            names = tuple(feature_set.columns) if row.features == (ALL,) else row.features
+            if row.name in checked_rows:
+                raise ValueError(f"two entries have the name {row.name!r}. Expected unique names")
             extra = row.model_fields_set & {"select", "published", "classifiers"}
             if info.field_name == "additions" and extra:
-                raise ValueError(f"{row.name}: {min(extra)} is of rows. Expected features alone")
+                raise ValueError(f"{row.name}: the key {min(extra)!r} is for rows only. Remove it")
             try:
-                known.columns_of(names)
+                feature_set.columns_of(names)
             except ValueError as error:
                 raise ValueError(f"{row.name}: features: {error}") from None
-            found[row.name] = row.model_copy(update={"features": names})
-        return tuple(found.values())
+            checked_rows[row.name] = row.model_copy(update={"features": names})
+        return tuple(checked_rows.values())
 
     @model_validator(mode="after")
-    def _names_what_it_has(self) -> Self:
-        judges = ", ".join(self.classifiers)
+    def _check_names(self) -> Self:
+        classifiers = ", ".join(self.classifiers)
         for row in self.rows:
             for key in ("published", "classifiers"):
                 for name in getattr(row, key):
                     if name not in self.classifiers:
-                        raise ValueError(f"rows: {row.name}: {key} names {name!r}. Expected one of {judges}")
+                        raise ValueError(
+                            f"rows: {row.name}: {key} contains {name!r}. Expected one of {classifiers}"
+                        )
         bases = [row.name for row in self.bases]
         if self.additions and not bases:
             raise ValueError("every row has features of an addition. Expected one row without any")
-        for key, rule, known in (
+        for key, expected, choices in (
             ("base", f"a row without features of an addition: {', '.join(bases)}", bases),
-            ("classifier", f"a classifier: {judges}", self.classifiers),
+            ("classifier", f"a classifier: {classifiers}", self.classifiers),
         ):
-            if (named := getattr(self.gain, key)) not in (None, *known):
-                raise ValueError(f"gain.{key} is {named!r}. Expected {rule}")
+            if (value := getattr(self.gain, key)) not in (None, *choices):
+                raise ValueError(f"gain.{key} is {value!r}. Expected {expected}")
         return self
 
     @property
     def hash(self) -> str:
-        """Digest of the file it was read from, and of the feature that was added since; "" without a file."""
+        """Digest of the pipeline file, and of the code of an added feature; "" without a file."""
         return self._hash
 
     @property
     def needed(self) -> tuple[FeatureSet, ...]:
-        """The parts of the feature set that rows and additions read: those tables are cached apart."""
+        """Feature sets that rows and additions need; each has its own table in the cache."""
         names = {f for group in (*self.rows, *self.additions) for f in group.features}
-        own = self.features.restricted_to(names.difference(self._apart))
-        return (own, *(self.features.restricted_to([name]) for name in self._apart))
+        shared = self.features.restricted_to(names.difference(self._separate))
+        return (shared, *(self.features.restricted_to([name]) for name in self._separate))
 
     @property
     def bases(self) -> tuple[RowDefinition, ...]:
-        """The rows that hold no column of any addition, so that each addition has something to add."""
-        added = set(self.features.columns_of(f for group in self.additions for f in group.features))
-        return tuple(r for r in self.rows if added.isdisjoint(self.features.columns_of(r.features)))
+        """Rows without columns of any addition."""
+        columns = set(self.features.columns_of(f for group in self.additions for f in group.features))
+        return tuple(r for r in self.rows if columns.isdisjoint(self.features.columns_of(r.features)))
 
     def preparation(self, row: RowDefinition, classifier: str) -> Pipeline:
-        """Return the unfitted steps before a classifier: the common ones, then the row's selection."""
+        """Return the unfitted steps before a classifier: those of the pipeline, then forward selection."""
         steps = [use.make() for use in self.steps]
         if row.select is not None:
-            judge = self.classifiers[classifier].make()
-            steps.append(ForwardSelector(judge, n_features_to_select=row.select.n, cv=row.select.folds))
+            criterion = self.classifiers[classifier].make()
+            steps.append(ForwardSelector(criterion, n_features_to_select=row.select.n, cv=row.select.folds))
         return make_pipeline(*(steps or ["passthrough"]))
 
     def trial(self, row: "MatchedRow", classifier: str, table: FeatureTable) -> Callable[..., Evaluation]:
-        """Return what evaluates a row with a classifier on any splits: `evaluate` but for these."""
+        """Return `evaluate` with everything bound except the splits, for a row and a classifier."""
         return partial(
             evaluate,
-            table.of(row.columns),
+            table.select(row.columns),
             table.surfaces,
             preparation=self.preparation(row.definition, classifier),
             classifier=with_segment_columns(self.classifiers[classifier].make(), row.columns),
@@ -338,10 +355,10 @@ class PipelineDefinition(StrictModel):
     def trials(
         self, row: "MatchedRow", classifiers: Sequence[str], table: FeatureTable
     ) -> Callable[..., list[Evaluation]]:
-        """Return what evaluates a row with classifiers that share their preparation; see `evaluate_each`."""
+        """Return `evaluate_each` with everything bound except the splits, for several classifiers."""
         return partial(
             evaluate_each,
-            table.of(row.columns),
+            table.select(row.columns),
             table.surfaces,
             preparation=self.preparation(row.definition, classifiers[0]),
             classifiers=[
@@ -350,38 +367,38 @@ class PipelineDefinition(StrictModel):
         )
 
     def with_feature(self, feature: Feature) -> Self:
-        """Return a pipeline with one more row, a feature alone, and the feature as its only addition.
+        """Return the pipeline with a new feature: as a row of its own, and as the only addition.
 
         Raises
         ------
         ValueError
-            If the feature set has a feature or column of that name.
+            If the feature set has a feature or column of this name.
         """
-        known, name = self.features, feature.name
-        if name in known.columns or name in known.column_names:
-            raise ValueError(f"feature {name!r} is in the feature set {known.name!r}. Expected a new name")
-        members = (*known.members, Member(name, feature, remove_hand_motion=known.remove_hand_motion))
-        added = RowDefinition(name=name, features=(name,), reference=feature.reference)
-        changed = {
+        base, name = self.features, feature.name
+        if name in base.columns or name in base.column_names:
+            raise ValueError(f"feature {name!r} exists in the feature set {base.name!r}. Choose another name")
+        members = (*base.members, Member(name, feature, remove_hand_motion=base.remove_hand_motion))
+        row = RowDefinition(name=name, features=(name,), reference=feature.reference)
+        update = {
             "name": f"{self.name}+{name}",
-            "features": FeatureSet(known.name, members, known.reference, known.description),
-            "rows": (*self.rows, added.model_copy(update={"name": f"New: {name}"})),
-            "additions": (added,),
+            "features": FeatureSet(base.name, members, base.reference, base.description),
+            "rows": (*self.rows, row.model_copy(update={"name": f"New: {name}"})),
+            "additions": (row,),
         }
-        extended = self.model_copy(update=changed)
+        extended = self.model_copy(update=update)
         code = hashlib.sha256(feature.source.read_bytes()).hexdigest()[:8]
-        extended._hash, extended._apart = f"{self.hash}+{code}", (name,)
+        extended._hash, extended._separate = f"{self.hash}+{code}", (name,)
         return extended
 
 
 def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
-    """Read a pipeline.
+    """Read a pipeline file.
 
     Parameters
     ----------
     name_or_path : str or Path
-        Name of a shipped pipeline, or path of a pipeline (TOML). A feature set in `features` that ends in
-        ".toml" is relative to the pipeline.
+        Name of a shipped pipeline, or path of a TOML file. A path of a feature set in `features` is relative
+        to the pipeline file.
 
     Returns
     -------
@@ -393,7 +410,7 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
     FileNotFoundError
         If the pipeline does not exist.
     ValueError
-        If the file is invalid; the message names file, key and expectation.
+        If the file is invalid.
 
     Examples
     --------
@@ -402,9 +419,9 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
     """
     path = locate("pipelines", name_or_path)
     content = {"name": path.stem, **read_toml(path)}
-    beside = path.parent / str(content.get("features"))
-    if beside.suffix == ".toml" and beside.is_file():
-        content["features"] = str(beside)
+    feature_file = path.parent / str(content.get("features"))
+    if feature_file.suffix == ".toml" and feature_file.is_file():
+        content["features"] = str(feature_file)
     pipeline = validate(PipelineDefinition, content, path.name)
     pipeline._hash = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     return pipeline
@@ -412,18 +429,18 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
 
 @dataclass(frozen=True)
 class MatchedRow:
-    """A row of a pipeline matched with what the recordings of a dataset have.
+    """Row of a pipeline, matched with the columns that have values in a dataset.
 
     Attributes
     ----------
     definition
-        The row.
+        Definition of the row.
     columns
-        Its columns in the table; empty when the row cannot be computed.
+        Columns of the row in the feature table; empty if the row cannot be evaluated.
     n_features
-        Columns that reach the classifier, or would if the dataset lacked nothing.
+        Number of columns at the classifier, also if the row cannot be evaluated.
     missing
-        What the dataset lacks for it.
+        Why features are missing in the dataset; None if none is.
     """
 
     definition: RowDefinition
@@ -432,17 +449,24 @@ class MatchedRow:
     missing: str | None = None
 
     @classmethod
-    def of(cls, row: RowDefinition, features: FeatureSet, table: FeatureTable) -> Self:
-        """Match a row with a table; a feature that no recording has is missing."""
-        found = {name: table.matching(features.columns_of([name])) for name in row.features}
-        defined = {c for names in found.values() for c in names if table.frame[c].notna().any()}
-        lacking: dict[str, list[str]] = {}
-        for name, columns in found.items():
+    def match(cls, row: RowDefinition, features: FeatureSet, table: FeatureTable) -> Self:
+        """Match a row with a feature table; a feature without a value in any recording is missing."""
+        columns_by_feature = {name: table.match_columns(features.columns_of([name])) for name in row.features}
+        defined = {
+            column
+            for columns in columns_by_feature.values()
+            for column in columns
+            if table.frame[column].notna().any()
+        }
+        features_by_reason: dict[str, list[str]] = {}
+        for name, columns in columns_by_feature.items():
             if not defined.intersection(columns):
-                lacking.setdefault(table.reason_of(name), []).append(name)
-        missing = "; ".join(f"{reason} ({', '.join(names)})" for reason, names in lacking.items()) or None
-        every = tuple(dict.fromkeys(c for names in found.values() for c in names))
-        usable = tuple(c for c in every if c in defined)
-        n = len(usable if row.skip_missing else every)
+                features_by_reason.setdefault(table.reason_of(name), []).append(name)
+        missing = (
+            "; ".join(f"{why} ({', '.join(names)})" for why, names in features_by_reason.items()) or None
+        )
+        all_columns = tuple(dict.fromkeys(c for columns in columns_by_feature.values() for c in columns))
+        usable = tuple(c for c in all_columns if c in defined)
+        n = len(usable if row.skip_missing else all_columns)
         computable = usable if missing is None or row.skip_missing else ()
         return cls(row, computable, min(row.select.n, n) if row.select else n, missing)

@@ -1,8 +1,8 @@
-"""Evaluation protocols: one class for each way to hold recordings out, and the registry of their names.
+"""Evaluation protocols: how recordings are split into training sets and test sets.
 
-Command line, pipelines, reports, documentation and tests take names and titles from here. How rows are split
-is in `texclass.evaluation.splits`, which is imported when a table is split: a command that lists the
-protocols loads neither pandas nor scikit-learn.
+The command line, pipelines, reports and documentation read names and titles from here. The functions that
+split rows are in `texclass.evaluation.splits`. It is imported on first use, so that a command that lists the
+protocols imports neither pandas nor scikit-learn.
 """
 
 import re
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from texclass.evaluation.splits import Splits
 
 LABELS = ("surface", "operator", "session", "repetition")
-"""Columns of a table that a protocol by labels can name."""
+"""Columns of a table that can be used in a protocol by labels."""
 Terms = list[tuple[str, list[str]]]
-"""Label and values, all of which hold: the parsed form of "repetition=1-20,25 & session=a"."""
+"""List of (label, values), combined by AND: the parsed form of "repetition=1-20,25 & session=a"."""
 
 
 def _checked_label(label: str) -> str:
     if label not in LABELS:
-        raise ValueError(f"no label of recordings is {label!r}. Expected one of {', '.join(LABELS)}")
+        raise ValueError(f"unknown label {label!r}. Expected one of {', '.join(LABELS)}")
     return label
 
 
@@ -36,7 +36,7 @@ def _terms(text: str) -> Terms:
     for label, equals, values in terms:
         if not (equals and values.strip()):
             raise ValueError(
-                f"recordings are chosen by {label.strip()!r}. Expected LABEL=VALUE,VALUE or LABEL=1-20"
+                f"cannot select recordings by {label.strip()!r}. Expected LABEL=VALUE,VALUE or LABEL=1-20"
             )
     return [
         (_checked_label(label.strip()), [v.strip() for v in values.split(",")]) for label, _, values in terms
@@ -44,26 +44,32 @@ def _terms(text: str) -> Terms:
 
 
 class Protocol(ABC):
-    """A way to hold recordings out.
+    """Protocol that splits recordings into training sets and test sets.
 
     Attributes
     ----------
     name : str
-        As given on the command line and in pipelines, and saved in results.
+        Name on the command line, in pipelines and in results.
     title : str
-        A few words for the title of a report.
+        Short title for reports.
     description : str
-        One line for the report.
+        Description in one line, for reports.
     choice : str
-        How people write it, where that is more than one name.
+        Syntax on the command line, for protocols with parameters.
     needs : tuple of str
-        Labels of which one must be named for every recording.
+        Labels of which at least one must have a value for every recording.
     unit : {"recording", "run"}
-        What is never separated, and votes when it holds several rows.
+        Unit that is never separated. The predictions of its rows are combined by majority vote.
     is_random : bool
-        Whether the seed draws the folds, so that another seed gives others.
+        Whether the folds depend on the seed.
     is_nested : bool
-        Whether scaling and selection are fitted inside each fold. Only `paper` is not.
+        Whether scaling and selection are fitted inside each fold; False for `paper` only.
+
+    Examples
+    --------
+    >>> from texclass.evaluation import PROTOCOLS
+    >>> isinstance(PROTOCOLS["recording"], Protocol)
+    True
     """
 
     name: str
@@ -79,39 +85,44 @@ class Protocol(ABC):
         return f"<{type(self).__name__}: {self.name}>"
 
     def split(self, table: "pd.DataFrame", n_folds: int, seed: int) -> "Splits":
-        """Return (train, test) row numbers for each fold.
+        """Return (train, test) row indices for each fold.
 
         Parameters
         ----------
         table : DataFrame
-            Labels of recordings, or of windows of them, one a row.
+            Labels of recordings or windows, one per row.
         n_folds : int
-            Number of folds, where folds are drawn.
+            Number of folds, if the protocol draws folds.
         seed : int
-            Of the folds, where they are drawn.
+            Random seed, if the protocol draws folds.
+
+        Returns
+        -------
+        tuple of (ndarray, ndarray)
+            Row indices of training set and test set of each fold.
 
         Raises
         ------
         ValueError
-            If the table cannot be split in this way.
+            If the table cannot be split by this protocol.
         """
-        from texclass.evaluation.splits import split_tested
+        from texclass.evaluation.splits import split_testable
 
-        return split_tested(lambda tested: self._split(tested, n_folds, seed), table)
+        return split_testable(lambda rows: self._split(rows, n_folds, seed), table)
 
     @abstractmethod
     def _split(self, table: "pd.DataFrame", n_folds: int, seed: int) -> "Splits":
-        """Return (train, test) of a table whose rows may all be tested."""
+        """Return (train, test) row indices for each fold of a table without overlapping windows."""
 
     def clusters(self, table: "pd.DataFrame") -> "NDArray[np.str_]":
-        """Return which `unit` each row belongs to."""
+        """Return the `unit` (recording or run) of each row."""
         from texclass.evaluation.splits import runs
         from texclass.evaluation.windows import parents
 
         return (runs if self.unit == "run" else parents)(table).to_numpy(dtype=str)
 
     def independent(self, table: "pd.DataFrame") -> "tuple[str, NDArray[np.str_]]":
-        """Return what an interval or a test is taken over, and which of them each row belongs to."""
+        """Return the independent unit of confidence intervals and tests, and the unit of each row."""
         return self.unit, self.clusters(table)
 
 
@@ -142,7 +153,7 @@ class Paper(Stratified):
 
 
 class Grouped(Protocol):
-    """Draw folds over runs (sessions; recordings, where none are named)."""
+    """Draw folds over runs: sessions, or recordings if sessions are missing."""
 
     name = "grouped"
     title = "folds over whole runs"
@@ -160,7 +171,7 @@ class Grouped(Protocol):
 
 
 class LeaveOneOut(Protocol):
-    """Test on each group of a label in turn; the groups are independent."""
+    """Use each value of a label once as the test set; the values are the independent units."""
 
     choice = "leave-out LABEL"
 
@@ -176,7 +187,7 @@ class LeaveOneOut(Protocol):
         return leave_one_out(table, left_out_label(table, self.needs))
 
     def independent(self, table: "pd.DataFrame") -> "tuple[str, NDArray[np.str_]]":
-        """Return the label that is left out, and the group of each row."""
+        """Return the held-out label, and its value for each row."""
         from texclass.evaluation.splits import left_out_label
 
         label = left_out_label(table, self.needs)
@@ -184,7 +195,7 @@ class LeaveOneOut(Protocol):
 
 
 class Operator(LeaveOneOut):
-    """Test on each operator in turn; on each session where operators are not named."""
+    """Leave one operator out, or one session if operators are missing."""
 
     choice = ""
 
@@ -197,7 +208,7 @@ class Operator(LeaveOneOut):
 
 
 class Chronological(Protocol):
-    """Train on the first half of the repetitions, test on the second."""
+    """Train on the first half of the repetitions, test on the second half."""
 
     name = "chronological"
     title = "first half of the repetitions to second half"
@@ -211,26 +222,26 @@ class Chronological(Protocol):
 
 
 class FewShot(Protocol):
-    """Train on a few repetitions of each surface, from several starts.
+    """Train on a few repetitions of each surface, with several starts, and test on the later half.
 
     Parameters
     ----------
     n_shots : int
-        Repetitions of each surface that train (default 3).
+        Number of training repetitions per surface (default 3).
     """
 
     choice = "few-shot NUMBER"
     n_starts: ClassVar[int] = 4
-    """Starts at most: the quarters of the first half of the repetitions."""
+    """Largest number of starts, one for each quarter of the first half of the repetitions."""
 
     def __init__(self, n_shots: int = 3) -> None:
         self.n_shots = n_shots
         self.name = "few-shot" if n_shots == 3 else f"few-shot {n_shots}"
         self.title = f"{counted(n_shots, 'repetition')}, several starts, to second half"
         self.description = (
-            f"{counted(n_shots, 'repetition')} of each surface in a row train, from several starts in the "
-            "first half on; third and fourth quarter of its repetitions test (without numbers: runs that are "
-            "drawn train, the others test)"
+            f"trains on {counted(n_shots, 'consecutive repetition')} of each surface, with several starts in "
+            "the first half; tests on the third and the fourth quarter (without repetition numbers: trains "
+            "on runs drawn at random, tests on the others)"
         )
 
     def _split(self, table: "pd.DataFrame", n_folds: int, seed: int) -> "Splits":
@@ -240,7 +251,7 @@ class FewShot(Protocol):
 
 
 class ByLabels(Protocol):
-    """Train on the recordings that some labels choose, test on those that others do."""
+    """Select training set and test set by the values of labels."""
 
     choice = "LABEL=VALUES -> LABEL=VALUES"
 
@@ -259,20 +270,33 @@ PROTOCOLS: dict[str, Protocol] = {
     protocol.name: protocol
     for protocol in (Stratified(), Operator(), Chronological(), FewShot(), Grouped(), Paper())
 }
-"""The protocols with a name of their own, in the order of lists."""
+"""Name -> protocol without parameters, in display order."""
 
 
 def find_protocol(name: str) -> Protocol:
-    """Return the protocol of that name: one of `PROTOCOLS`, `few-shot` of so many, or by any label.
+    """Return the protocol with a name: one of `PROTOCOLS`, or a protocol with parameters.
 
-    "few-shot 1" trains on single repetitions. "leave-out session" tests on each session in turn.
-    "repetition=1-20 -> repetition=31-40" trains on these and tests on those; "operator=2,5 & session=a" are
-    the recordings of operators 2 and 5 in session a.
+    Parameters
+    ----------
+    name : str
+        Name in `PROTOCOLS`; "few-shot 1" (one training repetition per surface); "leave-out session" (each
+        session is the test set once); or "repetition=1-20 -> repetition=31-40" (training set and test set by
+        labels). "operator=2,5 & session=a" selects the recordings of operators 2 and 5 in session a.
+
+    Returns
+    -------
+    Protocol
+        The protocol.
 
     Raises
     ------
     ValueError
-        If there is none; the message lists the known names.
+        If the name is unknown.
+
+    Examples
+    --------
+    >>> find_protocol("leave-out session").title
+    'leave one session out'
     """
     if name in PROTOCOLS:
         return PROTOCOLS[name]
@@ -284,47 +308,77 @@ def find_protocol(name: str) -> Protocol:
     if arrow:
         return ByLabels(train, test)
     choices = (kind.choice for kind in (FewShot, LeaveOneOut, ByLabels))
-    raise ValueError(f"no protocol is named {name!r}. Expected one of {', '.join((*PROTOCOLS, *choices))}")
+    raise ValueError(f"unknown protocol {name!r}. Expected one of {', '.join((*PROTOCOLS, *choices))}")
 
 
-def repeated(
+def repeated_splits(
     protocol: Protocol, table: "pd.DataFrame", n_folds: int, n_repeats: int, seed: int
 ) -> "tuple[Splits, ...]":
-    """Return the splits of repeated cross-validation: those of seed, seed + 1, ....
+    """Return the splits of repeated cross-validation, with seeds seed, seed + 1, ....
+
+    Parameters
+    ----------
+    protocol : Protocol
+        Protocol that splits the rows.
+    table : DataFrame
+        Labels of recordings or windows, one per row.
+    n_folds : int
+        Number of folds, if the protocol draws folds.
+    n_repeats : int
+        Number of repeats.
+    seed : int
+        Random seed of the first repeat.
+
+    Returns
+    -------
+    tuple of splits
+        Splits of each repeat.
 
     Raises
     ------
     ValueError
-        If there is no repeat, or several of a protocol that splits in one way only.
+        If `n_repeats` is less than 1, or more than 1 for a protocol without random folds.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> surfaces = ["oak"] * 3 + ["cork"] * 3
+    >>> table = pd.DataFrame({"recording_id": range(6), "surface": surfaces})
+    >>> repeats = repeated_splits(find_protocol("recording"), table, n_folds=3, n_repeats=2, seed=0)
+    >>> [len(splits) for splits in repeats]
+    [3, 3]
     """
     if n_repeats < 1 or (n_repeats > 1 and not protocol.is_random):
-        random = ", ".join(p.name for p in PROTOCOLS.values() if p.is_random)
+        random_protocols = ", ".join(p.name for p in PROTOCOLS.values() if p.is_random)
         raise ValueError(
-            f"{n_repeats} repeats of the protocol `{protocol.name}`. "
-            f"Expected 1, or more of a protocol that draws its folds ({random})"
+            f"n_repeats is {n_repeats} for the protocol `{protocol.name}`. "
+            f"Expected 1, or more for a protocol with random folds ({random_protocols})"
         )
     return tuple(protocol.split(table, n_folds, seed + r) for r in range(n_repeats))
 
 
-def splits_of(protocol: Protocol, table: "pd.DataFrame", seed: int) -> "Splits":
-    """Return how a protocol holds the rows of a table out, in at most five folds where it draws them.
+def make_splits(protocol: Protocol, table: "pd.DataFrame", seed: int) -> "Splits":
+    """Return the splits of a protocol, with at most five folds if it draws folds.
 
     Raises
     ------
     ValueError
-        If it cannot, or lets test recordings be seen.
+        If the table cannot be split, or the protocol fits scaling and selection on test recordings.
     """
-    require_unseen(protocol)
-    return protocol.split(table, max(2, min(5, fewest(protocol, table))), seed)
+    require_nested(protocol)
+    return protocol.split(table, max(2, min(5, min_per_surface(protocol, table))), seed)
 
 
-def require_unseen(protocol: Protocol) -> None:
-    """Refuse a protocol that fits scaling and selection on its test recordings, too."""
+def require_nested(protocol: Protocol) -> None:
+    """Raise ValueError for a protocol that fits scaling and selection on its test recordings."""
     if not protocol.is_nested:
-        raise ValueError(f"protocol is {protocol.name!r}. Expected one whose test recordings stay unseen")
+        raise ValueError(
+            f"protocol {protocol.name!r} fits scaling and selection on the test recordings. Expected one "
+            "that does not, for example 'recording'"
+        )
 
 
-def fewest(protocol: Protocol, table: "pd.DataFrame") -> int:
-    """Return the number of recordings (or runs, as the protocol counts) of the surface that has fewest."""
+def min_per_surface(protocol: Protocol, table: "pd.DataFrame") -> int:
+    """Return the smallest number of recordings (or runs, depending on the protocol) of a surface."""
     units = table[["surface"]].assign(unit=protocol.clusters(table))
     return int(units.groupby("surface")["unit"].nunique().min())

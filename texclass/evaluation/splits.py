@@ -1,7 +1,6 @@
-"""Training and test rows of a feature table: plain functions of its label columns, without any protocol.
+"""Functions that split the rows of a feature table into training set and test set, by its label columns.
 
-A table has one row per recording, or one per window of a recording: windows of one recording are never
-separated.
+A table has one row per recording, or one per window. Windows of one recording are never separated.
 """
 
 import functools
@@ -16,23 +15,23 @@ from numpy.typing import NDArray
 from sklearn.model_selection import LeaveOneGroupOut, StratifiedGroupKFold, StratifiedKFold
 
 from texclass.evaluation.protocols import Terms
-from texclass.evaluation.windows import asked, parents
+from texclass.evaluation.windows import is_testable, parents
 
 Indices = NDArray[np.intp]
 Split = tuple[Indices, Indices]
-"""Row numbers of a training set and of its test set."""
+"""Row indices of a training set and of its test set."""
 Splits = tuple[Split, ...]
 P = ParamSpec("P")
 
 
 def runs(table: pd.DataFrame) -> "pd.Series[str]":
-    """Return the run (session) of each row; its recording, unless every row names a session."""
+    """Return the run of each row: its session, or its recording if sessions are missing or all the same."""
     is_named = table["session"].notna().all() and table["session"].nunique() >= 2
     return table["session"].astype(str) if is_named else parents(table)
 
 
 def left_out_label(table: pd.DataFrame, labels: Sequence[str]) -> str:
-    """Return the first label that every row names and that has at least two groups.
+    """Return the first label that has a value in every row, and at least two different ones.
 
     Raises
     ------
@@ -45,14 +44,14 @@ def left_out_label(table: pd.DataFrame, labels: Sequence[str]) -> str:
     counts = " and ".join(f"{table[label].nunique()} {label}s" for label in labels)
     unnamed = table[list(labels)].isna().all(axis=1).sum()
     raise ValueError(
-        f"the dataset names {counts}, {unnamed} recordings without one; leaving one out needs at least 2 of "
-        f"one label ({', '.join(labels)}), named for every recording"
+        f"the dataset has {counts}, and {unnamed} recordings without one. Leave-one-out needs a label "
+        f"({', '.join(labels)}) with a value for every recording, and at least 2 different values"
     )
 
 
-def split_tested(split: Callable[[pd.DataFrame], Splits], table: pd.DataFrame) -> Splits:
-    """Split the rows that may be tested; windows between them train where their recording does."""
-    rows, recording = np.flatnonzero(asked(table)), parents(table)
+def split_testable(split: Callable[[pd.DataFrame], Splits], table: pd.DataFrame) -> Splits:
+    """Split the testable rows; overlapping windows join the training set of their recording."""
+    rows, recording = np.flatnonzero(is_testable(table)), parents(table)
     if len(rows) == len(table):
         return split(table)
     return tuple(
@@ -64,7 +63,7 @@ def split_tested(split: Callable[[pd.DataFrame], Splits], table: pd.DataFrame) -
 def of_recordings(
     split: Callable[Concatenate[pd.DataFrame, P], Splits],
 ) -> Callable[Concatenate[pd.DataFrame, P], Splits]:
-    """Let a split of recordings split their windows, too: each window goes where its recording goes."""
+    """Extend a function that splits recordings to windows: each window stays with its recording."""
 
     @functools.wraps(split)
     def of_rows(table: pd.DataFrame, /, *args: P.args, **kwargs: P.kwargs) -> Splits:
@@ -86,12 +85,12 @@ def of_recordings(
 
 @of_recordings
 def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
-    """Split recordings into folds with equal shares of each surface.
+    """Split recordings into stratified folds: every surface has the same share in each.
 
     Raises
     ------
     ValueError
-        If a surface has fewer recordings than there are folds, or there is one surface.
+        If a surface has fewer recordings than folds, or there is only one surface.
     """
     _require_folds(table["surface"].value_counts(), n_folds)
     folds = StratifiedKFold(n_folds, shuffle=True, random_state=seed)
@@ -99,18 +98,18 @@ def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
 
 
 def grouped(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
-    """Split runs into folds with about equal shares of each surface; no run both trains and tests.
+    """Split runs into stratified folds: no run is in both training set and test set (grouped k-fold).
 
     Raises
     ------
     ValueError
-        If a surface has fewer runs than there are folds, or a run's absence leaves a surface untrained.
+        If a surface has fewer runs than folds, or would be missing from a training set.
     """
     run = runs(table)
     _require_folds(run.groupby(table["surface"]).nunique(), n_folds, "run")
     folds = StratifiedGroupKFold(n_folds, shuffle=True, random_state=seed)
     with warnings.catch_warnings():
-        # A surface with fewer rows than folds: there are enough runs, which is what counts.
+        # Scikit-learn counts rows per surface. `_require_folds` has checked the number of runs instead.
         warnings.filterwarnings("ignore", message="The least populated class", category=UserWarning)
         splits = tuple(s for s in folds.split(table, table["surface"], run) if s[1].size)
     for number, split in enumerate(splits, start=1):
@@ -120,12 +119,12 @@ def grouped(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
 
 @of_recordings
 def leave_one_out(table: pd.DataFrame, label: str) -> Splits:
-    """Test on each group of a label in turn.
+    """Use each group of a label once as the test set, and the others as the training set.
 
     Raises
     ------
     ValueError
-        If a surface would be tested without having been trained, or there is one surface.
+        If a surface would be tested but not trained, or there is only one surface.
     """
     _require_each(table["surface"].value_counts())
     splits = tuple(LeaveOneGroupOut().split(table, groups=table[label]))
@@ -136,7 +135,9 @@ def leave_one_out(table: pd.DataFrame, label: str) -> Splits:
 
 @of_recordings
 def chronological(table: pd.DataFrame) -> Splits:
-    """Train on the first half of each surface's repetitions, test on the second (the larger, if odd).
+    """Train on the first half of the repetitions of each surface, test on the second half.
+
+    If the number is odd, the second half is the larger one.
 
     Raises
     ------
@@ -146,8 +147,8 @@ def chronological(table: pd.DataFrame) -> Splits:
     unnumbered = table["repetition"].isna()
     if unnumbered.any():
         raise ValueError(
-            f"recording {table.loc[unnumbered, 'recording_id'].iloc[0]} has no repetition number; the "
-            "protocol `chronological` needs it on each"
+            f"recording {table.loc[unnumbered, 'recording_id'].iloc[0]} has no repetition number. The "
+            "protocol `chronological` needs one for every recording"
         )
     counts = table["surface"].value_counts()
     _require_each(counts, 2, protocol="chronological")
@@ -158,18 +159,18 @@ def chronological(table: pd.DataFrame) -> Splits:
 
 @of_recordings
 def few_shot(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Splits:
-    """Train on few repetitions of each surface in a row, from several starts on; test on much later ones.
+    """Train on a few consecutive repetitions of each surface, test on the later half.
 
-    One start says little: a sensor warms up, a hand learns. Starts are a quarter of the first half of the
-    repetitions apart, as many of `n_starts` as leave `n_shots` of them within that half: of forty, three
-    train from 1, 6, 11 and 16 on. The third and the fourth quarter test, each a fold of every start, so that
-    every start has the same tests, and none trains on what comes after one. Where a recording has no
-    number, recordings (or runs) are drawn with the seed as often, and the others test.
+    A single start is not representative, because sensors warm up and operators learn. Up to `n_starts`
+    training sets start at equal distances within the first half of the repetitions: with 40 repetitions and
+    `n_shots=3`, at 1, 6, 11 and 16. The third and the fourth quarter are the test sets of every start, so
+    that all starts have the same tests, and training always precedes testing. If repetition numbers are
+    missing, runs are drawn at random `n_starts` times, and the others are the test set.
 
     Raises
     ------
     ValueError
-        If a surface has fewer than twice as many numbered repetitions as train, or no run besides those.
+        If a surface has fewer than `2 * n_shots` numbered repetitions, or fewer than `n_shots + 1` runs.
     """
     if table["repetition"].isna().any():
         return _random_shots(table, n_shots, n_starts, seed)
@@ -177,103 +178,106 @@ def few_shot(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Spl
     _require_each(counts, 2 * n_shots, protocol="few-shot")
     rank = table.groupby("surface")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
     count = table["surface"].map(counts).to_numpy(dtype=np.intp)
-    half, fewest_early = count // 2, int(counts.min()) // 2
+    half, n_early = count // 2, int(counts.min()) // 2
     later = half + (count - half) // 2
     tests = [np.flatnonzero(quarter) for quarter in ((rank > half) & (rank <= later), rank > later)]
-    apart = max(1, fewest_early // n_starts)
-    starts = [1 + k * apart for k in range(n_starts) if k * apart + n_shots <= fewest_early]
+    distance = max(1, n_early // n_starts)
+    starts = [1 + k * distance for k in range(n_starts) if k * distance + n_shots <= n_early]
     trains = [np.flatnonzero((rank >= start) & (rank < start + n_shots)) for start in starts]
     return tuple((train, test) for train in trains for test in tests if test.size)
 
 
 def _random_shots(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Splits:
-    """Train on so many runs of each surface, drawn `n_starts` times; test on all others."""
+    """Draw `n_shots` runs of each surface for training, `n_starts` times; test on all others."""
     run_of_row = pd.DataFrame({"surface": table["surface"], "run": runs(table)})
-    every_run = run_of_row.drop_duplicates().sort_values(["surface", "run"])
-    _require_each(every_run["surface"].value_counts(), n_shots + 1, "run", protocol="few-shot")
+    all_runs = run_of_row.drop_duplicates().sort_values(["surface", "run"])
+    _require_each(all_runs["surface"].value_counts(), n_shots + 1, "run", protocol="few-shot")
     rng, splits = np.random.default_rng(seed), []
     for _ in range(n_starts):
-        sample = every_run.groupby("surface").sample(n_shots, random_state=rng)
-        trains = run_of_row.merge(sample, how="left", indicator=True)["_merge"].eq("both").to_numpy()
-        splits.append((np.flatnonzero(trains), np.flatnonzero(~trains)))
+        sample = all_runs.groupby("surface").sample(n_shots, random_state=rng)
+        in_train = run_of_row.merge(sample, how="left", indicator=True)["_merge"].eq("both").to_numpy()
+        splits.append((np.flatnonzero(in_train), np.flatnonzero(~in_train)))
     return tuple(splits)
 
 
 def by_labels(table: pd.DataFrame, train: Terms, test: Terms) -> Splits:
-    """Train on the recordings that some labels choose, test on those that others do.
+    """Select training set and test set by the values of labels.
 
     Raises
     ------
     ValueError
-        If a value is absent, nothing trains or tests, a recording does both, or a tested surface does not
-        train.
+        If a value does not occur, a set is empty, a recording is in both sets, or a surface of the test set
+        is not in the training set.
     """
-    trains, tests = _selected(table, train), _selected(table, test)
-    for name, rows in (("train", trains), ("test", tests)):
+    in_train, in_test = _select_rows(table, train), _select_rows(table, test)
+    for name, rows in (("training", in_train), ("test", in_test)):
         if not rows.any():
-            raise ValueError(f"no recording would {name}: none has all of these labels. Choose at least one")
-    if (both := trains & tests).any():
-        raise ValueError(f"recording {table['recording_id'][both].iloc[0]} would train and test. Choose one")
-    split = np.flatnonzero(trains), np.flatnonzero(tests)
+            raise ValueError(
+                f"the {name} set is empty: no recording has all of its labels. Select at least one recording"
+            )
+    if (both := in_train & in_test).any():
+        name = table["recording_id"][both].iloc[0]
+        raise ValueError(f"recording {name} is in the training set and in the test set. Select disjoint sets")
+    split = np.flatnonzero(in_train), np.flatnonzero(in_test)
     _require_each(table["surface"].value_counts())
-    _require_trained(table, split, "that trains")
+    _require_trained(table, split, "in the training set")
     return (split,)
 
 
-def _selected(table: pd.DataFrame, terms: Terms) -> NDArray[np.bool_]:
-    """Return which rows have one of the values of every label."""
-    selected = np.ones(len(table), dtype=bool)
+def _select_rows(table: pd.DataFrame, terms: Terms) -> NDArray[np.bool_]:
+    """Return for each row whether every label has one of its listed values."""
+    selection = np.ones(len(table), dtype=bool)
     for label, values in terms:
-        present = table[label].astype("string").fillna("")
-        numbers = pd.to_numeric(present, errors="coerce")
-        has_one = np.zeros(len(table), dtype=bool)
+        column = table[label].astype("string").fillna("")
+        numbers = pd.to_numeric(column, errors="coerce")
+        has_value = np.zeros(len(table), dtype=bool)
         for value in values:
-            span = re.fullmatch(r"(\d{1,9})-(\d{1,9})", value)  # repetitions 1-20
-            is_range = span is not None and not (present == value).any()
-            rows = numbers.between(int(span[1]), int(span[2])) if span and is_range else present == value
+            limits = re.fullmatch(r"(\d{1,9})-(\d{1,9})", value)  # repetitions 1-20
+            is_range = limits is not None and not (column == value).any()
+            rows = numbers.between(int(limits[1]), int(limits[2])) if limits and is_range else column == value
             if not rows.any():
-                known = ", ".join(sorted(set(present) - {""}, key=lambda v: (len(v), v))[:8]) or "none"
-                raise ValueError(f"no recording has {label} {value!r}; there are {known}")
-            has_one |= rows.to_numpy(dtype=bool)
-        selected &= has_one
-    return selected
+                choices = ", ".join(sorted(set(column) - {""}, key=lambda v: (len(v), v))[:8]) or "none"
+                raise ValueError(f"no recording has {label} {value!r}. Expected one of: {choices}")
+            has_value |= rows.to_numpy(dtype=bool)
+        selection &= has_value
+    return selection
 
 
 def n_starts(splits: Sequence[Split]) -> int | None:
-    """Return from how many training sets recordings are tested; None where each is tested at most once."""
+    """Return the number of training sets if recordings are tested repeatedly; None if each is tested once."""
     times_tested = np.bincount(np.concatenate([test for _, test in splits]))
     return len({train.tobytes() for train, _ in splits}) if times_tested.max() > 1 else None
 
 
 def _require_each(
-    counts: "pd.Series[int]", least: int = 1, unit: str = "recording", protocol: str = ""
+    counts: "pd.Series[int]", minimum: int = 1, unit: str = "recording", protocol: str = ""
 ) -> None:
-    """Refuse fewer than two surfaces, and a surface with fewer recordings (or runs) than needed."""
+    """Raise ValueError unless there are two surfaces, each with `minimum` recordings (or runs)."""
     if len(counts) < 2:
-        raise ValueError(f"the dataset has {len(counts)} surface; classification needs at least 2")
-    if (n := int(counts.min())) < least:
+        raise ValueError(f"the dataset has {len(counts)} surface. Classification needs at least 2")
+    if (n := int(counts.min())) < minimum:
         raise ValueError(
-            f"surface {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; "
-            f"the protocol `{protocol}` needs {least} of each"
+            f"surface {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}. "
+            f"The protocol `{protocol}` needs {minimum} per surface"
         )
 
 
 def _require_folds(counts: "pd.Series[int]", n_folds: int, unit: str = "recording") -> None:
-    """Refuse fewer than two surfaces, and a surface with fewer recordings (or runs) than folds."""
+    """Raise ValueError unless there are two surfaces, each with as many recordings (or runs) as folds."""
     _require_each(counts)
     if (n := int(counts.min())) < n_folds:
-        possible = f"; 2 to {n} folds are possible: `--folds {n}`" if n >= 2 else ""
+        hint = f". Use 2 to {n} folds: `--folds {n}`" if n >= 2 else ""
         raise ValueError(
             f"surface {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; {n_folds} folds"
-            f"{' grouped by run' * (unit == 'run')} need at least {n_folds} of each{possible}"
+            f"{' grouped by run' * (unit == 'run')} need at least {n_folds} of each{hint}"
         )
 
 
 def _require_trained(table: pd.DataFrame, split: Split, where: str) -> None:
-    """Refuse a split that tests a surface without training it."""
+    """Raise ValueError if a surface of the test set is not in the training set."""
     train, test = (set(table["surface"].iloc[rows]) for rows in split)
-    if untrained := sorted(test - train):
+    if missing := sorted(test - train):
         raise ValueError(
-            f"surface {untrained[0]} has no recording {where}; "
-            "the protocol needs every tested surface trained"
+            f"surface {missing[0]} has no recording {where}. "
+            "The protocol needs every surface of the test set in the training set"
         )

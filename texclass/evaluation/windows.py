@@ -1,4 +1,4 @@
-"""Touches: single windows of the movement of each recording, as a dataset of their own."""
+"""Windows of the movement of each recording, as a dataset."""
 
 import hashlib
 import json
@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby, pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import pandas as pd
 from pydantic import Field, TypeAdapter
 
 from texclass.atomic_write import cache_root, write_if_possible
-from texclass.evaluation.workers import Progress, each
+from texclass.evaluation.workers import Progress, run_parallel
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.phases import find_phases
 from texclass.provenance import code_hash
@@ -24,25 +24,32 @@ from texclass.validation import check_positive
 
 @dataclass(frozen=True, kw_only=True)
 class Window(Entry):
-    """A stretch of a recording's movement; surface, groups and repetition are the recording's.
+    """Window of a recording's movement; surface, operator, session and repetition are those of the recording.
 
     Attributes
     ----------
     parent
-        The recording.
+        Entry of the recording.
     start, stop
         Samples [start, stop) of the recording.
     problem
-        Why there is nothing to cut; loading the window then raises RecordingError.
-    between
-        Whether it lies across two others: such a window trains, but is never asked about.
+        Why the recording has no window; loading the window then raises RecordingError.
+    is_train_only
+        Whether the window overlaps two others: it is used for training, never for testing.
+
+    Examples
+    --------
+    >>> recording = Entry(recording_id="oak_1", surface="oak")
+    >>> window = Window(recording_id="oak_1#1", surface="oak", parent=recording, start=0, stop=500)
+    >>> window.parent.recording_id
+    'oak_1'
     """
 
     parent: Entry
     start: int
     stop: int
     problem: str = ""
-    between: bool = False
+    is_train_only: bool = False
 
 
 Movement = tuple[
@@ -51,11 +58,11 @@ Movement = tuple[
     Annotated[float, Field(gt=0, strict=True, allow_inf_nan=False)],
     str,
 ]
-"""Where a recording moves: samples [start, stop) at fs; the problem that keeps it from being cut, or ""."""
-SHORT = 1024
-"""Samples of a touch below which windows overlap to train; of longer ones they say the same again."""
-MOST_WINDOWS = 12_000
-"""Windows of a dataset, those that overlap included: to train on more would take minutes a fold."""
+"""Movement of a recording: start, stop (samples), fs (Hz), and why it cannot be cut, or ""."""
+SHORT_WINDOW = 1024
+"""Window length in samples below which training windows overlap. For longer ones this has no benefit."""
+MAX_WINDOWS = 12_000
+"""Largest number of windows with the overlapping ones. With more, training a fold takes minutes."""
 
 
 def cut_windows(
@@ -67,93 +74,100 @@ def cut_windows(
     n_jobs: int = 1,
     progress: Progress | None = None,
 ) -> Dataset:
-    """Return the windows of a dataset's movements as a dataset of single touches.
+    """Cut the movement of each recording into windows of fixed length.
 
-    A touch holds movement only: no taps, and nothing of the recording around it. Recordings whose movement is
-    shorter than a touch are bad recordings of the new dataset: loading them raises RecordingError.
+    A window contains movement only, no taps. Recordings whose movement is shorter than a window are bad
+    recordings of the new dataset: loading them raises RecordingError.
 
     Parameters
     ----------
     dataset : Dataset
-        Whole recordings; each is loaded once to find its movement, which the cache folder remembers.
+        Whole recordings. Each is loaded once to find its movement, which is stored in the cache folder.
     seconds : float
-        Length of a touch.
+        Length of a window in s.
     per_recording : int, optional
-        At most so many touches of each recording, the first ones; 1 gives its first `seconds` of movement.
+        Largest number of windows per recording, counted from the start (default: all).
     step : float, optional
-        Seconds from the start of a touch to that of the next; by default they do not overlap.
+        Time in s from the start of a window to the start of the next (default: `seconds`, no overlap).
     n_jobs : int
-        Processes.
+        Number of processes (default 1).
     progress : callable, optional
-        Called with (done, total, "movements") while they are looked for.
+        Function called with (done, total, "movements") after each recording.
 
     Returns
     -------
     Dataset
-        Its entries are `Window` objects in the order of the recordings, then of time. Loaded in this order,
-        each file is read once.
+        Dataset of `Window` entries in the order of recordings, then of time. If they are loaded in this
+        order, each file is read once.
 
     Raises
     ------
     ValueError
-        If a length or number is not above 0, or the dataset holds windows already.
+        If a length or number is not positive, or the dataset contains windows already.
+
+    Examples
+    --------
+    >>> from texclass.loaders import open_dataset
+    >>> dataset = open_dataset("simulated")
+    >>> windows = cut_windows(replace(dataset, entries=dataset.entries[:1]), 0.5)
+    >>> [window.recording_id for window in windows.entries][:2]
+    ['stone-01-01#1', 'stone-01-01#2']
     """
     check_positive(seconds=seconds, step=step, per_recording=per_recording)
     if any(isinstance(entry, Window) for entry in dataset.entries):
         raise ValueError(f"{dataset.name} contains windows already. Expected whole recordings")
     stride = seconds if step is None else step
-    found = zip(dataset.entries, _movements(dataset, n_jobs, progress), strict=True)
-    first = "" if per_recording is None else f"-first{per_recording}"
+    movements = zip(dataset.entries, _movements(dataset, n_jobs, progress), strict=True)
+    suffix = "" if per_recording is None else f"-first{per_recording}"
     return replace(
         dataset,
-        name=f"{dataset.name}-window{seconds:g}s{first}",
-        entries=tuple(w for e, m in found for w in _cut(e, m, seconds, stride, per_recording)),
+        name=f"{dataset.name}-window{seconds:g}s{suffix}",
+        entries=tuple(w for e, m in movements for w in _cut(e, m, seconds, stride, per_recording)),
         load=WindowLoader(dataset.load),
     )
 
 
-def overlapping(dataset: Dataset, overlap: int) -> Dataset:
-    """Return a dataset of short touches with further windows across those that follow one another.
+def add_overlapping_windows(dataset: Dataset, overlap: int) -> Dataset:
+    """Return a dataset of short windows with additional training windows that overlap adjacent ones.
 
-    Much of what a window of few samples says depends on where it happens to begin. Windows that begin
-    elsewhere show a classifier more of that, from the same samples. They are for training alone; what is
-    asked about stays as it is (`asked`).
+    The features of a short window depend strongly on its start. Windows with other starts, from the same
+    samples, show the classifier this variation. They are used for training only (see `is_testable`).
 
     Parameters
     ----------
     dataset : Dataset
-        Any other dataset, and touches of `SHORT` samples or more, come back as they are.
+        Windows. Whole recordings, and windows of `SHORT_WINDOW` samples or more, are returned unchanged.
     overlap : int
-        Windows that begin within a touch, itself included; a half or a quarter of them where there would be
-        more than `MOST_WINDOWS`.
+        Number of windows that start within each window, itself included. It is halved until there are at
+        most `MAX_WINDOWS`.
     """
     pairs = [
         (a, b)
         for a, b in pairwise(dataset.entries)
         if isinstance(a, Window) and isinstance(b, Window) and a.parent == b.parent and a.stop == b.start
     ]
-    while len(dataset) + (overlap - 1) * len(pairs) > MOST_WINDOWS and overlap > 1:
+    while len(dataset) + (overlap - 1) * len(pairs) > MAX_WINDOWS and overlap > 1:
         overlap //= 2
-    across = {
-        a.recording_id: tuple(_moved(a, k, overlap) for k in range(1, overlap))
+    additional = {
+        a.recording_id: tuple(_shifted_window(a, k, overlap) for k in range(1, overlap))
         for a, _ in pairs
-        if a.stop - a.start < SHORT
+        if a.stop - a.start < SHORT_WINDOW
     }
-    entries = (one for entry in dataset.entries for one in (entry, *across.get(entry.recording_id, ())))
+    entries = (one for entry in dataset.entries for one in (entry, *additional.get(entry.recording_id, ())))
     return replace(dataset, entries=tuple(entries))
 
 
-def _moved(window: Window, k: int, overlap: int) -> Window:
-    """Return the window that begins k parts of `overlap` later, for training alone."""
-    later, name = k * (window.stop - window.start) // overlap, f"{window.recording_id}.{k}"
-    start, stop = window.start + later, window.stop + later
-    return replace(window, recording_id=name, start=start, stop=stop, between=True)
+def _shifted_window(window: Window, k: int, overlap: int) -> Window:
+    """Return a training window shifted by k/overlap of the window length."""
+    shift, name = k * (window.stop - window.start) // overlap, f"{window.recording_id}.{k}"
+    start, stop = window.start + shift, window.stop + shift
+    return replace(window, recording_id=name, start=start, stop=stop, is_train_only=True)
 
 
 class WindowLoader:
-    """Loads windows; a `Dataset`'s `load`, picklable.
+    """Picklable `load` function of a dataset of windows.
 
-    The last recording stays in memory, so that windows in order cost one reading of each file.
+    The last recording stays in memory, so that each file is read once if windows are loaded in order.
     """
 
     def __init__(self, load: Callable[[Entry], Recording]) -> None:
@@ -166,7 +180,7 @@ class WindowLoader:
         Raises
         ------
         RecordingError
-            If its recording is bad, or its movement too short.
+            If the recording is bad, or its movement is shorter than a window.
         """
         if not isinstance(entry, Window):
             return self.load(entry)
@@ -181,74 +195,76 @@ class WindowLoader:
 
 
 def parent_id(entry: Entry) -> str:
-    """Return the recording an entry comes from: a window's parent, or the entry itself."""
+    """Return the id of the recording of an entry: the parent of a window, or the entry itself."""
     return entry.parent.recording_id if isinstance(entry, Window) else entry.recording_id
 
 
-def by_recording(entries: Iterable[Entry]) -> Iterator[tuple[Entry, ...]]:
-    """Yield neighbouring entries of one recording together, so that whoever loads them reads it once."""
+def group_by_recording(entries: Iterable[Entry]) -> Iterator[tuple[Entry, ...]]:
+    """Yield consecutive entries of the same recording as one tuple, so that its file is read once."""
     return (tuple(group) for _, group in groupby(entries, key=parent_id))
 
 
 def parents(table: pd.DataFrame) -> "pd.Series[str]":
-    """Return the recording of each row of a table: the one it is a window of, or the row itself."""
+    """Return the recording id of each row of a feature table: the parent of a window, or the row itself."""
     return table["parent" if "parent" in table else "recording_id"]
 
 
-def asked(table: pd.DataFrame) -> "pd.Series[bool]":
-    """Return whether each row of a table may be asked about: all but windows between others."""
-    return ~table["between"] if "between" in table else pd.Series(True, index=table.index)
+def is_testable(table: pd.DataFrame) -> "pd.Series[bool]":
+    """Return for each row whether it may be in a test set: all except overlapping training windows."""
+    return ~table["is_train_only"] if "is_train_only" in table else pd.Series(True, index=table.index)
 
 
 def _cut(
     entry: Entry, movement: Movement, seconds: float, step: float, per_recording: int | None
 ) -> Iterator[Window]:
-    """Yield the windows of a recording, or one that says why there is none."""
+    """Yield the windows of a recording, or one window whose `problem` states why there is none."""
     start, stop, fs, problem = movement
     n, hop = (max(1, round(s * fs)) for s in (seconds, step))
     starts = range(start, stop - n + 1, hop)[:per_recording]
     if not starts:
-        short = (
-            f"{entry.recording_id}: {(stop - start) / fs:.3g} s of movement. Expected at least {seconds:g}"
+        too_short = (
+            f"{entry.recording_id}: the movement lasts {(stop - start) / fs:.3g} s. Expected at least "
+            f"{seconds:g} s; choose a shorter window"
         )
-        yield Window(**vars(entry), parent=entry, start=0, stop=0, problem=problem or short)
+        yield Window(**vars(entry), parent=entry, start=0, stop=0, problem=problem or too_short)
     for number, first in enumerate(starts, start=1):
         facts = vars(entry) | {"recording_id": f"{entry.recording_id}#{number}"}
         yield Window(**facts, parent=entry, start=first, stop=first + n)
 
 
 def _movements(dataset: Dataset, n_jobs: int, progress: Progress | None) -> tuple[Movement, ...]:
-    """Return where each recording moves; found once for a dataset, then read from the cache folder."""
+    """Return the movement of each recording, from the cache folder if possible."""
     ids = [(entry.recording_id, entry.paths) for entry in dataset.entries]
     facts = [dataset.input_hash, ids, code_hash("recording", "signals", "phases")]
     key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
     path = cache_root() / "movements" / f"{key}.json"
-    with suppress(OSError, ValueError):  # not there, or damaged: it is found again
+    with suppress(OSError, ValueError):  # a missing or damaged file is computed again
         return read_movements(path, len(dataset))
     calls = [partial(_movement, dataset.load, entry) for entry in dataset.entries]
-    found = tuple(each(calls, n_jobs=n_jobs, progress=progress, what="movements", total=len(calls)))
-    if not any(problem for *_, problem in found):
-        write_if_possible(path, json.dumps(found).encode())
-    return found
+    options: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress, "total": len(calls)}
+    movements = tuple(run_parallel(calls, stage="movements", **options))
+    if not any(problem for *_, problem in movements):
+        write_if_possible(path, json.dumps(movements).encode())
+    return movements
 
 
 def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
-    """Read the remembered movements of n recordings.
+    """Read the cached movements of n recordings.
 
     Raises
     ------
     ValueError
-        If the file holds anything else; the message names it.
+        If the file has other content.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     try:
-        found = TypeAdapter(tuple[Movement, ...]).validate_json(path.read_bytes())
-        if len(found) != n or any(start > stop for start, stop, *_ in found):
-            raise ValueError(f"{len(found)} movements")
+        movements = TypeAdapter(tuple[Movement, ...]).validate_json(path.read_bytes())
+        if len(movements) != n or any(start > stop for start, stop, *_ in movements):
+            raise ValueError(f"{len(movements)} movements")
     except ValueError as error:
-        raise ValueError(f"{path}: {error}. Expected {n} of [start, stop, fs, problem]") from error
-    return found
+        raise ValueError(f"{path}: {error}. Expected {n} lists of [start, stop, fs, problem]") from error
+    return movements
 
 
 def _movement(load: Callable[[Entry], Recording], entry: Entry) -> Movement:

@@ -1,4 +1,4 @@
-"""Where independent work runs: processes of this machine, or a Dask cluster."""
+"""Parallel execution: on processes of this machine, or on a Dask cluster."""
 
 import atexit
 import ctypes
@@ -18,52 +18,60 @@ from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 R = TypeVar("R")
 Backend = Literal["local", "dask"]
 Progress = Callable[[int, int, str], None]
-"""Called with what is done, out of how many, and what is being done."""
+"""Callback of a progress bar: (number of calls done, total number, name of the stage)."""
 _cluster: ContextVar[Any] = ContextVar("cluster", default=None)
 
 
 def begin_worker() -> None:
-    """Let this process serve: it keeps memory that was given back, and looks for garbage seldom.
+    """Configure a worker process: rare garbage collection, and no return of freed memory to the system.
 
-    Loading and ending the libraries of a benchmark takes two thirds of the time if nobody looks through their
-    modules, and a recording nine tenths if its arrays come to be where those of the last one were.
+    Without garbage collection, importing and unloading the libraries of a benchmark takes a third less time.
+    With reused memory, one recording takes a tenth less time.
     """
     gc.set_threshold(100_000)
     atexit.register(gc.freeze)
-    with suppress(AttributeError, OSError, TypeError):  # a C library without it
-        m_top_pad = -2  # malloc.h: memory beyond what is asked for that is taken, and kept when it is free
+    with suppress(AttributeError, OSError, TypeError):  # C libraries other than glibc have no mallopt
+        m_top_pad = -2  # M_TOP_PAD of malloc.h: bytes to request in addition, and to keep when freed
         ctypes.CDLL(None).mallopt(m_top_pad, 1 << 26)
 
 
 PROCESSES: dict[str, Any] = {"backend": "loky", "inner_max_num_threads": 1, "initializer": begin_worker}
-"""What joblib is told of processes of this machine: those of equal settings are used again."""
+"""Settings of joblib for processes of this machine. Processes with equal settings are reused."""
 
 
 @contextmanager
-def running_on(backend: Backend, scheduler: str | None = None) -> Iterator[None]:
-    """Run every `each` inside on this backend.
+def use_backend(backend: Backend, scheduler: str | None = None) -> Iterator[None]:
+    """Run every `run_parallel` inside the block on this backend.
 
     Parameters
     ----------
     backend : {"local", "dask"}
-        "local" starts processes here; "dask" hands the work to a cluster (extra `distributed`) whose workers
-        see the same files under the same paths.
+        "local" starts processes on this machine. "dask" sends the work to a cluster (extra `distributed`)
+        whose workers see the same files under the same paths.
     scheduler : str, optional
-        Address of the Dask scheduler (tcp://host:8786). By default the one Dask is configured for
-        (DASK_SCHEDULER_ADDRESS), else a cluster of processes on this machine.
+        Address of the Dask scheduler, for example tcp://host:8786 (default: DASK_SCHEDULER_ADDRESS, else a
+        cluster of processes on this machine).
 
     Raises
     ------
     ValueError
-        If `backend` is neither, or a scheduler is named for processes of this machine.
+        If `backend` is unknown, or "local" is combined with a scheduler.
     ModuleNotFoundError
         If Dask is not installed.
     OSError
-        If no scheduler answers.
+        If the scheduler does not respond.
+
+    Examples
+    --------
+    >>> from functools import partial
+    >>> with use_backend("local"):
+    ...     print(list(run_parallel([partial(pow, i, 2) for i in range(4)])))
+    [0, 1, 4, 9]
     """
     if backend not in ("local", "dask") or (backend == "local" and scheduler):
         raise ValueError(
-            f"backend is {backend!r} and scheduler {scheduler!r}. Expected 'local' without, or 'dask'"
+            f"backend must be 'local' without a scheduler, or 'dask', got backend {backend!r} and scheduler "
+            f"{scheduler!r}"
         )
     if backend == "local":
         yield
@@ -72,7 +80,7 @@ def running_on(backend: Backend, scheduler: str | None = None) -> Iterator[None]
         from distributed import Client
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            f"backend 'dask' needs {error.name}, which is not installed; install texclass[distributed]"
+            f"backend 'dask' needs {error.name}, which is not installed. Install texclass[distributed]"
         ) from None
     with Client(scheduler) as client:  # type: ignore[no-untyped-call]
         token = _cluster.set(client)
@@ -82,44 +90,51 @@ def running_on(backend: Backend, scheduler: str | None = None) -> Iterator[None]
             _cluster.reset(token)
 
 
-def each(
+def run_parallel(
     calls: Iterable[Callable[[], R]],
     *,
     n_jobs: int = 1,
     progress: Progress | None = None,
-    what: str = "",
+    stage: str = "",
     done: int = 0,
     total: int = 0,
-    here_s: float = 0.0,
+    local_s: float = 0.0,
 ) -> Generator[R, None, None]:
-    """Yield the result of every call, in their order, as the results come.
+    """Run calls in parallel and yield their results, in order, as soon as they are available.
 
-    A worker of a cluster that dies has its work done again elsewhere. Closing the generator stops the work.
+    If a worker of a cluster fails, its calls run on another worker. Closing the generator stops the work.
 
     Parameters
     ----------
     calls : iterable of callable
-        Partials of functions of module level; each uses one thread for linear algebra.
+        Calls without arguments that can be pickled: partials of module-level functions. Each uses one thread
+        for linear algebra.
     n_jobs : int
-        Processes of this machine, -1 for one a core; a cluster uses all its workers.
+        Number of processes on this machine (default 1; -1: one per core). A cluster uses all its workers.
     progress : callable, optional
-        Called after each result with (done, total, what).
-    what : str
-        What they do.
+        Function called after each result with (done, total, stage).
+    stage : str
+        Name of the stage, for `progress`.
     done, total : int
-        How many were done before these, and how many there are then, for `progress`.
-    here_s : float
-        CPU seconds that this process works itself before it hands on the rest: what is done by then is not
-        worth loading in other processes what it needs.
+        Number of calls done before these, and total number of calls, for `progress`.
+    local_s : float
+        CPU time in s that this process spends on the calls before it starts others (default 0): short work
+        is done sooner than other processes have imported their libraries.
+
+    Examples
+    --------
+    >>> from functools import partial
+    >>> list(run_parallel([partial(pow, i, 2) for i in range(4)]))
+    [0, 1, 4, 9]
     """
-    with closing(_outcomes(iter(calls), n_jobs, time.process_time() + here_s)) as outcomes:
-        for number, outcome in enumerate(outcomes, start=done + 1):
+    with closing(_results(iter(calls), n_jobs, time.process_time() + local_s)) as results:
+        for number, result in enumerate(results, start=done + 1):
             if progress is not None:
-                progress(number, total, what)
-            yield outcome
+                progress(number, total, stage)
+            yield result
 
 
-def _outcomes(calls: Iterator[Callable[[], R]], n_jobs: int, limit_s: float) -> Generator[R, None, None]:
+def _results(calls: Iterator[Callable[[], R]], n_jobs: int, limit_s: float) -> Generator[R, None, None]:
     while time.process_time() < limit_s:
         if (call := next(calls, None)) is None:
             return
@@ -129,46 +144,46 @@ def _outcomes(calls: Iterator[Callable[[], R]], n_jobs: int, limit_s: float) -> 
     if cluster is not None:
         config, n_jobs = {"backend": "dask", "client": cluster}, -1
     with parallel_config(**config), warnings.catch_warnings():
-        # joblib advises against stopping early; the first bad recording is meant to.
+        # joblib warns when a generator is closed early, which a bad recording causes on purpose.
         warnings.filterwarnings("ignore", message=".*tasks.*", category=UserWarning)
         tasks = (delayed(_single_threaded)(call) for call in calls)
-        with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as found:
-            yield from found
+        with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as results:
+            yield from results
 
 
 def begin_loading(n_jobs: int) -> Thread | None:
-    """Let processes of this machine start and load what computes features, while this one does other things.
+    """Start worker processes and import the feature modules in them, in the background.
 
     Parameters
     ----------
     n_jobs : int
-        As of `each`, which uses these processes.
+        Number of processes, as in `run_parallel`, which uses these processes.
 
     Returns
     -------
     Thread or None
-        It ends when they have loaded it; None where there is no other process.
+        Thread that ends when the modules are imported; None if no other process is used.
     """
     if n_jobs in (0, 1) or _cluster.get() is not None:
         return None
-    number = n_jobs if n_jobs > 0 else cpu_count()
+    n_processes = n_jobs if n_jobs > 0 else cpu_count()
 
-    def load_in_each() -> None:
-        with parallel_config(**PROCESSES):  # no warnings are caught: that is not for threads
-            Parallel(n_jobs=number)([delayed(_load)()] * number)
+    def import_in_workers() -> None:
+        with parallel_config(**PROCESSES):  # without `catch_warnings`, which is not thread-safe
+            Parallel(n_jobs=n_processes)([delayed(_import_features)()] * n_processes)
 
-    waiting = Thread(target=load_in_each, daemon=True)
-    waiting.start()
-    return waiting
+    thread = Thread(target=import_in_workers, daemon=True)
+    thread.start()
+    return thread
 
 
-def _load() -> None:
-    import texclass.evaluation.parts  # noqa: F401
+def _import_features() -> None:
+    import texclass.evaluation.checkpoints  # noqa: F401
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep numerical libraries at one thread inside: starting more takes longer than short work shared."""
+    """Limit numerical libraries to one thread inside the block; for short work, more threads are slower."""
     with _libraries().limit(limits=1):
         yield
 
@@ -180,5 +195,5 @@ def _single_threaded(call: Callable[[], R]) -> R:
 
 @functools.cache
 def _libraries() -> Any:
-    """Return the libraries with threads of their own; looking for them takes as long as a short recording."""
+    """Return the controller of thread pools; cached, because the search for libraries is slow."""
     return ThreadpoolController()

@@ -194,7 +194,7 @@ def description_document(description: pd.DataFrame) -> Document:
             columns=["scale", "0-10", "above", "feature", "nearest"],
         )
         blocks += [Heading(str(recording)), f"{', '.join(adjectives) or 'average'}.".capitalize()]
-        blocks.append(Table(table, n_kept=3))
+        blocks.append(Table(table, n_narrow=3))
         reasons = rows[rows["reason"] != ""].groupby("reason", sort=False)["scale"].agg(", ".join)
         blocks.append([f"{scales}: {reason}" for reason, scales in reasons.items()])
     blocks.append(

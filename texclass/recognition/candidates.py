@@ -110,19 +110,19 @@ def list_candidates(
     _check_name(row, [*(r.name for r in pipeline.rows), BUDGET], "row", pipeline.name)
     _check_name(classifier, list(pipeline.classifiers), "classifier", pipeline.name)
     whole = Plan.of(pipeline.features, meter.channels)
-    costs = meter.kept(pipeline.features) if max_ms is not None else None
+    costs = meter.cached_model(pipeline.features) if max_ms is not None else None
     candidates, missing = [], list[str]()
     for definition in pipeline.rows:
         if row not in (None, definition.name):
             continue
-        matched = MatchedRow.of(definition, pipeline.features, table)
+        matched = MatchedRow.match(definition, pipeline.features, table)
         missing += [f"{definition.name}: {matched.missing}"] * bool(matched.missing)
         if not matched.columns or matched.n_features > (max_features or len(table.columns)):
             continue
         if costs is not None and costs.cost(matched.columns) > (max_ms or 0):
             continue
         plan = whole.restricted_to(matched.columns)
-        names = definition.judged_by(pipeline.classifiers) if classifier is None else (classifier,)
+        names = definition.select_classifiers(pipeline.classifiers) if classifier is None else (classifier,)
         candidates += [
             Candidate(
                 definition.name,
@@ -156,8 +156,8 @@ def _budget_candidate(
     plan: Plan, pipeline: PipelineDefinition, meter: CostMeter, max_ms: float | None, max_features: int | None
 ) -> Candidate:
     """Return the candidate with cost-aware selection of columns inside each training set."""
-    costs = meter.kept(pipeline.features).restricted_to(plan.columns)
-    cheapest = min(costs.of([i]) for i in range(len(plan.columns)))
+    costs = meter.cached_model(pipeline.features).restricted_to(plan.columns)
+    cheapest = min(costs.cost_of_indices([i]) for i in range(len(plan.columns)))
     if max_ms is not None and max_ms < cheapest:
         raise ValueError(
             f"max_ms must be at least {cheapest:.3g} ms, the cheapest feature including "

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from texclass.evaluation.folds import Fold, over_folds
+from texclass.evaluation.folds import Fold, map_folds
 from texclass.evaluation.splits import Split
 from texclass.recognition.candidates import Candidate
 from texclass.recognition.novelty import fit_class_distance, novelty_scores, score_kind
@@ -64,14 +64,14 @@ def predict_held_out(
         return HeldOutPredictions(empty, np.empty((0, len(classes))), np.empty(0), empty)
 
     def predict_fold(fold: Fold) -> tuple[NDArray[Any], ...]:
-        classifier = fold.fitted(candidate.classifier)
+        classifier = fold.fit(candidate.classifier)
         decisions = np.full((len(fold.test), len(classes)), -np.inf)
-        decisions[:, np.searchsorted(classes, classifier.classes_)] = class_scores(classifier, fold.asked)
+        decisions[:, np.searchsorted(classes, classifier.classes_)] = class_scores(classifier, fold.X_test)
         kind, distance = score_kind(classifier), None
         if kind == "distance":
-            distance = fit_class_distance(fold.learnt, np.unique(fold.labels, return_inverse=True)[1])
-        novelty = novelty_scores(kind, decisions, fold.asked, distance)
+            distance = fit_class_distance(fold.X_train, np.unique(fold.y_train, return_inverse=True)[1])
+        novelty = novelty_scores(kind, decisions, fold.X_test, distance)
         return fold.test, decisions, novelty, labels[fold.test]
 
-    folds = over_folds(predict_fold, X, y, splits, candidate.preparation)
+    folds = map_folds(predict_fold, X, y, splits, candidate.preparation)
     return HeldOutPredictions(*(np.concatenate(arrays) for arrays in zip(*folds, strict=True)))

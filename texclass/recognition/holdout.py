@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from texclass.evaluation.protocols import Protocol, fewest, find_protocol, splits_of
+from texclass.evaluation.protocols import Protocol, find_protocol, make_splits, min_per_surface
 from texclass.evaluation.splits import Split
 from texclass.evaluation.windows import parents
 from texclass.recognition.model_files import LATER_RECORDINGS
@@ -156,12 +156,12 @@ class Holdout:
     def splits(self) -> tuple[Split, ...]:
         """Rows of the training set and the test set of each fold; empty for one recording per surface."""
         can_split = self.is_requested or self.n_per_surface > 1
-        return splits_of(self.protocol, self.table, self.seed) if can_split else ()
+        return make_splits(self.protocol, self.table, self.seed) if can_split else ()
 
     @cached_property
     def n_per_surface(self) -> int:
         """Number of recordings (or runs) of the rarest surface."""
-        return fewest(self.protocol, self.table)
+        return min_per_surface(self.protocol, self.table)
 
     @property
     def shortage(self) -> str:

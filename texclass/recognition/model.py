@@ -35,7 +35,7 @@ from texclass.recognition.sources.training_input import AuxiliarySignal, InputCo
 from texclass.recording import Recording, Samples, axes_differ, describe_axes
 
 if TYPE_CHECKING:
-    from texclass.evaluation.feature_table import LeftOut
+    from texclass.evaluation.feature_table import LeftOutRecording
 
 CLOCK_TOLERANCE = 0.01
 """Relative difference of sampling rates that is explained by the tolerance of sensor clocks."""
@@ -67,7 +67,7 @@ class Model:
         Range of each column in the training set.
     manifest : Manifest
         Description of the model, as in the model card.
-    left_out : tuple of LeftOut
+    left_out : tuple of LeftOutRecording
         Invalid recordings that were skipped in training; a model file contains only their names.
     set_calibrations : mapping of str to ConformalCalibration
         Calibration of the prediction sets of an "answer". Models of windows also have those of a "recording"
@@ -94,7 +94,7 @@ class Model:
     novelty: NoveltyDetector
     ranges: FeatureRanges
     manifest: Manifest
-    left_out: "tuple[LeftOut, ...]" = ()
+    left_out: "tuple[LeftOutRecording, ...]" = ()
     set_calibrations: Mapping[str, ConformalCalibration] = field(default_factory=dict)
     levels: tuple[float, ...] = DEFAULT_LEVELS
     class_moments: ClassMoments | None = None

@@ -174,7 +174,9 @@ def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
     frame["%"] = [f"{100 * a.probability:.1f}" for _, a in rows]
     unknown = [i for i, (_, answer) in enumerate(rows) if answer.unknown]
     reasons = [f"{name}: {reason}" for name, answer in rows for reason in answer.reasons]
-    return Document(counted(len(rows), "recording"), [Table(frame, n_words=n_words, strong=unknown), reasons])
+    return Document(
+        counted(len(rows), "recording"), [Table(frame, n_words=n_words, bold_rows=unknown), reasons]
+    )
 
 
 def _unit(m: Manifest) -> str:

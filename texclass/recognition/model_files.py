@@ -16,15 +16,15 @@ import numpy as np
 from pydantic import Field, field_serializer
 
 from texclass.atomic_write import check_suffix, write_atomic
-from texclass.evaluation.trusted import (
+from texclass.evaluation.skops_archive import (
     SCHEMA,
-    UntrustedFileError,
-    archive_of,
+    UnsafeFileError,
     check_archive,
-    foreign_in,
-    load_trusted,
-    members_of,
+    dump_archive,
+    find_disallowed,
+    load_archive,
     read_bounded,
+    read_members,
 )
 from texclass.features.phase_view import TURN
 from texclass.features.plan import Plan
@@ -207,7 +207,7 @@ def write_model_file(
             f"{path}: {foreign[0]} cannot be saved: it is not on the allow-list of model files. "
             "Use another classifier"
         )
-    members = _array_members(document) if is_arrays else dict(members_of(archive_of(dict(document))))
+    members = _array_members(document) if is_arrays else dict(read_members(dump_archive(dict(document))))
     values = json.loads(manifest.to_json())
     values["digest"] = digest_of(values, members)
     members[MANIFEST] = json.dumps(values, sort_keys=True, indent=1).encode()
@@ -234,7 +234,7 @@ def _array_members(document: Mapping[str, Any]) -> dict[str, bytes]:
 
 def unsafe_classes(document: Mapping[str, Any]) -> list[str]:
     """Return the classes in a document that are not on the allow-list, sorted."""
-    return foreign_in(archive_of(dict(document)))
+    return find_disallowed(dump_archive(dict(document)))
 
 
 def read_manifest_of(path: str | Path) -> Manifest:
@@ -280,12 +280,12 @@ def read_model_file(path: str | Path) -> tuple[Mapping[str, Any], Manifest]:
 
     try:
         if SCHEMA in members:
-            document = load_trusted(data, members=MEMBERS)
+            document = load_archive(data, members=MEMBERS)
         else:
             document = json.loads(members[ARRAYS], object_hook=array_or_mapping)
         if not isinstance(document, dict):
             raise ValueError(f"it contains a {type(document).__name__}. Expected a model of texclass")
-    except UntrustedFileError as error:
+    except UnsafeFileError as error:
         raise ModelFileError(f"{path}: {error}") from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ModelFileError(f"{path}: it cannot be read ({type(error).__name__}: {error})") from error
@@ -297,7 +297,7 @@ def _read_checked(path: str | Path) -> tuple[Manifest, Mapping[str, bytes], byte
     try:
         data = read_bounded(path)
         check_archive(data, MEMBERS)
-        members = dict(members_of(data))
+        members = dict(read_members(data))
         if MANIFEST not in members:
             raise ValueError("it has no manifest. Expected a file written by `texclass train`")
         text = members.pop(MANIFEST)

@@ -16,9 +16,9 @@ from texclass.classifiers.fitting import quiet_fits
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, cached_table, metadata
 from texclass.evaluation.pipeline import PipelineDefinition, load_pipeline
-from texclass.evaluation.protocols import find_protocol, splits_of
-from texclass.evaluation.windows import asked, cut_windows, overlapping, parents
-from texclass.evaluation.workers import Progress, each, one_thread
+from texclass.evaluation.protocols import find_protocol, make_splits
+from texclass.evaluation.windows import add_overlapping_windows, cut_windows, is_testable, parents
+from texclass.evaluation.workers import Progress, one_thread, run_parallel
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
@@ -124,7 +124,7 @@ def train(
         Row and classifier of the pipeline (default: selected by cross-validation).
     max_ms : float, optional
         Largest latency per recording on this machine in ms, from samples to features (default: no limit); see
-        `CostMeter.kept`.
+        `CostMeter.cached_model`.
     max_features : int, optional
         Largest number of columns at the classifier (default: no limit).
     max_kb : float, optional
@@ -178,7 +178,7 @@ def train(
     work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
     if window_s is not None:
         recordings = cut_windows(recordings, window_s, **work)
-    recordings = overlapping(recordings, definition.overlap)
+    recordings = add_overlapping_windows(recordings, definition.overlap)
     entries = metadata(recordings.entries)
     selected_protocol, reason = select_protocol(protocol, definition.protocol.name, entries, false_alarms)
     holdout = Holdout(entries, selected_protocol, reason, protocol is not None, definition.seed)
@@ -188,7 +188,7 @@ def train(
         recordings, *definition.needed, channels=definition.channels, skip_bad=skip_bad, **work
     )
     holdout = replace(holdout, table=table.frame)
-    meter = CostMeter.on(recordings, table.frame["recording_id"].tolist(), definition.channels)
+    meter = CostMeter.from_dataset(recordings, table.frame["recording_id"].tolist(), definition.channels)
     limits: dict[str, Any] = {"max_ms": max_ms, "max_features": max_features, "max_kb": max_kb}
     candidates = list_candidates(definition, table, meter, row=row, classifier=classifier, **limits)
     candidate, held_out, parts, accuracy = _select(candidates, holdout, exportable=exportable, **work)
@@ -237,7 +237,9 @@ def _select(
         candidates, others, not_exportable = exportable_candidates(candidates)
     calls = [partial(predict_held_out, one, holdout.table, holdout.splits) for one in (*candidates, *others)]
     n_jobs = n_jobs if len(calls) > 1 else 1
-    predictions = list(each(calls, n_jobs=n_jobs, progress=progress, what="candidates", total=len(calls)))
+    predictions = list(
+        run_parallel(calls, n_jobs=n_jobs, progress=progress, stage="candidates", total=len(calls))
+    )
     clusters = holdout.protocol.clusters(holdout.table)[predictions[0].rows]
     pairs = list(zip(candidates, predictions, strict=False))
     candidate, held_out, parts, estimate = _fit_best(pairs, holdout, clusters)
@@ -300,7 +302,7 @@ def _calibrate(
 ) -> tuple[Calibration, dict[str, ConformalCalibration], Entry]:
     """Return the calibration of probabilities and of prediction sets, and the manifest entry of both."""
     tests, decisions = holdout.table.iloc[held_out.rows], held_out.decisions
-    n_recordings = int(asked(holdout.table).sum())
+    n_recordings = int(is_testable(holdout.table).sum())
     calibration, method = prior_calibration(decisions.shape[1], n_recordings), "prior temperature"
     if len(tests):
         calibration, method = fit_calibration(decisions, held_out.labels), "temperature"
@@ -374,7 +376,7 @@ def _held_out_novelty(
         return np.sort(held_out.novelty), 1.0
     random, table = find_protocol(RANDOM_PROTOCOL), holdout.table
     halves = predict_held_out(candidate, table, random.split(table, 2, holdout.seed)).novelty
-    folds = predict_held_out(candidate, table, splits_of(random, table, holdout.seed)).novelty
+    folds = predict_held_out(candidate, table, make_splits(random, table, holdout.seed)).novelty
     factor = max(1.0, float(np.median(held_out.novelty) / max(np.median(halves), 1e-300)))
     return np.sort(factor * folds), factor
 
@@ -411,7 +413,7 @@ def _cost_entry(parts: Entry, meter: CostMeter, row: Samples) -> dict[str, float
     call = partial(decide, parts["steps"], parts["classifier"], row)
     return {
         "segmentation_ms": meter.segmentation_ms,
-        "features_ms": meter.measured(parts["plan"])[0],
+        "features_ms": meter.measure(parts["plan"])[0],
         "classifier_ms": 1e3 * min(repeat(call, number=1, repeat=5)),
     }
 
@@ -425,7 +427,7 @@ def _pipeline_entry(
     max_ms: float | None,
 ) -> dict[str, str]:
     limits = [f"{max_kb:g} kB of a kernel"] if max_kb else []
-    limits += [f"{max_ms:g} ms on {meter.kept(definition.features).machine}"] if max_ms else []
+    limits += [f"{max_ms:g} ms on {meter.cached_model(definition.features).machine}"] if max_ms else []
     return {
         "name": definition.name,
         "hash": definition.hash,

@@ -1,9 +1,9 @@
+from .blocks import Details as Details
 from .blocks import Document as Document
 from .blocks import Figure as Figure
 from .blocks import Finding as Finding
-from .blocks import Folded as Folded
 from .blocks import Heading as Heading
-from .blocks import Heat as Heat
+from .blocks import HeatMap as HeatMap
 from .blocks import Shade as Shade
 from .blocks import Table as Table
 from .figure_style import new_figure as new_figure

@@ -1,4 +1,4 @@
-"""How figures look: one palette, which a page can exchange for a dark one, and rows of names."""
+"""Style of all figures: palette, sizes, axes with one named row per value, and PNG output."""
 
 import io
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from matplotlib.ticker import LogFormatter, LogLocator, NullLocator
 from PIL import Image
 
 from texclass.atomic_write import write_atomic
-from texclass.reporting.blocks import Heat
+from texclass.reporting.blocks import HeatMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,18 +27,19 @@ PALETTE = {
     "d1": "#dfebf7", "d2": "#b5d2ec", "d3": "#82b3de", "d4": "#1f6fb8", "d5": "#0a4a86",
     "e1": "#fde3cf", "e2": "#fac29a", "e3": "#f39a5c", "e4": "#b54a0c", "e5": "#8a3206",
 }  # fmt: skip
-"""Name of a colour -> its value; a page shows whatever its variable of that name holds."""
+"""Colour name -> value. HTML pages replace the value by a CSS variable of this name, for the dark theme."""
 INK, MUTED, GRID, PAPER, FAINT = (PALETTE[name] for name in ("ink", "muted", "grid", "paper", "faint"))
 OURS, OTHER, THIRD, FOURTH = (PALETTE[name] for name in ("ours", "other", "third", "fourth"))
 LOOKS = ((OURS, "o"), (OTHER, "s"), (THIRD, "D"), (FOURTH, "^"))
-"""Colour and shape of each series."""
+"""Colour and marker of each series."""
 WIDTH, NARROW = 9.2, 4.4
-"""Inches of a figure in a report and on a wide page; on a narrow one."""
+"""Figure width in inches in reports and on wide pages, and on narrow pages."""
 ROW = 0.31
-"""Inches of a row of `row_axes`."""
-LONGEST = 54
-"""Characters of a name in a figure; its table has all of it."""
+"""Height of a row of `row_axes` in inches."""
+MAX_NAME_LENGTH = 54
+"""Largest length of a name in a figure; longer names are shortened."""
 DPI = 150
+"""Resolution of PNG files in dots per inch."""
 STYLE: Any = {
     "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "legend.fontsize": 9,
     "xtick.labelsize": 9, "ytick.labelsize": 9, "figure.titlesize": 10,
@@ -56,44 +57,81 @@ STYLE: Any = {
 
 
 def new_figure(width: float, height: float) -> tuple[Drawing, "Axes"]:
-    """Return a figure of so many inches and its only axes."""
+    """Return a new figure and its axes.
+
+    Parameters
+    ----------
+    width, height : float
+        Size in inches.
+
+    Examples
+    --------
+    >>> figure, axes = new_figure(4.0, 3.0)
+    >>> float(figure.get_figwidth())
+    4.0
+    """
     figure = Drawing(figsize=(width, height), layout="constrained")
     return figure, figure.add_subplot()
 
 
 def row_axes(width: float, names: Sequence[str], x_title: str, *, n_marks: int = 1) -> tuple[Drawing, "Axes"]:
-    """Return a figure with a row for each name, the first at the top: row i is at y = i.
+    """Return a figure with one row per name, the first at the top: row i is at y = i.
 
-    A row is high enough for `n_marks` one below the other.
-    The names stand at the left or, where the figure is narrow, each above its row.
+    Parameters
+    ----------
+    width : float
+        Width in inches. In a narrow figure each name is above its row, else at the left.
+    names : sequence of str
+        Names of the rows.
+    x_title : str
+        Label of the x axis.
+    n_marks : int
+        Number of marks above each other in one row (default 1).
     """
-    narrow = width < WIDTH / 2
-    height = ((1.4 if narrow else 1.0) + 0.3 * (n_marks - 1)) * ROW
+    is_narrow = width < WIDTH / 2
+    height = ((1.4 if is_narrow else 1.0) + 0.3 * (n_marks - 1)) * ROW
     figure, axes = new_figure(width, 0.7 + 0.2 * n_marks + height * max(len(names), 1))
-    shown = [shorten_middle(name, LONGEST) for name in names]
-    axes.set_yticks(range(len(names)), [""] * len(names) if narrow else shown)
-    axes.set_ylim(max(len(names), 1) - 0.5, -0.7 if narrow else -0.5)
-    axes.set_xlabel(x_title)
-    for y, name in enumerate(shown if narrow else ()):
-        axes.text(0, y - 0.42, name, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
+    label_rows(axes, names, x_title, above=is_narrow)
     return figure, axes
 
 
+def label_rows(axes: "Axes", names: Sequence[str], x_title: str, *, above: bool = False) -> None:
+    """Label the rows y = 0, 1, ... of axes with names, the first at the top.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to label.
+    names : sequence of str
+        Names of the rows.
+    x_title : str
+        Label of the x axis.
+    above : bool
+        Write each name above its row, not at the left (default False).
+    """
+    labels = [shorten_middle(name, MAX_NAME_LENGTH) for name in names]
+    axes.set_yticks(range(len(names)), [""] * len(names) if above else labels)
+    axes.set_ylim(max(len(names), 1) - 0.5, -0.7 if above else -0.5)
+    axes.set_xlabel(x_title)
+    for y, name in enumerate(labels if above else ()):
+        axes.text(0, y - 0.42, name, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
+
+
 def legend_above(figure: Drawing, axes: "Axes") -> None:
-    """Draw the legend of one of the axes above all of them; of equal labels the last."""
-    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    per_row = int(13 * figure.get_figwidth() / (6 + max(map(len, named), default=0)))
-    figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=max(1, min(4, per_row)))
+    """Draw a legend above the axes, with each label once."""
+    handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    n_columns = int(13 * figure.get_figwidth() / (6 + max(map(len, handles), default=0)))
+    figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=max(1, min(4, n_columns)))
 
 
 def per_cent_limits(lows: Sequence[float]) -> tuple[float, float]:
-    """Return limits of an axis in per cent: from the ten below the least value to a little above 100."""
+    """Return axis limits in per cent: from the multiple of 10 below the smallest value to just above 100."""
     low = min(90.0, 10 * float(np.floor(min(lows, default=0.0) / 10)))
     return low - (100 - low) / 50, 100 + (100 - low) / 50
 
 
 def chance_line(draw: Callable[..., object], chance: float, low: float) -> None:
-    """Draw the line of chance, in per cent, across axes that begin at `low`; out of sight, name it."""
+    """Draw the chance level (in per cent), or name it in the legend if it is below the axis limit `low`."""
     if low <= chance:
         draw(chance, color=MUTED, linewidth=1, linestyle=":", label=f"chance, {chance:.1f} %")
     else:
@@ -101,7 +139,7 @@ def chance_line(draw: Callable[..., object], chance: float, low: float) -> None:
 
 
 def log_x(axes: "Axes") -> None:
-    """Make the horizontal axis logarithmic, with round numbers at its ticks."""
+    """Make the x axis logarithmic, with round numbers at its ticks."""
     axes.set_xscale("log")
     _round_numbers(axes.xaxis, *axes.get_xlim())
 
@@ -112,19 +150,38 @@ def _round_numbers(axis: Any, low: float, high: float) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def shorten_middle(name: str, longest: int) -> str:
-    """Return a name that is not longer than `longest`, cut before its end, which tells names apart."""
-    return name if len(name) <= longest else f"{name[: longest - 6]}\N{HORIZONTAL ELLIPSIS}{name[-5:]}"
+def shorten_middle(name: str, max_length: int) -> str:
+    """Return a name of at most `max_length` characters; the last five stay, because names differ there."""
+    return name if len(name) <= max_length else f"{name[: max_length - 6]}\N{HORIZONTAL ELLIPSIS}{name[-5:]}"
 
 
-def drawn(block: "blocks.Figure | Heat", width: float = WIDTH) -> Drawing:
-    """Return the picture of a figure or of a heat map."""
+def draw_block(block: "blocks.Figure | HeatMap", width: float = WIDTH) -> Drawing:
+    """Draw a figure or a heat map of a document in the style of the reports."""
     with mpl.rc_context(STYLE):
-        return draw_heat(block) if isinstance(block, Heat) else block.draw(width)
+        return draw_heat(block) if isinstance(block, HeatMap) else block.draw(width)
 
 
 def save_figure(figure: Drawing, path: str | Path, title: str = "") -> None:
-    """Write a figure as PNG; its title, if it is given, stands above it, clear of any legend there."""
+    """Write a figure as PNG.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Figure to write.
+    path : str or path
+        PNG file.
+    title : str
+        Title above the figure and its legend (none by default).
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_figure(new_figure(1.0, 1.0)[0], Path(folder, "empty.png"))
+    ...     print(Path(folder, "empty.png").stat().st_size > 0)
+    True
+    """
     with mpl.rc_context(STYLE):
         parts = [_pixels(figure)]
         if title:
@@ -133,18 +190,18 @@ def save_figure(figure: Drawing, path: str | Path, title: str = "") -> None:
             strip = Drawing(figsize=(width, 0.12 + 0.19 * (1 + lines.count("\n"))))
             strip.text(0.01, 0.0, lines, va="bottom", fontsize=10, weight="bold")
             parts.insert(0, _pixels(strip))
-    made = io.BytesIO()
-    # In 256 colours, chosen so that none is far off: less than half the bytes.
+    buffer = io.BytesIO()
+    # A palette of 256 colours halves the file size.
     picture = Image.fromarray(np.vstack(parts)).convert("RGB")
     picture = picture.quantize(method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    picture.save(made, format="png", optimize=True, dpi=(DPI, DPI))
-    write_atomic(path, made.getvalue())
+    picture.save(buffer, format="png", optimize=True, dpi=(DPI, DPI))
+    write_atomic(path, buffer.getvalue())
 
 
 def _pixels(figure: Drawing) -> Any:
     for axes in figure.axes:
         for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-            # Left to itself it writes formulas, which stand as $...$ where names may hold a dollar.
+            # The default formatter writes formulas between dollar signs, but math text is off in `STYLE`.
             if isinstance(axis.get_major_formatter(), LogFormatter):
                 _round_numbers(axis, *sorted(limits))
     figure.set_dpi(DPI)
@@ -153,24 +210,32 @@ def _pixels(figure: Drawing) -> Any:
     return np.asarray(canvas.buffer_rgba())
 
 
-def draw_heat(heat: Heat) -> Drawing:
-    """Draw a heat map; its names are readable up to some hundred."""
+def draw_heat(heat: HeatMap) -> Drawing:
+    """Draw a heat map; names are readable up to about 100 rows."""
     n, m = len(heat.rows), len(heat.columns)
     font = 7 if n <= 84 else 5
     figure, axes = new_figure(2.6 + max(0.2 * m, 2.4), 1.8 + max(0.2 * n, 1.2))
-    colours = {look: mpl.colors.to_rgb(PALETTE.get(look, "white")) for look in ("", *PALETTE)}
-    axes.imshow([[colours[shade.look] for shade in row] for row in heat.rows.values()], aspect="auto")
+    draw_cells(heat, axes, font)
+    return figure
+
+
+def draw_cells(heat: HeatMap, axes: "Axes", font: float = 7) -> None:
+    """Draw the cells, names and axis labels of a heat map on axes, with text of `font` points."""
+    n, m = len(heat.rows), len(heat.columns)
+    colours = {name: mpl.colors.to_rgb(PALETTE.get(name, "white")) for name in ("", *PALETTE)}
+    axes.imshow([[colours[shade.colour] for shade in row] for row in heat.rows.values()], aspect="auto")
     axes.set_xticks(range(m), list(heat.columns), rotation=90, fontsize=font)
-    axes.set_yticks(range(n), [shorten_middle(name, LONGEST) for name in heat.rows], fontsize=font)
+    axes.set_yticks(range(n), [shorten_middle(name, MAX_NAME_LENGTH) for name in heat.rows], fontsize=font)
     axes.set_xticks(np.arange(m + 1) - 0.5, minor=True)
     axes.set_yticks(np.arange(n + 1) - 0.5, minor=True)
     axes.grid(visible=False, which="major")
     axes.grid(which="minor")
     for i, row in enumerate(heat.rows.values()):
         for j, shade in enumerate(row):
-            if not shade.sign:
+            if not shade.text:
                 continue
-            colour = "white" if shade.look[1:] in {"4", "5"} else INK
-            axes.text(j, i, shade.sign, ha="center", va="center", fontsize=font, color=colour)
+            colour = "white" if shade.colour[1:] in {"4", "5"} else INK
+            axes.text(j, i, shade.text, ha="center", va="center", fontsize=font, color=colour)
     axes.xaxis.tick_top()
-    return figure
+    axes.xaxis.set_label_position("top")
+    axes.set(xlabel=heat.column_label, ylabel=heat.row_label)

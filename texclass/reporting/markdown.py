@@ -1,36 +1,45 @@
-"""A document as Markdown, with its pictures as files beside it."""
+"""Documents as Markdown, with figures as PNG files in the same folder."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from texclass.atomic_write import write_atomic
-from texclass.reporting.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
-from texclass.reporting.figure_style import drawn, save_figure
-from texclass.reporting.wording import split_interval, texts_of, titles_of
+from texclass.reporting.blocks import Block, Details, Document, Figure, Heading, HeatMap, Table
+from texclass.reporting.figure_style import draw_block, save_figure
+from texclass.reporting.wording import cell_texts, column_titles, split_interval
 
 
 def write_document(
     document: Document, folder: str | Path, stem: str, *, json: str = "", pictures: bool = True
 ) -> tuple[Path, ...]:
-    """Write a document into a folder.
+    """Write a document as Markdown and PNG files into a folder.
 
     Parameters
     ----------
     document : Document
-        What is written.
+        Document to write.
     folder : str or path
-        Made if it does not exist.
+        Output folder; created if it does not exist.
     stem : str
-        Begins the names: `stem.md`, and `stem-NAME.png` for each figure.
+        Start of the file names: `stem.md`, and `stem-NAME.png` for each figure.
     json : str
-        The result as JSON text, written into `stem.json`; none by default.
+        JSON text of the result, written to `stem.json` (default: no file).
     pictures : bool
-        Whether figures are drawn; else their sentences stand in the text.
+        Whether to draw the figures (default True); else the text contains their summaries only.
 
     Returns
     -------
     tuple of Path
-        The files.
+        Written files.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from texclass.reporting import Document
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     (path,) = write_document(Document("Latency", ["Below 1 ms."]), folder, "latency")
+    ...     print(path.name)
+    latency.md
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -39,9 +48,9 @@ def write_document(
     for path in written:
         write_atomic(path, texts[path.suffix[1:]])
     for block in document.blocks if pictures else ():
-        if isinstance(block, Figure | Heat):
+        if isinstance(block, Figure | HeatMap):
             written.append(folder / f"{stem}-{block.name}.png")
-            save_figure(drawn(block), written[-1], title=f"{document.title}: {block.title}")
+            save_figure(draw_block(block), written[-1], title=f"{document.title}: {block.title}")
     return tuple(written)
 
 
@@ -51,22 +60,32 @@ def render_markdown(document: Document, stem: str | None = None) -> str:
     Parameters
     ----------
     document : Document
-        What is told.
+        Document to render.
     stem : str, optional
-        Begins the names of its pictures, as in `write_document`; without it only their sentences are told.
+        Start of the names of the figure files, as in `write_document`. Without it the text contains the
+        summaries of the figures only.
+
+    Examples
+    --------
+    >>> from texclass.reporting import Document
+    >>> print(render_markdown(Document("Latency", [["Measured on one core."]])))
+    # Latency
+    <BLANKLINE>
+    - Measured on one core.
+    <BLANKLINE>
     """
     lines = [f"# {document.title}", ""]
     if document.subtitle:
         lines += [document.subtitle, ""]
-    if found := document.finding:
-        lines += [f"**{found.number}** {found.rest}", ""]
+    if finding := document.finding:
+        lines += [f"**{finding.number}** {finding.rest}", ""]
     for block in document.blocks:
         lines += [*_block(block, stem), ""]
-    if document.data:
-        name, facts = document.data
+    if document.dataset:
+        name, facts = document.dataset
         lines += [f"## Dataset {name}", "", *_list(facts), ""]
-    if document.again:
-        lines += ["## To compute it again", "", *_list(document.again)]
+    if document.reproduction:
+        lines += ["## To reproduce", "", *_list(document.reproduction)]
         if document.versions:
             lines.append("- Versions: " + ", ".join(f"{n} {v}" for n, v in document.versions.items()))
         lines.append("")
@@ -81,11 +100,11 @@ def _block(block: Block, stem: str | None, level: str = "##") -> Iterator[str]:
             yield block
         case Table():
             yield from _table(block)
-        case Figure() | Heat():
+        case Figure() | HeatMap():
             if stem is not None:
                 yield from (f"![{block.title}]({stem}-{block.name}.png)", "")
-            yield f"{block.title}: {block.says}"
-        case Folded():
+            yield f"{block.title}: {block.summary}"
+        case Details():
             yield f"### {block.title}"
             for inner in block.blocks:
                 yield from ("", *_block(inner, stem, "####"))
@@ -100,15 +119,15 @@ def _list(facts: Mapping[str, str]) -> Iterator[str]:
 
 
 def _table(table: Table) -> Iterator[str]:
-    yield _line([" ".join(filter(None, title)) for title in titles_of(table.frame)])
-    n_columns = len(titles_of(table.frame))
+    yield _line([" ".join(filter(None, title)) for title in column_titles(table.frame)])
+    n_columns = len(column_titles(table.frame))
     yield "|" + "---|" * table.n_words + "---:|" * (n_columns - table.n_words)
-    for i, row in enumerate(texts_of(table.frame)):
-        if i in table.instead:
-            yield _line([row[0], table.instead[i], *[""] * (n_columns - 2)])
-        elif i in table.strong:
-            parted = (split_interval(text) for text in row)
-            yield _line([f"**{number}** {beside}".strip() if number else beside for number, beside in parted])
+    for i, row in enumerate(cell_texts(table.frame)):
+        if i in table.messages:
+            yield _line([row[0], table.messages[i], *[""] * (n_columns - 2)])
+        elif i in table.bold_rows:
+            pairs = (split_interval(text) for text in row)
+            yield _line([f"**{number}** {rest}".strip() if number else rest for number, rest in pairs])
         else:
             yield _line(row)
     if table.caption:

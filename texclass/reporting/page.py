@@ -1,4 +1,4 @@
-"""Documents as one HTML page that holds all it shows and asks for nothing outside."""
+"""Documents as one HTML page without external files."""
 
 import re
 import warnings
@@ -16,55 +16,64 @@ import pandas as pd
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from texclass.reporting.blocks import Document, Figure, Folded, Heading, Heat, Table
+from texclass.reporting.blocks import Details, Document, Figure, Heading, HeatMap, Table
 from texclass.reporting.figure_style import NARROW, PALETTE, STYLE, WIDTH
-from texclass.reporting.wording import split_interval, texts_of, titles_of
+from texclass.reporting.wording import cell_texts, column_titles, split_interval
 
 MACROS: dict[type, str] = {
-    Heading: "heading", str: "text", Mapping: "facts", Table: "table", Figure: "figure", Heat: "heat",
-    Folded: "folded", Sequence: "notes",
+    Heading: "heading", str: "text", Mapping: "facts", Table: "table", Figure: "figure", HeatMap: "heat",
+    Details: "details", Sequence: "notes",
 }  # fmt: skip
-"""Kind of a block -> the macro of the template that shows it; the first that fits."""
+"""Type of a block -> name of its template macro; the first matching type is used."""
 _TAG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
 _COLOURS = {value: f"var(--{name})" for name, value in PALETTE.items()}
 _COLOUR = re.compile("|".join(_COLOURS))
 _LONG = re.compile(r"(\.\d\d)\d+")
-"""Decimals of a coordinate that nobody sees."""
+"""Decimals of an SVG coordinate beyond the second, which are not visible."""
 
 
 def render_page(documents: Sequence[Document], title: str = "", *, written_by: str = "texclass") -> str:
-    """Return documents as one page.
+    """Return documents as one HTML page.
 
     Parameters
     ----------
     documents : sequence of Document
-        In the order of the page. What they share (data, versions) is told once, at its end.
+        Documents in page order. Shared datasets and versions are shown once, at the end.
     title : str
-        Its title; that of the first document by default.
+        Page title; that of the first document by default.
     written_by : str
-        Named at the foot.
+        Program name in the footer.
 
     Raises
     ------
     ValueError
         If there are no documents.
+
+    Examples
+    --------
+    >>> from texclass.reporting import Document
+    >>> render_page([Document("Latency", ["Below 1 ms."])])[:15]
+    '<!DOCTYPE html>'
     """
     if not documents:
-        raise ValueError("no result given. Expected at least one")
+        raise ValueError("documents is empty. Expected at least one document")
     templates = files(__package__).joinpath("templates")
     script, style = (
         templates.joinpath(name).read_text(encoding="utf-8").strip() for name in ("page.js", "page.css")
     )
-    data: dict[tuple[str, str], dict[str, str]] = {}  # what was measured on, each once
-    for name, facts in (document.data for document in documents if document.data):
-        data.setdefault((name, facts.get("Input hash", "")), {}).update(facts)
-    again = pd.DataFrame([dict(document.again) for document in documents if document.again]).fillna("")
+    datasets: dict[tuple[str, str], dict[str, str]] = {}
+    for name, facts in (document.dataset for document in documents if document.dataset):
+        datasets.setdefault((name, facts.get("Input hash", "")), {}).update(facts)
+    facts_of_results = [dict(document.reproduction) for document in documents if document.reproduction]
+    reproduction = pd.DataFrame(facts_of_results).fillna("")
     return _environment().get_template("page.html").render(
         title=title or documents[0].title,
         documents=documents,
-        data=[(name, facts) for (name, _), facts in data.items()],
-        again=None if again.empty else Table(again, "What the results came from", again.shape[1]),
+        datasets=[(name, facts) for (name, _), facts in datasets.items()],
+        reproduction=None
+        if reproduction.empty
+        else Table(reproduction, "Origin of the results", reproduction.shape[1]),
         versions=_versions(documents),
         scripts={"page": Markup(script)},
         style=Markup(style),
@@ -73,31 +82,35 @@ def render_page(documents: Sequence[Document], title: str = "", *, written_by: s
 
 
 def _versions(documents: Sequence[Document]) -> Table | None:
-    """Return the versions behind the results; one column where all agree."""
-    known: dict[tuple[tuple[str, str], ...], list[str]] = {}
+    """Return a table of package versions, with one column per distinct set of versions."""
+    names_by_versions: dict[tuple[tuple[str, str], ...], list[str]] = {}
     for document in documents:
         if document.versions:
-            name = document.again.get("File", document.title)
-            known.setdefault(tuple(document.versions.items()), []).append(name)
-    if not known:
+            name = document.reproduction.get("File", document.title)
+            names_by_versions.setdefault(tuple(document.versions.items()), []).append(name)
+    if not names_by_versions:
         return None
-    titles = ["Version" if len(known) == 1 else ", ".join(names) for names in known.values()]
-    frame = pd.DataFrame({title: dict(versions) for title, versions in zip(titles, known, strict=True)})
+    is_same = len(names_by_versions) == 1
+    titles = ["Version" if is_same else ", ".join(names) for names in names_by_versions.values()]
+    columns = zip(titles, names_by_versions, strict=True)
+    frame = pd.DataFrame({title: dict(versions) for title, versions in columns})
     return Table(frame.rename_axis("Package").reset_index(), "Versions", n_words=1 + len(titles))
 
 
 def _heads(table: Table) -> list[list[dict[str, Any]]]:
-    """Return the titles of the columns: one line, or, if they have two levels, groups and what is in each."""
-    columns = [tuple(title.replace(" %", "\xa0%") for title in parts) for parts in titles_of(table.frame)]
-    below = [{"text": part, "span": 1, "rows": 1, "column": i} for i, (_, part) in enumerate(columns) if part]
-    above: list[dict[str, Any]] = []
+    """Return the header lines of a table: one, or a line of groups above a line of columns."""
+    columns = [tuple(title.replace(" %", "\xa0%") for title in parts) for parts in column_titles(table.frame)]
+    bottom = [
+        {"text": part, "span": 1, "rows": 1, "column": i} for i, (_, part) in enumerate(columns) if part
+    ]
+    top: list[dict[str, Any]] = []
     for i, (group, part) in enumerate(columns):
-        if part and above and above[-1]["text"] == group:
-            above[-1]["span"] += 1
+        if part and top and top[-1]["text"] == group:
+            top[-1]["span"] += 1
         else:
-            rows = 2 if below and not part else 1
-            above.append({"text": group, "span": 1, "rows": rows, "column": None if part else i})
-    return [line for line in (above, below) if line]
+            rows = 2 if bottom and not part else 1
+            top.append({"text": group, "span": 1, "rows": rows, "column": None if part else i})
+    return [line for line in (top, bottom) if line]
 
 
 def inline_svg(figure: Figure, width: float, name: str) -> str:
@@ -106,18 +119,20 @@ def inline_svg(figure: Figure, width: float, name: str) -> str:
     Parameters
     ----------
     figure : Figure
-        What is drawn. The gid of an artist, if it is a sentence, is what a screen reader says of it.
+        Figure to draw. If the gid of an artist is a sentence, it becomes its label for screen readers.
     width : float
-        In inches.
+        Width in inches.
     name : str
-        Begins the ids inside; the page has its title as `name-t` and its sentence as `name-d`.
+        Prefix of the ids in the element. The page has the title under the id `name-t` and the summary under
+        `name-d`.
     """
-    written = BytesIO()
+    svg = BytesIO()
     with mpl.rc_context(STYLE), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # it is drawn as a box
-        warnings.filterwarnings("ignore", "constrained_layout not applied", UserWarning)  # no room for labels
-        figure.draw(width).savefig(written, format="svg", transparent=True, metadata={"Date": None})
-    root = ElementTree.fromstring(written.getvalue())  # matplotlib wrote it
+        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # a missing glyph is drawn as a box
+        # Very long names leave no space for the layout.
+        warnings.filterwarnings("ignore", "constrained_layout not applied", UserWarning)
+        figure.draw(width).savefig(svg, format="svg", transparent=True, metadata={"Date": None})
+    root = ElementTree.fromstring(svg.getvalue())  # safe to parse: written by matplotlib above
     box = root.get("viewBox", "")
     kind = "wide" if width > NARROW else "narrow"
     root.attrib.clear()
@@ -133,32 +148,33 @@ def inline_svg(figure: Figure, width: float, name: str) -> str:
 
 
 def _adapt(element: ElementTree.Element, prefix: str) -> None:
-    """Give an element ids of its own, the page's colours, and words where it has them."""
+    """Make the ids of an element unique, and replace colours by CSS variables and gids by labels."""
     element.tag = element.tag.removeprefix(_TAG)
-    found = element.attrib
-    said = found.pop("id", "")
-    if " " in said:  # no id of matplotlib's, so an artist's words
-        found |= {"class": "point", "role": "img", "aria-label": said}
+    attributes = element.attrib
+    gid = attributes.pop("id", "")
+    if " " in gid:  # the ids of matplotlib contain no space: this is the sentence of an artist
+        attributes |= {"class": "point", "role": "img", "aria-label": gid}
         title = ElementTree.Element("title")
-        title.text = said
+        title.text = gid
         element.insert(0, title)
-    elif element.tag in {"path", "clipPath"} and said:
-        found["id"] = prefix + said
-        # A shape in store would keep its colour where it is used; its uses say theirs.
-        found.pop("style", None)
-    if _LINK in found:
-        found["href"] = f"#{prefix}{found.pop(_LINK)[1:]}"
-    for key, value in found.items():
+    elif element.tag in {"path", "clipPath"} and gid:
+        attributes["id"] = prefix + gid
+        # A style on the definition of a shape would override the style of its uses.
+        attributes.pop("style", None)
+    if _LINK in attributes:
+        attributes["href"] = f"#{prefix}{attributes.pop(_LINK)[1:]}"
+    for key, value in attributes.items():
         if key in {"d", "x", "y", "points", "transform", "style"}:
-            found[key] = _COLOUR.sub(lambda colour: _COLOURS[colour[0]], _LONG.sub(r"\1", value))
+            attributes[key] = _COLOUR.sub(lambda colour: _COLOURS[colour[0]], _LONG.sub(r"\1", value))
         elif key == "clip-path":
-            found[key] = f"url(#{prefix}{value[5:-1]})"
+            attributes[key] = f"url(#{prefix}{value[5:-1]})"
 
 
 def templates(package: str, folder: str) -> Environment:
-    """Return the templates of pages in a folder of a package: escaped, and nothing in them undefined.
+    """Return the Jinja environment of the page templates in a folder of a package.
 
-    They may extend `shell.html`, which is given `title`, `style` and `scripts`, name -> text.
+    Values are escaped, and an undefined name is an error. Templates may extend `shell.html`, which takes
+    `title`, `style` and `scripts` (name -> text).
     """
     folders = PackageLoader(package, folder), PackageLoader("texclass.reporting", "templates")
     environment = Environment(
@@ -178,9 +194,9 @@ def _environment() -> Environment:
     environment.filters |= {
         "kind": lambda block: next(macro for kind, macro in MACROS.items() if isinstance(block, kind)),
         "heads": _heads,
-        "cells": lambda table: texts_of(table.frame),
+        "cells": lambda table: cell_texts(table.frame),
         "code": lambda text: Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text)))),
-        "parted": split_interval,
+        "split_interval": split_interval,
         "drawings": lambda figure, name: [Markup(inline_svg(figure, w, name)) for w in (WIDTH, NARROW)],
     }  # fmt: skip
     return environment

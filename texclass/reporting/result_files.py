@@ -1,16 +1,16 @@
-"""Results as JSON files: a kind, its version and plain values; one writer and one reader for all of them.
+"""JSON files of results: each contains its kind, the version of the kind, and plain values.
 
-A subpackage registers a kind by deriving its result from `Result`:
+A subpackage registers a kind by deriving a class from `Result`:
 
 >>> from texclass.reporting import Document
->>> class Tally(Result, kind="tally", version=2):
-...     stem = "tally"
+>>> class Count(Result, kind="count", version=2):
+...     stem = "count"
 ...
 ...     def document(self):
-...         return Document(f"{self.data['n']} of them", [])
->>> print(Tally({"n": 3}).to_json())
+...         return Document(f"{self.data['n']} recordings", [])
+>>> print(Count({"n": 3}).to_json())
 {
- "kind": "tally",
+ "kind": "count",
  "version": 2,
  "n": 3
 }
@@ -26,12 +26,12 @@ from typing import Any, ClassVar
 from texclass.reporting.blocks import Document
 
 RESULTS: dict[str, type["Result"]] = {}
-"""Kind -> class. A class is registered when its module is imported."""
+"""Kind -> class, filled when the module of a class is imported."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
-    """A result that can be saved as JSON and shown as a document.
+    """Result that can be saved as JSON, shown as a document and plotted.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Result:
     kind : str
         Kind of the result in its file; "" for a class that is not registered.
     version : int
-        Version of the kind: a higher one for each change of what a key holds.
+        Version of the kind; increased when the meaning of a key changes.
     """
 
     data: Mapping[str, Any]
@@ -66,12 +66,12 @@ class Result:
 
     @property
     def stem(self) -> str:
-        """What the names of its files begin with."""
+        """Start of the file names."""
         raise NotImplementedError
 
     @property
     def definitions(self) -> dict[str, tuple[str, str]]:
-        """Name and hash of the "pipeline" and the "feature set" it was made with, where it has any."""
+        """Name and hash of the "pipeline" and the "feature set" of the result, if it has any."""
         return {}
 
     def document(self) -> Document:
@@ -79,24 +79,24 @@ class Result:
         raise NotImplementedError
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write JSON, Markdown and pictures into a folder; their names begin with `stem`."""
+        """Write JSON, Markdown and figures into a folder; the file names start with `stem`."""
         from texclass.reporting.markdown import write_document
 
         return write_document(self.document(), folder, self.stem, json=self.to_json())
 
 
 class Study(Result, kind="study"):
-    """Values of a script below `benchmarks`, which writes its own Markdown; no page shows them."""
+    """Values of a script in `benchmarks`. The script writes its own Markdown, so there is no document."""
 
     def document(self) -> Document:
-        """Refuse.
+        """Raise an error: a study has no document.
 
         Raises
         ------
         ValueError
             Always.
         """
-        raise ValueError("a study has no page. See the Markdown file beside it")
+        raise ValueError("a study has no document. Open the Markdown file of the same name instead")
 
 
 def read_result(path: str | Path, number: Callable[[str], float] | None = None) -> Result:
@@ -107,26 +107,26 @@ def read_result(path: str | Path, number: Callable[[str], float] | None = None) 
     path : str or path
         JSON file.
     number : callable, optional
-        Text of a number, NaN and Infinity included -> number; by default as `json.loads` reads it.
+        Function that converts the text of a number, also of NaN and Infinity; by default `json.loads` does.
 
     Raises
     ------
     ValueError
-        If it is not JSON, or of an unknown kind or version; the message names file and value.
+        If the file is not JSON, or its kind or version is unknown.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
         data = json.loads(text, parse_float=number, parse_int=number, parse_constant=number)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: is not a JSON file that can be read ({error})") from error
+        raise ValueError(f"{path}: not a valid JSON file ({error})") from error
     kind, version = (data.pop(key, None) if isinstance(data, dict) else None for key in ("kind", "version"))
-    made = RESULTS.get(kind) if isinstance(kind, str) else None
-    if made is None or version != made.version:
-        known = ", ".join(f"{name} (version {of.version})" for name, of in sorted(RESULTS.items()))
+    result_class = RESULTS.get(kind) if isinstance(kind, str) else None
+    if result_class is None or version != result_class.version:
+        kinds = ", ".join(f"{name} (version {one.version})" for name, one in sorted(RESULTS.items()))
         raise ValueError(
             f"{path}: contains no result of a known kind (kind {str(kind)[:40]!r}, version "
-            f"{str(version)[:40]!r}). Expected JSON of {known}: write it again with its command"
+            f"{str(version)[:40]!r}). Expected one of {kinds}: run the command that wrote the file again"
         )
-    return made(data)
+    return result_class(data)

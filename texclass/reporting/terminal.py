@@ -1,4 +1,4 @@
-"""A document on a terminal: tables fit its width, words wrap between words, numbers never do."""
+"""Documents on a terminal: tables fit its width, text wraps between words, and numbers never wrap."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -12,22 +12,37 @@ from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from texclass.reporting.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
-from texclass.reporting.wording import split_interval, texts_of, titles_of
+from texclass.reporting.blocks import Block, Details, Document, Figure, Heading, HeatMap, Table
+from texclass.reporting.wording import cell_texts, column_titles, split_interval
 
 
 def print_document(document: Document) -> None:
-    """Print a document on standard output."""
+    """Print a document on standard output.
+
+    Examples
+    --------
+    >>> from texclass.reporting import Document
+    >>> print_document(Document("Latency", ["Below 1 ms."]))
+    Latency
+    Below 1 ms.
+    """
     Console().print(render_terminal(document))
 
 
 def render_terminal(document: Document) -> Group:
-    """Return a document for a console; a figure is its sentence there, and what is folded is left out."""
+    """Return a document as a rich renderable: summaries replace figures, and `Details` are omitted.
+
+    Examples
+    --------
+    >>> from texclass.reporting import Document
+    >>> len(render_terminal(Document("Latency", ["Below 1 ms."])).renderables)
+    2
+    """
     parts: list[RenderableType] = [Text(document.title, style="bold")]
     if document.subtitle:
         parts.append(Text(document.subtitle))
-    if found := document.finding:
-        parts.append(Text.assemble((found.number, "bold"), f" {found.rest}"))
+    if finding := document.finding:
+        parts.append(Text.assemble((finding.number, "bold"), f" {finding.rest}"))
     return Group(*parts, *(part for block in document.blocks for part in _block(block)))
 
 
@@ -38,12 +53,12 @@ def _block(block: Block) -> Iterator[RenderableType]:
         case str():
             yield Text(block)
         case Table():
-            yield _Fitting(block)
+            yield _FittingTable(block)
             if block.caption:
                 yield Text(block.caption, style="dim")
-        case Figure() | Heat():
-            yield Text(f"- {block.title}: {block.says}", style="dim")
-        case Folded():
+        case Figure() | HeatMap():
+            yield Text(f"- {block.title}: {block.summary}", style="dim")
+        case Details():
             return
         case Mapping():
             facts = RichTable(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
@@ -57,91 +72,92 @@ def _block(block: Block) -> Iterator[RenderableType]:
 
 
 @dataclass(frozen=True)
-class _Fitting:
-    """The widest of several ways to draw a table that a terminal has room for; in parts if there is none."""
+class _FittingTable:
+    """Table in its widest layout that fits the terminal, or split into several tables if none fits."""
 
     table: Table
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        n_words, n_columns = self.table.n_words, len(titles_of(self.table.frame))
-        narrow = partial(_drawn, self.table, below=True, break_titles=True)
-        ways: list[Callable[[], RichTable]] = [
-            partial(_drawn, self.table),
-            partial(_drawn, self.table, break_titles=True),
+        n_words, n_columns = self.table.n_words, len(column_titles(self.table.frame))
+        narrow = partial(_rich_table, self.table, intervals_below=True, break_titles=True)
+        layouts: list[Callable[[], RichTable]] = [
+            partial(_rich_table, self.table),
+            partial(_rich_table, self.table, break_titles=True),
             narrow,
         ]
         unlimited = options.update(max_width=1000)
-        for way in ways:
-            made = way()
-            if Measurement.get(console, unlimited, made).minimum <= options.max_width:
-                yield made
+        for layout in layouts:
+            rich_table = layout()
+            if Measurement.get(console, unlimited, rich_table).minimum <= options.max_width:
+                yield rich_table
                 return
-        # Words at the left of every part, then as many columns as there is room for.
 
-        def fits(made: RichTable) -> bool:
-            return sum((column.min_width or 0) + 2 for column in made.columns) - 2 <= options.max_width
+        # Several tables: each has the text columns, then as many number columns as fit.
+        def fits(part: RichTable) -> bool:
+            return sum((column.min_width or 0) + 2 for column in part.columns) - 2 <= options.max_width
 
-        words, left = list(range(n_words)), list(range(n_words, self.table.n_kept or n_columns))
-        if not left:
+        words, rest = list(range(n_words)), list(range(n_words, self.table.n_narrow or n_columns))
+        if not rest:
             yield narrow()
-        while left:
-            n = next((n for n in range(len(left), 1, -1) if fits(narrow(columns=words + left[:n]))), 1)
-            yield narrow(columns=words + left[:n])
-            left = left[n:]
+        while rest:
+            n = next((n for n in range(len(rest), 1, -1) if fits(narrow(columns=words + rest[:n]))), 1)
+            yield narrow(columns=words + rest[:n])
+            rest = rest[n:]
 
 
-def _drawn(
-    table: Table, *, below: bool = False, break_titles: bool = False, columns: Sequence[int] = ()
+def _rich_table(
+    table: Table, *, intervals_below: bool = False, break_titles: bool = False, columns: Sequence[int] = ()
 ) -> RichTable:
-    drawn = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+    rich_table = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     cells: list[list[Any]] = []
-    columns = columns or range(len(titles_of(table.frame)))
-    every = titles_of(table.frame)
-    named = [every[i] for i in columns]
-    before = ["", *(group for group, _ in named)]  # a group is named over the first of its columns
+    columns = columns or range(len(column_titles(table.frame)))
+    all_titles = column_titles(table.frame)
+    pairs = [all_titles[i] for i in columns]
+    previous_groups = ["", *(group for group, _ in pairs)]  # the group title is above its first column only
     titles = [
-        part if group == last and part else f"{group}\n{part}".strip()
-        for (group, part), last in zip(named, before, strict=False)
+        part if group == previous and part else f"{group}\n{part}".strip()
+        for (group, part), previous in zip(pairs, previous_groups, strict=False)
     ]
-    rows = [[row[i] for i in columns] for row in texts_of(table.frame)]
-    for i, why in table.instead.items():
-        brief = re.sub(r" \([^)]*\)", "", why)
+    rows = [[row[i] for i in columns] for row in cell_texts(table.frame)]
+    for i, message in table.messages.items():
+        brief = re.sub(r" \([^)]*\)", "", message)
         rows[i] = [f"{rows[i][0]}\n  {brief}", *[""] * (len(titles) - 1)]
     for i, title in enumerate(titles):
         column = [row[i] for row in rows]
-        broken = title.replace(" [", "\n[") if below else title
-        broken = re.sub(r"(?<!\d) (?!%)", "\n", broken) if break_titles else broken
+        title_lines = title.replace(" [", "\n[") if intervals_below else title
+        title_lines = re.sub(r"(?<!\d) (?!%)", "\n", title_lines) if break_titles else title_lines
         if i < table.n_words:
-            # Names keep 16 characters at least, other columns of words 10.
-            drawn.add_column(title, min_width=min(10 if i else 16, _width((title, *column))))
+            # Row names get at least 16 characters, other text columns 10.
+            rich_table.add_column(title, min_width=min(10 if i else 16, _width((title, *column))))
             cells.append([Text(text) for text in column])
         else:
-            numbers = _numbers(column, below)
-            width = _width((broken, *map(str, numbers)))
-            drawn.add_column(broken, justify="right", no_wrap=True, min_width=width)
+            numbers = _align_numbers(column, intervals_below)
+            width = _width((title_lines, *map(str, numbers)))
+            rich_table.add_column(title_lines, justify="right", no_wrap=True, min_width=width)
             cells.append(numbers)
     for i, row in enumerate(zip(*cells, strict=True)):
-        style = "bold" if i in table.strong else "dim" if i in table.instead else ""
-        drawn.add_row(*row, style=style)
-    return drawn
+        style = "bold" if i in table.bold_rows else "dim" if i in table.messages else ""
+        rich_table.add_row(*row, style=style)
+    return rich_table
 
 
 def _width(texts: Iterable[str]) -> int:
     return max(len(line) for text in texts for line in text.split("\n"))
 
 
-def _numbers(column: list[str], below: bool) -> list[Text]:
-    """Return numbers, each with its interval faint beside or below it, their points in line."""
-    parted = [split_interval(text) for text in column]
-    beside = [found for _, found in parted]
-    for i, found in enumerate(beside):  # in whole numbers: [82.6, 94.5] is 83–95
-        if ends := re.fullmatch(r"\[(\d+\.\d), (\d+\.\d)\]", found):
-            beside[i] = "{:.0f}–{:.0f}".format(*map(float, ends.groups()))
-    width = max(map(len, beside), default=0)
+def _align_numbers(column: list[str], intervals_below: bool) -> list[Text]:
+    """Return numbers with aligned decimal points, each with its interval dimmed after or below it."""
+    pairs = [split_interval(text) for text in column]
+    intervals = [interval for _, interval in pairs]
+    for i, interval in enumerate(intervals):  # rounded to save width: [82.6, 94.5] becomes 83–95
+        if ends := re.fullmatch(r"\[(\d+\.\d), (\d+\.\d)\]", interval):
+            intervals[i] = "{:.0f}–{:.0f}".format(*map(float, ends.groups()))
+    width = max(map(len, intervals), default=0)
+    separator = "\n" if intervals_below else " "
     return [
         Text.assemble(
             number,
-            (("\n" if below else " ") + f"{found:>{width}}" if width and number else "", "not bold dim"),
+            (separator + f"{interval:>{width}}" if width and number else "", "not bold dim"),
         )
-        for (number, _), found in zip(parted, beside, strict=True)
+        for (number, _), interval in zip(pairs, intervals, strict=True)
     ]

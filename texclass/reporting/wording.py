@@ -1,4 +1,4 @@
-"""How numbers are written wherever results are told."""
+"""Number formats of reports: percentages, intervals, p-values, aligned columns."""
 
 import math
 import numbers
@@ -12,55 +12,55 @@ MINUS = "\N{MINUS SIGN}"
 
 
 def counted(n: int, noun: str) -> str:
-    """Return how many there are of a thing: 1 tap, 1,200 taps."""
+    """Return a number with its noun in singular or plural: 1 tap, 1,200 taps."""
     return f"{n:,} {noun}" if n == 1 else f"{n:,} {noun}s"
 
 
 def percent(fraction: float) -> str:
-    """Return a fraction as per cents, without the sign."""
+    """Return a fraction in per cent, without the % sign: 0.9 -> 90.0."""
     return f"{100 * fraction:.1f}"
 
 
-def interval(found: Mapping[str, Any]) -> str:
-    """Return `low` and `high`, fractions, in per cents and brackets."""
-    return f"[{percent(found['low'])}, {percent(found['high'])}]"
+def interval(accuracy: Mapping[str, Any]) -> str:
+    """Return the interval of an accuracy (`low` and `high`, fractions) in per cent: [82.6, 94.5]."""
+    return f"[{percent(accuracy['low'])}, {percent(accuracy['high'])}]"
 
 
-def estimate(found: Mapping[str, Any]) -> str:
-    """Return `mean`, `low` and `high`, fractions, in per cents: 90.0 [82.6, 94.5]."""
-    return f"{percent(found['mean'])} {interval(found)}"
+def estimate(accuracy: Mapping[str, Any]) -> str:
+    """Return an accuracy (`mean`, `low` and `high`, fractions) in per cent: 90.0 [82.6, 94.5]."""
+    return f"{percent(accuracy['mean'])} {interval(accuracy)}"
 
 
 def points(difference: float) -> str:
-    """Return a difference of fractions in points, with its sign."""
+    """Return a difference of fractions in percentage points, with its sign: 0.04 -> +4.0."""
     return f"{100 * difference:+.1f}".replace("-", MINUS)
 
 
-def gain(found: Mapping[str, Any]) -> str:
-    """Return `difference`, `low` and `high`, fractions, in points."""
-    return f"{points(found['difference'])} {points_interval(found)}"
+def gain(comparison: Mapping[str, Any]) -> str:
+    """Return a comparison (`difference`, `low` and `high`, fractions) in points: +4.0 [-3.4, +8.5]."""
+    return f"{points(comparison['difference'])} {points_interval(comparison)}"
 
 
-def points_interval(found: Mapping[str, Any]) -> str:
-    """Return `low` and `high`, differences of fractions, in points and brackets."""
-    return f"[{points(found['low'])}, {points(found['high'])}]"
+def points_interval(comparison: Mapping[str, Any]) -> str:
+    """Return the interval of a comparison (`low` and `high`, fractions) in points: [-3.4, +8.5]."""
+    return f"[{points(comparison['low'])}, {points(comparison['high'])}]"
 
 
 def p_value(p: float | None) -> str:
-    """Return a p-value; nothing for None."""
+    """Return a p-value with three decimals, or "" for None."""
     return "" if p is None else "< 0.001" if p < 0.001 else f"{p:.3f}"
 
 
 def digits(value: float | None) -> str:
-    """Return a number to three digits; nothing for None."""
+    """Return a number with three significant digits, or "" for None."""
     if value is None or _is_missing(value):
         return ""
-    shown = f"{value:.3g}"
-    return (f"{value:,.0f}" if "e" in shown and abs(value) >= 1000 else shown).replace("-", MINUS)
+    text = f"{value:.3g}"
+    return (f"{value:,.0f}" if "e" in text and abs(value) >= 1000 else text).replace("-", MINUS)
 
 
 def aligned(values: Iterable[float | None]) -> list[str]:
-    """Return the numbers of a column with as many decimals each, so that their points stand in line."""
+    """Return the numbers of a column with the same number of decimals, "" for None."""
     values = list(values)
     largest = max((abs(value) for value in values if value is not None), default=0.0)
     decimals = 2 if largest < 100 else 1 if largest < 1000 else 0
@@ -68,32 +68,32 @@ def aligned(values: Iterable[float | None]) -> list[str]:
 
 
 def sentence(text: str) -> str:
-    """Return text that begins with a capital and ends with a stop."""
+    """Return text as a sentence, with a capital letter and a full stop."""
     text = text.strip()
     return text and text[0].upper() + text[1:] + ("" if text[-1] in ".!?" else ".")
 
 
-def texts_of(frame: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> list[list[str]]:
-    """Return the cells of a table as texts: numbers to three digits, nothing for what is missing."""
+def cell_texts(frame: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> list[list[str]]:
+    """Return the cells of a table as texts, row by row; numbers get three digits, missing values are ""."""
     if isinstance(frame, Mapping):
         return [[_text(value) for value in row] for row in zip(*frame.values(), strict=True)]
     return [[_text(value) for value in row] for row in frame.itertuples(index=False, name=None)]
 
 
-def titles_of(frame: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> list[tuple[str, str]]:
-    """Return the title of each column: of a group and of its part, or a single one and nothing."""
+def column_titles(frame: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> list[tuple[str, str]]:
+    """Return the group and the title of each column; ungrouped columns are (title, "")."""
     titles: list[Any] = list(frame if isinstance(frame, Mapping) else frame.columns)
     return [title if isinstance(title, tuple) else (title, "") for title in titles]
 
 
 def split_interval(text: str) -> tuple[str, str]:
-    """Return a number and the interval in brackets behind it, without which a text is a number alone."""
+    """Split "90.0 [82.6, 94.5]" into number and interval; the interval is "" if there is none."""
     number, bracket, rest = text.partition(" [")
     return number, f"[{rest}" if bracket else ""
 
 
 def _is_missing(value: Any) -> bool:
-    """Whether there is no value: None, NaN, or what pandas has for it in columns of other kinds."""
+    """Return whether a value is None, NaN, or a missing value of pandas (NA, NaT)."""
     if isinstance(value, float):
         return math.isnan(value)
     return value is None or type(value).__name__ in ("NAType", "NaTType")

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from texclass.evaluation.result import COMPUTED_BY
+from texclass.evaluation.result_facts import CODE_DEPENDENCIES
 from texclass.provenance import code_provenance, versions
 from texclass.reporting import Document
 from texclass.reporting.result_files import Result
@@ -130,7 +130,7 @@ def run_stability(
             "versions": versions("numpy", "pandas", "numba", "mpmath", *libraries),
             "machine": platform.platform(),
             "seed": SEED,
-            **code_provenance(*COMPUTED_BY, "stability"),
+            **code_provenance(*CODE_DEPENDENCIES, "stability"),
             "battery": battery_hash(),
             "quick": quick,
             "seconds": round(time.monotonic() - start, 1),

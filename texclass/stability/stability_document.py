@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from texclass.reporting import Document, Finding, Folded, Heading, Heat, Shade, Table
+from texclass.reporting import Details, Document, Finding, Heading, HeatMap, Shade, Table
 from texclass.stability.checks import FAILURES, OURS, Mark
 from texclass.stability.inputs import FAMILIES
 
@@ -52,10 +52,10 @@ def stability_document(data: Mapping[str, Any]) -> Document:
             "",
             "",
             f"{wrong}: a wrong number, NaN without a reason, a crash, or no result within the time limit.",
-            beside=comparison,
+            comparison=comparison,
             brief=f"{wrong}. {comparison}".strip(),
         ),
-        again={"command": "texclass stability", "seed": str(data["seed"]), "battery": data["battery"]},
+        reproduction={"command": "texclass stability", "seed": str(data["seed"]), "battery": data["battery"]},
         versions=data["versions"],
     )
 
@@ -79,7 +79,7 @@ def _blocks(data: Mapping[str, Any], tallies: pd.DataFrame) -> Iterator[Any]:
             "reason": "Reason of the first", "cells": "Cells",
         }  # fmt: skip
         frame = pd.DataFrame(wrong).reindex(columns=list(names)).fillna({"cells": 1}).rename(columns=names)
-        yield Folded("Failures, with an example of each", [Table(frame, n_words=5)])
+        yield Details("Failures, with an example of each", [Table(frame, n_words=5)])
     if data.get("closest_to_limit"):
         names = {
             "subject": "Subject", "what": "Check closest to its limit", "case": "On", "error": "Error",
@@ -87,7 +87,7 @@ def _blocks(data: Mapping[str, Any], tallies: pd.DataFrame) -> Iterator[Any]:
         }  # fmt: skip
         frame = pd.DataFrame(data["closest_to_limit"])[list(names)]
         frame[["error", "limit"]] = frame[["error", "limit"]].map("{:.1e}".format)
-        yield Folded("Accuracy of texclass", [Table(frame.rename(columns=names), n_words=3)])
+        yield Details("Accuracy of texclass", [Table(frame.rename(columns=names), n_words=3)])
     yield Heading("Notes")
     yield [METHOD, *data["skipped"]]
 
@@ -101,7 +101,7 @@ def count_table(tallies: pd.DataFrame, by: str, title: str) -> Table:
     return Table(frame, "Number of inputs by outcome.")
 
 
-def heat_map(tallies: pd.DataFrame, name: str, title: str) -> Heat:
+def heat_map(tallies: pd.DataFrame, name: str, title: str) -> HeatMap:
     """Return the heat map of subjects by families of inputs."""
     present = set(tallies["family"])
     families = [family for family in FAMILIES if family in present] + sorted(present - set(FAMILIES))
@@ -111,7 +111,7 @@ def heat_map(tallies: pd.DataFrame, name: str, title: str) -> Heat:
         rows[str(subject)] = [shade(by_family.get(family)) for family in families]
     columns = {family: str(FAMILIES.get(family, family)) for family in families}
     summary = f"{tallies['failures'].sum():,} of {tallies['cells'].sum():,} cells are wrong."
-    return Heat(
+    return HeatMap(
         name, f"{title}, by family of inputs", summary, columns, rows, LEGEND, "not tested", "Subject"
     )
 
@@ -119,7 +119,7 @@ def heat_map(tallies: pd.DataFrame, name: str, title: str) -> Heat:
 def shade(tally: Mapping[Any, Any] | None) -> Shade:
     """Return symbol, colour and tooltip for the outcomes of a subject on a family."""
     if tally is None:
-        return Shade(says="not tested")
+        return Shade(description="not tested")
     n = tally["cells"]
     tooltip = ", ".join(f"{tally[mark]} {mark}" for mark in Mark if tally[mark]) + f" of {n}"
     if n_failures := tally["failures"]:

@@ -18,10 +18,10 @@ from sklearn.neighbors import NearestCentroid
 from texclass import vibration
 from texclass.evaluation.feature_table import FeatureTable, cached_table
 from texclass.evaluation.folds import evaluate
-from texclass.evaluation.protocols import Protocol, repeated
+from texclass.evaluation.protocols import Protocol, repeated_splits
 from texclass.evaluation.splits import Split
 from texclass.evaluation.windows import cut_windows
-from texclass.evaluation.workers import Progress, each
+from texclass.evaluation.workers import Progress, run_parallel
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Channels, views_of
 from texclass.features.sets import FeatureSet
@@ -107,12 +107,12 @@ class Conditions:
         """Return the folds of all repeats. There are fewer folds if a surface has fewer recordings."""
         n_folds = min(self.n_folds, int(frame["surface"].value_counts().min()))
         n_repeats = self.n_repeats if self.protocol.is_random else 1
-        repeats = repeated(self.protocol, frame, n_folds, n_repeats, self.seed)
+        repeats = repeated_splits(self.protocol, frame, n_folds, n_repeats, self.seed)
         return tuple(split for repeat in repeats for split in repeat)
 
     def data(self, table: FeatureTable) -> LabelledData:
         """Return the columns that are defined for some recording, with labels and groups."""
-        return label_data(table.of(table.defined), table.frame, self.protocol)
+        return label_data(table.select(table.defined_columns), table.frame, self.protocol)
 
     def accuracy(self, table: FeatureTable) -> Facts:
         """Return the cross-validated accuracy of `discriminant` with all columns of a table."""
@@ -206,7 +206,9 @@ def order_curve(conditions: Conditions) -> Facts | None:
     fitted once.
     """
     dataset, note = _limit_recordings(conditions.dataset)
-    rows = list(each([partial(_model, dataset.load, e) for e in dataset.entries], n_jobs=conditions.n_jobs))
+    rows = list(
+        run_parallel([partial(_model, dataset.load, e) for e in dataset.entries], n_jobs=conditions.n_jobs)
+    )
     fitted = [i for i, row in enumerate(rows) if row is not None]
     if len(fitted) < 0.9 * len(rows):
         return None

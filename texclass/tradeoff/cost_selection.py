@@ -235,7 +235,7 @@ class _Search:
 
     def _subset(self, columns: Iterable[int]) -> Subset:
         indices = tuple(sorted(columns))
-        return Subset(indices, self.model.of(indices), self.score.of(indices))
+        return Subset(indices, self.model.cost_of_indices(indices), self.score.of(indices))
 
     def _add(self, current: Subset, cost_exponent: float) -> Subset | None:
         selected = set(current.columns)
@@ -246,7 +246,9 @@ class _Search:
             additions = [[i] for i in range(len(self.model.columns)) if i not in selected]
             additions += [columns for columns in remaining if len(columns) > 1]
         subsets = [[*current.columns, *columns] for columns in additions]
-        subsets = [s for s in subsets if len(s) <= self.max_columns and self.model.of(s) <= self.budget]
+        subsets = [
+            s for s in subsets if len(s) <= self.max_columns and self.model.cost_of_indices(s) <= self.budget
+        ]
         if not subsets:
             return None
         # All single columns are scored in one call, which is faster.
@@ -255,14 +257,16 @@ class _Search:
         single_scores = iter(self.score.adding(current.columns, single) if single else ())
         scores = np.array([next(single_scores) if len(s) == n + 1 else self.score.of(s) for s in subsets])
         gain = scores - current.score
-        cost = np.array([max(self.model.of(s) - current.cost, self.min_cost) for s in subsets])
+        cost = np.array([max(self.model.cost_of_indices(s) - current.cost, self.min_cost) for s in subsets])
         value = np.where(gain > self.settings.tolerance, gain / cost**cost_exponent, -np.inf)
         if not current.columns and (gain <= self.settings.tolerance).all():
             value = gain  # at least one column must be selected
         best = int(value.argmax())
         if value[best] == -np.inf:
             return None
-        return Subset(tuple(sorted(subsets[best])), self.model.of(subsets[best]), float(scores[best]))
+        return Subset(
+            tuple(sorted(subsets[best])), self.model.cost_of_indices(subsets[best]), float(scores[best])
+        )
 
     def _remove_each(self, current: Subset, *, columns: bool) -> list[Subset]:
         """Return the non-empty subsets after the removal of one feature (or one column)."""

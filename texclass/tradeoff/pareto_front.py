@@ -16,11 +16,11 @@ from sklearn.preprocessing import StandardScaler
 from texclass.classifiers.forward_selection import SubsetScore, inner_splits
 from texclass.evaluation.accuracy import cluster_interval
 from texclass.evaluation.cost import CostModel
-from texclass.evaluation.folds import Fold, over_folds
+from texclass.evaluation.folds import Fold, map_folds
 from texclass.evaluation.protocols import Protocol
-from texclass.evaluation.result import measured_on
+from texclass.evaluation.result_facts import describe_dataset
 from texclass.evaluation.splits import Split
-from texclass.evaluation.workers import Progress, each
+from texclass.evaluation.workers import Progress, run_parallel
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Recording, Samples
@@ -123,7 +123,7 @@ def study_facts(
     """
     unit_name, units = protocol.independent(frame)
     return {
-        "dataset": measured_on(dataset, frame, like),
+        "dataset": describe_dataset(dataset, frame, like),
         "features": features.name,
         "features_hash": features.hash,
         "movement": features.movement,
@@ -156,9 +156,9 @@ def cost_aware_selector(costs: CostModel | None, **limits: Any) -> CostAwareSele
 
 def subset_score(fold: Fold, groups: Labels) -> SubsetScore:
     """Return the score of column subsets in the training set of a fold, as in `cost_aware_selector`."""
-    labels = np.unique(fold.labels, return_inverse=True)[1]
-    inner = inner_splits(fold.labels, groups[fold.train], INNER_FOLDS)
-    return SubsetScore(discriminant(), fold.learnt, labels, inner, "log_likelihood")
+    labels = np.unique(fold.y_train, return_inverse=True)[1]
+    inner = inner_splits(fold.y_train, groups[fold.train], INNER_FOLDS)
+    return SubsetScore(discriminant(), fold.X_train, labels, inner, "log_likelihood")
 
 
 def accuracy_with_interval(hits: ArrayLike, splits: Sequence[Split], data: LabelledData) -> dict[str, float]:
@@ -270,7 +270,7 @@ def nested_smallest_subsets(
     """Return the accuracy of the best 1, 2, ... `max_columns` columns, selected in each training set."""
 
     def evaluate_fold(fold: Fold) -> list[NDArray[np.bool_]]:
-        subsets = smallest_subsets(fold.learnt, fold.labels, data.groups[fold.train], max_columns)
+        subsets = smallest_subsets(fold.X_train, fold.y_train, data.groups[fold.train], max_columns)
         return [fold.hits(discriminant(), columns) for columns in subsets]
 
     hits = np.concatenate(_map_folds(evaluate_fold, data, splits, n_jobs=n_jobs), axis=1)
@@ -281,8 +281,8 @@ def _map_folds(
     evaluate_fold: Callable[[Fold], T], data: LabelledData, splits: Sequence[Split], **options: Any
 ) -> list[T]:
     """Return the result of a function on each fold, with preprocessing fitted on its training set."""
-    calls = [partial(over_folds, evaluate_fold, data.X, data.y, [split], preprocessing()) for split in splits]
-    return [result for (result,) in each(calls, what="selections", total=len(calls), **options)]
+    calls = [partial(map_folds, evaluate_fold, data.X, data.y, [split], preprocessing()) for split in splits]
+    return [result for (result,) in run_parallel(calls, stage="selections", total=len(calls), **options)]
 
 
 def smallest_subsets(X: Samples, y: Labels, groups: Labels, max_columns: int) -> list[list[int]]:
@@ -319,5 +319,7 @@ def _evaluate_budgets(
             columns = subset.columns if subset else ()
         plain = best_within(plain_path, budget)
         hits += [fold.hits(discriminant(), list(c)) for c in (columns, plain.columns if plain else ())]
-        sizes.append((costs.of(columns), len({costs.features[i] for i in columns}), len(columns)))
+        sizes.append(
+            (costs.cost_of_indices(columns), len({costs.features[i] for i in columns}), len(columns))
+        )
     return hits, sizes

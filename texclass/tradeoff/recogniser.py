@@ -16,7 +16,7 @@ from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, Stan
 from texclass import __version__
 from texclass.atomic_write import write_atomic
 from texclass.classifiers.fitting import quiet_fits
-from texclass.evaluation.trusted import archive_of, load_trusted, read_bounded
+from texclass.evaluation.skops_archive import dump_archive, load_archive, read_bounded
 from texclass.features.extractor import FeatureExtractor
 from texclass.features.phase_view import Channels
 from texclass.features.plan import Plan
@@ -145,7 +145,7 @@ def save_recogniser(recogniser: Pipeline, path: str | Path) -> None:
         "signal": {"fs": extractor.fs, "unit": extractor.unit},
         "steps": [list(step) for step in recogniser.steps[1:]],
     }
-    write_atomic(Path(path), archive_of(document))
+    write_atomic(Path(path), dump_archive(document))
 
 
 def load_recogniser(path: str | Path) -> Pipeline:
@@ -186,7 +186,7 @@ def load_recogniser(path: str | Path) -> Pipeline:
     ['felt', 'mesh']
     """
     try:
-        document = load_trusted(read_bounded(path))
+        document = load_archive(read_bounded(path))
         plan, is_same_code = Plan.of_json(document["plan"], document["channels"])
         steps = [(name, step) for name, step in document["steps"]]
         recogniser = Pipeline([("features", _extractor(plan, **document["signal"])), *steps])

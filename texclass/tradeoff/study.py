@@ -14,7 +14,7 @@ from sklearn.pipeline import Pipeline
 from texclass.evaluation.cost import CostMeter, CostModel, classifier_cost
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.protocols import find_protocol
-from texclass.evaluation.result import COMPUTED_BY
+from texclass.evaluation.result_facts import CODE_DEPENDENCIES
 from texclass.evaluation.windows import cut_windows
 from texclass.evaluation.workers import Progress
 from texclass.features.phase_view import Channels
@@ -219,7 +219,7 @@ def trade_off(
                 **versions("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa"),
                 "machine": platform.machine(),
             },
-            **code_provenance(*COMPUTED_BY, "tradeoff"),
+            **code_provenance(*CODE_DEPENDENCIES, "tradeoff"),
             "notes": [*left_out, *dataset.notes],
         }
     )
@@ -254,20 +254,23 @@ class FeatureCosts:
     def of(cls, conditions: Conditions, dataset: Dataset) -> "FeatureCosts":
         """Compute the features of a dataset and measure their costs."""
         table = conditions.table(dataset)
-        meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), conditions.channels)
-        plan, full_costs = Plan.of(conditions.features, meter.channels), meter.kept(conditions.features)
+        meter = CostMeter.from_dataset(dataset, table.frame["recording_id"].tolist(), conditions.channels)
+        plan, full_costs = (
+            Plan.of(conditions.features, meter.channels),
+            meter.cached_model(conditions.features),
+        )
         data = conditions.data(table)
-        return cls(table, data, meter, plan, full_costs, full_costs.restricted_to(table.defined))
+        return cls(table, data, meter, plan, full_costs, full_costs.restricted_to(table.defined_columns))
 
     def measure_ms(self, part: Plan) -> float:
         """Return the latency of a part of the features in ms, relative to all features measured with it."""
-        part_ms, all_ms = self.meter.measured(part, self.plan)
+        part_ms, all_ms = self.meter.measure(part, self.plan)
         return self.full_costs.segmentation_ms + part_ms / all_ms * self.full_costs.features_ms
 
     def fit_pipeline(self, columns: Sequence[str]) -> Pipeline:
         """Return the pruned pipeline of some columns, fitted to all recordings."""
         plan = self.plan.restricted_to(columns)
-        X = self.table.of(plan.columns)
+        X = self.table.select(plan.columns)
         steps = [*preprocessing().steps, ("classifier", discriminant())]
         return fit_recogniser(plan, X, self.data.y, steps)
 
@@ -372,7 +375,7 @@ def _select_pipeline(
         "reason": reason,
         "columns": names,
         "features": list(dict.fromkeys(costs.features[i] for i in sorted(columns))),
-        "predicted_ms": costs.of(sorted(columns)),
+        "predicted_ms": costs.cost_of_indices(sorted(columns)),
         "measured_ms": feature_costs.measure_ms(recogniser[0].plan_),
         "accuracy": accuracy,
         "file": str(file or ""),

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from texclass.evaluation.result import (
-    again_facts,
-    chance_of,
+from texclass.evaluation.result_facts import (
+    chance_level,
     classifier_title,
+    cluster_phrase,
     dataset_facts,
-    over,
-    size,
+    dataset_size,
+    reproduction_facts,
 )
-from texclass.reporting import Document, Figure, Finding, Folded, Heading, Table
+from texclass.reporting import Details, Document, Figure, Finding, Heading, Table
 from texclass.reporting.blocks import Block
 from texclass.reporting.figure_style import (
     FAINT,
@@ -60,7 +60,8 @@ def tradeoff_document(data: Data) -> Document:
         f"of recordings classified correctly at the knee point (selected on these folds, optimistic), with a "
         f"latency budget of {digits(knee['budget_ms'])} ms ({100 * knee['budget_ms'] / total:.0f} % of the "
         f"{digits(total)} ms of the full set). Protocol: {data['protocol']}; features are selected in each "
-        f"training set; 95 % confidence interval{over(data)}; chance level {percent(chance_of(data))} %.",
+        f"training set; 95 % confidence interval{cluster_phrase(data)}; "
+        f"chance level {percent(chance_level(data))} %.",
         f"{difference} ({estimate(full)} %); at half the cost of its features "
         f"{points(half['accuracy']['mean'] - full['mean'])} points, and "
         f"{points(half['plain']['mean'] - full['mean'])} by sequential selection "
@@ -70,10 +71,10 @@ def tradeoff_document(data: Data) -> Document:
     return Document(
         f"{data['dataset']['name']}, accuracy against latency",
         list(_blocks(data)),
-        f"Features {data['features']}: {size(data['dataset'])}{window}",
+        f"Features {data['features']}: {dataset_size(data['dataset'])}{window}",
         finding,
         dataset_facts(data),
-        again_facts(data, data["features"]),
+        reproduction_facts(data, data["features"]),
         data["versions"],
     )
 
@@ -86,7 +87,7 @@ def _blocks(data: Data) -> Iterator[Block]:
         "front",
         "Accuracy against latency",
         f"From {_at(first)} to {_at(last)}; knee point: {_at(knee)}; chance level "
-        f"{percent(chance_of(data))} %.",
+        f"{percent(chance_level(data))} %.",
         lambda width: draw_front(data, width),
     )
     yield list(_notes(data))
@@ -98,14 +99,16 @@ def _blocks(data: Data) -> Iterator[Block]:
         yield Table(pd.DataFrame(rows, columns=["Columns", "% [95 %]"]), caption)
     if data.get("curves"):
         yield Heading("Accuracy against other costs")
-        yield _curves(data["curves"], 100 * chance_of(data))
+        yield _curves(data["curves"], 100 * chance_level(data))
     yield Heading("Cost of each feature")
     yield _costs(data)
     parts = sorted(data["parts"].items(), key=lambda part: -part[1])
-    yield Folded("Shared transforms", [Table(pd.DataFrame(parts, columns=["Transform", "ms per recording"]))])
+    yield Details(
+        "Shared transforms", [Table(pd.DataFrame(parts, columns=["Transform", "ms per recording"]))]
+    )
     times = [(classifier_title(c["name"]), c["fit_ms"], c["predict_ms"]) for c in data["classifiers"]]
     titles = ["Classifier", "fit, all recordings, ms", "predict, one recording, ms"]
-    yield Folded("Classifiers", [Table(pd.DataFrame(times, columns=titles), "On all columns.")])
+    yield Details("Classifiers", [Table(pd.DataFrame(times, columns=titles), "On all columns.")])
 
 
 def _at(point: Data) -> str:
@@ -133,8 +136,8 @@ def _front(data: Data) -> Table:
         pd.DataFrame(rows, columns=titles),
         "Features and columns: mean over folds; ms: latency per recording, one thread, this machine, with "
         "conditioning; plain: sequential selection that ignores costs. 95 % confidence intervals"
-        f"{over(data)}; chance level {percent(chance_of(data))} %.",
-        strong=[i for i, mark in enumerate(marks) if mark.startswith("knee")],
+        f"{cluster_phrase(data)}; chance level {percent(chance_level(data))} %.",
+        bold_rows=[i for i, mark in enumerate(marks) if mark.startswith("knee")],
     )
 
 
@@ -235,7 +238,7 @@ def draw_front(data: Data, width: float) -> "Drawing":
     axes.set(xlabel=f"latency ({stages}) per recording, ms", ylabel="accuracy, %")
     axes.set_xlim(0, 1.04 * max(data["total_ms"], ms[-1]))
     lows = [100 * point[key][end] for point in front for key, end in (("accuracy", "low"), ("plain", "mean"))]
-    limit_accuracy(axes, lows, 100 * chance_of(data))
+    limit_accuracy(axes, lows, 100 * chance_level(data))
     legend_above(figure, axes)
     return figure
 

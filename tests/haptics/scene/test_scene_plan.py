@@ -102,7 +102,7 @@ def test_the_speed_dependence_is_preserved_and_reported_and_fewer_nodes_exceed_t
     assert slope > 2.5
     np.testing.assert_allclose(low, high, atol=1.5)  # independent of the force
     *_, figure = plan.document().blocks
-    assert f"the level rises by {dependence['slopes_db'][0]:.1f} dB" in figure.says
+    assert f"the level rises by {dependence['slopes_db'][0]:.1f} dB" in figure.summary
     for width in (9.2, 4.4):
         assert len(figure.draw(width).axes) == 2
     assert list(figure.table.frame["mm/s"]) == [f"{v:.0f}" for v in dependence["test"]["speed"]]

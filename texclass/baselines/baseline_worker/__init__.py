@@ -1,4 +1,4 @@
-"""What another interpreter runs: signals and folds from files, a baseline's features, predictions to files.
+"""Worker that evaluates a baseline in another interpreter: reads signals and folds, writes predictions.
 
-Imports nothing of texclass: numpy, scikit-learn and the baseline's own package are all it needs.
+It does not import texclass. It needs numpy, scikit-learn and the packages of the baseline.
 """

@@ -1,6 +1,6 @@
-"""The baselines: tools that users might take instead, with the classifiers they are combined with.
+"""Baselines: feature extraction by other libraries, each with the classifiers it is combined with.
 
-Each turns the signals of some recordings into a table of features. What it needs is imported when it runs.
+A baseline converts signals to a table of features. Its packages are imported when it runs.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,14 +23,15 @@ Signal = NDArray[np.float64]
 """Shape (n_channels, n_samples)."""
 Table = NDArray[np.floating[Any]]
 """Shape (n_recordings, n_columns)."""
-FRAME_S, HOP, LEAST = 0.025, 0.6, 50
-"""Of cepstra: frame in seconds, hop as a share of it (15 ms), and the fewest samples a frame may have."""
+FRAME_S, HOP, MIN_FRAME = 0.025, 0.6, 50
+"""Frames of the cepstra: length in s, hop as a share of the length (15 ms), smallest length in samples."""
 N_COEFFICIENTS, N_MELS = 13, 26
-"""Bands and transform length: of six settings the most even one on the TEST parts of biotac20 (chronological,
-few-shot), so these figures lean in the baseline's favour there."""
-TSFEL_LEAST_HZ = 100.0
+"""Number of coefficients and mel bands: the best of six settings on the TEST sets of biotac20 (chronological,
+few-shot), so the results there are optimistic for this baseline."""
+TSFEL_MIN_HZ = 100.0
+"""Smallest sampling rate in Hz passed to TSFEL; see `tsfel_all`."""
 BATCH = 32
-"""Recordings that aeon transforms at a time, so that memory does not grow with their number."""
+"""Number of recordings that aeon transforms at a time, which limits memory."""
 CLASSIFIERS: dict[str, Callable[[int], Any]] = {
     "lda": lambda seed: LinearDiscriminantAnalysis(),
     "shrinkage_lda": lambda seed: LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto"),
@@ -41,13 +42,13 @@ CLASSIFIERS: dict[str, Callable[[int], Any]] = {
         200, max_features=0.1, criterion="entropy", random_state=seed
     ),
 }
-"""Name -> (seed -> unfitted classifier). Ridge and extra trees are set as in aeon's own classifiers."""
+"""Name -> (seed -> unfitted classifier). Ridge and extra trees have the settings of aeon's classifiers."""
 DISCRIMINANTS = ("lda", "shrinkage_lda", "random_forest")
 
 
 @dataclass(frozen=True)
 class PerRecording:
-    """Features that are a function of one recording: computed channel by channel, joined.
+    """Extractor whose features depend on one recording only; the channels are concatenated.
 
     Parameters
     ----------
@@ -59,15 +60,15 @@ class PerRecording:
 
     describe: Callable[[Signal, float], Table]
     fs: float
-    learns: ClassVar[bool] = False
-    """Nothing is taken from the signals it is fitted on, so every recording is computed only once."""
+    depends_on_training: ClassVar[bool] = False
+    """False: features are independent of the training set, so each recording is computed only once."""
 
     def fit(self, signals: Sequence[Signal]) -> Self:
-        """Learn nothing."""
+        """Do nothing."""
         return self
 
     def transform(self, signals: Sequence[Signal]) -> Table:
-        """Return the features; what is not finite is NaN, which the scaler's training median replaces."""
+        """Return the features; non-finite values are NaN, which `scaler` replaces by the training median."""
         table = np.stack(
             [np.concatenate([self.describe(channel, self.fs) for channel in signal]) for signal in signals]
         )
@@ -78,38 +79,39 @@ class PerRecording:
         return make_pipeline(SimpleImputer(strategy="median", keep_empty_features=True), StandardScaler())
 
 
-class OfEqualLength:
-    """Transformers of aeon, side by side: they want signals of one length, the median of those in training.
+class EqualLength:
+    """Extractor of concatenated aeon transformers, with signals cut or padded to the median training length.
 
     Parameters
     ----------
     make : callable
-        () -> list of (unfitted transformer, number of signals that it is fitted on, None for all).
+        () -> list of (unfitted transformer, number of signals to fit it on, None for all).
     scale : callable
-        (columns of each transformer) -> the unfitted step that comes before the classifier.
-    learns : bool
-        Whether values are taken from the signals they are fitted on, beside the length.
+        (number of columns of each transformer) -> unfitted scaling step before the classifier.
+    depends_on_training : bool
+        Whether the features depend on the training signals, apart from their length (default True).
     batch : int
-        Recordings transformed at a time.
+        Number of recordings transformed at a time.
     """
 
     def __init__(
         self,
         make: Callable[[], list[tuple[Any, int | None]]],
         scale: Callable[[list[int]], Any],
-        learns: bool = True,
+        depends_on_training: bool = True,
         batch: int = BATCH,
     ) -> None:
-        self.make, self.scale, self.learns, self.batch = make, scale, learns, batch
+        self.make, self.scale, self.batch = make, scale, batch
+        self.depends_on_training = depends_on_training
 
     def fit(self, signals: Sequence[Signal]) -> Self:
-        """Draw kernels and biases, or lay out intervals."""
+        """Fit the transformers: draw kernels and biases, or define intervals."""
         self.n_samples = int(np.median([signal.shape[1] for signal in signals]))
         self.transformers = [t.fit(equal_lengths(signals[:n], self.n_samples)) for t, n in self.make()]
         return self
 
     def transform(self, signals: Sequence[Signal]) -> Table:
-        """Return the features, those of one transformer after those of the other."""
+        """Return the features of all transformers, concatenated."""
         rows = []
         for i in range(0, len(signals), self.batch):
             X = equal_lengths(signals[i : i + self.batch], self.n_samples)
@@ -119,32 +121,32 @@ class OfEqualLength:
         return np.concatenate(rows)
 
     def scaler(self) -> Any:
-        """Return the scaling of aeon's own classifier."""
+        """Return the scaling step of aeon's classifier."""
         return self.scale(self.widths)
 
 
-Extractor = PerRecording | OfEqualLength
-"""Turns signals into features: `fit`, `transform`, and `scaler`, the step before the classifier."""
+Extractor = PerRecording | EqualLength
+"""Converts signals to features, with `fit`, `transform` and `scaler` (the step before the classifier)."""
 
 
 def equal_lengths(signals: Sequence[Signal], n_samples: int) -> NDArray[np.float32]:
     """Return signals as one array of shape (n_recordings, n_channels, n_samples).
 
-    Longer ones lose equal parts at both ends, shorter ones are followed by zeros (their mean is zero).
+    Longer signals are cut equally at both ends; shorter ones are padded with zeros (their mean is zero).
     """
-    same = np.zeros((len(signals), signals[0].shape[0], n_samples), dtype=np.float32)
-    for row, signal in zip(same, signals, strict=True):
-        skipped = max(signal.shape[1] - n_samples, 0) // 2
-        kept = signal[:, skipped : skipped + n_samples]
-        row[:, : kept.shape[1]] = kept
-    return same
+    array = np.zeros((len(signals), signals[0].shape[0], n_samples), dtype=np.float32)
+    for row, signal in zip(array, signals, strict=True):
+        start = max(signal.shape[1] - n_samples, 0) // 2
+        section = signal[:, start : start + n_samples]
+        row[:, : section.shape[1]] = section
+    return array
 
 
 def cepstra(x: Signal, fs: float) -> Table:
     """Return librosa's mel-frequency cepstral coefficients, shape (n_coefficients, n_frames)."""
     import librosa
 
-    frame = max(round(FRAME_S * fs), LEAST)
+    frame = max(round(FRAME_S * fs), MIN_FRAME)
     coefficients = librosa.feature.mfcc(
         y=x, sr=fs, n_mfcc=N_COEFFICIENTS, n_mels=N_MELS, n_fft=1 << (frame - 1).bit_length(),
         win_length=frame, hop_length=max(round(HOP * frame), 1),
@@ -154,21 +156,21 @@ def cepstra(x: Signal, fs: float) -> Table:
 
 def mean_and_deviation(x: Signal, fs: float) -> Table:
     """Return the mean and the standard deviation over frames of each coefficient."""
-    found = cepstra(x, fs)
-    return np.concatenate([found.mean(axis=1), found.std(axis=1)])
+    coefficients = cepstra(x, fs)
+    return np.concatenate([coefficients.mean(axis=1), coefficients.std(axis=1)])
 
 
 def tsfel_all(x: Signal, fs: float) -> Table:
     """Return every feature of TSFEL's default configuration, computed on the whole signal.
 
-    TSFEL names columns by frequencies rounded to 0.01 Hz, so below `TSFEL_LEAST_HZ` time is counted in a
-    shorter unit: frequencies keep their order.
+    TSFEL names columns after frequencies rounded to 0.01 Hz. Lower sampling rates are replaced by
+    `TSFEL_MIN_HZ`, so that the names stay different; the order of frequencies does not change.
     """
     import tsfel
 
-    rate = max(fs, TSFEL_LEAST_HZ)
-    found = tsfel.time_series_features_extractor(tsfel.get_features_by_domain(), x, fs=rate, verbose=0)
-    return np.asarray(found.to_numpy(dtype=np.float64)[0])
+    rate = max(fs, TSFEL_MIN_HZ)
+    table = tsfel.time_series_features_extractor(tsfel.get_features_by_domain(), x, fs=rate, verbose=0)
+    return np.asarray(table.to_numpy(dtype=np.float64)[0])
 
 
 def tsfresh_minimal(x: Signal, fs: float) -> Table:
@@ -176,14 +178,14 @@ def tsfresh_minimal(x: Signal, fs: float) -> Table:
     import pandas as pd
     from tsfresh.feature_extraction import MinimalFCParameters, extract_features
 
-    found = extract_features(
+    table = extract_features(
         pd.DataFrame({"id": 0, "x": x}),
         column_id="id",
         default_fc_parameters=MinimalFCParameters(),
         n_jobs=0,
         disable_progressbar=True,
     )
-    return np.asarray(found.to_numpy(dtype=np.float64)[0])
+    return np.asarray(table.to_numpy(dtype=np.float64)[0])
 
 
 def catch22(x: Signal, fs: float) -> Table:
@@ -216,7 +218,7 @@ def hydra_and_multirocket(seed: int) -> list[tuple[Any, int | None]]:
 
 
 def counts_and_values(widths: list[int]) -> Any:
-    """Return the scaling of Hydra's counts and of MultiRocket's pooled values."""
+    """Return the scaling step of Hydra's counts and MultiRocket's pooled values."""
     counts, rest = slice(0, widths[0]), slice(widths[0], None)
     return ColumnTransformer([("hydra", CountScaler(), counts), ("rocket", StandardScaler(), rest)])
 
@@ -224,12 +226,12 @@ def counts_and_values(widths: list[int]) -> Any:
 class CountScaler(TransformerMixin, BaseEstimator):  # type: ignore[misc]
     """Standardise the square roots of sparse counts; a zero stays a zero.
 
-    z = (sqrt(max(x, 0)) - mean) [x > 0] / (deviation + share of zeros^4 + 1e-8): a kernel that rarely wins
-    says little. The scaling that Hydra's authors use.
+    z = (sqrt(max(x, 0)) - mean) [x > 0] / (deviation + share of zeros^4 + 1e-8). Kernels that rarely have the
+    largest response get a small weight. This is the scaling of Hydra's authors.
     """
 
     def fit(self, X: Table, y: Any = None) -> Self:
-        """Learn mean, deviation and the share of zeros of each column."""
+        """Compute mean, deviation and share of zeros of each column."""
         root = np.sqrt(np.maximum(X, 0))
         self.mean_ = root.mean(axis=0)
         self.deviation_ = root.std(axis=0, ddof=1) + (root == 0).mean(axis=0) ** 4 + 1e-8
@@ -243,20 +245,26 @@ class CountScaler(TransformerMixin, BaseEstimator):  # type: ignore[misc]
 
 @dataclass(frozen=True)
 class Baseline:
-    """A tool that users might take instead.
+    """Another library as a baseline.
 
     Attributes
     ----------
     name, title
-        On the command line and in the report.
+        Name on the command line, title in reports.
     packages
-        Distributions it needs, the most telling first.
+        Required distributions, the main one first.
     make
         (fs in Hz, seed) -> unfitted extractor.
     classifiers
-        Names in `CLASSIFIERS`.
+        Names of its classifiers in `CLASSIFIERS`.
     reference
-        Which settings.
+        Description of its settings.
+
+    Examples
+    --------
+    >>> from texclass.baselines import BASELINES
+    >>> BASELINES["catch22"].packages
+    ('pycatch22',)
     """
 
     name: str
@@ -277,7 +285,7 @@ BASELINES = {
             lambda fs, seed: PerRecording(lambda x, fs: np.asarray(cepstra(x, fs).mean(axis=1)), fs),
             (*DISCRIMINANTS, "naive_bayes"),
             "13 coefficients of 26 mel bands, 25 ms frames (50 samples or more), 15 ms hop, mean of frames; "
-            "bands chosen with biotac20's test parts in view",
+            "bands selected on the test sets of biotac20 (optimistic there)",
         ),
         Baseline(
             "mfcc_deviation",
@@ -315,8 +323,10 @@ BASELINES = {
             "quant",
             "QUANT",
             ("aeon", "torch"),
-            # Trees need no scale; one at a time, because a batch's sorted copies would need much memory.
-            lambda fs, seed: OfEqualLength(quant, lambda widths: "passthrough", learns=False, batch=1),
+            # Trees need no scaling. Batches of one, because QUANT sorts copies of the signals.
+            lambda fs, seed: EqualLength(
+                quant, lambda widths: "passthrough", depends_on_training=False, batch=1
+            ),
             ("extra_trees",),
             "aeon QUANTTransformer and extra trees, their defaults",
         ),
@@ -324,7 +334,7 @@ BASELINES = {
             "minirocket",
             "MiniRocket",
             ("aeon",),
-            lambda fs, seed: OfEqualLength(
+            lambda fs, seed: EqualLength(
                 lambda: minirocket(seed), lambda widths: StandardScaler(with_mean=False)
             ),
             ("ridge",),
@@ -334,10 +344,10 @@ BASELINES = {
             "multirocket_hydra",
             "MultiRocket-Hydra",
             ("aeon", "torch"),
-            lambda fs, seed: OfEqualLength(lambda: hydra_and_multirocket(seed), counts_and_values),
+            lambda fs, seed: EqualLength(lambda: hydra_and_multirocket(seed), counts_and_values),
             ("ridge",),
             "aeon MultiRocket and HydraTransformer joined, their defaults, and ridge",
         ),
     )
 }
-"""Name -> baseline; those that take longest last."""
+"""Name -> baseline, the slowest last."""

@@ -1,9 +1,9 @@
-"""The worker: reads a task, computes the features of a baseline, fits, predicts, measures, and writes it.
+"""Worker: read a task, compute the features of a baseline, fit, predict, and write predictions and costs.
 
-In the folder of the task: `task.json` (fs in Hz, seed), `signal_000000.npy`, ... (one a recording, shape
-(n_channels, n_samples)), `layout.npz` (`labels`: class numbers; `train_0`, `test_0`, ...: row numbers of
-each fold). The worker writes, into a folder of its own, `started.json`, one `fold_<k>.json` for each fold as
-soon as it is done, `done.json` or `failed.json`.
+The folder of a task contains `task.json` (fs in Hz, seed), `signal_000000.npy`, ... (one per recording, shape
+(n_channels, n_samples)), and `layout.npz` (`labels`: class indices; `train_0`, `test_0`, ...: row indices of
+each fold). The worker writes to its own folder: `started.json`, `fold_<k>.json` after each fold, and
+`done.json` or `failed.json`.
 """
 
 import json
@@ -28,7 +28,7 @@ STATUS, RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 class Signals(Sequence[Signal]):
-    """Signals of some recordings, each read from its file when it is asked for."""
+    """Sequence of signals, each read from its file on access."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self.paths = paths
@@ -37,13 +37,13 @@ class Signals(Sequence[Signal]):
         return len(self.paths)
 
     def __getitem__(self, index: Any) -> Any:
-        """Read one recording, or return those of a slice."""
-        found: Any = self.paths[index]
-        return Signals(found) if isinstance(index, slice) else np.load(found)
+        """Read one signal, or return the sequence of a slice."""
+        selection: Any = self.paths[index]
+        return Signals(selection) if isinstance(index, slice) else np.load(selection)
 
 
 class Task(NamedTuple):
-    """What is handed over: rate in Hz, seed, signals, class numbers, (train, test) rows of each fold."""
+    """Task of a worker: sampling rate in Hz, seed, signals, class indices, rows of each fold."""
 
     fs: float
     seed: int
@@ -51,7 +51,7 @@ class Task(NamedTuple):
     labels: NDArray[np.int64]
     splits: tuple[tuple[Rows, Rows], ...]
 
-    def of(self, rows: Rows) -> Signals:
+    def select(self, rows: Rows) -> Signals:
         """Return the signals of some recordings."""
         return Signals([self.signals.paths[row] for row in rows])
 
@@ -59,7 +59,7 @@ class Task(NamedTuple):
 def write_task(
     folder: Path, signals: Iterable[Signal], labels: Any, splits: Any, fs: float, seed: int
 ) -> tuple[int, ...]:
-    """Write a task, its signals one at a time; return how many samples each of them has."""
+    """Write a task, one signal at a time; return the number of samples of each signal."""
     folder.mkdir(parents=True, exist_ok=True)
     lengths = []
     for number, signal in enumerate(signals):
@@ -74,7 +74,7 @@ def write_task(
 
 
 def read_task(folder: Path) -> Task:
-    """Read a task."""
+    """Read a task; signals are read on access."""
     facts = json.loads((folder / "task.json").read_text(encoding="utf-8"))
     with np.load(folder / "layout.npz") as layout:
         n_folds = sum(name.startswith("train_") for name in layout)
@@ -84,82 +84,82 @@ def read_task(folder: Path) -> Task:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file that is either complete or not there."""
+    """Write a JSON file (atomic write)."""
     unfinished = path.with_suffix(".unfinished")
     unfinished.write_text(json.dumps(content), encoding="utf-8")
     unfinished.replace(path)
 
 
 def main() -> int:
-    """Evaluate one baseline on one task; what went wrong is written, not raised."""
+    """Evaluate one baseline on one task; an error is written to `failed.json`, not raised."""
     task_folder, name, out = Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])
     warnings.simplefilter("ignore")
     baseline = BASELINES[name]
     try:
         work(baseline, read_task(task_folder), out)
     except Exception as error:
-        known = missing(baseline)
-        message = f"needs {', '.join(known)}" if known else f"{type(error).__name__}: {error}"
-        write_json(out / "failed.json", {"missing": bool(known), "message": message})
+        packages = missing_packages(baseline)
+        message = f"needs {', '.join(packages)}" if packages else f"{type(error).__name__}: {error}"
+        write_json(out / "failed.json", {"missing": bool(packages), "message": message})
         traceback.print_exc()
         return 1
     return 0
 
 
-def missing(baseline: Baseline) -> list[str]:
+def missing_packages(baseline: Baseline) -> list[str]:
     """Return the packages of a baseline that are not installed."""
     return [package for package in baseline.packages if _version(package) is None]
 
 
 def work(baseline: Baseline, task: Task, out: Path) -> None:
-    """Compute features, fit and predict fold after fold; one file a fold."""
-    if known := missing(baseline):
-        raise ModuleNotFoundError(", ".join(known))
+    """Compute features, fit and predict each fold, and write one file per fold."""
+    if packages := missing_packages(baseline):
+        raise ModuleNotFoundError(", ".join(packages))
     extractor = baseline.make(task.fs, task.seed)
-    few = task.signals[:2]
-    _, first_s = timed(lambda: extractor.fit(few).transform(few))
+    first_signals = task.signals[:2]
+    _, first_s = timed(lambda: extractor.fit(first_signals).transform(first_signals))
     versions = {package: _version(package) for package in ("numpy", "scikit-learn", *baseline.packages)}
     write_json(out / "started.json", {"first_s": first_s, "versions": versions})
     megabytes = watch_memory()
-    table, seconds = (None, 0.0) if extractor.learns else _of_all(extractor, task)
+    table, seconds = (None, 0.0) if extractor.depends_on_training else _feature_table(extractor, task)
     for k, (train, test) in enumerate(task.splits):
         if table is not None:
-            learnt, asked, fit_s, feature_s = table[train], table[test], 0.0, seconds
+            X_train, X_test, fit_s, feature_s = table[train], table[test], 0.0, seconds
         else:
-            _, fit_s = timed(partial(extractor.fit, task.of(train)))
-            learnt, learnt_s = timed(partial(extractor.transform, task.of(train)))
-            asked, asked_s = timed(partial(extractor.transform, task.of(test)))
-            feature_s = (learnt_s + asked_s) / (len(train) + len(test))
-        ran = {
-            name: _classify(extractor, name, task.seed, learnt, task.labels[train], asked, fit_s)
+            _, fit_s = timed(partial(extractor.fit, task.select(train)))
+            X_train, train_s = timed(partial(extractor.transform, task.select(train)))
+            X_test, test_s = timed(partial(extractor.transform, task.select(test)))
+            feature_s = (train_s + test_s) / (len(train) + len(test))
+        results = {
+            name: _classify(extractor, name, task.seed, X_train, task.labels[train], X_test, fit_s)
             for name in baseline.classifiers
         }
-        facts = {"n_columns": learnt.shape[1], "feature_s": feature_s, "memory_mb": megabytes()}
-        write_json(out / f"fold_{k}.json", {**facts, "classifiers": ran})
+        facts = {"n_columns": X_train.shape[1], "feature_s": feature_s, "memory_mb": megabytes()}
+        write_json(out / f"fold_{k}.json", {**facts, "classifiers": results})
     write_json(out / "done.json", {})
 
 
-def _of_all(extractor: Extractor, task: Task) -> tuple[Table, float]:
-    """Return the features of every recording (NaN where no fold uses it), and the seconds of each."""
-    used = np.unique(np.concatenate([rows for split in task.splits for rows in split]))
-    extractor.fit(task.of(used))
-    timings = [timed(partial(extractor.transform, [signal])) for signal in task.of(used)]
-    rows = np.concatenate([row for row, _ in timings])
-    table = np.full((len(task.signals), rows.shape[1]), np.nan, dtype=rows.dtype)
-    table[used] = rows
-    return table, sum(seconds for _, seconds in timings) / len(used)
+def _feature_table(extractor: Extractor, task: Task) -> tuple[Table, float]:
+    """Return the features of all recordings (NaN if no fold uses one), and the mean time of each in s."""
+    rows = np.unique(np.concatenate([rows for split in task.splits for rows in split]))
+    extractor.fit(task.select(rows))
+    timings = [timed(partial(extractor.transform, [signal])) for signal in task.select(rows)]
+    features = np.concatenate([values for values, _ in timings])
+    table = np.full((len(task.signals), features.shape[1]), np.nan, dtype=features.dtype)
+    table[rows] = features
+    return table, sum(seconds for _, seconds in timings) / len(rows)
 
 
 def _classify(
-    extractor: Extractor, name: str, seed: int, learnt: Table, labels: Any, asked: Table, fit_s: float
+    extractor: Extractor, name: str, seed: int, X_train: Table, y_train: Any, X_test: Table, fit_s: float
 ) -> dict[str, Any]:
-    recogniser = make_pipeline(extractor.scaler(), CLASSIFIERS[name](seed))
-    _, fitting_s = timed(lambda: recogniser.fit(learnt, labels))
-    predicted, predict_s = timed(lambda: recogniser.predict(asked))
+    classifier = make_pipeline(extractor.scaler(), CLASSIFIERS[name](seed))
+    _, classifier_s = timed(lambda: classifier.fit(X_train, y_train))
+    y_pred, predict_s = timed(lambda: classifier.predict(X_test))
     return {
-        "fit_s": fit_s + fitting_s,
-        "predict_s": predict_s / len(asked),
-        "predicted": predicted.tolist(),
+        "fit_s": fit_s + classifier_s,
+        "predict_s": predict_s / len(X_test),
+        "predicted": y_pred.tolist(),
     }
 
 
@@ -171,17 +171,17 @@ def _version(package: str) -> str | None:
 
 
 def timed(call: Callable[[], Any]) -> tuple[Any, float]:
-    """Return what a call returns, and the CPU seconds that it took of this process (all threads)."""
+    """Return the result of a call, and the CPU time of this process (all threads) in s."""
     start = time.process_time()
-    found = call()
-    return found, time.process_time() - start
+    result = call()
+    return result, time.process_time() - start
 
 
 def watch_memory() -> Callable[[], float]:
-    """Return what tells by how many MB (2^20 bytes) the process has grown, at its largest, since now.
+    """Return a function that returns the peak growth of the process from now on, in MB (2^20 bytes).
 
-    Linux forgets the earlier peak when asked to. Elsewhere the peak of the whole life of the process counts,
-    imports and compilation included, so the figure may be too low, never too high; Windows tells none (0).
+    On Linux the peak is reset first. On other systems the peak since the start of the process counts, with
+    imports and compilation, so that the growth can be too low, never too high. On Windows it is 0.
     """
     try:
         RESET.write_text("5", encoding="ascii")

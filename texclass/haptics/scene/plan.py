@@ -257,7 +257,7 @@ class ScenePlan:
             "doubling of speed or force), and the largest error relative to the tolerance. Operations and us "
             "are per sample.",
             n_words=2,
-            strong=[i for i, surface in enumerate(content["surfaces"]) if not surface["within_tolerance"]],
+            bold_rows=[i for i, surface in enumerate(content["surfaces"]) if not surface["within_tolerance"]],
         )
         figures = [
             speed_figure(surface["surface"], surface["speed_dependence"], surface)

@@ -60,7 +60,7 @@
     const names = [...table.tHead.rows[0].cells].slice(1);
     const n = names.length;
     const cells = [...table.tBodies[0].rows].flatMap((row) => [...row.cells].slice(1));
-    const words = (cell) => cell.title || `${cell.parentNode.cells[0].textContent}${table.dataset.between}${
+    const words = (cell) => cell.title || `${cell.parentNode.cells[0].textContent}${table.dataset.separator}${
       names[cell.cellIndex - 1].textContent.trim()}: ${table.dataset.empty}`;
     let marked = [];
     const show = (cell) => {

@@ -4,11 +4,11 @@ import re
 from itertools import pairwise
 
 import pytest
-from told import FILES, HOSTILE, document, everywhere, result
+from example_results import FILES, HOSTILE, document, everywhere, result
 
-from texclass.evaluation.additions import verdict
-from texclass.reporting import Figure, Heat, Table, render_markdown, write_document
-from texclass.reporting.figure_style import NARROW, WIDTH, drawn
+from texclass.evaluation.ablation import verdict
+from texclass.reporting import Figure, HeatMap, Table, render_markdown, write_document
+from texclass.reporting.figure_style import NARROW, WIDTH, draw_block
 
 KINDS = [file.stem for file in FILES]
 
@@ -20,7 +20,7 @@ def table(told, i=0):
 
 
 def figure(told, name):
-    return next(block for block in told.blocks if isinstance(block, Figure | Heat) and block.name == name)
+    return next(block for block in told.blocks if isinstance(block, Figure | HeatMap) and block.name == name)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def as_balanced(data):
 
 
 def nothing_computed(data):
-    data |= {"confusion": None, "gains": None}
+    data |= {"confusion": None, "ablation": None}
     for row in data["rows"]:
         row |= {"accuracy": {}, "missing": "no taps"}
 
@@ -111,9 +111,9 @@ def over_operators(data, interval, n, **more):
         }
 
 
-CHOICE = {
-    "accuracy": {"mean": 0.7, "low": 0.604, "high": 0.781}, "protocols": ["chronological"],
-    "chosen": [["All", "lda"], ["Level", "lda"], ["All", "lda"]],
+NESTED_CV = {
+    "accuracy": {"mean": 0.7, "low": 0.604, "high": 0.781}, "inner_protocols": ["chronological"],
+    "selected": [["All", "lda"], ["Level", "lda"], ["All", "lda"]],
 }  # fmt: skip
 PROBLEMS = {
     "left_out": [["r1", "empty"]],
@@ -130,7 +130,7 @@ PROBLEMS = {
         (as_balanced, [], ["Further accuracies"]),
         (nothing_computed, ["of the rows could be evaluated", "not evaluated: no taps"], []),
         (lambda d: d["rows"][0].update(paper={}), ["−10.0 points", "published for Row"], []),
-        (lambda d: d.update(choice=CHOICE),
+        (lambda d: d.update(nested_cv=NESTED_CV),
          ["70.0 %", "[60.4, 78.1] of the recordings of 3 surfaces classified correctly, with row and",
           "90.0 % by All with LDA: the best of 3 pairs of row and classifier, selected on the test folds",
           "selected: All, LDA (2 of 3 folds); Level, LDA (1 of 3 folds)."], []),
@@ -138,7 +138,7 @@ PROBLEMS = {
          ["Recordings left out, 1: r1: empty.", "r5: clipped; and 3 more, in the JSON.",
           "waviness in 3 of 100: too short"], ["100 of 100"]),
         (lambda d: over_operators(d, "Wilson", 3),
-         ["95 % confidence interval over 3 operators", "3 operators are too few to estimate"], []),
+         ["95 % confidence interval over 3 operators", "3 operators are too few for their spread"], []),
         (lambda d: over_operators(d, "t", 7, mean=0.97),
          ["Near 0 or 100 % the interval of 7 operators may be too narrow."], []),
     ],
@@ -153,11 +153,11 @@ def test_what_is_special_about_a_benchmark_is_told(change, said, unsaid):
 
 def test_the_confusion_matrix_says_each_pair():
     heat = figure(document("benchmark"), "confusion")
-    assert heat.says.startswith("3 of 30 recordings are misclassified")
+    assert heat.summary.startswith("3 of 30 recordings are misclassified")
     shade = heat.rows[HOSTILE][0]
     assert shade == ("d5", "9", "9 of 10 recordings (90 %)")
-    assert heat.rows[HOSTILE][1].look == "e1"
-    assert not heat.rows[HOSTILE][2].sign
+    assert heat.rows[HOSTILE][1].colour == "e1"
+    assert not heat.rows[HOSTILE][2].text
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_the_axis_of_all_rows_begins_below_all_that_it_shows(change, low, high):
     data = result("benchmark")
     change(data)
     for width in (WIDTH, NARROW):
-        (axes,) = drawn(figure(document("benchmark", data), "ranking"), width).axes
+        (axes,) = draw_block(figure(document("benchmark", data), "ranking"), width).axes
         begin, end = axes.get_xlim()
         assert begin <= low
         assert low - begin <= 12
@@ -185,56 +185,57 @@ def test_the_axis_of_all_rows_begins_below_all_that_it_shows(change, low, high):
 def test_every_classifier_is_drawn_and_told_and_every_row_costs():
     told = document("benchmark")
     ranking = figure(told, "ranking")
-    (axes,) = drawn(ranking).axes
+    (axes,) = draw_block(ranking).axes
     said = [line.get_gid() for line in axes.lines if line.get_gid() and "All" in line.get_gid()]
     assert said == ["All, LDA: published 86 %", "All, LDA: ours 90.0 [82.6, 94.5] %",
                     "All, Naive Bayes: ours 80.0 [71.1, 86.7] %"]  # fmt: skip
     assert ranking.table.frame["Classifier"].tolist() == ["LDA", "Naive Bayes", "LDA"]
     costs = figure(told, "row-costs")
     assert (
-        "All, 3.5 ms per recording, is the most accurate; no faster row comes within 5 points" in costs.says
+        "All, 3.5 ms per recording, is the most accurate; no faster row comes within 5 points"
+        in costs.summary
     )
-    assert [text.get_text() for text in drawn(costs).axes[0].texts] == ["90.0 %", "50.0 %"]
+    assert [text.get_text() for text in draw_block(costs).axes[0].texts] == ["90.0 %", "50.0 %"]
 
 
 def test_a_recording_and_its_phases_come_before_the_table_where_the_result_holds_one():
     data = result("benchmark")
     told = document("benchmark", data)
     assert told.blocks[0].name == "example"
-    assert "s): 1 tap, movement from 1.00 to 2.00 s." in told.blocks[0].says
+    assert "s): 1 tap, movement from 1.00 to 2.00 s." in told.blocks[0].summary
     assert told.blocks[0].table.frame["Phase"].tolist() == ["tap 1", "movement"]
     for width in (WIDTH, NARROW):
-        (axes,) = drawn(told.blocks[0], width).axes
+        (axes,) = draw_block(told.blocks[0], width).axes
         assert axes.get_legend_handles_labels()[1] == ["signal", "tap: hand, impact, decay", "movement"]
     del data["example"]
     assert not any(getattr(block, "name", "") == "example" for block in document("benchmark", data).blocks)
 
 
 def test_bars_of_one_feature_stand_apart_so_that_each_says_its_own_number():
-    (axes,) = drawn(figure(document("tradeoff"), "costs")).axes
+    (axes,) = draw_block(figure(document("tradeoff"), "costs")).axes
     places = sorted((bar.get_y(), bar.get_y() + bar.get_height()) for bar in axes.patches)
     assert all(end <= start for (_, end), (start, _) in pairwise(places))
 
 
 def test_gains_claim_no_more_than_was_found():
-    gains = result("benchmark")["gains"]
+    ablation = result("benchmark")["ablation"]
     assert "groups change the accuracy significantly (corrected p below 0.05): taps +5.0 points." in verdict(
-        gains
+        ablation
     )
-    gains["groups"][0]["p_corrected"] = 0.4
-    assert verdict(gains) == "No significant difference with taps (corrected p below 0.05)."
-    gains["groups"][0]["paired"] |= {"least": 0.07, "clusters": "recording", "n_clusters": 40}
-    assert verdict(gains) == (
+    ablation["groups"][0]["p_corrected"] = 0.4
+    assert verdict(ablation) == (
         "No significant difference with taps (corrected p below 0.05); minimum detectable difference at 80 % "
         "power with 40 recordings: 7 points; try more recordings, or `--window 1`."
     )
-    gains["groups"][0]["paired"] |= {"clusters": "operator", "n_clusters": 5}
-    assert "5 operators cannot reach 5% by their signs alone (6.2%); try more operators" in verdict(gains)
-    assert "no gain is possible" in verdict(gains | {"without": {"accuracy": 1}})
-    assert verdict(gains | {"groups": gains["groups"][1:]}) == "The dataset has none of the groups."
+    ablation["groups"][0]["comparison"] |= {"clusters": "operator", "n_clusters": 5}
+    assert "a sign test of 5 operators cannot reach 5% (at best 6.2%); try more operators" in verdict(
+        ablation
+    )
+    assert "no gain is possible" in verdict(ablation | {"base": {"accuracy": 1}})
+    assert verdict(ablation | {"groups": ablation["groups"][1:]}) == "The dataset has none of the groups."
     told = document("benchmark")
     assert table(told, 2)["+ taps"] == ["15", "95.0", "+5.0 [+1.0, +9.0]", "2/1", "0.012", "0.024", "4.00"]
-    (axes,) = drawn(figure(told, "gains")).axes
+    (axes,) = draw_block(figure(told, "gains")).axes
     assert [label.get_text() for label in axes.get_yticklabels()] == ["+ taps"]
 
 
@@ -247,7 +248,7 @@ def test_gains_claim_no_more_than_was_found():
         ({"declared": {"power": 0, "shift": -20}, "measured": {"power": 0.5, "shift": 1}, "deviation": 0.99,
           "holds": False}, "y(g x) = y - 20 log10 g; BROKEN by 0.99; measured y(g x) = g^0.5 y + log10 g"),
         ({"declared": {"power": 0, "shift": 0}, "measured": {"power": 0, "shift": 0}, "deviation": 0.5,
-          "measured_deviation": 0.5, "holds": False}, "measured another, of no power and no shift"),
+          "measured_deviation": 0.5, "holds": False}, "measured another law, neither a power nor a shift"),
     ],
 )  # fmt: skip
 def test_a_gain_law_is_told_as_an_equation(law, said):
@@ -264,7 +265,10 @@ def test_a_feature_that_breaks_the_contract_or_joins_nothing_is_told():
     told, _ = everywhere(document("feature", data))
     assert "1 of 2 results meet the feature contract" in told
     assert "one NaN no reason nan INVALID" in told
-    assert "there is no row that it can join" in everywhere(document("feature", data | {"gains": None}))[0]
+    assert (
+        "there is no row to which it can be added"
+        in everywhere(document("feature", data | {"ablation": None}))[0]
+    )
 
 
 def test_the_front_marks_knee_half_and_the_full_set():
@@ -288,7 +292,7 @@ def test_who_did_not_finish_is_told_with_the_reason():
     text = " ".join(render_markdown(document("baselines", data)).split())
     for said in ("QUANT, Ridge: stopped after 9 s", "1 of 2 folds", "needs tsfel", "10,000 kernels", "aeon"):
         assert said in text
-    axes = drawn(figure(document("baselines", data), "time")).axes[0]
+    axes = draw_block(figure(document("baselines", data), "time")).axes[0]
     assert {text.get_text() for text in axes.texts} == {"1", "2", "3"}
     del data["contestants"][1]
     assert "of the baselines finished every fold." in everywhere(document("baselines", data))[0]
@@ -297,14 +301,14 @@ def test_who_did_not_finish_is_told_with_the_reason():
 def test_long_names_of_tools_are_broken_where_the_figure_is_narrow():
     data = result("baselines")
     data["contestants"][0]["title"] = "ours: " + "a long name " * 6
-    (axes,) = drawn(figure(document("baselines", data), "time"), NARROW).axes
+    (axes,) = draw_block(figure(document("baselines", data), "time"), NARROW).axes
     lines = [line for label in axes.get_legend_handles_labels()[1] for line in label.split("\n")]
     assert max(map(len, lines)) <= 11 * NARROW
 
 
 def test_the_features_of_the_study_are_ordered_by_their_worst_condition():
     shown = figure(document("invariance"), "ratios")
-    (axes,) = drawn(shown).axes
+    (axes,) = draw_block(shown).axes
     assert axes.get_yticklabels()[0].get_text() == "mfcc (texclass)"
     assert shown.table.frame["Ratio"].tolist() == ["2", "3", "0.5", "undefined"]
 
@@ -329,7 +333,7 @@ def test_chance_stands_beside_every_accuracy_in_text_and_picture():
         assert "chance" in told.finding.sentence
         for text in everywhere(told):
             assert "chance level" in text.lower()
-        (axes,) = drawn(figure(told, name), WIDTH).axes
+        (axes,) = draw_block(figure(told, name), WIDTH).axes
         assert any("chance" in label for label in axes.get_legend_handles_labels()[1])
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from toy_noises import row
 
-from texclass.evaluation.additions import unseen
+from texclass.evaluation.ablation import detectable
 from texclass.evaluation.benchmark import run_benchmark
-from texclass.evaluation.pipeline import AdditionSettings, Selection
+from texclass.evaluation.pipeline import AblationSettings, Selection
 
 GROUPS = (row("Loudness", "level"), row("Taps", "knock"))
 ROWS = (row("Chance", "rarely"), row("All", "rarely", "level"))
@@ -19,9 +19,9 @@ def gains(toy_dataset, pipeline):
     """Run the benchmark of a dataset with two groups; return it and what they add."""
 
     def run(*rows, protocol=None, additions=GROUPS, **gain):
-        changed = pipeline(*(rows or ROWS), additions=additions, seed=5, gain=AdditionSettings(**gain))
+        changed = pipeline(*(rows or ROWS), additions=additions, seed=5, gain=AblationSettings(**gain))
         result = run_benchmark(toy_dataset(n_surfaces=4, n_repetitions=8), changed, protocol=protocol)
-        return result, result.data["gains"]
+        return result, result.data["ablation"]
 
     return run
 
@@ -29,23 +29,21 @@ def gains(toy_dataset, pipeline):
 def test_a_group_that_helps_is_found_and_one_that_is_lacking_is_named(gains):
     result, found = gains()
     loudness, taps = found["groups"]
-    paired = loudness["paired"]
+    paired = loudness["comparison"]
     assert (found["row"], found["n_repeats"], found["n_folds"]) == ("Chance", 5, 4)
-    assert paired["difference"] == pytest.approx(
-        loudness["joined"]["accuracy"] - found["without"]["accuracy"]
-    )
+    assert paired["difference"] == pytest.approx(loudness["combined"]["accuracy"] - found["base"]["accuracy"])
     assert paired["difference"] > 0.3
     assert paired["low"] <= paired["difference"] <= paired["high"]
     assert loudness["p_corrected"] < 0.01
     assert np.shape(paired["folds"]) == (5, 4)
-    assert (taps["joined"], taps["paired"], taps["missing"]) == (None, None, "no tap found (knock)")
-    assert json.loads(result.to_json())["gains"]["groups"][1] == taps
+    assert (taps["combined"], taps["comparison"], taps["missing"]) == (None, None, "no tap found (knock)")
+    assert json.loads(result.to_json())["ablation"]["groups"][1] == taps
 
 
 def test_the_first_repeat_has_the_folds_of_the_table(gains):
     result, found = gains(repeats=1)
     folds = {r["name"]: r["accuracy"][found["classifier"]]["folds"] for r in result.data["rows"]}
-    assert found["groups"][0]["paired"]["folds"][0] == pytest.approx(
+    assert found["groups"][0]["comparison"]["folds"][0] == pytest.approx(
         np.subtract(folds["All"], folds["Chance"])
     )
 
@@ -58,10 +56,10 @@ def test_a_named_row_and_classifier_are_taken_else_the_best_without_a_group_insi
     ]
     named = gains(*rows, base="Chance", classifier="euclidean", repeats=2)[1]
     assert (named["row"], named["classifier"]) == ("Chance", "euclidean")
-    assert named["chosen"] == "row and classifier named by the pipeline"
+    assert named["selection"] == "row and classifier named by the pipeline"
     best = gains(*rows, repeats=2)[1]
     assert best["row"] == "Peaks"
-    assert "selected on these recordings" in best["chosen"]
+    assert "selected on these recordings" in best["selection"]
 
 
 def test_splits_that_are_not_drawn_are_compared_once_over_what_is_independent(gains):
@@ -70,7 +68,7 @@ def test_splits_that_are_not_drawn_are_compared_once_over_what_is_independent(ga
         ("chronological", "exact McNemar test, t interval over recordings", 0.05),
     ):
         found = gains(protocol=protocol)[1]
-        paired = found["groups"][0]["paired"]
+        paired = found["groups"][0]["comparison"]
         assert found["n_repeats"] == 1
         assert paired["test"] == test
         assert paired["p_value"] <= p
@@ -81,15 +79,14 @@ def test_a_row_that_selects_keeps_its_number_of_columns_and_no_group_gives_no_ga
     selected = row("Selected", "rarely", "peaks", select=Selection(n=2, folds=2))
     found = gains(selected)[1]
     assert found["selects"]
-    assert found["groups"][0]["joined"]["n_features"] == found["without"]["n_features"] == 2
+    assert found["groups"][0]["combined"]["n_features"] == found["base"]["n_features"] == 2
     assert gains(additions=())[1] is None
 
 
 @pytest.mark.parametrize(("n", "share"), [(3, "25.0%"), (5, "6.2%"), (6, None), (12, None)])
 def test_a_result_says_where_signs_of_few_clusters_alone_cannot_be_significant(n, share):
-    paired = {"n_clusters": n, "clusters": "operator", "least": 0.125}
-    told = unseen([{"paired": paired}])
+    paired = {"n_clusters": n, "clusters": "operator", "minimum_detectable": 0.125}
+    told = detectable([{"comparison": paired}])
     assert f"80 % power with {n} operators: 12.5 points" in told
-    assert ("by their signs alone" in told) == (share is not None)
-    assert share is None or f"({share})" in told
-    assert unseen([{"paired": {"least": None}}]) == ""
+    assert ("a sign test of" in told) == (share is not None)
+    assert share is None or f"(at best {share})" in told
