@@ -1,7 +1,7 @@
-"""Abdulali and Jeon, "Data-driven modeling of anisotropic haptic textures" (2016): its figures beside ours.
+"""Abdulali and Jeon, "Data-driven modeling of anisotropic haptic textures" (2016): its figures.
 
-Run `python examples/papers/abdulali2016.py --out DIR`: a quarter of an hour, with `--small` a minute. Real
-recordings are used where they are present (`TEXCLASS_DATA`).
+Run `python examples/papers/abdulali2016.py --out DIR`: 15 minutes, or one minute with `--small`. Real
+recordings are used if they are present (`TEXCLASS_DATA`).
 """
 
 import abdulali2016_study as study
@@ -30,41 +30,41 @@ COLOURS = (OURS, OTHER, THIRD, FOURTH)
 
 
 def main():
-    """Compute the numbers, and tell them."""
-    asked = shared.arguments(__doc__)
-    with threadpool_limits(1):  # matrices are small: threads would wait for each other
-        numbers = compute(asked.seed, asked.small)
-    told = tell(numbers, asked.seed, ("S3",) if asked.small else ("S3", "S1", "S7"))
-    numbers |= {"seed": asked.seed, "versions": versions("numpy", "scipy", "scikit-learn", "numba")}
-    shared.write_chapter(told, numbers, asked.out, KEY)
+    """Compute the numbers and write the chapter."""
+    options = shared.arguments(__doc__)
+    with threadpool_limits(1):  # the matrices are small, so threads would only wait for each other
+        numbers = compute(options.seed, options.small)
+    document = write(numbers, options.seed, ("S3",) if options.small else ("S3", "S1", "S7"))
+    numbers |= {"seed": options.seed, "versions": versions("numpy", "scipy", "scikit-learn", "numba")}
+    shared.write_chapter(document, numbers, options.out, KEY)
 
 
 def compute(seed, small):
-    """Return what the chapter says: simulated and real surfaces, what was held out, sparsity, times."""
+    """Return the numbers of the chapter: simulated and real surfaces, held-out runs, sparsity and times."""
     surfaces = (get_surface("S4"),) if small else SURFACES
     orders, rates = ((20,), (FS,)) if small else ((20, 400), (FS, 10_000.0))
     n_seeds, n_steps = (1, 500) if small else (50, 4000)
-    found, input_hash = ({}, "") if small else shared.recordings("stylus6")
-    scans = [condition(Scan.from_recording(each)) for each in found.values()]
+    recordings, input_hash = ({}, "") if small else shared.recordings("stylus6")
+    scans = [condition(Scan.from_recording(recording)) for recording in recordings.values()]
     halves = [(scan.crop(0, len(scan) // 2), scan.crop(len(scan) // 2, len(scan))) for scan in scans]
     runs = [study.study_held_out(SURFACES[i % len(SURFACES)], seed + i) for i in range(n_seeds)]
     training, renders = simulate_scan(get_surface("S2"), 20.0, FS, np.random.default_rng(seed)), []
     for order in orders:
         network = model_scan(training, order=order).network()
-        renders += [study.time_rendering(each, n_steps) for each in (network, bake(network, "S2"))]
+        renders += [study.time_rendering(texture, n_steps) for texture in (network, bake(network, "S2"))]
     return {
-        "simulated": [study.study_surface(each, seed) for each in surfaces],
+        "simulated": [study.study_surface(surface, seed) for surface in surfaces],
         "real": [study.study_scans(*pair, isotropic=True) for pair in halves],
-        "held_out": {kept: [run[kept] for run in runs] for kept in ("speed", "force", "direction")},
-        "sparsity": np.mean([study.study_sparsity(each, seed) for each in surfaces], axis=0).tolist(),
+        "held_out": {axis: [run[axis] for run in runs] for axis in ("speed", "force", "direction")},
+        "sparsity": np.mean([study.study_sparsity(s, seed) for s in surfaces], axis=0).tolist(),
         "fits": [study.time_fit(fs, order) for fs in rates for order in orders],
         "renders": renders,
         "input_hash": input_hash,
     }
 
 
-def tell(numbers, seed, shown):
-    """Return the chapter: what the paper says, and ours beside it."""
+def write(numbers, seed, shown):
+    """Return the document of the chapter, with published and our results."""
     scan, training = (
         simulate_scan(get_surface("S3"), s, FS, np.random.default_rng(seed)) for s in (10.0, 20.0)
     )
@@ -72,12 +72,13 @@ def tell(numbers, seed, shown):
         "abdulali2016: anisotropic textures",
         [
             "Abdulali and Jeon, Data-Driven Modeling of Anisotropic Haptic Textures, 2016.",
-            """What is simulated: the paper's recordings are not public. S1 ... S9 are simulated surfaces,
-            autoregressive processes whose resonances and level vary smoothly with velocity and force, all but
-            S4 with direction; a simulated hand strokes them freely. Frequencies and levels are ours, so no
-            number below says anything about the paper's surfaces. Real recordings: `stylus6`, isotropic.""",
-            """The paper has no table. Its Fig. 5(a) says: GFC above 0.90 for every sample but S1, and S1
-            close to it.""",
+            """What is simulated: the recordings of the paper are not public. S1 ... S9 are simulated,
+            autoregressive processes whose resonances and level vary smoothly with velocity and force, and for
+            all but S4 with direction; a simulated hand strokes them freely. Frequencies and levels are our
+            choice, so the numbers below do not describe the surfaces of the paper. Real recordings:
+            `stylus6`, isotropic.""",
+            """The paper has no table. According to its Fig. 5(a) the GFC is above 0.90 for every sample but
+            S1, and close to it for S1.""",
             *_cross_validated(numbers["simulated"], seed, shown),
             Heading("Fig. 2(b) and 4: segments and input space (simulated)"),
             shared.figure("fig2b", draw_segments, scan),
@@ -96,64 +97,64 @@ def _cross_validated(rows, seed, shown):
     return [
         Heading("Fig. 5(a): cross-validation, 20 s of training, 10 s of validation (simulated)"),
         f"""Published: 8 of 9 samples above 0.90. Ours: {n_good} of {len(rows)}. Mean GFC over windows of 500
-        samples ± deviation over windows; the truth again is the true process along the same motion with other
-        noise: no model can be expected to exceed it.""",
+        samples ± standard deviation over windows. "The truth again" is the true process along the same motion
+        with other noise, an upper bound for any model.""",
         _score_table(rows, WAYS),
-        f"""RMS error of the level per window, dB, and the exponents found in it (the truth is {GROWTH[0]},
-        {GROWTH[1]}):""",
+        f"""RMS error of the
+        level per window in dB, and fitted exponents of the level (true values: {GROWTH[0]}, {GROWTH[1]}):""",
         _score_table(rows, WAYS, level=True),
         shared.figure("fig5a", draw_scores, rows),
         shared.figure("fig5bcd", draw_spectra, seed, shown),
-        f"""Network: exact solution of eq. (5), spectra pooled where that predicts left-out segments better
-        (here {pooled or "nowhere"}), segments counted for both ways of a stroke where that fits (here
-        {symmetric or "nowhere"}: the simulated grain has a period of 180°; plain does neither), as extra
-        output what a power law of speed and force leaves of the level, parameters that glide. As published:
-        Yule-Walker, variance as extra output, sparse network, parameters that jump every 16 samples. Where a
-        variance among zeros swings below zero it counts as silence, and such windows score 0: this is what
-        costs it most.""",
+        f"""Network: exact solution of eq. (5). Spectra
+        are pooled where that predicts held-out segments better (here {pooled or "nowhere"}), and segments are
+        used for both directions of a stroke where that fits (here {symmetric or "nowhere"}: the simulated
+        grain has a period of 180°); "plain" does neither. The extra output is the residual of the level from
+        a power law of speed and force, and parameters change linearly. As published: Yule-Walker, variance as
+        extra output, sparse network, parameters that jump every 16 samples. Where the variance becomes
+        negative the output is silent, and such windows have a GFC of 0, which causes most of its loss.""",
     ]
 
 
-def _held_out(found):
+def _held_out(results):
     (slow, fast), (light, hard), sector = study.SPEED_BAND, study.FORCE_BAND, np.rad2deg(study.SECTOR_RAD)
     names = {
         "speed": f"speeds {slow:g}-{fast:g} mm/s, tested at {study.SPEED:g}",
         "force": f"forces {light:g}-{hard:g} N, tested at {study.FORCE:g}",
         "direction": f"directions ± {sector:.0f}° around the tested one and its opposite",
     }
-    rows, missed = [], []
-    for kept, gfc in found.items():
+    rows, misses = [], []
+    for axis, gfc in results.items():
         values = f"{np.mean(gfc):.4f}", f"{np.percentile(gfc, 5):.4f}", f"{min(gfc):.4f}"
-        rows.append((names[kept], *values, f"{sum(x > 0.95 for x in gfc)} of {len(gfc)}"))
+        rows.append((names[axis], *values, f"{sum(x > 0.95 for x in gfc)} of {len(gfc)}"))
         below = [(SURFACES[i % len(SURFACES)].name, x) for i, x in enumerate(gfc) if x <= 0.95]
-        missed += [f"{name} {kept} {x:.3f}" for name, x in below]
+        misses += [f"{name} {axis} {x:.3f}" for name, x in below]
     return [
-        Heading(f"Held-out speed, force and direction, {len(found['speed'])} seeds (simulated)"),
-        """Each seed draws another hand, another noise and another held-out direction; surfaces in turn.
+        Heading(f"Held-out speed, force and direction, {len(results['speed'])} seeds (simulated)"),
+        """Each seed draws another hand motion, noise and held-out direction; the surfaces alternate.
         Required: above 0.95.""",
-        shared.table(("left out of the training", "mean", "5 %", "least", "runs above 0.95"), rows),
-        f"Misses: {'; '.join(missed) or 'none'}.",
-        shared.figure("held-out", draw_held_out, found),
+        shared.table(("held out", "mean", "5 %", "minimum", "runs above 0.95"), rows),
+        f"Misses: {'; '.join(misses) or 'none'}.",
+        shared.figure("held-out", draw_held_out, results),
     ]
 
 
 def _real(rows):
     if not rows:
         return [Heading("Real recordings"), f"`stylus6`: {shared.ABSENT}"]
-    covered = [row["coverage"] for row in rows]
+    coverage = [row["coverage"] for row in rows]
     pairs = [(row["scores"]["network"], row["scores"]["one AR model"]) for row in rows]
-    better, truer = sum(a.gfc > b.gfc for a, b in pairs), sum(a.level_db < b.level_db for a, b in pairs)
+    n_gfc, n_level = sum(a.gfc > b.gfc for a, b in pairs), sum(a.level_db < b.level_db for a, b in pairs)
     return [
         Heading("Real recordings: `stylus6`, first half for training, second for validation, isotropic"),
         _score_table(rows, REAL_WAYS),
         "RMS error of the level per window, dB:",
         _score_table(rows, REAL_WAYS, level=True),
-        f"""These hands are never steady: with the printed tau_2 = 0.08 segments cover {min(covered):.0%} to
-        {max(covered):.0%} of the training (- where none is left); the default doubles tau_2 until half is
-        covered. One AR model of everything at one level is deaf to speed and force. Against it the network
-        has the higher GFC on {better} and the smaller error of the level on {truer} of {len(rows)}: spectra
-        and levels of these textures hardly change with speed and force (see the exponents), so there is
-        little to gain.""",
+        f"""The motion is never steady: with the printed tau_2 = 0.08 segments cover
+        {min(coverage):.0%} to {max(coverage):.0%} of the training set (- if there is none); by default tau_2
+        is doubled until half is covered. "One AR model" is a single model at a constant level. The network
+        has a higher GFC on {n_gfc} and a smaller level error on {n_level} of {len(rows)}: spectra and levels
+        of these textures hardly depend on speed and force (see the exponents), so a single model is nearly as
+        good.""",
         shared.figure("stylus6", draw_scores, rows),
     ]
 
@@ -171,41 +172,41 @@ def _sparse_and_times(numbers):
         (t["family"], str(t["order"]), *(f"{t[time]:.0f} µs" for time in times), f"{t['operations']:,.0f}")
         for t in numbers["renders"]
     ]
-    measured = ("median", "p99.9", "CPU median", "CPU p99.9", "operations a sample")
+    header = ("median", "p99.9", "CPU median", "CPU p99.9", "operations per sample")
     return [
         Heading("Sparse or exact (simulated, mean over the surfaces, plain)"),
         shared.table(("tau / largest tau", "centres", "GFC"), sparse),
-        """The sparse solution minimises SpaRSA's objective (scikit-learn's MultiTaskLasso: one set of centres
-        for all outputs) and refits the centres it keeps.""",
+        """The sparse solution minimises the objective of SpaRSA (MultiTaskLasso of scikit-learn: one set of
+        centres for all outputs) and fits the selected centres again.""",
         Heading("Times"),
         "Fit of 20 s (limit: 5 s):",
-        shared.table(("rate", "order", "segmentation", "fit in all", "baking"), fits),
-        """Four contacts, one sample per call, together, on a machine that others use too (limit: p99.9 below
-        100 µs; the buffered network computes LSF and k every 16 samples, the baked one reads a grid of k at
-        each):""",
-        shared.table(("texture", "order", *measured), renders),
+        shared.table(("rate", "order", "segmentation", "total fit", "baking"), fits),
+        """Four contacts, one sample per call, in total, on a shared machine (limit: p99.9 below 100 µs). The
+        buffered network computes LSF and k every 16 samples, the baked texture interpolates k at each
+        sample:""",
+        shared.table(("texture", "order", *header), renders),
     ]
 
 
 def _score_table(rows, ways, *, level=False):
-    def shown(score):
+    def cell(score):
         if score is None:
             return "-"
         return f"{score.level_db:.1f}" if level else f"{score.gfc:.3f} ± {score.deviation:.3f}"
 
-    found = [(way, *(shown(row["scores"][way]) for row in rows)) for way in ways]
+    table_rows = [(way, *(cell(row["scores"][way]) for row in rows)) for way in ways]
     if level:
         exponents = ("{:.2f}, {:.2f}".format(*row["growth"]) for row in rows)
-        found.insert(0, ("exponents of speed, force", *exponents))
+        table_rows.insert(0, ("exponents of speed, force", *exponents))
     else:
-        found.insert(0, ("segments", *(str(row["n_segments"]) for row in rows)))
-    return shared.table(("", *(row["name"] for row in rows)), found)
+        table_rows.insert(0, ("segments", *(str(row["n_segments"]) for row in rows)))
+    return shared.table(("", *(row["name"] for row in rows)), table_rows)
 
 
 def draw_segments(scan, width):
     """Path, speed and force of a scan and its segments (Fig. 2b).
 
-    Segments in colour with their means; what is shorter than 75 ms or without contact in grey.
+    Segments in colour with their means; samples that are in no segment in grey.
     """
     segments = segment_adaptively(scan)
     figure = Drawing(figsize=(width, 0.44 * width), layout="constrained")
@@ -229,7 +230,7 @@ def draw_segments(scan, width):
 def draw_input_space(training, width):
     """Model points in the input space, without and with the silent ones (Fig. 4).
 
-    Points of zero force and of zero speed close the cloud of the segments from below.
+    Silent points at zero force and at zero speed bound the cloud of the segments from below.
     """
     modelled = model_scan(training)
     figure = Drawing(figsize=(width, 0.48 * width), layout="constrained")
@@ -238,8 +239,8 @@ def draw_input_space(training, width):
         axes = figure.add_subplot(1, 2, column + 1, projection="3d")
         points = modelled.points.concatenate(modelled.silent) if column else modelled.points
         u = points.u * modelled.frame.deviation + modelled.frame.mean
-        still, lifted = np.hypot(u[:, 0], u[:, 1]) < 1e-9, np.abs(u[:, 2]) < 1e-9
-        kinds = (~still & ~lifted, lifted & ~still, still)
+        is_still, is_lifted = np.hypot(u[:, 0], u[:, 1]) < 1e-9, np.abs(u[:, 2]) < 1e-9
+        kinds = (~is_still & ~is_lifted, is_lifted & ~is_still, is_still)
         for kind, (label, colour, marker) in zip(kinds[: 3 if column else 1], looks, strict=False):
             axes.scatter(*u[kind].T, color=colour, marker=marker, label=label, depthshade=False)
         axes.set(xlabel="v_x (mm/s)", ylabel="v_y (mm/s)", zlabel="f_n (N)", title=title)
@@ -254,40 +255,43 @@ def draw_input_space(training, width):
 def draw_scores(rows, width):
     """GFC of each surface (Fig. 5a).
 
-    Mean and deviation over windows of the network, of the method as published, of the triangulation and of a
-    single model; lines: the truth with other noise; dotted: 0.90, good, says the paper.
+    Mean and standard deviation over windows for the network, the published method, the triangulation and a
+    single model; lines: the true process with other noise; dotted: 0.90, the limit of a good model in the
+    paper.
     """
     figure, axes = new_figure(width, 0.5 * width)
     ways = ("network", "as published", "Delaunay", "one AR model")
-    x, apart = np.arange(len(rows)), 0.2
+    x, spacing = np.arange(len(rows)), 0.2
     for i, (way, (colour, shape)) in enumerate(zip(ways, LOOKS, strict=True)):
-        have = [(j, row["scores"][way]) for j, row in enumerate(rows) if row["scores"][way] is not None]
-        place, mean, deviation = np.array([(j, s.gfc, s.deviation) for j, s in have]).T
+        pairs = [(j, row["scores"][way]) for j, row in enumerate(rows) if row["scores"][way] is not None]
+        place, mean, deviation = np.array([(j, s.gfc, s.deviation) for j, s in pairs]).T
         error = [np.minimum(deviation, mean), np.minimum(deviation, 1 - mean)]
-        axes.errorbar(place + (i - 1.5) * apart, mean, error, fmt=shape, color=colour, label=way, ms=5, lw=1)
+        position = place + (i - 1.5) * spacing
+        axes.errorbar(position, mean, error, fmt=shape, color=colour, label=way, ms=5, lw=1)
     truth = [row["scores"].get("the truth again") for row in rows]
     if all(truth):
-        axes.hlines([s.gfc for s in truth], x - 0.45, x + 0.45, color=INK, label="the truth with other noise")
-    axes.axhline(0.9, color=INK, linewidth=0.8, linestyle=":", label="0.90: good, says the paper")
-    alone = [not row["anisotropic"] and row["kind"] != "real" for row in rows]
-    axes.set_xticks(x, [row["name"] + "\nisotropic" * plain for row, plain in zip(rows, alone, strict=True)])
+        axes.hlines([s.gfc for s in truth], x - 0.45, x + 0.45, color=INK, label="true process, other noise")
+    axes.axhline(0.9, color=INK, linewidth=0.8, linestyle=":", label="0.90: good model in the paper")
+    isotropic = [not row["anisotropic"] and row["kind"] != "real" for row in rows]
+    labels = [row["name"] + "\nisotropic" * flag for row, flag in zip(rows, isotropic, strict=True)]
+    axes.set_xticks(x, labels)
     axes.set(ylim=(None, 1.0), ylabel="GFC, mean and deviation over windows")
     figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 
 def draw_spectra(seed, names, width):
-    """Power spectra of surfaces, recorded beside rendered (Fig. 5b-d).
+    """Power spectra of recorded and rendered vibrations (Fig. 5b-d).
 
-    The rendered spectra follow the recorded ones.
+    Rendered spectra should agree with the recorded ones.
     """
     figure = Drawing(figsize=(width, 0.32 * width), layout="constrained")
     panels = figure.subplots(1, len(names), squeeze=False)[0]
     for letter, name, axes in zip("bcd", names, panels, strict=False):
         rng = np.random.default_rng(seed)
         training, validation = (simulate_scan(get_surface(name), s, FS, rng) for s in (20.0, 10.0))
-        made = study.rendered(model_scan(training).network(), validation, seed)
-        for x, label, colour in ((validation.acceleration, "recorded", INK), (made, "rendered", OTHER)):
+        output = study.render_along(model_scan(training).network(), validation, seed)
+        for x, label, colour in ((validation.acceleration, "recorded", INK), (output, "rendered", OTHER)):
             f, power = signal.welch(x, FS, window="hamming", nperseg=250)
             axes.plot(f, 10 * np.log10(power), color=colour, label=label, linewidth=1.4)
         axes.set(xlabel="frequency (Hz)", title=f"({letter}) sample {name}", xlim=(0, FS / 2))
@@ -296,13 +300,13 @@ def draw_spectra(seed, names, width):
     return figure
 
 
-def draw_held_out(found, width):
+def draw_held_out(results, width):
     """GFC of the runs at held-out speeds, forces and directions.
 
-    Share of the runs at or below each mean GFC; dotted: 0.95, which is required.
+    Cumulative fraction of runs against the mean GFC; dotted: 0.95, the required value.
     """
     figure, axes = new_figure(0.7 * width, 0.36 * width)
-    for (label, values), colour in zip(found.items(), COLOURS, strict=False):
+    for (label, values), colour in zip(results.items(), COLOURS, strict=False):
         share = np.arange(1, len(values) + 1) / len(values)
         axes.step(np.sort(values), share, where="post", color=colour, label=f"held-out {label}")
     axes.axvline(0.95, color=INK, linestyle=":", linewidth=0.8)

@@ -1,4 +1,4 @@
-"""How close textures of `abdulali2016` come to recordings they have not seen, and how long they take."""
+"""Cross-validation of textures of `abdulali2016`, and their computing times."""
 
 from time import perf_counter, thread_time_ns
 from typing import NamedTuple
@@ -16,18 +16,18 @@ from texclass.vibration.scores import goodness_of_fit
 FS = 1000.0
 TRAINING_S, VALIDATION_S, HELD_OUT_S = 20.0, 10.0, 5.0
 WINDOW = 500
-"""Samples of a window at 1 kHz; half overlapping."""
+"""Length of a window in samples (at 1 kHz); windows overlap by half."""
 SPEED_BAND, SPEED = (60.0, 95.0), 75.0
-"""Mean speeds (mm/s) of the segments left out, and the speed of the test."""
+"""Mean speeds of held-out segments, and speed of the test, in mm/s."""
 FORCE_BAND, FORCE = (0.7, 1.2), 0.9
-"""The same for the force, N."""
+"""Mean forces of held-out segments, and force of the test, in N."""
 SECTOR_RAD = np.deg2rad(15.0)
-"""Directions this close to that of the test, or to its opposite, are left out."""
+"""Held-out directions: distance from the direction of the test, or from its opposite, in rad."""
 SPARSITIES = (0.3, 0.1, 0.03, 0.01, 0.0)
 
 
 class Score(NamedTuple):
-    """Mean and deviation over windows of the GFC, the paper's score, and the RMS error of the level, dB."""
+    """Mean and standard deviation over windows of the GFC (score of the paper), and RMS level error in dB."""
 
     gfc: float
     deviation: float
@@ -35,12 +35,12 @@ class Score(NamedTuple):
 
 
 def fit_as_published(scan, isotropic=False):
-    """Return the texture as the paper has it.
+    """Fit the texture as in the paper.
 
     No pooling, the printed thresholds, variance as extra output, sparse network, 16-sample buffer with jumps.
     """
-    as_printed = {"pooling": "none", "mirror": "none", "loudness": "variance", "method": "autocorrelation"}
-    modelled = model_scan(scan, isotropic=isotropic, segments=segment_input(scan), **as_printed)
+    options = {"pooling": "none", "mirror": "none", "loudness": "variance", "method": "autocorrelation"}
+    modelled = model_scan(scan, isotropic=isotropic, segments=segment_input(scan), **options)
     return modelled.network("sparse", glide=False)
 
 
@@ -50,51 +50,51 @@ def compare(recorded, rendered):
     pairs = [(recorded[i : i + WINDOW], rendered[i : i + WINDOW]) for i in starts]
     gfc = np.array([goodness_of_fit(a, b, window=WINDOW) for a, b in pairs])
     power = np.array([[np.mean(a**2), np.mean(b**2)] for a, b in pairs])
-    least = 1e-12 * power[:, 0].max() + np.finfo(np.float64).tiny
-    level = 10 * np.diff(np.log10(np.maximum(power, least)), axis=1)
+    floor = 1e-12 * power[:, 0].max() + np.finfo(np.float64).tiny
+    level = 10 * np.diff(np.log10(np.maximum(power, floor)), axis=1)
     return Score(float(gfc.mean()), float(gfc.std()), float(np.sqrt(np.mean(level**2))))
 
 
-def rendered(texture, scan, seed=0):
+def render_along(texture, scan, seed=0):
     """Render a texture along the motion of a scan."""
     return texture.renderer(seed=seed).process(scan.velocity, scan.force, scan.position)
 
 
 def cross_validate(texture, scan, seed=0):
-    """Return the score of a texture along the motion of a conditioned scan that it was not fitted to."""
-    return compare(scan.acceleration, rendered(texture, scan, seed))
+    """Return the score of a texture along the motion of a held-out conditioned scan."""
+    return compare(scan.acceleration, render_along(texture, scan, seed))
 
 
-def study_surface(what, seed):
-    """Train on 20 s and validate on 10 s of a simulated surface, in every way there is."""
-    rng = np.random.default_rng([seed, SURFACES.index(what)])
-    training, validation = (simulate_scan(what, s, FS, rng) for s in (TRAINING_S, VALIDATION_S))
-    again = limit_vibration(what.vibration(validation.velocity, validation.force, FS, rng), FS)
-    found = study_scans(training, validation, isotropic=False)
-    found["scores"]["the truth again"] = compare(validation.acceleration, again)
-    return found | {"kind": what.kind, "anisotropic": what.is_anisotropic}
+def study_surface(surface, seed):
+    """Train on 20 s and validate on 10 s of a simulated surface with each method."""
+    rng = np.random.default_rng([seed, SURFACES.index(surface)])
+    training, validation = (simulate_scan(surface, s, FS, rng) for s in (TRAINING_S, VALIDATION_S))
+    second = limit_vibration(surface.vibration(validation.velocity, validation.force, FS, rng), FS)
+    result = study_scans(training, validation, isotropic=False)
+    result["scores"]["the truth again"] = compare(validation.acceleration, second)
+    return result | {"kind": surface.kind, "anisotropic": surface.is_anisotropic}
 
 
 def study_scans(training, validation, *, isotropic):
-    """Fit one conditioned scan and score another, in every way; None where a way cannot be gone."""
+    """Fit one conditioned scan and score another with each method; None where a method is not applicable."""
     modelled = model_scan(training, isotropic=isotropic)
-    apart = model_scan(training, isotropic=isotropic, pooling="none", mirror="none")
-    network, sparse = modelled.network(), apart.network("sparse")
+    plain = model_scan(training, isotropic=isotropic, pooling="none", mirror="none")
+    network, sparse = modelled.network(), plain.network("sparse")
     printed = segment_input(training)
     textures = {
         "network": network,
         "network, baked": bake(network, training.name),
-        "exact, plain": apart.network(),
+        "exact, plain": plain.network(),
         "sparse, plain": sparse,
         "as published": fit_as_published(training, isotropic=isotropic) if len(printed) else None,
         "Delaunay": modelled.delaunay(),
-        "Delaunay, plain": apart.delaunay(),
+        "Delaunay, plain": plain.delaunay(),
         "without direction": None if isotropic else model_scan(training, isotropic=True).network(),
     }
     scores = {way: each and cross_validate(each, validation) for way, each in textures.items()}
     rng = np.random.default_rng(0)
     lattice = LatticeSynthesis(fit(training.acceleration, 20)).settle(rng)
-    deaf = lattice.process(rng.standard_normal(len(validation)))
+    single_model = lattice.process(rng.standard_normal(len(validation)))
     return {
         "name": training.name,
         "kind": "real",
@@ -106,36 +106,40 @@ def study_scans(training, validation, *, isotropic):
         "symmetric": modelled.is_symmetric,
         "growth": modelled.growth,
         "coverage": float(printed.n_samples.sum() / len(training)),
-        "scores": scores | {"one AR model": compare(validation.acceleration, deaf)},
+        "scores": scores | {"one AR model": compare(validation.acceleration, single_model)},
     }
 
 
-def study_held_out(what, seed):
-    """Return the mean GFC at a speed, a force and a direction around which no segment was used."""
-    rng = np.random.default_rng([seed, SURFACES.index(what), 1])
-    training = simulate_scan(what, TRAINING_S, FS, rng)
+def study_held_out(surface, seed):
+    """Return the mean GFC at a held-out speed, force and direction."""
+    rng = np.random.default_rng([seed, SURFACES.index(surface), 1])
+    training = simulate_scan(surface, TRAINING_S, FS, rng)
     segments = segment_adaptively(training)
     direction = float(rng.uniform(-np.pi, np.pi))
     vx, vy = segments.means(training.velocity).T
     speed, force = np.hypot(vx, vy), segments.means(training.force)
-    turn = np.abs(np.angle(np.exp(2j * (np.arctan2(vy, vx) - direction)))) / 2  # either way
+    turn = np.abs(np.angle(np.exp(2j * (np.arctan2(vy, vx) - direction)))) / 2  # modulo 180 degrees
     cases = {
         "speed": ({"speed": SPEED}, (speed > SPEED_BAND[0]) & (speed < SPEED_BAND[1])),
         "force": ({"force": FORCE}, (force > FORCE_BAND[0]) & (force < FORCE_BAND[1])),
         "direction": ({"direction": direction}, turn < SECTOR_RAD),
     }
-    tests = {kept: simulate_constant(what, HELD_OUT_S, FS, rng, **held) for kept, (held, _) in cases.items()}
-    textures = {
-        kept: model_scan(training, segments=segments.select(~left_out)).network()
-        for kept, (_, left_out) in cases.items()
+    tests = {
+        axis: simulate_constant(surface, HELD_OUT_S, FS, rng, **constant)
+        for axis, (constant, _) in cases.items()
     }
-    return {kept: cross_validate(textures[kept], test, seed).gfc for kept, test in tests.items()}
+    textures = {
+        axis: model_scan(training, segments=segments.select(~is_held_out)).network()
+        for axis, (_, is_held_out) in cases.items()
+    }
+    return {axis: cross_validate(textures[axis], test, seed).gfc for axis, test in tests.items()}
 
 
-def study_sparsity(what, seed):
+def study_sparsity(surface, seed):
     """Return rows of sparsity, number of centres and GFC of sparse networks; sparsity 0 is the exact one."""
-    rng = np.random.default_rng([seed, SURFACES.index(what)])
-    training, validation = (simulate_scan(what, s, FS, rng) for s in (TRAINING_S, VALIDATION_S))
+    rng = np.random.default_rng([seed, SURFACES.index(surface)])
+    training, validation = (simulate_scan(surface, s, FS, rng) for s in (TRAINING_S, VALIDATION_S))
+
     modelled = model_scan(training, pooling="none", mirror="none")
     rows = []
     for sparsity in SPARSITIES:
@@ -145,41 +149,41 @@ def study_sparsity(what, seed):
 
 
 def study_bound(texture, peak, n_paths, seed):
-    """Render wild paths; return the largest sample over the recorded peak, and the share held at the limit.
+    """Render random paths; return the largest sample over the recorded peak, and the fraction at the limit.
 
     Each path jumps every 25 samples to another velocity and force, of scales up to 10^4 mm/s and N.
     """
     rng = np.random.default_rng(seed)
-    largest, n_held, n = 0.0, 0, 0
+    largest, n_limited, n = 0.0, 0, 0
     for i in range(n_paths):
         path = np.repeat(rng.normal(0, 10 ** rng.uniform(0, 4), (12, 3)), 25, axis=0)
         y = np.abs(texture.renderer(seed=i).process(path[:, :2], path[:, 2]))
-        largest, n_held, n = (
+        largest, n_limited, n = (
             max(largest, y.max() / peak),
-            n_held + int(np.sum(y >= PEAK_FACTOR * peak)),
+            n_limited + int(np.sum(y >= PEAK_FACTOR * peak)),
             n + y.size,
         )
-    return float(largest), n_held / n
+    return float(largest), n_limited / n
 
 
 def time_fit(fs, order, seed=0):
-    """Time segmentation, fit and baking of 20 s at a rate (Hz) and order; kernels are compiled before."""
+    """Time segmentation, fit and baking of 20 s at a rate (Hz) and order; kernels are compiled beforehand."""
     scan = simulate_scan(get_surface("S2"), 20.0, fs, np.random.default_rng(seed))
     model_scan(scan.crop(0, len(scan) // 4), order=8)
     start = perf_counter()
     segment_input(scan)
-    segmented = perf_counter()
+    segmentation_end = perf_counter()
     texture = model_scan(scan, order=order).network()
-    fitted = perf_counter()
+    fit_end = perf_counter()
     bake(texture, "S2")
-    seconds = {"segmenting_s": segmented - start, "fitting_s": fitted - segmented}
-    return {"fs": fs, "order": order, **seconds, "baking_s": perf_counter() - fitted}
+    seconds = {"segmenting_s": segmentation_end - start, "fitting_s": fit_end - segmentation_end}
+    return {"fs": fs, "order": order, **seconds, "baking_s": perf_counter() - fit_end}
 
 
 def time_rendering(texture, n_steps=10_000, n_contacts=4, seed=0):
-    """Time a loop that asks each of several contacts for one sample at a time, each on a path of its own.
+    """Time a loop that renders one sample of each of several contacts, each on its own path.
 
-    By the clock, where on a busy machine the tail is that of other programs, and on the processor; in µs.
+    Wall-clock time (on a busy machine its tail is that of other programs) and processor time, in µs.
     """
     rng = np.random.default_rng(seed)
     renderers = [texture.renderer(seed=i) for i in range(n_contacts)]
@@ -196,6 +200,6 @@ def time_rendering(texture, n_steps=10_000, n_contacts=4, seed=0):
     (median, tail), (cpu_median, cpu_tail) = (
         np.percentile(x[n_steps // 10 :], [50, 99.9]).tolist() for x in (clock, cpu)
     )
-    found = {"family": texture.family, "order": texture.order, "n_contacts": n_contacts, "n_steps": n_steps}
-    found |= {"median_us": median, "p999_us": tail, "cpu_median_us": cpu_median, "cpu_p999_us": cpu_tail}
-    return found | {"operations": texture.operations}
+    result = {"family": texture.family, "order": texture.order, "n_contacts": n_contacts, "n_steps": n_steps}
+    result |= {"median_us": median, "p999_us": tail, "cpu_median_us": cpu_median, "cpu_p999_us": cpu_tail}
+    return result | {"operations": texture.operations}

@@ -1,4 +1,4 @@
-"""What `okamura2001` measured: its published tap models, and taps simulated with them as truth."""
+"""Published tap models of `okamura2001`, and simulated taps with them as ground truth."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +15,16 @@ TABLE_I = TapLibrary(
         TapModel(-100_000.0, 1500.0, 1153.0),
     ),
 )
-"""Measured. B is printed as 40,000 ... 1,500,000 1/s, which contradicts figure 3: read as 40 ... 1500 1/s."""
+"""Measured models. B is printed as 40,000 ... 1,500,000 1/s, which contradicts figure 3: we read 40 ...
+1500 1/s."""
 TABLE_II = TapLibrary(
     MATERIALS, (TapModel(-240.0, 60.0, 30.0), TapModel(-150.0, 80.0, 100.0), TapModel(-300.0, 90.0, 300.0))
 )
-"""Most realistic on the 3GM. B read as in Table I; the sign of rubber's A is lost in our copy."""
+"""Most realistic models on the 3GM. B read as in Table I; the sign of A of rubber is missing in our copy."""
 FS = {"rubber": 2500.0, "wood": 25_000.0, "aluminum": 25_000.0}
-"""Hz; the paper records at about 25 kHz, of which 18 Hz need a tenth."""
+"""Sampling rates in Hz. The paper uses about 25 kHz; a tenth is enough for 18 Hz."""
 VELOCITIES_M_S = (0.05, 0.4)
-"""Range of figure 4."""
+"""Range of velocities in figure 4 in m/s."""
 Samples = NDArray[np.float64]
 
 
@@ -41,24 +42,24 @@ def simulate_taps(
     Parameters
     ----------
     model : TapModel
-        The truth.
+        Ground truth.
     rng : numpy.random.Generator
-        Of onsets, noise and velocity errors.
+        Random numbers of onsets, noise and velocity errors.
     fs : float
-        Sampling rate, Hz.
+        Sampling rate in Hz.
     noise : float
-        Deviation of white noise, of the largest amplitude among the taps.
+        Standard deviation of white noise, relative to the largest amplitude of the taps.
     velocity_error : float
-        Relative deviation of the measured velocities.
+        Relative standard deviation of the measured velocities.
     n_taps : int
-        How many, evenly from slow to fast.
+        Number of taps, with velocities in equal steps.
 
     Returns
     -------
     taps : list of ndarray
-        Each with 1 to 3 ms of rest and then 5 decay times; the impact falls between two samples.
+        Taps with 1 to 3 ms of rest and then 5 decay times; the impact is between two samples.
     velocity : ndarray of shape (n_taps,)
-        As measured, m/s.
+        Measured velocities in m/s.
     """
     v = np.linspace(*VELOCITIES_M_S, n_taps)
     strongest = abs(model.amplitude_slope) * v.max()
