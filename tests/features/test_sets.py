@@ -148,7 +148,7 @@ def test_undefined_features_are_nan_with_a_reason_and_failures_name_the_recordin
 
 
 def test_a_long_movement_has_the_mean_over_the_parts_with_a_value(views, monkeypatch):
-    monkeypatch.setattr(sets, "LONGEST", 300)
+    monkeypatch.setattr(sets, "MAX_MOVEMENT_SAMPLES", 300)
     CALLS.clear()
     values, reasons = a_set(size, half_silent, silent).compute(views)
     assert CALLS == [250] * 4
@@ -163,7 +163,7 @@ def test_a_steady_movement_has_the_same_features_in_parts_and_as_a_whole(monkeyp
     recording = Recording(noise(30_000, 1), 2000.0, "V", phases=Phases(movement=(0, 30_000)))
     features = load_feature_set("texclass").with_phases("movement")
     whole, _ = features.compute(views_of(recording)[""])
-    monkeypatch.setattr(sets, "LONGEST", 10_000)
+    monkeypatch.setattr(sets, "MAX_MOVEMENT_SAMPLES", 10_000)
     divided, _ = features.compute(views_of(recording)[""])
     course = ["band_course", "fine_band_course", "level_persistence"]  # random for noise
     noisy = np.isin(features.column_names, features.columns_of(course))

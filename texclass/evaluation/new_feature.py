@@ -23,7 +23,7 @@ from texclass.evaluation.pipeline import PipelineDefinition
 from texclass.evaluation.result_facts import classifier_title, cluster_phrase
 from texclass.evaluation.workers import one_thread
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
-from texclass.features.contract_checks import EXACT, check_degenerate_inputs, measure_gain_law
+from texclass.features.contract_checks import MAX_LAW_DEVIATION, check_degenerate_inputs, measure_gain_law
 from texclass.features.phase_view import View, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Samples
@@ -253,6 +253,6 @@ def _gain_law_text(law: Data | None) -> str:
     if law["holds"]:
         return f"{declared}; measured the same (to {law['deviation']:.0e})"
     measured = f"y(g x) = {Gain(**law['measured'])}"
-    if law.get("measured_deviation", 0.0) > EXACT:
+    if law.get("measured_deviation", 0.0) > MAX_LAW_DEVIATION:
         measured = "another law, neither a power nor a shift"
     return f"{declared}; BROKEN by {digits(law['deviation'])}; measured {measured}"

@@ -16,7 +16,7 @@ from scipy import fft
 from texclass import fourier
 from texclass.features.contract import Gain, feature_in_samples
 from texclass.features.movement_filters import level, require, unit32
-from texclass.features.phase_view import LONG, PhaseView, transform, undefined_if
+from texclass.features.phase_view import LONG_SAMPLES, PhaseView, transform, undefined_if
 from texclass.features.spectra import BLOCK_SAMPLES, window_of
 from texclass.recording import Samples, make_read_only
 
@@ -78,7 +78,7 @@ def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
     np.subtract(x[..., 1:], x[..., :-1], out=d[..., :n])
     d[..., :n_taper] *= fade
     d[..., n - n_taper : n] *= fade[::-1]
-    is_long = d.ndim == 1 and n_fft > LONG and n_fft % fourier.LANES == 0
+    is_long = d.ndim == 1 and n_fft > LONG_SAMPLES and n_fft % fourier.LANES == 0
     spectrum = fourier.rfft(d) if is_long else fft.rfft(d)
     power = np.asarray(spectrum.real**2 + spectrum.imag**2, dtype=np.float32)
     power *= np.float32(2 / (fs * (n - 2 * n_taper + 2 * float(fade @ fade))))

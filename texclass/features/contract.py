@@ -46,12 +46,12 @@ Dependence = Literal["length", "rate", "sign"]
 Divisible = bool | Literal["at once"]
 Outputs = str | tuple[str, ...] | Callable[..., tuple[str, ...]]
 R = TypeVar("R")
-DIMENSIONS = (
+FEATURE_MODULES = (
     "autoregression", "bands", "cepstrum", "channels", "decaying_segments", "fineness", "friction",
     "hardness", "related_work", "residual_bands", "roughness", "slopes", "tap_modes",
 )  # fmt: skip
 """Modules of this subpackage that define features."""
-OWN = "texclass_own_"
+FILE_MODULE_PREFIX = "texclass_own_"
 """Prefix of the names of modules loaded from files, so that no file shadows an installed module."""
 
 
@@ -180,7 +180,8 @@ class Feature:
         module = self.function.__module__
         if module == "__main__" or getattr(_REGISTRY.get(self.name), "function", None) is not self.function:
             return super().__reduce_ex__(protocol)
-        return load_feature, (f"{self.source if module.startswith(OWN) else module}:{self.name}",)
+        location = self.source if module.startswith(FILE_MODULE_PREFIX) else module
+        return load_feature, (f"{location}:{self.name}",)
 
 
 _REGISTRY: dict[str, Feature] = {}
@@ -295,7 +296,7 @@ def list_features() -> dict[str, Feature]:
     >>> [name for name in features if features[name].phase == "friction"]
     ['friction']
     """
-    for module in DIMENSIONS:
+    for module in FEATURE_MODULES:
         importlib.import_module(f"texclass.features.{module}")
     for name in shipped.entry_point_modules("features"):
         shipped.module_of("features", name)
@@ -328,7 +329,7 @@ def find_feature(name: str, module: str = "") -> Feature:
     ...
     KeyError: "there is no feature 'ridge_densities'. Did you mean ridge_density?"
     """
-    if module.rpartition(".")[2] in DIMENSIONS:
+    if module.rpartition(".")[2] in FEATURE_MODULES:
         importlib.import_module(f"texclass.features.{module.rpartition('.')[2]}")
         if name in _REGISTRY:
             return _REGISTRY[name]
@@ -392,7 +393,7 @@ def _module_of(file: Path) -> ModuleType:
     """Import a file as a module, once per content. The file can import other files of its folder."""
     path = file.expanduser().resolve()
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    name = OWN + path.stem
+    name = FILE_MODULE_PREFIX + path.stem
     loaded = sys.modules.get(name)
     if loaded is not None and (loaded.__file__, loaded.__dict__.get("digest_")) == (str(path), digest):
         return loaded

@@ -13,9 +13,9 @@ from texclass.recording import Samples
 
 GAINS = (1e-2, 1e-1, 1e1, 1e2)
 """Gains at which the law is measured."""
-EXACT = 1e-5
+MAX_LAW_DEVIATION = 1e-5
 """Largest relative deviation from a gain law that counts as rounding."""
-REFUSED = ("silence", "0 samples", "one NaN", "one infinite sample")
+UNDEFINED_INPUTS = ("silence", "0 samples", "one NaN", "one infinite sample")
 """Degenerate inputs for which every feature must be undefined."""
 
 
@@ -48,7 +48,7 @@ def measure_gain_law(feature: Feature, views: Sequence[View]) -> dict[str, Any] 
         - `declared`, `measured`: fields of the declared `Gain` and of the one that fits best;
         - `deviation`, `measured_deviation`: largest deviation of y(g x) from each, relative to the larger of
           the two magnitudes (if the second is large, the feature follows no law);
-        - `holds`: whether `deviation` is at most `EXACT`;
+        - `holds`: whether `deviation` is at most `MAX_LAW_DEVIATION`;
         - `n_views`: number of signals.
 
     Examples
@@ -84,7 +84,7 @@ def measure_gain_law(feature: Feature, views: Sequence[View]) -> dict[str, Any] 
         "measured": asdict(measured),
         "measured_deviation": _deviation(measured, pairs),
         "n_views": len(pairs) // len(GAINS),
-        "holds": deviation <= EXACT,
+        "holds": deviation <= MAX_LAW_DEVIATION,
     }
 
 
@@ -108,7 +108,7 @@ def check_degenerate_inputs(feature: Feature, fs: float = 10_000.0) -> list[dict
           or "error";
         - `detail`: the value, the reason or the error, and warnings;
         - `is_valid`: whether the contract holds: a finite value or a reason, no warning, and a reason for
-          `REFUSED`.
+          `UNDEFINED_INPUTS`.
 
     Examples
     --------
@@ -180,7 +180,7 @@ def _check_input(feature: Feature, name: str, view: View) -> tuple[str, str, boo
     detail = "; ".join([first_values, *dict.fromkeys(f"warns: {w.message}" for w in messages)])
     if not np.isfinite(values).all():
         return "no reason", detail, False
-    return "value", detail, not messages and name not in REFUSED
+    return "value", detail, not messages and name not in UNDEFINED_INPUTS
 
 
 def _median(values: Samples) -> float:

@@ -22,7 +22,7 @@ from texclass.features.phase_view import (
 )
 from texclass.recording import Samples
 
-FINEST = 20
+MAX_DECIMATION = 20
 """Largest decimation factor of a low-passed movement."""
 
 
@@ -120,9 +120,9 @@ def unit32(view: PhaseView) -> NDArray[np.float32]:
 
 
 def padded_length(view: PhaseView) -> int:
-    """Return the length of the transform in `spectrum`: a fast multiple of `FINEST` of at least n samples."""
+    """Return the length of the transform in `spectrum`, a fast multiple of `MAX_DECIMATION`."""
     level(view)  # raises for silence
-    return FINEST * int(fft.next_fast_len(-(-view.n_samples // FINEST)))
+    return MAX_DECIMATION * int(fft.next_fast_len(-(-view.n_samples // MAX_DECIMATION)))
 
 
 @transform
@@ -169,7 +169,7 @@ def low_passed(view: PhaseView, cutoff_hz: float, *, shared: bool = False) -> tu
         (`spectrum`, default).
     """
     n_fft, rate = padded_length(view), below_nyquist(view, cutoff_hz) * 10
-    factor = next((k for k in (FINEST, 10, 5, 4, 2) if view.fs / k >= rate), 1)
+    factor = next((k for k in (MAX_DECIMATION, 10, 5, 4, 2) if view.fs / k >= rate), 1)
     n_slow = n_fft // factor
     f = np.arange(n_slow // 2 + 1) * (view.fs / n_fft)
     x = first_bins(view, f.size) if shared else spectrum(view)[: f.size]

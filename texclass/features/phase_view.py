@@ -22,9 +22,9 @@ P = ParamSpec("P")
 R = TypeVar("R")
 Phase = Literal["tap", "movement", "travel", "friction", "pair"]
 Channels = Literal["combine", "each", "auto", "all"]
-TURN = ("turn_x", "turn_y", "turn_z")
+TURN_CHANNELS = ("turn_x", "turn_y", "turn_z")
 """Names of the channels of the turn rate, which follow those of the acceleration."""
-LONG = 5000
+LONG_SAMPLES = 5000
 """Movements of more samples are shortened to a length with a fast Fourier transform; see `trimmed_length`."""
 MIN_SEGMENT_SAMPLES = 2048
 """Minimum number of samples of a segment: in shorter ones, features lose more accuracy than voting gains."""
@@ -239,12 +239,12 @@ def segment_views(view: PhaseView) -> tuple[PhaseView, ...]:
 
 
 def trimmed_length(n: int) -> int:
-    """Return how many of the n samples of a movement are used: all up to `LONG`, and at least 93 % of more.
+    """Return how many of n samples of a movement are used: up to `LONG_SAMPLES` all, of more at least 93 %.
 
     The length is four times a product of 2, 3 and 5: with a larger prime factor, Fourier transforms are
     several times slower.
     """
-    return int(LANES * fft.prev_fast_len(n // LANES, real=True)) if n > LONG else n
+    return int(LANES * fft.prev_fast_len(n // LANES, real=True)) if n > LONG_SAMPLES else n
 
 
 @dataclass(frozen=True, eq=False)
@@ -511,4 +511,4 @@ def separate_channels(recording: Recording, channels: Channels) -> tuple[str, ..
 
 
 def _with_turn_rate(recording: Recording) -> tuple[str, ...]:
-    return recording.channels + (() if recording.turn_rate is None else TURN)
+    return recording.channels + (() if recording.turn_rate is None else TURN_CHANNELS)

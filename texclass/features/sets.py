@@ -26,7 +26,7 @@ MAX_PRODUCT = 1 << 16
 """Largest product of the whole numbers (orders, segments, bands) in the parameters of one feature."""
 SAMPLE_PARAMETERS = frozenset({"length", "shift", "average", "frame", "spacing"})
 """Parameters that are numbers of samples, and do not multiply the number of columns."""
-LONGEST = 3_000_000
+MAX_MOVEMENT_SAMPLES = 3_000_000
 """Longest movement in samples that is computed as a whole: 5 minutes at 10 kHz, about 200 MB of memory."""
 
 
@@ -206,9 +206,9 @@ class FeatureSet:
     def compute(self, views: Views) -> tuple[Samples, tuple[tuple[str, str], ...]]:
         """Compute the set on one channel of one recording.
 
-        A movement longer than `LONGEST` is divided into equal parts to limit the memory; the value of a
-        feature is the mean over the parts where it is defined. Features of taps and pairs, and features that
-        depend on the length, are computed on the whole recording.
+        A movement longer than `MAX_MOVEMENT_SAMPLES` is divided into equal parts to limit the memory. The
+        value of a feature is the mean over the parts where it is defined. Features of taps and pairs, and
+        features that depend on the length, are computed on the whole recording.
 
         Parameters
         ----------
@@ -240,16 +240,16 @@ class FeatureSet:
         return values, tuple(reasons)
 
     def _part_outcomes(self, views: Views) -> dict[str, list[Samples | str]]:
-        """Return the outcomes of features for each part of a movement longer than `LONGEST`."""
+        """Return the outcomes of features for each part of a movement longer than `MAX_MOVEMENT_SAMPLES`."""
         start, stop = views.phases.movement or (0, 0)
-        if stop - start <= LONGEST:
+        if stop - start <= MAX_MOVEMENT_SAMPLES:
             return {}
         whole = ("tap", "pair")
         divided = [
             m for m in self.members if m.feature.phase not in whole and "length" not in m.feature.depends_on
         ]
         outcomes: dict[str, list[Samples | str]] = {m.name: [] for m in divided}
-        edges = np.linspace(start, stop, -(-(stop - start) // LONGEST) + 1).astype(int).tolist()
+        edges = np.linspace(start, stop, -(-(stop - start) // MAX_MOVEMENT_SAMPLES) + 1).astype(int).tolist()
         for span in pairwise(edges):
             part = replace(views, phases=replace(views.phases, movement=span))
             for member in divided:

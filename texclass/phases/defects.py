@@ -25,7 +25,7 @@ MAX_FADE_DB, TOTAL_FADE_DB = 25.0, 12.0
 """Largest rise in dB per doubling of time, and smallest rise of the whole fade."""
 FADE_FASTER_DB = 6.0
 """A fade slows down: a rise that exceeds the previous one by more than this (dB) is a tap."""
-LONGEST_FADE_S = 0.6
+MAX_FADE_S = 0.6
 """Longest fade-in in s."""
 BLOCK = 1 << 13
 """Rows per block, so that a block fits into the cache of the processor."""
@@ -224,7 +224,7 @@ def fade_length(power: Callable[[int, int], float], n_bins: int, bin_s: float) -
         return 0
     first = last = level_db(start, edge)
     step_db = MAX_FADE_DB
-    while 2 * edge <= n_bins and edge * bin_s < LONGEST_FADE_S:
+    while 2 * edge <= n_bins and edge * bin_s < MAX_FADE_S:
         start, edge = edge, 2 * edge
         current = level_db(start, edge)
         if not FADE_DB <= current - last <= min(MAX_FADE_DB, step_db + FADE_FASTER_DB):

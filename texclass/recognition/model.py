@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from texclass.features.cepstrum import Banks, use_filter_banks
-from texclass.features.phase_view import TURN
+from texclass.features.phase_view import TURN_CHANNELS
 from texclass.features.plan import Computed, Plan
 from texclass.phases import find_phases
 from texclass.recognition.answers import Answer, Prediction, average_answers, rank_surfaces
@@ -118,7 +118,7 @@ class Model:
     def input_columns(self) -> InputColumns:
         """Columns that a stream must have: axes of the training recordings, turn rate, friction."""
         channels = self.plan.channels
-        axes = tuple(name for name in channels if name not in TURN)
+        axes = tuple(name for name in channels if name not in TURN_CHANNELS)
         signals: list[AuxiliarySignal] = ["turn_rate"] if len(axes) < len(channels) else []
         members = [member for _, part in self.plan.parts for member in part.members]
         friction_features = tuple(member.name for member in members if member.feature.phase == "friction")

@@ -26,7 +26,7 @@ from texclass.evaluation.skops_archive import (
     read_bounded,
     read_members,
 )
-from texclass.features.phase_view import TURN
+from texclass.features.phase_view import TURN_CHANNELS
 from texclass.features.plan import Plan
 from texclass.phase_settings import PhaseSettings
 from texclass.recognition.sources.training_input import TrainingFiles
@@ -337,7 +337,7 @@ def probe_values(plan: Plan, fs: float, unit: str) -> Samples:
         Unit of the acceleration.
     """
     n = max(PROBE_SAMPLES[0], min(round(PROBE_S * fs), PROBE_SAMPLES[1]))
-    turn = tuple(name for name in plan.channels if name in TURN)
+    turn = tuple(name for name in plan.channels if name in TURN_CHANNELS)
     channels = plan.channels[: len(plan.channels) - len(turn)] or ("x", "y", "z")
     axes = np.column_stack([_noise(n, i) for i in range(len(channels))])
     tap_start, tap_stop = n // 10, n // 5

@@ -215,7 +215,8 @@ def _remove_hand_motion(x: Any, case: Case) -> Findings:
 
 
 def _spectrum(x: Any, fs: float) -> Any:
-    return fft.rfft(x, movement_filters.FINEST * fft.next_fast_len(-(-x.size // movement_filters.FINEST)))
+    factor = movement_filters.MAX_DECIMATION
+    return fft.rfft(x, factor * fft.next_fast_len(-(-x.size // factor)))
 
 
 def _autocorrelation(x: Any, fs: float) -> Any:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from texclass.features.phase_view import TURN
+from texclass.features.phase_view import TURN_CHANNELS
 from texclass.recognition.answers import DEFAULT_CONFIDENCE, Answer, ContactVerdict, Evidence, Kind
 from texclass.recognition.live.contact import (
     ContactDetector,
@@ -156,7 +156,7 @@ class RecordingBuilder:
     def __init__(self, model: Model, n_columns: int, fs: float, unit: str, raw: bool = True) -> None:
         columns = model.input_columns
         self.n_axes = columns.n_axes(n_columns)
-        self._n_turn = len(TURN) * ("turn_rate" in columns.auxiliary)
+        self._n_turn = len(TURN_CHANNELS) * ("turn_rate" in columns.auxiliary)
         self._has_friction = "friction" in columns.auxiliary
         self.fs, self.unit = fs, "m/s^2" if unit in ACCELERATION_UNITS else unit
         self._factor = scale_of(model, unit, raw)

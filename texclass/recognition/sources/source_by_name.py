@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from texclass import shipped
-from texclass.features.phase_view import TURN
+from texclass.features.phase_view import TURN_CHANNELS
 from texclass.loaders import find_recording
 from texclass.loaders.plausibility import resolve_unit
 from texclass.loaders.readers import ReaderSettings, as_column_names, reader_error
@@ -174,7 +174,9 @@ def _read_stdin(
     if column is not None:
         blocks = _select_columns(blocks, as_column_names(column))
     if model is not None and (rad_per_unit := model.manifest.input.turn_rate_scale) != 1.0:
-        factors = np.array([rad_per_unit if name in TURN else 1.0 for name in model.input_columns.names])
+        factors = np.array(
+            [rad_per_unit if name in TURN_CHANNELS else 1.0 for name in model.input_columns.names]
+        )
         blocks = (replace(block, samples=block.samples * factors) for block in blocks)
     return blocks
 

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from texclass import shipped
-from texclass.features.phase_view import TURN
+from texclass.features.phase_view import TURN_CHANNELS
 from texclass.loaders import files, find_recording, open_dataset
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
 from texclass.loaders.columns import TURN_RATE, choose_acceleration
@@ -65,7 +65,7 @@ class InputColumns:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the columns; "acceleration" represents any number of axes."""
-        turn = TURN if "turn_rate" in self.auxiliary else ()
+        turn = TURN_CHANNELS if "turn_rate" in self.auxiliary else ()
         friction = ("friction",) if "friction" in self.auxiliary else ()
         return (*(self.axes or ("acceleration",)), *turn, *friction)
 

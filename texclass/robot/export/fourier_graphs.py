@@ -141,7 +141,8 @@ def _block_matrix(graph: Graph, key: tuple[str, int], blocks: Callable[[], list[
 
 
 def _padded_length(view: GraphView) -> int:
-    return movement_filters.FINEST * int(fft.next_fast_len(-(-view.n_samples // movement_filters.FINEST)))
+    factor = movement_filters.MAX_DECIMATION
+    return factor * int(fft.next_fast_len(-(-view.n_samples // factor)))
 
 
 @once
@@ -161,7 +162,7 @@ def _filter(view: GraphView, response: Samples, n: int) -> Tensor:
 def low_passed(view: GraphView, cutoff_hz: float) -> tuple[Tensor, int, int]:
     """Add the low-passed movement; return it with the decimation factor and its length."""
     n_fft, rate = _padded_length(view), cutoff_hz * 10
-    factor = next((k for k in (movement_filters.FINEST, 10, 5, 4, 2) if view.fs / k >= rate), 1)
+    factor = next((k for k in (movement_filters.MAX_DECIMATION, 10, 5, 4, 2) if view.fs / k >= rate), 1)
     size = -(-view.n_samples // factor)
     f = np.arange(n_fft // factor // 2 + 1) * (view.fs / n_fft)
     slow = _filter(view, 1 / (1 + (f / cutoff_hz) ** 4), n_fft // factor).cut(0, size)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from texclass.features.phase_view import MIN_SEGMENT_SAMPLES, TURN, trimmed_length
+from texclass.features.phase_view import MIN_SEGMENT_SAMPLES, TURN_CHANNELS, trimmed_length
 from texclass.features.plan import Plan
 from texclass.recognition.live.online_recogniser import RecordingBuilder
 from texclass.recognition.model import Model
@@ -203,7 +203,7 @@ def feature_tensors(windows: Windows, x: Tensor) -> tuple[list[Tensor], list[str
         names = [name for name, _ in channel_parts]
         indices = np.array([plan.channels.index(name) for name in names])
         rows = x.take(indices).reshape(-1, 1, windows.n_samples)
-        is_axis = np.array([name not in TURN for name in names])
+        is_axis = np.array([name not in TURN_CHANNELS for name in names])
         views = _movements(windows, rows, 1, is_axis)
         members = {member.name: member for _, part in channel_parts for member in part.members}
         for member in members.values():
