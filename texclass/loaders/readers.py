@@ -22,7 +22,7 @@ header of a file is checked before its values are read."""
 MAX_EXPANSION = 1000
 """Largest ratio of the size after decompression to the size of the file, for data over 64 MB."""
 RATES_HZ = (1e-3, 1e8)
-"""Lowest and highest sampling rate: below it is no vibration, above it no hand-held sensor."""
+"""Lowest and highest sampling rate: vibration is sampled faster, hand-held sensors slower."""
 TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0, "min": 60e9, "h": 3600e9, "days": 86400e9}
 """Duration in nanoseconds of each unit accepted by --time-unit and by the card key `time_unit`."""
 COMMENT_PATTERN = r"""[^\s\d"']{1,8}"""

@@ -329,8 +329,8 @@ def _stated_rate(above: Sequence[_Row]) -> tuple[float | None, str]:
     )
     for row in above:
         if match := rate.search(" ".join(row.cells)):
-            between, number, unit = match.groups()
-            factor = 1000 if "khz" in f"{between} {unit}".lower() else 1
+            separator, number, unit = match.groups()
+            factor = 1000 if "khz" in f"{separator} {unit}".lower() else 1
             return factor * float(number.replace(",", ".")) or None, match[0]
     return None, ""
 

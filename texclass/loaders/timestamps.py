@@ -266,17 +266,17 @@ def _count_lost(t: Samples, period: float) -> NDArray[np.int64]:
     message increases only its own delay. The number of missing messages is therefore the increase of the
     minimum of l in windows before and after a gap, in periods T.
     """
-    lost = np.zeros(len(t), np.int64)
+    n_lost = np.zeros(len(t), np.int64)
     gaps = np.flatnonzero(np.diff(t) > 1.5 * period) + 1
     if not len(gaps):
-        return lost
+        return n_lost
     delay = np.append(t - period * np.arange(len(t)), np.inf)
     start = np.maximum(np.concatenate(([0], gaps[:-1])), gaps - TIMESTAMPS.level_window)
     stop = np.minimum(np.concatenate((gaps[1:], [len(t)])), gaps + TIMESTAMPS.level_window)
     level_before = np.minimum.reduceat(delay, np.column_stack((start, gaps)).ravel())[::2]
     level_after = np.minimum.reduceat(delay, np.column_stack((gaps, stop)).ravel())[::2]
-    lost[gaps] = np.clip(np.rint((level_after - level_before) / period), 0, 2**40).astype(np.int64)
-    return lost
+    n_lost[gaps] = np.clip(np.rint((level_after - level_before) / period), 0, 2**40).astype(np.int64)
+    return n_lost
 
 
 def _longest_segment(n_lost: NDArray[np.int64], max_gap: int, period: float) -> tuple[int, int, str]:
