@@ -84,7 +84,7 @@ def linear_model(_own_cache):
 
 
 @pytest.fixture(scope="session")
-def touch_model(_own_cache):
+def window_model(_own_cache):
     from toy_surfaces import spectrum_model
 
     return spectrum_model("lda", window_s=0.25)

@@ -1,4 +1,4 @@
-"""Four surfaces that are filtered noise, and a pipeline of few features: what tests of recognition train."""
+"""Four simulated surfaces (filtered noise) and a pipeline with few features, for tests of recognition."""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -11,26 +11,27 @@ from texclass.recording import Phases, Recording, RecordingError
 
 FS, N = 4000.0, 2000
 SURFACES = {"cork": 60.0, "felt": 200.0, "oak": 450.0, "slate": 800.0}
-"""Surface -> frequency (Hz) at which it hums."""
+"""Surface -> frequency of its resonance in Hz."""
 STRANGER = 1250.0
+"""Resonance in Hz of surfaces that are not in the training set."""
 
 
-def signal(hum_hz, seed, n=N):
-    """Return noise through a resonance, its frequency a little different each time, and noise as it is."""
+def signal(resonance_hz, seed, n=N):
+    """Return noise through a resonance with a slightly varying frequency, plus white noise."""
     rng = np.random.default_rng(seed)
-    angle = 2 * np.pi * hum_hz * (1 + 0.03 * rng.standard_normal()) / FS
-    hum = lfilter([1], [1, -2 * 0.95 * np.cos(angle), 0.95**2], rng.standard_normal(n))
-    return hum / hum.std() + 0.2 * rng.standard_normal(n)
+    angle = 2 * np.pi * resonance_hz * (1 + 0.03 * rng.standard_normal()) / FS
+    filtered = lfilter([1], [1, -2 * 0.95 * np.cos(angle), 0.95**2], rng.standard_normal(n))
+    return filtered / filtered.std() + 0.2 * rng.standard_normal(n)
 
 
-def recording(name, seed, **facts):
-    given = {"fs": FS, "unit": "m/s^2", "recording_id": f"{name}-{seed}", "surface": name}
+def recording(name, seed, **changes):
+    fields = {"fs": FS, "unit": "m/s^2", "recording_id": f"{name}-{seed}", "surface": name}
     samples = signal(SURFACES.get(name, STRANGER), [*map(ord, name), seed])
-    return Recording(samples, phases=Phases(movement=(0, len(samples))), **given | facts)
+    return Recording(samples, phases=Phases(movement=(0, len(samples))), **fields | changes)
 
 
 class Loader:
-    """Makes a recording of an entry; the named ones are bad."""
+    """Make the recording of an entry; those in `bad` are invalid."""
 
     def __init__(self, bad=()):
         self.bad = bad
@@ -48,7 +49,7 @@ def surfaces(n_repetitions=10, *, bad=(), names=tuple(SURFACES)):
 
 def pipeline(**changes):
     features = load_feature_set("texclass").restricted_to(["mfcc", "fineness", "temporal_roughness"])
-    facts = {
+    fields = {
         "name": "few",
         "features": features,
         "steps": (
@@ -67,7 +68,7 @@ def pipeline(**changes):
         ),
         "seed": 0,
     }
-    return PipelineDefinition(**facts | changes)
+    return PipelineDefinition(**fields | changes)
 
 
 def spectrum_model(classifier, **options):

@@ -27,7 +27,7 @@ def calibration_of(log_odds, recordings=None, **weights):
 
 
 @pytest.fixture(scope="module")
-def window_model():
+def short_window_model():
     return train(surfaces(), pipeline(), row="Spectrum", classifier="lda", window_s=0.1)
 
 
@@ -156,23 +156,31 @@ def test_documents_contain_the_sets_and_their_calibration(linear_model):
 
 
 @pytest.mark.usefixtures("_own_cache")
-def test_a_model_of_windows_has_sets_of_recordings_and_of_contacts(window_model):
-    assert [*window_model.set_calibrations] == ["answer", "recording", "contact 1", "contact 2", "contact 4"]
-    assert window_model.set_calibrations["recording"].effective_n == 40
-    correlation = window_model.manifest.calibration["correlation"]
-    assert window_model.set_calibrations["answer"].effective_n == pytest.approx(
+def test_a_model_of_windows_has_sets_of_recordings_and_of_contacts(short_window_model):
+    assert [*short_window_model.set_calibrations] == [
+        "answer",
+        "recording",
+        "contact 1",
+        "contact 2",
+        "contact 4",
+    ]
+    assert short_window_model.set_calibrations["recording"].effective_n == 40
+    correlation = short_window_model.manifest.calibration["correlation"]
+    assert short_window_model.set_calibrations["answer"].effective_n == pytest.approx(
         40 * 5 / (1 + 4 * correlation)
     )
     stroke = recording("felt", 78)
-    p = [list(window_model.answer(one).probabilities.values()) for one in window_model.cut(stroke)]
-    assert window_model.predict(stroke).prediction_sets == window_model.prediction_sets(
+    p = [
+        list(short_window_model.answer(one).probabilities.values()) for one in short_window_model.cut(stroke)
+    ]
+    assert short_window_model.predict(stroke).prediction_sets == short_window_model.prediction_sets(
         "recording", np.log(p).mean(axis=0)
     )
-    live = OnlineRecogniser(window_model)
+    live = OnlineRecogniser(short_window_model)
     verdicts = [u.verdict for u in live.push(signal(SURFACES["felt"], 5)) if hasattr(u, "verdict")]
     assert all(set(v.prediction_sets) == {0.9, 0.95} for v in verdicts)
     assert verdicts[-1].prediction_sets[0.95] == ("felt",)
-    other = OnlineRecogniser(window_model, settings=OnlineSettings(window_s=0.2))
+    other = OnlineRecogniser(short_window_model, settings=OnlineSettings(window_s=0.2))
     updates = other.push(signal(SURFACES["felt"], 5))
     assert {len(u.verdict.prediction_sets) for u in updates if hasattr(u, "verdict")} == {0}
 
@@ -208,6 +216,6 @@ def test_recent_references_recalibrate_the_sets(linear_model):
 
 
 @pytest.mark.parametrize("level", [-0.1, 0, 1, 95])
-def test_a_level_outside_0_and_1_is_refused(window_model, level):
+def test_a_level_outside_0_and_1_is_refused(short_window_model, level):
     with pytest.raises(ValueError, match=rf"level must be between 0 and 1, got {level}"):
-        window_model.predict_set(recording("oak", 77), level)
+        short_window_model.predict_set(recording("oak", 77), level)

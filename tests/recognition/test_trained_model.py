@@ -118,8 +118,8 @@ def test_answers_for_windows_are_averaged(kernel_model):
     assert average_answers(odd, "oak").p_known == 0.5
 
 
-def test_a_model_of_windows_cuts_longer_recordings(touch_model):
-    model = touch_model
+def test_a_model_of_windows_cuts_longer_recordings(window_model):
+    model = window_model
     assert model.manifest.window_s == 0.25
     assert model.manifest.accuracy["description"] == "held-out windows"
     assert model.manifest.trained_on["n_windows"] == 2 * model.manifest.trained_on["n_recordings"]

@@ -19,10 +19,10 @@ ONNXRUNTIME = Path(os.environ.get("ONNXRUNTIME_ROOT", "/usr"))
 
 
 @pytest.fixture(scope="module")
-def windows_and_answers(touch_model, tmp_path_factory):
+def windows_and_answers(window_model, tmp_path_factory):
     """Return a folder with a model, its metadata and windows, and the answers of texclass."""
     folder = tmp_path_factory.mktemp("windows")
-    model = touch_model
+    model = window_model
     exported = export_onnx(model, folder / "windows.onnx", start="samples")
     (folder / "windows.json").write_text(json.dumps(exported.facts), encoding="utf-8")
     recordings = [model.cut(recording(surface, 61))[0] for surface in (*SURFACES, "stranger")]

@@ -51,13 +51,13 @@ def compute(build, rows):
 
 
 @pytest.fixture(scope="module")
-def recorded_windows(touch_model):
+def recorded_windows(window_model):
     """Return windows of all surfaces and of an unknown one, in single precision."""
     windows = [
         window
         for s in (*SURFACES, "stranger")
         for k in (51, 52)
-        for window in touch_model.cut(recording(s, k))
+        for window in window_model.cut(recording(s, k))
     ]
     return np.array([window.acceleration[None] for window in windows], dtype=np.float32)
 
@@ -233,8 +233,8 @@ def test_segment_voting_has_the_same_answers_as_in_texclass(n):
     np.testing.assert_array_equal(outputs["p_known"], p_known)
 
 
-def test_the_file_has_the_same_answers_for_windows_as_the_model(touch_model, recorded_windows, tmp_path):
-    exported = export_onnx(touch_model, tmp_path / "surfaces.onnx", start="samples")
+def test_the_file_has_the_same_answers_for_windows_as_the_model(window_model, recorded_windows, tmp_path):
+    exported = export_onnx(window_model, tmp_path / "surfaces.onnx", start="samples")
     parity = exported.sample_parity
     assert parity.n_windows > 60
     assert parity.n_predicted >= 3
@@ -242,7 +242,7 @@ def test_the_file_has_the_same_answers_for_windows_as_the_model(touch_model, rec
     graph = exported.path.read_bytes()
     assert len(graph) < 200_000
     outputs = run(graph, recorded_windows, SAMPLES)
-    answers = [touch_model.answer(recording_of(touch_model, window)) for window in recorded_windows]
+    answers = [window_model.answer(recording_of(window_model, window)) for window in recorded_windows]
     assert outputs["label"].tolist() == [answer.surface for answer in answers]
     assert outputs["unknown"].tolist() == [answer.unknown for answer in answers]
     p = [list(answer.probabilities.values()) for answer in answers]
@@ -251,8 +251,8 @@ def test_the_file_has_the_same_answers_for_windows_as_the_model(touch_model, rec
     assert set(outputs["label"]) == set(SURFACES)
 
 
-def test_windows_without_a_defined_answer_are_unknown(touch_model, recorded_windows):
-    graph = build_sample_graph(touch_model, recorded_windows.shape[2]).SerializeToString()
+def test_windows_without_a_defined_answer_are_unknown(window_model, recorded_windows):
+    graph = build_sample_graph(window_model, recorded_windows.shape[2]).SerializeToString()
     odd = recorded_windows[:4].copy()
     odd[0, 0, 7], odd[1, 0, 9], odd[2] = np.nan, np.inf, 0.0
     outputs = run(graph, odd, SAMPLES)
@@ -260,19 +260,19 @@ def test_windows_without_a_defined_answer_are_unknown(touch_model, recorded_wind
     assert np.isnan(outputs["probabilities"][:2]).all()
     assert outputs["unknown"].tolist()[:3] == [True, True, True]
     assert outputs["label"][3] == run(graph, recorded_windows[3:4], SAMPLES)["label"][0]
-    silence = touch_model.answer(recording_of(touch_model, odd[2]))
+    silence = window_model.answer(recording_of(window_model, odd[2]))
     assert (outputs["label"][2], outputs["p_known"][2]) == (silence.surface, silence.p_known)
 
 
-def test_a_small_change_of_any_table_raises_an_error(touch_model, recorded_windows):
+def test_a_small_change_of_any_table_raises_an_error(window_model, recorded_windows):
     n = recorded_windows.shape[2]
     with_drift = recorded_windows[:1] + np.linspace(5, 15, n, dtype=np.float32)
     windows = np.concatenate([recorded_windows, with_drift, 0 * recorded_windows[:1]])
     graph, X = (
-        build_sample_graph(touch_model, n, with_features=True),
-        features_of_windows(touch_model, windows),
+        build_sample_graph(window_model, n, with_features=True),
+        features_of_windows(window_model, windows),
     )
-    parity = check_sample_parity(touch_model, graph.SerializeToString(), windows, X)
+    parity = check_sample_parity(window_model, graph.SerializeToString(), windows, X)
     assert parity.difference < 1e-6
 
     def change(values):
@@ -282,7 +282,7 @@ def test_a_small_change_of_any_table_raises_an_error(touch_model, recorded_windo
     assert len(changed) >= 18
     for changed_graph in changed:
         with pytest.raises(ParityError, match=r"differs from texclass in \d+ of \d+ windows; window \d+ has"):
-            check_sample_parity(touch_model, changed_graph, windows, X)
+            check_sample_parity(window_model, changed_graph, windows, X)
 
 
 def test_the_file_contains_only_the_features_of_the_model():
@@ -320,7 +320,7 @@ def test_a_model_of_whole_recordings_needs_a_window_length(linear_model, tmp_pat
     assert [d.dim_param or d.dim_value for d in entry.type.tensor_type.shape.dim] == ["n", 1, 2000]
 
 
-def test_generated_windows_follow_the_formula_and_one_is_silent(touch_model):
+def test_generated_windows_follow_the_formula_and_one_is_silent(window_model):
     window = create_window({"seed": 1, "smooth": 0.5, "gain": 2.0, "offset": [0.0, 9.0]}, 2, 2)
     s, expected = 1, []
     for offset in (0.0, 9.0):
@@ -330,15 +330,15 @@ def test_generated_windows_follow_the_formula_and_one_is_silent(touch_model):
             y = 0.5 * y + s / 4294967296 - 0.5
             expected.append(np.float32(offset + 2.0 * y))
     assert window.ravel().tolist() == expected
-    assert not create_window(window_recipes(touch_model)[-1], 1, 1000).any()
+    assert not create_window(window_recipes(window_model)[-1], 1, 1000).any()
 
 
 # Commands `texclass export --from samples` and `texclass export --check`
 
 
 @pytest.fixture
-def folder(touch_model, tmp_path, monkeypatch):
-    touch_model.save(tmp_path / "surfaces.skops")
+def folder(window_model, tmp_path, monkeypatch):
+    window_model.save(tmp_path / "surfaces.skops")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

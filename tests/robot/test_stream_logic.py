@@ -72,8 +72,8 @@ def test_the_reference_returns_the_verdicts_of_the_vectors(vector, logic):
         evidence.reset()
 
 
-def test_the_reference_with_the_exported_file_has_the_same_answers_as_texclass(logic, touch_model, tmp_path):
-    model = touch_model
+def test_the_reference_with_the_exported_file_has_the_same_answers_as_texclass(logic, window_model, tmp_path):
+    model = window_model
     exported = export_onnx(model, tmp_path / "windows.onnx", start="samples")
     session = onnxruntime.InferenceSession(exported.path, providers=["CPUExecutionProvider"])
     constants = json.loads(session.get_modelmeta().custom_metadata_map["texclass.stream"])
