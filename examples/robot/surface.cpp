@@ -1,10 +1,11 @@
-// Which surface is this, in C++: a file that `texclass export --from samples` wrote, and samples on standard
-// input, float32, window after window, channel after channel. One line a window: surface, probability, p_known.
+// Surface classification in C++, with a file of `texclass export --from samples`.
+// Standard input: float32 samples, window by window, channel by channel.
+// Output: one line per window with surface, probability, p_known, and "unknown" for an unknown surface.
 //
 //   g++ -std=c++17 -O2 surface.cpp -I ONNXRUNTIME/include -L ONNXRUNTIME/lib -lonnxruntime -o surface
-//   ./surface windows.onnx < felt.f32
+//   ./surface windows.onnx < samples.f32
 //
-// ONNXRUNTIME is a release of https://github.com/microsoft/onnxruntime; any from 1.15 on will do.
+// ONNXRUNTIME is a release of https://github.com/microsoft/onnxruntime; version 1.15 or later.
 
 #include <onnxruntime_cxx_api.h>
 

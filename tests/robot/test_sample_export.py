@@ -386,18 +386,18 @@ def _without_roughness(monkeypatch):
 
 @pytest.mark.usefixtures("_without_roughness")
 def test_training_for_export_omits_features_without_graph_and_reports_the_accuracy_with_them(command, folder):
-    asked = {"row": "Roughness", "classifier": "lda", "window_s": 0.025}
-    model = train(surfaces(), pipeline(), **asked, exportable=True)
+    options = {"row": "Roughness", "classifier": "lda", "window_s": 0.025}
+    model = train(surfaces(), pipeline(), **options, exportable=True)
     assert model.columns == ("fineness",)
     accuracy = model.manifest.accuracy
     assert accuracy["not_exportable"] == ["temporal_roughness"]
-    whole = train(surfaces(), pipeline(), **asked)
+    whole = train(surfaces(), pipeline(), **options)
     assert accuracy["with_all_features"] == whole.manifest.accuracy["mean"] != accuracy["mean"]
     export_onnx(model, folder / "surfaces.onnx", start="samples")
     model.save("surfaces.skops")
     _, out, _ = command("model", "surfaces.skops")
     assert "temporal_roughness: not exportable to ONNX; with them" in " ".join(out.split())
-    nothing = train(surfaces(), pipeline(), **asked | {"row": "Spectrum"}, exportable=True)
+    nothing = train(surfaces(), pipeline(), **options | {"row": "Spectrum"}, exportable=True)
     assert "not_exportable" not in nothing.manifest.accuracy
 
 

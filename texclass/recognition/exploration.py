@@ -403,15 +403,15 @@ class ExplorationSession(Session):
         self, first: Iterable[Update | Notice], others: Mapping[str, Iterable[Update | Notice]]
     ) -> tuple[Update | Notice, ...]:
         """Return all updates of the first session, and the answers of all sessions for their own gesture."""
-        named = [(self._first, update) for update in first]
-        named += [
+        pairs = [(self._first, update) for update in first]
+        pairs += [
             (name, update)
             for name, updates in others.items()
             for update in updates
             if isinstance(update, WindowAnswer)
         ]
         merged: list[Update | Notice] = []
-        for name, update in sorted(named, key=lambda pair: getattr(pair[1], "n_received", 0)):
+        for name, update in sorted(pairs, key=lambda pair: getattr(pair[1], "n_received", 0)):
             if not isinstance(update, WindowAnswer):
                 merged.append(update)
             elif name == self._gesture_of(name, update.onset):

@@ -166,7 +166,7 @@ class LevelMeter:
     >>> meter = LevelMeter(fs=4000, n_axes=1, memory_s=1.0)
     >>> noise = np.random.default_rng(0).standard_normal((40, 1))
     >>> [(stop, round(power, 2)) for stop, power in meter.push(noise)]
-    [(20, 0.37), (40, 0.62)]
+    [(20, 0.71), (40, 0.45)]
     """
 
     def __init__(self, fs: float, n_axes: int, memory_s: float) -> None:
@@ -345,7 +345,7 @@ class ContactDetector:
     >>> noise = np.random.default_rng(0).standard_normal((4000, 1))
     >>> noise[:800] *= 0.01  # 0.2 s of rest, then a stroke
     >>> [(event.kind, event.sample) for bin in meter.push(noise) for event in detector.step(*bin)]
-    [('contact', 800)]
+    [('contact', 780)]
     """
 
     def __init__(
