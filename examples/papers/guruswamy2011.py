@@ -1,7 +1,7 @@
 """Guruswamy, Lang and Lee (2011): IIR filter models of haptic vibration textures.
 
-Its tables and figures beside ours: run `python examples/papers/guruswamy2011.py --out DIR`. The paper's scans
-are not public: simulated objects have its published values as truth.
+Compares tables and figures with the published ones: run `python examples/papers/guruswamy2011.py --out DIR`.
+The scans of the paper are not public: simulated objects have its published values as ground truth.
 """
 
 import hashlib
@@ -16,8 +16,8 @@ import pandas as pd
 from guruswamy2011_measures import (
     BOUNDS,
     DURATION_S,
-    at_speeds,
-    cleaned,
+    clean,
+    compare_speeds,
     excerpt,
     fits_by_order,
     held_out,
@@ -50,14 +50,14 @@ KEY = "guruswamy2011"
 N_TRIALS, N_LOOSE = 50, 10
 SHOWN = "Rubber mat"
 SEGMENT = 10
-"""Of the rubber mat, as in figures 4 and 5."""
+"""Index of the segment of the rubber mat in figures 4 and 5."""
 COLUMNS = (
     "f_max Hz", "f_major Hz", "segments/mm", "order + 1", "SAD bandpass", "SAD original", "v mm/s", "force N",
 )  # fmt: skip
 
 
 def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
-    """Write the chapter into a folder; `small` tries little and leaves real recordings out."""
+    """Write the chapter into a folder; `small` runs few trials and omits real recordings."""
     numbers, pictures = (
         compute(seed, n_trials=1, n_loose=1, n_paths=5, duration_s=5.0, real=False)
         if small
@@ -66,8 +66,8 @@ def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
     document = Document(
         "Guruswamy, Lang and Lee, IIR Filter Models of Haptic Vibration Textures (2011)",
         [
-            *WHAT_IS_SIMULATED,
-            Heading("Recovered from simulated scans"), *recovered(numbers), pictures["recovery"],
+            *SIMULATION_NOTES,
+            Heading("Recovery from simulated scans"), *report_recovery(numbers), pictures["recovery"],
             Heading("Table I: one scan of each object"), *table_1(numbers), pictures["fig8-9"],
             pictures["fig6-7"],
             Heading("Table II: five scans of each object"), *table_2(numbers),
@@ -78,7 +78,7 @@ def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
             Heading("Rendered at other speeds, figures 11 and 12"), *speeds(numbers), pictures["fig11"],
             pictures["fig12"],
             Heading("Random paths"), paths(numbers),
-            Heading("Recordings of others"), *recorded(numbers),
+            Heading("Real recordings"), *report_recordings(numbers),
         ],
         reproduction={
             "command": f"python examples/papers/{KEY}.py --out DIR",
@@ -99,11 +99,11 @@ def compute(
     duration_s: float = DURATION_S,
     real: bool = True,
 ) -> tuple[dict[str, Any], dict[str, Figure]]:
-    """Compute what the chapter says; return it with the figures, not drawn yet."""
+    """Compute the numbers of the chapter; return them with the figures, which are drawn later."""
     scans = {o.name: repeated_scans(o, stream(seed, 1, i), duration_s) for i, o in enumerate(OBJECTS)}
     fitted = {o.name: fit_texture(scans[o.name][0], o.law) for o in OBJECTS}
-    piece = fitted[SHOWN].profile.segmentation.split(fitted[SHOWN].profile.samples)[SEGMENT]
-    orders = fits_by_order(piece, fitted[SHOWN].scan.fs, RESOLUTION)
+    segment = fitted[SHOWN].profile.segmentation.split(fitted[SHOWN].profile.samples)[SEGMENT]
+    orders = fits_by_order(segment, fitted[SHOWN].scan.fs, RESOLUTION)
     laws = {
         o.name: fit_level_law(level_scans(o, stream(seed, 2, i)), o.law.k_c) for i, o in enumerate(OBJECTS)
     }
@@ -113,7 +113,7 @@ def compute(
     }
     errors = recoveries(seed, n_trials)
     loose = recoveries(seed + 500, n_loose, repeatability=0.03)
-    pairs = {o.name: at_speeds(o, stream(seed, 4, i), duration_s) for i, o in enumerate(OBJECTS)}
+    pairs = {o.name: compare_speeds(o, stream(seed, 4, i), duration_s) for i, o in enumerate(OBJECTS)}
     halves, excerpts, hashes = real_recordings() if real else ([], [], {})
     numbers = {
         "seed": seed,
@@ -139,9 +139,9 @@ def compute(
     sp80 = "SP 80 grit"
     drawings = {
         "recovery": ("Errors relative to their bounds", lambda w: figures.draw_recovery(w, errors)),
-        "fig8-9": ("Textures beside scans", lambda w: figures.draw_textures(w, fitted)),
+        "fig8-9": ("Textures and scans", lambda w: figures.draw_textures(w, fitted)),
         "fig6-7": ("Spectra", lambda w: figures.draw_spectra(w, fitted)),
-        "fig4": ("Fits by order", lambda w: figures.draw_orders(w, piece, orders, fitted[SHOWN].scan.fs)),
+        "fig4": ("Fits by order", lambda w: figures.draw_orders(w, segment, orders, fitted[SHOWN].scan.fs)),
         "fig5": ("Segmentation", lambda w: figures.draw_segmentation(w, fitted[SHOWN], SEGMENT)),
         "fig10": ("Regression", lambda w: figures.draw_laws(w, {n: laws[n] for n in (SHOWN, sp80)})),
         "fig11": (SHOWN, lambda w: figures.draw_speeds(w, SHOWN, pairs[SHOWN][1])),
@@ -155,7 +155,7 @@ def compute(
 
 
 def zero_phase_density(fitted: FittedScan) -> float:
-    """Return the segments per mm that a filter run backwards, too, leads to."""
+    """Return the segments per mm after zero-phase filtering (forwards and backwards)."""
     profile = extract_profile(fitted.acceleration, fitted.scan.fs, phase="zero")
     return float(profile.segmentation.n_segments / fitted.scan.distance_mm[-1])
 
@@ -169,12 +169,12 @@ def hash_of(scans: Mapping[str, list[Scan]]) -> str:
 
 
 def real_recordings() -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, str]]:
-    """Return what the recordings of others give; nothing where they are absent."""
+    """Return the results for real recordings; empty if they are missing."""
     try:
         stylus, lmt = open_dataset("stylus6"), open_dataset("lmt_excerpts")
     except (DataNotFoundError, FileNotFoundError):
         return [], [], {}
-    halves = [held_out(cleaned(Scan.from_recording(recording))) for recording in stylus]
+    halves = [held_out(clean(Scan.from_recording(recording))) for recording in stylus]
     excerpts = []
     for recording in lmt:
         a = np.asarray(recording.acceleration)[: int(recording.fs / 2)]
@@ -183,13 +183,13 @@ def real_recordings() -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[
     return halves, excerpts, {"stylus6": stylus.input_hash, "lmt_excerpts": lmt.input_hash}
 
 
-# What is told -----------------------------------------------------------------------------------------------
+# Report -----------------------------------------------------------------------------------------------------
 
 
 def table(
     header: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "", n_words: int = 1
 ) -> Table:
-    """Return a table, numbers rounded to what is worth reading."""
+    """Return a table with rounded numbers."""
     cells = [[rounded(value) for value in row] for row in rows]
     frame = pd.DataFrame(cells)
     frame.columns = pd.Index(header)  # titles may repeat
@@ -197,63 +197,65 @@ def table(
 
 
 def rounded(value: object) -> str:
-    """Return a number to three digits; texts and whole numbers as they are."""
+    """Return a number with three significant digits; text and integers unchanged."""
     if isinstance(value, int | str):
         return str(value)
     number = float(value)  # type: ignore[arg-type]
     return f"{number:.0f}" if abs(number) >= 1000 else f"{number:.3g}"
 
 
-WHAT_IS_SIMULATED = (
-    "**What is simulated.** The paper's scans are not public. Five simulated objects have its published "
-    "values as truth: features at the density of Table I (regular: spacing spread by 5 %, stochastic: by "
-    "30 %), a ring at f_major, its speed and force, k_c; k_v and a_0 of section V-B for rubber mat and SP"
-    " 80, of that size for the others. 500 Hz, 8 bits of 0.153 m/s^2, noise of a third of a bit, drift, a"
-    " hand whose speed and force wander by a tenth. Not published, hence chosen by us (on other seeds, "
-    "but after a first look at seed 0) such that f_max comes out as printed and features stand apart as "
-    "the text says: decay rates, the short pulse that carries the high frequencies, how features differ "
-    "(20 %), how well scans repeat (1 %), how many scans the law gets (40). So the tables show that the "
-    "method finds what is there, not what the real objects are.",
-    'Two printed cut-offs, 322.8 and 285.5 Hz, lie above half of the printed rate of "about 500 Hz" (and '
-    "0.122 Hz is both 500/4096 and 1000/8192 Hz): the profiles must have been at a higher rate. At 500 Hz"
-    " we find 250 Hz there, all there is. Table I gives the tire tread 133.2 Hz, the text 158 Hz. "
-    "Filtering is causal, its delay taken back: a filter run backwards, too, rings before each onset, "
-    'which the rule of rising peaks takes for features (column "zero-phase").',
+SIMULATION_NOTES = (
+    "**What is simulated.** The scans of the paper are not public. Five simulated objects have its "
+    "published values as ground truth: features at the density of Table I (regular: spacing spread by 5 %, "
+    "stochastic: by 30 %), a response at f_major, speed and force, and k_c; k_v and a_0 of section V-B for "
+    "rubber mat and SP 80, and similar values for the others. 500 Hz, 8 bits of 0.153 m/s^2, noise of a "
+    "third of a bit, drift, and hand motion whose speed and force vary by 10 %. Not published, and "
+    "therefore chosen by us (with other seeds, but after a first look at seed 0) such that f_max is as "
+    "printed and features are separate as described: decay rates, the short pulse with the high "
+    "frequencies, the differences of features (20 %), the repeatability of scans (1 %), and the number of "
+    "scans for the law (40). The tables therefore validate the method; they do not describe the real "
+    "objects.",
+    'Two printed cut-offs, 322.8 and 285.5 Hz, are above half of the printed rate of "about 500 Hz" (and '
+    "0.122 Hz is both 500/4096 and 1000/8192 Hz), so the profiles must have had a higher rate. At 500 Hz "
+    "our result there is 250 Hz, the maximum. Table I gives 133.2 Hz for the tire tread, the text 158 Hz. "
+    "Filtering is causal, with its delay removed: a backward pass rings before each onset, which the rule "
+    'of rising peaks counts as features (column "zero-phase").',
 )
 
 
-def recovered(n: Mapping[str, Any]) -> list[Any]:
-    """Tell how near the truth of simulated scans is found."""
+def report_recovery(n: Mapping[str, Any]) -> list[Any]:
+    """Report the recovery of the ground truth of simulated scans."""
     return [
-        f"{n['n_trials']} sections of each object; a scan for density and f_major, forty for k_v and a_0 "
-        "(k_c given). Median, 95th percentile of the absolute error, and how many lie within the bound.",
+        f"{n['n_trials']} sections of each object; one scan for density and f_major, forty scans for k_v "
+        "and a_0 (k_c given). Median and 95th percentile of the absolute error, and number of trials "
+        "within the bound.",
         recovery_table(n["recovery"], n["n_trials"], tuple(BOUNDS)),
-        "The same when scans repeat to 3 % instead of 1 % (ten sections): the scatter of the scans decides "
-        "how well k_v and a_0 are known.",
+        "The same with a repeatability of scans of 3 % instead of 1 % (ten sections): the accuracy of k_v "
+        "and a_0 depends on the scatter of the scans.",
         recovery_table(n["recovery_loose"], N_LOOSE, ("k_v", "a_0")),
     ]
 
 
 def recovery_table(recovery: Mapping[str, Any], n: int, which: Sequence[str]) -> Table:
-    """Return median and 95th percentile of each error, and how many trials lie within its bound."""
+    """Return median and 95th percentile of each error, and the number of trials within its bound."""
     unit = {name: (1.0, "Hz") if name == "f_major" else (100.0, "%") for name in which}
     rows = [
         [
             name,
             *(
-                f"{unit[q][0] * found[q][0]:.2g}, {unit[q][0] * found[q][1]:.2g} {unit[q][1]}; "
-                f"{found[q][2]}/{n}"
+                f"{unit[q][0] * errors[q][0]:.2g}, {unit[q][0] * errors[q][1]:.2g} {unit[q][1]}; "
+                f"{errors[q][2]}/{n}"
                 for q in which
             ),
         ]
-        for name, found in recovery.items()
+        for name, errors in recovery.items()
     ]
     header = ["Object", *(f"{q} ({unit[q][0] * BOUNDS[q]:g} {unit[q][1]})" for q in which)]
     return table(header, rows, n_words=len(header))
 
 
 def table_1(n: Mapping[str, Any]) -> list[Any]:
-    """Tell one scan of each object, and what filters are stable."""
+    """Report one scan of each object, and the stability of the filters."""
     rows: list[Sequence[object]] = []
     extra = []
     for thing in OBJECTS:
@@ -270,19 +272,19 @@ def table_1(n: Mapping[str, Any]) -> list[Any]:
     )  # fmt: skip
     return [
         table(("Object", "Whose", *COLUMNS), rows, n_words=2),
-        "SAD in mm/s^2, of each filter within its segment, as the order is grown until it falls below 153. "
-        "Simulated segments are simpler than real ones: the orders needed are lower than the published ones, "
-        "and the pulses leave more above the cut-off (SAD original).",
-        "By Prony's method a part of the filters is unstable: they fit within the segment and cannot be "
-        "rendered beyond it. The default, stable modes, each segment fitted to what earlier filters leave "
-        "over, is measured as it is rendered, as the sum of all filters with their tails. Prony's sum leaves "
-        "the unstable ones' tails out.",
+        "SAD in mm/s^2, of each filter within its segment; the order is increased until it is below 153. "
+        "Simulated segments are simpler than real ones: the required orders are lower than the published "
+        "ones, and the pulses have more energy above the cut-off (SAD original).",
+        "A part of the filters of Prony's method is unstable: they fit within the segment, but cannot be "
+        "rendered beyond it. The default (stable modes, each segment fitted to the residual of earlier "
+        "filters) is measured as rendered, as the sum of all filters with their tails. The sum of Prony "
+        "filters omits the tails of the unstable ones.",
         table(header, extra),
     ]
 
 
 def table_2(n: Mapping[str, Any]) -> list[Any]:
-    """Tell means and deviations over five scans."""
+    """Report means and standard deviations over five scans."""
     rows = []
     for thing in OBJECTS:
         density, order = TABLE_2[thing.name]
@@ -293,79 +295,79 @@ def table_2(n: Mapping[str, Any]) -> list[Any]:
     header = ("Object", "segments/mm published", "ours", "order + 1 published", "ours")
     return [
         table(header, rows, n_words=len(header)),
-        "Mean (standard deviation). Our five scans follow exactly the same line with speed and force spread "
-        "by 12 %; the paper's follow similar lines by hand, so theirs spread more.",
+        "Mean (standard deviation). Our five scans follow exactly the same line, with speed and force "
+        "spread by 12 %; those of the paper follow similar lines by hand, so their spread is larger.",
     ]
 
 
 def table_3(n: Mapping[str, Any]) -> list[Any]:
-    """Tell each of five scans of two objects."""
+    """Report each of five scans of two objects."""
     rows: list[Sequence[object]] = []
-    for name, theirs in TABLE_3.items():
-        rows += [[name, f"published {i}", *row] for i, row in enumerate(theirs, 1)]
+    for name, published in TABLE_3.items():
+        rows += [[name, f"published {i}", *row] for i, row in enumerate(published, 1)]
         rows += [[name, f"ours {i}", *scan["row"].values()] for i, scan in enumerate(n["scans"][name], 1)]
     return [table(("Object", "Scan", *COLUMNS), rows, n_words=2)]
 
 
 def by_order(n: Mapping[str, Any]) -> list[Any]:
-    """Tell what filters of several orders leave of one segment."""
+    """Report the error of filters of several orders for one segment."""
     rows = [(method, order, radius, 1e3 * error) for method, order, radius, error in n["orders"]]
     return [
-        "The paper needs order 16 for a mean absolute error below 153 mm/s^2 on its segment. Ours is shorter "
-        "than 106 samples: the numerator of that order alone holds it.",
+        "The paper needs order 16 for a mean absolute error below 153 mm/s^2 on its segment. Our segment "
+        "is shorter than 106 samples, so the numerator of that order reproduces it exactly.",
         table(("Method", "Order", "Outermost pole", "Error mm/s^2"), rows),
     ]
 
 
 def levels(n: Mapping[str, Any]) -> list[Any]:
-    """Tell the laws of level beside the truth."""
+    """Report the fitted laws of the level and the ground truth."""
     rows = []
     for thing in OBJECTS:
         (law, r_squared), truth = n["laws"][thing.name], thing.law
         free = n["force_laws"][thing.name]["k_c"]
         rows.append([thing.name, truth.k_v, law["k_v"], truth.a_0, law["a_0"], r_squared, truth.k_c, free])
     header = (
-        "Object", "k_v 1/s", "found", "a_0 m/s^2", "found", "R^2", "k_c", "found, force spread by 50 %",
+        "Object", "k_v 1/s", "fitted", "a_0 m/s^2", "fitted", "R^2", "k_c", "fitted, force spread by 50 %",
     )  # fmt: skip
     return [
-        "a_RMS = k_v v + k_c f + a_0, v in m/s, from forty scans at 0.5 to 4 times the object's speed; least "
-        "squares of the relative deviation. Published: k_v = 18.5 and 19.4 1/s, a_0 = 0.435 and 0.287 m/s^2 "
-        "for rubber mat and SP 80. k_c is given, as in the paper; it can be regressed if the force varies "
-        "enough.",
+        "a_RMS = k_v v + k_c f + a_0, v in m/s, from forty scans at 0.5 to 4 times the speed of the "
+        "object; least squares of the relative deviation. Published: k_v = 18.5 and 19.4 1/s, a_0 = 0.435 "
+        "and 0.287 m/s^2 for rubber mat and SP 80. k_c is given, as in the paper; it can be fitted if the "
+        "force varies enough.",
         table(header, rows),
     ]
 
 
 def speeds(n: Mapping[str, Any]) -> list[Any]:
-    """Tell how textures do at speeds at which nothing was scanned."""
+    """Report the accuracy of textures at speeds that were not scanned."""
     rows = [[name, *row] for name, each in n["speeds"].items() for row in each]
     return [
-        "A texture from a scan at the object's own speed, rendered along the path of further scans of the "
-        "same section, compared within the texture's band. Eq. (2) is a law of the RMS; amplitudes in "
-        "proportion to it ('as printed') make the vibration louder still at higher speed, because features "
-        "then overlap. We take that back by the root of the speed (`Amplitude.factor`). A filter begins at "
-        "the minimum before its first peak, and its rise takes as long at any speed: at higher speed the "
-        "texture lags behind the scan by some milliseconds.",
+        "A texture from a scan at the speed of the object is rendered along the path of further scans of "
+        "the same section, and compared within its band. Eq. (2) is a law of the RMS. Amplitudes in "
+        "proportion to it ('as printed') make the vibration too loud at higher speed, because features "
+        "overlap. Our textures compensate this by the root of the speed (`Amplitude.factor`). A filter "
+        "begins at the minimum before its first peak, and its rise time does not depend on the speed: at "
+        "higher speed the texture is some milliseconds late.",
         table(("Object", "speed mm/s", "GFC", "RMS rendered / scanned", "the same, as printed"), rows),
     ]
 
 
 def paths(n: Mapping[str, Any]) -> str:
-    """Tell what random paths gave."""
+    """Report the results for random paths."""
     p = n["paths"]
     finite = "all output finite" if p["finite"] else "NOT ALL OUTPUT FINITE"
     return (
-        f"{p['n_paths']} random paths (wandering, jumps, lifting off; up to 5 m/s and 20 N): {finite}, the "
-        f"largest {p['largest']:.3g} times the recorded peak (limit: {PEAK_FACTOR:g} times; "
-        f"{100 * p['limited']:.2g} % of the samples are held there), at most {p['most_ringing']} of "
-        f"{MAX_RINGING} places for ringing modes taken."
+        f"{p['n_paths']} random paths (smooth motion, jumps, lifting; up to 5 m/s and 20 N): {finite}, the "
+        f"largest {p['largest']:.3g} times the recorded peak (limit: {PEAK_FACTOR:g} times, reached by "
+        f"{100 * p['limited']:.2g} % of the samples), at most {p['most_ringing']} of {MAX_RINGING} modes "
+        "active.",
     )
 
 
-def recorded(n: Mapping[str, Any]) -> list[Any]:
-    """Tell what real recordings give."""
+def report_recordings(n: Mapping[str, Any]) -> list[Any]:
+    """Report the results for real recordings."""
     if not n["held_out"]:
-        return ["Left out: the recordings (`stylus6`, `lmt_excerpts`) are not on this machine."]
+        return ["Skipped: the recordings (`stylus6`, `lmt_excerpts`) are not on this machine."]
     header = (
         "Texture", "k_v", "k_c", "a_0", "R^2", "f_max Hz", "f_major Hz", "segments/mm", "poles",
         "SAD / level", "GFC", "RMS rendered / recorded", "r of the level",
@@ -377,12 +379,13 @@ def recorded(n: Mapping[str, Any]) -> list[Any]:
     rows = [[h["name"], *h["law"].values(), *(h[name] for name in names)] for h in n["held_out"]]
     return [
         "`stylus6`: law and texture from the first 5 s, rendered along the second 5 s; device lines at "
-        "multiples of 100 Hz removed. GFC and RMS of the second half, r: correlation of the RMS in quarter "
-        "seconds. Speeds of 140 mm/s are far from the slow scans that the method asks for, and the level "
-        "hardly follows speed and force (R^2): the spectra fit, the course of the level is not predicted.",
+        "multiples of 100 Hz removed. GFC and RMS of the second half; r: correlation of the RMS in "
+        "windows of 0.25 s. Speeds of 140 mm/s are far from the slow scans that the method needs, and the "
+        "level hardly depends on speed and force (R^2): the spectra agree, but the course of the level is "
+        "not predicted.",
         table(header, rows),
-        "`lmt_excerpts`: no speed or force, so only band, segments and filters; half a second of each at 10 "
-        "kHz.",
+        "`lmt_excerpts`: there is no speed or force, so only band, segments and filters; 0.5 s of each at "
+        "10 kHz.",
         table(
             ("Surface", "f_max Hz", "f_major Hz", "segments/s", "poles", "SAD / level"),
             [list(e.values()) for e in n["excerpts"]],

@@ -1,4 +1,4 @@
-"""Figures 4 to 12 of `guruswamy2011`, of simulated scans, and how well their truth is found again."""
+"""Figures 4 to 12 of `guruswamy2011`, of simulated scans, and the recovery of their ground truth."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,22 +17,22 @@ from texclass.reporting.wording import MINUS
 COLOURS = (*(colour for colour, _ in LOOKS), INK)
 
 
-def draw_orders(width: float, piece: Samples, fits: Sequence[Mapping[str, Any]], fs: float) -> Drawing:
+def draw_orders(width: float, segment: Samples, fits: Sequence[Mapping[str, Any]], fs: float) -> Drawing:
     """Draw one segment and its fits (figure 4)."""
     figure, panels = _panels(1, 2, (width, 3.6), sharey=True)
-    t = 1e3 * np.arange(piece.size) / fs
+    t = 1e3 * np.arange(segment.size) / fs
     for axes, chosen, title in (
         (panels[0], fits[:1], "decaying sinusoid"),
         (panels[1], fits[1:], "filters"),
     ):
-        axes.plot(t, piece, "x", color=INK, markersize=4, label="band-passed scan")
+        axes.plot(t, segment, "x", color=INK, markersize=4, label="band-passed scan")
         for colour, fit in zip(COLOURS, chosen, strict=False):
             label = f"{fit['method']}, order {fit['order']}: {1e3 * fit['error']:.3g} mm/s²"
             axes.plot(t, fit["response"], color=colour, linewidth=1.2, label=label)
         axes.set_title(title)
         axes.legend()
         axes.set_xlabel("time (ms)")
-    panels[0].set_ylim(1.3 * min(piece.min(), 0.0) - 0.5, 1.3 * max(piece.max(), 0.0) + 0.5)
+    panels[0].set_ylim(1.3 * min(segment.min(), 0.0) - 0.5, 1.3 * max(segment.max(), 0.0) + 0.5)
     panels[0].set_ylabel("acceleration (m/s²)")
     return figure
 
@@ -116,7 +116,7 @@ def draw_laws(width: float, fits: Mapping[str, LevelFit]) -> Drawing:
             label="scans (simulated)",
         )
         axes.plot(
-            v, fit.law.rms(v, 0.0), color=OURS, label=f"found: {fit.law.k_v:.1f} 1/s, {fit.law.a_0:.3f} m/s²"
+            v, fit.law.rms(v, 0.0), color=OURS, label=f"ours: {fit.law.k_v:.1f} 1/s, {fit.law.a_0:.3f} m/s²"
         )
         axes.plot(
             v, theirs.rms(v, 0.0), "--", color=OTHER, label=f"published: {theirs.k_v} 1/s, {theirs.a_0} m/s²"

@@ -1,4 +1,4 @@
-"""What the chapter on `guruswamy2011` measures: scans, truth found again, other speeds, real recordings."""
+"""Measurements of the chapter on `guruswamy2011`: scans, recovery, other speeds, and real recordings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,26 +28,26 @@ from texclass.vibration.decaying_modes import prony
 from texclass.vibration.scores import goodness_of_fit, mean_absolute_difference
 
 DURATION_S = 10.0
-"""Of a scan at the object's own speed."""
+"""Duration in s of a scan at the speed of the object."""
 N_REPEATED, N_LEVELS = 5, 40
 SPEEDS = (0.5, 4.0)
-"""Range of speeds of the regression, relative to the object's own."""
+"""Range of speeds of the regression, relative to the speed of the object."""
 SPEED_STEPS = (1.0, 2.0, 4.0)
-"""Of figures 11 and 12, relative to the speed of the scan."""
+"""Speeds of figures 11 and 12, relative to the speed of the scan."""
 BOUNDS = {"segments per mm": 0.10, "f_major": 2.0, "k_v": 0.05, "a_0": 0.05}
-"""Within which truth is to be found: relative, but f_major in Hz."""
+"""Required accuracy of the recovery: relative, but in Hz for f_major."""
 PRONY_ORDERS = (11, 16, 106)
-"""Of figure 4."""
+"""Orders of figure 4."""
 RELATIVE_BIT = 0.17
-"""Bit over RMS where the sensor's bit is not known: what 0.153 m/s^2 is to the paper's scans."""
+"""Resolution relative to the RMS if that of the sensor is unknown: the ratio in the scans of the paper."""
 HIGHEST_HZ = 350.0
-"""What lies above in `stylus6` is a device line at 400 Hz and noise of the converter up to fs/2."""
+"""Upper limit for `stylus6` in Hz; above it there is a device line at 400 Hz and noise of the converter."""
 LINES_HZ = (100.0, 200.0, 300.0)
-"""Further lines of the device, seen in all six recordings."""
+"""Further lines of the device in Hz, present in all six recordings."""
 
 
 def stream(seed: int, *keys: int) -> np.random.Generator:
-    """Return the random numbers of one part of the study."""
+    """Return the random number generator of one part of the study."""
     return np.random.default_rng([seed, 2011, *keys])
 
 
@@ -57,7 +57,7 @@ def stream(seed: int, *keys: int) -> np.random.Generator:
 def repeated_scans(
     thing: SimulatedObject, rng: np.random.Generator, duration_s: float = DURATION_S
 ) -> list[Scan]:
-    """Scan one section five times: once as published, then with speed and force as a hand repeats them."""
+    """Scan one section five times: once as published, then with the spread of speed and force by hand."""
     section = lay_out(thing, duration_s * thing.speed, rng)
     hand = [(1.0, 1.0), *np.exp(0.12 * rng.standard_normal((N_REPEATED - 1, 2)))]
     return [simulate_scan(thing, section, rng, speed=thing.speed * v, force=thing.force * f) for v, f in hand]
@@ -71,7 +71,7 @@ def level_scans(
     force_spread: float = 0.12,
     n_scans: int = N_LEVELS,
 ) -> list[Scan]:
-    """Scan one section at many speeds; the spread of the force is the logarithm's standard deviation."""
+    """Scan one section at many speeds; `force_spread` is the standard deviation of the logarithm."""
     section = lay_out(thing, DURATION_S * thing.speed, rng)
     speeds = thing.speed * np.geomspace(*SPEEDS, n_scans)
     forces = thing.force * np.exp(force_spread * rng.standard_normal(n_scans))
@@ -89,13 +89,13 @@ def _amplitude(scan: Scan, law: LevelLaw) -> Amplitude:
 
 
 def published_row(scan: Scan, law: LevelLaw, resolution: float = RESOLUTION) -> dict[str, Any]:
-    """Measure a scan as the paper does: band, segments, Prony's filters from order n_extrema upwards.
+    """Measure a scan as in the paper: band, segments, and Prony filters from order n_extrema upwards.
 
     Returns
     -------
     dict
-        row (by `ROW`), unstable (part of the filters that are), sad_sum (of the sum of the stable filters,
-        tails included, to the band-passed profile, mm/s^2).
+        row (by `ROW`), unstable (fraction of unstable filters), sad_sum (difference of the sum of the stable
+        filters, tails included, to the band-passed profile in mm/s^2).
     """
     scaling = _amplitude(scan, law)
     a = normalise_acceleration(scan, scaling)
@@ -124,16 +124,16 @@ def published_row(scan: Scan, law: LevelLaw, resolution: float = RESOLUTION) -> 
     }
 
 
-def fit_published(pieces: Sequence[Samples], resolution: float) -> list[PronyFilter]:
+def fit_published(segments: Sequence[Samples], resolution: float) -> list[PronyFilter]:
     """Fit each segment by Prony's method as published: from order = number of extrema upwards.
 
-    Some of these filters are unstable; they are for comparison and are not rendered.
+    Some of these filters are unstable; they are used for comparison only.
     """
-    return [fit_prony(np.pad(piece, (0, max(0, 2 - piece.size))), resolution) for piece in pieces]
+    return [fit_prony(np.pad(x, (0, max(0, 2 - x.size))), resolution) for x in segments]
 
 
 def modes_row(fitted: FittedScan, law: LevelLaw) -> dict[str, float]:
-    """Measure the default texture of a scan, and the baseline: of the sum of all filters, tails included."""
+    """Measure the default texture of a scan and the baseline, as the sums of all filters with their tails."""
     n, fs = len(fitted.scan), fitted.scan.fs
     total = fitted.responses.sum(n, fs)
     baseline = fit_texture(fitted.scan, law, method="sinusoid").responses.sum(n, fs)
@@ -150,34 +150,34 @@ def n_poles(modes: DecayingModes) -> int:
     return int(np.sum(1 + (modes.frequency_hz > 0)))
 
 
-def fits_by_order(piece: Samples, fs: float, resolution: float) -> list[dict[str, Any]]:
-    """Fit a segment by the decaying sinusoid, by Prony's method at the paper's orders, and by modes."""
-    fits = [_of_modes("decaying sinusoid", fit_sinusoid(piece, fs), piece, fs)]
+def fits_by_order(segment: Samples, fs: float, resolution: float) -> list[dict[str, Any]]:
+    """Fit a segment by a decaying sinusoid, by Prony's method at the orders of the paper, and by modes."""
+    fits = [_of_modes("decaying sinusoid", fit_sinusoid(segment, fs), segment, fs)]
     for order in PRONY_ORDERS:
-        filter_ = prony(piece, order)
+        filter_ = prony(segment, order)
         with np.errstate(over="ignore", invalid="ignore"):
-            response = filter_.synthesize(piece.size)
-        said = {"pole_radius": filter_.pole_radius, "error": filter_.error, "response": response}
-        fits.append({"method": "Prony", "order": order} | said)
-    return [*fits, _of_modes("stable modes", fit_modes(piece, fs, resolution), piece, fs)]
+            response = filter_.synthesize(segment.size)
+        measures = {"pole_radius": filter_.pole_radius, "error": filter_.error, "response": response}
+        fits.append({"method": "Prony", "order": order} | measures)
+    return [*fits, _of_modes("stable modes", fit_modes(segment, fs, resolution), segment, fs)]
 
 
-def _of_modes(method: str, modes: DecayingModes, piece: Samples, fs: float) -> dict[str, Any]:
-    response = modes.synthesize(piece.size, fs)
+def _of_modes(method: str, modes: DecayingModes, segment: Samples, fs: float) -> dict[str, Any]:
+    response = modes.synthesize(segment.size, fs)
     return {
         "method": method,
         "order": n_poles(modes),
         "pole_radius": float(np.exp(-modes.decay_per_s.min(initial=np.inf) / fs)),
-        "error": float(np.mean(np.abs(piece - response))),
+        "error": float(np.mean(np.abs(segment - response))),
         "response": response,
     }
 
 
-# Truth found again ------------------------------------------------------------------------------------------
+# Recovery ---------------------------------------------------------------------------------------------------
 
 
 def recover(thing: SimulatedObject, seed: int, *, repeatability: float = 0.01) -> Samples:
-    """Return the errors of one trial, in the order of `BOUNDS`: a section and a scan, forty for the law."""
+    """Return the errors of one trial in the order of `BOUNDS`: one scan of a section, forty for the law."""
     rng = stream(seed, 50, [each.name for each in OBJECTS].index(thing.name))
     law = fit_level_law(level_scans(thing, rng, repeatability=repeatability), thing.law.k_c).law
     section = lay_out(thing, DURATION_S * thing.speed, rng)
@@ -202,7 +202,7 @@ def recoveries(seed: int, n_trials: int, *, repeatability: float = 0.01) -> dict
 
 
 def within_bounds(errors: Samples) -> dict[str, tuple[float, float, int]]:
-    """Return median and 95th percentile of the absolute error, and how many trials lie within `BOUNDS`."""
+    """Return median and 95th percentile of the absolute error, and the number of trials within `BOUNDS`."""
     return {
         quantity: (float(np.median(row)), float(np.quantile(row, 0.95)), int(np.sum(row <= bound)))
         for (quantity, bound), row in zip(BOUNDS.items(), np.abs(errors), strict=True)
@@ -212,13 +212,14 @@ def within_bounds(errors: Samples) -> dict[str, tuple[float, float, int]]:
 # Textures against scans at other speeds, and along random paths ---------------------------------------------
 
 
-def at_speeds(
+def compare_speeds(
     thing: SimulatedObject, rng: np.random.Generator, duration_s: float = DURATION_S
 ) -> tuple[SpatialTexture, list[dict[str, Any]]]:
-    """Fit a texture to a slow scan and render it along scans of the section at further speeds.
+    """Fit a texture to a slow scan and render it along scans of the section at other speeds.
 
-    Each is compared within the texture's band: scan, rendered, fit (of the spectra), level (RMS of the
-    rendered over that of the scanned) and level_printed (with the amplitude as printed, see `Amplitude`).
+    Each comparison within the band of the texture has the keys scan, rendered, fit (GFC), level (ratio of the
+    RMS of the rendered and the scanned vibration) and level_printed (the same without compensation, see
+    `Amplitude`).
     """
     section = lay_out(thing, duration_s * thing.speed, rng)
     fitted = fit_texture(simulate_scan(thing, section, rng), thing.law)
@@ -226,18 +227,18 @@ def at_speeds(
     plain = replace(texture, scaling=replace(texture.scaling, compensated=False))
     for step in SPEED_STEPS:
         scan = simulate_scan(thing, section, rng, speed=step * thing.speed)
-        a = within(scan.acceleration, fitted.profile.cutoff_hz, scan.fs)
+        a = limit_band(scan.acceleration, fitted.profile.cutoff_hz, scan.fs)
         rendered, printed = (
             each.renderer().process(scan.velocity, scan.force, scan.position) for each in (texture, plain)
         )
         levels = [float(np.sqrt(np.mean(y**2) / np.mean(a**2))) for y in (rendered, printed)]
-        said = {"fit": goodness_of_fit(a, rendered), "level": levels[0], "level_printed": levels[1]}
-        pairs.append({"scan": scan, "rendered": rendered} | said)
+        scores = {"fit": goodness_of_fit(a, rendered), "level": levels[0], "level_printed": levels[1]}
+        pairs.append({"scan": scan, "rendered": rendered} | scores)
     return texture, pairs
 
 
-def within(acceleration: Samples, cutoff_hz: float, fs: float) -> Samples:
-    """Return what the band of the texture holds of a recording."""
+def limit_band(acceleration: Samples, cutoff_hz: float, fs: float) -> Samples:
+    """Return a recording within the band of a texture."""
     a: Samples = np.asarray(acceleration - acceleration.mean())
     if cutoff_hz >= fs / 2:
         return a
@@ -247,10 +248,10 @@ def within(acceleration: Samples, cutoff_hz: float, fs: float) -> Samples:
 def random_paths(
     textures: Sequence[SpatialTexture], rng: np.random.Generator, n_paths: int = 1000, n_samples: int = 500
 ) -> dict[str, Any]:
-    """Render random paths: wandering, jumps, standing still, lifting off, speeds to 5 m/s, forces to 20 N.
+    """Render random paths: smooth motion, jumps, rest, lifting, speeds up to 5 m/s, forces up to 20 N.
 
-    Returns n_paths, largest (output over the recorded peak), limited (part of the samples at the limit),
-    most_ringing (modes at once) and finite.
+    Returns n_paths, largest (output over the recorded peak), limited (fraction of samples at the limit),
+    most_ringing (largest number of active modes) and finite.
     """
     largest, limited, ringing, finite = 0.0, 0, 0, True
     for i in range(n_paths):
@@ -283,11 +284,11 @@ def _smooth(x: Samples) -> Samples:
     return np.asarray(y / max(float(np.abs(y).max()), 1e-12))
 
 
-# Recordings of others: a freehand stylus with speed and force, and excerpts without -------------------------
+# Real recordings: a freehand stylus with speed and force, and excerpts without ------------------------------
 
 
-def cleaned(scan: Scan) -> Scan:
-    """Return a `stylus6` scan without the device's lines and without wild values of speed and force."""
+def clean(scan: Scan) -> Scan:
+    """Return a `stylus6` scan without device lines and without outliers of speed and force."""
     a = signals.lowpass(scan.acceleration - scan.acceleration.mean(), HIGHEST_HZ, scan.fs)
     for line in LINES_HZ:
         a = signal.filtfilt(*signal.iirnotch(line, line / 2.0, scan.fs), a)  # 2 Hz wide
@@ -296,21 +297,21 @@ def cleaned(scan: Scan) -> Scan:
     return Scan.along_line(a, speed, force, scan.fs, scan.name)
 
 
-def held_out(scan: Scan, *, piece_s: float = 0.25) -> dict[str, Any]:
+def held_out(scan: Scan, *, window_s: float = 0.25) -> dict[str, Any]:
     """Fit law and texture to the first half of a freehand scan, and render its second half.
 
-    Returns name, law and r_squared; of the first half f_max_hz, f_major_hz, segments_per_mm, poles and
-    sad_bandpass (relative to the mean absolute profile); of the second level (RMS of the rendered over
-    that of the recorded), fit (of the spectra) and level_correlation (of the RMS in windows of 0.25 s).
+    Returns name, law and r_squared; for the first half f_max_hz, f_major_hz, segments_per_mm, poles and
+    sad_bandpass (relative to the mean absolute profile); for the second half level (RMS ratio of rendered and
+    recorded vibration), fit (GFC) and level_correlation (of the RMS in windows).
     """
     n = len(scan) // 2
     first, second = scan.crop(0, n), scan.crop(n, 2 * n)
-    size = int(piece_s * scan.fs)
+    size = int(window_s * scan.fs)
     level = fit_level_law([first.crop(i, i + size) for i in range(0, n - size + 1, size)])
     resolution = RELATIVE_BIT * float(first.acceleration.std())
     fitted = fit_texture(first, level.law, resolution=resolution, course="travelled")
     rendered = fitted.texture.renderer().process(second.velocity, second.force, second.position)
-    recorded = within(second.acceleration, fitted.profile.cutoff_hz, scan.fs)
+    recorded = limit_band(second.acceleration, fitted.profile.cutoff_hz, scan.fs)
     levels = [
         np.sqrt(np.mean(x[: x.size // size * size].reshape(-1, size) ** 2, axis=1))
         for x in (recorded, rendered)
@@ -330,7 +331,7 @@ def held_out(scan: Scan, *, piece_s: float = 0.25) -> dict[str, Any]:
 
 
 def excerpt(acceleration: Samples, fs: float, name: str) -> dict[str, Any]:
-    """Fit the filters of a recording of which only the acceleration is known, in any unit."""
+    """Fit the filters of a recording without speed and force, in any unit."""
     scan = Scan.along_line(acceleration, 100.0, 1.0, fs, name)
     fitted = fit_texture(scan, resolution=RELATIVE_BIT * float(np.std(acceleration)))
     return {

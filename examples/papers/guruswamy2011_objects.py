@@ -1,8 +1,8 @@
-"""What `guruswamy2011` printed, and simulated objects whose truth is what it published of the real ones.
+"""Published tables of `guruswamy2011`, and simulated objects with these values as ground truth.
 
-Feature density, major frequency, speed, force and k_c are Table I's and section III's; k_v and a_0 those of
-section V-B for the rubber mat and SP80 and of that size for the others. What no table tells (decay rates, the
-modes above the major one, how much features differ) is ours.
+Feature density, major frequency, speed, force and k_c are those of Table I and section III; k_v and a_0 those
+of section V-B for the rubber mat and SP80, and similar values for the others. Values that are not published
+(decay rates, modes above the major frequency, differences of features) are our choice.
 """
 
 from dataclasses import dataclass
@@ -25,8 +25,8 @@ ROW = (
     "speed",
     "force",
 )
-"""A scan in Tables I and III: upper cut-off and major frequency (Hz), density of segments, mean order + 1,
-mean absolute difference of the filters to the band-passed and to the recorded profile (mm/s^2), mean speed
+"""Values of a scan in Tables I and III: upper cut-off and major frequency (Hz), segments per mm, mean order +
+1, mean absolute difference of the filters to the band-passed and to the recorded profile (mm/s^2), mean speed
 (mm/s) and force (N).
 """
 TABLE_1 = {
@@ -36,7 +36,7 @@ TABLE_1 = {
     "SP 120 grit": (285.5, 12.6, 1.325, 12.3, 56.3, 167.4, 23.3, 0.636),
     "SP 80 grit": (208.0, 42.3, 1.011, 16.7, 84.4, 110.7, 19.9, 0.353),
 }
-"""Note that the text of section V-A gives 158 Hz for the tire tread, the table 133.2 Hz."""
+"""Table I. The text of section V-A gives 158 Hz for the tire tread, the table 133.2 Hz."""
 
 TABLE_2 = {
     "Jewel-case": ((1.637, 0.270), (23.31, 5.39)),
@@ -45,7 +45,7 @@ TABLE_2 = {
     "SP 120 grit": ((1.181, 0.132), (14.43, 2.72)),
     "SP 80 grit": ((1.030, 0.066), (17.71, 3.63)),
 }
-"""Mean and deviation over five scans: segments per mm, order."""
+"""Mean and standard deviation over five scans: segments per mm, order."""
 
 TABLE_3 = {
     "Rubber mat": (
@@ -70,23 +70,24 @@ LAWS = {
 }
 
 
-# Simulated --------------------------------------------------------------------------------------------------
+# Simulation -------------------------------------------------------------------------------------------------
 
 FS = 500.0
-"""Rate of the sensor, Hz."""
+"""Sampling rate of the sensor in Hz."""
 BIT = 0.153
-"""One bit of the sensor, m/s^2."""
+"""One bit of the sensor in m/s^2."""
 RANGE = 128 * BIT
-"""Of the sensor, m/s^2: 2 g in 8 bits."""
+"""Range of the sensor in m/s^2: 2 g with 8 bits."""
 
 
 @dataclass(frozen=True)
 class SimulatedObject:
-    """A surface with features at places, each of which makes the tool ring.
+    """A surface with features, each of which excites decaying vibrations of the tool.
 
     Attributes
     ----------
     name : str
+        Name as published.
     pattern : str
         "regular" or "stochastic", as published.
     density_per_mm : float
@@ -94,14 +95,15 @@ class SimulatedObject:
     spread : float
         Standard deviation of the distance of neighbours, relative to its mean.
     modes : tuple of (float, float, float)
-        Frequency (Hz), decay rate (1/s) and amplitude of each mode of the ring; the first is f_major's.
+        Frequency (Hz), decay rate (1/s) and amplitude of each mode; the first has the major frequency.
     law : LevelLaw
+        Law of the level.
     speed, force : float
-        Of the published scan, mm/s and N.
+        Speed (mm/s) and force (N) of the published scan.
     undulation_per_mm : float
-        Spatial frequency at which the features change sign; 0: signs are drawn.
+        Spatial frequency of the sign of the features; 0 (default): random signs.
     phase : float
-        Of the first mode at the onset, rad (0: a sine); the others are sines.
+        Phase of the first mode at the onset in rad (0: a sine); the other modes are sines.
     """
 
     name: str
@@ -117,14 +119,16 @@ class SimulatedObject:
 
 
 class Section(NamedTuple):
-    """A section of a surface: the features that every scan of it meets.
+    """A section of a surface with the features of all its scans.
 
     Attributes
     ----------
     position_mm : ndarray of shape (n_features,)
+        Positions of the features in mm.
     mark : ndarray of shape (n_features, n_modes)
         Signed height of each mode at each feature.
     length_mm : float
+        Length of the section in mm.
     """
 
     position_mm: Samples
@@ -144,14 +148,14 @@ OBJECTS = (
     SimulatedObject("SP 80 grit", "stochastic", 1.011, 0.3, ((42.3, 30.6, 1.0), (163.0, 212.0, 3.8)),
                     LevelLaw(19.4, 1.0, 0.287), 19.9, 0.353, phase=0.39 * np.pi),
 )  # fmt: skip
-"""The objects of Table I."""
+"""Objects of Table I."""
 
 
 def lay_out(thing: SimulatedObject, length_mm: float, rng: np.random.Generator) -> Section:
-    """Draw a section of a surface, length_mm (above 0) long.
+    """Draw a random section of a surface with a length in mm, above 0.
 
-    Distances of neighbours are drawn from a gamma distribution, so that none is negative; heights spread by
-    a fifth; signs are drawn, or follow the undulation.
+    Distances of neighbours follow a gamma distribution, so that none is negative; heights spread by 20 %;
+    signs are random or follow the undulation.
     """
     n = int(np.ceil(1.5 * length_mm * thing.density_per_mm)) + 10
     shape = thing.spread**-2
@@ -178,38 +182,40 @@ def simulate_scan(
     repeatability: float = 0.01,
     quantised: bool = True,
 ) -> Scan:
-    """Stroke a section once, from end to end.
+    """Simulate one stroke along a section, from end to end.
 
-    Speed and force of the hand wander by a tenth. The vibration is scaled so that its RMS obeys the object's
-    law at every speed and force, but for a factor that spreads by `repeatability` from scan to scan. Then
-    drift, noise of a third of a bit and the 8 bits of the sensor.
+    Speed and force vary by 10 %. The vibration is scaled so that its RMS satisfies the law of the object at
+    every speed and force, except for a factor that varies by `repeatability` from scan to scan. Then drift,
+    noise of a third of a bit and the 8 bits of the sensor are added.
 
     Parameters
     ----------
     thing : SimulatedObject
+        Object.
     section : Section
-        Of it, from `lay_out`.
+        Section of the object, from `lay_out`.
     rng : numpy.random.Generator
-        Of the hand and the sensor.
+        Random numbers of the hand and the sensor.
     speed, force : float, optional
-        Means, mm/s and N, above 0; those of the object by default.
+        Mean speed (mm/s) and force (N), above 0 (default: those of the object).
     fs : float
-        Hz.
+        Sampling rate in Hz.
     repeatability : float
-        Standard deviation of the logarithm of that factor. Nothing is published; 0.01 by default.
+        Standard deviation of the logarithm of the factor (default 0.01; nothing is published).
     quantised : bool
-        Whether sensor and drift take part.
+        Whether the sensor and its drift are simulated.
 
     Returns
     -------
     Scan
+        Simulated scan.
     """
     v_0, f_0 = thing.speed if speed is None else speed, thing.force if force is None else force
     n = int(section.length_mm / v_0 * fs)
     t = np.arange(n) / fs
-    v, f = v_0 * _wandering(t, rng), f_0 * _wandering(t, rng)
+    v, f = v_0 * _slow_variation(t, rng), f_0 * _slow_variation(t, rng)
     x = np.concatenate([[0.0], np.cumsum((v[:-1] + v[1:]) / 2)]) / fs
-    u = _ringing(thing, section, t, x, fs)
+    u = _responses(thing, section, t, x, fs)
     level = thing.law.rms(v, f)
     u *= level * np.sqrt(np.mean(level**2) / np.mean((level * u) ** 2))
     u *= np.exp(repeatability * rng.standard_normal())
@@ -221,24 +227,25 @@ def simulate_scan(
     return Scan(u, np.column_stack([x, zero]), np.column_stack([v, zero]), f, fs, thing.name)
 
 
-def _wandering(t: Samples, rng: np.random.Generator) -> Samples:
-    """Return a factor about 1 that moves slowly, as a hand does."""
+def _slow_variation(t: Samples, rng: np.random.Generator) -> Samples:
+    """Return a slowly varying factor around 1, as in hand motion."""
     course = np.zeros_like(t)
     for f in (0.17, 0.41, 0.93):
         course += np.sin(2 * np.pi * (f * t + rng.uniform()))
     return np.asarray(1 + 0.1 * course / np.sqrt(1.5))
 
 
-def _ringing(thing: SimulatedObject, section: Section, t: Samples, x: Samples, fs: float) -> Samples:
-    """Return sum_k m_k h(t - t_k), evaluated at the times between the samples at which features are met."""
-    met = np.interp(section.position_mm, x, t)
-    met, mark = met[section.position_mm <= x[-1]], section.mark[section.position_mm <= x[-1]]
+def _responses(thing: SimulatedObject, section: Section, t: Samples, x: Samples, fs: float) -> Samples:
+    """Return sum_k m_k h(t - t_k), with the times t_k between samples at which features are passed."""
+    onset = np.interp(section.position_mm, x, t)
+    is_passed = section.position_mm <= x[-1]
+    onset, mark = onset[is_passed], section.mark[is_passed]
     u = np.zeros(t.size + 1)
     phases = (thing.phase, *(0.0,) * (len(thing.modes) - 1))
     for (f, B, amplitude), phi, m in zip(thing.modes, phases, mark.T, strict=True):
-        first = np.ceil(met * fs).astype(np.int64)
-        at = first[:, np.newaxis] + np.arange(int(np.ceil(9.0 / B * fs)) + 1)
-        since = at / fs - met[:, np.newaxis]
-        h = amplitude * m[:, np.newaxis] * np.exp(-B * since) * np.sin(2 * np.pi * f * since + phi)
-        u += np.bincount(np.minimum(at, t.size).ravel(), h.ravel(), t.size + 1)
+        first = np.ceil(onset * fs).astype(np.int64)
+        index = first[:, np.newaxis] + np.arange(int(np.ceil(9.0 / B * fs)) + 1)
+        elapsed = index / fs - onset[:, np.newaxis]
+        h = amplitude * m[:, np.newaxis] * np.exp(-B * elapsed) * np.sin(2 * np.pi * f * elapsed + phi)
+        u += np.bincount(np.minimum(index, t.size).ravel(), h.ravel(), t.size + 1)
     return u[:-1]

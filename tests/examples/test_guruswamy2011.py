@@ -1,4 +1,4 @@
-"""The chapter on filters placed in space, its simulated objects and what it measures."""
+"""Chapter of guruswamy2011 on spatial filters, its simulated objects and its measurements."""
 
 import json
 
@@ -8,7 +8,7 @@ import pytest
 from guruswamy2011_figures import draw_speeds
 from guruswamy2011_measures import (
     BOUNDS,
-    cleaned,
+    clean,
     excerpt,
     fit_published,
     fits_by_order,
@@ -33,7 +33,7 @@ def rubber_fit():
     return fit_texture(simulate_scan(rubber, lay_out(rubber, 80.0, rng), rng), rubber.law)
 
 
-def test_the_chapter_has_every_table_and_figure_and_says_what_is_simulated(tmp_path):
+def test_the_chapter_has_every_table_and_figure_and_reports_what_is_simulated(tmp_path):
     paths = guruswamy2011.main(tmp_path, small=True)
     assert all(path.stat().st_size > 0 for path in paths)
     assert sum(path.suffix == ".png" for path in paths) == 8
@@ -56,7 +56,7 @@ def test_the_chapter_has_every_table_and_figure_and_says_what_is_simulated(tmp_p
     assert numbers["paths"]["finite"]
 
 
-def test_scan_and_texture_are_drawn_each_around_a_labelled_zero(rubber_fit):
+def test_scan_and_texture_are_each_drawn_around_a_labelled_zero(rubber_fit):
     scan = rubber_fit.scan
     axes = draw_speeds(9.2, scan.name, [{"scan": scan, "rendered": np.zeros(len(scan))}]).axes[0]
     labels = [label.get_text() for label in axes.get_yticklabels()]
@@ -65,7 +65,7 @@ def test_scan_and_texture_are_drawn_each_around_a_labelled_zero(rubber_fit):
     assert [below, above] == pytest.approx(zeros, abs=1.0)
 
 
-def test_simulated_scans_are_what_table_1_says():
+def test_simulated_scans_have_the_values_of_table_1():
     for thing in OBJECTS:
         truth = dict(zip(ROW, TABLE_1[thing.name], strict=True))
         section = lay_out(thing, 10 * thing.speed, np.random.default_rng(0))
@@ -80,13 +80,13 @@ def test_simulated_scans_are_what_table_1_says():
         assert np.mean(clean.acceleration**2) == pytest.approx(np.mean(level**2), rel=1e-9)
 
 
-def test_truth_is_recovered_within_the_bounds_of_the_study():
+def test_the_ground_truth_is_recovered_within_the_bounds_of_the_study():
     for thing in OBJECTS:
         errors = np.median([np.abs(recover(thing, seed)) for seed in (71, 72, 73)], axis=0)
         assert np.all(errors <= list(BOUNDS.values())), thing.name
 
 
-def test_a_recovery_counts_what_lies_within():
+def test_a_recovery_counts_the_trials_within_the_bounds():
     errors = np.tile(np.array([[0.0], [1.9], [0.06], [-0.04]]), 4)
     summary = within_bounds(errors)
     assert [summary[name][2] for name in BOUNDS] == [4, 4, 0, 4]
@@ -103,10 +103,10 @@ def test_a_row_measures_the_scan_as_published_and_random_paths_stay_bounded(rubb
     assert 0 < result["largest"] <= 8
 
 
-def test_device_lines_are_left_out():
+def test_device_lines_are_removed():
     t = np.arange(4000) / 1000
     a = np.sin(2 * np.pi * 40 * t) + np.sin(2 * np.pi * 200 * t) + np.sin(2 * np.pi * 400 * t)
-    scan = cleaned(Scan.along_line(a, 100.0, 1.0, 1000.0))
+    scan = clean(Scan.along_line(a, 100.0, 1.0, 1000.0))
     assert np.abs(scan.acceleration - np.sin(2 * np.pi * 40 * t))[1500:-1500].max() < 0.05
 
 
@@ -121,10 +121,10 @@ def test_an_excerpt_in_any_unit_gives_the_same_filters():
     assert one["sad_bandpass"] == pytest.approx(other["sad_bandpass"], rel=1e-9)
 
 
-def test_filters_as_published_meet_the_resolution_and_two_modes_need_more_than_a_sinusoid():
-    pieces = [RING.synthesize(n, FS) for n in (40, 3, 1, 90)]
-    found = fit_published(pieces, 0.153)
-    assert all(f.error < 0.153 for f in found)
+def test_published_filters_reach_the_resolution_and_two_modes_need_more_than_a_sinusoid():
+    segments = [RING.synthesize(n, FS) for n in (40, 3, 1, 90)]
+    filters = fit_published(segments, 0.153)
+    assert all(f.error < 0.153 for f in filters)
     fits = {(fit["method"], fit["order"]): fit for fit in fits_by_order(RING.synthesize(90, FS), FS, 0.05)}
     assert fits["decaying sinusoid", 2]["error"] > 0.1
     assert fits["stable modes", 4]["error"] < 0.05
