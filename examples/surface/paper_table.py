@@ -20,8 +20,7 @@ table = result.table.query("classifier == 'naive_bayes'").set_index("row")
 # %%
 # Plot rows with intervals, chance level and published accuracy:
 
-figure = result.plot("naive_bayes")
-figure
+axes = result.plot("naive_bayes")
 
 # %%
 # `result.save("results")` writes JSON, Markdown and figures, as `texclass benchmark simulated6` does.

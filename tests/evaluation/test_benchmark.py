@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 from scipy.stats import spearmanr
 from toy_noises import CLASSIFIERS, FS, STEPS, TINY, a_table, row
 
@@ -77,7 +78,7 @@ def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_pa
         [label, *row] for label, row in zip(confusion["surfaces"], confusion["counts"], strict=True)
     ]
     assert json.loads(next(tmp_path.glob("*.json")).read_text()) == json.loads(result.to_json())
-    (axes,) = result.plot("naive_bayes").axes
+    axes = result.plot("naive_bayes", Figure().add_subplot())
     assert "Level" in " ".join(label.get_text() for label in axes.get_yticklabels())
     published = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "D"]
     assert published == pytest.approx([90, 95, 20])

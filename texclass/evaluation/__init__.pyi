@@ -17,6 +17,10 @@ from .new_feature import study_feature as study_feature
 from .pipeline import PipelineDefinition as PipelineDefinition
 from .pipeline import RowDefinition as RowDefinition
 from .pipeline import load_pipeline as load_pipeline
+from .plots import plot_confusion_matrix as plot_confusion_matrix
+from .plots import plot_features as plot_features
+from .plots import plot_phases as plot_phases
+from .plots import plot_reliability as plot_reliability
 from .protocols import PROTOCOLS as PROTOCOLS
 from .protocols import Protocol as Protocol
 from .protocols import find_protocol as find_protocol

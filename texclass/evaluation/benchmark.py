@@ -46,7 +46,7 @@ from texclass.provenance import code_provenance, versions
 from texclass.reporting.result_files import Result
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
     from texclass.reporting import Document
 
@@ -139,26 +139,55 @@ class BenchmarkResult(Result, kind="benchmark"):
 
         return benchmark_document(self.data)
 
-    def plot(self, classifier: str | None = None, width: float = 8.0) -> "Figure":
-        """Draw each row's accuracy beside the published figure.
+    def plot(self, classifier: str | None = None, ax: "Axes | None" = None) -> "Axes":
+        """Plot the accuracy of each row with its interval, and the published accuracy.
 
         Parameters
         ----------
         classifier : str, optional
-            Whose; every one by default.
-        width : float
-            In inches.
+            Name of one classifier (default: all).
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on (default: axes of a new figure).
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes; accuracies are in per cent.
 
         Raises
         ------
         ValueError
-            If no row was computed.
+            If no row could be evaluated.
         """
-        from texclass.evaluation.benchmark_document import draw_rows
+        from texclass.evaluation.benchmark_document import plot_benchmark
 
         if self.best is None:
             raise ValueError("cannot plot: no row could be evaluated")
-        return draw_rows(self.data, [classifier] if classifier else None, width)
+        return plot_benchmark(self.data, [classifier] if classifier else None, ax)
+
+    def plot_confusion_matrix(self, ax: "Axes | None" = None) -> "Axes":
+        """Plot the confusion matrix of the best row, true labels in rows, predicted labels in columns.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on (default: axes of a new figure).
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes.
+
+        Raises
+        ------
+        ValueError
+            If no row could be evaluated.
+        """
+        from texclass.evaluation.plots import plot_confusion_matrix
+
+        if self.data["confusion"] is None:
+            raise ValueError("cannot plot the confusion matrix: no row could be evaluated")
+        return plot_confusion_matrix(self.data["confusion"], ax)
 
     @property
     def best(self) -> tuple[str, str] | None:

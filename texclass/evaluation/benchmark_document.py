@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from texclass.evaluation.ablation import ablation_blocks
+from texclass.evaluation.plots import axes_or_new
 from texclass.evaluation.protocols import find_protocol
 from texclass.evaluation.result_facts import (
     Pair,
@@ -32,6 +33,7 @@ from texclass.reporting.figure_style import (
     OURS,
     PAPER,
     chance_line,
+    label_rows,
     legend_above,
     new_figure,
     per_cent_limits,
@@ -283,6 +285,18 @@ def draw_rows(data: Data, classifiers: Sequence[str] | None, width: float) -> "D
     plot_rows(data, names, axes)
     legend_above(figure, axes)
     return figure
+
+
+def plot_benchmark(data: Data, classifiers: Sequence[str] | None, ax: "Axes | None") -> "Axes":
+    """Plot accuracies with intervals on axes with named rows, and a legend; return the axes."""
+    names = classifiers or _classifiers(data)
+    row_names = [row["name"] for row in _rows_of(data, names)]
+    ax = axes_or_new(ax, height=1.2 + 0.35 * len(row_names) * (1 + 0.3 * (len(names) - 1)))
+    label_rows(ax, row_names, "accuracy, %")
+    plot_rows(data, names, ax)
+    handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    ax.legend(handles.values(), handles.keys(), loc="lower left", bbox_to_anchor=(0, 1), frameon=False)
+    return ax
 
 
 def _rows_of(data: Data, classifiers: Sequence[str]) -> list[Data]:

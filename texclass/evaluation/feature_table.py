@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -36,6 +36,9 @@ from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples, axes_differ, describe_axes
 from texclass.reporting.wording import counted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 METADATA = ("recording_id", "surface", "operator", "session", "repetition")
 """Label columns of every table, before the features. Tables of windows add `parent` (the recording), and
@@ -130,6 +133,12 @@ class FeatureTable:
     def select(self, columns: Sequence[str]) -> Samples:
         """Return the values of some columns, shape (n_recordings, len(columns))."""
         return self.frame[list(columns)].to_numpy(dtype=np.float64)
+
+    def plot(self, column: str, ax: "Axes | None" = None) -> "Axes":
+        """Plot the values of a column per surface; see `plot_features`."""
+        from texclass.evaluation.plots import plot_features
+
+        return plot_features(self, column, ax)
 
     def match_columns(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return the columns with these names, with and without channel prefix, in the order of the table."""

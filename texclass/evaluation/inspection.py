@@ -104,7 +104,7 @@ def draw_inspection(
         figure.suptitle("\n".join(["  |  ".join(facts), *remarks[:3]]), fontsize=12)
         ((signal_part, value_part),) = figure.subfigures(1, 2, squeeze=False, width_ratios=[2.4, 1.0])
         signal_axes, spectrogram_axes = signal_part.subplots(2, 1, sharex=True)
-        _draw_signal(signal_axes, samples, recording, phases)
+        draw_signal(signal_axes, samples, recording, phases)
         _draw_spectrogram(spectrogram_axes, samples, recording)
         tap_axes, value_axes = value_part.subplots(2, 1, height_ratios=[1.0, 1.9])
         _draw_tap(tap_axes, samples, recording, phases)
@@ -113,7 +113,8 @@ def draw_inspection(
     return figure
 
 
-def _draw_signal(axes: "Axes", samples: Samples, recording: Recording, phases: Phases) -> None:
+def draw_signal(axes: "Axes", samples: Samples, recording: Recording, phases: Phases) -> None:
+    """Draw the samples of one direction of a recording, with its taps, its movement and a legend."""
     fs, n = recording.fs, samples.size
     if n <= MAX_POINTS:
         axes.plot(np.arange(n) / fs, samples, color=COLOURS["signal"], linewidth=0.9, label="signal")

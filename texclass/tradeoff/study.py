@@ -4,7 +4,7 @@ import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from sklearn.naive_bayes import GaussianNB
@@ -48,6 +48,9 @@ from texclass.tradeoff.pareto_front import (
     study_facts,
 )
 from texclass.tradeoff.recogniser import fit_recogniser, save_recogniser
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 CLASSIFIERS = {
     "naive_bayes": GaussianNB(),
@@ -95,6 +98,27 @@ class Tradeoff(Result, kind="tradeoff"):
         from texclass.tradeoff.tradeoff_document import tradeoff_document
 
         return tradeoff_document(self.data)
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Plot the Pareto front: accuracy against latency, with the knee point.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on (default: axes of a new figure).
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes, with latency in ms and accuracy in per cent.
+        """
+        from texclass.evaluation.plots import axes_or_new
+        from texclass.tradeoff.tradeoff_document import plot_front
+
+        ax = axes_or_new(ax)
+        plot_front(self.data, ax)
+        ax.legend(loc="lower right", frameon=False)
+        return ax
 
 
 def tradeoff_stem(dataset: Facts) -> str:

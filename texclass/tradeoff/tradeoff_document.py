@@ -218,6 +218,13 @@ def _costs(data: Data) -> Figure:
 def draw_front(data: Data, width: float) -> "Drawing":
     """Draw accuracy against latency: cost-aware and plain selection, the full set and the knee point."""
     figure, axes = new_figure(width, 3.4)
+    plot_front(data, axes)
+    legend_above(figure, axes)
+    return figure
+
+
+def plot_front(data: Data, axes: "Axes") -> None:
+    """Plot accuracy against latency: cost-aware and plain selection, the full set and the knee point."""
     front, knee, full = data["front"], data["knee"], data["full"]
     ms = [point["budget_ms"] for point in front]
     for key, colour, shape, label in (
@@ -239,8 +246,6 @@ def draw_front(data: Data, width: float) -> "Drawing":
     axes.set_xlim(0, 1.04 * max(data["total_ms"], ms[-1]))
     lows = [100 * point[key][end] for point in front for key, end in (("accuracy", "low"), ("plain", "mean"))]
     limit_accuracy(axes, lows, 100 * chance_level(data))
-    legend_above(figure, axes)
-    return figure
 
 
 def limit_accuracy(axes: "Axes", lows: Sequence[float], chance: float) -> None:
