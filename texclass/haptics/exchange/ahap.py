@@ -276,8 +276,6 @@ def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
     """
     events = [item.Event for item in pattern.Pattern if item.Event]
     events = [event for event in events if event.EventType.startswith("Haptic")]
-    found = [item.Event for item in pattern.Pattern if item.Event]
-    events = [event for event in found if event.EventType.startswith("Haptic")]
     seconds = max((event.Time + event.seconds for event in events), default=0.0)
     if seconds > 20 * LONGEST_S:
         raise ValueError(f"the pattern must last at most {20 * LONGEST_S:g} s, got {seconds:g} s")

@@ -147,13 +147,6 @@ def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.in
             f"speeds and forces must be finite and at least 0, the largest above 0, got maxima {top.tolist()}"
         )
     scaled = points / top
-    given = np.column_stack([np.ravel(speed), np.ravel(force)]).astype(np.float64)
-    top = given.max(axis=0, initial=0.0)
-    if not (np.all(np.isfinite(given) & (given >= 0)) and np.all(top > 0)):
-        raise ValueError(
-            f"speeds and forces reach {top.tolist()}. Expected a finite number of at least 0, largest above 0"
-        )
-    scaled = given / top
     side = np.linspace(0.0, 1.0, 6)
     border = np.array([(x, y) for x in side for y in side if x in (0.0, 1.0) or y in (0.0, 1.0)])
     distance = np.linalg.norm(border[:, np.newaxis] - scaled, axis=2)
