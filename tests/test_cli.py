@@ -16,7 +16,7 @@ from every_command import COMMANDS, flags
 from toy_noises import TINY
 
 from texclass import __version__
-from texclass.baselines.comparison import Given
+from texclass.baselines.comparison import SignalChoice
 from texclass.cli import main
 from texclass.cli.parameters import reader_settings
 from texclass.evaluation.protocols import PROTOCOLS
@@ -103,7 +103,7 @@ WRONG_OPTIONS = {
     "benchmark --protocol random": "'random' is not one of",
     "stability --only lattice": "'lattice' is not one of",
 }
-"""Arguments -> what the message says."""
+"""Part of the message, by arguments."""
 
 
 @pytest.mark.parametrize("arguments", WRONG_OPTIONS)
@@ -113,7 +113,7 @@ def test_wrong_options_end_with_exit_code_2_and_name_the_options(command, argume
     assert WRONG_OPTIONS[arguments] in " ".join(err.replace("│", " ").split())
 
 
-def test_wrong_options_and_a_missing_unit_are_reported_before_anything_scientific_is_imported(tmp_path):
+def test_invalid_options_and_a_missing_unit_are_reported_before_slow_imports(tmp_path):
     lines, _, packages = imported(*map(str.split, WRONG_OPTIONS))
     assert (lines, packages) == (["exit code 2"] * len(WRONG_OPTIONS), [])
     (tmp_path / "oak").mkdir()
@@ -127,28 +127,28 @@ def test_wrong_options_and_a_missing_unit_are_reported_before_anything_scientifi
 def choices(command):
     """Return the choices of each option that has some."""
     kinds = get_type_hints(inspect.unwrap(command.callback)).items()
-    found = {
+    literals = {
         name: next((k for k in (kind, *get_args(kind)) if get_origin(k) is Literal), None)
         for name, kind in kinds
     }
-    return {name: set(get_args(kind)) for name, kind in found.items() if kind}
+    return {name: set(get_args(kind)) for name, kind in literals.items() if kind}
 
 
 def test_choices_are_those_of_the_library():
-    of = {name: choices(command) for name, command in COMMANDS.items()}
+    choices_of = {name: choices(command) for name, command in COMMANDS.items()}
     for name in ("benchmark", "train", "tradeoff"):
-        assert of[name]["protocol"] == set(PROTOCOLS)
-    assert of["stability"]["only"] == set(get_args(Group))
-    assert of["stream"]["evidence"] == set(get_args(Kind))
-    assert of["benchmark"]["baselines_signals"] == set(get_args(Given))
-    assert of["benchmark"]["backend"] == set(get_args(Backend))
-    assert of["export"]["start"] == set(get_args(Start))
+        assert choices_of[name]["protocol"] == set(PROTOCOLS)
+    assert choices_of["stability"]["only"] == set(get_args(Group))
+    assert choices_of["stream"]["evidence"] == set(get_args(Kind))
+    assert choices_of["benchmark"]["baselines_signals"] == set(get_args(SignalChoice))
+    assert choices_of["benchmark"]["backend"] == set(get_args(Backend))
+    assert choices_of["export"]["start"] == set(get_args(Start))
     scenes = [path.stem for path in sorted((ROOT / "texclass/haptics/scene/examples").glob("*.toml"))]
     for name in ("scene plan", "scene render", "scene page"):
         assert ", ".join(scenes) in COMMANDS[name].params[0].help
 
 
-def test_a_command_seldom_looks_for_garbage_and_leaves_none_to_look_for_at_its_end(monkeypatch):
+def test_garbage_is_collected_rarely_and_not_at_the_end_of_a_command(monkeypatch):
     before, often = gc.get_threshold(), (700, 10, 10)  # a command in this process may have raised it
     monkeypatch.setattr(sys, "argv", ["texclass", "--version"])
     try:
@@ -162,7 +162,7 @@ def test_a_command_seldom_looks_for_garbage_and_leaves_none_to_look_for_at_its_e
         gc.set_threshold(*before)
 
 
-def test_what_an_output_cannot_show_is_left_out_of_it(monkeypatch):
+def test_characters_that_an_output_cannot_encode_are_replaced(monkeypatch):
     written = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, "ascii"))
     monkeypatch.setattr(sys, "argv", ["texclass", "features"])
@@ -208,36 +208,47 @@ def test_every_option_that_a_page_or_a_message_names_exists(folder):
 
 
 @pytest.mark.parametrize(
-    ("shell", "asked", "offered"),
+    ("shell", "environment", "completion"),
     [
         ("bash", {"COMP_WORDS": "texclass bench", "COMP_CWORD": "1"}, "benchmark"),
         ("bash", {"COMP_WORDS": "texclass benchmark sim", "COMP_CWORD": "2"}, "simulated"),
         ("zsh", {"_TYPER_COMPLETE_ARGS": "texclass extract --feat"}, "--features"),
     ],
 )
-def test_a_shell_is_offered_what_begins_so(command, monkeypatch, shell, asked, offered):
-    for name, value in (("_TEXCLASS_COMPLETE", f"complete_{shell}"), *asked.items()):
+def test_names_and_options_are_completed_in_a_shell(command, monkeypatch, shell, environment, completion):
+    for name, value in (("_TEXCLASS_COMPLETE", f"complete_{shell}"), *environment.items()):
         monkeypatch.setenv(name, value)
-    assert offered in command()[1]
+    assert completion in command()[1]
 
 
 def test_benchmark_prints_the_table_and_writes_its_report(run, tmp_path):
     (tmp_path / "few.toml").write_text(FEW)
-    told = ("--pipeline", "few.toml", "--folds", "4", "--jobs", "1")
-    code, out, _ = run("benchmark", "tiny.toml", *told, "--output", "here", "--json", "here/x.json")
+    options = ("--pipeline", "few.toml", "--folds", "4", "--jobs", "1")
+    code, out, _ = run("benchmark", "tiny.toml", *options, "--output", "here", "--json", "here/x.json")
     assert code == 0
     assert "Level" in out
     (row,) = json.loads((tmp_path / "here" / "x.json").read_text())["rows"]
     assert list(row["accuracy"]) == ["bayes"]
-    written = {path.suffix for path in (tmp_path / "here").iterdir()}
-    assert {".json", ".md", ".png"} <= written
+    suffixes = {path.suffix for path in (tmp_path / "here").iterdir()}
+    assert {".json", ".md", ".png"} <= suffixes
 
 
-def test_benchmark_of_touches_reports_windows_and_the_vote_of_each_run(run, tmp_path):
+def test_benchmark_of_windows_reports_windows_and_the_vote_of_each_run(run, tmp_path):
     (tmp_path / "few.toml").write_text(FEW)
-    told = ("--window", "0.5", "--max-windows", "2", "--protocol", "grouped", "--folds", "4", "--jobs", "1")
-    told = (*told, "--pipeline", "few.toml")
-    code, out, _ = run("benchmark", "tiny.toml", *told, "--output", "here", "--json", "x.json")
+    options = (
+        "--window",
+        "0.5",
+        "--max-windows",
+        "2",
+        "--protocol",
+        "grouped",
+        "--folds",
+        "4",
+        "--jobs",
+        "1",
+    )
+    options = (*options, "--pipeline", "few.toml")
+    code, out, _ = run("benchmark", "tiny.toml", *options, "--output", "here", "--json", "x.json")
     assert code == 0
     assert "24 windows of 12 recordings" in out
     result = json.loads((tmp_path / "x.json").read_text())
@@ -257,7 +268,7 @@ def test_extract_writes_a_table_and_reads_it_the_second_time(run, tmp_path):
     assert frame["surface"].nunique() == 3
 
 
-def test_inspect_draws_a_recording_and_says_what_it_found(run, tmp_path):
+def test_inspect_draws_a_recording_and_prints_its_phases(run, tmp_path):
     rng = np.random.default_rng(1)
     np.savetxt(tmp_path / "oak.txt", rng.standard_normal(20_000))
     code, out, _ = run("inspect", "oak.txt", "--fs", "10000", "--unit", "m/s^2")
@@ -267,7 +278,7 @@ def test_inspect_draws_a_recording_and_says_what_it_found(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("inspect", "absent.txt", "--fs", "1000", "--unit", "g"), "absent.txt"),
         (("inspect", "numbers.txt", "--unit", "g"), "--fs"),
@@ -278,17 +289,17 @@ def test_inspect_draws_a_recording_and_says_what_it_found(run, tmp_path):
         (("extract", "tiny.toml", "-o", "x.parquet", "--features", "no_such_set"), "no_such_set"),
     ],
 )
-def test_bad_input_ends_with_one_line_that_names_it(run, tmp_path, arguments, told):
+def test_invalid_input_ends_with_one_line_that_names_it(run, tmp_path, arguments, message):
     (tmp_path / "numbers.txt").write_text("1\n2\n3\n4\n")
     (tmp_path / "empty_folder").mkdir()
     code, _, err = run(*arguments)
     assert code == 1
     assert err.startswith("error: ")
-    assert told in err
+    assert message in err
     assert "Traceback" not in err
 
 
-def test_one_bad_recording_stops_the_run_unless_it_may_be_skipped(run, tmp_path):
+def test_an_invalid_recording_stops_the_command_unless_skip_bad_is_set(run, tmp_path):
     rng = np.random.default_rng(2)
     for surface in ("oak", "felt"):
         folder = tmp_path / "recordings" / surface
@@ -296,11 +307,11 @@ def test_one_bad_recording_stops_the_run_unless_it_may_be_skipped(run, tmp_path)
         for k in range(3):
             np.savetxt(folder / f"{surface}_{k}.txt", rng.standard_normal(9_000))
     (tmp_path / "recordings" / "oak" / "oak_1.txt").write_text("0.5\nnan\n0.25\n")
-    asked = ("extract", "recordings", "--fs", "10000", "--unit", "g", "-o", "x.parquet", "--jobs", "1")
-    code, _, err = run(*asked)
+    arguments = ("extract", "recordings", "--fs", "10000", "--unit", "g", "-o", "x.parquet", "--jobs", "1")
+    code, _, err = run(*arguments)
     assert code == 1
     assert "oak_1" in err
-    code, out, _ = run(*asked, "--skip-bad")
+    code, out, _ = run(*arguments, "--skip-bad")
     assert code == 0
     assert "5 recordings" in out
     assert "left out" in out
@@ -308,7 +319,7 @@ def test_one_bad_recording_stops_the_run_unless_it_may_be_skipped(run, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("words", "named"),
+    ("arguments", "name"),
     [
         (("--version",), f"texclass {__version__}\n"),
         (("datasets",), "simulated69"),
@@ -316,34 +327,34 @@ def test_one_bad_recording_stops_the_run_unless_it_may_be_skipped(run, tmp_path)
         (("features", "texclass"), "waviness"),
     ],
 )
-def test_listings_name_what_is_shipped(run, words, named):
-    code, out, _ = run(*words)
+def test_listings_contain_shipped_names(run, arguments, name):
+    code, out, _ = run(*arguments)
     assert code == 0
-    assert named in out
+    assert name in out
 
 
-def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):
+def test_benchmark_uses_the_given_training_set_and_test_set(run, tmp_path):
     (tmp_path / "few.toml").write_text(FEW)
-    asked = ("benchmark", "tiny.toml", "--pipeline", "few.toml", "--jobs", "1", "--output", "here")
-    code, _, said = run(*asked, "--train", "repetition=0-1", "--test", "repetition=3")
-    assert code == 0, said
+    arguments = ("benchmark", "tiny.toml", "--pipeline", "few.toml", "--jobs", "1", "--output", "here")
+    code, _, err = run(*arguments, "--train", "repetition=0-1", "--test", "repetition=3")
+    assert code == 0, err
     result = json.loads((tmp_path / "here/tiny-few-repetition-0-1-to-repetition-3.json").read_text())
     assert (result["protocol"], result["n_folds"]) == ("repetition=0-1 -> repetition=3", 1)
     assert np.sum(result["confusion"]["counts"]) == 3
-    assert run(*asked, "--leave-out", "operator")[0] == 0
-    assert run(*asked, "--protocol", "few-shot", "--shots", "1")[0] == 0
+    assert run(*arguments, "--leave-out", "operator")[0] == 0
+    assert run(*arguments, "--protocol", "few-shot", "--shots", "1")[0] == 0
     result = json.loads((tmp_path / "here/tiny-few-few-shot-1.json").read_text())
     assert (result["protocol"], result["n_starts"], result["n_folds"]) == ("few-shot 1", 2, 4)
-    code, _, said = run(*asked, "--leave-out", "hand")
-    assert (code, "unknown label 'hand'" in said) == (1, True), said
+    code, _, err = run(*arguments, "--leave-out", "hand")
+    assert (code, "unknown label 'hand'" in err) == (1, True), err
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_every_option_of_reading_reaches_the_reader(command, monkeypatch, name):
-    taken = set(flags(READERS[name]))
+def test_every_reader_option_reaches_the_reader(command, monkeypatch, name):
+    options = set(flags(READERS[name]))
     loading = {flag.replace("_", "-") for flag in inspect.signature(load_recording).parameters}
-    assert {f"--{option}" for option in loading - {"path", "auxiliary", "topic"}} <= taken
-    assert ("--labels" in taken) == (name not in {"inspect", "stream", "describe"})
+    assert {f"--{option}" for option in loading - {"path", "auxiliary", "topic"}} <= options
+    assert ("--labels" in options) == (name not in {"inspect", "stream", "describe"})
     values = {
         "fs": 1000.0, "unit": "g", "column": "a, b", "delimiter": "tab", "time_column": "t",
         "time_unit": "ms", "skip_rows": 3, "comment": "!",

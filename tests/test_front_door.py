@@ -34,26 +34,26 @@ assert not loaded("librosa", "texclass.loaders")
 import texclass.cli, texclass.robot.export.onnx_file
 assert not loaded("onnx", "onnxruntime", "skl2onnx")
 """
-"""What is imported in one process, and what is not loaded by then."""
+"""Imports in one process, and checks that other modules are not loaded."""
 
 
-def test_every_name_loads_and_no_function_bears_a_rooms_name():
-    offered = {name: getattr(tx, name) for name in tx.__all__}
-    rooms = {name for name, found in offered.items() if isinstance(found, ModuleType)}
-    assert 15 <= len(offered) - len(rooms) <= 25
-    assert all(offered[room].__name__ == f"texclass.{room}" for room in rooms)
+def test_every_name_loads_and_no_function_has_the_name_of_a_subpackage():
+    exports = {name: getattr(tx, name) for name in tx.__all__}
+    subpackages = {name for name, value in exports.items() if isinstance(value, ModuleType)}
+    assert 15 <= len(exports) - len(subpackages) <= 25
+    assert all(exports[name].__name__ == f"texclass.{name}" for name in subpackages)
     assert tx.__version__.count(".") == 2
 
 
-def test_importing_it_loads_nothing_and_one_room_not_the_others():
-    done = subprocess.run(
+def test_importing_a_subpackage_does_not_load_the_others():
+    result = subprocess.run(
         [sys.executable, "-c", ONE_AFTER_ANOTHER], capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stderr
+    assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.parametrize(
-    "given",
+    "recordings",
     [
         SIGNAL[0],
         list(SIGNAL),
@@ -64,10 +64,10 @@ def test_importing_it_loads_nothing_and_one_room_not_the_others():
     ],
     ids=["array", "arrays", "unequal", "panel", "recordings", "series"],
 )
-def test_features_of_anything_are_one_table(given):
-    X = tx.extract(given, "strese2015", fs=2000.0)
+def test_features_of_all_inputs_are_one_table(recordings):
+    X = tx.extract(recordings, "strese2015", fs=2000.0)
     assert isinstance(X, pd.DataFrame)
-    assert len(X) == (1 if isinstance(given, np.ndarray) and given.ndim == 1 else len(given))
+    assert len(X) == (1 if isinstance(recordings, np.ndarray) and recordings.ndim == 1 else len(recordings))
     pd.testing.assert_series_equal(
         X["fineness"].iloc[:1].reset_index(drop=True),
         tx.extract(SIGNAL[0], "strese2015", fs=2000.0)["fineness"].reset_index(drop=True),
@@ -76,9 +76,11 @@ def test_features_of_anything_are_one_table(given):
 
 
 def test_undefined_features_are_counted_in_one_warning():
-    with pytest.warns(UserWarning, match=r"^236 of 236 columns without any value: .*no tap found") as warned:
+    with pytest.warns(
+        UserWarning, match=r"^236 of 236 columns without any value: .*no tap found"
+    ) as warnings:
         table = tx.extract(np.zeros(100), fs=1000.0)
-    assert len(warned) == 1
+    assert len(warnings) == 1
     assert ("waviness", "silence: all 100 samples are 0", 1) in table.attrs["reasons"]
 
 
