@@ -321,6 +321,11 @@ def load_gestures(folder: str | Path) -> dict[str, Model]:
     ------
     ValueError
         If the folder contains no model, or as `load_model`.
+
+    Examples
+    --------
+    >>> list(load_gestures("gestures"))  # doctest: +SKIP
+    ['slow stroke', 'tap']
     """
     files = sorted(file for file in Path(folder).glob("*.skops") if not is_hidden(file.name))
     if not files:
@@ -338,6 +343,13 @@ class ExplorationVerdict(ContactVerdict):
         Last gesture.
     advice
         Recommended next gesture; None if the surface is sure, or no gesture adds information.
+
+    Examples
+    --------
+    >>> advice = Advice("stroke", bits=0.7, n_repetitions=0, candidates=("oak", "slate"))
+    >>> verdict = ExplorationVerdict("oak", 0.8, "slate", False, False, 1, 0.3, gesture="tap", advice=advice)
+    >>> verdict.to_dict()["advice"]["text"]
+    'stroke: oak or slate?'
     """
 
     gesture: str = ""
@@ -368,6 +380,12 @@ class ExplorationSession(Session):
         See `Session`; the confidence of `settings` applies to the exploration.
     seconds : mapping of str to float, optional
         Gesture -> duration in seconds, see `Exploration.from_models`.
+
+    Examples
+    --------
+    >>> session = ExplorationSession(load_gestures("gestures"))  # doctest: +SKIP
+    >>> for update in session.run(open_source("ros2:/imu")):  # doctest: +SKIP
+    ...     print(update)
     """
 
     def __init__(
@@ -483,6 +501,10 @@ def train_gestures(
     -------
     models : dict of str to Model
         Gesture -> model.
+
+    Examples
+    --------
+    >>> models = train_gestures(gestures=["tap", "slow stroke"])  # doctest: +SKIP
     """
     from texclass.loaders.simulated import open_gestures
     from texclass.recognition.training import train
@@ -536,6 +558,11 @@ def rehearse(
     ------
     ValueError
         If the surface is not in the recipe or in the models, or a gesture cannot be simulated.
+
+    Examples
+    --------
+    >>> for step in rehearse(load_gestures("gestures"), "wood-03"):  # doctest: +SKIP
+    ...     print(step["gesture"], step["surface"], step["probability"])
     """
     from texclass.simulate import operator_catalogue, record_gesture
 

@@ -108,6 +108,15 @@ class WindowAnswer:
         First sample of the contact.
     compute_ms
         Time for features and classifier in milliseconds.
+
+    Examples
+    --------
+    >>> p = {"cork": 0.02, "oak": 0.98}
+    >>> answer = Answer("window", "oak", 0.98, "cork", unknown=False, p_known=0.5, probabilities=p)
+    >>> verdict = Evidence(("cork", "oak")).add(answer, contact_s=1.0)
+    >>> window = WindowAnswer(1200, 5200, 5210, answer, verdict, onset=1200, compute_ms=1.3)
+    >>> window.n_received - window.stop  # delay in samples
+    10
     """
 
     start: int

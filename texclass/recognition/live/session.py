@@ -155,6 +155,12 @@ class Session:
         Number of lost or invalid samples.
     start_s : float
         Time stamp of sample 0 in seconds, by the clock of the source.
+
+    Examples
+    --------
+    >>> session = Session(load_model("surfaces.skops"))  # doctest: +SKIP
+    >>> for update in session.run(open_source("ros2:/imu")):  # doctest: +SKIP
+    ...     print(update)
     """
 
     def __init__(self, model: Model, *, raw: bool = True, settings: OnlineSettings | None = None) -> None:
@@ -319,6 +325,11 @@ def listen(
     ------
     RecordingError, ValueError
         If the source cannot be opened, see `open_source`, or a block is invalid, see `Session.push`.
+
+    Examples
+    --------
+    >>> for update in listen("surfaces.skops", "new/oak/oak_07.txt"):  # doctest: +SKIP
+    ...     print(update)
     """
     trained = model if isinstance(model, Model) else load_model(model)
     if not isinstance(source, str | Recording):

@@ -102,6 +102,11 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
         same effect.
     OnnxExportError
         If onnxruntime cannot run the graph.
+
+    Examples
+    --------
+    >>> graph = Path("surfaces.onnx").read_bytes()  # doctest: +SKIP
+    >>> print(check_parity(load_model("surfaces.skops"), graph))  # doctest: +SKIP
     """
     X, kinds = check_rows(model, seed)
     expected, outputs = reference(model, X), run(graph, X)
