@@ -31,30 +31,34 @@ def bounds(n_paths: int) -> dict[str, tuple[float, float]]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, "papers", seeds=50, paths=1000)
-    found = pd.DataFrame(
-        {"surface": s.name, **study_held_out(s, seed)} for s in SURFACES for seed in range(asked.seeds)
+    args = command_line(__doc__, "papers", seeds=50, paths=1000)
+    study_scores = pd.DataFrame(
+        {"surface": s.name, **study_held_out(s, seed)} for s in SURFACES for seed in range(args.seeds)
     )
-    gfc = found.groupby("surface", sort=False)[list(KEPT)]
+    gfc = study_scores.groupby("surface", sort=False)[list(KEPT)]
     result = {
-        "n_seeds": asked.seeds,
-        "n_paths": asked.paths,
+        "n_seeds": args.seeds,
+        "n_paths": args.paths,
         "gfc": {name: scores.to_dict("list") for name, scores in gfc},
-        "bound": bounds(asked.paths),
+        "bound": bounds(args.paths),
     }
-    long = pd.concat([found, found.assign(surface="all")]).melt("surface", KEPT, "held out", "GFC")
+    long = pd.concat([study_scores, study_scores.assign(surface="all")]).melt(
+        "surface", KEPT, "held out", "GFC"
+    )
     scores = long.groupby(["surface", "held out"], sort=False)["GFC"]
-    shown = scores.agg(["mean", "min"]).round(4).reset_index()
-    shown[f"above {LEAST}"] = scores.apply(lambda gfc: f"{(gfc > LEAST).sum()} of {gfc.size}").to_numpy()
+    score_table = scores.agg(["mean", "min"]).round(4).reset_index()
+    score_table[f"above {LEAST}"] = scores.apply(
+        lambda gfc: f"{(gfc > LEAST).sum()} of {gfc.size}"
+    ).to_numpy()
     bound = [{"family": family, "top": top, "held": held} for family, (top, held) in result["bound"].items()]
     blocks = [
         "GFC at held-out speeds, forces and directions (see abdulali2016.md), "
-        f"{asked.seeds} seeds each; required: {LEAST}.",
-        Table(shown.astype({"mean": str, "min": str}), n_words=2),
-        f"Output on {asked.paths} wild paths, largest sample over the recorded peak (limit: 2):",
+        f"{args.seeds} seeds each; required: {LEAST}.",
+        Table(score_table.astype({"mean": str, "min": str}), n_words=2),
+        f"Output on {args.paths} wild paths, largest sample over the recorded peak (limit: 2):",
         table(bound, "texture = `{family}` | largest = {top:.2f} | share held there = {held:.1e}"),
     ]
-    write(asked.out, "abdulali2016-recovery", result, "Recovery of simulated anisotropic surfaces", blocks)
+    write(args.out, "abdulali2016-recovery", result, "Recovery of simulated anisotropic surfaces", blocks)
 
 
 if __name__ == "__main__":

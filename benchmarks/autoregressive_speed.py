@@ -106,29 +106,29 @@ def verdict(fitted: Fit, x: Samples, order: int = 32) -> str:
         return "not stable" if "reflection" in str(error) else type(error).__name__
     except Exception as error:  # a report of what others do, whatever they do
         return type(error).__name__
-    left, peak = 0.0, np.abs(x).max()
+    residual, peak = 0.0, np.abs(x).max()
     if peak > 0:  # the RMS of the forward residual over that of the signal, without the first p samples
         unit = x / peak
         error = LatticeInverse(Autoregression(model.reflection, np.asarray(0.0)), level=1.0).process(unit)
         gain = np.exp((np.log1p(model.reflection) + np.log1p(-model.reflection)).sum() / 2)
-        left = gain * np.sqrt(np.mean(error[order:] ** 2) / np.mean(unit**2))
-    return f"stable, {left:.1e}"
+        residual = gain * np.sqrt(np.mean(error[order:] ** 2) / np.mean(unit**2))
+    return f"stable, {residual:.1e}"
 
 
 def main() -> None:
-    asked = command_line(__doc__, rounds=9)
+    args = command_line(__doc__, rounds=9)
     real_time = {
-        f"{order}, {np.dtype(dtype)}": 100_000 / FS / in_turns(lattices(order, dtype), asked.rounds).median()
+        f"{order}, {np.dtype(dtype)}": 100_000 / FS / in_turns(lattices(order, dtype), args.rounds).median()
         for order in WANTED
         for dtype in (np.float64, np.float32)
     }
     result = {
-        "fit_ms": (ms := fits(asked.rounds)),
+        "fit_ms": (ms := fits(args.rounds)),
         "real_time": {key: times.to_dict() for key, times in real_time.items()},
         "hard": {
             name: {who: verdict(each, x) for who, each in FITS.items()} for name, x in hard_signals().items()
         },
-        "n_rounds": asked.rounds,
+        "n_rounds": args.rounds,
         "input": {"fs": FS, "n": N, "order": ORDER},
     }
     factors = pd.DataFrame(real_time).T.map("{:.0f}".format)
@@ -145,7 +145,7 @@ def main() -> None:
         "What is left of the signal (RMS) by the model returned.",
         Table(hard.rename_axis("signal").reset_index(), n_words=5),
     ]
-    write(asked.out, "autoregressive", result, "Autoregressive fits and lattices", blocks)
+    write(args.out, "autoregressive", result, "Autoregressive fits and lattices", blocks)
 
 
 if __name__ == "__main__":

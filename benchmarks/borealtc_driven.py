@@ -43,21 +43,23 @@ def probabilities(frame: pd.DataFrame, X: Samples, pipeline: PipelineDefinition,
     single = np.flatnonzero((number - 1) % round(WINDOW_S / HOP_S) == 0)
     P = np.zeros((len(frame), len(classes)))
 
-    def scores(seen: Any, asked: Any) -> Samples:
-        prepare = clone(pipeline.preparation(pipeline.rows[0], "kernel")).fit(X[seen], y[seen])
-        classifier = pipeline.classifiers["kernel"].make().fit(prepare.transform(X[seen]), y[seen])
-        return class_scores(classifier, prepare.transform(X[asked]))
+    def scores(train_rows: Any, test_rows: Any) -> Samples:
+        prepare = clone(pipeline.preparation(pipeline.rows[0], "kernel")).fit(X[train_rows], y[train_rows])
+        classifier = (
+            pipeline.classifiers["kernel"].make().fit(prepare.transform(X[train_rows]), y[train_rows])
+        )
+        return class_scores(classifier, prepare.transform(X[test_rows]))
 
     # Folds as for windows that do not overlap.
     for train, test in protocol.split(frame.iloc[single].reset_index(drop=True), N_FOLDS, seed):
-        known, asked = (np.isin(run, run[single[part]]) for part in (train, test))
+        train_rows, test_rows = (np.isin(run, run[single[part]]) for part in (train, test))
         inner = frame.iloc[single[train]].reset_index(drop=True)
-        said, right = [], []
+        decision_values, right = [], []
         for a, b in protocol.split(inner, N_INNER, seed + 1):
-            said.append(scores(np.isin(run, run[single[train][a]]), single[train][b]))
+            decision_values.append(scores(np.isin(run, run[single[train][a]]), single[train][b]))
             right.append(labels[single[train][b]])
-        calibration = fit_calibration(np.concatenate(said), np.concatenate(right))
-        P[asked] = calibration(scores(known, asked))
+        calibration = fit_calibration(np.concatenate(decision_values), np.concatenate(right))
+        P[test_rows] = calibration(scores(train_rows, test_rows))
     return P
 
 
@@ -69,7 +71,7 @@ def driven(frame: pd.DataFrame, P: Samples) -> dict[str, Any]:
     y, run = frame["surface"].to_numpy(str), runs(frame).to_numpy()
     classes = tuple(np.unique(y).tolist())
     hits = P.argmax(axis=1) == np.searchsorted(classes, y)
-    found: dict[str, Any] = {
+    summary: dict[str, Any] = {
         "window": hits.mean(),
         "calibration_error": expected_calibration_error(P.max(axis=1), hits),
     }
@@ -80,13 +82,13 @@ def driven(frame: pd.DataFrame, P: Samples) -> dict[str, Any]:
             right[one] = []
             for k, i in enumerate(np.flatnonzero(run == one)):
                 best, second = np.argsort(-P[i])[:2]
-                named = dict(zip(classes, P[i].tolist(), strict=True))
+                probability = dict(zip(classes, P[i].tolist(), strict=True))
                 answer = Answer(
-                    "window", classes[best], float(P[i][best]), classes[second], False, 1.0, (), named
+                    "window", classes[best], float(P[i][best]), classes[second], False, 1.0, (), probability
                 )
                 right[one].append(evidence.add(answer, WINDOW_S + HOP_S * k).surface == y[i])
         last = {s: round((s - WINDOW_S) / HOP_S) for s in SECONDS}
-        found[kind] = {
+        summary[kind] = {
             "curve": [
                 {
                     "seconds": s,
@@ -98,7 +100,7 @@ def driven(frame: pd.DataFrame, P: Samples) -> dict[str, Any]:
             "run": share([r[-1] for r in right.values()]),
             "wrong": sorted(str(one) for one, r in right.items() if not r[-1]),
         }
-    return found
+    return summary
 
 
 def share(hits: list[bool]) -> dict[str, Any]:
@@ -134,13 +136,13 @@ def draw(draws: list[dict[str, Any]]) -> Figure:
 
 
 def main() -> None:
-    asked = command_line(__doc__, draws=3)
+    args = command_line(__doc__, draws=3)
     pipeline, dataset = load_pipeline("coarse"), open_dataset("borealtc")
     windows = cut_windows(dataset, WINDOW_S, step=HOP_S)
     features = cached_table(windows, *pipeline.needed, channels=pipeline.channels, n_jobs=1, skip_bad=True)
     frame, draws = features.frame, []
     X = frame[list(features.columns)].to_numpy(dtype=np.float64)
-    for seed in range(asked.draws):
+    for seed in range(args.draws):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             draws.append(driven(frame, probabilities(frame, X, pipeline, seed)))
@@ -173,7 +175,7 @@ def main() -> None:
             ),
         ]
         title = "Terrain against seconds driven (`borealtc`)"
-        write(asked.out, "borealtc-driven", result, title, blocks, draw(draws))
+        write(args.out, "borealtc-driven", result, title, blocks, draw(draws))
 
 
 if __name__ == "__main__":

@@ -54,20 +54,25 @@ def halves(dataset: Dataset) -> Iterator[tuple[Dataset, ...]]:
         yield tuple(replace(dataset, entries=tuple(entries[part])) for part in split)
 
 
-def features_of(felt: Dataset, pipeline: PipelineDefinition, window_s: float | None) -> pd.DataFrame:
+def features_of(
+    window_dataset: Dataset, pipeline: PipelineDefinition, window_s: float | None
+) -> pd.DataFrame:
     """Return the features of recordings, or of their touches."""
-    felt = felt if window_s is None else cut_windows(felt, window_s)
-    return cached_table(felt, *pipeline.needed, channels=pipeline.channels).frame
+    window_dataset = window_dataset if window_s is None else cut_windows(window_dataset, window_s)
+    return cached_table(window_dataset, *pipeline.needed, channels=pipeline.channels).frame
 
 
 def measure(case: dict[str, Any]) -> dict[str, Any]:
     """Return accuracy and calibration errors of a case."""
     pipeline, dataset = load_pipeline(case["pipeline"]), open_dataset(case["dataset"])
     asked_for = {name: case[name] for name in ("row", "classifier", "window_s", "protocol")}
-    found = []
-    for known, asked in halves(dataset):
-        model = train(known, pipeline, **asked_for)
-        trained, frame = (features_of(felt, pipeline, case["window_s"]) for felt in (known, asked))
+    fold_results = []
+    for training_set, test_set in halves(dataset):
+        model = train(training_set, pipeline, **asked_for)
+        trained, frame = (
+            features_of(window_dataset, pipeline, case["window_s"])
+            for window_dataset in (training_set, test_set)
+        )
         X_train, X = (one[list(model.columns)].to_numpy(dtype=np.float64) for one in (trained, frame))
         p, p_known = model.classify(X)
         classifier = with_segment_columns(pipeline.classifiers[case["classifier"]].make(), model.columns)
@@ -75,14 +80,14 @@ def measure(case: dict[str, Any]) -> dict[str, Any]:
         raw = classifier.predict_proba(model.prepare(X)).max(axis=1)
         hits = np.array(model.surfaces)[p.argmax(axis=1)] == frame["surface"].to_numpy(dtype=str)
         alarms = p_known <= model.novelty.false_alarms
-        found.append((p.max(axis=1), raw, hits, parents(frame).to_numpy(dtype=str), alarms))
-    confidence, raw, hits, clusters, alarms = map(np.concatenate, zip(*found, strict=True))
+        fold_results.append((p.max(axis=1), raw, hits, parents(frame).to_numpy(dtype=str), alarms))
+    confidence, raw, hits, clusters, alarms = map(np.concatenate, zip(*fold_results, strict=True))
     ece = expected_calibration_error(confidence, hits)
     rng, names, drawn = np.random.default_rng(SEED), np.unique(clusters), []
     rows = {name: np.flatnonzero(clusters == name) for name in names}
     for _ in range(N_DRAWS):
-        chosen = np.concatenate([rows[name] for name in rng.choice(names, len(names))])
-        drawn.append(expected_calibration_error(confidence[chosen], hits[chosen]))
+        resampled = np.concatenate([rows[name] for name in rng.choice(names, len(names))])
+        drawn.append(expected_calibration_error(confidence[resampled], hits[resampled]))
     # The basic bootstrap interval over recordings: resamples are biased upwards, as the error is.
     low, high = 2 * ece - np.quantile(drawn, [0.975, 0.025])
     return {
@@ -101,21 +106,21 @@ def measure(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, only=range(len(CASES)))
+    args = command_line(__doc__, only=range(len(CASES)))
     results = []
-    for number in asked.only:
+    for number in args.only:
         results.append(measure(dict(zip(CASE, CASES[number], strict=True))))
         print(results[-1], flush=True)
-    made = {
+    settings = {
         "seed": SEED,
         "n_bins": N_BINS,
         "results": results,
     }
-    shown = []
+    table_rows = []
     for r in results:
         low, high = r["accuracy_interval"]
         touch = "whole" if r["window_s"] is None else f"{r['window_s']:g} s"
-        shown.append(r | {"touch": touch, "right": interval(r | {"low": low, "high": high})})
+        table_rows.append(r | {"touch": touch, "right": interval(r | {"low": low, "high": high})})
     blocks = [
         "Models are trained, thresholds and temperatures included, on repetitions 1-20 of `biotac20`, and "
         "asked about 21-40 (the sensor has drifted); on `simulated` they are asked in five outer folds. "
@@ -125,7 +130,7 @@ def main() -> None:
         "column), with a bootstrap interval over recordings; `before` is that of the classifier's own "
         f"probabilities. Aim: at most {AIM}. False alarms: known surfaces called unknown, 5 % asked for.",
         table(
-            shown,
+            table_rows,
             "dataset = {dataset} | touch = {touch} | row, classifier = {pipeline}: {row}, {classifier} | "
             "held out = {protocol} | n = {n} | accuracy, % = {right} | "
             "ECE = {ece:.3f} [{ece_interval[0]:.3f}, {ece_interval[1]:.3f}] | "
@@ -135,7 +140,7 @@ def main() -> None:
         ),
         {r["dataset"]: f"input {r['input_hash'][:16]}" for r in results},
     ]
-    write(asked.out, "calibration", made, "Calibration", blocks)
+    write(args.out, "calibration", settings, "Calibration", blocks)
 
 
 if __name__ == "__main__":

@@ -37,8 +37,8 @@ def resampled(hits: np.ndarray, surfaces: np.ndarray, runs: np.ndarray) -> dict[
     by_run = sums.groupby(["surface", "run"])[["hits", "n"]].sum()
     rng, means = np.random.default_rng(0), []
     for _, group in by_run.groupby("surface"):
-        some = rng.integers(len(group), size=(N_RESAMPLED, len(group)))
-        drawn = group.to_numpy()[some].sum(axis=1)
+        indices = rng.integers(len(group), size=(N_RESAMPLED, len(group)))
+        drawn = group.to_numpy()[indices].sum(axis=1)
         means.append(np.append(drawn[:, 0] / drawn[:, 1], group["hits"].sum() / group["n"].sum()))
     balanced = np.mean(means, axis=0)
     low, high = np.quantile(balanced[:-1], [0.025, 0.975])
@@ -46,14 +46,14 @@ def resampled(hits: np.ndarray, surfaces: np.ndarray, runs: np.ndarray) -> dict[
 
 
 def of_baseline(
-    signals: list[Any], labels: Any, splits: Any, fs: float, asked: Any
+    signals: list[Any], labels: Any, splits: Any, fs: float, args: Any
 ) -> Iterator[tuple[int, Any]]:
     """Yield (fold, predicted class numbers, CPU seconds of features of a window) of MiniRocket and ridge."""
     with tempfile.TemporaryDirectory(prefix="texclass-channels-") as folder:
         task = Path(folder) / "task"
         write_task(task, signals, labels, splits, fs, 0)
         outcome = run_worker(
-            Path(asked.baselines_python), task, "minirocket", Path(folder) / "out", asked.limit_s
+            Path(args.baselines_python), task, "minirocket", Path(folder) / "out", args.limit_s
         )
     if outcome["status"] != "done":
         print("MiniRocket:", outcome["status"], outcome["message"])
@@ -61,14 +61,14 @@ def of_baseline(
         yield k, (np.array(fold["classifiers"]["ridge"]["predicted"]), fold["feature_s"])
 
 
-def compared(name: str, n_baseline_draws: int, asked: Any) -> dict[str, Any]:
+def compared(name: str, n_baseline_draws: int, args: Any) -> dict[str, Any]:
     """Return what each contestant gets on one data set."""
-    felt, pipeline = cut_windows(open_dataset(name), SECONDS), load_pipeline("coarse")
-    known = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
-    names, labels = np.unique(known.surfaces, return_inverse=True)
+    windows, pipeline = cut_windows(open_dataset(name), SECONDS), load_pipeline("coarse")
+    feature_table = cached_table(windows, *pipeline.needed, channels=pipeline.channels)
+    names, labels = np.unique(feature_table.surfaces, return_inverse=True)
     protocol = find_protocol("grouped")
-    runs = protocol.clusters(known.frame)
-    recordings = [felt.load(entry) for entry in felt.entries]
+    runs = protocol.clusters(feature_table.frame)
+    recordings = [windows.load(entry) for entry in windows.entries]
     apart = separate_channels(recordings[0], "all")
     hits: dict[str, list[Any]] = {}
     ms: dict[str, float] = {}
@@ -78,61 +78,62 @@ def compared(name: str, n_baseline_draws: int, asked: Any) -> dict[str, Any]:
         plan.compute(recordings[0])
         took = [timed(lambda r=r, p=plan: p.compute(r))[1] for r in recordings[:: len(recordings) // N_TIMED]]
         ms[row] = 1e3 * float(np.median(took))
-    for seed in range(asked.draws):
-        splits = protocol.split(known.frame, N_FOLDS, seed)
+    for seed in range(args.draws):
+        splits = protocol.split(feature_table.frame, N_FOLDS, seed)
         for row in (FIRST, LAST):
             trial = pipeline.trial(
-                MatchedRow.match(definitions[row], pipeline.features, known), "kernel", known
+                MatchedRow.match(definitions[row], pipeline.features, feature_table), "kernel", feature_table
             )
             right = np.full(len(labels), np.nan)
-            for (_, test), found in zip(splits, trial(splits).hits, strict=True):
-                right[test] = found
+            for (_, test), results_by_dataset in zip(splits, trial(splits).hits, strict=True):
+                right[test] = results_by_dataset
             hits.setdefault(row, []).append(right)
-            print(name, seed, row, resampled(right, known.surfaces, runs), flush=True)
-        if asked.baselines_python and seed < n_baseline_draws:
+            print(name, seed, row, resampled(right, feature_table.surfaces, runs), flush=True)
+        if args.baselines_python and seed < n_baseline_draws:
             right = np.full(len(labels), np.nan)
             signals = [
                 same_signals(r, apart, remove_hand_motion=pipeline.features.remove_hand_motion)
                 for r in recordings
             ]
-            for k, (predicted, feature_s) in of_baseline(signals, labels, splits, recordings[0].fs, asked):
+            for k, (predicted, feature_s) in of_baseline(signals, labels, splits, recordings[0].fs, args):
                 right[splits[k][1]] = predicted == labels[splits[k][1]]
                 ms["MiniRocket"] = 1e3 * feature_s
             if np.isfinite(right).all():
                 hits.setdefault("MiniRocket", []).append(right)
-                print(name, seed, "MiniRocket", resampled(right, known.surfaces, runs), flush=True)
+                print(name, seed, "MiniRocket", resampled(right, feature_table.surfaces, runs), flush=True)
     lines = []
     for contestant, drawn in hits.items():
         line = {"contestant": contestant, "n_draws": len(drawn), "feature_ms": ms[contestant]}
-        line |= resampled(np.mean(drawn, axis=0), known.surfaces, runs)
-        line["draws"] = [resampled(one, known.surfaces, runs)["accuracy"] for one in drawn]
+        line |= resampled(np.mean(drawn, axis=0), feature_table.surfaces, runs)
+        line["draws"] = [resampled(one, feature_table.surfaces, runs)["accuracy"] for one in drawn]
         ahead = np.mean([ours - one for ours, one in zip(hits[LAST], drawn, strict=False)], axis=0)
-        line["behind"] = resampled(ahead, known.surfaces, runs)
+        line["behind"] = resampled(ahead, feature_table.surfaces, runs)
         lines.append(line)
     return {
         "dataset": name, "n_windows": len(labels), "n_runs": len(set(runs)), "surfaces": names.tolist(),
-        "lines": lines, "input_hash": felt.input_hash,
+        "lines": lines, "input_hash": windows.input_hash,
     }  # fmt: skip
 
 
 def main() -> None:
     """Compare on each data set; write the report after each."""
-    asked = command_line(__doc__, draws=3, limit_s=3600.0, baselines_python="", baseline_draws=(3, 3))
-    found = []
-    for name, n_baseline_draws in zip(("borealtc", "dogsurf"), asked.baseline_draws, strict=True):
+    args = command_line(__doc__, draws=3, limit_s=3600.0, baselines_python="", baseline_draws=(3, 3))
+    results_by_dataset = []
+    for name, n_baseline_draws in zip(("borealtc", "dogsurf"), args.baseline_draws, strict=True):
         try:
-            found.append(compared(name, n_baseline_draws, asked))
+            results_by_dataset.append(compared(name, n_baseline_draws, args))
         except DataNotFoundError as absent:
             print(absent)
             continue
-        rows = [{**line, "dataset": one["dataset"]} for one in found for line in one["lines"]]
+        rows = [{**line, "dataset": one["dataset"]} for one in results_by_dataset for line in one["lines"]]
         for row in rows:
             row["right"] = interval(row)
             row["ahead"] = "" if row["contestant"] == LAST else interval(row["behind"])
             row["each"] = ", ".join(f"{100 * a:.1f}" for a in row["draws"])
         result = {
-            "name": "channels", "seconds": SECONDS, "n_folds": N_FOLDS, "found": found, "seed": 0,
-            "input_hash": {one["dataset"]: one["input_hash"] for one in found},
+            "name": "channels", "seconds": SECONDS, "n_folds": N_FOLDS, "found": results_by_dataset,
+            "seed": 0,
+            "input_hash": {one["dataset"]: one["input_hash"] for one in results_by_dataset},
         }  # fmt: skip
         blocks = [
             table(
@@ -150,7 +151,7 @@ def main() -> None:
             "with it the tilt of the robot.",
         ]
         title = "Several channels of a slow sensor: bands, shapes and pairs"
-        write(asked.out, "channels", result, title, blocks)
+        write(args.out, "channels", result, title, blocks)
 
 
 if __name__ == "__main__":

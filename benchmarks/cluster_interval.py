@@ -57,8 +57,8 @@ def measure(skill: str, p: float, n_operators: int, n_tests: int) -> list[dict[s
     ]
     rows: list[dict[str, float | str]] = []
     # Without a least error (NaN) the spread alone is left.
-    for way, least in (("ours", accuracy.MIN_CORRELATION), ("spread alone", -np.inf)):
-        with patch.object(accuracy, "MIN_CORRELATION", least), np.errstate(invalid="ignore"):
+    for way, min_correlation in (("ours", accuracy.MIN_CORRELATION), ("spread alone", -np.inf)):
+        with patch.object(accuracy, "MIN_CORRELATION", min_correlation), np.errstate(invalid="ignore"):
             low, high = np.array([accuracy.cluster_interval(hits, clusters) for hits in trials]).T
         rows.append(
             {
@@ -75,29 +75,29 @@ def measure(skill: str, p: float, n_operators: int, n_tests: int) -> list[dict[s
 
 
 def main() -> None:
-    asked = command_line(__doc__)
+    args = command_line(__doc__)
     every = [row for each in product(SKILLS, PROPORTIONS, N_OPERATORS, N_TESTS) for row in measure(*each)]
-    found = pd.DataFrame(every)
-    shown = []
-    for (skill, n), some in found.groupby(["skill", "n_operators"], sort=False):
+    frame = pd.DataFrame(every)
+    table_rows = []
+    for (skill, n), group in frame.groupby(["skill", "n_operators"], sort=False):
         row = {"skill": skill, "n": n}
         for way, name in (("ours", "ours"), ("spread alone", "alone")):
-            of = some[some["way"] == way]
+            of = group[group["way"] == way]
             row |= {f"{name}_least": of["coverage"].min(), f"{name}_width": 100 * of["width"].mean()}
-        shown.append(row)
+        table_rows.append(row)
     blocks = [
         f"{N_TRIALS:,} trials of each of 4 proportions (0.6 to 0.9) and about 10, 20 and 100 tests per "
         "operator, unequal by up to e^2: the lowest coverage of these, and the mean width in points. The "
         f"lower limit allows for an intraclass correlation of {accuracy.MIN_CORRELATION:g} at least; "
         "`spread alone` does not. 2,000 trials estimate a coverage of 0.93 to 0.006.",
         table(
-            shown,
+            table_rows,
             "skill of operators = {skill} | operators = {n} | lowest coverage = {ours_least:.1%} | "
             "width = {ours_width:.0f} | coverage, spread alone = {alone_least:.1%} | "
             "width, spread alone = {alone_width:.0f}",
         ),
     ]
-    write(asked.out, "cluster_interval", {"rows": every, "seed": SEED}, "Intervals over operators", blocks)
+    write(args.out, "cluster_interval", {"rows": every, "seed": SEED}, "Intervals over operators", blocks)
 
 
 if __name__ == "__main__":

@@ -83,16 +83,16 @@ def measure(card: Path, way: str, output: Path) -> dict[str, float]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, largest=NUMBERS[-1], child=())
-    if asked.child:
-        card, way, output = asked.child
+    args = command_line(__doc__, largest=NUMBERS[-1], child=())
+    if args.child:
+        card, way, output = args.child
         print(json.dumps(measure(Path(card), way, Path(output))))
         return
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         settings = {"TEXCLASS_DATA": name, "TEXCLASS_CACHE": str(folder / "cache")}
-        cards = {n: card_of(folder, n, SECONDS, folder / "pool") for n in NUMBERS if n <= asked.largest}
+        cards = {n: card_of(folder, n, SECONDS, folder / "pool") for n in NUMBERS if n <= args.largest}
         for n, card in cards.items():
             for way in WAYS:
                 child = [
@@ -103,14 +103,14 @@ def main() -> None:
                     way,
                     str(folder / f"{n}-{way}.parquet"),
                 ]
-                done = subprocess.run(
+                completed = subprocess.run(
                     child, check=True, capture_output=True, text=True, env=os.environ | settings
                 )
-                rows.append({"n": n, "way": way, **json.loads(done.stdout)})
+                rows.append({"n": n, "way": way, **json.loads(completed.stdout)})
                 print(rows[-1], flush=True)
-    found = pd.DataFrame(rows)
+    frame = pd.DataFrame(rows)
     far = []
-    for way, runs in found.groupby("way", sort=False):
+    for way, runs in frame.groupby("way", sort=False):
         for n in FAR:
             lines = {k: float(np.polynomial.Polynomial.fit(runs["n"], runs[k], 1)(n)) for k in FIGURES}
             far.append({"n": n, "way": way, **lines})
@@ -128,19 +128,19 @@ def main() -> None:
         "scheduler, MB more = {scheduler_mb:.0f} | caller, MB at most = {caller_mb:.0f} | "
         "moved, MB = {moved_mb:.1f}"
     )
-    shown = [
-        [row | {"title": WAYS[row["way"]], "rate": row["n"] / row["seconds"]} for row in some]
-        for some in (rows, far)
+    table_rows = [
+        [row | {"title": WAYS[row["way"]], "rate": row["n"] / row["seconds"]} for row in group]
+        for group in (rows, far)
     ]
     blocks = [
         f"Recordings of {SECONDS:g} s from WAV files to Parquet, {N_WORKERS} workers of one thread on this "
-        f"machine. A scheduler at rest holds {found['scheduler_idle_mb'].median():.0f} MB.",
-        table(shown[0], columns),
+        f"machine. A scheduler at rest holds {frame['scheduler_idle_mb'].median():.0f} MB.",
+        table(table_rows[0], columns),
         Heading("Extrapolated"),
         "Straight lines through the runs above: not measured.",
-        table(shown[1], columns),
+        table(table_rows[1], columns),
     ]
-    write(asked.out, "cluster", result, "Many recordings on a cluster", blocks)
+    write(args.out, "cluster", result, "Many recordings on a cluster", blocks)
 
 
 if __name__ == "__main__":

@@ -39,17 +39,17 @@ def over_dds(fs: float, seconds: float) -> dict[str, Any]:
     publisher = child("imu", f"/minute{fs}", fs, seconds, 0)
     source = topic_blocks(f"/minute{fs}", fs=fs, end_s=2.0)
     busy = time.process_time()
-    heard, late, flags = [], [], set()
+    received, late, flags = [], [], set()
     for block in source:
         if len(block.samples):
             late.append(time.time() - (block.t_s + (len(block.samples) - 1) / fs))
-            heard.append(block.samples[:, 0])
+            received.append(block.samples[:, 0])
         flags |= {flag for flag in block.flags if not flag.startswith("silence")}
     busy = time.process_time() - busy
     publisher_s = float(publisher.stdout.readline())
     source.close()
     publisher.communicate("\n")
-    return figures(np.concatenate(heard), late, fs, seconds, busy, publisher_s) | {"flags": sorted(flags)}
+    return figures(np.concatenate(received), late, fs, seconds, busy, publisher_s) | {"flags": sorted(flags)}
 
 
 def over_udp(fs: float, seconds: float) -> dict[str, Any]:
@@ -83,7 +83,7 @@ def figures(
 ) -> dict[str, Any]:
     """Return what was lost, how late the rest was, and what both sides computed."""
     sent = int(fs * seconds)
-    p50, p99, most = 1e3 * np.percentile(late, [50, 99, 100])
+    p50, p99, p100 = 1e3 * np.percentile(late, [50, 99, 100])
     return {
         "sent": sent,
         "received": len(numbers),
@@ -91,23 +91,23 @@ def figures(
         "in_order": bool(np.all(np.diff(numbers) > 0)),
         "p50_ms": p50,
         "p99_ms": p99,
-        "most_ms": most,
+        "most_ms": p100,
         "subscriber_cpu": busy / seconds,
         "publisher_cpu": publisher_s / seconds,
     }
 
 
 def main() -> None:
-    asked = command_line(__doc__, seconds=60.0)
+    args = command_line(__doc__, seconds=60.0)
     os.environ["CYCLONEDDS_URI"] = LOOPBACK
     rows, load = [], [os.getloadavg()[0]]
     for fs in RATES_HZ:
-        reference = over_udp(fs, asked.seconds)
-        for way, found in (("UDP", reference), ("DDS", over_dds(fs, asked.seconds))):
-            times = found["p50_ms"] / reference["p50_ms"]
-            rows.append({"fs": fs, "way": way, **found, "times_udp": times})
+        reference = over_udp(fs, args.seconds)
+        for way, delays in (("UDP", reference), ("DDS", over_dds(fs, args.seconds))):
+            times = delays["p50_ms"] / reference["p50_ms"]
+            rows.append({"fs": fs, "way": way, **delays, "times_udp": times})
     result = {
-        "seconds": asked.seconds,
+        "seconds": args.seconds,
         "rows": rows,
         "load": [*load, os.getloadavg()[0]],
         "cores": os.cpu_count(),
@@ -116,7 +116,7 @@ def main() -> None:
     flags = sorted({flag for row in rows for flag in row["flags"]})
     blocks = [
         "`sensor_msgs/Imu` over DDS (CycloneDDS, loopback, reliable, 20,000 messages kept), one message a "
-        f"sample, {asked.seconds:g} s each; the subscriber is the source of blocks that `texclass stream` "
+        f"sample, {args.seconds:g} s each; the subscriber is the source of blocks that `texclass stream` "
         "reads. The publisher is never early and sends what is due at least every millisecond. Lateness is "
         "from the stamp of a block's last message to the block in hand; the reference is a bare UDP socket "
         "with datagrams of the same size, in the same run.",
@@ -132,7 +132,7 @@ def main() -> None:
         f"cores) before and after: {', '.join(f'{value:.1f}' for value in result['load'])}. No random "
         "numbers, no input files: samples count up.",
     ]
-    write(asked.out, "dds", result, "ROS 2 messages between two processes without ROS", blocks)
+    write(args.out, "dds", result, "ROS 2 messages between two processes without ROS", blocks)
 
 
 if __name__ == "__main__":

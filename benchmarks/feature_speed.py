@@ -62,11 +62,13 @@ def example(seed: int = SEED) -> tuple[Recording, Phases]:
 
 def sets(knee: Path) -> dict[str, FeatureSet]:
     """Return the shipped sets, the paper's without its most expensive feature, and what a trade-off chose."""
-    known = {name: load_feature_set(name) for name in SHIPPED}
-    strese, chosen = known["strese2015"], json.loads(knee.read_text(encoding="utf-8"))
-    known[CHEAP] = strese.restricted_to(name for name in strese.columns if name != "spectral_roughness")
+    feature_sets = {name: load_feature_set(name) for name in SHIPPED}
+    strese, chosen = feature_sets["strese2015"], json.loads(knee.read_text(encoding="utf-8"))
+    feature_sets[CHEAP] = strese.restricted_to(
+        name for name in strese.columns if name != "spectral_roughness"
+    )
     pruned = load_feature_set(chosen["features"]).restricted_to(chosen["selection"]["columns"])
-    return known | {KNEE.format(chosen["dataset"]["name"]): pruned}
+    return feature_sets | {KNEE.format(chosen["dataset"]["name"]): pruned}
 
 
 def fresh(recording: Recording, phases: Phases) -> Views:
@@ -83,7 +85,7 @@ def baselines(
 ) -> Iterator[dict[str, Timer]]:
     """Return what times each baseline on the recording, by its title, in the other interpreter."""
 
-    def asked(name: str) -> float:
+    def request(name: str) -> float:
         worker.stdin.write(name + "\n")
         worker.stdin.flush()
         answer = worker.stdout.readline()
@@ -103,7 +105,7 @@ def baselines(
         ]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command, text=True, env=os.environ | ENVIRONMENT, **pipes) as worker:
-            yield {title: partial(asked, name) for name, title in names.items()}
+            yield {title: partial(request, name) for name, title in names.items()}
             worker.stdin.close()
 
 
@@ -114,18 +116,20 @@ def baseline_versions(python: Path) -> dict[str, str]:
         f"found = {{n: m.version(n) for n in {DISTRIBUTIONS}}};"
         "print(json.dumps(found | {'python': platform.python_version()}))"
     )
-    done = subprocess.run([str(python), "-c", script], check=True, capture_output=True, text=True)
-    return dict(json.loads(done.stdout))
+    completed = subprocess.run([str(python), "-c", script], check=True, capture_output=True, text=True)
+    return dict(json.loads(completed.stdout))
 
 
-def rounds(n: int, known: dict[str, FeatureSet], others: dict[str, Timer]) -> dict[tuple[str, str], float]:
+def rounds(
+    n: int, feature_sets: dict[str, FeatureSet], others: dict[str, Timer]
+) -> dict[tuple[str, str], float]:
     """Return the median ms of each thing: (name, "") in all, (set, feature) of the features of a set."""
     recording, phases = example()
     movement = np.ascontiguousarray(recording.acceleration[slice(*phases.movement)])
-    found = []
+    timings = []
     for _ in range(N_WARM + n):
         row, references = {}, []
-        for name, feature_set in known.items():
+        for name, feature_set in feature_sets.items():
             references.append(timed(lambda: np.fft.rfft(movement))[1])
             views = fresh(recording, phases)
             for member in feature_set.members:
@@ -133,38 +137,40 @@ def rounds(n: int, known: dict[str, FeatureSet], others: dict[str, Timer]) -> di
             row[name, ""] = sum(row[name, member.name] for member in feature_set.members)
         row["rfft", ""] = float(np.median(references))
         row["conditioning", ""] = timed(lambda: fresh(recording, phases))[1]
-        found.append(row | {(name, ""): timer() for name, timer in others.items()})
-    return {key: 1e3 * float(np.median([row[key] for row in found[N_WARM:]])) for key in found[0]}
+        timings.append(row | {(name, ""): timer() for name, timer in others.items()})
+    return {key: 1e3 * float(np.median([row[key] for row in timings[N_WARM:]])) for key in timings[0]}
 
 
 def measure(knee: Path, n_rounds: int, python: Path | None) -> dict[str, Any]:
     """Return medians over rounds: ms and ratios of sets and baselines, ms of each feature."""
-    known, given = sets(knee), fresh(*example()).movement.samples
-    with baselines(python, given) if python else nullcontext({}) as others:
-        each = rounds(n_rounds, known, others)
+    feature_sets, example_samples = sets(knee), fresh(*example()).movement.samples
+    with baselines(python, example_samples) if python else nullcontext({}) as others:
+        each = rounds(n_rounds, feature_sets, others)
     ms = {name: value for (name, feature), value in each.items() if not feature}
     rfft, conditioning = ms.pop("rfft"), ms.pop("conditioning")
-    chosen = list(known)[-1]
-    limits = {name: LIMITS.get(KNEE if name == chosen else name) for name in known}
+    chosen = list(feature_sets)[-1]
+    limits = {name: LIMITS.get(KNEE if name == chosen else name) for name in feature_sets}
     return {
         "reference_ms": rfft,
         "conditioning_ratio": conditioning / rfft,
         "ms": ms,
         "ratio": {name: value / rfft for name, value in ms.items()},
         "limit": {name: limit for name, limit in limits.items() if limit},
-        "times_faster": {name: {baseline: ms[baseline] / ms[name] for baseline in others} for name in known},
-        "n_columns": {name: len(feature_set.column_names) for name, feature_set in known.items()},
+        "times_faster": {
+            name: {baseline: ms[baseline] / ms[name] for baseline in others} for name in feature_sets
+        },
+        "n_columns": {name: len(feature_set.column_names) for name, feature_set in feature_sets.items()},
         "feature_ms": {
             name: {feature: value for (of, feature), value in each.items() if of == name and feature}
-            for name in known
+            for name in feature_sets
         },
         "n_rounds": n_rounds,
-        "knee": list(known[chosen].column_names),
+        "knee": list(feature_sets[chosen].column_names),
         "input": {
             "duration_s": DURATION_S,
             "fs": FS,
             "seed": SEED,
-            "sha256": hashlib.sha256(given.tobytes()).hexdigest(),
+            "sha256": hashlib.sha256(example_samples.tobytes()).hexdigest(),
         },
         "baseline_versions": baseline_versions(python) if python else {},
     }
@@ -172,8 +178,8 @@ def measure(knee: Path, n_rounds: int, python: Path | None) -> dict[str, Any]:
 
 def main() -> None:
     knee = ROOT / "reports" / "tables" / "simulated69-tradeoff.json"
-    asked = command_line(__doc__, rounds=15, knee=knee, baselines_python=None)
-    result = measure(asked.knee, asked.rounds, asked.baselines_python)
+    args = command_line(__doc__, rounds=15, knee=knee, baselines_python=None)
+    result = measure(args.knee, args.rounds, args.baselines_python)
     rfft, faster = result["reference_ms"], pd.DataFrame(result["times_faster"]).T
     costs = [
         {
@@ -192,7 +198,7 @@ def main() -> None:
     parts = [feature if n == 1 else f"{feature} ({n})" for feature, n in counts.items()]
     blocks = [
         f"One recording of {DURATION_S:g} s at {FS:g} Hz, one axis, one thread, warm, median of "
-        f"{asked.rounds} rounds in which all take turns. One `np.fft.rfft` of it took {rfft:.2f} ms. "
+        f"{args.rounds} rounds in which all take turns. One `np.fft.rfft` of it took {rfft:.2f} ms. "
         "Conditioning the samples (mean, resting level; the same for every set) takes "
         f"{result['conditioning_ratio']:.1f} of them more.",
         table(
@@ -211,7 +217,7 @@ def main() -> None:
     if theirs := result["baseline_versions"]:
         listed = ", ".join(f"{name} {version}" for name, version in theirs.items())
         blocks.append(f"Baselines, in an interpreter of their own: {listed}.")
-    write(asked.out, "feature_speed", result, "Cost of the feature sets", blocks)
+    write(args.out, "feature_speed", result, "Cost of the feature sets", blocks)
 
 
 if __name__ == "__main__":

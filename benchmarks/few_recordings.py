@@ -56,10 +56,10 @@ CASES = (
 
 
 def main() -> None:
-    asked = command_line(__doc__, only="")
-    found: dict[str, list[dict[str, Any]]] = {"cells": [], "promises": []}
+    args = command_line(__doc__, only="")
+    study_results: dict[str, list[dict[str, Any]]] = {"cells": [], "promises": []}
     hashes = {}
-    for name, own, others, window_s in (case for case in CASES if asked.only in ("", case[0])):
+    for name, own, others, window_s in (case for case in CASES if args.only in ("", case[0])):
         dataset = open_dataset(name)
         hashes[name] = dataset.input_hash
         if window_s is not None:
@@ -74,17 +74,19 @@ def main() -> None:
         default, *_ = without_selection(list_candidates(pipelines[0], tables[0], meter))
         for protocol, n, splits in cells(tables[0].frame):
             cell = {"set": name, "protocol": protocol, "n": n, "n_folds": len(splits)}
-            found["cells"].append(cell | compared(default, list(zip(pipelines, tables, strict=True)), splits))
-            print(cell, *(found["cells"][-1][who]["mean"] for who in ("default", "best")), flush=True)
+            study_results["cells"].append(
+                cell | compared(default, list(zip(pipelines, tables, strict=True)), splits)
+            )
+            print(cell, *(study_results["cells"][-1][who]["mean"] for who in ("default", "best")), flush=True)
         frame = tables[0].frame[windows.is_testable(tables[0].frame)].reset_index(drop=True)
         for n, start, trains, later in made_in_one_go(frame):
-            told = {"set": name, "n": n, "start": start}
-            found["promises"].append(told | promised(default, frame, trains, later, start))
-    made = {
+            cell_key = {"set": name, "n": n, "start": start}
+            study_results["promises"].append(cell_key | promised(default, frame, trains, later, start))
+    settings = {
         "seed": SEED, "input_hash": hashes,
         "near": NEAR, "false_alarms": FALSE_ALARMS,
     }  # fmt: skip
-    report(found, made, asked.out)
+    report(study_results, settings, args.out)
 
 
 def cells(frame: pd.DataFrame) -> Iterator[tuple[str, str, Sequence[Split]]]:
@@ -93,10 +95,12 @@ def cells(frame: pd.DataFrame) -> Iterator[tuple[str, str, Sequence[Split]]]:
         apart = find_protocol("operator" if several("operator", frame) else "grouped")
         splits = apart.split(frame, 5, SEED)
         unit = runs(frame)
-        least = min(unit.iloc[a].groupby(frame["surface"].iloc[a]).nunique().min() for a, _ in splits)
-        for n in (n for n in N_SHOTS if n < least):
-            few = [(thinned(frame, train, n, SEED + i), test) for i, (train, test) in enumerate(splits)]
-            yield apart.name, str(n), few
+        min_units = min(unit.iloc[a].groupby(frame["surface"].iloc[a]).nunique().min() for a, _ in splits)
+        for n in (n for n in N_SHOTS if n < min_units):
+            thinned_splits = [
+                (thinned(frame, train, n, SEED + i), test) for i, (train, test) in enumerate(splits)
+            ]
+            yield apart.name, str(n), thinned_splits
         yield apart.name, "all", splits
     if not several("session", frame):
         counts = frame["surface"].value_counts()
@@ -133,18 +137,21 @@ def compared(
             names = definition.select_classifiers(pipeline.classifiers) if row.columns else ()
             for name in names:
                 with suppress(ValueError):
-                    said = pipeline.trial(row, name, features)(splits)
+                    held_out_evaluation = pipeline.trial(row, name, features)(splits)
                     rows.append(
-                        {"row": f"{pipeline.name}: {definition.name}, {name}", **interpolation_weights(said)}
+                        {
+                            "row": f"{pipeline.name}: {definition.name}, {name}",
+                            **interpolation_weights(held_out_evaluation),
+                        }
                     )
     name = f"{offers[0][0].name}: {default.row}, {default.classifier_name}"
     best = max((row for row in rows if row["row"] != name), key=lambda row: row["mean"])
     return {"default": {"row": name, **interpolation_weights(own)}, "best": best, "rows": rows}
 
 
-def interpolation_weights(said: Evaluation) -> dict[str, float]:
+def interpolation_weights(held_out_evaluation: Evaluation) -> dict[str, float]:
     """Return balanced mean and worst fold in per cent."""
-    accuracy = said.accuracy
+    accuracy = held_out_evaluation.accuracy
     mean = accuracy.mean if accuracy.balanced is None else accuracy.balanced
     return {"mean": round(100 * mean, 2), "worst": round(100 * accuracy.worst, 2)}
 
@@ -193,30 +200,30 @@ def promised(
     """
     frame = frame.drop(columns="parent", errors="ignore")
     frame = frame.assign(recording_id=[str(i) for i in range(len(frame))])
-    known, got = answers(default, frame, trains, later)
+    calibration, got = answers(default, frame, trains, later)
     surfaces, rng = frame["surface"].to_numpy(dtype=str), np.random.default_rng(seed)
     chance = 1 / len(set(surfaces))
-    found: dict[str, Any] = {
-        "promise": rule_of_succession(float(known.hits.mean()), len(known.hits)),
+    study_results: dict[str, Any] = {
+        "promise": rule_of_succession(float(calibration.hits.mean()), len(calibration.hits)),
         "later": float(got.hits.mean()),
-        "kept": (float(got.hits.mean()) - chance) / (float(known.hits.mean()) - chance),
+        "kept": (float(got.hits.mean()) - chance) / (float(calibration.hits.mean()) - chance),
     }  # fmt: skip
     alarms = []
     for _ in range(2):
         strangers = rng.permutation(np.unique(surfaces))[: max(1, len(set(surfaces)) // 5)]
-        known, got = answers(default, frame, trains[~np.isin(surfaces[trains], strangers)], later)
+        calibration, got = answers(default, frame, trains[~np.isin(surfaces[trains], strangers)], later)
         strange = np.isin(surfaces[got.rows], strangers)
         for margin, level in (
             ("plain", FALSE_ALARMS),
-            ("wide", conservative_rate(FALSE_ALARMS, len(known.novelty), LIMITS.later_alarm_factor)),
+            ("wide", conservative_rate(FALSE_ALARMS, len(calibration.novelty), LIMITS.later_alarm_factor)),
         ):  # fmt: skip
-            least = 1 / (len(known.novelty) + 1)
-            novelty = NoveltyDetector("decision", np.sort(known.novelty), max(level, least))
+            min_units = 1 / (len(calibration.novelty) + 1)
+            novelty = NoveltyDetector("decision", np.sort(calibration.novelty), max(level, min_units))
             unknown = novelty.p_value(got.novelty) <= novelty.false_alarms
             alarms.append(
                 {f"{margin}_alarms": unknown[~strange].mean(), f"{margin}_found": unknown[strange].mean()}
             )
-    return found | pd.DataFrame(alarms).mean().to_dict()
+    return study_results | pd.DataFrame(alarms).mean().to_dict()
 
 
 def answers(
@@ -230,9 +237,9 @@ def answers(
     )
 
 
-def report(found: dict[str, list[dict[str, Any]]], made: dict[str, Any], out: Path) -> None:
+def report(study_results: dict[str, list[dict[str, Any]]], settings: dict[str, Any], out: Path) -> None:
     """Write cells and promises, and what they come to."""
-    beside = [
+    comparison = [
         {
             **{key: cell[key] for key in ("set", "protocol", "n", "n_folds")},
             **{
@@ -242,29 +249,29 @@ def report(found: dict[str, list[dict[str, Any]]], made: dict[str, Any], out: Pa
             },
             "lacks": cell["best"]["mean"] - cell["default"]["mean"],
         }
-        for cell in found["cells"]
+        for cell in study_results["cells"]
     ]
-    n_near = sum(cell["lacks"] <= NEAR + 1e-9 for cell in beside)
-    kept = (
-        pd.DataFrame(found["promises"])
+    n_near = sum(cell["lacks"] <= NEAR + 1e-9 for cell in comparison)
+    sentence = (
+        pd.DataFrame(study_results["promises"])
         .groupby(["set", "n"], sort=False)
         .mean(numeric_only=True)
         .reset_index()
     )
-    kept["growth"] = kept["plain_alarms"] / FALSE_ALARMS
-    of_sets = kept[kept["n"] >= 3] if (kept["n"] >= 3).any() else kept
+    sentence["growth"] = sentence["plain_alarms"] / FALSE_ALARMS
+    of_sets = sentence[sentence["n"] >= 3] if (sentence["n"] >= 3).any() else sentence
     summary = {
-        "n_cells": len(beside), "n_near": n_near,
-        "least_kept": float(kept.groupby("set")["kept"].mean().min()),
+        "n_cells": len(comparison), "n_near": n_near,
+        "least_kept": float(sentence.groupby("set")["kept"].mean().min()),
         "median_growth": float(of_sets.groupby("set")["growth"].mean().median()),
     }  # fmt: skip
     blocks: list[Any] = [
         f"What `train` takes by default is within {NEAR:g} point of the best other row, or better, in "
-        f"{n_near} of {len(beside)} cells. The best is chosen with the tests in view, so it is optimistic. "
+        f"{n_near} of {len(comparison)} cells. The best is selected on the test folds (optimistic). "
         "Accuracies in %, mean over surfaces and folds, and the worst fold. n: recordings of "
         "each surface that train (runs, under `grouped`).",
         table(
-            beside,
+            comparison,
             "set = {set} | protocol = {protocol} | n = {n} | folds = {n_folds} | default = {default_row} | "
             "% = {default_mean:.1f} | worst = {default_worst:.1f} | best = {best_row} | "
             "% = {best_mean:.1f} | worst = {best_worst:.1f} | default lacks = {lacks:.1f}",
@@ -278,7 +285,7 @@ def report(found: dict[str, list[dict[str, Any]]], made: dict[str, Any], out: Pa
         f"recordings give it (plain), and by one that expects {LIMITS.later_alarm_factor:g} times as many "
         "false alarms later (wide).",
         table(
-            kept,
+            sentence,
             "set = {set} | n = {n} | promised = {promise:.1%} | later = {later:.1%} | kept = {kept:.2f} | "
             "later, plain = {plain_alarms:.1%} | strangers, plain = {plain_found:.1%} | "
             "later, wide = {wide_alarms:.1%} | strangers, wide = {wide_found:.1%}",
@@ -286,7 +293,7 @@ def report(found: dict[str, list[dict[str, Any]]], made: dict[str, Any], out: Pa
         f"The set that keeps least keeps {summary['least_kept']:.2f}; later recordings are called unknown "
         f"{summary['median_growth']:.1f} times as often as was asked for (plain; median over sets).",
     ]
-    write(out, "few_recordings", made | summary | found, "Few recordings", blocks)
+    write(out, "few_recordings", settings | summary | study_results, "Accuracy with few recordings", blocks)
 
 
 if __name__ == "__main__":

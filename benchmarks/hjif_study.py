@@ -149,7 +149,7 @@ def normalised(path: Path) -> Haptics:
 def compared(kind: str, sent: Rendition, reference: Path, folder: Path) -> dict[str, Any]:
     """Return whether the reference accepts a file, and its sound beside ours and beside what was meant."""
     path = folder / "a.hjif"
-    lost = write_hjif(sent, path)
+    losses = write_hjif(sent, path)
     size = path.stat().st_size
     gain = read_hjif(path).perceptions[0].channels[0].gain
     haptics = normalised(path)
@@ -162,7 +162,7 @@ def compared(kind: str, sent: Rendition, reference: Path, folder: Path) -> dict[
         "accepted": not complaint and n > 0,
         "complaint": complaint,
         "bytes": size,
-        "lost": lost,
+        "lost": losses,
     }
     if n == 0:
         return row
@@ -260,7 +260,7 @@ def main() -> None:
     ).reset_index()  # fmt: skip
     for name, form in (("meant", "{:.2f}"), ("gfc", "{:.4f}")):
         found[name] = ["-" if math.isnan(one) else form.format(one) for one in found[name]]
-    shown = table(
+    summary_table = table(
         found,
         "written = {kind} | files = {files} | accepted = {accepted} | bytes = {bytes:.0f} | "
         "difference = {beside:.1e} | samples off = {off:.2%} | level dB = {level:.3f} | "
@@ -275,7 +275,7 @@ def main() -> None:
     endless = sum(not row["ends"] for row in refused)
     both = sum(row["ours"] for row in judged)
     only = sum(row["ours"] for row in refused if not row["reference"])
-    said = (
+    sentences = (
         f"Of {len(judged)} spoiled files that the reference refuses (a value missing, of another kind or "
         f"range, in files of wavelets and friction, of lines, of taps) our reader refuses {both}; it refused "
         f"{only} of {len(refused) - len(judged) - endless} others, which the reference took without a word; "
@@ -286,7 +286,13 @@ def main() -> None:
         "by_kind": found.to_dict("records"),
     }  # fmt: skip
     result = json.loads(json.dumps(lists, default=float).replace("NaN", "null"))
-    write(options.out, "hjif", result, "MPEG haptics beside the reference", [shown, said])
+    write(
+        options.out,
+        "hjif",
+        result,
+        "MPEG haptics compared with the reference software",
+        [summary_table, sentences],
+    )
 
 
 if __name__ == "__main__":

@@ -64,16 +64,16 @@ def pieces(surface: Surface, seed: int) -> Iterator[tuple[str, int, Recording]]:
         # The rest before the first tap of the run, then these taps: what came between is left out.
         chosen = taps[3 * step : 3 * step + 3]
         start, moved = chosen[0].start, rest - chosen[0].start
-        kept = np.r_[0:rest, start : chosen[-1].end]
+        indices_kept = np.r_[0:rest, start : chosen[-1].end]
         yield (
             "impact",
             step,
             run.with_(
-                acceleration=run.acceleration[kept],
+                acceleration=run.acceleration[indices_kept],
                 phases=Phases(
                     taps=tuple(Tap(t.start + moved, t.impact + moved, t.end + moved) for t in chosen)
                 ),
-                **{name: getattr(run, name)[kept] for name in names},
+                **{name: getattr(run, name)[indices_kept] for name in names},
             ),
         )
 
@@ -89,13 +89,13 @@ def spreads(values: pd.DataFrame, columns: tuple[str, ...], condition: str) -> d
     if len(of_surface) < values["surface"].nunique() // 2 or of_surface.size().min() < 3:
         return {"ratio": np.nan, "trend": np.nan}
     grouped = of_surface[list(columns)]
-    between, within = grouped.mean().var(ddof=1), grouped.var(ddof=1).mean()
-    total = between + within
+    between_variance, within_variance = grouped.mean().var(ddof=1), grouped.var(ddof=1).mean()
+    total = between_variance + within_variance
     rank = of_surface.apply(
         lambda g: g[list(columns)].corrwith(g["step"], method="spearman"), include_groups=False
     )
     return {
-        "ratio": float(np.sqrt((between / total).mean() / (within / total).mean())),
+        "ratio": float(np.sqrt((between_variance / total).mean() / (within_variance / total).mean())),
         "trend": float(rank.abs().mean().mean()),
     }
 
@@ -128,14 +128,14 @@ def course(axes: Axes, values: pd.DataFrame, condition: str, title: str, lines: 
     axes.grid(alpha=0.3)
 
 
-def summary(axes: Axes, found: pd.DataFrame) -> None:
+def summary(axes: Axes, trends: pd.DataFrame) -> None:
     """Draw the ratio of every feature, best first: a dot a condition."""
-    order = found.groupby(["set", "feature", "origin"], sort=False)["ratio"].min().dropna()
+    order = trends.groupby(["set", "feature", "origin"], sort=False)["ratio"].min().dropna()
     order = order.sort_values(ascending=False).reset_index()
     marks = {"speed": "o", "force": "s", "impact": "^"}
     tint = {"texclass": OURS, "strese2015": THIRD, "related work": OTHER}
     for y, row in order.iterrows():
-        rows = found[(found["set"] == row["set"]) & (found["feature"] == row["feature"])]
+        rows = trends[(trends["set"] == row["set"]) & (trends["feature"] == row["feature"])]
         axes.hlines(y, rows["ratio"].min(), rows["ratio"].max(), color=tint[row["origin"]], lw=1)
         for _, point in rows.iterrows():
             axes.plot(point["ratio"], y, marks[point["condition"]], ms=4, color=tint[row["origin"]])
@@ -155,7 +155,7 @@ def summary(axes: Axes, found: pd.DataFrame) -> None:
     axes.legend(fontsize=6.5, loc="lower right")
 
 
-def draw(printed: pd.DataFrame, ours: pd.DataFrame, found: pd.DataFrame, names: list[str]) -> Figure:
+def draw(printed: pd.DataFrame, ours: pd.DataFrame, trends: pd.DataFrame, names: list[str]) -> Figure:
     """Draw the paper's figures on the left, every feature on the right."""
     figure = Figure(figsize=(13, 9), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(1.15, 1))
@@ -183,27 +183,27 @@ def draw(printed: pd.DataFrame, ours: pd.DataFrame, found: pd.DataFrame, names: 
         hardness.set_yscale("log")
     axes[2].legend(fontsize=6, frameon=False)
     left.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=len(names), fontsize=7)
-    summary(right.subplots(), found)
+    summary(right.subplots(), trends)
     return figure
 
 
 def main() -> None:
-    asked = command_line(__doc__, surfaces=24)
-    surfaces = surface_catalogue(asked.surfaces, SEED)
+    args = command_line(__doc__, surfaces=24)
+    surfaces = surface_catalogue(args.surfaces, SEED)
     (printed, first), (ours, second) = study("strese2015", surfaces), study("texclass", surfaces)
-    found = pd.concat([first, second], ignore_index=True)
+    trends = pd.concat([first, second], ignore_index=True)
     chosen = [surfaces[i].name for i in np.linspace(0, len(surfaces) - 1, 4).astype(int)]
     result = {
         "kind": "invariance",
         "seed": SEED,
-        "rows": json.loads(found.to_json(orient="records", double_precision=15)),  # NaN becomes null
+        "rows": json.loads(trends.to_json(orient="records", double_precision=15)),  # NaN becomes null
     }
-    of = found.set_index(["set", "feature", "condition"])
+    of = trends.set_index(["set", "feature", "condition"])
     hard, corrected = of.loc["strese2015", "hardness", "impact"], of.loc["texclass", "hardness", "impact"]
     eq3 = of.loc["strese2015", "temporal_roughness", "force"]
     power = of.loc["strese2015", "standard_roughness", "force"]
     fine = of.loc["strese2015", "fineness", "speed"]
-    medians = found.pivot_table("ratio", "origin", "condition", "median")
+    medians = trends.pivot_table("ratio", "origin", "condition", "median")
     blocks = [
         f"{len(surfaces)} simulated surfaces; runs with rising speed (20 to 200 mm/s at 1 N) and rising "
         f"force (0.4 to 2.5 N at 100 mm/s) in {N_STEPS} pieces of 1 s; rising taps in threes. ratio: "
@@ -219,7 +219,7 @@ def main() -> None:
             "finds it nearly constant.",
         ],
         table(
-            found,
+            trends,
             "set = {set} | feature = {feature} | from = {origin} | condition = {condition} | "
             "ratio = {ratio:.2f} | trend = {trend:.2f}",
             "nan: undefined on most surfaces.",
@@ -229,7 +229,7 @@ def main() -> None:
         Table(medians.reset_index(names="from")),
     ]
     title = "Scan-time invariance: strese2015, Figs. 8-10 and 12, for every feature"
-    write(asked.out, "invariance", result, title, blocks, draw(printed, ours, found, chosen))
+    write(args.out, "invariance", result, title, blocks, draw(printed, ours, trends, chosen))
 
 
 if __name__ == "__main__":

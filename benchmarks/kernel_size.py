@@ -25,12 +25,12 @@ TOUCH_S = 1.0
 LIMITS_KB = (None, 2000, 1000, 500, 300, 200)
 
 
-def judged(classifier, data, splits):
+def evaluate_model(classifier, data, splits):
     """Return accuracy, samples kept, kB and seconds of the fit."""
 
     def fitted_on(fold):
-        found, seconds = timed(lambda: fold.fit(classifier))
-        return found, found.predict(fold.X_test) == fold.y_test, seconds
+        fitted_model, seconds = timed(lambda: fold.fit(classifier))
+        return fitted_model, fitted_model.predict(fold.X_test) == fold.y_test, seconds
 
     ((fitted, hits, seconds),) = map_folds(fitted_on, data.X, data.y, splits, preprocessing())
     graph = Graph()
@@ -44,12 +44,12 @@ def judged(classifier, data, splits):
 
 
 def main() -> None:
-    asked = command_line(__doc__, jobs=1)
-    pipeline, felt = load_pipeline("texclass"), cut_windows(open_dataset("biotac20"), TOUCH_S)
-    found = cached_table(felt, *pipeline.needed, channels=pipeline.channels, n_jobs=asked.jobs)
-    frame, protocol = found.frame, find_protocol("chronological")
+    args = command_line(__doc__, jobs=1)
+    pipeline, windows = load_pipeline("texclass"), cut_windows(open_dataset("biotac20"), TOUCH_S)
+    table_of_features = cached_table(windows, *pipeline.needed, channels=pipeline.channels, n_jobs=args.jobs)
+    frame, protocol = table_of_features.frame, find_protocol("chronological")
     row = next(row for row in pipeline.rows if row.name == ROW)
-    columns = list(MatchedRow.match(row, pipeline.features, found).columns)
+    columns = list(MatchedRow.match(row, pipeline.features, table_of_features).columns)
     data = LabelledData(
         frame[columns].to_numpy(dtype=np.float64),
         frame["surface"].to_numpy(dtype=str),
@@ -59,9 +59,9 @@ def main() -> None:
     splits = make_splits(protocol, frame, pipeline.seed)
     rows = []
     for max_kb in LIMITS_KB:
-        few = judged(KernelDiscriminant(max_kb=max_kb), data, splits)
-        alone = judged(KernelDiscriminant(max_samples=few["n_kept"]), data, splits)
-        rows.append({"max_kb": max_kb, **few, "alone": alone["mean"], "n_alone": alone["n_kept"]})
+        compressed = evaluate_model(KernelDiscriminant(max_kb=max_kb), data, splits)
+        alone = evaluate_model(KernelDiscriminant(max_samples=compressed["n_kept"]), data, splits)
+        rows.append({"max_kb": max_kb, **compressed, "alone": alone["mean"], "n_alone": alone["n_kept"]})
         print(rows[-1], flush=True)
     result = {
         "rows": rows,
@@ -69,21 +69,23 @@ def main() -> None:
         "n_columns": len(columns),
         "n_train": len(splits[0][0]),
         "n_test": len(splits[0][1]),
-        "input_hash": felt.input_hash,
+        "input_hash": windows.input_hash,
     }
-    shown = [one | {"limit": f"{one['max_kb'] or 'none'}", "right": interval(one, "mean")} for one in rows]
+    table_rows = [
+        one | {"limit": f"{one['max_kb'] or 'none'}", "right": interval(one, "mean")} for one in rows
+    ]
     blocks = [
         f"Touches of {TOUCH_S:g} s of `biotac20`, {len(columns)} columns of the row {ROW}: repetitions 1 to "
         f"20 train ({result['n_train']:,} touches), 21 to 40 are asked ({result['n_test']:,}). Coefficients "
         "serve all training samples, whatever number of them is kept; beside it, what training on about as "
         "many alone gives.",
         table(
-            shown,
+            table_rows,
             "--max-kb = {limit} | samples kept = {n_kept:,} | kB = {kb:,.0f} | % [95 %] = {right} | "
             "fit, s = {fit_s:.1f} | trained on as many alone = {alone:.1%}",
         ),
     ]
-    write(asked.out, "kernel_size", result, "A kernel of few kilobytes", blocks)
+    write(args.out, "kernel_size", result, "Kernel discriminants of a few kilobytes", blocks)
 
 
 if __name__ == "__main__":

@@ -67,10 +67,10 @@ def accuracy(orders: list[int]) -> pd.DataFrame:
             k = whole[:p]  # Burg's first p are the model of order p
             lsf = from_reflection(k)
             back = to_reflection(lsf)
-            model, again = Autoregression(k, 1.0), Autoregression(back, 1.0)
-            error = again.log_spectrum_db(omega) - model.log_spectrum_db(omega)
-            between = (lsf[1:] + lsf[:-1]) / 2  # where the resonances are
-            at_peaks = again.log_spectrum_db(between) - model.log_spectrum_db(between)
+            model, recovered = Autoregression(k, 1.0), Autoregression(back, 1.0)
+            error = recovered.log_spectrum_db(omega) - model.log_spectrum_db(omega)
+            midpoints = (lsf[1:] + lsf[:-1]) / 2  # where the resonances are
+            at_peaks = recovered.log_spectrum_db(midpoints) - model.log_spectrum_db(midpoints)
             rows.append(
                 {
                     "signal": name,
@@ -110,16 +110,16 @@ def speed(orders: list[int], n_rounds: int) -> list[dict[str, float]]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, rounds=9, largest=max(ORDERS))
-    orders = [p for p in ORDERS if p <= asked.largest]
-    found = accuracy(orders)
+    args = command_line(__doc__, rounds=9, largest=max(ORDERS))
+    orders = [p for p in ORDERS if p <= args.largest]
+    errors = accuracy(orders)
     result = {
-        "accuracy": found.to_dict("records"),
-        "speed": speed(orders, asked.rounds),
-        "n_rounds": asked.rounds,
+        "accuracy": errors.to_dict("records"),
+        "speed": speed(orders, args.rounds),
+        "n_rounds": args.rounds,
         "input": {"n_samples": N_SAMPLES, "n_frequencies": N_FREQUENCIES, "seed": 0},
     }
-    of_p = found.groupby("p")
+    of_p = errors.groupby("p")
     worst = of_p[["rms_db", "max_db", "conditioning"]].max().join(of_p[["stable", "interlaced"]].sum())
     worst["n"], worst["limit"] = of_p.size(), [LIMITS_DB.get(p, "") for p in worst.index]
     blocks = [
@@ -135,7 +135,7 @@ def main() -> None:
         "comes near 1, the spectrum is kept but for the tip of that resonance, and k is not. Per signal, at "
         "the resonances (midway between neighbours):",
         table(
-            found[found["p"].isin(LIMITS_DB)],
+            errors[errors["p"].isin(LIMITS_DB)],
             "signal = {signal} | p = {p} | RMS (dB) = {rms_db:.1e} | "
             "largest at resonances (dB) = {max_db_at_resonances:.1e} | "
             "largest error of k = {max_k_error:.1e} | conditioning = {conditioning:.1e}",
@@ -147,7 +147,7 @@ def main() -> None:
             "times faster = {times_faster:.0f} | at least = {limit} | LSF -> k (ms) = {inverse_ms:.3f}",
         ),
     ]
-    write(asked.out, "line_spectrum", result, "Line spectral frequencies, there and back", blocks)
+    write(args.out, "line_spectrum", result, "Line spectral frequencies: round trip", blocks)
 
 
 if __name__ == "__main__":

@@ -240,16 +240,16 @@ def meet(root: Path, files: list[str]) -> tuple[str, str]:
         sys.path[:] = [str(root), *(p for p in sys.path if ROOT not in (Path(p), *Path(p).parents))]
         os._exit(pytest.main(["-x", "-q", "-n0", "-pno:cacheprovider", "--tb=line", *files]))
     end = time.monotonic() + WALL_S
-    while not (done := os.waitpid(child, os.WNOHANG))[0] and time.monotonic() < end:
+    while not (wait_status := os.waitpid(child, os.WNOHANG))[0] and time.monotonic() < end:
         time.sleep(0.1)
     with contextlib.suppress(ProcessLookupError):
         os.killpg(child, signal.SIGKILL)  # and what tests started
-    code = os.waitstatus_to_exitcode(done[1] if done[0] else os.waitpid(child, 0)[1])
-    told = [
+    code = os.waitstatus_to_exitcode(wait_status[1] if wait_status[0] else os.waitpid(child, 0)[1])
+    summary_lines = [
         line for line in log.read_text(errors="replace").splitlines() if line.startswith(("FAILED", "ERR"))
     ]
     status = {0: "survived", 5: "survived"}.get(code, "killed" if code > 0 else "timeout")
-    return status, re.sub(r" - .*", "", told[0].partition(" ")[2]) if told else ""
+    return status, re.sub(r" - .*", "", summary_lines[0].partition(" ")[2]) if summary_lines else ""
 
 
 def judge(mutant: Mutant, root: Path, n_files: int, sound: dict[str, bool]) -> Mutant:
@@ -344,42 +344,42 @@ def main() -> None:
     for name, default in (defaults | {"out": ROOT / "reports/studies"}).items():
         parser.add_argument(f"--{name}", type=type(default), default=default)
     parser.add_argument("--again", nargs="*", default=[], help="statuses or ids of mutants to run again")
-    asked = parser.parse_args()
-    end = time.monotonic() + 60 * asked.minutes
-    kept = asked.out / "mutation.json"
+    args = parser.parse_args()
+    end = time.monotonic() + 60 * args.minutes
+    result_file = args.out / "mutation.json"
     with tempfile.TemporaryDirectory() as folder:
         commit = subprocess.check_output(["git", "rev-parse", "HEAD"], cwd=ROOT, text=True).strip()
         archive = subprocess.check_output(["git", "archive", commit], cwd=ROOT)
-        roots = [Path(folder) / str(job) for job in range(asked.jobs)]
+        roots = [Path(folder) / str(job) for job in range(args.jobs)]
         for root in roots:
             with tarfile.open(fileobj=io.BytesIO(archive)) as files:
                 files.extractall(root, filter="data")
-        if kept.exists():
-            result = json.loads(kept.read_text(encoding="utf-8"))
+        if result_file.exists():
+            result = json.loads(result_file.read_text(encoding="utf-8"))
         else:
-            result = {"seed": asked.seed, "mutants": draw(roots[0], asked.mutants, asked.seed)}
+            result = {"seed": args.seed, "mutants": draw(roots[0], args.mutants, args.seed)}
         mutants, sound = result["mutants"], dict[str, bool]()
-        if asked.equivalent >= 0:
-            mutants[asked.equivalent] |= {"status": "equivalent", "reason": asked.reason}
-        again = iter(sorted(m["id"] for m in mutants if {m["status"], str(m["id"])} & {"", *asked.again}))
+        if args.equivalent >= 0:
+            mutants[args.equivalent] |= {"status": "equivalent", "reason": args.reason}
+        mutant_ids = iter(sorted(m["id"] for m in mutants if {m["status"], str(m["id"])} & {"", *args.again}))
         lock = threading.Lock()
 
         def work(root: Path) -> None:
             """Judge mutants in one copy until none is left or the minutes are over."""
             while time.monotonic() < end:
                 with lock:
-                    i = next(again, None)
+                    i = next(mutant_ids, None)
                 if i is None:
                     return
-                met = judge(mutants[i], root, asked.files, sound)
+                met = judge(mutants[i], root, args.files, sound)
                 with lock:
                     mutants[i] = {"first": met["status"], **met, "commit": commit}
-                    kept.write_text(json.dumps(result, indent=1), encoding="utf-8")
+                    result_file.write_text(json.dumps(result, indent=1), encoding="utf-8")
                     print(i, *(met[k] for k in PRINTED), flush=True)
 
-        with ThreadPoolExecutor(asked.jobs) as pool:
+        with ThreadPoolExecutor(args.jobs) as pool:
             list(pool.map(work, roots))
-    report(asked.out, result)
+    report(args.out, result)
 
 
 if __name__ == "__main__":

@@ -50,11 +50,18 @@ def model_of(dataset, pipeline, row, classifier, window_s, folder, jobs):
     words = f"{dataset}-{pipeline}-{row}-{classifier}-{window_s:g}".replace(" ", "_").replace(",", "")
     path = Path(folder) / f"{words}.skops"
     if not path.is_file():
-        felt = tx.open_dataset(dataset)
-        kept = tuple(e for e in felt.entries if dataset != "biotac20" or e.repetition <= TRAINED)
-        felt = type(felt)(felt.name, kept, felt.load, f"{felt.input_hash}-{len(kept)}")
-        asked = {"row": row, "classifier": classifier, "window_s": window_s, "n_jobs": jobs}
-        tx.train(felt, pipeline, **asked, exportable=True).save(path)
+        dataset_windows = tx.open_dataset(dataset)
+        kept_entries = tuple(
+            e for e in dataset_windows.entries if dataset != "biotac20" or e.repetition <= TRAINED
+        )
+        dataset_windows = type(dataset_windows)(
+            dataset_windows.name,
+            kept_entries,
+            dataset_windows.load,
+            f"{dataset_windows.input_hash}-{len(kept_entries)}",
+        )
+        train_options = {"row": row, "classifier": classifier, "window_s": window_s, "n_jobs": jobs}
+        tx.train(dataset_windows, pipeline, **train_options, exportable=True).save(path)
     return load_model(path)
 
 
@@ -89,13 +96,13 @@ def studied(model, windows, path, n_rounds):
     session, load_s = timed(
         lambda: onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
     )
-    some = iter(np.resize(windows, (10_000, *windows.shape[1:])))
+    sample_rows = iter(np.resize(windows, (10_000, *windows.shape[1:])))
 
     def by_texclass():
-        model.classify(model.plan.compute(recording_of(model, next(some))).values[None])
+        model.classify(model.plan.compute(recording_of(model, next(sample_rows))).values[None])
 
     def by_onnx():
-        session.run(list(OUTPUTS), {SAMPLES: next(some)[None]})
+        session.run(list(OUTPUTS), {SAMPLES: next(sample_rows)[None]})
 
     times = 1e3 * in_turns({"texclass": by_texclass, "onnx": by_onnx}, n_rounds).median()
     return {
@@ -123,23 +130,23 @@ def studied(model, windows, path, n_rounds):
 
 
 def main() -> None:
-    asked = command_line(__doc__, windows=10_000, rounds=200, jobs=1, models="")
-    folder = Path(asked.models or mkdtemp())
+    args = command_line(__doc__, windows=10_000, rounds=200, jobs=1, models="")
+    folder = Path(args.models or mkdtemp())
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
     for dataset, pipeline, row, classifier, window_s in MODELS:
-        model = model_of(dataset, pipeline, row, classifier, window_s, folder, asked.jobs)
-        windows = windows_of(model, dataset, window_s, asked.windows)
-        named = {
+        model = model_of(dataset, pipeline, row, classifier, window_s, folder, args.jobs)
+        windows = windows_of(model, dataset, window_s, args.windows)
+        named_models = {
             "dataset": dataset,
             "pipeline": pipeline,
             "row": row,
             "classifier": classifier,
             "s": window_s,
         }
-        rows.append(named | studied(model, windows, folder / "study.onnx", asked.rounds))
+        rows.append(named_models | studied(model, windows, folder / "study.onnx", args.rounds))
         print(rows[-1], flush=True)
-    report(rows, asked.rounds, asked.out)
+    report(rows, args.rounds, args.out)
 
 
 def report(rows, n_rounds, out) -> None:

@@ -27,7 +27,7 @@ from texclass.features.extractor import FeatureExtractor
 from texclass.haptics.scales import scale_values
 from texclass.haptics.textures import Scan, Texture, pack
 from texclass.haptics.textures.packed import LIGHT_N, REST_MM_S
-from texclass.haptics.textures.packing import FELT, FRAME_S, LOWEST_HZ
+from texclass.haptics.textures.packing import FRAME_S, LOWEST_HZ, SAMPLED_MM_S, SAMPLED_N
 from texclass.loaders import load_recording, open_dataset
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
@@ -96,10 +96,10 @@ def of_excerpts() -> Iterator[dict[str, Any]]:
     for set_ in ("lmt_excerpts", "fabric_speeds"):
         for (name, x), n_bytes in product(excerpts(set_), BYTES):
             half = x.size // 2
-            for judged, known, asked in (("all of it", x, x), ("second half", x[:half], x[half:])):
+            for judged, known, target in (("all of it", x, x), ("second half", x[:half], x[half:])):
                 texture = pack(known, n_bytes, fs=FS, unit="arbitrary")
-                plays = [rendered(texture, 80.0, 1.0, asked.size, seed) for seed in range(N_SEEDS)]
-                found = mean_scores([scores(asked[np.newaxis], y[np.newaxis], FS) for y in plays])
+                plays = [rendered(texture, 80.0, 1.0, target.size, seed) for seed in range(N_SEEDS)]
+                found = mean_scores([scores(target[np.newaxis], y[np.newaxis], FS) for y in plays])
                 base = {
                     "set": set_,
                     "name": name,
@@ -124,15 +124,15 @@ def strokes() -> Iterator[tuple[str, str, Scan, list[tuple[str, Samples]]]]:
             cut(one, scan.fs).max(axis=1) < most
             for one, most in ((scan.speed, FASTEST), (scan.force, HARDEST))
         ]
-        heard = calm[0] & calm[1] & (speed >= REST_MM_S) & (force >= LIGHT_N)
+        reference_file = calm[0] & calm[1] & (speed >= REST_MM_S) & (force >= LIGHT_N)
         parts = []
         for axis, of in (("speed", speed), ("force", force)):
-            third = np.digitize(of, np.quantile(of[heard], [1 / 3, 2 / 3]))
+            third = np.digitize(of, np.quantile(of[reference_file], [1 / 3, 2 / 3]))
             parts += [
-                (f"{axis}, {where}", heard & (third == i))
+                (f"{axis}, {where}", reference_file & (third == i))
                 for i, where in ((1, "middle"), (0, "end"), (2, "end"))
             ]
-        yield "stylus6", recording.surface, scan, [("", heard), *parts]
+        yield "stylus6", recording.surface, scan, [("", reference_file), *parts]
     fabrics: dict[str, dict[str, Samples]] = {}
     for name, x in excerpts("fabric_speeds"):
         if (session := name.rpartition("_")[2]) in FABRIC_MM_S:
@@ -161,13 +161,13 @@ def chosen(scan: Scan, part: Samples) -> Scan:
 
 def of_strokes() -> Iterator[dict[str, Any]]:
     """Yield rows of what a part of a stroke is predicted as, packed from the others and from all."""
-    for set_, name, scan, ((_, heard), *parts) in strokes():
+    for set_, name, scan, ((_, reference_file), *parts) in strokes():
         x = cut(scan.acceleration, scan.fs)
         for n_bytes in BYTES[1:]:  # 8 hold no law of the level
-            whole = pack(chosen(scan, heard), n_bytes, unit="arbitrary")
+            whole = pack(chosen(scan, reference_file), n_bytes, unit="arbitrary")
             for judged, part in parts:
-                others = pack(chosen(scan, heard & ~part), n_bytes, unit="arbitrary")
-                alone = float(abs(20 * np.log10(x[heard & ~part].std() / x[part].std())))
+                others = pack(chosen(scan, reference_file & ~part), n_bytes, unit="arbitrary")
+                alone = float(abs(20 * np.log10(x[reference_file & ~part].std() / x[part].std())))
                 for known, texture in (("all", whole), ("the others", others)):
                     found = []
                     for seed in range(N_SEEDS):
@@ -179,7 +179,7 @@ def of_strokes() -> Iterator[dict[str, Any]]:
 
 def of_stand_ins() -> Iterator[dict[str, Any]]:
     """Yield rows of nine simulated HaTT models, judged between the speeds and forces they are felt at."""
-    between = [np.sqrt(axis[1:] * axis[:-1]) for axis in FELT]
+    between = [np.sqrt(axis[1:] * axis[:-1]) for axis in (SAMPLED_MM_S, SAMPLED_N)]
     for texture in stand_ins():
         packed = [(n, pack(texture, n)) for n in BYTES[1:]]
         for n_bytes, other in [(0, texture), *packed]:
@@ -216,24 +216,26 @@ def of_taps() -> Iterator[dict[str, Any]]:
             tables = (
                 FeatureExtractor("scales").fit([one]).extract([one]).table for one in (recording, knock)
             )
-            felt, again = (float(scale_values(found)["hard"].iloc[0]) for found in tables)
+            original_hardness, packed_hardness = (
+                float(scale_values(found)["hard"].iloc[0]) for found in tables
+            )
             yield {
                 "name": surface.name,
                 "asked": n_bytes,
                 "modes": tap.n_modes,
-                "felt": felt,
-                "packed": again,
+                "felt": original_hardness,
+                "packed": packed_hardness,
             }
 
 
 def of_codec(programs: Path) -> Iterator[dict[str, Any]]:
     """Yield rows of MPEG's codec on the excerpts, from bytes of its packets back to a WAV."""
     with tempfile.TemporaryDirectory() as folder:
-        heard, coded, played = (Path(folder) / one for one in ("a.wav", "a.hmpg", "b.wav"))
+        reference_file, coded, played = (Path(folder) / one for one in ("a.wav", "a.hmpg", "b.wav"))
         for (name, x), rate in product(excerpts("lmt_excerpts"), KILOBITS):
-            soundfile.write(heard, x, FS, subtype="PCM_16")
+            soundfile.write(reference_file, x, FS, subtype="PCM_16")
             for program, *words in (
-                ("Encoder", "-f", heard, "-o", coded, "-kb", rate, "-b"),
+                ("Encoder", "-f", reference_file, "-o", coded, "-kb", rate, "-b"),
                 ("Synthesizer", "-f", coded, "-o", played, "-fs", FS, "-b"),
             ):
                 subprocess.run([programs / program, *map(str, words)], capture_output=True, check=False)
@@ -271,14 +273,14 @@ def hardness(frame: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, reference="")
-    programs = Path(asked.reference)
-    if asked.reference and not all((programs / name).is_file() for name in ("Encoder", "Synthesizer")):
-        raise SystemExit(f"--reference is {asked.reference!r}. Expected a folder of Encoder and Synthesizer")
+    args = command_line(__doc__, reference="")
+    programs = Path(args.reference)
+    if args.reference and not all((programs / name).is_file() for name in ("Encoder", "Synthesizer")):
+        raise SystemExit(f"--reference is {args.reference!r}. Expected a folder of Encoder and Synthesizer")
     rows = [
         row
         for kind in (
-            of_codec(programs) if asked.reference else (),
+            of_codec(programs) if args.reference else (),
             of_excerpts(),
             of_strokes(),
             of_stand_ins(),
@@ -306,7 +308,7 @@ def main() -> None:
             "set = {set} | judged on = {judged} | sent as = {rate} | bytes = {size:.0f} | " + scored,
             "Recordings alone (one spectrum, one level), at 8 kHz: 1 s of each of `lmt_excerpts`, up to 4 "
             "s of `fabric_speeds`; the second half is predicted from the first alone. The bytes are for "
-            "any length. " + (CODEC if asked.reference else "MPEG's codec was not run."),
+            "any length. " + (CODEC if args.reference else "MPEG's codec was not run."),
             n_words=3,
         ),
         table(
@@ -337,7 +339,7 @@ def main() -> None:
         "taps": taps.to_dict("records"),
         "seed": SEED,
     }
-    write(asked.out, "packed_surfaces", result, "Surfaces in few bytes", blocks)
+    write(args.out, "packed_surfaces", result, "Packed surfaces of a few bytes", blocks)
 
 
 if __name__ == "__main__":

@@ -35,15 +35,15 @@ def rows(n: int, families: list[str]) -> Iterator[dict[str, object]]:
     for family in families:
         for seed in range(SEED, SEED + n):
             true = make(family, seed)
-            found, taken = timed(partial(find_phases, true.with_(phases=None)), time.process_time)
+            phases_found, cpu_s = timed(partial(find_phases, true.with_(phases=None)), time.process_time)
             yield {
                 "family": family,
                 "fs": true.fs,
                 "true": len(true.phases.taps),
-                "found": len(found.taps),
-                "matched": matched(true.phases, found, true.fs),
-                "overlap": overlap(true.phases, found),
-                "ms_per_s": 1e3 * taken / true.duration_s,
+                "found": len(phases_found.taps),
+                "matched": matched(true.phases, phases_found, true.fs),
+                "overlap": overlap(true.phases, phases_found),
+                "ms_per_s": 1e3 * cpu_s / true.duration_s,
             }
 
 
@@ -66,25 +66,25 @@ def summary(table: pd.DataFrame, by: str) -> pd.DataFrame:
 def knocks() -> dict[str, int]:
     """Count the real knocks in which there are taps, and those in which there is a movement."""
     files = sorted((Path(os.environ["TEXCLASS_DATA"]) / "knocks30").glob("*/*.wav"))
-    found = []
+    phases_found = []
     for file in files:
         fs, x = wavfile.read(file)
-        found.append(find_phases(Recording(np.asarray(x, dtype=float), fs, "arbitrary")))
+        phases_found.append(find_phases(Recording(np.asarray(x, dtype=float), fs, "arbitrary")))
     return {
-        "recordings": len(found),
-        "with taps": sum(bool(phases.taps) for phases in found),
-        "with movement": sum(phases.movement is not None for phases in found),
+        "recordings": len(phases_found),
+        "with taps": sum(bool(phases.taps) for phases in phases_found),
+        "with movement": sum(phases.movement is not None for phases in phases_found),
     }
 
 
 def main() -> None:
-    asked = command_line(__doc__, recordings=40)
-    table = pd.DataFrame(rows(asked.recordings, list(FAMILIES)))
+    args = command_line(__doc__, recordings=40)
+    table = pd.DataFrame(rows(args.recordings, list(FAMILIES)))
     views = {"Family": summary(table, "family"), "Sampling rate (Hz)": summary(table, "fs")}
     real = knocks()
     result = {
         "seed": SEED,
-        "recordings": asked.recordings,
+        "recordings": args.recordings,
         "match_s": MATCH_S,
         "ms_per_s": round(float(table["ms_per_s"].median()), 3),
         "input_hash": {"code": code_hash("recording", "signals", "phases")},
@@ -92,7 +92,7 @@ def main() -> None:
         "results": {title: view.to_dict("records") for title, view in views.items()},
     }
     blocks = [
-        f"{asked.recordings} recordings of each family, 1 to 50 kHz, one axis or three, with gravity or "
+        f"{args.recordings} recordings of each family, 1 to 50 kHz, one axis or three, with gravity or "
         "without, made by tests/made_recordings.py: pulses of force with ringing modes, filtered noise and "
         "ridges that follow a speed, and what happens on the way into a file. The seeds were drawn after the "
         "last change of the method. A tap counts as found if its impact lies within "
@@ -104,7 +104,7 @@ def main() -> None:
     ]
     for title, view in views.items():
         blocks += [Heading(title), Table(view, n_words=1)]
-    write(asked.out, "phases_families", result, "Phases found in families of made recordings", blocks)
+    write(args.out, "phases_families", result, "Phases in families of synthetic recordings", blocks)
 
 
 @pytest.mark.benchmark

@@ -51,17 +51,17 @@ def rows(n_surfaces: int, duration_s: float) -> Iterator[dict[str, object]]:
             with_taps=with_taps,
         )
         true = recording.phases
-        found, taken = timed(partial(find_phases, recording.with_(phases=None)), time.process_time)
+        phases_found, cpu_s = timed(partial(find_phases, recording.with_(phases=None)), time.process_time)
         yield {
             "fs": fs,
             "snr": "sensor" if snr is None else f"{snr:g} dB",
             "operator": recording.operator,
             "surface": recording.surface,
-            "matched": matched(true, found, fs),
+            "matched": matched(true, phases_found, fs),
             "true": len(true.taps),
-            "found": len(found.taps),
-            "overlap": overlap(true, found),
-            "ms_per_s": 1e3 * taken / recording.duration_s,
+            "found": len(phases_found.taps),
+            "overlap": overlap(true, phases_found),
+            "ms_per_s": 1e3 * cpu_s / recording.duration_s,
         }
 
 
@@ -101,8 +101,8 @@ def draw(view: pd.DataFrame) -> Figure:
 
 
 def main() -> None:
-    asked = command_line(__doc__, surfaces=24, duration=6.0)
-    table = pd.DataFrame(rows(asked.surfaces, asked.duration))
+    args = command_line(__doc__, surfaces=24, duration=6.0)
+    table = pd.DataFrame(rows(args.surfaces, args.duration))
     table = table.assign(kind=table["surface"].str.rsplit("-", n=1).str[0], all="all")
     groups = {
         "All": ["all"],
@@ -114,13 +114,13 @@ def main() -> None:
     views = {title: summary(table, by) for title, by in groups.items()}
     result = {
         "seed": SEED,
-        "surfaces": asked.surfaces,
-        "duration_s": asked.duration,
+        "surfaces": args.surfaces,
+        "duration_s": args.duration,
         "match_s": MATCH_S,
         "results": {title: view.to_dict("records") for title, view in views.items()},
     }
     blocks = [
-        f"{len(table)} recordings of {asked.duration:g} s, {asked.surfaces} surfaces, {N_OPERATORS} "
+        f"{len(table)} recordings of {args.duration:g} s, {args.surfaces} surfaces, {N_OPERATORS} "
         "operators (the method was developed on other seeds). A tap counts as found if its impact lies "
         f"within {1e3 * MATCH_S:g} ms of the true one; overlap is intersection over union of the movement. "
         "Noise is white, on every axis, so far below the strokes' vibration; `sensor` means the sensor's "
@@ -130,7 +130,7 @@ def main() -> None:
     for title, by in groups.items():
         blocks += [Heading(title), Table(views[title], n_words=len(by))]
     picture = draw(views["Sampling rate (Hz) and noise"])
-    write(asked.out, "phases", result, "Phases found in simulated recordings", blocks, picture)
+    write(args.out, "phases", result, "Phases in simulated recordings", blocks, picture)
 
 
 @pytest.mark.benchmark

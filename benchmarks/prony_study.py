@@ -76,13 +76,13 @@ def stability(n_segments: int, n_published: int, n_grown: int) -> pd.DataFrame:
         if i < n_grown:
             ways["Prony, order grown to the noise"] = partial(fit_prony, x, float(np.mean(np.abs(x - clean))))
         for name, way in ways.items():
-            fitted, taken = timed(way, time.perf_counter)
+            fitted, seconds = timed(way, time.perf_counter)
             pencil = isinstance(fitted, DecayingModes)
             with np.errstate(over="ignore", invalid="ignore"):  # an unstable response may overflow
                 sound = fitted.synthesize(n, FS) if pencil else fitted.synthesize(n)
                 error = level(sound - clean) / level(clean)
             stable = is_stable(fitted) if pencil else fitted.is_stable
-            rows.append((name, not stable, error if np.isfinite(error) else np.inf, 1e3 * taken))
+            rows.append((name, not stable, error if np.isfinite(error) else np.inf, 1e3 * seconds))
     methods = pd.DataFrame(rows, columns=["method", "unstable", "error", "ms"]).groupby("method", sort=False)
     return pd.DataFrame(
         {
@@ -118,14 +118,14 @@ def accuracy(n_trials: int) -> pd.DataFrame:
         xs = [noisy(clean, snr, rng) for _ in range(n_trials)]
         for name, way in ((PENCIL, pencil), (PRONY, published)):
             values = np.array([way(x) for x in xs])
-            seen = np.isfinite(values[:, 0])
-            errors = values[seen] - [ONE.frequency_hz[0], ONE.decay_per_s[0]]
+            is_finite = np.isfinite(values[:, 0])
+            errors = values[is_finite] - [ONE.frequency_hz[0], ONE.decay_per_s[0]]
             rmse = np.sqrt(np.mean(errors**2, axis=0))
             rows.append(
                 {
                     "SNR dB": snr,
                     "method": name,
-                    "found": int(seen.sum()),
+                    "found": int(is_finite.sum()),
                     "RMSE Hz": rmse[0],
                     "of bound (f)": rmse[0] / bound[0],
                     "RMSE 1/s": rmse[1],
@@ -139,14 +139,14 @@ def accuracy(n_trials: int) -> pd.DataFrame:
 
 def real_segments() -> dict[str, Samples]:
     """Return 150 samples from the largest extremum of each recorded tool signal on, if they are at hand."""
-    found = {}
+    summary_table = {}
     for path in sorted((Path(os.environ["TEXCLASS_DATA"]) / "lmt_excerpts").glob("*.wav")):
         fs, counts = wavfile.read(path)
         x = counts.astype(np.float64) - counts.mean()
         start = int(np.argmax(np.abs(x[:-150])))
         if fs == FS:
-            found[path.stem] = x[start : start + 150] / np.abs(x[start])
-    return found
+            summary_table[path.stem] = x[start : start + 150] / np.abs(x[start])
+    return summary_table
 
 
 def recorded(name: str, x: Samples) -> dict[str, object]:
@@ -164,38 +164,38 @@ def recorded(name: str, x: Samples) -> dict[str, object]:
     }
 
 
-def draw(found: pd.DataFrame, name: str, x: Samples) -> Figure:
+def draw(summary_table: pd.DataFrame, name: str, x: Samples) -> Figure:
     """Draw error against noise, and a segment with its fits."""
     figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    for (method, rows), style in zip(found.groupby("method", sort=False), ("o-", "s--"), strict=True):
-        left.semilogy(rows["SNR dB"], rows["RMSE 1/s"], style, label=method)
-    left.semilogy(rows["SNR dB"], rows["bound 1/s"], color="0.4", label="Cramer-Rao bound")
-    left.set(xlabel="signal to noise (dB)", ylabel="RMSE of the decay rate (1/s)")
-    left.set(title=f"One mode, 100 Hz, 60 1/s, {N_ACCURACY} samples at 10 kHz")
+    axes_left, axes_right = figure.subplots(1, 2)
+    for (method, rows), style in zip(summary_table.groupby("method", sort=False), ("o-", "s--"), strict=True):
+        axes_left.semilogy(rows["SNR dB"], rows["RMSE 1/s"], style, label=method)
+    axes_left.semilogy(rows["SNR dB"], rows["bound 1/s"], color="0.4", label="Cramer-Rao bound")
+    axes_left.set(xlabel="signal to noise (dB)", ylabel="RMSE of the decay rate (1/s)")
+    axes_left.set(title=f"One mode, 100 Hz, 60 1/s, {N_ACCURACY} samples at 10 kHz")
     t, published, modes = 1e3 * np.arange(x.size) / FS, fit_prony(x, 0.01), fit_matrix_pencil(x, FS)
-    right.plot(t, x, "x", color="0.5", markersize=3, label=name)
-    right.plot(t, modes.synthesize(x.size, FS), label=f"pencil, {modes.n_modes} modes")
-    right.plot(t, np.clip(published.synthesize(x.size), -2, 2), label=f"Prony, order {published.order}")
-    right.set(xlabel="time (ms)", title="A segment and its fits")
-    left.legend()
-    right.legend()
+    axes_right.plot(t, x, "x", color="0.5", markersize=3, label=name)
+    axes_right.plot(t, modes.synthesize(x.size, FS), label=f"pencil, {modes.n_modes} modes")
+    axes_right.plot(t, np.clip(published.synthesize(x.size), -2, 2), label=f"Prony, order {published.order}")
+    axes_right.set(xlabel="time (ms)", title="A segment and its fits")
+    axes_left.legend()
+    axes_right.legend()
     return figure
 
 
 def main() -> None:
-    asked = command_line(__doc__, segments=10_000, published=2000, grown=300, trials=500)
-    methods, found = stability(asked.segments, asked.published, asked.grown), accuracy(asked.trials)
+    args = command_line(__doc__, segments=10_000, published=2000, grown=300, trials=500)
+    methods, summary_table = stability(args.segments, args.published, args.grown), accuracy(args.trials)
     segments = real_segments()
     real = [recorded(name, x) for name, x in segments.items()]
     result = {
         "seed": SEED,
-        "trials": asked.trials,
+        "trials": args.trials,
         "stability": methods.to_dict("index"),
-        "accuracy": found.to_dict("records"),
+        "accuracy": summary_table.to_dict("records"),
         "recorded": real,
     }
-    at_20 = found[(found["SNR dB"] == 20) & (found["method"] == PENCIL)].iloc[0]
+    at_20 = summary_table[(summary_table["SNR dB"] == 20) & (summary_table["method"] == PENCIL)].iloc[0]
     blocks = [
         "Segments: 1 to 4 modes of 20-2000 Hz and 10-800 1/s at 10 kHz, 40 to 400 samples, white noise at "
         "0 to 60 dB (mean power over the segment), orders drawn from 1 to n/2. A fit is unstable if a pole "
@@ -205,13 +205,13 @@ def main() -> None:
         Heading("Stability"),
         Table(methods.reset_index()),
         Heading("Accuracy: one mode of 100 Hz and 60 1/s"),
-        f"{N_ACCURACY} samples at 10 kHz, {asked.trials} trials at each level; the bound is that of Cramer "
+        f"{N_ACCURACY} samples at 10 kHz, {args.trials} trials at each level; the bound is that of Cramer "
         f"and Rao for all four parameters. Aim at 20 dB: at most {AIM_RATIO:g} times the bound, bias under "
         f"{AIM_BIAS:g} 1/s. Reached: {at_20['of bound (f)']:.2f} (frequency) and {at_20['of bound (B)']:.2f} "
         f"(decay) times the bound, bias {at_20['bias 1/s']:+.3f} 1/s. `found` counts the trials in which any "
         "mode stood out of the noise; the strongest one is compared. A fit of Prony's method with two real "
         "poles has the frequency 0.",
-        Table(found, n_words=2),
+        Table(summary_table, n_words=2),
     ]
     if real:
         blocks += [
@@ -223,16 +223,16 @@ def main() -> None:
             Table(pd.DataFrame(real)),
         ]
     simulated = noisy(ONE.synthesize(150, FS), 20.0, np.random.default_rng(SEED))
-    picture = draw(found, *next(iter(segments.items()), ("simulated, 20 dB", simulated)))
-    write(asked.out, "prony", result, "Decaying modes: matrix pencil and Prony's method", blocks, picture)
+    picture = draw(summary_table, *next(iter(segments.items()), ("simulated, 20 dB", simulated)))
+    write(args.out, "prony", result, "Decaying modes: matrix pencil and Prony's method", blocks, picture)
 
 
 @pytest.mark.benchmark
 def test_the_pencil_is_stable_and_near_the_cramer_rao_bound():
     unstable = stability(1000, 20, 5)["unstable"]
     assert unstable[PENCIL] == unstable["pencil, order drawn"] == 0
-    found = accuracy(200)
-    row = found[(found["SNR dB"] == 20) & (found["method"] == PENCIL)].iloc[0]
+    summary_table = accuracy(200)
+    row = summary_table[(summary_table["SNR dB"] == 20) & (summary_table["method"] == PENCIL)].iloc[0]
     assert max(row["of bound (f)"], row["of bound (B)"]) < AIM_RATIO
     assert abs(row["bias 1/s"]) < AIM_BIAS
 

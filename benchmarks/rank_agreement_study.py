@@ -36,11 +36,12 @@ def accuracies(seed: int, n_surfaces: int) -> pd.DataFrame:
         "n_surfaces": n_surfaces, "n_recordings": N_RECORDINGS, "n_operators": N_OPERATORS,
         "duration_s": DURATION_S, "fs": 10000, "seed": seed,
     }  # fmt: skip
-    told = "".join(f"{key} = {value}\n" for key, value in recipe.items())
+    recipe_text = "".join(f"{key} = {value}\n" for key, value in recipe.items())
     with tempfile.TemporaryDirectory() as folder:
         card = Path(folder) / f"catalogue{seed}.toml"
         card.write_text(
-            f'title = "Catalogue"\nsource = "study"\nlicence = "MIT"\nformat = "simulated"\n[recipe]\n{told}'
+            'title = "Catalogue"\nsource = "study"\nlicence = "MIT"\nformat = "simulated"\n[recipe]\n'
+            + recipe_text
         )
         rows = run_benchmark(card, pipeline).data["rows"]
     return pd.DataFrame(
@@ -56,9 +57,9 @@ def accuracies(seed: int, n_surfaces: int) -> pd.DataFrame:
     )
 
 
-def agreement(found: pd.DataFrame) -> pd.Series:
+def agreement(ranks: pd.DataFrame) -> pd.Series:
     """Return the rank correlation of ours with the published accuracies for each seed."""
-    of_seed = found.groupby("seed")[["ours", "published"]]
+    of_seed = ranks.groupby("seed")[["ours", "published"]]
     return of_seed.apply(lambda rows: float(stats.spearmanr(rows["ours"], rows["published"]).statistic))
 
 
@@ -74,42 +75,42 @@ def summary(values: pd.Series) -> dict[str, Any]:
 
 def main() -> None:
     """Run the catalogues one after the other and write the report."""
-    asked = command_line(__doc__, catalogues=10, surfaces=16)
-    seeds = list(range(SEED, SEED + asked.catalogues))
+    args = command_line(__doc__, catalogues=10, surfaces=16)
+    seeds = list(range(SEED, SEED + args.catalogues))
     parts = []
     for seed in seeds:
-        parts.append(accuracies(seed, asked.surfaces))
+        parts.append(accuracies(seed, args.surfaces))
         print(f"catalogue {seed}", flush=True)
-    found = pd.concat(parts)
-    pools = {"all rows": found, "without the combined rows": found[~found["row"].isin(COMBINED)]}
+    ranks = pd.concat(parts)
+    pools = {"all rows": ranks, "without the combined rows": ranks[~ranks["row"].isin(COMBINED)]}
     results = [
         {"rows": pool, "n_rows": rows["row"].nunique(), "classifier": TITLES[name]}
         | summary(agreement(rows[rows["classifier"] == name]))
         for name in TITLES
         for pool, rows in pools.items()
     ]
-    means = found.groupby(["row", "classifier"], sort=False)["ours"].agg(["mean", "std"])
-    published = found.groupby(["row", "classifier"], sort=False)["published"].first()
+    means = ranks.groupby(["row", "classifier"], sort=False)["ours"].agg(["mean", "std"])
+    published = ranks.groupby(["row", "classifier"], sort=False)["published"].first()
     cells = {
         TITLES[name]: [
             f"{100 * means.loc[(row, name), 'mean']:.0f} ± {100 * means.loc[(row, name), 'std']:.0f} "
             f"({100 * published[(row, name)]:.0f})"
-            for row in found["row"].unique()
+            for row in ranks["row"].unique()
         ]
         for name in TITLES
     }
-    made = {
+    settings = {
         "seed": f"{seeds[0]} ... {seeds[-1]}",
-        "n_surfaces": asked.surfaces,
+        "n_surfaces": args.surfaces,
         "n_recordings": N_RECORDINGS,
         "results": results,
-        "accuracy": found.round(4).to_dict("records"),
+        "accuracy": ranks.round(4).to_dict("records"),
     }
-    first = found[(found["row"] == found["row"].iloc[0]) & (found["classifier"] == "naive_bayes")]
+    first = ranks[(ranks["row"] == ranks["row"].iloc[0]) & (ranks["classifier"] == "naive_bayes")]
     blocks = [
-        f"{len(seeds)} catalogues of {asked.surfaces} simulated surfaces, {N_RECORDINGS} recordings of "
+        f"{len(seeds)} catalogues of {args.surfaces} simulated surfaces, {N_RECORDINGS} recordings of "
         f"{DURATION_S:g} s each by {N_OPERATORS} operators, stratified ten-fold (the paper: 69 surfaces, "
-        f"25 s); chance is {100 / asked.surfaces:.1f} %. The combined rows have the highest published "
+        f"25 s); chance is {100 / args.surfaces:.1f} %. The combined rows have the highest published "
         "figures: without them, the order of the other 14 counts. The interval is that of the mean (t over "
         "catalogues); a single catalogue may say anything from the least to the largest.",
         table(
@@ -120,11 +121,11 @@ def main() -> None:
             n_words=2,
         ),
         Table(
-            pd.DataFrame({"Row": found["row"].unique(), **cells}),
+            pd.DataFrame({"Row": ranks["row"].unique(), **cells}),
             f"Accuracy in %: mean ± deviation over {len(first)} catalogues (published).",
         ),
     ]
-    write(asked.out, "rank_agreement", made, "Do the rows of Table I come in the paper's order", blocks)
+    write(args.out, "rank_agreement", settings, "Order of the rows of Table I", blocks)
 
 
 if __name__ == "__main__":

@@ -92,12 +92,12 @@ def verdicts(values: pd.DataFrame) -> list[str]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, most=1_000_000)
+    args = command_line(__doc__, most=1_000_000)
     datasets = [open_dataset(name) for name in ("simulated", "lmt_excerpts", "stylus6")]
     values = pd.DataFrame(
         {"dataset": dataset.name, "recording": entry.recording_id, **describe(dataset.load(entry))}
         for dataset in datasets
-        for entry in dataset.entries[: asked.most]
+        for entry in dataset.entries[: args.most]
         if dataset.name != "simulated" or (entry.repetition or 0) <= 2
     )
     medians = values.groupby("dataset", sort=False)[list(STATISTICS)].median().rename(columns=STATISTICS)
@@ -113,7 +113,7 @@ def main() -> None:
         verdicts(values),
     ]
     title = "Simulated against real recordings of a tool's movement"
-    write(asked.out, "realism", result, title, blocks, draw(values))
+    write(args.out, "realism", result, title, blocks, draw(values))
 
 
 if __name__ == "__main__":

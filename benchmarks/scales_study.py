@@ -37,8 +37,8 @@ def of_surfaces(dataset, n_jobs=1):
     """Return the scales of a dataset's surfaces, the median over recordings; some also "without speed"."""
     frame = cached_table(dataset, load_feature_set("scales"), n_jobs=n_jobs).frame
     by_time = scale_values(frame.drop(columns=[scale.column for scale in SPATIAL_SCALES.values()]))
-    told = scale_values(frame).join(by_time[list(SPATIAL_SCALES)].add_suffix(WITHOUT))
-    return told.groupby(frame["surface"]).median()
+    scales = scale_values(frame).join(by_time[list(SPATIAL_SCALES)].add_suffix(WITHOUT))
+    return scales.groupby(frame["surface"]).median()
 
 
 def truth(n_surfaces, seed):
@@ -77,16 +77,16 @@ def agreement(scale, property_, n_draws=1000):
 
 
 def main() -> None:
-    asked = command_line(__doc__, n_surfaces=60, seeds="601,602,603", jobs=1)
-    seeds = [int(seed) for seed in asked.seeds.split(",")]
-    values = pd.concat([simulated_values(asked.n_surfaces, seed, asked.jobs) for seed in seeds], keys=seeds)
-    made_of = pd.concat([truth(asked.n_surfaces, seed) for seed in seeds], keys=seeds)
+    args = command_line(__doc__, n_surfaces=60, seeds="601,602,603", jobs=1)
+    seeds = [int(seed) for seed in args.seeds.split(",")]
+    values = pd.concat([simulated_values(args.n_surfaces, seed, args.jobs) for seed in seeds], keys=seeds)
+    made_of = pd.concat([truth(args.n_surfaces, seed) for seed in seeds], keys=seeds)
     rows = [
         {"scale": scale, "beside": name} | agreement(values[scale], made_of[name].reindex(values.index))
         for scale, name in PAIRS.items()
     ]
     dataset = open_dataset("biotac20")
-    of_biotac = of_surfaces(dataset, asked.jobs)
+    of_biotac = of_surfaces(dataset, args.jobs)
     words = pd.read_csv(find_folder(read_card("biotac20")) / "recordings.csv")
     key = next(key for key in ("surface", "material_name") if set(of_biotac.index) <= set(words[key]))
     word = words.groupby(key)["roughness"].first().map(WORDS.index).reindex(of_biotac.index)
@@ -106,7 +106,7 @@ def main() -> None:
     among = values[list(SCALES)].corr("spearman").round(2)
     among.index.name = "rank correlation"
     blocks = [
-        f"{asked.n_surfaces} simulated surfaces of each of the seeds {asked.seeds}, none of which was used "
+        f"{args.n_surfaces} simulated surfaces of each of the seeds {args.seeds}, none of which was used "
         "to choose features or anchors (how ribs are looked for was chosen on 501, 502 and 503). Heights "
         "below 1 mm are those of structures shorter than that along the stroke; ribs count where there are "
         "any. The aim was 0.8.",
@@ -128,7 +128,7 @@ def main() -> None:
             "Between the scales, over simulated surfaces.",
         ),
     ]
-    write(asked.out, "scales", result, "What the six scales mean", blocks)
+    write(args.out, "scales", result, "Validity of the six perceptual scales", blocks)
 
 
 if __name__ == "__main__":

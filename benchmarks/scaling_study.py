@@ -108,8 +108,8 @@ def extract(card: Path, n_jobs: int, output: Path, progress: Callable[..., None]
 
 def peak_mb() -> float:
     """Return the most memory this process ever held, in MB."""
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return most / (2**20 if sys.platform == "darwin" else 2**10)
+    peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak_kb / (2**20 if sys.platform == "darwin" else 2**10)
 
 
 def numbers(n_rounds: int, largest: int) -> dict[str, Any]:
@@ -175,10 +175,10 @@ def cores(n_rounds: int, n_long: int) -> dict[str, Any]:
         def wall(card: Path, n_jobs: int, name: str) -> float:
             return timed(partial(extract, card, n_jobs, folder / f"{name}.parquet"), time.perf_counter)[1]
 
-        few = card_of(folder, 4, LONG_S, folder / "pool")
+        small_card = card_of(folder, 4, LONG_S, folder / "pool")
         card = card_of(folder, n_long, LONG_S, folder / "pool")
-        extract(few, 1, folder / "warm.parquet")
-        started, again = wall(few, 2, "start"), wall(few, 2, "again")
+        extract(small_card, 1, folder / "warm.parquet")
+        first_run, repeated = wall(small_card, 2, "start"), wall(small_card, 2, "again")
         seconds: dict[int, list[float]] = {1: [], 2: []}
         load = []
         for i in range(n_rounds):
@@ -190,7 +190,7 @@ def cores(n_rounds: int, n_long: int) -> dict[str, Any]:
         "recording_s": LONG_S,
         "seconds": {str(k): v for k, v in seconds.items()},
         "speed_up": min(seconds[1]) / min(seconds[2]),
-        "start_s": started - again,
+        "start_s": first_run - repeated,
         "load_before": load,
     }
 
@@ -205,8 +205,8 @@ def length(longest: float) -> list[dict[str, float]]:
             card = folder / "card1.toml"
             card.write_text(CARD.format(folder="data1", fs=FS), encoding="utf-8")
             child = [sys.executable, __file__, "--child", "length", str(card)]
-            done = subprocess.run(child, check=True, capture_output=True, text=True)
-            rows.append({"seconds": seconds} | json.loads(done.stdout))
+            completed = subprocess.run(child, check=True, capture_output=True, text=True)
+            rows.append({"seconds": seconds} | json.loads(completed.stdout))
             print(rows[-1], flush=True)
     return rows
 
@@ -246,20 +246,20 @@ def kill() -> dict[str, object]:
             time.sleep(0.01)
         os.killpg(process.pid, signal.SIGKILL)  # the process and its workers
         process.wait()
-        before = {part: part.stat().st_mtime_ns for part in parts.glob("*/[0-9]*.json")}
+        mtimes = {part: part.stat().st_mtime_ns for part in parts.glob("*/[0-9]*.json")}
         calls, untouched = [], []
 
-        def watch(done: int, total: int, what: str) -> None:
-            calls.append((done, total))
-            if done == total:
-                untouched.append(all(part.stat().st_mtime_ns == at for part, at in before.items()))
+        def watch(completed: int, total: int, what: str) -> None:
+            calls.append((completed, total))
+            if completed == total:
+                untouched.append(all(part.stat().st_mtime_ns == at for part, at in mtimes.items()))
 
         extract(card, 2, output, watch)
         extract(card, 1, folder / "whole.parquet")
         return {
             "n_recordings": N_KILLED,
             "exit_code": process.returncode,
-            "computed_before": len(before),
+            "computed_before": len(mtimes),
             "found_at_restart": calls[0][0],
             "computed_after": calls[-1][0] - calls[0][0],
             "parts_untouched": untouched == [True],
@@ -278,8 +278,8 @@ def draw(result: dict[str, Any]) -> Figure:
     many.plot(n, (line["ms_per_recording"] * n + line["ms_once"]) / 1e3, "-", color=INK, lw=1, label=label)
     many.set(xlim=(0, None), ylim=(0, None))
     batches = np.min(found["batches"], axis=0)
-    done, cost = np.linspace(0, n[-1], batches.size), 1e3 * batches / (n[-1] / batches.size)
-    course.plot(done, cost, ".-", color=OURS, lw=0.8)
+    completed, cost = np.linspace(0, n[-1], batches.size), 1e3 * batches / (n[-1] / batches.size)
+    course.plot(completed, cost, ".-", color=OURS, lw=0.8)
     course.set_ylim(0, None)
     rows = pd.DataFrame(result["length"])
     x, peak = rows["seconds"] / 3600, rows["features_peak_mb"] - rows["base_mb"]
@@ -367,30 +367,30 @@ def report(result: dict[str, Any], out: Path) -> None:
 
 def main() -> None:
     parts: dict[str, Callable[[], object]] = {
-        "numbers": lambda: numbers(asked.rounds, asked.largest),
-        "cores": lambda: cores(asked.rounds, asked.long),
-        "length": lambda: length(asked.longest),
+        "numbers": lambda: numbers(args.rounds, args.largest),
+        "cores": lambda: cores(args.rounds, args.long),
+        "length": lambda: length(args.longest),
         "kill": kill,
     }
-    asked = command_line(
+    args = command_line(
         __doc__, rounds=5, largest=NUMBERS[-1], longest=LENGTHS_S[-1], long=600, only=tuple(parts), child=(),
     )  # fmt: skip
-    match asked.child:
+    match args.child:
         case ["extract", card, output]:
             return extract(Path(card), 2, Path(output))
         case ["length", card]:
             return print(json.dumps(measure_length(Path(card))))
-    path = asked.out / "scaling.json"
-    is_kept = set(asked.only) < set(parts) and path.is_file()
+    path = args.out / "scaling.json"
+    is_kept = set(args.only) < set(parts) and path.is_file()
     result = json.loads(path.read_text(encoding="utf-8")) if is_kept else {}
-    asked.out.mkdir(parents=True, exist_ok=True)
-    for name in asked.only:
+    args.out.mkdir(parents=True, exist_ok=True)
+    for name in args.only:
         print(f"{name} ...", flush=True)
         result[name] = parts[name]()
         path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     if lacking := [name for name in parts if name not in result]:
         return print(f"no report yet: {', '.join(lacking)} not measured")
-    settings = [FS, SEED, NUMBERS, SHORT_S, LONG_S, asked.long, LENGTHS_S, N_KILLED, CARD]
+    settings = [FS, SEED, NUMBERS, SHORT_S, LONG_S, args.long, LENGTHS_S, N_KILLED, CARD]
     result |= {
         "linearity": linearity(result["numbers"]),
         "machine": {"name": platform.machine(), "cores": os.cpu_count()},
@@ -399,7 +399,7 @@ def main() -> None:
         "short_s": SHORT_S,
         "versions": versions("numpy", "scipy", "joblib", "pyarrow", "soundfile"),
     }
-    report(result, asked.out)
+    report(result, args.out)
 
 
 if __name__ == "__main__":

@@ -84,21 +84,26 @@ def block_times(page: Path, scene: PlannedScene, n: int, n_live: int) -> dict[st
     text = "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in ("kernels", "worklet"))
     bank, index = build_kernel_arrays(scene)
     models = list(scene.model_indices.values())
-    given = {"bank": bank.tolist(), "index": index.ravel().tolist(), "fs": scene.fs, "contacts": N_CONTACTS}
-    given |= {"n": n, "models": models}
-    done = subprocess.run(
+    script_data = {
+        "bank": bank.tolist(),
+        "index": index.ravel().tolist(),
+        "fs": scene.fs,
+        "contacts": N_CONTACTS,
+    }
+    script_data |= {"n": n, "models": models}
+    completed = subprocess.run(
         ["node", "-e", text + HAND + NODE],
-        input=json.dumps(given),
+        input=json.dumps(script_data),
         capture_output=True,
         text=True,
         check=True,
     )
-    found = {"node": np.array(json.loads(done.stdout))[WARM:]}
+    found = {"node": np.array(json.loads(completed.stdout))[WARM:]}
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         browser = Browser(Path(profile))
         browser.open(page)
-        told = json.dumps(given | {"n": n_live, "code": text + HAND})
-        _, events = browser.traced(f"{PAGE}({told})", ["disabled-by-default-audio-worklet"])
+        script_input = json.dumps(script_data | {"n": n_live, "code": text + HAND})
+        _, events = browser.traced(f"{PAGE}({script_input})", ["disabled-by-default-audio-worklet"])
         whole = (e for e in events if e.get("name") == TRACED and "tdur" in e)
         spans = sorted((e["ts"], e["dur"], e["tdur"]) for e in whole)
         if len(spans) < n_live / 2:
@@ -129,7 +134,7 @@ def first_sounds(page: Path, n: int) -> list[float]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, blocks=40_000, live=15_000, loads=20)
+    args = command_line(__doc__, blocks=40_000, live=15_000, loads=20)
     k = np.random.default_rng(0).uniform(-0.3, 0.3, (4, 3, 400))
     dear = GridModel((np.geomspace(40, 200, 4), np.geomspace(0.4, 2, 3)), k, np.ones((4, 3)), 4.0)
     scenes = {
@@ -140,22 +145,22 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name, scene in scenes.items():
             page = write_scene_page(Path(folder) / "scene.html", scene)
-            for where, times in block_times(page, scene, asked.blocks, asked.live).items():
+            for where, times in block_times(page, scene, args.blocks, args.live).items():
                 took = np.vstack([times.mean(axis=0), np.quantile(times, [0.5, 0.99, 0.999, 1.0], axis=0)])
                 base = {"scene": name, "bytes": page.stat().st_size, "where": where, "blocks": len(times)}
                 for clock, found in zip(("clock", "CPU time"), took.T.tolist(), strict=True):
                     quantiles = dict(zip(("mean", "p50", "p99", "p999", "worst"), found, strict=True))
                     rows.append(base | {"time": clock} | quantiles)
             if name == "twenty":
-                sounds = first_sounds(page, asked.loads)
+                sounds = first_sounds(page, args.loads)
     result = {
         "blocks": rows, "quantum_ms": QUANTUM_MS, "contacts": N_CONTACTS, "first_sound_ms": sounds,
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
     }  # fmt: skip
-    write(asked.out, "scene_page", result, "A page of 20 surfaces to be stroked", told(rows, sounds))
+    write(args.out, "scene_page", result, "Interactive page of 20 surfaces", script_input(rows, sounds))
 
 
-def told(rows: list[dict[str, Any]], sounds: list[float]) -> list[Block]:
+def script_input(rows: list[dict[str, Any]], sounds: list[float]) -> list[Block]:
     """Return what the report says."""
     of = {(row["where"], row["time"]): row["p999"] for row in rows if row["scene"] == "twenty"}
     cpu, clock = (of["Chromium", time] for time in ("CPU time", "clock"))

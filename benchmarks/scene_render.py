@@ -39,11 +39,11 @@ def timings(scene: PlannedScene, n: int, *, paced: bool) -> dict[str, dict[str, 
     motion = (40.0, 200.0), (0.4, 2.0)
     with garbage_collection_off():
         runs = np.stack([time_steps(renderer, names, *motion, n) for _ in range(N_RUNS)])
-        found = {"quiet": time_quantiles(runs.min(axis=0)), "one run": time_quantiles(runs[0])}
+        quantiles = {"quiet": time_quantiles(runs.min(axis=0)), "one run": time_quantiles(runs[0])}
         if paced:
             alone = time_steps(renderer, names, *motion, n, real_time=True)
-            found["paced"] = time_quantiles(alone)
-    return found
+            quantiles["paced"] = time_quantiles(alone)
+    return quantiles
 
 
 def random_path(
@@ -74,18 +74,18 @@ def largest_output(scene: PlannedScene, seed: int, n_paths: int) -> dict[str, fl
 
 
 def main() -> None:
-    asked = command_line(__doc__, seed=0, paced=False, samples=60_000, paths=1000)
+    args = command_line(__doc__, seed=0, paced=False, samples=60_000, paths=1000)
     definition = read_scene(SCENE)
     plan = plan_scene(definition)
-    scenes = {"planned": plan.scene, f"order {ORDER}": order_400(asked.seed)}
+    scenes = {"planned": plan.scene, f"order {ORDER}": order_400(args.seed)}
     result = {
         "plan": json.loads(plan.to_json()),
         "microseconds": {
-            name: timings(scene, asked.samples, paced=asked.paced) for name, scene in scenes.items()
+            name: timings(scene, args.samples, paced=args.paced) for name, scene in scenes.items()
         },
-        "bounded": (b := largest_output(plan.scene, asked.seed, asked.paths)),
+        "bounded": (b := largest_output(plan.scene, args.seed, args.paths)),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
-        "seed": asked.seed,
+        "seed": args.seed,
         "input_sha256": hashlib.sha256(definition.source.read_bytes()).hexdigest(),
     }
     t = definition.tolerance
@@ -101,9 +101,9 @@ def main() -> None:
         for s in plan.surfaces
     ]
     clocks = [
-        {"scene": scene, "clock": clock, "limit": LIMITS[scene], **found}
+        {"scene": scene, "clock": clock, "limit": LIMITS[scene], **quantiles}
         for scene, of_scene in result["microseconds"].items()
-        for clock, found in of_scene.items()
+        for clock, quantiles in of_scene.items()
     ]
     blocks = [
         f"Scene `{SCENE}` (simulated surfaces), tolerance {t.score} {t.limit:g} "
@@ -121,7 +121,7 @@ def main() -> None:
             "shared from = {shared_from}",
             n_words=2,
         ),
-        Heading(f"Microseconds per sample, {CONTACTS} contacts, {asked.samples / 1000:g} s at 1 kHz"),
+        Heading(f"Microseconds per sample, {CONTACTS} contacts, {args.samples / 1000:g} s at 1 kHz"),
         table(
             clocks,
             "scene = {scene} | clock = {clock} | p50 = {p50:.1f} | p99 = {p99:.1f} | p99.9 = {p999:.1f} | "
@@ -137,7 +137,7 @@ def main() -> None:
         f"{b['bound']:.2f} ({PEAK_FACTOR:g} x the recorded peak, sqrt(2) x that in a crossfade; the device's "
         "largest output bounds it further).",
     ]
-    write(asked.out, "scene", result, "A scene of 20 surfaces: planned, tested, rendered", blocks)
+    write(args.out, "scene", result, "A scene of 20 surfaces: planned, tested, rendered", blocks)
 
 
 if __name__ == "__main__":

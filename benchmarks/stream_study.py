@@ -93,20 +93,20 @@ def _pipeline(features: tuple[str, ...]) -> PipelineDefinition:
     """Return the pipeline `texclass` with one row, of these features."""
     shipped = load_pipeline("texclass")
     row = RowDefinition(name="Several time scales", features=features)
-    kept = shipped.features.restricted_to(features)
-    return shipped.model_copy(update={"features": kept, "rows": (row,), "additions": ()})
+    selected = shipped.features.restricted_to(features)
+    return shipped.model_copy(update={"features": selected, "rows": (row,), "additions": ()})
 
 
 def _biotac() -> Model:
     cut = cut_windows(biotac_recordings(range(1, TRAINED_REPETITIONS + 1)), BIOTAC_TOUCH_S, step=HOP_S)
-    kept = [
+    selected = [
         window
         for windows in group_by_recording(cut.entries)
         for i, window in enumerate(windows)
         # Other places in each repetition: a stream has its windows at all of them.
         if i < BIOTAC_OPENING or (i + (window.repetition or 0)) % BIOTAC_EVERY == 0
     ]
-    model = train(replace(cut, entries=tuple(kept)), _pipeline(SEVERAL_SCALES), classifier="kernel")
+    model = train(replace(cut, entries=tuple(selected)), _pipeline(SEVERAL_SCALES), classifier="kernel")
     return replace(model, manifest=model.manifest.model_copy(update={"window_s": BIOTAC_TOUCH_S}))
 
 
@@ -132,7 +132,9 @@ def speed(models: dict[str, tuple[Model, float | None]], n_rounds: int) -> dict[
             rounds.append([1e3 * seconds for _, seconds in pushed])
             reference.append(reference_ms())
         ms, single = np.min(rounds[1:], axis=0), np.array(rounds[1:])
-        busy = np.array([any(isinstance(update, WindowAnswer) for update in heard) for heard, _ in pushed])
+        busy = np.array(
+            [any(isinstance(update, WindowAnswer) for update in updates) for updates, _ in pushed]
+        )
         found["models"][name] = {
             "n_axes": live.n_columns,
             "fs": live.fs,
@@ -223,10 +225,10 @@ def equality(model: Model, dataset: Dataset, every: int = 1) -> dict[str, Any]:
         for n in BLOCKS:
             live: Any = OnlineRecogniser(model, settings=OnlineSettings(hop_s=model.manifest.window_s))
             live.model = Remembering(live.model, known)
-            heard = [*push_all(live, recording.acceleration, n), *live.finish()]
-            said.append([exactly(update) for update in heard])
+            updates = [*push_all(live, recording.acceleration, n), *live.finish()]
+            said.append([exactly(update) for update in updates])
         n_blocks_differ += sum(one != said[-1] for one in said[:-1])
-        windows = [update for update in heard if isinstance(update, WindowAnswer)]
+        windows = [update for update in updates if isinstance(update, WindowAnswer)]
         n_answered += bool(windows)
         for window in windows:
             batch, own = model.answer(recording.cut(window.start, window.stop, "batch")), window.answer
@@ -269,8 +271,8 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
     for index in range(0, len(dataset), every):
         recording = dataset[index]
         live = OnlineRecogniser(model, settings=OnlineSettings(hop_s=HOP_S))
-        heard = push_all(live, recording.acceleration, round(BLOCK_S * recording.fs))
-        answers = [update for update in heard if isinstance(update, WindowAnswer)]
+        updates = push_all(live, recording.acceleration, round(BLOCK_S * recording.fs))
+        answers = [update for update in updates if isinstance(update, WindowAnswer)]
         streams.append((str(recording.surface), answers, recording.fs))
 
     found = {"correlation": 1.0, "n_contacts": len(streams), **model.manifest.calibration}
@@ -445,35 +447,35 @@ def main() -> None:
     parts: dict[str, Callable[[], dict[str, Any]]] = {
         "speed": lambda: speed(
             {
-                "several time scales": (model_of("pruned", asked.models), None),
-                "spectrum": (model_of("spectrum", asked.models), None),
-                "spectrum, half as often": (model_of("spectrum", asked.models), PRUNED_TOUCH_S),
+                "several time scales": (model_of("pruned", args.models), None),
+                "spectrum": (model_of("spectrum", args.models), None),
+                "spectrum, half as often": (model_of("spectrum", args.models), PRUNED_TOUCH_S),
             },
-            asked.rounds,
+            args.rounds,
         ),
-        "memory": lambda: memory(model_of("spectrum", asked.models), asked.hour),
+        "memory": lambda: memory(model_of("spectrum", args.models), args.hour),
         "equality-simulated": lambda: equality(
-            model_of("pruned", asked.models), open_dataset("simulated"), asked.every
+            model_of("pruned", args.models), open_dataset("simulated"), args.every
         ),
         "equality-biotac20": lambda: equality(
-            model_of("biotac", asked.models), open_dataset("biotac20"), asked.every
+            model_of("biotac", args.models), open_dataset("biotac20"), args.every
         ),
-        "accuracy": lambda: accuracy(model_of("biotac", asked.models), asked.every),
+        "accuracy": lambda: accuracy(model_of("biotac", args.models), args.every),
     }
-    asked = command_line(__doc__, every=1, rounds=40, hour=3600.0, part=tuple(parts), models=None)
-    path = asked.out / "stream.json"
+    args = command_line(__doc__, every=1, rounds=40, hour=3600.0, part=tuple(parts), models=None)
+    path = args.out / "stream.json"
     result = json.loads(path.read_text()) if path.is_file() else {}
-    for name in asked.part:
-        made = {"versions": versions(*LIBRARIES), "seed": SEED, "every": asked.every}
-        result[name] = parts[name]() | made
+    for name in args.part:
+        run_settings = {"versions": versions(*LIBRARIES), "seed": SEED, "every": args.every}
+        result[name] = parts[name]() | run_settings
         blocks = [
             *(told_speed(result["speed"]) if "speed" in result else ()),
             *(told_memory(result["memory"]) if "memory" in result else ()),
             *told_equality([each for part, each in result.items() if part.startswith("equality")]),
             *(told_accuracy(result["accuracy"]) if "correlations" in result.get("accuracy", {}) else ()),
         ]
-        title = "Listening: speed, equality with batch, accuracy against seconds"
-        write(asked.out, "stream", result, title, blocks, made=made)
+        title = "Streams: speed, equality with batch, accuracy against signal length"
+        write(args.out, "stream", result, title, blocks, provenance=run_settings)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""What studies share: one thread, a command line, timing in turns, and reports in JSON and Markdown."""
+"""Shared functions of studies: one thread, command line, interleaved timing, JSON and Markdown reports."""
 
-# ruff: noqa: E402  (the number of threads is set before what reads it; children inherit it)
+# ruff: noqa: E402  (the number of threads is set before the imports that use it; child processes inherit it)
 import os
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -30,77 +30,83 @@ PAGES = {
     "simulation": ("phases", "phases_families", "realism", "invariance", "rank_agreement", "scales"),
     "vibrations": ("autoregressive", "line_spectrum", "prony"),
     "speed": ("feature_speed", "whole_path", "scaling", "cluster"),
-    "felt": ("scene", "scene_page", "hjif", "packed_surfaces"),
+    "haptics": ("scene", "scene_page", "hjif", "packed_surfaces"),
     "certainty": (
         "cluster_interval",
         "calibration",
         "unknown_surfaces",
-        "sets",
+        "prediction_sets",
         "few_recordings",
-        "another_sensor",
+        "sensor_adaptation",
         "channels",
     ),
     "robot": (
         "stream",
         "borealtc-driven",
-        "next_movement",
+        "active_exploration",
         "dds",
-        "touch_baselines_biotac20",
+        "window_baselines_biotac20",
         "onnx",
         "kernel_size",
     ),
     "tests": ("mutation", "fuzzing"),
 }
-"""Pages, and the studies that they tell; any other study has a page of its own."""
+"""Pages with several studies. Any other study has its own page."""
 LIBRARIES = {
     "numpy": "numpy", "scipy": "scipy", "sklearn": "scikit-learn", "pywt": "PyWavelets", "librosa": "librosa",
     "numba": "numba", "onnx": "onnx", "onnxruntime": "onnxruntime", "cyclonedds": "cyclonedds",
 }  # fmt: skip
-"""Modules on whose versions figures depend, and their distributions."""
-WORDS = {"cli", "front_door", "provenance", "reporting", "_version"}
-"""Rooms and modules on which no figure depends."""
+"""Modules and their distributions, whose versions are written into the results."""
+INDEPENDENT = {"cli", "front_door", "provenance", "reporting", "_version"}
+"""Subpackages and modules that do not affect results."""
 
 
-def command_line(about: str | None, folder: str = "studies", **options: Any) -> argparse.Namespace:
-    """Return what is asked for on the command line, by the defaults of options, and `out` for the report.
+def command_line(description: str | None, folder: str = "studies", **options: Any) -> argparse.Namespace:
+    """Parse the command line of a study with options defined by their defaults, and `--out` for the report.
 
-    False stands for a flag, None for a path that may be left out, a type for what may not, and a tuple or a
-    range for one or more of its kind (of texts: of these texts), all of them by default.
+    The default False defines a flag, None an optional path, and a type a required argument. A tuple or a
+    range defines one or more values of its type (for strings: out of these), by default all of them.
 
-    From here on the libraries that are loaded already have one thread, too, and recordings are looked for
-    beside the project, unless `$TEXCLASS_DATA` says where they are.
+    This also limits loaded libraries to one thread and sets the default folder of recordings
+    (`set_data_folder`).
     """
     threadpool_limits(1)
-    own_data()
-    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    set_data_folder()
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     for name, default in (options | {"out": ROOT / "reports" / folder}).items():
-        given: dict[str, Any] = {"type": type(default), "default": default, "help": f"{default} by default"}
+        settings: dict[str, Any] = {
+            "type": type(default),
+            "default": default,
+            "help": f"{default} by default",
+        }
         if default is False:
-            given = {"action": "store_true"}
+            settings = {"action": "store_true"}
         elif default is None or isinstance(default, type):
-            given = {"type": default or Path, "required": default is not None}
+            settings = {"type": default or Path, "required": default is not None}
         elif isinstance(default, Sequence) and not isinstance(default, str):
             kind: Any = type(default[0]) if default else str
-            among = default if default and kind is str else None
-            given = {"type": kind, "nargs": "+", "action": "extend", "choices": among}
-        parser.add_argument(f"--{name.replace('_', '-')}", **given)
-    asked = parser.parse_args()
+            choices = default if default and kind is str else None
+            settings = {"type": kind, "nargs": "+", "action": "extend", "choices": choices}
+        parser.add_argument(f"--{name.replace('_', '-')}", **settings)
+    args = parser.parse_args()
     for name, default in options.items():
-        if default is not None and getattr(asked, name) is None:
-            setattr(asked, name, list(default))
-    return asked
+        if default is not None and getattr(args, name) is None:
+            setattr(args, name, list(default))
+    return args
 
 
-def own_data() -> None:
-    """Look for recordings beside the project, unless `$TEXCLASS_DATA` says where they are."""
+def set_data_folder() -> None:
+    """Set `$TEXCLASS_DATA` to `../shared/data` next to the project, unless it is set already."""
     os.environ.setdefault("TEXCLASS_DATA", str(ROOT.parent / "shared" / "data"))
 
 
 def timed(call: Callable[[], R], clock: Callable[[], float] = time.thread_time) -> tuple[R, float]:
-    """Return what a call returns, and the seconds it takes: CPU time of this thread, or by another clock."""
+    """Return the result of a call and its run time in s: CPU time of this thread, or another clock."""
     start = clock()
-    found = call()
-    return found, clock() - start
+    result = call()
+    return result, clock() - start
 
 
 def in_turns(
@@ -109,9 +115,9 @@ def in_turns(
     n_warm: int = 2,
     clock: Callable[[], float] = time.thread_time,
 ) -> pd.DataFrame:
-    """Return the seconds of each call (a column) in each round, in which all take turns.
+    """Return the run time in s of each call (column) in each round; the calls alternate within a round.
 
-    A machine that others use slows all alike: compare medians or least ones of the columns.
+    Other processes on the machine then slow all calls equally: compare medians or minima of the columns.
     """
     rounds = [{name: timed(call, clock)[1] for name, call in calls.items()} for _ in range(n_warm + n_rounds)]
     return pd.DataFrame(rounds[n_warm:])
@@ -120,60 +126,67 @@ def in_turns(
 def table(
     rows: pd.DataFrame | Iterable[Mapping[str, Any]], columns: str, caption: str = "", n_words: int = 1
 ) -> Table:
-    """Return a table of rows by its columns, each a title and the format of its cells.
+    """Return a table of rows. `columns` defines the title and the cell format of each column.
 
-    >>> table([{"n": 5, "mean": 0.9}], "recordings = {n} | right = {mean:.1%}")
+    For instance ``table([{"n": 5, "mean": 0.9}], "recordings = {n} | accuracy = {mean:.1%}")``.
     """
     titles, cells = zip(*(column.split(" = ") for column in columns.split(" | ")), strict=True)
-    told = rows.to_dict("records") if isinstance(rows, pd.DataFrame) else rows
-    filled = [[cell.format_map(row) for cell in cells] for row in told]
+    records = rows.to_dict("records") if isinstance(rows, pd.DataFrame) else rows
+    filled = [[cell.format_map(row) for cell in cells] for row in records]
     return Table(pd.DataFrame(filled, columns=list(titles)), caption, n_words)
 
 
 def interval(estimate: Mapping[str, Any], middle: str = "accuracy") -> str:
-    """Return an estimate, a fraction, with its interval in per cents."""
+    """Return an estimate (a fraction) with its confidence interval in per cent."""
     return f"{100 * estimate[middle]:.1f} [{100 * estimate['low']:.1f}, {100 * estimate['high']:.1f}]"
 
 
 def write(
     folder: Path, name: str, result: Mapping[str, Any], title: str, blocks: Sequence[Block],
-    picture: Figure | None = None, made: Mapping[str, Any] | None = None,
+    picture: Figure | None = None, provenance: Mapping[str, Any] | None = None,
 ) -> None:  # fmt: skip
-    """Write NAME.json (with versions and a hash of the code), perhaps NAME.png; put the text into its page.
+    """Write NAME.json (with versions and a hash of the code), NAME.png if there is a picture, and the page.
 
-    The text ends with the command, and with what `made` (`result`) holds of seed, input hash and versions.
+    The text ends with the command, and with the seed, input hash and versions of `provenance` (default
+    `result`).
     """
     folder.mkdir(parents=True, exist_ok=True)
     loaded = {name.split(".")[1] for name in sys.modules if name.startswith("texclass.")}
     used = versions(*(name for module, name in LIBRARIES.items() if module in sys.modules))
-    result = {"kind": "study", "version": 1, "versions": used, **result, **code_provenance(*loaded - WORDS)}
+    result = {
+        "kind": "study",
+        "version": 1,
+        "versions": used,
+        **result,
+        **code_provenance(*loaded - INDEPENDENT),
+    }
     text = json.dumps(result, indent=1, default=lambda array: array.tolist())
     (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
     if picture is not None:
         save_figure(picture, folder / f"{name}.png")
         blocks = [f"![{title}]({name}.png)", *blocks]
-    made = made or result
-    again = {"Command": f"`python {Path(sys.argv[0]).resolve().relative_to(ROOT)}`"}
+    provenance = provenance or result
+    repeat = {"Command": f"`python {Path(sys.argv[0]).resolve().relative_to(ROOT)}`"}
     for key in ("seed", "input_hash", "platform", "machine"):
-        if isinstance(fact := made.get(key, ""), Mapping):
+        if isinstance(fact := provenance.get(key, ""), Mapping):
             fact = ", ".join(f"{name} {str(digest)[:16]}" for name, digest in fact.items())
-        again[key.replace("_", " ").capitalize()] = str(fact)
+        repeat[key.replace("_", " ").capitalize()] = str(fact)
     document = Document(
         title,
         blocks,
-        reproduction={name: fact for name, fact in again.items() if fact},
-        versions=made["versions"],
+        reproduction={name: fact for name, fact in repeat.items() if fact},
+        versions=provenance["versions"],
     )
     text = render_markdown(document)
     page = next((page for page, studies in PAGES.items() if name in studies), name)
-    put(text, folder / f"{page}.md")
+    insert_section(text, folder / f"{page}.md")
     print(text)
 
 
-def put(told: str, page: Path) -> None:
-    """Write what a study tells, a title first, into a page: where it stood before, or at the end."""
-    before = page.read_text(encoding="utf-8") if page.exists() else ""
-    studies = {text.partition("\n")[0]: text for text in re.split(r"^(?=# )", before, flags=re.M) if text}
-    studies[told.partition("\n")[0]] = told
+def insert_section(section: str, page: Path) -> None:
+    """Write the section of a study into a page, in place of the section with the same title or at the end."""
+    old = page.read_text(encoding="utf-8") if page.exists() else ""
+    studies = {text.partition("\n")[0]: text for text in re.split(r"^(?=# )", old, flags=re.M) if text}
+    studies[section.partition("\n")[0]] = section
     text = "\n".join(text.rstrip("\n") + "\n" for text in studies.values())
     page.write_text(text, encoding="utf-8")

@@ -45,14 +45,14 @@ DESIGNS = {
 
 
 def main() -> None:
-    asked = command_line(__doc__, pairs=190)
+    args = command_line(__doc__, pairs=190)
     dataset, pipeline = open_dataset("biotac20"), load_pipeline(PIPELINE)
     features = cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
     row = next(r for r in pipeline.rows if r.name == ROW)
     columns = list(MatchedRow.match(row, pipeline.features, features).columns)
     pairs = list(itertools.combinations(dataset.surfaces, 2))
-    drawn = np.random.default_rng(SEED).permutation(len(pairs))[: asked.pairs]
-    made = {
+    drawn = np.random.default_rng(SEED).permutation(len(pairs))[: args.pairs]
+    settings = {
         "seed": SEED,
         "input_hash": dataset.input_hash,
         "pipeline": [PIPELINE, ROW, CLASSIFIER, pipeline.hash],
@@ -64,7 +64,7 @@ def main() -> None:
         results += study(features.frame, columns, pipeline, pairs[i], int(i))
         print(f"{n}/{len(drawn)} {pairs[i]}", flush=True)
         if n % 5 == 0 or n == len(drawn):  # a run that is stopped leaves what it has
-            report(results, made | {"n_pairs": n}, asked.out)
+            report(results, settings | {"n_pairs": n}, args.out)
 
 
 def study(
@@ -81,22 +81,25 @@ def study(
         ("chronological, drift expected", "chronological", late),
     ):
         train = np.flatnonzero(~unknown & ~test)
-        asked = np.flatnonzero(test | (unknown & (name == "recordings")))
+        test_rows = np.flatnonzero(test | (unknown & (name == "recordings")))
         splits = find_protocol(protocol).split(frame.iloc[train].reset_index(drop=True), 5, SEED)
         held_out = [
             scores(pipeline, X[train[inner]], y[train[inner]], X[train[outer]]) for inner, outer in splits
         ]
-        said = scores(pipeline, X[train], y[train], X[asked])
-        is_unknown = unknown[asked]
+        test_scores = scores(pipeline, X[train], y[train], X[test_rows])
+        is_unknown = unknown[test_rows]
         for score in SCORES:
-            known = np.sort(np.concatenate([each[score] for each in held_out]))
-            flagged = NoveltyDetector("decision", known, FALSE_ALARMS).p_value(said[score]) <= FALSE_ALARMS
+            reference_scores = np.sort(np.concatenate([each[score] for each in held_out]))
+            flagged = (
+                NoveltyDetector("decision", reference_scores, FALSE_ALARMS).p_value(test_scores[score])
+                <= FALSE_ALARMS
+            )
             found.append(
                 {
                     "pair": list(pair),
                     "design": name,
                     "score": score,
-                    "auroc": roc_auc_score(is_unknown, said[score]),
+                    "auroc": roc_auc_score(is_unknown, test_scores[score]),
                     "flagged": flagged[is_unknown].mean(),
                     "false_alarms": flagged[~is_unknown].mean(),
                     "n_unknown": int(is_unknown.sum()),
@@ -106,33 +109,33 @@ def study(
     return found
 
 
-def scores(pipeline: PipelineDefinition, X: Samples, y: Any, asked: Samples) -> dict[str, Samples]:
+def scores(pipeline: PipelineDefinition, X: Samples, y: Any, test_rows: Samples) -> dict[str, Samples]:
     """Return how strange recordings are by every score: fitted on X, for `asked`."""
     row = next(r for r in pipeline.rows if r.name == ROW)
     prepare = pipeline.preparation(row, CLASSIFIER).fit(X)
-    X, asked = prepare.transform(X), prepare.transform(asked)
+    X, test_rows = prepare.transform(X), prepare.transform(test_rows)
     labels = np.unique(y, return_inverse=True)[1]
     classifier = pipeline.classifiers[CLASSIFIER].make().fit(X, y)
-    decisions = class_scores(classifier, asked)
+    decisions = class_scores(classifier, test_rows)
     ordered = np.sort(decisions, axis=1)
     distance, whole = fit_class_distance(X, labels), classifier.whole_classifier_
-    known_view, view = ((x - distance.mean) @ distance.projection for x in (X, asked))
+    known_view, view = ((x - distance.mean) @ distance.projection for x in (X, test_rows))
     squared = (view**2).sum(1)[:, None] + (known_view**2).sum(1) - 2 * view @ known_view.T
     return {
         "decision": -ordered[:, -1],
         "margin": ordered[:, -2] - ordered[:, -1],
-        "distance": distance(asked),
+        "distance": distance(test_rows),
         "neighbours": np.sqrt(np.maximum(np.partition(squared, 2, axis=1)[:, 2], 0)),
-        "kernel": 1 - whole._kernel([each(asked) for each in whole.views_]).max(axis=1),
-        "mahalanobis": mahalanobis(X, labels, asked),
+        "kernel": 1 - whole._kernel([each(test_rows) for each in whole.views_]).max(axis=1),
+        "mahalanobis": mahalanobis(X, labels, test_rows),
     }
 
 
-def mahalanobis(X: Samples, labels: Any, asked: Samples, shrinkage: float = 0.1) -> Samples:
+def mahalanobis(X: Samples, labels: Any, test_rows: Samples, shrinkage: float = 0.1) -> Samples:
     """Return the squared distance to the nearest class mean, the shrunk within-class covariance whitened."""
     mean, scale = X.mean(axis=0), X.std(axis=0)
     scale[scale == 0] = np.inf
-    Z, A = (X - mean) / scale, (asked - mean) / scale
+    Z, A = (X - mean) / scale, (test_rows - mean) / scale
     means = np.array([Z[labels == k].mean(axis=0) for k in range(labels.max() + 1)])
     S = (Z - means[labels]).T @ (Z - means[labels]) / len(Z)
     S = (1 - shrinkage) * S + shrinkage * np.trace(S) / len(S) * np.eye(len(S))
@@ -149,13 +152,13 @@ def summary(results: list[dict[str, Any]]) -> pd.DataFrame:
     rows = []
     for (design, score), group in pd.DataFrame(results).groupby(["design", "score"], sort=False):
         row = {"design": design, "score": score, "n_pairs": len(group)}
-        without = [
+        jackknife_samples = [
             ~group["pair"].map(lambda pair, m=m: m in pair) for m in sorted({*group["pair"].explode()})
         ]
-        t = stdtrit(len(without) - 1, 0.975)
+        t = stdtrit(len(jackknife_samples) - 1, 0.975)
         for name in ("auroc", "flagged", "false_alarms"):
             values = group[name].to_numpy()
-            half = t * jackknife_error(np.array([values[kept].mean() for kept in without]))
+            half = t * jackknife_error(np.array([values[sample].mean() for sample in jackknife_samples]))
             low, high = np.clip([values.mean() - half, values.mean() + half], 0, 1)
             worst = values.max() if name == "false_alarms" else values.min()
             row |= {name: values.mean(), f"{name}_low": low, f"{name}_high": high, f"{name}_worst": worst}
@@ -163,13 +166,13 @@ def summary(results: list[dict[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def report(results: list[dict[str, Any]], made: dict[str, Any], out: Path) -> None:
+def report(results: list[dict[str, Any]], settings: dict[str, Any], out: Path) -> None:
     """Write what has been found so far."""
-    found, n = summary(results), made["n_pairs"]
+    found, n = summary(results), settings["n_pairs"]
     of = "all 190 pairs" if n == 190 else f"{n} of the 190 pairs, drawn at random"
     blocks: list[Any] = [
         f"`biotac20`, {of}: a recogniser (`{PIPELINE}`, row {ROW}, {CLASSIFIER}, "
-        f"{made['n_columns']} columns) is trained without two surfaces, then asked about them and about "
+        f"{settings['n_columns']} columns) is trained without two surfaces, then asked about them and about "
         "held-out recordings of the other 18. One is flagged where the conformal p-value of its score "
         f"is at most {FALSE_ALARMS}; held-out scores come from five-fold cross-validation on the training "
         "recordings, unless it says otherwise. Means over pairs, 95 % intervals over surfaces (t, "
@@ -193,7 +196,7 @@ def report(results: list[dict[str, Any]], made: dict[str, Any], out: Path) -> No
             table(rows, columns),
         ]
     blocks += [Heading("Scores"), SCORES]
-    result = made | {"summary": found.to_dict("records"), "results": results}
+    result = settings | {"summary": found.to_dict("records"), "results": results}
     write(out, "unknown_surfaces", result, "Unknown surfaces", blocks)
 
 

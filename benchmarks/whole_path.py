@@ -101,10 +101,10 @@ def stages(recording: Recording, feature_set: FeatureSet) -> dict[str, float]:
 
     def transform(key: tuple[Any, ...], compute: Callable[[], Any]) -> Any:
         inside.append(0.0)
-        found, took = timed(compute)
+        table_rows, took = timed(compute)
         seconds["transforms"] += took - inside.pop()
         inside[-1] += took
-        return found
+        return table_rows
 
     for member in feature_set.members:
         with suppress(UndefinedFeatureError):
@@ -122,10 +122,10 @@ def measure(case: Case, sets: Mapping[str, FeatureSet], n_rounds: int, python: P
     """Return the medians over rounds of all that is done to one recording: CPU ms, and in transforms."""
     recording = case.recording()
     axis = np.ascontiguousarray(recording.acceleration.reshape(recording.n_samples, -1)[:, 0])
-    asked = python if case.duration_s <= LONGEST_S else None
-    given = baselines(asked, axis, case.fs, BASELINES) if asked else nullcontext({})
+    interpreter = python if case.duration_s <= LONGEST_S else None
+    timers = baselines(interpreter, axis, case.fs, BASELINES) if interpreter else nullcontext({})
     rounds: list[dict[str, float]] = []
-    with tempfile.TemporaryDirectory() as folder, given as others:
+    with tempfile.TemporaryDirectory() as folder, timers as others:
         path = Path(folder) / "felt.csv"
         columns = np.column_stack([np.arange(recording.n_samples) / case.fs, recording.acceleration])
         names = ",".join(["t", *"xyz"[: case.n_axes]])
@@ -174,12 +174,12 @@ def figure(ratios: pd.DataFrame) -> Figure:
     """Draw the stages of the set `texclass`, and their sum beside the baselines."""
     picture = Figure(figsize=(10, 4.6), layout="constrained")
     stacked, compared = picture.subplots(1, 2, sharey=True, width_ratios=(3, 2))
-    left = np.zeros(len(ratios))
+    offsets = np.zeros(len(ratios))
     for stage, colour in zip(STAGES, ("#3b6ea8", "#8fb3d9", "#d99a4e", "#8a5a2b"), strict=True):
         width = ratios[f"texclass: {stage}"].to_numpy()
-        stacked.barh(ratios.index, width, left=left, color=colour, label=stage)
-        left += width
-    compared.plot(left, ratios.index, "o", color=OURS, label="texclass")
+        stacked.barh(ratios.index, width, left=offsets, color=colour, label=stage)
+        offsets += width
+    compared.plot(offsets, ratios.index, "o", color=OURS, label="texclass")
     for name, marker in zip(BASELINES.values(), "Ds^", strict=True):
         if name in ratios:
             compared.plot(
@@ -194,10 +194,10 @@ def figure(ratios: pd.DataFrame) -> Figure:
 
 
 def main() -> None:
-    asked = command_line(__doc__, rounds=15, baselines_python=None)
+    args = command_line(__doc__, rounds=15, baselines_python=None)
     sets = {name: load_feature_set(name) for name in SETS}
-    found = [
-        measure(case, sets, asked.rounds if case.duration_s < 60 else 3, asked.baselines_python)
+    table_rows = [
+        measure(case, sets, args.rounds if case.duration_s < 60 else 3, args.baselines_python)
         for case in CASES
     ]
     with tempfile.TemporaryDirectory() as folder:
@@ -205,29 +205,31 @@ def main() -> None:
         card.write_text(TRAINED, encoding="utf-8")
         dataset = open_dataset(card)
         answered = [
-            answers(train(dataset, max_ms=max_ms), 4 * asked.rounds) | {"max_ms": max_ms}
+            answers(train(dataset, max_ms=max_ms), 4 * args.rounds) | {"max_ms": max_ms}
             for max_ms in (None, BUDGET_MS)
         ]
-    ratios = pd.DataFrame([row["ratio"] for row in found], index=[row["recording"] for row in found])
+    ratios = pd.DataFrame(
+        [row["ratio"] for row in table_rows], index=[row["recording"] for row in table_rows]
+    )
     aims = [
         {"recording": name, "what": what, "ratio": ratios.loc[name, what], "aim": aim}
         for name, aimed in AIMS.items()
         for what, aim in aimed.items()
     ]
     result = {
-        "recordings": found,
+        "recordings": table_rows,
         "aims": aims,
         "answers": answered,
-        "n_rounds": asked.rounds,
+        "n_rounds": args.rounds,
         "seed": SEED,
-        "input_hash": {row["recording"]: row["input_hash"] for row in found},
-        "baseline_versions": baseline_versions(asked.baselines_python) if asked.baselines_python else {},
+        "input_hash": {row["recording"]: row["input_hash"] for row in table_rows},
+        "baseline_versions": baseline_versions(args.baselines_python) if args.baselines_python else {},
     }
-    shown = ["read", *(f"texclass: {stage}" for stage in STAGES), *SETS[::-1], *BASELINES.values()]
-    cells = ratios.reindex(columns=shown).map("{:.3g}".format).replace("nan", "")
-    cells.insert(0, "rfft, ms", [f"{row['ms']['rfft']:.3f}" for row in found])
+    columns_shown = ["read", *(f"texclass: {stage}" for stage in STAGES), *SETS[::-1], *BASELINES.values()]
+    cells = ratios.reindex(columns=columns_shown).map("{:.3g}".format).replace("nan", "")
+    cells.insert(0, "rfft, ms", [f"{row['ms']['rfft']:.3f}" for row in table_rows])
     blocks = [
-        f"One thread, warm, medians of {asked.rounds} rounds in which all take turns (3 for 10 min), in "
+        f"One thread, warm, medians of {args.rounds} rounds in which all take turns (3 for 10 min), in "
         "times one `np.fft.rfft` of one axis of the same recording. `texclass` and `strese2015` are the "
         "whole path from the samples as recorded to the features of the set, phases found; reading a text "
         f"file (of at most {LONGEST_S:g} s) comes before it. Baselines are given one axis.",
@@ -246,7 +248,7 @@ def main() -> None:
             "answer from features = {ms[answer from features]:.2f}",
         ),
     ]
-    write(asked.out, "whole_path", result, "The whole path, by stage", blocks, figure(ratios))
+    write(args.out, "whole_path", result, "Latency of the whole path by stage", blocks, figure(ratios))
 
 
 if __name__ == "__main__":

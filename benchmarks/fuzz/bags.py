@@ -132,10 +132,10 @@ def _read_folder(path: Path) -> object:
 
 def _messages() -> list[bytes]:
     """A message behind one byte that says how it is laid out and how often it comes."""
-    found = [bytes([0]) + stamped(0, N_NUMBERS[t.name]) for t in TYPES.values()]
-    found += [bytes([1]) + stamped(0, N_NUMBERS[t.name], ros1=True) for t in TYPES.values()]
+    seeds = [bytes([0]) + stamped(0, N_NUMBERS[t.name]) for t in TYPES.values()]
+    seeds += [bytes([1]) + stamped(0, N_NUMBERS[t.name], ros1=True) for t in TYPES.values()]
     return [
-        *found,
+        *seeds,
         bytes([0]) + stamped(0, 6, order=">"),
         bytes([0]) + array(0),
         bytes([1]) + array(0, ros1=True),
@@ -146,26 +146,26 @@ def _decode(data: bytes) -> object:
     """Decode as every type; what one refuses another may take."""
     raw, ros1 = data[1:], bool(data[:1] and data[0] & 1)
     refused = None
-    found: list[object] = []
+    seeds: list[object] = []
     for type_ in TYPES.values():
         try:
             whole = stamped(0, N_NUMBERS[type_.name], ros1=ros1)
             stamps, samples = decode_stamped(type_, [raw, raw, whole], [*type_.columns], ros1=ros1)
             assert stamps.shape == (3,)
             assert samples.shape == (3, len(type_.columns))
-            found.append(samples)
+            seeds.append(samples)
         except ValueError as error:
             refused = error
     try:
         samples = decode_multi_array(raw, ros1=ros1)
         assert samples.ndim == 2
         assert samples.size
-        found.append(samples)
+        seeds.append(samples)
     except ValueError as error:
         refused = error
-    if not found and refused is not None:
+    if not seeds and refused is not None:
         raise refused
-    return found
+    return seeds
 
 
 def _hear(data: bytes) -> object:
@@ -176,8 +176,8 @@ def _hear(data: bytes) -> object:
         (ACCEL, TYPES[ACCEL].acceleration),
         (MULTI_ARRAY, ()),
     ):
-        found = decode_messages(raws, [1, 2, 3], kind, columns)
-        assert found is None or len(found.samples) + found.n_damaged == len(raws)
+        seeds = decode_messages(raws, [1, 2, 3], kind, columns)
+        assert seeds is None or len(seeds.samples) + seeds.n_damaged == len(raws)
     return raws
 
 

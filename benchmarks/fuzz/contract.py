@@ -122,12 +122,12 @@ def judge(target: Target, data: bytes, place: Path) -> Verdict:
         given.write_bytes(data)
     before, grown = sorted(os.listdir(place)), _resident_mb()
     start = time.process_time()
-    with warnings.catch_warnings(record=True) as heard, WATCH.over():
+    with warnings.catch_warnings(record=True) as caught, WATCH.over():
         warnings.simplefilter("always")
         kind, detail = _outcome(target, given)
     seconds = time.process_time() - start
     if kind in ("accepted", "refused"):
-        warned = [w for w in heard if not issubclass(w.category, (*target.may_warn, ResourceWarning))]
+        warned = [w for w in caught if not issubclass(w.category, (*target.may_warn, ResourceWarning))]
         if WATCH.seen:
             kind, detail = "forbidden", WATCH.seen[0]
         elif sorted(os.listdir(place)) != before:
@@ -147,10 +147,10 @@ def _outcome(target: Target, given: Path | bytes) -> tuple[str, str]:
     try:
         target.read(given)
     except (ValueError, OSError) as error:
-        said = str(error)
-        if target.file and not _is_named(target, said):
+        message = str(error)
+        if target.file and not _is_named(target, message):
             return "unnamed", signature(error)
-        return ("refused", "") if len(said) < MOST_MESSAGE else ("long message", signature(error))
+        return ("refused", "") if len(message) < MOST_MESSAGE else ("long message", signature(error))
     except AssertionError as error:
         return "invalid object", f"{error} {signature(error)}"
     except BaseException as error:
@@ -160,8 +160,8 @@ def _outcome(target: Target, given: Path | bytes) -> tuple[str, str]:
     return "accepted", ""
 
 
-def _is_named(target: Target, said: str) -> bool:
-    return target.file in said or (target.file == BAG_IN_FOLDER and "metadata.yaml" in said)
+def _is_named(target: Target, message: str) -> bool:
+    return target.file in message or (target.file == BAG_IN_FOLDER and "metadata.yaml" in message)
 
 
 def signature(error: BaseException) -> str:

@@ -112,30 +112,32 @@ def _card(path: Path) -> object:
 
 
 def _set(path: Path) -> object:
-    found = load_feature_set(path)
-    assert found.column_names
-    return found.hash
+    generated = load_feature_set(path)
+    assert generated.column_names
+    return generated.hash
 
 
 def _pipeline(path: Path) -> object:
-    found = load_pipeline(path)
-    assert found.rows
-    assert found.classifiers
-    return [found.preparation(row, next(iter(found.classifiers))) for row in found.rows], found.needed
+    generated = load_pipeline(path)
+    assert generated.rows
+    assert generated.classifiers
+    return [
+        generated.preparation(row, next(iter(generated.classifiers))) for row in generated.rows
+    ], generated.needed
 
 
 def _scene(path: Path) -> object:
-    found = read_scene(path)
-    assert found.surfaces
-    assert 0 < found.device.rate_hz < float("inf")
-    return found
+    generated = read_scene(path)
+    assert generated.surfaces
+    assert 0 < generated.device.rate_hz < float("inf")
+    return generated
 
 
 def _hand(path: Path) -> object:
-    found = read_path(path)
-    assert len(found.surfaces) == len(found.time_s)
+    generated = read_path(path)
+    assert len(generated.surfaces) == len(generated.time_s)
     try:
-        (slow, fast), forces = found.ranges()
+        (slow, fast), forces = generated.ranges()
     except ValueError as error:  # read_scene, which asks for it, names the file
         raise ValueError(f"{path}: {error}") from error
     assert slow <= fast < float("inf")

@@ -139,10 +139,10 @@ def _wavs() -> list[bytes]:
 
 
 def _wav(path: Path) -> object:
-    found = read_wav(path)
-    assert np.isfinite(found.samples).all()
-    assert 0 < found.fs < float("inf")
-    return found
+    seeds = read_wav(path)
+    assert np.isfinite(seeds.samples).all()
+    assert 0 < seeds.fs < float("inf")
+    return seeds
 
 
 def _scene(path: Path) -> object:

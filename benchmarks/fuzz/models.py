@@ -46,10 +46,10 @@ def _sealed(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
     name = rng.choice([*2 * described, *sorted(members)])
     members[name] = _changed_member(rng, name, members[name])
     if "manifest.json" in members:
-        stated = json.loads(members.pop("manifest.json"))
-        stated.pop("digest", None)
-        stated["digest"] = digest_of(stated, members)
-        members["manifest.json"] = json_of(stated)
+        header = json.loads(members.pop("manifest.json"))
+        header.pop("digest", None)
+        header["digest"] = digest_of(header, members)
+        members["manifest.json"] = json_of(header)
     return members
 
 
@@ -68,12 +68,12 @@ def _changed_member(rng: random.Random, name: str, data: bytes) -> bytes:
 
 def _inner_json(tree: Tree) -> list[tuple[dict[str, object], str]]:
     """Return where a description holds JSON within JSON: the plan of features."""
-    found = []
+    documents = []
     for inner in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():
-        found += _inner_json(inner)
+        documents += _inner_json(inner)
     if isinstance(tree, dict) and isinstance(tree.get("content"), str) and '[[\\"' in tree["content"]:
-        found.append((tree, "content"))
-    return found
+        documents.append((tree, "content"))
+    return documents
 
 
 @cache
@@ -89,10 +89,10 @@ def _models() -> list[bytes]:
 
 
 def _manifest(data: bytes) -> Manifest:
-    found = read_manifest(data)
-    assert np.isfinite(found.fs)
-    assert isinstance(found.surfaces, tuple)
-    return found
+    documents = read_manifest(data)
+    assert np.isfinite(documents.fs)
+    assert isinstance(documents.surfaces, tuple)
+    return documents
 
 
 def _tables() -> list[bytes]:
@@ -136,10 +136,10 @@ def _part(path: Path) -> object:
 
 
 def _movements(path: Path) -> object:
-    found = read_movements(path, 2)
-    assert len(found) == 2
-    assert all(0 <= start <= stop and fs > 0 for start, stop, fs, _ in found)
-    return found
+    documents = read_movements(path, 2)
+    assert len(documents) == 2
+    assert all(0 <= start <= stop and fs > 0 for start, stop, fs, _ in documents)
+    return documents
 
 
 def _remembered() -> list[bytes]:
@@ -151,8 +151,8 @@ def _remembered() -> list[bytes]:
 
 
 def _recall(path: Path) -> object:
-    found = read_cached(path)
-    return found and valid(found)
+    documents = read_cached(path)
+    return documents and valid(documents)
 
 
 def _facts(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:

@@ -58,14 +58,14 @@ def valid(recording: Recording) -> Recording:
 def _parquets() -> list[bytes]:
     frame = pd.DataFrame(axes()[:4], columns=["x", "y", "z"])
     kinds = [{"compression": None}, {"compression": "snappy", "use_dictionary": False}]
-    found = [written("a.parquet", lambda path, k=k: frame.to_parquet(path, **k)) for k in kinds]
+    seed_files = [written("a.parquet", lambda path, k=k: frame.to_parquet(path, **k)) for k in kinds]
     odd = pd.DataFrame({"acceleration": [[1.0], [2.0, 3.0]]})
-    return [*found, written("a.parquet", odd.to_parquet)]
+    return [*seed_files, written("a.parquet", odd.to_parquet)]
 
 
 def _wavs() -> list[bytes]:
     codes = axes()[:, :1].astype(np.int16)
-    found = [written("a.wav", lambda p, k=k: soundfile.write(p, codes, 1000, subtype=k))
+    seed_files = [written("a.wav", lambda p, k=k: soundfile.write(p, codes, 1000, subtype=k))
              for k in ("PCM_16", "PCM_24", "FLOAT", "IMA_ADPCM", "ULAW")]  # fmt: skip
     others = [
         written("a.wav", lambda p, k=k: soundfile.write(p, codes, 1000, format=k))
@@ -75,7 +75,7 @@ def _wavs() -> list[bytes]:
     with wave.open(buffer, "wb") as file:
         file.setparams((3, 1, 8000, 0, "NONE", ""))
         file.writeframes(bytes(range(48)))
-    return [*found, *others, buffer.getvalue()]
+    return [*seed_files, *others, buffer.getvalue()]
 
 
 def _mat5s() -> list[bytes]:
@@ -141,10 +141,10 @@ _READING = FileReading(fs_hz=FS, unit="g", files=(".*",), labels=_LABELS)
 
 def _labels(path: Path) -> object:
     assert _READING.labels is not None
-    found = Labels.read(path, _READING.labels).rows
-    assert all(isinstance(value, str) for row in found.values() for value in (*row, *row.values()))
-    assert all(isinstance(key, str) for key in found)
-    return is_label_table(path), found
+    seed_files = Labels.read(path, _READING.labels).rows
+    assert all(isinstance(value, str) for row in seed_files.values() for value in (*row, *row.values()))
+    assert all(isinstance(key, str) for key in seed_files)
+    return is_label_table(path), seed_files
 
 
 def _lines(data: bytes) -> object:

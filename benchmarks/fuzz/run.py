@@ -38,39 +38,39 @@ SUMMED = ("inputs", "accepted", "refused", "broken", "timeouts", "crashes")
 
 
 def main() -> None:
-    asked = command_line(
+    args = command_line(
         __doc__, inputs=1_000_000, targets="", state=Path("/dev/shm/texclass-fuzz"), engine=""
     )
     there = importlib.util.find_spec("atheris") is not None
-    engine = asked.engine or ("atheris" if there else "own")
+    engine = args.engine or ("atheris" if there else "own")
     if engine not in ("atheris", "own"):
         raise SystemExit(f"--engine is {engine!r}. Expected atheris or own")
     if engine == "atheris" and not there:
         raise SystemExit("atheris is not installed. Expected --engine own, or pip install atheris")
     parts = parts_of()
-    found: dict[str, Any] = {}
-    for name in asked.targets.split(",") if asked.targets else parts:
-        n = -(-parts[name] * asked.inputs // sum(parts.values()))
-        found[name] = run_target(name, n, asked.state / name.replace(" ", "_"), engine)
-        report(asked.out, found, {"engine": engine, "seed": SEED, "inputs_asked_for": asked.inputs})
-    if any(one["broken"] for one in found.values()):
+    results: dict[str, Any] = {}
+    for name in args.targets.split(",") if args.targets else parts:
+        n = -(-parts[name] * args.inputs // sum(parts.values()))
+        results[name] = run_target(name, n, args.state / name.replace(" ", "_"), engine)
+        report(args.out, results, {"engine": engine, "seed": SEED, "inputs_asked_for": args.inputs})
+    if any(one["broken"] for one in results.values()):
         raise SystemExit("some inputs broke a promise of their reader; see the report")
 
 
-def report(folder: Path, found: dict[str, Any], facts: dict[str, Any]) -> None:
+def report(folder: Path, results: dict[str, Any], facts: dict[str, Any]) -> None:
     """Write the report; called after each target, so that partial results stay."""
-    total = {key: sum(one[key] for one in found.values()) for key in SUMMED}
+    total = {key: sum(one[key] for one in results.values()) for key in SUMMED}
     result = {
         **facts,
         "versions": versions(*LIBRARIES),
         "seconds_allowed": MOST_SECONDS,
         "growth_allowed_mb": MOST_GROWTH_MB,
         "total": total,
-        "targets": found,
+        "targets": results,
     }
     rows = [
         {"name": name, "other": one["broken"] - one["timeouts"] - one["crashes"], **one}
-        for name, one in found.items()
+        for name, one in results.items()
     ]
     blocks: list[Any] = [
         "{inputs:,} inputs: {accepted:,} were read, {refused:,} refused with a message that names the file, "
@@ -90,7 +90,7 @@ def report(folder: Path, found: dict[str, Any], facts: dict[str, Any]) -> None:
     broken = [f"{row['name']}: {times} x {what}" for row in rows for what, times in row["findings"].items()]
     if broken:
         blocks += ["What broke a promise:", broken]
-    write(folder, "fuzzing", result, "Readers fed with rubbish", blocks)
+    write(folder, "fuzzing", result, "Readers on damaged inputs", blocks)
 
 
 def run_target(name: str, n: int, folder: Path, engine: str) -> dict[str, Any]:
@@ -99,11 +99,11 @@ def run_target(name: str, n: int, folder: Path, engine: str) -> dict[str, Any]:
     counts, ends = shared_counts(folder), _read(folder / "ends.json")
     seconds = float(ends.pop("seconds", 0.0))
     for attempt in range(MOST_RESTARTS):
-        done = int(counts["inputs"])
-        if done >= n:
+        n_done = int(counts["inputs"])
+        if n_done >= n:
             break
         start = time.monotonic()
-        how = _one_process(name, n - done, SEED + attempt + done, folder, engine)
+        how = _one_process(name, n - n_done, SEED + attempt + n_done, folder, engine)
         seconds += time.monotonic() - start
         if how:
             at_hand = counts["data"][: counts["size"]].tobytes()
@@ -111,7 +111,7 @@ def run_target(name: str, n: int, folder: Path, engine: str) -> dict[str, Any]:
             ends[how] = ends.get(how, 0) + 1
             counts["inputs"] += 1
             counts["broken"] += 1
-        elif counts["inputs"] == done:
+        elif counts["inputs"] == n_done:
             raise RuntimeError(f"{name}: the worker did nothing; see {folder / 'log'}")
         (folder / "ends.json").write_text(json.dumps(ends | {"seconds": seconds}))
     return {
@@ -157,10 +157,10 @@ def _watch(process: "subprocess.Popen[bytes]", folder: Path) -> bool:
         except OSError:
             continue
         cpu_s = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-        done = int(counts["inputs"])
-        if done != last:
-            last, at_s, since = done, cpu_s, time.monotonic()
-        if done and (cpu_s - at_s > 2 * MOST_SECONDS or time.monotonic() - since > MOST_WALL_S):
+        n_done = int(counts["inputs"])
+        if n_done != last:
+            last, at_s, since = n_done, cpu_s, time.monotonic()
+        if n_done and (cpu_s - at_s > 2 * MOST_SECONDS or time.monotonic() - since > MOST_WALL_S):
             process.kill()
             process.wait()
             return True

@@ -72,5 +72,5 @@ def target_of(name: str) -> Target:
     module = next((module for module, named in SHARES.items() if name in named), None)
     if module is None:
         raise ValueError(f"no reader is named {name!r}. Expected one of {', '.join(parts_of())}")
-    found: dict[str, Target] = {one.name: one for one in importlib.import_module(f"fuzz.{module}").TARGETS}
-    return found[name]
+    target: dict[str, Target] = {one.name: one for one in importlib.import_module(f"fuzz.{module}").TARGETS}
+    return target[name]

@@ -60,15 +60,15 @@ class Feeder:
         self.seeds = self.target.seeds()
         self._judge = judge
         self.counts = shared_counts(folder)
-        found = folder / "findings.json"
-        self.findings: dict[str, int] = json.loads(found.read_text()) if found.exists() else {}
+        outcome = folder / "findings.json"
+        self.findings: dict[str, int] = json.loads(outcome.read_text()) if outcome.exists() else {}
         for data in self.seeds:
             verdict = judge(self.target, data, place)
             if verdict.kind not in ("accepted", "refused"):
                 print(f"{name}: a seed is {verdict}", file=sys.stderr)
         WATCH.install(place)
-        taken = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (taken + HEADROOM, taken + HEADROOM))
+        cpu_s = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (cpu_s + HEADROOM, cpu_s + HEADROOM))
         resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 30, 1 << 30))
 
     def feed(self, data: bytes) -> None:

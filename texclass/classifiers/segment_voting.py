@@ -27,7 +27,7 @@ from texclass.recording import Samples
 SEGMENT_SUFFIX = ".segment"
 """Part of the name of every column of a segment; see `texclass.features.contract.feature`."""
 VARIATIONS_FILE = Path(__file__).with_name("stroke_variations.csv")
-"""Simulated variations of the columns of the set `surfaces`; written by benchmarks/known_changes.py."""
+"""Simulated variations of the columns of the set `surfaces`; written by benchmarks/stroke_variations.py."""
 
 
 class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type: ignore[misc]

@@ -1,4 +1,4 @@
-"""The parts of the golden record: what `same_as_before.py` records and compares."""
+"""The parts of the golden record: what `golden_record.py` records and compares."""
 
 import contextlib
 import dataclasses
@@ -49,7 +49,7 @@ from texclass.stability.inputs import cases_of
 from texclass.vibration import scores
 
 SCRATCH = Path(tempfile.gettempdir())
-"""Where files are written: `same_as_before.py` makes a folder of its own for each run."""
+"""Where files are written: `golden_record.py` makes a folder of its own for each run."""
 SETS = ("strese2015", "strese2015+models", "texclass", "multiscale", "coarse")
 REAL = {"taps5": 5, "lmt_excerpts": 4, "stylus6": 4, "biotac20": 5, "borealtc": 3, "fabric_speeds": 3}
 """Data sets, and how many of their recordings are looked at."""
@@ -282,8 +282,8 @@ def scene() -> Any:
     textures["HaTT"] = exchange.to_hatt(textures["abdulali2016, network"], unit="m/s^2", fs=1000.0, order=12)
     for name, texture in textures.items():
         saved = exchange.save_texture(texture, SCRATCH / "one.texture", unit="m/s^2")
-        again = exchange.load_texture(saved)
-        rendered = [one.renderer(seed=3).process(velocity, force) for one in (texture, again)]
+        loaded = exchange.load_texture(saved)
+        rendered = [one.renderer(seed=3).process(velocity, force) for one in (texture, loaded)]
         arrays = {"arrays": texture.arrays(), "read back": np.array_equal(*rendered)}
         results[name] = {"operations": texture.operations, "rendered": rendered[0], **arrays}
     fs = okamura2001_taps.FS["wood"]
@@ -301,11 +301,11 @@ def answers() -> Any:
     of_window = ("--row", "Movement", "--classifier", "kernel", "--window", 1.0)
     for model, options in ((whole, of_whole), (window, of_window)):
         command("train", small(), "-o", model, "--jobs", 1, *options)
-    asked = [f"{small()}:{entry.recording_id}" for entry in dataset.entries]
-    asked += [f"simulated:{entry.recording_id}" for entry in open_dataset("simulated").entries[5:240:117]]
+    arguments = [f"{small()}:{entry.recording_id}" for entry in dataset.entries]
+    arguments += [f"simulated:{entry.recording_id}" for entry in open_dataset("simulated").entries[5:240:117]]
     results: dict[str, Any] = {}
     for model in (whole, window):
-        table = rows_of(command("predict", model, "--jsonl", *asked))
+        table = rows_of(command("predict", model, "--jsonl", *arguments))
         results[f"predict, {model.stem}"] = table.set_index("recording")
     for recording in list(dataset)[::6]:
         x = recording.acceleration.reshape(recording.n_samples, -1)
@@ -320,23 +320,23 @@ def fixed_costs() -> Iterator[None]:
     """Let every part of a feature set cost what its name says, not what the clock says."""
     measure = CostMeter.model
 
-    def stated(self: Any, *args: Any, **options: Any) -> Any:
+    def constant_costs(self: Any, *args: Any, **options: Any) -> Any:
         model = measure(self, *args, **options)
         digests = [hashlib.sha256(name.encode()).hexdigest() for name in model.parts]
         ms = np.array([0.05 + int(digest[:6], 16) / 2**24 for digest in digests])
         return dataclasses.replace(model, ms=ms, segmentation_ms=1.0)
 
-    with mock.patch.object(CostMeter, "model", stated):
+    with mock.patch.object(CostMeter, "model", constant_costs):
         yield
 
 
 def tradeoff() -> Any:
     """Return the Pareto front, curves and selected columns of a trade-off with stated costs."""
-    few = ("--features", "coarse", "--max-features", 3, "--no-curves")
+    fast_options = ("--features", "coarse", "--max-features", 3, "--no-curves")
     with fixed_costs():
         return {
             "front": result_of("tradeoff", small(), "--jobs", 1, "--features", "strese2015"),
-            "few columns": result_of("tradeoff", small(), "--jobs", 1, *few),
+            "few columns": result_of("tradeoff", small(), "--jobs", 1, *fast_options),
         }
 
 

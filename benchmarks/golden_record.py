@@ -1,18 +1,19 @@
-"""Whether a change of the code changed any result: record what comes out, compare again after the change.
+"""Golden record: record the results of the code, and compare them after a change.
 
-    python benchmarks/same_as_before.py record            # writes benchmarks/same_as_before/
-    python benchmarks/same_as_before.py compare           # exit code 1 if anything differs
-    python benchmarks/same_as_before.py compare --only vibration scene
-    python benchmarks/same_as_before.py list
+    python benchmarks/golden_record.py record            # writes benchmarks/golden_record/
+    python benchmarks/golden_record.py compare           # exit code 1 if anything differs
+    python benchmarks/golden_record.py compare --only vibration scene
+    python benchmarks/golden_record.py list
 
-The parts (`same_as_before_parts.py`) return nested results. `flatten` names each value by the names above it,
-never by its place in a list, so that another order is no difference. Phases, selected columns, confusion
-matrices and words must be equal, floating-point numbers within the tolerance of their part. Measured times,
-versions and prose are left out. Parts that need recordings which are not here (`TEXCLASS_DATA`, or
-`../shared/data` beside the project) are skipped. Everything is computed anew, in a cache of its own.
+The parts (`golden_record_parts.py`) return nested results. `flatten` identifies each value by the names of
+its parents and not by its index in a list, so that the order does not matter. Phases, selected columns,
+confusion matrices and strings must be equal, and floating-point numbers must agree within the tolerance of
+their part. Run times, versions and prose are omitted. Parts are skipped if their recordings are missing (in
+`TEXCLASS_DATA`, or in `../shared/data` next to the project). Everything is computed again, with an empty
+cache.
 
-Whoever changes a figure on purpose records the parts it changes again (`record --only PART`), and says in the
-commit what changed and why.
+If you change a result on purpose, record its parts again (`record --only PART`), and state in the commit what
+changed and why.
 """
 
 import argparse
@@ -28,19 +29,19 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import golden_record_parts
 import numpy as np
 import pandas as pd
-import same_as_before_parts
-from same_as_before_parts import PARTS
-from study import own_data
+from golden_record_parts import PARTS
+from study import set_data_folder
 from threadpoolctl import threadpool_limits
 
 RECORD = Path(__file__).resolve().with_suffix("")
 TITLES = ("name", "surface", "column", "input", "feature")
-"""Keys that name the rows of a table, the first that all have; points of a curve have none."""
-LEFT_OUT = {
+"""Keys that identify the rows of a table; the first key that all rows have is used."""
+OMITTED_KEYS = {
     # times and places
-    "age_s", "bytes", "classifiers", "classifiers_ms", "costs_of", "file", "fit_ms", "measured_ms", "met",
+    "age_s", "bytes", "classifiers", "classifiers_ms", "costs_of", "file", "fit_ms", "is_met", "measured_ms",
     "ms", "ms_added", "ms_alone", "ms_per_recording", "predict_ms", "seconds", "segmentation_ms", "source",
     "window.ms",
     # code
@@ -49,15 +50,15 @@ LEFT_OUT = {
     "accuracy_unit", "detail", "example", "flags", "licence", "note", "notes", "protocol_description",
     "reason", "reasons", "title", "undefined", "why",
 }  # fmt: skip
-"""Keys of results that are neither recorded nor compared."""
+"""Keys of results that are not recorded."""
 
 
 def flatten(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield path and value of every scalar and every list of numbers or words in nested results.
+    """Yield path and value of every scalar and every list of numbers or strings in nested results.
 
-    Fields of objects, columns of tables and members of mappings are named by their names, rows by theirs; the
-    columns of a table are lists in the order of its sorted index. Of an array of more than 40 numbers 40 are
-    kept, evenly spread, and the root mean square.
+    The path consists of the names of fields, columns, keys and rows. Columns of a table are lists in the
+    order of the sorted index. An array of more than 40 numbers is reduced to 40 evenly spaced ones and the
+    RMS.
     """
     if isinstance(value, pd.DataFrame):
         table = value.sort_index().astype(object)
@@ -71,11 +72,11 @@ def flatten(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         value = dict(zip(names, value, strict=True))
     elif isinstance(value, np.ndarray) and value.size > 40:
         x = value.ravel().astype(np.float64)
-        some = x[np.linspace(0, x.size - 1, 40).astype(int)]
-        value = {"shape": list(value.shape), "some": some, "rms": np.sqrt(np.mean(x**2))}
+        sample = x[np.linspace(0, x.size - 1, 40).astype(int)]
+        value = {"shape": list(value.shape), "some": sample, "rms": np.sqrt(np.mean(x**2))}
     if isinstance(value, Mapping):
         for key, inner in value.items():
-            if key not in LEFT_OUT:
+            if key not in OMITTED_KEYS:
                 yield from flatten(inner, f"{path} > {key}" if path else str(key))
     elif isinstance(value, np.ndarray | np.generic):
         yield path, value.tolist()
@@ -85,17 +86,17 @@ def flatten(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         yield path, value
 
 
-def differences(before: Mapping[str, Any], now: Mapping[str, Any], tolerance: float) -> Iterator[str]:
-    """Yield what differs: path, before and now."""
-    for path in dict.fromkeys((*before, *now)):
-        if path not in now or path not in before:
-            yield f"{path}: {'is new' if path in now else 'is gone'}"
-        elif not equal(before[path], now[path], tolerance):
-            yield f"{path}: {before[path]!r:.150} before, {now[path]!r:.150} now"
+def differences(recorded: Mapping[str, Any], computed: Mapping[str, Any], tolerance: float) -> Iterator[str]:
+    """Yield a line with the path and both values for each difference."""
+    for path in dict.fromkeys((*recorded, *computed)):
+        if path not in computed or path not in recorded:
+            yield f"{path}: {'is new' if path in computed else 'is gone'}"
+        elif not equal(recorded[path], computed[path], tolerance):
+            yield f"{path}: {recorded[path]!r:.150} before, {computed[path]!r:.150} now"
 
 
 def equal(old: Any, new: Any, tolerance: float) -> bool:
-    """Whether values are equal, floating-point numbers up to the tolerance times their typical size."""
+    """Whether values are equal; floating-point numbers within the tolerance times their typical size."""
     if old == new:
         return True
     try:
@@ -111,17 +112,17 @@ def equal(old: Any, new: Any, tolerance: float) -> bool:
 
 
 def rounded(value: Any) -> Any:
-    """Return a value with 12 digits of its floating-point numbers, as JSON holds it."""
+    """Return a value with floating-point numbers rounded to 12 digits, as in JSON."""
     if isinstance(value, list | tuple):
         return [rounded(inner) for inner in value]
     return float(f"{value:.12g}") if isinstance(value, float) else value
 
 
-def outcome(name: str, what: str, most: int) -> str:
-    """Compute a part, record or compare it, and return what came out."""
+def run_part(name: str, what: str, max_lines: int) -> str:
+    """Compute a part, record or compare it, and return the result as text."""
     part, file = PARTS[name], RECORD / f"{name}.json.xz"
     if not all((Path(os.environ["TEXCLASS_DATA"]) / folder).is_dir() for folder in part.needs):
-        return "skipped, the recordings are not here"
+        return "skipped, the recordings are missing"
     if what == "compare" and not file.exists():
         return f"there is no record; `record --only {name}` makes one"
     try:
@@ -133,16 +134,20 @@ def outcome(name: str, what: str, most: int) -> str:
         file.write_bytes(lzma.compress(json.dumps(leaves, ensure_ascii=False).encode()))
         return f"recorded {len(leaves)} values"
     lines = list(differences(json.loads(lzma.decompress(file.read_bytes())), leaves, part.tolerance))
-    more = [f"and {len(lines) - most} more"] * (len(lines) > most)
-    return "\n    ".join([f"{len(lines)} differences" if lines else "same", *lines[:most], *more])
+    more = [f"and {len(lines) - max_lines} more"] * (len(lines) > max_lines)
+    return "\n    ".join([f"{len(lines)} differences" if lines else "same", *lines[:max_lines], *more])
 
 
 def main() -> int:
     """Record or compare; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=("record", "compare", "list"))
-    parser.add_argument("--only", nargs="+", metavar="PART", help="parts, or what their names begin with")
-    parser.add_argument("--most", type=int, default=20, help="differences that are printed for each part")
+    parser.add_argument(
+        "--only", nargs="+", metavar="PART", help="parts, or the first letters of their names"
+    )
+    parser.add_argument(
+        "--max-lines", type=int, default=20, help="differences that are printed for each part"
+    )
     args = parser.parse_args()
     names = [name for name in PARTS if not args.only or name.startswith(tuple(args.only))]
     if not names:
@@ -150,15 +155,15 @@ def main() -> int:
     if args.what == "list":
         print("\n".join(names))
         return 0
-    own_data()
-    threadpool_limits(1)  # sums would depend on their number
+    set_data_folder()
+    threadpool_limits(1)  # sums depend on the number of threads
     failed = False
-    with tempfile.TemporaryDirectory(prefix="same_as_before_") as scratch:
-        same_as_before_parts.SCRATCH = Path(scratch)
+    with tempfile.TemporaryDirectory(prefix="golden_record_") as scratch:
+        golden_record_parts.SCRATCH = Path(scratch)
         os.environ["TEXCLASS_CACHE"] = str(Path(scratch) / "cache")
         for name in names:
             started = time.process_time()
-            text = outcome(name, args.what, args.most)
+            text = run_part(name, args.what, args.max_lines)
             failed |= not text.startswith(("same", "skipped", "recorded"))
             print(f"{name} ({time.process_time() - started:.0f} s): {text}", flush=True)
     return int(failed)

@@ -1,10 +1,10 @@
-"""Accuracy against seconds of touch, ours and public libraries on the same windows and folds.
+"""Accuracy against signal length, for texclass and other libraries on the same windows and folds.
 
-Run it by hand from the project's root: `python benchmarks/touch_baselines.py --baselines-python PATH`, with
+Run it by hand from the project's root: `python benchmarks/window_baselines.py --baselines-python PATH`, with
 the interpreter of an environment that has the extra `baselines`. It writes
-reports/studies/touch_baselines_<dataset>.json and .png. Training windows and test windows are the first few
-(`--touches`) of each recording; recordings are split as the protocol says, so no recording is on both sides.
-Intervals count recordings, not windows. `--whole-s`: where whole movements stand in the figure.
+reports/studies/window_baselines_<dataset>.json and .png. Training windows and test windows are the first few
+(`--windows`) of each recording; the protocol splits recordings, so no recording is in both sets.
+Confidence intervals are over recordings, not windows. `--whole-s`: position of whole movements in the figure.
 """
 
 from pathlib import Path
@@ -24,17 +24,17 @@ BASELINES = "mfcc,catch22,minirocket"
 
 
 def draw(result: dict[str, Any]) -> Figure:
-    """Draw a line for each tool, ours being one: its best classifier at each length, with intervals."""
+    """Draw the accuracy of the best classifier of each library at each length, with intervals."""
     figure = Figure(figsize=(7.2, 4.4), layout="constrained")
     axes = figure.add_subplot()
     points = pd.DataFrame(
         {
             "tool": "texclass" if c["ours"] else c["title"],
-            "seconds": part["felt_s"],
+            "seconds": comparison_data["felt_s"],
             **{key: 100 * c["accuracy"][key] for key in ("mean", "low", "high")},
         }
-        for part in result["lengths"]
-        for c in part["contestants"]
+        for comparison_data in result["lengths"]
+        for c in comparison_data["contestants"]
         if c["accuracy"]
     )
     best = points.loc[points.groupby(["tool", "seconds"], sort=False)["mean"].idxmax()]
@@ -44,8 +44,8 @@ def draw(result: dict[str, Any]) -> Figure:
         look = {"color": OURS if ours else next(others), "lw": 2.2 if ours else 1.2, "marker": "os"[not ours]}
         away = (line["mean"] - line["low"], line["high"] - line["mean"])
         axes.errorbar(line["seconds"], line["mean"], away, capsize=2, elinewidth=0.8, label=name, **look)
-    ticks = {part["felt_s"]: part["label"] for part in result["lengths"]}
-    axes.set(xscale="log", xlabel="seconds of touch", ylabel="accuracy (%)")
+    ticks = {comparison_data["felt_s"]: comparison_data["label"] for comparison_data in result["lengths"]}
+    axes.set(xscale="log", xlabel="signal length (s)", ylabel="accuracy (%)")
     axes.set_xticks(list(ticks), list(ticks.values()))
     axes.minorticks_off()
     title = f"{result['dataset']}, protocol {result['protocol']}: best classifier of each tool"
@@ -55,17 +55,17 @@ def draw(result: dict[str, Any]) -> Figure:
     return figure
 
 
-def told(part: dict[str, Any], c: dict[str, Any]) -> dict[str, str]:
-    """Return a row of the table: a contestant at a length."""
+def table_row(comparison_data: dict[str, Any], c: dict[str, Any]) -> dict[str, str]:
+    """Return the table row of a library at a length."""
     row = dict.fromkeys(("tests", "classifier", "ahead", "ms", "total"), "")
-    row |= {"seconds": part["label"], "tool": f"ours: {c['title']}" if c["ours"] else c["title"]}
+    row |= {"seconds": comparison_data["label"], "tool": f"ours: {c['title']}" if c["ours"] else c["title"]}
     if not c["accuracy"]:
         return row | {"right": c["status"]}
     ahead = "reference"
     if d := c["difference"]:
         ahead = f"{100 * d['difference']:+.1f} [{100 * d['low']:+.1f}, {100 * d['high']:+.1f}]"
     return row | {
-        "tests": str(part["n_tests"]),
+        "tests": str(comparison_data["n_tests"]),
         "classifier": c["classifier"],
         "right": interval(c["accuracy"], "mean"),
         "ahead": ahead,
@@ -75,49 +75,57 @@ def told(part: dict[str, Any], c: dict[str, Any]) -> dict[str, str]:
 
 
 def main() -> None:
-    """Compare at every length; write the report after each, so that nothing computed is lost."""
-    asked = command_line(
-        __doc__, dataset="biotac20", pipeline="surfaces", protocol="chronological", touches=4, whole_s=8.0,
+    """Compare at every length, and write the report after each length."""
+    args = command_line(
+        __doc__, dataset="biotac20", pipeline="surfaces", protocol="chronological", windows=4, whole_s=8.0,
         baselines=BASELINES, baselines_seconds=900.0, jobs=2, baselines_python=Path, seconds=SECONDS,
     )  # fmt: skip
-    dataset, pipeline, lengths = open_dataset(asked.dataset), load_pipeline(asked.pipeline), []
+    dataset, pipeline, lengths = open_dataset(args.dataset), load_pipeline(args.pipeline), []
     settings = BaselineSettings(
-        names=tuple(asked.baselines.split(",")),
-        python=asked.baselines_python,
-        time_limit_s=asked.baselines_seconds,
+        names=tuple(args.baselines.split(",")),
+        python=args.baselines_python,
+        time_limit_s=args.baselines_seconds,
     )
-    for seconds in (*asked.seconds, None):
-        felt, length = dataset, {"felt_s": asked.whole_s, "label": "whole"}
+    for seconds in (*args.seconds, None):
+        windows, length = dataset, {"felt_s": args.whole_s, "label": "whole"}
         if seconds is not None:
-            felt = cut_windows(dataset, seconds, per_recording=asked.touches, n_jobs=asked.jobs)
+            windows = cut_windows(dataset, seconds, per_recording=args.windows, n_jobs=args.jobs)
             length = {"felt_s": seconds, "label": f"{seconds:g}"}
-        benchmark = run_benchmark(felt, pipeline, protocol=asked.protocol, n_jobs=asked.jobs)
-        part = compare_with_baselines(felt, pipeline, benchmark, settings, n_jobs=asked.jobs).to_dict()
-        lengths.append(length | {"n_tests": part["dataset"]["n_tests"], "contestants": part["contestants"]})
+        benchmark = run_benchmark(windows, pipeline, protocol=args.protocol, n_jobs=args.jobs)
+        comparison_data = compare_with_baselines(
+            windows, pipeline, benchmark, settings, n_jobs=args.jobs
+        ).to_dict()
+        lengths.append(
+            length
+            | {
+                "n_tests": comparison_data["dataset"]["n_tests"],
+                "contestants": comparison_data["contestants"],
+            }
+        )
         result = {
-            "name": f"touch_baselines_{asked.dataset}",
-            "dataset": asked.dataset,
-            "touches": asked.touches,
+            "name": f"window_baselines_{args.dataset}",
+            "dataset": args.dataset,
+            "windows": args.windows,
             "lengths": lengths,
-            **{k: part[k] for k in ("pipeline", "protocol", "seed", "input_hash", "versions")},
-            "baseline_versions": part["baseline_versions"],
+            **{k: comparison_data[k] for k in ("pipeline", "protocol", "seed", "input_hash", "versions")},
+            "baseline_versions": comparison_data["baseline_versions"],
         }
         blocks = [
             table(
-                (told(length, c) for length in lengths for c in length["contestants"]),
+                (table_row(length, c) for length in lengths for c in length["contestants"]),
                 "seconds = {seconds} | tests = {tests} | tool = {tool} | classifier = {classifier} | "
                 "% [95 %] = {right} | ours ahead by [95 %] = {ahead} | features ms = {ms} | "
                 "total s = {total}",
                 n_words=4,
             ),
-            f"Pipeline `{result['pipeline']}`; the first {asked.touches} windows of each recording train and "
+            f"Pipeline `{result['pipeline']}`; the first {args.windows} windows of each recording train and "
             "test (recordings too short for one are left out at that length). Of ours, the most accurate row "
             "on these folds and the one with the most features; of a baseline, every classifier it is given. "
             "Times are CPU seconds of one thread.",
             f"Baselines: {', '.join(f'{k} {v}' for k, v in result['baseline_versions'].items())}.",
         ]
-        title = f"{asked.dataset}: accuracy against seconds of touch, ours and baselines, `{asked.protocol}`"
-        write(asked.out, result["name"], result, title, blocks, draw(result))
+        title = f"{args.dataset}: accuracy against signal length, texclass and baselines, `{args.protocol}`"
+        write(args.out, result["name"], result, title, blocks, draw(result))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """What another sensor costs, and what of it a model gets back from references felt with it: `texclass adapt`.
 
-`python benchmarks/another_sensor.py [--draws N]` (a few minutes; of the default pipeline, of others by
-`--pipelines`) writes reports/studies/another_sensor.
+`python benchmarks/sensor_adaptation.py [--draws N]` (a few minutes; of the default pipeline, of others by
+`--pipelines`) writes reports/studies/sensor_adaptation.
 """
 
 from collections.abc import Callable
@@ -105,7 +105,7 @@ def simulated(name: str) -> Dataset:
     def load(entry: Entry) -> Recording:
         i, k = surfaces[entry.surface], int(entry.repetition or 0)
         who = (k - 1) % RECIPE.n_operators
-        made = record_freehand(
+        recording = record_freehand(
             RECIPE.surfaces[i],
             RECIPE.operators[who],
             duration_s=RECIPE.duration_s,
@@ -118,25 +118,26 @@ def simulated(name: str) -> Dataset:
         )
         up, down = (5, 2) if "fs" in tool else (1, 1)
         n = round(RECIPE.duration_s * RECIPE.fs)
-        felt, friction = (
+        acceleration, friction = (
             signal.resample_poly(x, up, down, axis=0)[:n] if up > 1 else x
-            for x in (made.acceleration, made.friction)
+            for x in (recording.acceleration, recording.friction)
         )
         return Recording(
-            tool.get("gain", 1.0) * felt, RECIPE.fs, made.unit, made.recording_id, made.surface,
-            operator=made.operator, repetition=k, friction=friction,
+            tool.get("gain", 1.0) * acceleration, RECIPE.fs, recording.unit, recording.recording_id,
+            recording.surface,
+            operator=recording.operator, repetition=k, friction=friction,
         )  # fmt: skip
 
     entries = tuple(Entry(name, of, who, repetition=k) for name, of, who, k in RECIPE.entries())
     return Dataset("simulated", entries, load, f"{RECIPE.fingerprint()} {name}")
 
 
-def repetitions(dataset: Dataset, first: int, last: int, without: tuple[str, ...] = ()) -> Dataset:
+def repetitions(dataset: Dataset, first: int, last: int, excluded: tuple[str, ...] = ()) -> Dataset:
     """Return the recordings of some repetitions."""
     kept = tuple(
-        e for e in dataset.entries if first <= (e.repetition or 0) <= last and e.surface not in without
+        e for e in dataset.entries if first <= (e.repetition or 0) <= last and e.surface not in excluded
     )
-    return replace(dataset, entries=kept, input_hash=f"{dataset.input_hash} {first}-{last} {without}")
+    return replace(dataset, entries=kept, input_hash=f"{dataset.input_hash} {first}-{last} {excluded}")
 
 
 class Asked:
@@ -155,9 +156,11 @@ class Asked:
         )
         self.last = last
 
-    def features(self, felt: Dataset) -> pd.DataFrame:
+    def features(self, changed_dataset: Dataset) -> pd.DataFrame:
         """Return metadata and the model's columns of references and tests."""
-        wanted = repetitions(felt, self.until_references - (10 if "bio" in self.name else 5) + 1, 10**6)
+        wanted = repetitions(
+            changed_dataset, self.until_references - (10 if "bio" in self.name else 5) + 1, 10**6
+        )
         frame = cached_table(wanted, *self.pipeline.needed, channels=self.pipeline.channels).frame
         return frame.reset_index(drop=True)
 
@@ -205,28 +208,30 @@ def drawn_references(way: str, references: pd.DataFrame, rng: np.random.Generato
     return of_these if n_each is None else of_these.groupby("surface").sample(n_each, random_state=rng)
 
 
-def ask(asked: Asked, change: str, felt: Dataset, same: pd.DataFrame, n_draws: int) -> list[dict[str, Any]]:
+def ask(
+    experiment: Asked, change: str, changed_dataset: Dataset, same: pd.DataFrame, n_draws: int
+) -> list[dict[str, Any]]:
     """Return what a change costs, and what each way gets back."""
-    references, tests = asked.parts(asked.features(felt))
-    before, found = asked.said(asked.model, tests), []
+    references, tests = experiment.parts(experiment.features(changed_dataset))
+    unadapted, found = experiment.said(experiment.model, tests), []
     for way in WAYS:
         rng = np.random.default_rng(SEED)
         said = []
         for _ in range(1 if way == "unlabelled" else n_draws):
             rows = drawn_references(way, references, rng)
-            said.append(asked.said(asked.adapted(rows, labelled=way.startswith("3")), tests))
+            said.append(experiment.said(experiment.adapted(rows, labelled=way.startswith("3")), tests))
         after = pd.concat(said)
         found.append(
-            {"felt": asked.name, "pipeline": asked.pipeline.name, "change": change, "way": way}
-            | figures(same, before, after)
+            {"felt": experiment.name, "pipeline": experiment.pipeline.name, "change": change, "way": way}
+            | figures(same, unadapted, after)
             | {"least": min(one.loc[~one["stranger"], "right"].mean() for one in said), "n_draws": len(said)}
         )
     return found
 
 
-def figures(same: pd.DataFrame, before: pd.DataFrame, after: pd.DataFrame) -> dict[str, float]:
+def figures(same: pd.DataFrame, unadapted: pd.DataFrame, after: pd.DataFrame) -> dict[str, float]:
     """Return accuracies, the share of the loss that is recovered (95 %, bootstrap of surfaces), alarms."""
-    known = [said[~said["stranger"]].groupby("surface")["right"].mean() for said in (same, before, after)]
+    known = [said[~said["stranger"]].groupby("surface")["right"].mean() for said in (same, unadapted, after)]
     rates = np.array(known)
     drawn = np.random.default_rng(SEED).integers(rates.shape[1], size=(2000, rates.shape[1]))
     a, b, c = rates[:, drawn].mean(axis=2)
@@ -234,44 +239,45 @@ def figures(same: pd.DataFrame, before: pd.DataFrame, after: pd.DataFrame) -> di
     share = (c - b)[loss > 0] / loss[loss > 0]
     low, high = np.quantile(share, [0.025, 0.975]) if share.size else (np.nan, np.nan)
     mean_same, mean_before, mean_after = rates.mean(axis=1)
-    lost = mean_same - mean_before
+    loss_of_accuracy = mean_same - mean_before
     alarms = {
         f"{kind}_{when}": float(said.loc[said["stranger"] == (kind == "flagged"), "unknown"].mean())
         for kind in ("alarms", "flagged")
-        for when, said in (("same", same), ("before", before), ("after", after))
+        for when, said in (("same", same), ("before", unadapted), ("after", after))
     }
     return {
-        "same": mean_same, "before": mean_before, "after": mean_after, "loss": lost,
-        "recovered": (mean_after - mean_before) / lost if lost > 0 else np.nan, "low": low, "high": high,
+        "same": mean_same, "before": mean_before, "after": mean_after, "loss": loss_of_accuracy,
+        "recovered": (mean_after - mean_before) / loss_of_accuracy if loss_of_accuracy > 0 else np.nan,
+        "low": low, "high": high,
         **alarms,
     }  # fmt: skip
 
 
 def main() -> None:
-    given = command_line(__doc__, draws=10, pipelines="surfaces")
+    args = command_line(__doc__, draws=10, pipelines="surfaces")
     bio, results = open_dataset("biotac20"), []
-    made = {
+    settings = {
         "seed": SEED,
         "input_hash": {"biotac20": bio.input_hash, "simulated": RECIPE.fingerprint()},
         "n_strangers": N_STRANGERS,
     }
-    for pipeline in given.pipelines.split(","):
+    for pipeline in args.pipelines.split(","):
         for name, changes, blocks, felt_with in (
             ("biotac20", CHANGES, (1, 20, 30, 40), partial(changed, bio)),
             ("biotac20, later", {"none": CHANGES["none"]}, (1, 10, 30, 40), partial(changed, bio)),
             ("simulated", TOOLS, (1, 10, 15, 20), simulated),
         ):
-            asked = Asked(name, pipeline, felt_with("none"), blocks)
-            base = asked.features(felt_with("none"))
-            same = asked.said(asked.model, asked.parts(base)[1])
+            experiment = Asked(name, pipeline, felt_with("none"), blocks)
+            base = experiment.features(felt_with("none"))
+            same = experiment.said(experiment.model, experiment.parts(base)[1])
             for change in changes:
-                results += ask(asked, change, felt_with(change), same, given.draws)
+                results += ask(experiment, change, felt_with(change), same, args.draws)
                 last = pd.DataFrame(results[-len(WAYS) :])
                 print(last[["felt", "pipeline", "change", "way", "same", "before", "after"]], flush=True)
-            report(results, made, given.out)
+            report(results, settings, args.out)
 
 
-def report(results: list[dict[str, Any]], made: dict[str, Any], out: Any) -> None:
+def report(results: list[dict[str, Any]], settings: dict[str, Any], out: Any) -> None:
     """Write what has been found so far."""
     blocks: list[Any] = [
         "A model is trained with one sensor and asked with another, before and after `texclass adapt`: an "
@@ -299,9 +305,9 @@ def report(results: list[dict[str, Any]], made: dict[str, Any], out: Any) -> Non
         else "little lost"
         for r in frame.itertuples()
     ]
-    for (felt, pipeline), rows in frame.groupby(["felt", "pipeline"], sort=False):
+    for (changed_dataset, pipeline), rows in frame.groupby(["felt", "pipeline"], sort=False):
         blocks += [
-            Heading(f"{felt.capitalize()}, {pipeline} ({PIPELINES[pipeline]})"),
+            Heading(f"{changed_dataset.capitalize()}, {pipeline} ({PIPELINES[pipeline]})"),
             table(rows, columns, n_words=2),
         ]
     meanings = {
@@ -309,7 +315,7 @@ def report(results: list[dict[str, Any]], made: dict[str, Any], out: Any) -> Non
         **{f"{k} (simulated)": v[0] for k, v in TOOLS.items()},
     }
     blocks += [Heading("Changes"), meanings]
-    write(out, "another_sensor", made | {"results": results}, "Another sensor", blocks)
+    write(out, "sensor_adaptation", settings | {"results": results}, "Adaptation to another sensor", blocks)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
-"""Do sets hold: how often the right surface is in those of 90 and 95 %, also where a sensor drifts.
+"""Coverage of prediction sets of 90 and 95 %, also for a sensor that drifts.
 
-`python benchmarks/sets_that_hold.py [--only NUMBER ...]` (ten minutes) writes reports/studies/sets.
+`python benchmarks/prediction_set_coverage.py [--only NUMBER ...]` (ten minutes) writes
+reports/studies/prediction_sets.
 """
 
 from collections.abc import Iterator
@@ -34,20 +35,20 @@ from texclass.recording import Samples
 
 SEED, N_DRAWS = 9, 20
 N_TRAINED, LAST_TRAINED = 16, 20
-"""Repetitions of `biotac20` that a draw trains on, of so many first ones."""
+"""Number of training repetitions of `biotac20` in a draw, out of the first `LAST_TRAINED` repetitions."""
 CASE = ("dataset", "pipeline", "row", "classifier", "window_s", "held_out")
 CASES = (
     ("biotac20", "multiscale", "All", "vote", None, "recording"),
     ("biotac20", "multiscale", "All", "vote", None, "chronological"),
     ("borealtc", "coarse", "Bands", "kernel", 5.0, "grouped"),
 )
-"""What is trained, what an answer feels, and how training recordings are held out for the sets."""
+"""Dataset, pipeline, row and classifier, window length in s, and protocol of the held-out calibration."""
 Rows = NDArray[np.intp]
 Columns = dict[str, NDArray[Any]]
 
 
 def draws(dataset: str, frame: pd.DataFrame) -> Iterator[tuple[Rows, Rows]]:
-    """Yield rows that train and rows that test: some first repetitions, all later ones; or folds of runs."""
+    """Yield training and test rows: some early and all later repetitions, or grouped folds."""
     if dataset == "biotac20":
         repetition, rng = frame["repetition"].to_numpy(), np.random.default_rng(SEED)
         for _ in range(N_DRAWS):
@@ -60,27 +61,27 @@ def draws(dataset: str, frame: pd.DataFrame) -> Iterator[tuple[Rows, Rows]]:
 
 
 def measure(case: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return how often the sets hold, by those of training and by those that follow references."""
+    """Return the coverage of sets with thresholds from the training set and from reference recordings."""
     pipeline, dataset = load_pipeline(case["pipeline"]), open_dataset(case["dataset"])
-    felt = dataset if case["window_s"] is None else cut_windows(dataset, case["window_s"])
-    features = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
+    window_dataset = dataset if case["window_s"] is None else cut_windows(dataset, case["window_s"])
+    features = cached_table(window_dataset, *pipeline.needed, channels=pipeline.channels)
     frame = features.frame.reset_index(drop=True)
-    meter = CostMeter.from_dataset(felt, frame["recording_id"].tolist(), pipeline.channels)
+    meter = CostMeter.from_dataset(window_dataset, frame["recording_id"].tolist(), pipeline.channels)
     (candidate,) = list_candidates(pipeline, features, meter, row=case["row"], classifier=case["classifier"])
-    ways: dict[tuple[str, float], list[dict[str, Any]]] = {}
+    results_by_source: dict[tuple[str, float], list[dict[str, Any]]] = {}
     for train, test in draws(case["dataset"], frame):
-        learnt, asked = frame.iloc[train].reset_index(drop=True), frame.iloc[test]
-        splits = make_splits(find_protocol(case["held_out"]), learnt, pipeline.seed)
-        held_out = predict_held_out(candidate, learnt, splits)
+        training, test_frame = frame.iloc[train].reset_index(drop=True), frame.iloc[test]
+        splits = make_splits(find_protocol(case["held_out"]), training, pipeline.seed)
+        held_out = predict_held_out(candidate, training, splits)
         calibration = fit_calibration(held_out.decisions, held_out.labels)
-        of = facts(learnt.iloc[held_out.rows])
+        of = facts(training.iloc[held_out.rows])
         several = case["window_s"] is not None
         p = calibration(held_out.decisions)
         correlation = fit_correlation(p, held_out.labels, of["contact"]) if several else None
         ages = (
             n_later_repetitions(of["surface"], of["repetition"]) if case["held_out"] == "chronological" else 0
         )
-        known = calibrate_sets(
+        training_calibration = calibrate_sets(
             held_out.decisions,
             held_out.labels,
             of["contact"],
@@ -90,23 +91,29 @@ def measure(case: dict[str, Any]) -> list[dict[str, Any]]:
         )["answer"]
         answers = predict_held_out(candidate, frame, [(train, test)])
         odds, p = log_odds(calibration.beta * answers.decisions), calibration(answers.decisions)
-        least = {"training": {level: np.full(len(test), known.threshold(level)) for level in DEFAULT_LEVELS}}
+        thresholds = {
+            "training": {
+                level: np.full(len(test), training_calibration.threshold(level)) for level in DEFAULT_LEVELS
+            }
+        }
         if case["held_out"] == "chronological":
             right = odds[np.arange(len(test)), answers.labels]
-            least["references"] = following(known, right, facts(asked))
-        for way, of_level in least.items():
+            thresholds["references"] = reference_thresholds(training_calibration, right, facts(test_frame))
+        for source, of_level in thresholds.items():
             for level, at_least in of_level.items():
                 inside = odds >= at_least[:, None]
-                found = judged(inside, answers.labels, p, parents(asked).to_numpy(dtype=str))
-                ways.setdefault((way, level), []).append(found)
+                draw_result = evaluate_sets(
+                    inside, answers.labels, p, parents(test_frame).to_numpy(dtype=str)
+                )
+                results_by_source.setdefault((source, level), []).append(draw_result)
     return [
-        {**case, "way": way, "level": level, "input_hash": dataset.input_hash, **summary(of_draws, level)}
-        for (way, level), of_draws in ways.items()
+        {**case, "way": source, "level": level, "input_hash": dataset.input_hash, **summary(of_draws, level)}
+        for (source, level), of_draws in results_by_source.items()
     ]
 
 
 def facts(part: pd.DataFrame) -> Columns:
-    """Return contact, surface and repetition of rows."""
+    """Return the contact, surface and repetition of each row."""
     return {
         "contact": parents(part).to_numpy(dtype=str),
         "surface": part["surface"].to_numpy(dtype=str),
@@ -114,24 +121,28 @@ def facts(part: pd.DataFrame) -> Columns:
     }
 
 
-def following(known: ConformalCalibration, right: Samples, of: Columns) -> dict[float, Samples]:
-    """Return the least log odds of members for each repetition, all those before it being references."""
-    least = {level: np.zeros(len(right)) for level in DEFAULT_LEVELS}
+def reference_thresholds(
+    training_calibration: ConformalCalibration, right: Samples, of: Columns
+) -> dict[float, Samples]:
+    """Return the thresholds of the log odds for each repetition, with all earlier ones as references."""
+    thresholds = {level: np.zeros(len(right)) for level in DEFAULT_LEVELS}
     for now in np.unique(of["repetition"]):
-        felt, renewed = of["repetition"] < now, known
-        if felt.any():
-            ages = n_later_repetitions(of["surface"][felt], of["repetition"][felt])
+        window_dataset, renewed = of["repetition"] < now, training_calibration
+        if window_dataset.any():
+            ages = n_later_repetitions(of["surface"][window_dataset], of["repetition"][window_dataset])
             later = ConformalCalibration.from_answers(
-                right[felt], of["contact"][felt], recency_weights(ages, HALF_LIFE)
+                right[window_dataset], of["contact"][window_dataset], recency_weights(ages, HALF_LIFE)
             )
-            renewed = known.updated(later, float(recency_weights(1 + ages.max(), HALF_LIFE)))
+            renewed = training_calibration.updated(later, float(recency_weights(1 + ages.max(), HALF_LIFE)))
         for level in DEFAULT_LEVELS:
-            least[level][of["repetition"] == now] = renewed.threshold(level)
-    return least
+            thresholds[level][of["repetition"] == now] = renewed.threshold(level)
+    return thresholds
 
 
-def judged(inside: NDArray[np.bool_], labels: Rows, p: Samples, contacts: NDArray[np.str_]) -> dict[str, Any]:
-    """Return what the sets of a draw, (n, n_surfaces), are worth."""
+def evaluate_sets(
+    inside: NDArray[np.bool_], labels: Rows, p: Samples, contacts: NDArray[np.str_]
+) -> dict[str, Any]:
+    """Return coverage, size and accuracy of the sets of a draw, shape (n, n_surfaces)."""
     holds, hits = inside[np.arange(len(labels)), labels], p.argmax(axis=1) == labels
     low, high = cluster_interval(holds, contacts)
     return {
@@ -148,7 +159,7 @@ def judged(inside: NDArray[np.bool_], labels: Rows, p: Samples, contacts: NDArra
 
 
 def summary(of_draws: list[dict[str, Any]], level: float) -> dict[str, Any]:
-    """Return means over draws, and in how many the level is inside the interval."""
+    """Return means over draws, and the number of draws whose interval contains the level."""
     frame = pd.DataFrame(of_draws)
     means = {name: None if frame[name].isna().all() else float(frame[name].mean()) for name in frame}
     n_inside = int(((frame["low"] <= level) & (level <= frame["high"])).sum())
@@ -156,17 +167,17 @@ def summary(of_draws: list[dict[str, Any]], level: float) -> dict[str, Any]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, only=range(len(CASES)))
+    args = command_line(__doc__, only=range(len(CASES)))
     results = []
-    for number in asked.only:
+    for number in args.only:
         results += measure(dict(zip(CASE, CASES[number], strict=True)))
         print(results[-1], flush=True)
-    made = {
+    settings = {
         "seed": SEED,
         "half_life": HALF_LIFE,
         "results": results,
     }
-    shown = [
+    table_rows = [
         r
         | {
             "touch": "whole" if r["window_s"] is None else f"{r['window_s']:g} s",
@@ -194,7 +205,7 @@ def main() -> None:
         "answer. `ranks` is the "
         "share of pairs of a right and a wrong answer of which the right one has the larger probability.",
         table(
-            shown,
+            table_rows,
             "dataset = {dataset} | answer = {touch} | held out = {held_out} | sets from = {way} | "
             "level = {level:.0%} | holds, % = {coverage:.1%} [{low:.1%}, {high:.1%}] | "
             "nominal = {n_inside} of {n_draws} | by contact = {by_contact:.1%} | size = {size:.2f} | "
@@ -203,7 +214,7 @@ def main() -> None:
         ),
         {r["dataset"]: f"input {r['input_hash'][:16]}" for r in results},
     ]
-    write(asked.out, "sets", made, "Sets that hold", blocks)
+    write(args.out, "prediction_sets", settings, "Coverage of prediction sets", blocks)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """What a recogniser that says what to do next saves: seconds to equal accuracy on simulated surfaces.
 
-`python benchmarks/next_movement.py` (24 surfaces, five minutes; `--surfaces 69` adds those in twenty)
-writes reports/studies/next_movement. Every gesture is made on demand, on the surfaces of `simulated`.
+`python benchmarks/active_exploration.py` (24 surfaces, five minutes; `--surfaces 69` adds those in twenty)
+writes reports/studies/active_exploration. Every gesture is made on demand, on the surfaces of `simulated`.
 Operators 1-6 train a model for each; with operators 7-8 the best of all fixed orders is chosen; 9-12 test.
 """
 
@@ -19,7 +19,6 @@ from study import command_line, table, write
 from texclass.evaluation import cached_table, load_pipeline
 from texclass.loaders.simulated import open_gestures
 from texclass.recognition import Exploration, GestureStatistics, Model, train
-from texclass.recognition.exploration import ROWS, STROKES
 from texclass.recording import Samples
 from texclass.reporting import Heading
 from texclass.simulate import GESTURES, Recipe
@@ -63,7 +62,12 @@ def models_and_answers(recipe: Recipe) -> tuple[dict[str, Model], Said, Said]:
             replace(whole, entries=tuple(entries), input_hash=f"{whole.input_hash} {k}")
             for k, entries in enumerate(parts)
         ]
-        model = train(datasets[0], row=ROWS.get(gesture, STROKES), classifier="lda", protocol="operator")
+        model = train(
+            datasets[0],
+            row="Taps" if gesture == "tap" else "Several time scales",
+            classifier="lda",
+            protocol="operator",
+        )
         models[gesture] = model
         for dataset, answers in zip(datasets[1:], said, strict=True):
             features = cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
@@ -82,15 +86,15 @@ def felt(
     for i, ((surface, operator), answers) in enumerate(said.items()):
         for draw in range(n_draws):
             rng = np.random.default_rng((SEED, i, draw))
-            left = {name: [*rng.permutation(p)] for name, p in answers.items() if name in gestures}
-            known, seconds = Exploration(surfaces, gestures), 0.0
+            remaining = {name: [*rng.permutation(p)] for name, p in answers.items() if name in gestures}
+            statistics, seconds = Exploration(surfaces, gestures), 0.0
             for step in range(N_STEPS):
-                able = [name for name, some in left.items() if some]
-                if not able or (name := policy(known, able, rng)) not in able:
+                available = [name for name, group in remaining.items() if group]
+                if not available or (name := policy(statistics, available, rng)) not in available:
                     break
-                known.add(name, dict(zip(surfaces, left[name].pop(), strict=True)))
+                statistics.add(name, dict(zip(surfaces, remaining[name].pop(), strict=True)))
                 seconds += gestures[name].seconds
-                p = known.probabilities
+                p = statistics.probabilities
                 yield {
                     "surface": surface,
                     "operator": operator,
@@ -102,17 +106,17 @@ def felt(
                 }
 
 
-def adaptive(known: Exploration, able: list[str], rng: np.random.Generator) -> str:
-    return known.best_gesture(able)
+def adaptive(statistics: Exploration, available: list[str], rng: np.random.Generator) -> str:
+    return statistics.best_gesture(available)
 
 
-def at_random(known: Exploration, able: list[str], rng: np.random.Generator) -> str:
-    return str(rng.choice(able))
+def at_random(statistics: Exploration, available: list[str], rng: np.random.Generator) -> str:
+    return str(rng.choice(available))
 
 
 def in_order(order: tuple[str, ...]) -> Policy:
     """Make the gestures of an order, one after the other, again and again."""
-    return lambda known, able, rng: order[known.n_gestures % len(order)]
+    return lambda statistics, available, rng: order[statistics.n_gestures % len(order)]
 
 
 def stopped(steps: pd.DataFrame, confidence: float) -> pd.DataFrame:
@@ -166,7 +170,7 @@ def study(n_surfaces: int) -> dict[str, Any]:
         a: min(to_choose, key=lambda o, a=a: np.nan_to_num(seconds_to(a, to_choose[o]), nan=worst))
         for a in (*ACCURACIES, ASKED)
     }
-    forgetful = {name: known._replace(correlation=0.0) for name, known in gestures.items()}
+    forgetful = {name: statistics._replace(correlation=0.0) for name, statistics in gestures.items()}
     once: dict[str, tuple[dict[str, GestureStatistics], Policy]] = {
         "adaptive": (gestures, adaptive),
         **{f"fixed, best of 24 at {a:.0%}": (gestures, in_order(best[a])) for a in ACCURACIES},
@@ -175,8 +179,10 @@ def study(n_surfaces: int) -> dict[str, Any]:
         **{f"{name} alone": (gestures, in_order((name,))) for name in gestures},
         "adaptive, repetitions taken as independent": (forgetful, adaptive),
     }
-    steps = {name: pd.DataFrame(felt(known, testing, policy)) for name, (known, policy) in once.items()}
-    ends = {name: ends_of(some) for name, some in steps.items()}
+    steps = {
+        name: pd.DataFrame(felt(statistics, testing, policy)) for name, (statistics, policy) in once.items()
+    }
+    ends = {name: ends_of(group) for name, group in steps.items()}
     ends |= {
         f"fixed, best of 24 at {a:.0%}, never stopped early": never_stopped(
             steps[f"fixed, best of 24 at {a:.0%}"]
@@ -190,8 +196,8 @@ def study(n_surfaces: int) -> dict[str, Any]:
         "n_surfaces": n_surfaces,
         "gestures": {
             name: {
-                "seconds": known.seconds,
-                "correlation": known.correlation,
+                "seconds": statistics.seconds,
+                "correlation": statistics.correlation,
                 "accuracy": models[name].manifest.accuracy["mean"],
                 "tested": float(
                     np.mean([
@@ -200,7 +206,7 @@ def study(n_surfaces: int) -> dict[str, Any]:
                     ])
                 ),
             }
-            for name, known in gestures.items()
+            for name, statistics in gestures.items()
         },
         "best_order": {f"{a:.0%}": list(best[a]) for a in ACCURACIES},
         "policies": rows,
@@ -229,8 +235,8 @@ def row(name: str, ends: pd.DataFrame, ours: pd.DataFrame, drawn: list[Samples])
         shares = [seconds_to(a, x) / seconds_to(a, y) for x, y in zip(mine, theirs, strict=True)]
         shares = [share for share in shares if np.isfinite(share)]
         bounds = np.quantile(shares, [0.025, 0.975]) if len(shares) > 0.9 * len(drawn) else (np.nan, np.nan)
-        told = {"seconds": seconds, "share": less / seconds, "low": bounds[0], "high": bounds[1]}
-        found[f"{a:.2f}"] = {what: float(x) if np.isfinite(x) else None for what, x in told.items()}
+        gain = {"seconds": seconds, "share": less / seconds, "low": bounds[0], "high": bounds[1]}
+        found[f"{a:.2f}"] = {what: float(x) if np.isfinite(x) else None for what, x in gain.items()}
     if ASKED in ends["right"]:
         right = [w @ ends["right"][ASKED].to_numpy(dtype=float) / w.sum() for w in drawn]
         low, high = np.quantile(right, [0.025, 0.975])
@@ -250,9 +256,9 @@ def shown(found: dict[str, Any]) -> dict[str, str]:
     cells = {"policy": found["policy"]}
     for a in ACCURACIES:
         one = found[f"{a:.2f}"]
-        within = "" if one["low"] is None else f" [{one['low']:.2f}, {one['high']:.2f}]"
+        range_text = "" if one["low"] is None else f" [{one['low']:.2f}, {one['high']:.2f}]"
         cells[f"s{100 * a:.0f}"] = "-" if one["seconds"] is None else f"{one['seconds']:.2f}"
-        cells[f"r{100 * a:.0f}"] = "-" if one["share"] is None else f"{one['share']:.2f}{within}"
+        cells[f"r{100 * a:.0f}"] = "-" if one["share"] is None else f"{one['share']:.2f}{range_text}"
     stop = found.get("stopped")
     cells["stopped"] = (
         f"{100 * stop['accuracy']:.1f} [{100 * stop['low']:.1f}, {100 * stop['high']:.1f}]" if stop else "-"
@@ -264,22 +270,22 @@ def shown(found: dict[str, Any]) -> dict[str, str]:
 
 
 def blocks_of(found: dict[str, Any]) -> list[Any]:
-    gestures = [{"name": name} | known for name, known in found["gestures"].items()]
+    gestures = [{"name": name} | statistics for name, statistics in found["gestures"].items()]
     alike = f"fixed, best of 24 at {ASKED:.0%}"
-    beside = {
+    comparison = {
         "the order as recorded": "fixed, as recorded",
         "random gestures": "random",
         "the best fixed order where nothing is stopped early": f"{alike}, never stopped early",
         "the best fixed order that stops alike": alike,
     }
     share = {row["policy"]: row[f"{ASKED:.2f}"]["share"] for row in found["policies"]}
-    told = ", ".join(
-        f"{share[policy]:.2f} of those of {what}" for what, policy in beside.items() if share[policy]
+    gain = ", ".join(
+        f"{share[policy]:.2f} of those of {what}" for what, policy in comparison.items() if share[policy]
     )
     orders = "; ".join(f"{a}: {', '.join(order)}" for a, order in found["best_order"].items())
     return [
         Heading(f"{found['n_surfaces']} surfaces"),
-        f"To {ASKED:.0%} the adaptive policy takes, of the seconds, {told} (the aim was half).",
+        f"To {ASKED:.0%} the adaptive policy takes, of the seconds, {gain} (the aim was half).",
         f"{found['n_explorations']} explorations. Best fixed orders, chosen on two operators: {orders}.",
         table(
             gestures,
@@ -315,12 +321,12 @@ def picture(results: list[dict[str, Any]]) -> Any:
 
 
 def main() -> None:
-    asked = command_line(__doc__, surfaces=24)
-    file = asked.out / "next_movement.json"
-    kept = json.loads(file.read_text(encoding="utf-8"))["results"] if file.exists() else []
-    found = {one["n_surfaces"]: one for one in kept} | {asked.surfaces: study(asked.surfaces)}
+    args = command_line(__doc__, surfaces=24)
+    file = args.out / "active_exploration.json"
+    stored_results = json.loads(file.read_text(encoding="utf-8"))["results"] if file.exists() else []
+    found = {one["n_surfaces"]: one for one in stored_results} | {args.surfaces: study(args.surfaces)}
     results = [found[n] for n in sorted(found)]
-    made = {
+    settings = {
         "seed": SEED,
         "input_hash": " ".join(recipe_of(found["n_surfaces"]).fingerprint()[:16] for found in results),
     }
@@ -341,10 +347,10 @@ def main() -> None:
         *itertools.chain.from_iterable(map(blocks_of, results)),
     ]
     write(
-        asked.out,
-        "next_movement",
-        made | {"results": results},
-        "What to do next",
+        args.out,
+        "active_exploration",
+        settings | {"results": results},
+        "Active exploration",
         blocks,
         picture(results),
     )
