@@ -347,7 +347,7 @@ def test_a_shipped_name_wins_over_a_folder_and_a_wrong_one_lists_them(tmp_path, 
     (tmp_path / "simulated").mkdir()
     monkeypatch.chdir(tmp_path)
     assert len(open_dataset("simulated")) == 240
-    with pytest.raises(FileNotFoundError, match=r"nothing: no TOML file.*biotac20, borealtc"):
+    with pytest.raises(FileNotFoundError, match=r"nothing: no such TOML file.*biotac20, borealtc"):
         open_dataset("nothing")
 
 

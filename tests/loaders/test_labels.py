@@ -183,4 +183,4 @@ def test_commands_take_labels_of_folders(mine, tmp_path, monkeypatch):
     assert len([one for one in answers if one["true_surface"] in "abc"]) == 12
     result = CliRunner().invoke(app, ["predict", "m.skops", "mine/rec001.txt", *options])
     assert result.exit_code == 1
-    assert "labels are given" in result.output
+    assert "require a folder of recordings" in result.output
