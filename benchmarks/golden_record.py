@@ -43,7 +43,7 @@ OMITTED_KEYS = {
     # times and places
     "age_s", "bytes", "classifiers", "classifiers_ms", "costs_of", "file", "fit_ms", "is_met", "measured_ms",
     "ms", "ms_added", "ms_alone", "ms_per_recording", "predict_ms", "seconds", "segmentation_ms", "source",
-    "window.ms",
+    "window.ms", "compute_ms",
     # code
     "code_hash", "code_of", "features_hash", "hash", "input_hash", "machine", "model_check", "versions",
     # prose
