@@ -1,4 +1,4 @@
-"""What a recogniser that says what to do next saves: seconds to equal accuracy on simulated surfaces.
+"""Active exploration: seconds to equal accuracy with selected gestures, on simulated surfaces.
 
 `python benchmarks/active_exploration.py` (24 surfaces, five minutes; `--surfaces 69` adds those in twenty)
 writes reports/studies/active_exploration. Every gesture is made on demand, on the surfaces of `simulated`.
@@ -47,7 +47,7 @@ def recipe_of(n_surfaces: int) -> Recipe:
 
 
 def models_and_answers(recipe: Recipe) -> tuple[dict[str, Model], Said, Said]:
-    """Train a model for each gesture; return what it says of those that choose and those that test."""
+    """Train a model for each gesture; return its predictions for calibration and test recordings."""
     pipeline, models = load_pipeline("texclass"), {}
     said: tuple[Said, Said] = ({}, {})
     for gesture in GESTURES:
@@ -81,7 +81,7 @@ def models_and_answers(recipe: Recipe) -> tuple[dict[str, Model], Said, Said]:
 def felt(
     gestures: dict[str, GestureStatistics], said: Said, policy: Policy, n_draws: int = N_DRAWS
 ) -> Iterator[dict[str, Any]]:
-    """Explore every surface by every operator, without end; yield what is known after each gesture."""
+    """Explore every surface by every operator; yield the state of the exploration after each gesture."""
     surfaces = tuple(sorted({surface for surface, _ in said}))
     for i, ((surface, operator), answers) in enumerate(said.items()):
         for draw in range(n_draws):
@@ -158,7 +158,7 @@ def never_stopped(steps: pd.DataFrame) -> pd.DataFrame:
 
 
 def study(n_surfaces: int) -> dict[str, Any]:
-    """Return seconds to equal accuracy of every policy on so many surfaces."""
+    """Return the seconds to equal accuracy of every policy for a number of surfaces."""
     models, choosing, testing = models_and_answers(recipe_of(n_surfaces))
     gestures = {name: GestureStatistics.from_model(model) for name, model in models.items()}
     to_choose = {

@@ -1,4 +1,4 @@
-"""What autoregressive fits and lattices cost beside librosa and scipy, and what each makes of hard signals.
+"""Speed of autoregressive fits and lattices compared with librosa and scipy, and results on hard signals.
 
 `python benchmarks/autoregressive_speed.py [--rounds N]` writes reports/studies/autoregressive. One
 thread; CPU time of that thread; all take turns within each round, medians over rounds are compared.
@@ -93,7 +93,7 @@ def hard_signals(n: int = 20_000) -> dict[str, Samples]:
 
 
 def verdict(fitted: Fit, x: Samples, order: int = 32) -> str:
-    """Say whether a fit gave a stable model, and how much of the signal's RMS it leaves unpredicted."""
+    """Return whether a fit is stable, and the residual relative to the RMS of the signal, as text."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -1,4 +1,4 @@
-"""Time what a baseline takes for one recording; `feature_speed.py` starts it in its interpreter.
+"""Measure the run time of a baseline for one recording; `feature_speed.py` starts it in its interpreter.
 
 Arguments: the folder that holds `baseline_worker`, a .npy file with the recording, fs in Hz. Each line on the
 standard input names a baseline; the answer is a line of JSON. All threads of the process count.

@@ -1,4 +1,4 @@
-"""Which terrain a robot drives on, against the seconds it has driven (`reports/studies/borealtc-driven`).
+"""Accuracy of terrain classification against seconds driven (`reports/studies/borealtc-driven`).
 
 Run it by hand from the project's root: `python benchmarks/borealtc_driven.py [--draws N]`. Pipeline
 `coarse` with its kernel discriminant, windows of 5 s, one each second, folds of the protocol
@@ -66,7 +66,7 @@ def probabilities(frame: pd.DataFrame, X: Samples, pipeline: PipelineDefinition,
 def driven(frame: pd.DataFrame, P: Samples) -> dict[str, Any]:
     """Return accuracy after so many seconds of each run, and at its end.
 
-    After so many seconds, runs that are shorter count with what was known at their end.
+    Shorter runs count with their last prediction.
     """
     y, run = frame["surface"].to_numpy(str), runs(frame).to_numpy()
     classes = tuple(np.unique(y).tolist())

@@ -1,4 +1,4 @@
-"""Do probabilities mean what they say: expected calibration error on recordings that no model has seen.
+"""Expected calibration error of probabilities on held-out recordings.
 
 `python benchmarks/calibration_study.py [--only NUMBER ...]` (some minutes) writes
 reports/studies/calibration.

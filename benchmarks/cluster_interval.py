@@ -1,4 +1,4 @@
-"""Coverage and width of the interval of an accuracy over operators, simulated.
+"""Coverage and width of the confidence interval of an accuracy over operators, simulated.
 
 Run it from the project's root: `python benchmarks/cluster_interval.py`. It writes
 reports/studies/cluster_interval.json. Operators differ in skill by a beta distribution, or one in ten is far

@@ -1,4 +1,4 @@
-"""What many recordings cost on a Dask cluster: one table of them all, or partitions that never meet.
+"""Cost of many recordings on a Dask cluster: one table of all recordings, or separate partitions.
 
 Run it by hand from the project's root, on a machine that does nothing else: `python
 benchmarks/cluster_study.py`. It writes reports/studies/cluster.json. Each run has a scheduler

@@ -1,4 +1,4 @@
-"""A minute of ROS 2 messages between two processes over loopback, at 1 and 10 kHz: what is lost, how late.
+"""A minute of ROS 2 messages between two processes over loopback, at 1 and 10 kHz: losses and delays.
 
 `python benchmarks/dds_minute.py [--seconds S]` (four minutes) writes reports/studies/dds. The reference
 is a bare UDP socket with datagrams of the same size, sent by the same process in the same run.

@@ -1,4 +1,4 @@
-"""What feature sets cost: ratio to one `np.fft.rfft` of the same recording, ms per feature, and baselines.
+"""Cost of feature sets: ratio to one `np.fft.rfft` of the same recording, ms per feature, and baselines.
 
 Run it by hand from the project's root: `python benchmarks/feature_speed.py [--baselines-python PATH]`. It
 writes reports/studies/feature_speed.json. One thread; CPU time of that thread; the reference, the
@@ -45,7 +45,7 @@ Timer = Callable[[], float]
 
 
 def example(seed: int = SEED) -> tuple[Recording, Phases]:
-    """Five taps before a movement of 25 s, which is what the reference transforms."""
+    """Return a signal with five taps and a movement of 25 s, which the reference transforms."""
     rng = np.random.default_rng(seed)
     n, lead = round(DURATION_S * FS), 10_000
     stroke = np.convolve(rng.standard_normal(n), [0.25, 0.5, 0.25], "same")
@@ -61,7 +61,7 @@ def example(seed: int = SEED) -> tuple[Recording, Phases]:
 
 
 def sets(knee: Path) -> dict[str, FeatureSet]:
-    """Return the shipped sets, the paper's without its most expensive feature, and what a trade-off chose."""
+    """Return the shipped sets, the paper's set without its most expensive feature, and a pruned set."""
     feature_sets = {name: load_feature_set(name) for name in SHIPPED}
     strese, chosen = feature_sets["strese2015"], json.loads(knee.read_text(encoding="utf-8"))
     feature_sets[CHEAP] = strese.restricted_to(

@@ -1,4 +1,4 @@
-"""What few recordings are worth: every row against the pipeline that `train` takes, and what a promise keeps.
+"""Accuracy with few recordings: all rows and the row selected by `train`, and expected accuracy.
 
 `python benchmarks/few_recordings.py [--only SET]` (minutes, once the features are cached) writes
 reports/studies/few_recordings. In each cell, a data set under a protocol with so many recordings (or runs) of
@@ -193,10 +193,10 @@ def windows_of_one_run(frame: pd.DataFrame, n: int, seed: int) -> Split:
 def promised(
     default: Candidate, frame: pd.DataFrame, trains: Indices, later: Indices, seed: int
 ) -> dict[str, Any]:
-    """Return what recordings held out from a training promise, and what later ones, and strangers, get.
+    """Return the expected accuracy from held-out recordings, and that of later recordings.
 
-    A fifth of the surfaces are strangers, twice drawn: the share of them that is called unknown, and that of
-    later recordings of the others, at the threshold that held-out ones give, plain and with wider margins.
+    A fifth of the surfaces is unknown, in two draws. The result contains the shares of unknown surfaces and
+    of later recordings that are predicted as unknown, with the plain and with a wider threshold.
     """
     frame = frame.drop(columns="parent", errors="ignore")
     frame = frame.assign(recording_id=[str(i) for i in range(len(frame))])
@@ -229,7 +229,7 @@ def promised(
 def answers(
     default: Candidate, frame: pd.DataFrame, trains: Indices, later: Indices
 ) -> tuple[HeldOutPredictions, HeldOutPredictions]:
-    """Return what is said of recordings held out from those that train, and of later ones."""
+    """Return predictions for held-out training recordings and for later ones."""
     part = frame.iloc[trains].reset_index(drop=True)
     return (
         predict_held_out(default, part, make_splits(find_protocol("recording"), part, SEED)),
@@ -238,7 +238,7 @@ def answers(
 
 
 def report(study_results: dict[str, list[dict[str, Any]]], settings: dict[str, Any], out: Path) -> None:
-    """Write cells and promises, and what they come to."""
+    """Write the cells, the expected accuracies and their summary."""
     comparison = [
         {
             **{key: cell[key] for key in ("set", "protocol", "n", "n_folds")},

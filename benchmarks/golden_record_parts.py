@@ -1,4 +1,4 @@
-"""The parts of the golden record: what `golden_record.py` records and compares."""
+"""Parts of the golden record, which `golden_record.py` records and compares."""
 
 import contextlib
 import dataclasses
@@ -67,7 +67,7 @@ def crest(view):
 
 
 def command(*words: object, stdin: bytes = b"") -> str:
-    """Run the command line in this process; return what it prints, or its last message if it fails."""
+    """Run the command line in this process; return its output, or the last message after a failure."""
     out, err = io.StringIO(), io.StringIO()
     streams = {"stdin": io.TextIOWrapper(io.BytesIO(stdin), encoding="utf-8"), "stdout": out, "stderr": err}
     try:
@@ -351,7 +351,7 @@ def stability() -> Any:
 
 
 class Part(NamedTuple):
-    """A part: what it returns, the relative tolerance of its numbers, and the recordings that it needs."""
+    """Part of the record: function, relative tolerance of its numbers, and required recordings."""
 
     results: Callable[[], Any]
     tolerance: float = 1e-9

@@ -1,4 +1,4 @@
-"""What the MPEG reference software says of the .hjif files that texclass writes, and plays of them.
+"""Playback of .hjif files from texclass in the MPEG reference software, and handling of damaged files.
 
 `python benchmarks/hjif_study.py --reference PATH` (some minutes) writes reports/studies/hjif. PATH is
 the reference's Synthesizer; it is built by hand, apart from this project.
@@ -123,7 +123,7 @@ def drawn_scene(number: int, rng: np.random.Generator) -> Iterator[tuple[str, Re
 
 
 def asked(reference: Path, path: Path, fs: int = int(FS)) -> tuple[str, Samples]:
-    """Return what the reference complains of, and the channels (n, n_channels) that it plays."""
+    """Return the messages of the reference software and the channels (n, n_channels) of its playback."""
     out = path.with_suffix(".wav")
     out.unlink(missing_ok=True)
     words = [str(reference), "-f", str(path), "-o", str(out), "-fs", str(fs)]
@@ -137,7 +137,7 @@ def asked(reference: Path, path: Path, fs: int = int(FS)) -> tuple[str, Samples]
 
 
 def normalised(path: Path) -> Haptics:
-    """Rewrite a file with gains of 1, as the reference plays 16 bits; return what it holds now."""
+    """Rewrite a file with gains of 1, because the reference plays 16 bits; return its contents."""
     content = json.loads(path.read_text(encoding="utf-8"))
     for perception in content["perceptions"]:
         for channel in perception["channels"]:
@@ -147,7 +147,7 @@ def normalised(path: Path) -> Haptics:
 
 
 def compared(kind: str, sent: Rendition, reference: Path, folder: Path) -> dict[str, Any]:
-    """Return whether the reference accepts a file, and its sound beside ours and beside what was meant."""
+    """Return whether the reference accepts a file, and its playback compared with ours and the original."""
     path = folder / "a.hjif"
     losses = write_hjif(sent, path)
     size = path.stat().st_size
@@ -219,7 +219,7 @@ def spoiled(content: dict[str, Any], rng: np.random.Generator) -> Iterator[tuple
 def refusals(
     sent: Rendition, reference: Path, folder: Path, rng: np.random.Generator
 ) -> list[dict[str, Any]]:
-    """Return what reader and reference say of `N_SPOILED` different files that the reference refuses."""
+    """Return the results of reader and reference for `N_SPOILED` damaged files that the reference rejects."""
     write_hjif(sent, folder / "b.hjif")
     whole = json.loads((folder / "b.hjif").read_text(encoding="utf-8"))
     path, rows = folder / "c.hjif", dict[str, dict[str, Any]]()

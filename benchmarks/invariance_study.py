@@ -1,4 +1,4 @@
-"""How far features change with speed and force on one surface, against how far apart surfaces are.
+"""Change of features with speed and force on one surface, relative to differences between surfaces.
 
 `python benchmarks/invariance_study.py [--surfaces N]` writes reports/studies/invariance: strese2015,
 Figs. 8-10 and 12, for every feature of both sets, ours and the related work's, on controlled runs of
@@ -119,7 +119,7 @@ def study(name: str, surfaces: tuple[Surface, ...]) -> tuple[pd.DataFrame, pd.Da
 
 
 def course(axes: Axes, values: pd.DataFrame, condition: str, title: str, lines: dict[str, pd.Series]) -> None:
-    """Draw values along a run, one line each, told apart by colour and mark."""
+    """Draw values along a recording, one line each, with different colours and markers."""
     for (name, line), (colour, mark) in zip(lines.items(), LOOKS, strict=False):
         axes.plot(values.loc[line.index, "step"] + 1, line, f"{mark}-", ms=4, lw=1, color=colour, label=name)
     axes.set_title(title, fontsize=8, loc="left")

@@ -1,8 +1,8 @@
-"""What a kernel of few kilobytes keeps: `KernelDiscriminant(max_kb=...)` on 1 s touches of `biotac20`.
+"""Accuracy of `KernelDiscriminant(max_kb=...)` with a few kilobytes on 1 s windows of `biotac20`.
 
-Repetitions 1 to 20 train, 21 to 40 are asked, in all columns of a row of the pipeline `texclass`; kilobytes
-are those of the exported discriminant's constants. `python benchmarks/kernel_size.py` (a minute, once
-features are cached) writes reports/studies/kernel_size.
+Repetitions 1 to 20 are the training set, 21 to 40 the test set, with all columns of a row of the pipeline
+`texclass`; kilobytes are those of the exported discriminant's constants. `python benchmarks/kernel_size.py`
+(a minute, once features are cached) writes reports/studies/kernel_size.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Line spectral frequencies there and back: accuracy on twelve hard signals, time against `np.roots`.
+"""Line spectral frequencies: round-trip accuracy on twelve hard signals, and time against `np.roots`.
 
 `python benchmarks/line_spectrum_speed.py [--rounds N] [--largest P]` writes
 reports/studies/line_spectrum. One thread; CPU time of that thread; the three ways take turns within each

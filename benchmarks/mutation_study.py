@@ -365,7 +365,7 @@ def main() -> None:
         lock = threading.Lock()
 
         def work(root: Path) -> None:
-            """Judge mutants in one copy until none is left or the minutes are over."""
+            """Test mutants in one copy of the project until all are tested or the time is over."""
             while time.monotonic() < end:
                 with lock:
                     i = next(mutant_ids, None)

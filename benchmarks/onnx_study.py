@@ -1,4 +1,4 @@
-"""From samples to the answer in one ONNX file: answers, time and size against texclass, on real windows.
+"""One ONNX file from samples to prediction: agreement, time and size compared with texclass.
 
 Models are trained on `biotac20` and `borealtc` (or read from `--models`), exported from the samples on, and
 asked about windows of all recordings, also of those they were not trained on: labels and verdicts have to be
@@ -46,7 +46,7 @@ STEP_S = {0.25: 0.5, 1.0: 0.5, 5.0: 0.4}
 
 
 def model_of(dataset, pipeline, row, classifier, window_s, folder, jobs):
-    """Return a model, trained unless it stands in the folder."""
+    """Return a model from the folder, or train it."""
     words = f"{dataset}-{pipeline}-{row}-{classifier}-{window_s:g}".replace(" ", "_").replace(",", "")
     path = Path(folder) / f"{words}.skops"
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""Surfaces in few bytes: what 8 to 128 bytes keep of a surface, and MPEG's codec beside it.
+"""Packed surfaces of 8 to 128 bytes: similarity to the original, compared with MPEG's codec.
 
 Rate against distortion in-sample, held out in time (`lmt_excerpts`, `fabric_speeds`), in speed (`stylus6`,
 `fabric_speeds`) and in force (`stylus6`); and of simulated stand-ins for published models.
@@ -148,19 +148,19 @@ def strokes() -> Iterator[tuple[str, str, Scan, list[tuple[str, Samples]]]]:
 
 
 def cut(x: Samples, fs: float) -> Samples:
-    """Return pieces (n_pieces, n) of 0.125 s, as they are packed."""
+    """Return the frames (n_frames, n) of 0.125 s that are packed."""
     n = round(FRAME_S * fs)
     return x[: x.size // n * n].reshape(-1, n)
 
 
 def chosen(scan: Scan, part: Samples) -> Scan:
-    """Return the pieces of a scan, one after another, as one: packing takes each of them by itself."""
+    """Return the concatenated frames of a scan; packing uses each frame separately."""
     x, v, f = (cut(one, scan.fs)[part].ravel() for one in (scan.acceleration, scan.speed, scan.force))
     return Scan.along_line(x, v, f, scan.fs)
 
 
 def of_strokes() -> Iterator[dict[str, Any]]:
-    """Yield rows of what a part of a stroke is predicted as, packed from the others and from all."""
+    """Yield scores of parts of a stroke, packed from the other parts and from all parts."""
     for set_, name, scan, ((_, reference_file), *parts) in strokes():
         x = cut(scan.acceleration, scan.fs)
         for n_bytes in BYTES[1:]:  # 8 hold no law of the level
@@ -178,7 +178,7 @@ def of_strokes() -> Iterator[dict[str, Any]]:
 
 
 def of_stand_ins() -> Iterator[dict[str, Any]]:
-    """Yield rows of nine simulated HaTT models, judged between the speeds and forces they are felt at."""
+    """Yield scores of nine simulated HaTT models between the recorded speeds and forces."""
     between = [np.sqrt(axis[1:] * axis[:-1]) for axis in (SAMPLED_MM_S, SAMPLED_N)]
     for texture in stand_ins():
         packed = [(n, pack(texture, n)) for n in BYTES[1:]]

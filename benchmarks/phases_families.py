@@ -1,4 +1,4 @@
-"""How well phases are found in families of recordings that the package's simulator did not make.
+"""Accuracy of the segmentation on synthetic recordings that differ from those of the simulator.
 
 `python benchmarks/phases_families.py [--recordings N]` (a few minutes) writes
 reports/studies/phases_families. The seeds were drawn after the last change of the method.
@@ -35,14 +35,14 @@ def rows(n: int, families: list[str]) -> Iterator[dict[str, object]]:
     for family in families:
         for seed in range(SEED, SEED + n):
             true = make(family, seed)
-            phases_found, cpu_s = timed(partial(find_phases, true.with_(phases=None)), time.process_time)
+            detected, cpu_s = timed(partial(find_phases, true.with_(phases=None)), time.process_time)
             yield {
                 "family": family,
                 "fs": true.fs,
                 "true": len(true.phases.taps),
-                "found": len(phases_found.taps),
-                "matched": matched(true.phases, phases_found, true.fs),
-                "overlap": overlap(true.phases, phases_found),
+                "found": len(detected.taps),
+                "matched": matched(true.phases, detected, true.fs),
+                "overlap": overlap(true.phases, detected),
                 "ms_per_s": 1e3 * cpu_s / true.duration_s,
             }
 
@@ -66,14 +66,14 @@ def summary(table: pd.DataFrame, by: str) -> pd.DataFrame:
 def knocks() -> dict[str, int]:
     """Count the real knocks in which there are taps, and those in which there is a movement."""
     files = sorted((Path(os.environ["TEXCLASS_DATA"]) / "knocks30").glob("*/*.wav"))
-    phases_found = []
+    detected = []
     for file in files:
         fs, x = wavfile.read(file)
-        phases_found.append(find_phases(Recording(np.asarray(x, dtype=float), fs, "arbitrary")))
+        detected.append(find_phases(Recording(np.asarray(x, dtype=float), fs, "arbitrary")))
     return {
-        "recordings": len(phases_found),
-        "with taps": sum(bool(phases.taps) for phases in phases_found),
-        "with movement": sum(phases.movement is not None for phases in phases_found),
+        "recordings": len(detected),
+        "with taps": sum(bool(phases.taps) for phases in detected),
+        "with movement": sum(phases.movement is not None for phases in detected),
     }
 
 

@@ -1,4 +1,4 @@
-"""How well phases are found: taps (precision, recall, F1) and overlap of movement, on simulated recordings.
+"""Accuracy of the segmentation on simulated recordings: taps (precision, recall, F1), overlap of movement.
 
 `python benchmarks/phases_study.py [--surfaces N] [--duration S]` (a few minutes) writes
 reports/studies/phases. The seeds are not those the method was developed on.
@@ -51,16 +51,16 @@ def rows(n_surfaces: int, duration_s: float) -> Iterator[dict[str, object]]:
             with_taps=with_taps,
         )
         true = recording.phases
-        phases_found, cpu_s = timed(partial(find_phases, recording.with_(phases=None)), time.process_time)
+        detected, cpu_s = timed(partial(find_phases, recording.with_(phases=None)), time.process_time)
         yield {
             "fs": fs,
             "snr": "sensor" if snr is None else f"{snr:g} dB",
             "operator": recording.operator,
             "surface": recording.surface,
-            "matched": matched(true, phases_found, fs),
+            "matched": matched(true, detected, fs),
             "true": len(true.taps),
-            "found": len(phases_found.taps),
-            "overlap": overlap(true, phases_found),
+            "found": len(detected.taps),
+            "overlap": overlap(true, detected),
             "ms_per_s": 1e3 * cpu_s / recording.duration_s,
         }
 

@@ -1,4 +1,4 @@
-"""How stable and how exact fits of decaying modes are: matrix pencil against Prony's method as published.
+"""Stability and accuracy of fits of decaying modes: matrix pencil and Prony's method as published.
 
 `python benchmarks/prony_study.py` (some minutes) writes reports/studies/prony. `--segments`: fitted by
 the pencil; `--published`, `--grown`: the first of them, fitted by Prony with an order drawn, and grown.

@@ -1,4 +1,4 @@
-"""How far the order of the paper's rows is found again, over catalogues of simulated surfaces.
+"""Rank agreement with the rows of the paper, over catalogues of simulated surfaces.
 
 `python benchmarks/rank_agreement_study.py [--catalogues N] [--surfaces N]` writes
 reports/studies/rank_agreement: the Spearman correlation of our accuracies with those of Table I of

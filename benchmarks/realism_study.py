@@ -1,4 +1,4 @@
-"""Is the simulation like the real thing: level, slope, kurtosis and envelope modulation of the movement.
+"""Simulated compared with real movements: level, slope, kurtosis and envelope modulation.
 
 `python benchmarks/realism_study.py [--most N]` writes reports/studies/realism. The real recordings are
 looked for under `$TEXCLASS_DATA` (else `../shared/data`). `--most`: at most so many recordings of a dataset.
@@ -75,7 +75,7 @@ def draw(values: pd.DataFrame) -> Figure:
 
 
 def verdicts(values: pd.DataFrame) -> list[str]:
-    """Say, statistic by statistic, which share of the real recordings lies in the simulation's range."""
+    """Return, for each statistic, the share of real recordings within the range of the simulation."""
     simulated = values[values["dataset"] == "simulated"]
     lines = []
     for column, label in STATISTICS.items():

@@ -1,4 +1,4 @@
-"""What the six scales of `texclass describe` mean: beside what simulated surfaces are made of, and words.
+"""Validity of the six scales of `texclass describe`: properties of simulated surfaces, and words.
 
 Surfaces of seeds that were not looked at when features and anchors were chosen, four recordings of each by
 four operators; each surface counts by its median. Rank correlations, 95 % intervals from a bootstrap over
@@ -42,7 +42,7 @@ def of_surfaces(dataset, n_jobs=1):
 
 
 def truth(n_surfaces, seed):
-    """Return what surfaces are made of: stiffness, heights (m), friction, ribs per mm (NaN: none)."""
+    """Return the true properties of surfaces: stiffness, heights (m), friction, ridges per mm (NaN: none)."""
     return pd.DataFrame(map(_properties, surface_catalogue(n_surfaces, seed))).set_index("name")
 
 

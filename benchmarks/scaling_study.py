@@ -1,4 +1,4 @@
-"""How extraction scales: with the number of recordings, cores, the length of a recording; and after kill -9.
+"""Scaling of the extraction with recordings, cores and length, and restart after kill -9.
 
 Run it by hand from the project's root, on a machine that does nothing else: `python
 benchmarks/scaling_study.py`. It writes reports/studies/scaling.json and .png. `--only cores`

@@ -1,4 +1,4 @@
-"""The page of 20 surfaces: what a block of 128 frames takes, how soon a touch is heard, how large it is.
+"""Interactive page of 20 surfaces: time per block of 128 frames, time to first sound, size.
 
 Run it by hand from the project's root, best on a quiet machine, with node and Chromium on the PATH: `python
 benchmarks/scene_page.py` (6 minutes). It writes reports/studies/scene_page.json. `--blocks`,
@@ -157,11 +157,11 @@ def main() -> None:
         "blocks": rows, "quantum_ms": QUANTUM_MS, "contacts": N_CONTACTS, "first_sound_ms": sounds,
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
     }  # fmt: skip
-    write(args.out, "scene_page", result, "Interactive page of 20 surfaces", script_input(rows, sounds))
+    write(args.out, "scene_page", result, "Interactive page of 20 surfaces", report_blocks(rows, sounds))
 
 
-def script_input(rows: list[dict[str, Any]], sounds: list[float]) -> list[Block]:
-    """Return what the report says."""
+def report_blocks(rows: list[dict[str, Any]], sounds: list[float]) -> list[Block]:
+    """Return the blocks of the report."""
     of = {(row["where"], row["time"]): row["p999"] for row in rows if row["scene"] == "twenty"}
     cpu, clock = (of["Chromium", time] for time in ("CPU time", "clock"))
     met = ["below" if found < QUANTUM_MS / 3 else "NOT below" for found in (cpu, clock)]

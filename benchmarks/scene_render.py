@@ -1,4 +1,4 @@
-"""A scene of 20 surfaces: what planning saves, how long a sample takes, and whether the output is bounded.
+"""A scene of 20 surfaces: saving by the plan, time per sample, and bound of the output.
 
 Run it by hand from the project's root, best on a quiet machine: `python
 benchmarks/scene_render.py`. It writes reports/studies/scene.json. `--paced` adds a run that
@@ -61,7 +61,7 @@ def random_path(
 
 
 def largest_output(scene: PlannedScene, seed: int, n_paths: int) -> dict[str, float | bool]:
-    """The largest sample over random paths, the device's own limit out of the way, beside the bound."""
+    """Return the largest sample over random paths without the limit of the device, and the bound."""
     scene = replace(scene, largest_output=1e6)
     renderer, rng = SceneRenderer(scene, n_contacts=CONTACTS, seed=seed), np.random.default_rng(seed)
     names: list[str | None] = [*scene.model_indices, None]

@@ -1,4 +1,4 @@
-"""What another sensor costs, and what of it a model gets back from references felt with it: `texclass adapt`.
+"""Loss of accuracy with another sensor, and recovery by `texclass adapt` with reference recordings.
 
 `python benchmarks/sensor_adaptation.py [--draws N]` (a few minutes; of the default pipeline, of others by
 `--pipelines`) writes reports/studies/sensor_adaptation.
@@ -34,7 +34,7 @@ Felt = Callable[[Samples, np.random.Generator], Samples]
 
 
 def slower(x: Samples, up: int, down: int) -> Samples:
-    """Return what a sensor of `up / down` of the rate felt, brought back to the rate."""
+    """Return a signal as recorded at `up / down` of the rate and resampled to the rate."""
     there = signal.resample_poly(x, up, down, axis=0)
     return np.asarray(signal.resample_poly(there, down, up, axis=0)[: len(x)])
 
@@ -87,7 +87,7 @@ WAYS = {
 
 
 def changed(dataset: Dataset, name: str) -> Dataset:
-    """Return recordings as another sensor would have felt them."""
+    """Return recordings as measured by another sensor."""
     change = CHANGES[name][1]
 
     def load(entry: Entry) -> Recording:
@@ -141,7 +141,7 @@ def repetitions(dataset: Dataset, first: int, last: int, excluded: tuple[str, ..
 
 
 class Asked:
-    """A model, and the features of references and tests felt with other sensors."""
+    """Model, with features of reference and test recordings from other sensors."""
 
     def __init__(self, name: str, pipeline: str, trained: Dataset, blocks: tuple[int, int, int, int]) -> None:
         first, last, self.until_references, self.until_tests = blocks
@@ -165,7 +165,7 @@ class Asked:
         return frame.reset_index(drop=True)
 
     def parts(self, frame: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Return references (no strangers) and tests (with these)."""
+        """Return reference rows (known surfaces) and test rows (also unknown surfaces)."""
         is_test = frame["repetition"] > self.until_references
         return frame[~is_test & ~frame["surface"].isin(self.strangers)], frame[is_test]
 
@@ -174,7 +174,7 @@ class Asked:
         return frame[list(self.model.columns)].to_numpy(dtype=np.float64)
 
     def said(self, model: Model, tests: pd.DataFrame) -> pd.DataFrame:
-        """Return of each test whether it is right, called unknown, and a stranger."""
+        """Return for each test row whether it is correct, predicted as unknown, and an unknown surface."""
         p, p_known = model.classify(self.values(tests))
         surface = tests["surface"].to_numpy(dtype=str)
         return pd.DataFrame({
@@ -185,7 +185,7 @@ class Asked:
         })  # fmt: skip
 
     def adapted(self, references: pd.DataFrame, *, labelled: bool) -> Model:
-        """Return the model adapted to these rows; as it is where they are refused."""
+        """Return the model adapted to these rows, or the original if they are rejected."""
         surface = references["surface"].to_numpy(dtype=str)
         known = (surface[:, None] == np.array(self.model.surfaces)) * float(labelled)
         try:
@@ -211,7 +211,7 @@ def drawn_references(way: str, references: pd.DataFrame, rng: np.random.Generato
 def ask(
     experiment: Asked, change: str, changed_dataset: Dataset, same: pd.DataFrame, n_draws: int
 ) -> list[dict[str, Any]]:
-    """Return what a change costs, and what each way gets back."""
+    """Return the loss of accuracy by a change, and the recovery by each method."""
     references, tests = experiment.parts(experiment.features(changed_dataset))
     unadapted, found = experiment.said(experiment.model, tests), []
     for way in WAYS:

@@ -1,4 +1,4 @@
-"""What listening costs, whether a stream says what a batch says, and how soon it is right.
+"""Streams: cost, equality with batch predictions, and seconds to a correct prediction.
 
 Run it by hand from the project's root: `python benchmarks/stream_study.py [--part NAME]
 [--models DIR]`. Each part (speed, memory, equality-simulated, equality-biotac20, accuracy) writes its section
@@ -69,7 +69,7 @@ BIOTAC_OPENING, BIOTAC_EVERY = 6, 4
 
 
 def model_of(name: str, folder: Path | None) -> Model:
-    """Return a model, trained unless it stands in the folder.
+    """Return a model from the folder, or train it.
 
     "pruned": 10 kHz, half a second, a few columns selected under a budget; "spectrum": the same of columns
     that share one Fourier transform; "biotac": a quarter of a second of repetitions 1 to 20 of `biotac20`.
@@ -180,7 +180,7 @@ def memory(model: Model, seconds: float) -> dict[str, Any]:
 
 
 def blocks_of(live: OnlineRecogniser, seconds: float) -> list[Samples]:
-    """Return so many seconds of simulated recordings in blocks of 25 ms."""
+    """Return simulated recordings of a total duration in blocks of 25 ms."""
     dataset, n = open_dataset("simulated"), round(BLOCK_S * live.fs)
     signals = (dataset[i].acceleration for i in itertools.cycle(range(0, len(dataset), 7)))
     blocks = (signal[k : k + n] for signal in signals for k in range(0, len(signal) - n + 1, n))
@@ -249,7 +249,7 @@ def equality(model: Model, dataset: Dataset, every: int = 1) -> dict[str, Any]:
 
 
 def push_all(live: OnlineRecogniser, signal: Samples, n: int) -> list[Any]:
-    """Return what is said of a signal in blocks of n samples."""
+    """Return the updates for a signal in blocks of n samples."""
     return [update for k in range(0, len(signal), n) for update in live.push(signal[k : k + n])]
 
 
@@ -265,7 +265,7 @@ def exactly(update: Any) -> tuple[Any, ...]:
 
 
 def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
-    """Stream the repetitions the model was not trained on and say what it says after each time."""
+    """Stream the held-out repetitions and return the accuracy after each time."""
     dataset = biotac_recordings(range(TRAINED_REPETITIONS + 1, 41))
     streams = []
     for index in range(0, len(dataset), every):
@@ -278,7 +278,7 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
     found = {"correlation": 1.0, "n_contacts": len(streams), **model.manifest.calibration}
 
     def verdicts(kind: Any, correlation: float) -> pd.DataFrame:
-        """Return what the evidence says after each answer: seconds known, whether right, how sure."""
+        """Return for each prediction the seconds so far, whether it is correct, and its confidence."""
         rows = []
         for i, (surface, answers, fs) in enumerate(streams):
             window_s = float(model.manifest.window_s or 1)
@@ -305,7 +305,7 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
         return pd.DataFrame(rows, columns=["stream", "known_s", "right", "p", "sure", "felt_s"])
 
     def at(said: pd.DataFrame, seconds: float) -> dict[str, float]:
-        """Return accuracy and calibration of the last verdicts known after so many seconds, or the first."""
+        """Return accuracy and calibration of the latest predictions after a time, or of the first."""
         known = said[(said["known_s"] <= seconds + 1e-9) | ~said["stream"].duplicated()]
         last = known.groupby("stream").last()
         low, high = wilson_interval(int(last["right"].sum()), len(last))

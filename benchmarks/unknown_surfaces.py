@@ -1,4 +1,4 @@
-"""Are surfaces that were never trained told apart from known ones: pairs of surfaces left out of `biotac20`.
+"""Detection of unknown surfaces: pairs of surfaces are left out of `biotac20`.
 
 `python benchmarks/unknown_surfaces.py [--pairs N]` (about half a minute a pair; all 190 by default,
 else so many drawn with the seed) writes reports/studies/unknown_surfaces.
@@ -110,7 +110,7 @@ def study(
 
 
 def scores(pipeline: PipelineDefinition, X: Samples, y: Any, test_rows: Samples) -> dict[str, Samples]:
-    """Return how strange recordings are by every score: fitted on X, for `asked`."""
+    """Return all novelty scores of the rows `test_rows`, fitted on X."""
     row = next(r for r in pipeline.rows if r.name == ROW)
     prepare = pipeline.preparation(row, CLASSIFIER).fit(X)
     X, test_rows = prepare.transform(X), prepare.transform(test_rows)

@@ -1,4 +1,4 @@
-"""The whole path, by stage: from the samples as recorded (and from their file) to features and the answer.
+"""Latency by stage from recorded samples (and from their file) to features and prediction.
 
 Run it by hand from the project's root: `python benchmarks/whole_path.py --baselines-python PATH`. It writes
 reports/studies/whole_path.json and .png. One thread, warm, CPU time of that thread; one `np.fft.rfft` of
@@ -74,7 +74,7 @@ class Case:
         return f"{long}, {axes}, {self.fs / 1000:g} kHz"
 
     def recording(self) -> Recording:
-        """Return the recording, which does not say where its phases are."""
+        """Return the recording without phases."""
         recipe = Recipe(
             n_surfaces=1, n_recordings=1, n_operators=1, duration_s=max(self.duration_s, 6.0), fs=self.fs,
             seed=SEED,
@@ -149,7 +149,7 @@ def measure(case: Case, sets: Mapping[str, FeatureSet], n_rounds: int, python: P
 
 
 def answers(model: Model, n_rounds: int) -> dict[str, Any]:
-    """Return what a trained model takes from samples to the answer, in CPU ms, medians over rounds."""
+    """Return the median CPU time in ms of a trained model from samples to prediction."""
     six, touch = Case(6.0).recording(), Case(1.0).recording()
     window = touch.with_(phases=Phases(movement=(0, touch.n_samples)))
     values = model.plan.compute(six).values  # noqa: PD011
@@ -171,7 +171,7 @@ def answers(model: Model, n_rounds: int) -> dict[str, Any]:
 
 
 def figure(ratios: pd.DataFrame) -> Figure:
-    """Draw the stages of the set `texclass`, and their sum beside the baselines."""
+    """Draw the stages of the set `texclass`, and their sum compared with the baselines."""
     picture = Figure(figsize=(10, 4.6), layout="constrained")
     stacked, compared = picture.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     offsets = np.zeros(len(ratios))

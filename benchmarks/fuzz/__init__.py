@@ -1,1 +1,1 @@
-"""Every reader of files and messages fed with rubbish: `python benchmarks/fuzz/run.py` writes the report."""
+"""Fuzzing of all readers of files and messages: `python benchmarks/fuzz/run.py` writes the report."""

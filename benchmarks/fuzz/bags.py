@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and 2, and the messages in them and on the wire."""
+"""Fuzzing targets: bags of ROS 1 and 2, and messages."""
 
 import contextlib
 import io
@@ -131,7 +131,7 @@ def _read_folder(path: Path) -> object:
 
 
 def _messages() -> list[bytes]:
-    """A message behind one byte that says how it is laid out and how often it comes."""
+    """Return a message after one byte that encodes its layout and number of repetitions."""
     seeds = [bytes([0]) + stamped(0, N_NUMBERS[t.name]) for t in TYPES.values()]
     seeds += [bytes([1]) + stamped(0, N_NUMBERS[t.name], ros1=True) for t in TYPES.values()]
     return [
@@ -182,7 +182,7 @@ def _hear(data: bytes) -> object:
 
 
 def _zstd(rng: random.Random, data: bytes) -> bytes:
-    """Spoil what is inside a compressed file, then compress it."""
+    """Mutate the contents of a compressed file and compress them again."""
     try:
         inner = zstandard.ZstdDecompressor().decompress(data, max_output_size=1 << 20)
     except (zstandard.ZstdError, MemoryError):

@@ -1,4 +1,4 @@
-"""What every reader promises for any bytes, and the judge of one input.
+"""Contract of a reader for arbitrary bytes, and its check on one input.
 
 A reader returns a valid object, or raises a ValueError (of any subclass) or an OSError whose message names
 the file. It warns of nothing, writes nothing, starts nothing, unpickles nothing, and leaves no file behind.
@@ -52,7 +52,7 @@ class Target:
         Takes the path of the input, or its bytes where there is no file name; raises AssertionError where
         what it got is not a valid object.
     mutate : Mutator
-        Knows the structure of the inputs.
+        Mutator for the structure of the inputs.
     file : str
         Name of the file that the bytes are put into; "" for readers of bytes.
     may_warn : tuple of type
@@ -69,7 +69,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of an input: "accepted", "refused", or the promise that was broken, and where."""
+    """Outcome of an input: "accepted", "refused", or the violated part of the contract with its place."""
 
     kind: str
     detail: str = ""
@@ -81,7 +81,7 @@ class Verdict:
 
 
 class Watch:
-    """Remembers what a reader did that it may not do; installed once a process, for ever."""
+    """Recorder of forbidden operations of a reader, installed once per process."""
 
     def __init__(self) -> None:
         self.seen: list[str] = []
@@ -115,7 +115,7 @@ WATCH = Watch()
 
 
 def judge(target: Target, data: bytes, place: Path) -> Verdict:
-    """Let a reader have an input and say what came of it; the file stays in `place` for the next."""
+    """Run a reader on an input and return the verdict; the file remains in `place`."""
     given: Path | bytes = data
     if target.file:
         given = place / target.file

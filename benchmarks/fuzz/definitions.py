@@ -1,4 +1,4 @@
-"""What is written by people, and results: cards, feature sets, pipelines, scenes, paths of a hand."""
+"""Fuzzing targets: cards, feature sets, pipelines, scenes, paths of a hand, and results."""
 
 import json
 import tomllib

@@ -1,4 +1,4 @@
-"""Textures, taps and planned scenes in files: ours, Penn HaTT XML, WAV."""
+"""Fuzzing targets: textures, taps and planned scenes in our files, Penn HaTT XML and WAV."""
 
 import json
 import random
@@ -183,19 +183,19 @@ def _tree(rng: random.Random, data: bytes) -> bytes:
 
 
 def _again(path: Path, read: Callable[[], Rendition]) -> object:
-    """Return the texture of what a file plays."""
+    """Return a texture fitted to the playback of a file."""
     return _named(path, lambda: to_texture(read()))
 
 
 def _played(path: Path, play: Callable[[], np.ndarray]) -> object:
-    """Return what a file plays."""
+    """Return the playback of a file."""
     samples = _named(path, play)
     assert np.isfinite(samples).all()
     return samples
 
 
 def _named(path: Path, make: Callable[[], Any]) -> Any:
-    """Return what is made of a file; players do not know its name, so that it is put before what they say."""
+    """Return the object of a file; messages of players get the file name as a prefix."""
     try:
         return make()
     except ValueError as error:

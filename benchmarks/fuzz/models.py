@@ -1,4 +1,4 @@
-"""Trained models, their manifests, bare recognisers; feature tables and their parts; what caches hold."""
+"""Fuzzing targets: trained models, manifests, recognisers, feature tables, checkpoints and caches."""
 
 import json
 import os
@@ -41,7 +41,7 @@ _JSON = trees(json.loads, json_of)
 
 
 def _sealed(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
-    """Change what a model file says, or holds, and make its digest right again."""
+    """Mutate the manifest or the contents of a model file and correct its digest."""
     described = [name for name in ("schema.json", "arrays.json") if name in members]
     name = rng.choice([*2 * described, *sorted(members)])
     members[name] = _changed_member(rng, name, members[name])

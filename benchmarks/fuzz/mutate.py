@@ -1,4 +1,4 @@
-"""Ways to spoil an input: bytes, words of a text, values of a tree, members of an archive."""
+"""Mutations of an input: bytes, words of a text, values of a tree, members of an archive."""
 
 import copy
 import io
@@ -161,7 +161,7 @@ def json_of(tree: Tree) -> bytes:
 
 
 def toml_of(tree: Tree) -> bytes:
-    """Return TOML of a map; what it cannot hold becomes a text."""
+    """Return a mapping as TOML; unsupported values become strings."""
     if not isinstance(tree, dict):
         return _toml(tree).encode()
     return "".join(f"{_key(key)} = {_toml(value)}\n" for key, value in tree.items()).encode(
@@ -229,7 +229,7 @@ def archive_of(members: dict[str, bytes], compression: int = zipfile.ZIP_STORED)
 def archives(
     change: Callable[[random.Random, dict[str, bytes]], dict[str, bytes]], *, deflate: bool
 ) -> Mutator:
-    """Return the mutator of an archive: what is in it, packed again; or its bytes."""
+    """Return a mutator of archives that mutates a member and packs it again, or mutates the bytes."""
 
     def mutate(rng: random.Random, data: bytes) -> bytes:
         if rng.random() < 0.3:

@@ -1,4 +1,4 @@
-"""Pipelines drawn from the allow-list: any estimator, and parameters that a TOML can hold."""
+"""Random pipelines from the allow-list, with arbitrary parameters that TOML can express."""
 
 import inspect
 from random import Random

@@ -1,4 +1,4 @@
-"""Files of recordings but for bags: text, tables, audio, MATLAB, arrays; and samples on standard input."""
+"""Fuzzing targets: files of recordings (text, tables, audio, MATLAB, arrays), and standard input."""
 
 import io
 import random
@@ -45,7 +45,7 @@ def written(name: str, write: Callable[[Path], Any]) -> bytes:
 
 
 def valid(recording: Recording) -> Recording:
-    """Check what every recording promises."""
+    """Check the invariants of a recording."""
     a = recording.acceleration
     assert len(a) >= 2
     assert np.isfinite(a).all()

@@ -1,4 +1,4 @@
-"""Feed every reader with inputs and write reports/studies/fuzzing.json, told in tests.md.
+"""Fuzz all readers and write reports/studies/fuzzing.json and the section in tests.md.
 
     python benchmarks/fuzz/run.py [--inputs 1000000] [--targets text,csv] [--engine atheris|own]
 

@@ -1,4 +1,4 @@
-"""Every reader that is fuzzed: its name, its module, and how many of a million inputs it gets."""
+"""All fuzzing targets: name, module, and number of inputs per million."""
 
 import importlib
 

@@ -1,4 +1,4 @@
-"""One process that feeds one reader: `python -m fuzz.worker NAME N SEED FOLDER ENGINE`, from the driver.
+"""Process that fuzzes one reader: `python -m fuzz.worker NAME N SEED FOLDER ENGINE`.
 
 A crash, a hang or too much memory ends this process and nothing else; the input is in the shared memory.
 """
@@ -46,7 +46,7 @@ def main() -> None:
 
 
 class Feeder:
-    """Judges inputs and keeps what broke a promise: of each finding one input, and how often it came."""
+    """Checks inputs and stores violations: one input and the count of each finding."""
 
     def __init__(self, name: str, folder: Path, place: Path) -> None:
         import tempfile
