@@ -121,9 +121,9 @@ def validate(model: type[M], content: Any, where: object, *, context: object = N
     ...     fs_hz: float
     >>> validate(Sensor, {"fs_hz": 1000}, "card.toml").fs_hz
     1000.0
-    >>> validate(Sensor, {"fs": 1000}, "card.toml")
+    >>> validate(Sensor, {"fs_khz": 1}, "card.toml")
     Traceback (most recent call last):
-    ValueError: card.toml: missing key fs_hz; unknown key fs (did you mean fs_hz?)
+    ValueError: card.toml: missing key fs_hz; unknown key fs_khz (did you mean fs_hz?)
     """
     if not isinstance(content, Mapping):
         raise ValueError(

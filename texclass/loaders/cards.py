@@ -83,6 +83,12 @@ class Card(StrictModel):
         Remarks shown in every report, such as known defects and assumptions.
     phase_settings
         Settings of the segmentation into taps and movement; see `PhaseSettings`.
+
+    Examples
+    --------
+    >>> card = read_card("simulated6")
+    >>> card.name, card.licence
+    ('simulated6', 'MIT')
     """
 
     title: str = ""
