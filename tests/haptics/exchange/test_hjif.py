@@ -79,7 +79,7 @@ def test_a_texture_of_1_khz_has_no_images_and_its_level_is_that_of_the_played_si
     rendition = play_texture(noise(1000.0), seconds=2.0)
     haptics, losses = build_hjif(rendition)
     f, power = signal.welch(play_hjif(haptics, 8000.0)[:, 0], 8000.0, nperseg=4096)
-    image_power = power[f > 500.0].sum() / power.sum()  # 0.1 if samples of 1 kHz were held
+    image_power = power[f > 500.0].sum() / power.sum()  # 0.1 if samples of 1 kHz were constant
     assert image_power < 0.02
     ratio = 10 ** (float(losses["level"].split()[0]) / 10)
     assert ratio == pytest.approx(power.sum() * f[1] / np.mean(rendition.samples**2), rel=0.03)
@@ -234,8 +234,8 @@ def test_too_many_channels_and_too_long_effects_are_refused(content):
     content["perceptions"][0]["channels"] = [long | {"id": i} for i in range(21)]
     with pytest.raises(ValueError, match=r"at most 12000 s of channels.*21 channels of 600 s"):
         play_hjif(parsed(content))
-    held = effect("Basis", keyframes=[{"relative_position": 590_000, "amplitude_modulation": 1}])
-    content["perceptions"][0]["channels"] = [long | {"bands": [band("VectorialWave", 9, *170 * [held])]}]
+    constant = effect("Basis", keyframes=[{"relative_position": 590_000, "amplitude_modulation": 1}])
+    content["perceptions"][0]["channels"] = [long | {"bands": [band("VectorialWave", 9, *170 * [constant])]}]
     with pytest.raises(ValueError, match="effects of 100300 s"):
         play_hjif(parsed(content))
 

@@ -169,8 +169,8 @@ def play_texture(
     x = factor * _render(texture, v, f, seconds, seed)
     by_speed = _describe_range(texture, x / factor, [(end, f) for end in speed_range], seed)
     by_force = _describe_range(texture, x / factor, [(v, end) for end in force_range], seed)
-    losses = {"speed": f"fixed at {v:.4g} mm/s{_outside(v, speed_range)}; {by_speed}"}
-    losses["force"] = f"fixed at {f:.4g} N{_outside(f, force_range)}; {by_force}"
+    losses = {"speed": f"fixed at {v:.4g} mm/s{_range_note(v, speed_range)}; {by_speed}"}
+    losses["force"] = f"fixed at {f:.4g} N{_range_note(f, force_range)}; {by_force}"
     if getattr(texture, "tap", None) is not None and texture.tap.n_modes:  # type: ignore[attr-defined]
         losses["taps"] = "omitted: a stroke is played"
     lines = np.zeros((0, 3))
@@ -297,7 +297,7 @@ def describe_level_change(output: Samples, reference: Samples) -> str:
     return f"{level_db(output) - level_db(reference):+.2f} dB"
 
 
-def _outside(value: float, bounds: tuple[float, float]) -> str:
+def _range_note(value: float, bounds: tuple[float, float]) -> str:
     """Return text if a value lies outside the range of a texture, else an empty string."""
     is_inside = bounds[0] == bounds[1] or bounds[0] * (1 - 1e-9) <= value <= bounds[1] * (1 + 1e-9)
     return "" if is_inside else f", outside the range of the texture, {bounds[0]:.4g} to {bounds[1]:.4g}"

@@ -194,6 +194,14 @@ def read_wav(path: str | Path) -> Vibration:
         If the file is not a complete WAV file of float or 16-bit samples, or its comment is not valid.
     OSError
         If the file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> path = write_wav(pathlib.Path(tempfile.mkdtemp()) / "pulse.wav", [0.0, 2.5, 0.0], 1000, unit="g")
+    >>> vibration = read_wav(path)
+    >>> vibration.samples.tolist(), vibration.unit, vibration.peak
+    ([0.0, 2.5, 0.0], 'g', 2.5)
     """
     path = Path(path)
     if path.exists() and not path.is_file():

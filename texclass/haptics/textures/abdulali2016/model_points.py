@@ -94,7 +94,19 @@ def limit_vibration(x: ArrayLike, fs: float) -> Samples:
 
 
 def condition(scan: Scan) -> Scan:
-    """Return the scan with its motion and its vibration filtered to their bands."""
+    """Return the scan with its motion and its vibration filtered to their bands.
+
+    Parameters
+    ----------
+    scan : Scan
+        Scan as recorded.
+
+    Examples
+    --------
+    >>> scan = Scan.along_line(9.81 + np.zeros(500), speed=80.0, force=1.0, fs=1000.0)
+    >>> bool(np.abs(condition(scan).acceleration).max() < 1e-6)
+    True
+    """
     position, velocity, force = (
         smooth_motion(x, scan.fs) for x in (scan.position, scan.velocity, scan.force)
     )

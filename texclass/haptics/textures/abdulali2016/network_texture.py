@@ -281,6 +281,16 @@ class NetworkTexture(MapTexture):
         As for `MapTexture`.
     network : RadialNetwork
         Network with p line spectral frequencies (rad per sample) and the loudness as outputs, in this order.
+
+    Examples
+    --------
+    >>> frame = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0)
+    >>> polynomial = np.array([[1.0, 2.0, 0.4], [0.05, 0.05, 0.1], [0.0, 0.0, 0.1]])
+    >>> network = RadialNetwork(np.zeros((1, 2)), np.zeros((1, 3)), polynomial)
+    >>> texture = NetworkTexture("slate", 1000.0, frame, network)
+    >>> k, level = texture.models([[80.0, 0.0]], [1.0])
+    >>> texture.order, k.shape, level.round(3).tolist()
+    (2, (1, 2), [1.492])
     """
 
     family: ClassVar[str] = "abdulali2016"

@@ -123,6 +123,13 @@ def scan_level(scan: Scan) -> tuple[float, float, float]:
 
     Only a linear trend is removed from the acceleration: the law describes the whole vibration, and for a
     fast scan of a few seconds a filter at `LOWER_HZ` would mostly show its own transient.
+
+    Examples
+    --------
+    >>> scan = Scan.along_line(np.sin(np.arange(1000)), speed=20.0, force=0.5, fs=500.0)
+    >>> speed, force, rms = scan_level(scan)
+    >>> speed, force, round(rms, 2)
+    (20.0, 0.5, 0.71)
     """
     a = signal.detrend(scan.acceleration)
     return float(scan.speed.mean()), float(scan.force.mean()), float(np.sqrt(np.mean(a**2)))
@@ -136,7 +143,17 @@ def smooth_path(scan: Scan) -> tuple[Samples, Samples]:
 
 
 def normalise_acceleration(scan: Scan, amplitude: Amplitude) -> Samples:
-    """Return the acceleration (n_samples,) normalised to the constant speed and force of `amplitude`."""
+    """Return the acceleration (n_samples,) normalised to the constant speed and force of `amplitude`.
+
+    Examples
+    --------
+    The scan is pressed with twice the reference force:
+
+    >>> law = LevelLaw(k_v=0.0, k_c=2.0, a_0=0.0)
+    >>> scan = Scan.along_line(2 * np.ones(100), speed=20.0, force=1.0, fs=500.0)
+    >>> normalise_acceleration(scan, Amplitude(law, speed=20.0, force=0.5)).round(3)[:2].tolist()
+    [1.0, 1.0]
+    """
     factor = amplitude.factor(*smooth_path(scan))
     return np.asarray(scan.acceleration / np.maximum(factor, 1 / 16))
 

@@ -86,6 +86,12 @@ class Amplitude:
     ------
     ValueError
         If speed, force or limit is not valid, or the level at them is 0.
+
+    Examples
+    --------
+    >>> amplitude = Amplitude(LevelLaw(k_v=0.0, k_c=2.0, a_0=0.0), speed=20.0, force=0.5)
+    >>> amplitude.factor([20.0, 20.0, 80.0], [0.5, 1.0, 1.0]).tolist()
+    [1.0, 2.0, 1.0]
     """
 
     law: LevelLaw
