@@ -21,5 +21,5 @@ def test_a_collection_gives_the_features_of_its_recordings(length):
         tx.Recording(rng.standard_normal((n, 3)), 1000.0, phases=tx.Phases(movement=(0, n)))
         for n in (3000, length)
     ]
-    found = TexclassFeatures(fs=1000.0).fit_transform(tx.loaders.collection_of(recordings))
-    np.testing.assert_array_equal(found, tx.extract(recordings, "strese2015"))
+    features = TexclassFeatures(fs=1000.0).fit_transform(tx.loaders.collection_of(recordings))
+    np.testing.assert_array_equal(features, tx.extract(recordings, "strese2015"))

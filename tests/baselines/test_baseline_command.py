@@ -39,9 +39,9 @@ def test_baselines_are_run_printed_and_reported(run, interpreter, tmp_path):
     assert code == 0, err
     assert "minus the best baseline (QUANT" in " ".join(out.split())
     assert "MiniRocket" in out
-    found = json.loads(next((tmp_path / "here").glob("*-baselines.json")).read_text())
-    assert [c["name"] for c in found["contestants"]] == ["Cepstrum", "quant", "minirocket"]
-    assert found["contestants"][1]["accuracy"]["mean"] == 1.0
+    comparison = json.loads(next((tmp_path / "here").glob("*-baselines.json")).read_text())
+    assert [c["name"] for c in comparison["contestants"]] == ["Cepstrum", "quant", "minirocket"]
+    assert comparison["contestants"][1]["accuracy"]["mean"] == 1.0
 
 
 @pytest.mark.parametrize(

@@ -54,9 +54,9 @@ def test_a_perfect_baseline_is_level_with_a_perfect_row_at_the_cost_of_one_fold(
 def test_a_baseline_that_is_missing_or_dies_is_a_line_and_our_widest_row_competes_beside_the_best(
     compared,
 ):
-    kept = json.loads(compared.to_json())
-    assert {"dataset", "protocol", "versions", "baseline_versions", "seed", "input_hash"} <= set(kept)
-    ours = [c for c in kept["contestants"] if c["ours"]]
+    subset = json.loads(compared.to_json())
+    assert {"dataset", "protocol", "versions", "baseline_versions", "seed", "input_hash"} <= set(subset)
+    ours = [c for c in subset["contestants"] if c["ours"]]
     assert all(c["cost"]["feature_ms"] > 0 and c["cost"]["fit_s"] > 0 for c in ours)
     assert "Modified MFCC, Constant Mel Filter Bank" in {c["name"] for c in ours}
     for name, status, message in (
@@ -91,31 +91,31 @@ def test_what_was_chosen_inside_the_training_parts_competes_first_and_is_compare
         }
     )
     settings = BaselineSettings(("mfcc",), interpreter("perfect"))
-    found = compare_with_baselines(dataset, pipeline, chosen, settings)
-    first, best, *_ = found.data["contestants"]
+    outcome = compare_with_baselines(dataset, pipeline, chosen, settings)
+    first, best, *_ = outcome.data["contestants"]
     assert (first["name"], first["classifier"], first["difference"]) == (NESTED_CV_TITLE, "selected", None)
     assert first["accuracy"]["folds"][:3] == best["accuracy"]["folds"][:3]
     hits = first["accuracy"]["mean"]
-    assert of_baseline(found, "mfcc")["difference"]["difference"] == pytest.approx(hits - 1.0)
-    told = (
+    assert of_baseline(outcome, "mfcc")["difference"]["difference"] == pytest.approx(hits - 1.0)
+    text = (
         "Ours is selected in each training set (nested cross-validation). The best baseline is the highest of"
     )
-    assert told in found.document().finding.rest
+    assert text in outcome.document().finding.rest
 
 
 def test_settings_are_checked():
-    for wrong, told in (
+    for wrong, text in (
         ({"names": ("mfcc", "weka")}, "weka"),
         ({"time_limit_s": 0.0}, "0.0 s"),
         ({"time_limit_s": np.nan}, "nan"),
         ({"signals": "raw"}, "'same' or 'each', got 'raw'"),
     ):
-        with pytest.raises(ValueError, match=told):
+        with pytest.raises(ValueError, match=text):
             BaselineSettings(**wrong)
     assert BaselineSettings().names == tuple(BASELINES)
 
 
-def test_a_limit_keeps_surfaces_whole(bench):
+def test_a_limit_keeps_complete_surfaces(bench):
     dataset = bench[0]
     some = whole_surfaces(dataset, 9)
     assert some.surfaces == ("felt", "tile")
@@ -136,8 +136,8 @@ def recording():
 
 
 def test_baselines_are_given_the_movement_that_our_features_read_or_each_channel_without_its_mean(recording):
-    given = same_signals(recording, ())
-    np.testing.assert_array_equal(given, views_of(recording)[""].movement.samples[None])
+    arguments = same_signals(recording, ())
+    np.testing.assert_array_equal(arguments, views_of(recording)[""].movement.samples[None])
     apart = same_signals(recording, recording.channels)
     assert apart.shape[0] == 3
     views = views_of(recording, recording.channels)

@@ -41,13 +41,13 @@ def task(tmp_path, signals):
 
 
 def test_what_is_written_is_read(task, signals):
-    found = read_task(task)
-    assert (found.fs, found.seed, len(found.signals)) == (1000.0, 5, 24)
-    for one, other in zip(found.signals, signals, strict=True):
+    worker_outcome = read_task(task)
+    assert (worker_outcome.fs, worker_outcome.seed, len(worker_outcome.signals)) == (1000.0, 5, 24)
+    for one, other in zip(worker_outcome.signals, signals, strict=True):
         np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(found.select(np.array([7, 3]))[1], signals[3])
-    np.testing.assert_array_equal(found.signals[2:4][0], signals[2])
-    for (train, test), (a, b) in zip(found.splits, SPLITS, strict=True):
+    np.testing.assert_array_equal(worker_outcome.select(np.array([7, 3]))[1], signals[3])
+    np.testing.assert_array_equal(worker_outcome.signals[2:4][0], signals[2])
+    for (train, test), (a, b) in zip(worker_outcome.splits, SPLITS, strict=True):
         np.testing.assert_array_equal(train, a)
         np.testing.assert_array_equal(test, b)
 
@@ -74,9 +74,9 @@ def roots(imports):
 
 def test_equal_lengths_crop_the_middle_and_pad_with_zeros():
     long, short = np.arange(9.0)[None], np.ones((1, 3))
-    found = equal_lengths([long, short], 5)
-    assert found[0, 0].tolist() == [2, 3, 4, 5, 6]
-    assert found[1, 0].tolist() == [1, 1, 1, 0, 0]
+    worker_outcome = equal_lengths([long, short], 5)
+    assert worker_outcome[0, 0].tolist() == [2, 3, 4, 5, 6]
+    assert worker_outcome[1, 0].tolist() == [1, 1, 1, 0, 0]
     assert EqualLength(list, list).fit([long, short, short]).n_samples == 3
 
 
@@ -111,9 +111,9 @@ def test_memory_that_came_and_went_and_the_time_of_this_process_are_measured():
         for page in range(0, len(grown), 4096):
             grown[page] = 1
     assert 35 < megabytes() < 120
-    found, seconds = timed(lambda: np.linalg.svd(np.random.default_rng(0).normal(size=(200, 200))))
+    worker_outcome, seconds = timed(lambda: np.linalg.svd(np.random.default_rng(0).normal(size=(200, 200))))
     assert 0 < seconds < 20
-    assert found.S.shape == (200,)
+    assert worker_outcome.S.shape == (200,)
 
 
 def test_mfcc_tells_two_noises_apart_in_an_interpreter_of_its_own(task, tmp_path):
@@ -140,8 +140,8 @@ def test_a_baseline_that_is_not_there_is_reported_as_not_installed(task, tmp_pat
     with warnings.catch_warnings():
         assert main() == 1
     outcome = read_outcome(tmp_path, expired=False, time_limit_s=60.0)
-    told = ("not installed", "needs pycatch22", [])
-    assert (outcome["status"], outcome["message"], outcome["folds"]) == told
+    message = ("not installed", "needs pycatch22", [])
+    assert (outcome["status"], outcome["message"], outcome["folds"]) == message
 
 
 def test_no_such_interpreter_is_a_bad_input(tmp_path):

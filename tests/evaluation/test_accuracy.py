@@ -32,8 +32,8 @@ RNG = np.random.default_rng(3)
 def test_wilson_interval_agrees_with_scipy():
     for hits, confidence in product([0, 1, 17, 39, 40], [0.95, 0.8]):
         reference = binomtest(hits, 40).proportion_ci(confidence, method="wilson")
-        found = wilson_interval(hits, 40, confidence)
-        assert found == pytest.approx((reference.low, reference.high), abs=1e-12)
+        outcome = wilson_interval(hits, 40, confidence)
+        assert outcome == pytest.approx((reference.low, reference.high), abs=1e-12)
 
 
 def coverage(interval_of, p, correlation, sizes, n_trials=250, one_in_ten=False):
@@ -72,9 +72,9 @@ def test_intervals_cover_where_one_operator_in_ten_is_far_worse(n_tests, n_clust
 def test_intervals_over_operators_cover_as_often_as_they_say_where_those_over_recordings_do_not(n_clusters):
     uneven = np.maximum(3, np.round(20 * np.exp(np.linspace(-1, 1, n_clusters)))).astype(int)
     for p, correlation in product([0.3, 0.8, 0.9], [0.0, 0.2]):
-        found = coverage(cluster_interval, p, correlation, uneven)
+        outcome = coverage(cluster_interval, p, correlation, uneven)
         # 250 trials tell coverage to 0.014; the claim is 0.92 to 0.98, and at least 0.9 of the highest.
-        assert (0.92 if p < 0.9 else 0.9) - 0.028 <= found <= 0.98 + 0.02, (p, correlation, found)
+        assert (0.92 if p < 0.9 else 0.9) - 0.028 <= outcome <= 0.98 + 0.02, (p, correlation, outcome)
     plain = coverage(lambda hits, _: wilson_interval(hits.sum(), hits.size), 0.8, 0.2, uneven)
     assert plain < 0.7
 
@@ -124,18 +124,18 @@ def test_score_of_windows_holds_bounds_balance_and_vote():
     truth = [np.array(list("aaaaa")), np.array(list("aab"))]
     predicted = [np.array(list("aabbb")), np.array(list("abb"))]
     clusters = [np.array([1, 1, 1, 2, 2]), np.array([3, 3, 4])]
-    found = score(truth, predicted, clusters)
-    assert (found.n_hits, found.n_tested, found.folds) == (4, 8, (2 / 5, 2 / 3))
-    assert found.balanced == pytest.approx((3 / 7 + 1) / 2)
+    outcome = score(truth, predicted, clusters)
+    assert (outcome.n_hits, outcome.n_tested, outcome.folds) == (4, 8, (2 / 5, 2 / 3))
+    assert outcome.balanced == pytest.approx((3 / 7 + 1) / 2)
     hits, of = [1, 1, 0, 0, 0, 1, 0, 1], [1, 1, 1, 2, 2, 3, 3, 4]
-    assert found.bounds == found.interval == cluster_interval(hits, of)
-    assert (found.majority_vote.n_hits, found.majority_vote.n_tested, found.majority_vote.folds) == (
+    assert outcome.bounds == outcome.interval == cluster_interval(hits, of)
+    assert (outcome.majority_vote.n_hits, outcome.majority_vote.n_tested, outcome.majority_vote.folds) == (
         3,
         4,
         (0.5, 1.0),
     )
-    assert found.majority_vote.balanced == pytest.approx((2 / 3 + 1) / 2)
-    assert found.majority_vote.bounds is None
+    assert outcome.majority_vote.balanced == pytest.approx((2 / 3 + 1) / 2)
+    assert outcome.majority_vote.bounds is None
 
 
 def test_recordings_of_few_operators_and_their_votes_have_intervals_over_operators():
@@ -143,24 +143,28 @@ def test_recordings_of_few_operators_and_their_votes_have_intervals_over_operato
     truth, operator = np.repeat(list("abcd"), 60), np.tile(np.repeat(np.arange(6), 10), 4)
     recording = np.arange(240) // 2  # of two windows each
     predicted = np.where(rng.random(240) < 0.5 + 0.08 * operator, truth, "x")
-    found = score([truth], [predicted], [recording], [operator])
-    assert found.interval == cluster_interval(truth == predicted, operator)
-    assert (found.n_clusters, found.has_spread, found.majority_vote.n_clusters) == (6, True, 6)
-    told = found.to_dict("recording", "operator")
-    assert (told["interval"], told["clusters"], told["n_clusters"]) == ("t over operators", "operator", 6)
-    assert told["per_recording"]["interval"] == "t over operators"
+    outcome = score([truth], [predicted], [recording], [operator])
+    assert outcome.interval == cluster_interval(truth == predicted, operator)
+    assert (outcome.n_clusters, outcome.has_spread, outcome.majority_vote.n_clusters) == (6, True, 6)
+    minimum = outcome.to_dict("recording", "operator")
+    assert (minimum["interval"], minimum["clusters"], minimum["n_clusters"]) == (
+        "t over operators",
+        "operator",
+        6,
+    )
+    assert minimum["per_recording"]["interval"] == "t over operators"
     few = score([truth], [predicted], [np.arange(240)], [operator % 3]).to_dict("recording", "operator")
     assert (few["interval"], few["n_clusters"]) == ("Wilson over operators", 3)
 
 
 def test_recordings_tested_equally_often_have_neither_vote_nor_another_balance():
     truth, predicted = np.array(list("abab")), np.array(list("abaa"))
-    found = score([truth[:3], truth[3:]], [predicted[:3], predicted[3:]], [np.arange(3), np.arange(3, 4)])
-    assert (found.balanced, found.bounds, found.majority_vote) == (None, None, None)
-    assert found.interval == wilson_interval(3, 4)
-    assert found.mean == 0.75  # over recordings, not over folds
-    assert found.to_dict() == {
-        "mean": 0.75, "low": found.interval[0], "high": found.interval[1], "interval": "Wilson",
+    outcome = score([truth[:3], truth[3:]], [predicted[:3], predicted[3:]], [np.arange(3), np.arange(3, 4)])
+    assert (outcome.balanced, outcome.bounds, outcome.majority_vote) == (None, None, None)
+    assert outcome.interval == wilson_interval(3, 4)
+    assert outcome.mean == 0.75  # over recordings, not over folds
+    assert outcome.to_dict() == {
+        "mean": 0.75, "low": outcome.interval[0], "high": outcome.interval[1], "interval": "Wilson",
         "clusters": "recording", "n_clusters": 4, "balanced": 0.75, "worst": 0.0, "folds": [1.0, 0.0],
     }  # fmt: skip
 
@@ -180,7 +184,7 @@ def test_overlap_widens_the_interval_by_the_printed_factor():
     assert np.ptp(corrected) / np.ptp(plain) == pytest.approx(np.sqrt((1 / 50 + 1 / 9) / (1 / 50)))
 
 
-def test_folds_that_all_agree_but_for_rounding_cannot_be_judged_and_one_fold_is_no_resampling():
+def test_equal_differences_have_no_variance_and_one_fold_is_rejected():
     for differences in ([0.0] * 4, [0.02] * 10, [0.1 + 0.2, 0.3, 0.3]):
         assert corrected_resampled_t(differences, 1 / 9) == ((-1.0, 1.0), 1.0)
     with pytest.raises(ValueError, match=r"differences has 1 values. Expected at least 2 folds"):
@@ -207,18 +211,18 @@ def trials_of_pairs(n_operators, correlation, gain=0.0, n_trials=1000):
 @pytest.mark.parametrize("n_operators", [5, 10, 40])
 def test_the_test_over_operators_is_wrong_in_seven_of_hundred_at_most_and_its_intervals_cover(n_operators):
     for correlation in (0.0, 0.2):
-        found = trials_of_pairs(n_operators, correlation)
-        assert np.mean([p < 0.05 for _, p in found]) <= 0.07 + 0.008  # 1,000 trials tell it to 0.007
-        assert np.mean([low <= 0 <= high for (low, high), _ in found]) >= 0.93 - 0.008
+        outcome = trials_of_pairs(n_operators, correlation)
+        assert np.mean([p < 0.05 for _, p in outcome]) <= 0.07 + 0.008  # 1,000 trials tell it to 0.007
+        assert np.mean([low <= 0 <= high for (low, high), _ in outcome]) >= 0.93 - 0.008
 
 
-def test_the_least_difference_told_is_found_in_eight_of_ten_trials():
-    told = np.median(
+def test_the_minimum_detectable_difference_is_detected_in_eight_of_ten_trials():
+    minimum = np.median(
         [minimum_detectable_difference(interval, 19) for interval, _ in trials_of_pairs(20, 0.08)]
     )
-    found = np.mean([p < 0.05 for _, p in trials_of_pairs(20, 0.08, told)])
-    assert 0.05 < told < 0.15
-    assert found == pytest.approx(0.8, abs=0.06)
+    outcome = np.mean([p < 0.05 for _, p in trials_of_pairs(20, 0.08, minimum)])
+    assert 0.05 < minimum < 0.15
+    assert outcome == pytest.approx(0.8, abs=0.06)
 
 
 def test_clusters_of_one_are_a_t_test_and_those_that_agree_are_as_many_signs():
@@ -253,11 +257,11 @@ def compared(protocol, groups="abcdef", hits=HITS, other=OTHER):
 
 def test_folds_that_are_drawn_are_resampled_and_kept():
     hits = [[np.array([True, True, False]), np.array([False, True, True])]]
-    found = compared("recording", hits=hits)
-    assert found["folds"] == [pytest.approx([1 / 3, 0])]
-    assert found["difference"] == pytest.approx(1 / 6)
-    assert (found["n_gained"], found["n_lost"], found["n_clusters"]) == (1, 0, 6)
-    assert found["test"] == "corrected resampled t-test over folds and repeats"
+    outcome = compared("recording", hits=hits)
+    assert outcome["folds"] == [pytest.approx([1 / 3, 0])]
+    assert outcome["difference"] == pytest.approx(1 / 6)
+    assert (outcome["n_gained"], outcome["n_lost"], outcome["n_clusters"]) == (1, 0, 6)
+    assert outcome["test"] == "corrected resampled t-test over folds and repeats"
     for some in ((HITS, OTHER), ([HITS[0][:1]], [OTHER[0][:1]])):  # folds that agree; one that was finished
         assert compared("recording", "abcdef", *some)["test"].startswith("exact McNemar")
 
@@ -267,18 +271,18 @@ def test_one_set_of_splits_says_which_test_was_used_over_how_many_clusters():
         ("abcdef", "exact McNemar test, t interval over recordings", 6),
         ("aabbcd", "t-test over recordings", 4),
     ):
-        found = compared("chronological", groups)
-        assert (found["test"], found["n_clusters"], found["clusters"]) == (test, n, "recording")
-        assert found["difference"] == pytest.approx(1 / 3)
-        assert found["low"] <= found["difference"] <= found["high"]
-        assert found["minimum_detectable"] > 0
-        assert (found["n_gained"], found["n_lost"]) == (2, 0)
+        outcome = compared("chronological", groups)
+        assert (outcome["test"], outcome["n_clusters"], outcome["clusters"]) == (test, n, "recording")
+        assert outcome["difference"] == pytest.approx(1 / 3)
+        assert outcome["low"] <= outcome["difference"] <= outcome["high"]
+        assert outcome["minimum_detectable"] > 0
+        assert (outcome["n_gained"], outcome["n_lost"]) == (2, 0)
 
 
-def test_repeats_that_all_agree_are_judged_by_the_tests_of_the_first():
-    found = compared("recording", hits=HITS * 3, other=OTHER * 3)
-    assert found["p_value"] == exact_mcnemar(2, 0)
-    assert found["difference"] == pytest.approx(1 / 3)
+def test_equal_differences_of_repeats_are_tested_on_the_first_repeat():
+    outcome = compared("recording", hits=HITS * 3, other=OTHER * 3)
+    assert outcome["p_value"] == exact_mcnemar(2, 0)
+    assert outcome["difference"] == pytest.approx(1 / 3)
 
 
 def test_a_cluster_at_the_overall_mean_does_not_hide_the_spread_of_the_others():
@@ -288,7 +292,7 @@ def test_a_cluster_at_the_overall_mean_does_not_hide_the_spread_of_the_others():
     assert not has_spread(np.array([4, 5, 6, 7.0]), n_tests[:4])  # too few clusters
 
 
-def test_the_report_on_intervals_over_operators_holds_what_the_docstring_states():
+def test_the_coverage_in_the_docstring_of_cluster_intervals_is_that_of_the_study():
     path = Path(__file__).parents[2] / "reports" / "studies" / "cluster_interval.json"
     rows = pd.DataFrame(json.loads(path.read_text(encoding="utf-8"))["rows"])
     ours, alone = rows[rows["way"] == "ours"], rows[rows["way"] == "spread alone"]

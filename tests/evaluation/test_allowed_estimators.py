@@ -62,11 +62,11 @@ def test_a_pipeline_cannot_load_a_forged_cache(tmp_path, monkeypatch):
         FeatureAgglomeration(memory=str(cache)).fit(X)
     assert marker.exists()  # what scikit-learn does with such a file
     step = '{ use = "sklearn.cluster.FeatureAgglomeration", memory = "cache" }'
-    given = pipeline(tmp_path / "p.toml", "sklearn.naive_bayes.GaussianNB", steps=f"steps = [{step}]")
+    value = pipeline(tmp_path / "p.toml", "sklearn.naive_bayes.GaussianNB", steps=f"steps = [{step}]")
     with pytest.raises(
         ValueError, match=r"p\.toml: steps\.1: use = .*FeatureAgglomeration' is not an allowed estimator"
     ):
-        load_pipeline(given)
+        load_pipeline(value)
 
 
 @pytest.mark.parametrize(
@@ -105,13 +105,13 @@ def test_a_pipeline_cannot_load_a_forged_cache(tmp_path, monkeypatch):
         ),
     ],
 )
-def test_refused_parameters_and_sizes_end_in_one_message(
+def test_disallowed_parameters_and_sizes_raise_one_message(
     tmp_path, monkeypatch, capsys, use, parameters, message
 ):
-    given = pipeline(tmp_path / "p.toml", use, parameters)
+    value = pipeline(tmp_path / "p.toml", use, parameters)
     with pytest.raises(ValueError, match=rf"p\.toml: classifiers\.c: .*{message}"):
-        load_pipeline(given)
-    monkeypatch.setattr(sys, "argv", ["texclass", "benchmark", "simulated", "--pipeline", str(given)])
+        load_pipeline(value)
+    monkeypatch.setattr(sys, "argv", ["texclass", "benchmark", "simulated", "--pipeline", str(value)])
     with pytest.raises(SystemExit):
         main()
     error = capsys.readouterr().err
@@ -145,7 +145,7 @@ def test_an_estimator_that_lacks_memory_ends_in_a_message():
         (NMF(), r"contains sklearn\.decomposition\._nmf\.NMF"),
     ],
 )
-def test_a_model_file_is_held_to_the_same_list(made, message):
+def test_a_model_file_is_checked_with_the_same_allow_list(made, message):
     assert load_archive(skops.io.dumps(make_pipeline(MinMaxScaler(), KNeighborsClassifier())))
     with pytest.raises(UnsafeFileError, match=message):
         load_archive(skops.io.dumps({"fitted": [made]}))

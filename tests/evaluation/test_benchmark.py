@@ -50,20 +50,20 @@ def result(toy_dataset, several):
 
 
 def test_json_has_the_keys_that_were_promised_and_the_table_the_same_figures(result):
-    found = json.loads(result.to_json())
-    assert found == json.loads(json.dumps(result.to_dict()))
-    assert found["dataset"]["n_recordings"] == 12
-    assert {"dataset", "protocol", "rows", "versions", "seed", "input_hash"} <= set(found)
-    assert {"texclass", "numpy", "scikit-learn"} <= set(found["versions"])
-    for line in found["rows"]:
+    outcome = json.loads(result.to_json())
+    assert outcome == json.loads(json.dumps(result.to_dict()))
+    assert outcome["dataset"]["n_recordings"] == 12
+    assert {"dataset", "protocol", "rows", "versions", "seed", "input_hash"} <= set(outcome)
+    assert {"texclass", "numpy", "scikit-learn"} <= set(outcome["versions"])
+    for line in outcome["rows"]:
         keys = {"name", "n_features", "accuracy", "paper", "ms_per_recording", "missing"}
         assert keys <= set(line)
         for classifier, accuracy in line["accuracy"].items():
             assert 0 <= accuracy["low"] <= accuracy["mean"] <= accuracy["high"] <= 1
             table = result.table.set_index(["row", "classifier"])
             assert table.loc[(line["name"], classifier), "mean"] == accuracy["mean"]
-    assert found["rows"][0]["paper"] == {"naive_bayes": 0.9}
-    assert len(result.table) == sum(len(line["accuracy"]) for line in found["rows"])
+    assert outcome["rows"][0]["paper"] == {"naive_bayes": 0.9}
+    assert len(result.table) == sum(len(line["accuracy"]) for line in outcome["rows"])
 
 
 def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_path):
@@ -84,7 +84,7 @@ def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_pa
     assert published == pytest.approx([90, 95, 20])
 
 
-def test_a_result_carries_facts_hashes_what_is_undefined_and_one_recording_with_its_phases(result, several):
+def test_a_result_contains_facts_hashes_undefined_features_and_an_example_recording(result, several):
     facts, example = result.data["dataset"], result.data["example"]
     assert (facts["fs_hz"], facts["unit"], facts["n_surfaces"], facts["chance"]) == (FS, "m/s^2", 3, 1 / 3)
     assert len(result.data["code_hash"]) == 16
@@ -127,11 +127,11 @@ def test_a_row_that_lacks_a_phase_says_so_and_one_that_selects_how_often_what(re
 
 
 def test_each_classifier_selects_for_itself(toy_dataset, pipeline):
-    selecting, found = row("Selected", "peaks", select=Selection(n=1, folds=2)), []
+    selecting, outcome = row("Selected", "peaks", select=Selection(n=1, folds=2)), []
     for classifiers in (CLASSIFIERS, EUCLIDEAN):
         result = run_benchmark(toy_dataset(3, 8), pipeline(selecting, classifiers=classifiers))
-        found.append(result.data["rows"][0]["selected"])
-    assert found[0]["naive_bayes"] != found[0]["euclidean"] == found[1]["euclidean"]
+        outcome.append(result.data["rows"][0]["selected"])
+    assert outcome[0]["naive_bayes"] != outcome[0]["euclidean"] == outcome[1]["euclidean"]
 
 
 def test_a_second_run_changes_nothing_but_milliseconds(result, toy_dataset, several):
@@ -165,37 +165,42 @@ def test_dataset_and_pipeline_may_be_named(tmp_path):
     assert (result.data["dataset"]["n_surfaces"], result.data["pipeline"]["name"]) == (3, "few")
 
 
-def test_where_operators_are_left_out_interval_and_choice_are_over_operators(toy_dataset, pipeline):
+def test_intervals_and_nested_cross_validation_are_over_held_out_operators(toy_dataset, pipeline):
     few = pipeline(row("Chance", "rarely", "level"), classifiers=EUCLIDEAN)
     data = run_benchmark(toy_dataset(3, 12, operators=6), few, protocol="operator", nested_cv=True).data
-    for found in (data["rows"][0]["accuracy"]["euclidean"], data["nested_cv"]["accuracy"]):
-        assert (found["clusters"], found["n_clusters"]) == ("operator", 6)
-        assert found["interval"].endswith("over operators")
+    for outcome in (data["rows"][0]["accuracy"]["euclidean"], data["nested_cv"]["accuracy"]):
+        assert (outcome["clusters"], outcome["n_clusters"]) == ("operator", 6)
+        assert outcome["interval"].endswith("over operators")
 
 
 def test_several_starts_tell_mean_and_worst_and_count_each_recording_once(toy_dataset, pipeline):
     one = pipeline(row("Peaks", "peaks"), classifiers=EUCLIDEAN, steps=STEPS[1:])
     result = run_benchmark(toy_dataset(3, 16), one, protocol="few-shot 1")
-    found = result.data["rows"][0]["accuracy"]["euclidean"]
-    assert (result.data["n_folds"], result.data["n_starts"], len(found["folds"])) == (8, 4, 8)
-    assert found["worst"] == min(found["folds"]) < found["mean"] == pytest.approx(np.mean(found["folds"]))
-    assert found["n_clusters"] == 3 * 8  # asked of four starts each
+    outcome = result.data["rows"][0]["accuracy"]["euclidean"]
+    assert (result.data["n_folds"], result.data["n_starts"], len(outcome["folds"])) == (8, 4, 8)
+    assert (
+        outcome["worst"]
+        == min(outcome["folds"])
+        < outcome["mean"]
+        == pytest.approx(np.mean(outcome["folds"]))
+    )
+    assert outcome["n_clusters"] == 3 * 8  # asked of four starts each
     assert np.sum(result.data["confusion"]["counts"]) == 4 * 3 * 8
     text = render_markdown(result.document())
-    assert f"8 folds of 4 starts. The worst fold: {100 * found['worst']:.1f} %." in text
+    assert f"8 folds of 4 starts. The worst fold: {100 * outcome['worst']:.1f} %." in text
     assert re.search(r"Euclidean.* worst", text)
     assert "of 96 tests are misclassified" in text
     assert "1 repetition, several starts, to second half" in text
 
 
-def test_what_refuses_single_recordings_is_left_out_of_the_table(toy_dataset, pipeline):
+def test_classifiers_that_reject_single_recordings_have_no_accuracy(toy_dataset, pipeline):
     rows = (row("Level", "level"), row("Selected", "level", "peaks", select=Selection(n=1, folds=2)))
     with_lda = CLASSIFIERS | {"lda": Use(use="sklearn.discriminant_analysis.LinearDiscriminantAnalysis")}
     several = pipeline(*rows, classifiers=with_lda)
-    found = run_benchmark(toy_dataset(3, 8), several, protocol="few-shot 1").data["rows"]
-    assert list(found[0]["accuracy"]) == ["naive_bayes", "euclidean"]  # no lda
-    assert not found[1]["accuracy"]
-    assert found[1]["missing"] == "single recordings are too few for its classifiers"
+    outcome = run_benchmark(toy_dataset(3, 8), several, protocol="few-shot 1").data["rows"]
+    assert list(outcome[0]["accuracy"]) == ["naive_bayes", "euclidean"]  # no lda
+    assert not outcome[1]["accuracy"]
+    assert outcome[1]["missing"] == "single recordings are too few for its classifiers"
 
 
 def test_the_interval_of_rank_agreement_covers():
@@ -228,7 +233,7 @@ def choice_of(pipeline, frame):
     return run_nested_cv(rows, table, splits, pipeline, protocol, evaluations), evaluations
 
 
-def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
+def test_nested_cv_does_not_select_the_row_that_fits_the_tests_by_chance(two):
     """`level` tells surfaces apart in training; `peaks` only in the tests, where `level` is noise."""
     rng, later = np.random.default_rng(0), np.tile(np.arange(20) >= 10, 4)
     truth, noise = np.repeat(np.arange(4.0), 20) + rng.normal(0, 0.05, 80), rng.uniform(0, 3, (2, 80))
@@ -252,37 +257,39 @@ def test_permuted_labels_leave_the_choice_at_chance_where_the_best_of_the_table_
         noises = pd.DataFrame(values, columns=every.features.column_names)
         choice, evaluations = choice_of(every, pd.concat([a_table(4, 20), noises], axis=1))
         chosen.append(choice["accuracy"]["mean"])
-        best.append(max(found.accuracy.mean for of in evaluations.values() for found in of.values()))
+        best.append(max(outcome.accuracy.mean for of in evaluations.values() for outcome in of.values()))
     assert np.mean(chosen) == pytest.approx(0.25, abs=0.04)
     assert np.mean(best) > 0.31
 
 
-def test_each_fold_counts_with_what_it_chose(toy_dataset, two):
-    found = run_benchmark(toy_dataset(), two, nested_cv=True).data
-    accuracies = {line["name"]: line["accuracy"] for line in found["rows"]}
-    chosen = found["nested_cv"]["selected"]
+def test_nested_cv_uses_the_selected_pair_of_each_fold(toy_dataset, two):
+    outcome = run_benchmark(toy_dataset(), two, nested_cv=True).data
+    accuracies = {line["name"]: line["accuracy"] for line in outcome["rows"]}
+    chosen = outcome["nested_cv"]["selected"]
     expected = [accuracies[name][classifier]["folds"][k] for k, (name, classifier) in enumerate(chosen)]
-    assert found["nested_cv"]["accuracy"]["folds"] == expected
+    assert outcome["nested_cv"]["accuracy"]["folds"] == expected
     assert len(expected) == 4
     assert run_benchmark(toy_dataset(), two).data["nested_cv"] is None
 
 
-def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, pipeline):
+def test_of_rows_with_equal_accuracy_the_one_with_most_columns_is_selected(toy_dataset, pipeline):
     rows = (row("Level", "level"), row("Both", "level", "peaks"))
     widening = pipeline(*rows, classifiers=EUCLIDEAN, steps=STEPS[1:])
-    found = run_benchmark(toy_dataset(), widening, nested_cv=True).data
-    assert [line["accuracy"]["euclidean"]["mean"] for line in found["rows"]] == [1.0, 1.0]
-    assert found["nested_cv"]["selected"] == [["Both", "euclidean"]] * 4
+    outcome = run_benchmark(toy_dataset(), widening, nested_cv=True).data
+    assert [line["accuracy"]["euclidean"]["mean"] for line in outcome["rows"]] == [1.0, 1.0]
+    assert outcome["nested_cv"]["selected"] == [["Both", "euclidean"]] * 4
 
 
-def test_one_row_and_one_classifier_are_chosen_before_any_recording_is_seen(toy_dataset, pipeline):
+def test_a_single_pair_of_row_and_classifier_needs_no_inner_folds(toy_dataset, pipeline):
     one = pipeline(row("Both", "level", "peaks"), classifiers=EUCLIDEAN, steps=STEPS[1:])
-    found = run_benchmark(toy_dataset(), one, protocol="repetition=1 -> repetition=2-4", nested_cv=True).data
-    assert found["nested_cv"]["inner_protocols"] == []
-    assert found["nested_cv"]["accuracy"] == found["rows"][0]["accuracy"]["euclidean"]
+    outcome = run_benchmark(
+        toy_dataset(), one, protocol="repetition=1 -> repetition=2-4", nested_cv=True
+    ).data
+    assert outcome["nested_cv"]["inner_protocols"] == []
+    assert outcome["nested_cv"]["accuracy"] == outcome["rows"][0]["accuracy"]["euclidean"]
 
 
-def test_training_parts_are_split_as_the_whole_where_possible():
+def test_inner_splits_use_the_outer_protocol_where_possible():
     two_operators = a_table(3, 6).assign(operator=np.tile(["a", "a", "a", "b", "b", "b"], 3))
     for protocol, frame, inner in (
         ("recording", a_table(3, 6), "recording"),
@@ -299,7 +306,7 @@ def test_training_parts_are_split_as_the_whole_where_possible():
             assert frame["surface"].iloc[train[inner_train]].value_counts().min() >= 2
 
 
-def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_dataset, two):
+def test_nested_cv_rejects_the_paper_protocol_and_single_training_recordings(toy_dataset, two):
     with pytest.raises(
         ValueError, match=r"protocol 'paper' fits scaling and selection on the test recordings"
     ):
@@ -311,22 +318,24 @@ def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_
 RANKS = Path(__file__).parents[2] / "reports" / "studies" / "rank_agreement.json"
 
 
-def test_rank_agreement_is_told_over_ten_catalogues_with_an_interval_and_without_the_combined_rows():
-    told = json.loads(RANKS.read_text(encoding="utf-8"))
-    rows = pd.DataFrame(told["accuracy"])
+def test_the_study_of_rank_agreement_has_ten_catalogues_intervals_and_no_combined_rows():
+    report_text = json.loads(RANKS.read_text(encoding="utf-8"))
+    rows = pd.DataFrame(report_text["accuracy"])
     published = [row.name for row in load_pipeline("strese2015").rows if row.published]
     assert list(rows["row"].unique()) == published
     assert rows["seed"].nunique() >= 10
     pools = {"all rows": published, "without the combined rows": published[:-2]}
-    assert {(one["rows"], one["n_rows"]) for one in told["results"]} == {
+    assert {(one["rows"], one["n_rows"]) for one in report_text["results"]} == {
         (k, len(v)) for k, v in pools.items()
     }
-    assert len(told["results"]) == 2 * rows["classifier"].nunique()
+    assert len(report_text["results"]) == 2 * rows["classifier"].nunique()
     bayes = rows[rows["classifier"] == "naive_bayes"]
-    for one in told["results"][:2]:
+    for one in report_text["results"][:2]:
         assert one["classifier"] == "Naive Bayes"
         counted = bayes[bayes["row"].isin(pools[one["rows"]])]
-        found = [spearmanr(part["ours"], part["published"]).statistic for _, part in counted.groupby("seed")]
-        np.testing.assert_allclose(one["of_catalogues"], found, atol=0.01)
-        assert one["low"] < np.mean(found) < one["high"]
-        assert one["mean"] == pytest.approx(np.mean(found), abs=0.01)
+        outcome = [
+            spearmanr(part["ours"], part["published"]).statistic for _, part in counted.groupby("seed")
+        ]
+        np.testing.assert_allclose(one["of_catalogues"], outcome, atol=0.01)
+        assert one["low"] < np.mean(outcome) < one["high"]
+        assert one["mean"] == pytest.approx(np.mean(outcome), abs=0.01)

@@ -41,17 +41,17 @@ def test_a_cost_is_the_whole_path_and_finding_the_phases_is_paid_once():
 
 
 def test_shares_are_the_mean_marginal_cost_over_all_orders():
-    column, found = {"a": "a", "b": "b.1", "c": "c"}, MODEL.by_feature()
+    column, cost_table = {"a": "a", "b": "b.1", "c": "c"}, MODEL.by_feature()
     marginal = {feature: [] for feature in column}
     for order in permutations(column):
         costs = [MODEL.cost([column[f] for f in order[:n]]) for n in range(4)]
         for feature, added in zip(order, np.diff(costs), strict=True):
             marginal[feature].append(added)
     expected = {feature: np.mean(added) for feature, added in marginal.items()}
-    assert found["share"].to_dict() == pytest.approx(expected)
-    assert found["share"].sum() == pytest.approx(MODEL.total)
-    assert found["alone"].to_dict() == {"a": 7, "b": 8, "c": 4}
-    assert found["last"].to_dict() == {"a": 1, "b": 2, "c": 4}
+    assert cost_table["share"].to_dict() == pytest.approx(expected)
+    assert cost_table["share"].sum() == pytest.approx(MODEL.total)
+    assert cost_table["alone"].to_dict() == {"a": 7, "b": 8, "c": 4}
+    assert cost_table["last"].to_dict() == {"a": 1, "b": 2, "c": 4}
 
 
 class Ticks:
@@ -106,7 +106,7 @@ def test_measures_every_transform_once_without_what_is_inside_it(ticks, toy_data
     assert meter.measure(Plan.of(ticks))[0] == pytest.approx(model.total)
 
 
-def test_predicts_the_cost_of_what_is_left_out_and_changes_no_value(ticks, toy_dataset):
+def test_the_cost_model_predicts_the_cost_of_pruned_plans(ticks, toy_dataset):
     dataset = toy_dataset()
     plan = Plan.of(ticks)
     before = plan.compute(dataset[0]).values
@@ -117,19 +117,23 @@ def test_predicts_the_cost_of_what_is_left_out_and_changes_no_value(ticks, toy_d
     np.testing.assert_array_equal(plan.compute(dataset[0]).values, before)
 
 
-def test_costs_that_decide_are_measured_once(ticks, toy_dataset, monkeypatch, tmp_path):
+def test_the_cached_cost_model_is_measured_once(ticks, toy_dataset, monkeypatch, tmp_path):
     monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path))
     dataset = toy_dataset()
     meter = CostMeter.from_dataset(dataset, [dataset.entries[0].recording_id], "combine")
     first = meter.cached_model(ticks)
     with monkeypatch.context() as patched:
         patched.setattr(CostMeter, "model", None)  # not asked again
-        again = meter.cached_model(ticks)
-    assert again.machine == first.machine
-    assert again.machine.endswith(str(date.today()))
-    assert (again.columns, again.features, again.parts) == (first.columns, first.features, first.parts)
-    np.testing.assert_array_equal(again.ms, first.ms)
-    np.testing.assert_array_equal(again.needs, first.needs)
+        second_model = meter.cached_model(ticks)
+    assert second_model.machine == first.machine
+    assert second_model.machine.endswith(str(date.today()))
+    assert (second_model.columns, second_model.features, second_model.parts) == (
+        first.columns,
+        first.features,
+        first.parts,
+    )
+    np.testing.assert_array_equal(second_model.ms, first.ms)
+    np.testing.assert_array_equal(second_model.needs, first.needs)
     (kept,) = (tmp_path / "costs").iterdir()
     kept.write_bytes(kept.read_bytes()[:-9])  # damaged: measured anew
     assert meter.cached_model(ticks).columns == first.columns

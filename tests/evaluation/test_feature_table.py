@@ -142,9 +142,9 @@ def test_after_kill_9_nothing_is_lost_and_nothing_computed_twice(tmp_path, monke
 
 
 def test_a_complete_table_is_only_read(toy_dataset, feature_set):
-    first, again = cached_table(toy_dataset(), feature_set), toy_dataset()
-    assert cached_table(again, feature_set).frame.equals(first.frame)
-    assert again.load.loaded == []
+    first, second_table = cached_table(toy_dataset(), feature_set), toy_dataset()
+    assert cached_table(second_table, feature_set).frame.equals(first.frame)
+    assert second_table.load.loaded == []
 
 
 def test_whatever_values_depend_on_makes_a_new_table(toy_dataset, feature_set, extract):
@@ -159,7 +159,7 @@ def test_whatever_values_depend_on_makes_a_new_table(toy_dataset, feature_set, e
         assert len(other.load.loaded) >= len(other)
 
 
-def test_a_bad_recording_stops_with_file_value_and_rule_or_is_left_out(toy_dataset, extract):
+def test_a_bad_recording_raises_an_error_with_file_and_value_or_is_left_out(toy_dataset, extract):
     dataset = toy_dataset(bad=("m1_1", "m2_2"))
     with pytest.raises(RecordingError, match=r"m1_1\.txt: value 'x' in line 3. Expected numbers"):
         extract(dataset)
@@ -184,18 +184,18 @@ def test_a_file_that_is_no_table_is_named(tmp_path):
             read_table(tmp_path / f"{name}.parquet")
 
 
-def test_tables_kept_apart_are_one_and_only_the_new_part_is_computed(toy_dataset, feature_set):
+def test_separate_tables_are_merged_and_only_the_new_one_is_computed(toy_dataset, feature_set):
     old, new = feature_set.restricted_to(["level", "knock", "rarely"]), feature_set.restricted_to(["peaks"])
     whole, dataset = cached_table(toy_dataset(), feature_set), toy_dataset()
     cached_table(toy_dataset(), old)
-    joined = cached_table(dataset, old, new)
+    merged_table = cached_table(dataset, old, new)
     assert len(dataset.load.loaded) == len(dataset)
-    assert joined.columns == ("level", "knock", "rarely", "peaks.second", "peaks.first")
-    np.testing.assert_array_equal(joined.select(whole.columns), whole.values)
-    assert list(joined.frame["recording_id"]) == list(whole.frame["recording_id"])
-    assert sorted(joined.reasons) == sorted(whole.reasons)
-    assert joined.flags == whole.flags
-    assert joined.ms.shape == whole.ms.shape
+    assert merged_table.columns == ("level", "knock", "rarely", "peaks.second", "peaks.first")
+    np.testing.assert_array_equal(merged_table.select(whole.columns), whole.values)
+    assert list(merged_table.frame["recording_id"]) == list(whole.frame["recording_id"])
+    assert sorted(merged_table.reasons) == sorted(whole.reasons)
+    assert merged_table.flags == whole.flags
+    assert merged_table.ms.shape == whole.ms.shape
     spoilt = cached_table(toy_dataset(bad=("m1_3",), input_hash="spoilt"), old, new, skip_bad=True)
     assert ([item.recording_id for item in spoilt.left_out], spoilt.n_recordings) == (["m1_3"], 11)
 
@@ -218,16 +218,16 @@ def test_parts_that_a_second_process_took_away_cost_no_recording(toy_dataset, tm
     features = load_feature_set("strese2015").restricted_to(["variance"])
     whole = extract_table(data, features, path)
     path.unlink()
-    joined = tables._join
+    merged_table = tables._join
 
     def after_the_other(dataset, plan, folder, *others):
         finished = path.is_file()
         for part in () if finished else sorted(folder.iterdir())[::2]:  # the other took half of the parts
             part.unlink()
-        found = joined(dataset, plan, folder, *others)
+        columns_of_table = merged_table(dataset, plan, folder, *others)
         if not finished:
             tables.write_table(whole, path)
-        return found
+        return columns_of_table
 
     monkeypatch.setattr(tables, "_join", after_the_other)
     pd.testing.assert_frame_equal(extract_table(data, features, path).frame, whole.frame)
@@ -237,15 +237,15 @@ def test_partitions_hold_together_what_one_table_holds_and_go_on_where_a_run_end
     toy_dataset, feature_set, extract, tmp_path
 ):
     whole, dataset, folder = extract(toy_dataset()), toy_dataset(), tmp_path / "parts"
-    told = tables.extract_partitions(dataset, feature_set, folder, 5)
-    assert told["recordings"].to_dict() == {f"{i:09d}.parquet": n for i, n in ((0, 5), (5, 5), (10, 2))}
+    messages = tables.extract_partitions(dataset, feature_set, folder, 5)
+    assert messages["recordings"].to_dict() == {f"{i:09d}.parquet": n for i, n in ((0, 5), (5, 5), (10, 2))}
     pd.testing.assert_frame_equal(pd.read_parquet(folder)[whole.frame.columns], whole.frame)
-    assert sorted(p.name for p in folder.iterdir()) == list(told.index)
+    assert sorted(p.name for p in folder.iterdir()) == list(messages.index)
 
     (folder / "000000005.parquet").unlink()
-    again = toy_dataset()
-    pd.testing.assert_frame_equal(tables.extract_partitions(again, feature_set, folder, 5), told)
-    assert again.load.loaded == [entry.recording_id for entry in dataset.entries[5:10]]
+    second_table = toy_dataset()
+    pd.testing.assert_frame_equal(tables.extract_partitions(second_table, feature_set, folder, 5), messages)
+    assert second_table.load.loaded == [entry.recording_id for entry in dataset.entries[5:10]]
 
     bad = toy_dataset(bad=("m2_4",), input_hash="other")
     with pytest.raises(RecordingError, match=r"m2_4\.txt"):
@@ -282,9 +282,9 @@ def test_edited_code_and_another_version_make_a_new_table(toy_dataset, feature_s
     cached_table(toy_dataset(), feature_set)
     for name, value in changed.items():
         monkeypatch.setattr(tables, name, value)
-    again = toy_dataset()
-    cached_table(again, feature_set)
-    assert len(again.load.loaded) >= len(again)
+    second_table = toy_dataset()
+    cached_table(second_table, feature_set)
+    assert len(second_table.load.loaded) >= len(second_table)
 
 
 def test_the_key_depends_on_each_fact_of_an_entry_and_of_the_set(toy_dataset, feature_set):

@@ -26,9 +26,9 @@ def selecting(n):
 
 
 def test_a_constant_column_takes_nothing_from_the_others_and_alone_names_the_commonest():
-    told = np.unique(Y, return_inverse=True)[1] * 10.0 + np.random.default_rng(0).normal(size=60)
-    beside = np.column_stack([told, np.ones(60)])
-    assert evaluate(beside, Y, SPLITS, SCALE, GaussianNB()).accuracy.mean == 1.0
+    calls = np.unique(Y, return_inverse=True)[1] * 10.0 + np.random.default_rng(0).normal(size=60)
+    other_columns = np.column_stack([calls, np.ones(60)])
+    assert evaluate(other_columns, Y, SPLITS, SCALE, GaussianNB()).accuracy.mean == 1.0
     assert evaluate(np.ones((60, 2)), Y, SPLITS, SCALE, GaussianNB()).accuracy.mean == 0.25
 
 
@@ -79,10 +79,10 @@ def test_classifiers_that_share_their_preparation_answer_as_each_alone_and_it_is
     Spy.fitted, judges = [], [GaussianNB(), NearestCentroid()]
     together = evaluate_each(X, Y, SPLITS, make_pipeline(Spy()), judges)
     assert len(Spy.fitted) == len(SPLITS)
-    for judge, found in zip(judges, together, strict=True):
+    for judge, evaluations in zip(judges, together, strict=True):
         alone = evaluate(X, Y, SPLITS, make_pipeline(Spy()), judge)
-        assert [p.tolist() for p in found.y_pred] == [p.tolist() for p in alone.y_pred]
-        assert found.accuracy == alone.accuracy
+        assert [p.tolist() for p in evaluations.y_pred] == [p.tolist() for p in alone.y_pred]
+        assert evaluations.accuracy == alone.accuracy
     assert together[0].accuracy != together[1].accuracy
 
 

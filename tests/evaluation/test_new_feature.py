@@ -39,15 +39,15 @@ def test_the_table_stands_as_it_was_with_a_row_for_the_feature_alone(study):
 
 
 def test_law_cost_and_repetition_are_measured(study):
-    found = json.loads(study.to_json())["new_feature"]
-    assert found["gain_law"]["holds"] is True
-    assert found["ms_alone"] > 0
-    assert 0 <= found["ms_added"] <= found["ms_alone"] * 1.5
-    (column,) = found["redundancy"]
+    study_data = json.loads(study.to_json())["new_feature"]
+    assert study_data["gain_law"]["holds"] is True
+    assert study_data["ms_alone"] > 0
+    assert 0 <= study_data["ms_added"] <= study_data["ms_alone"] * 1.5
+    (column,) = study_data["redundancy"]
     assert column["nearest"][0]["column"].startswith("peaks")
     assert column["nearest"][0]["rank_correlation"] > 0.9
     assert column["explained"] > 0.9
-    assert {a["input"]: a["outcome"] for a in found["degenerate_inputs"]}["one NaN"] == "no reason"
+    assert {a["input"]: a["outcome"] for a in study_data["degenerate_inputs"]}["one NaN"] == "no reason"
 
 
 def test_a_study_is_written_beside_its_benchmark_without_pictures_of_its_own(study, tmp_path):
@@ -57,27 +57,27 @@ def test_a_study_is_written_beside_its_benchmark_without_pictures_of_its_own(stu
     assert any(name.endswith(".png") for name in written)
 
 
-def test_a_name_that_the_set_has_is_refused_and_a_new_one_changes_the_hash(few):
+def test_an_existing_feature_name_is_rejected_and_a_new_feature_changes_the_hash(few):
     assert few.with_feature(LOUD).hash != few.hash
     with pytest.raises(ValueError, match=r"'level' exists in the feature set 'toy'. Choose another name"):
         few.with_feature(Feature("level", loud, "movement", "g", "test"))
 
 
-def test_a_phase_that_the_dataset_lacks_is_said(toy_dataset, few):
+def test_a_missing_phase_is_reported(toy_dataset, few):
     tap = Feature("knuckle", lambda view: 1.0, "tap", "1", "test")
-    found = json.loads(study_feature(toy_dataset(n_repetitions=8), few, tap).to_json())
-    assert found["rows"][-1]["missing"] == "no tap found (knuckle)"
-    new = found["new_feature"]
+    study_data = json.loads(study_feature(toy_dataset(n_repetitions=8), few, tap).to_json())
+    assert study_data["rows"][-1]["missing"] == "no tap found (knuckle)"
+    new = study_data["new_feature"]
     assert (new["gain_law"], new["redundancy"], new["ms_added"]) == (None, [], None)
 
 
-def test_redundancy_tells_a_copy_from_noise():
+def test_redundancy_is_high_for_a_copy_and_low_for_noise():
     rng = np.random.default_rng(0)
     a, b, noise = rng.normal(size=(3, 200))
     columns = {"a": a, "b": b, "copy": np.exp(a), "sum": a + b, "noise": noise, "same": np.ones(200)}
     table = FeatureTable(pd.DataFrame(columns), tuple(columns), np.zeros(200))
-    found = {r["column"]: r for r in redundancy(table, ["copy", "sum", "noise", "same"])}
-    assert found["copy"]["nearest"][0] == {"column": "a", "rank_correlation": pytest.approx(1.0)}
-    assert found["sum"]["explained"] == pytest.approx(1.0, abs=1e-3)
-    assert found["noise"]["explained"] < 0.1
-    assert "same" not in found
+    study_data = {r["column"]: r for r in redundancy(table, ["copy", "sum", "noise", "same"])}
+    assert study_data["copy"]["nearest"][0] == {"column": "a", "rank_correlation": pytest.approx(1.0)}
+    assert study_data["sum"]["explained"] == pytest.approx(1.0, abs=1e-3)
+    assert study_data["noise"]["explained"] < 0.1
+    assert "same" not in study_data

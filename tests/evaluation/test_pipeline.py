@@ -61,8 +61,10 @@ def test_what_is_trained_by_default_leaves_nothing_to_choose_and_knows_what_is_n
 
 def test_an_argument_of_a_classifier_may_be_an_estimator():
     judge = {"use": "texclass.classifiers.kernel_discriminant.KernelDiscriminant", "length": 1.0}
-    made = Use(use="texclass.classifiers.segment_voting.SegmentVoting", estimator=judge, n_segments=4).make()
-    assert (made.estimator.length, made.n_segments) == (1.0, 4)
+    new_estimator = Use(
+        use="texclass.classifiers.segment_voting.SegmentVoting", estimator=judge, n_segments=4
+    ).make()
+    assert (new_estimator.estimator.length, new_estimator.n_segments) == (1.0, 4)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +141,7 @@ REFUSED = (
 )  # fmt: skip
 
 
-def test_use_names_estimators_of_sklearn_and_texclass_only(tmp_path, monkeypatch):
+def test_use_accepts_allowed_estimators_only(tmp_path, monkeypatch):
     (tmp_path / "trap.py").write_text("raise SystemExit('imported')")
     monkeypatch.syspath_prepend(tmp_path)
     for path in REFUSED:
@@ -189,7 +191,7 @@ def test_use_names_estimators_of_sklearn_and_texclass_only(tmp_path, monkeypatch
         (MORE + MORE[MORE.index("[[additions]]") :], "additions: two entries have the name 'more'"),
     ],
 )
-def test_a_wrong_pipeline_is_refused_with_place_and_rule(tmp_path, text, message):
+def test_an_invalid_pipeline_is_rejected_with_key_and_expectation(tmp_path, text, message):
     with pytest.raises(ValueError, match=message):
         load_pipeline(write(tmp_path, text))
 

@@ -98,11 +98,11 @@ def test_blocks_train_on_the_first_repetitions_whatever_the_order_of_rows():
 def test_few_shot_has_as_many_starts_as_fit_before_the_same_later_tests(name, n, starts, tests):
     table = a_table(2, n).sample(frac=1, random_state=0, ignore_index=True)
     table["repetition"] += 7 * (table["surface"] == "m1")  # numbers of a surface need not begin at 1
-    found = [
+    splits_by_name = [
         [[*table["repetition"][rows][table["surface"][rows] == "m0"].sort_values()] for rows in fold]
         for fold in split(name, table)
     ]
-    assert found == [[list(start), list(test)] for start in starts for test in tests]
+    assert splits_by_name == [[list(start), list(test)] for start in starts for test in tests]
     assert n_starts(split(name, table)) == (len(starts) if len(starts) > 1 else None)
 
 
@@ -147,7 +147,7 @@ def test_splits_follow_the_seed_and_repeats_are_those_of_the_next_seeds():
             repeated_splits(find_protocol(name), a_table(), 5, n, 0)
 
 
-def test_an_impossible_split_names_value_and_rule():
+def test_an_impossible_split_raises_an_error_with_value_and_expectation():
     few, single = a_table(3, 10).iloc[9:], a_table(3, 1, operator=["a", "b", "b"])
     three_runs = a_table().assign(session=["a", "b", "c"] * 10)
     for name, table, message in (
@@ -197,7 +197,7 @@ def test_an_impossible_split_names_value_and_rule():
             split(name, table.reset_index(drop=True))
 
 
-def test_these_recordings_train_and_those_test_by_any_label():
+def test_any_label_defines_training_set_and_test_set():
     table = a_table().assign(session=["a", "b"] * 15)
     ((train, test),) = split("repetition=1-3,5 -> repetition=6-9 & session=a", table)
     assert set(table["repetition"][train]) == {1, 2, 3, 5}
@@ -216,6 +216,6 @@ def test_what_is_left_out_is_independent_else_runs_or_recordings():
         ("operator", "operator", 5), ("leave-out session", "session", 3), ("grouped", "run", 3),
         ("recording", "recording", 30), ("chronological", "recording", 30),
     ):  # fmt: skip
-        found, of = find_protocol(name).independent(table)
-        assert (found, len(set(of))) == (unit, n)
+        splits_by_name, of = find_protocol(name).independent(table)
+        assert (splits_by_name, len(set(of))) == (unit, n)
     assert find_protocol("operator").independent(table.assign(operator=None))[0] == "session"

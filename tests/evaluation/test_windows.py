@@ -1,4 +1,4 @@
-"""Touches: windows of movements that stay with their recording, each file read once."""
+"""Windows of movements stay with their recording, and each file is read once."""
 
 import pickle
 from dataclasses import replace
@@ -36,9 +36,9 @@ def counting():
 
 def test_windows_follow_each_other_within_the_movement_with_all_signals_and_facts(counting):
     dataset = pickle.loads(pickle.dumps(cut_windows(counting, 0.5)))  # as it travels to other processes
-    found = [w.acceleration for w in dataset]
-    assert len(found) == 6 * 3
-    np.testing.assert_array_equal(np.concatenate(found[:3]), np.arange(40.0, 190.0))
+    overlapping_windows = [w.acceleration for w in dataset]
+    assert len(overlapping_windows) == 6 * 3
+    np.testing.assert_array_equal(np.concatenate(overlapping_windows[:3]), np.arange(40.0, 190.0))
     entry, window = dataset.entries[4], dataset[4]
     assert (entry.recording_id, entry.parent.recording_id, entry.repetition) == ("m0_2#2", "m0_2", 2)
     assert (entry.surface, entry.operator, entry.session) == ("m0", "o", "s2")
@@ -55,31 +55,45 @@ def test_windows_may_be_one_a_recording_or_overlap(counting):
     assert [entry.start for entry in closer.entries[:4]] == [40, 65, 90, 115]
 
 
-def test_short_windows_that_follow_each_other_get_others_between_them(counting, monkeypatch):
-    felt = cut_windows(counting, 0.4)  # of 40 samples, 4 a recording
-    found = add_overlapping_windows(felt, 4)
-    assert [entry.start for entry in found.entries[:13]] == list(range(40, 170, 10))
-    assert [entry.recording_id for entry in found.entries[:3]] == ["m0_1#1", "m0_1#1.1", "m0_1#1.2"]
-    assert tuple(entry for entry in found.entries if not entry.is_train_only) == felt.entries
-    np.testing.assert_array_equal(found[1].acceleration, np.arange(50.0, 90.0))
+def test_short_adjacent_windows_get_overlapping_training_windows(counting, monkeypatch):
+    windows_of_recordings = cut_windows(counting, 0.4)  # of 40 samples, 4 a recording
+    overlapping_windows = add_overlapping_windows(windows_of_recordings, 4)
+    assert [entry.start for entry in overlapping_windows.entries[:13]] == list(range(40, 170, 10))
+    assert [entry.recording_id for entry in overlapping_windows.entries[:3]] == [
+        "m0_1#1",
+        "m0_1#1.1",
+        "m0_1#1.2",
+    ]
+    assert (
+        tuple(entry for entry in overlapping_windows.entries if not entry.is_train_only)
+        == windows_of_recordings.entries
+    )
+    np.testing.assert_array_equal(overlapping_windows[1].acceleration, np.arange(50.0, 90.0))
     for alone in (
         counting,
         cut_windows(counting, 0.4, per_recording=1),
         cut_windows(counting, 0.4, step=0.6),
     ):
         assert add_overlapping_windows(alone, 4).entries == alone.entries
-    monkeypatch.setattr(windows, "MAX_WINDOWS", len(felt) + 6 * 3)  # one between, not three
-    assert [entry.start for entry in add_overlapping_windows(felt, 4).entries[:3]] == [40, 60, 80]
-    monkeypatch.setattr(windows, "MAX_WINDOWS", len(felt))
-    assert add_overlapping_windows(felt, 4).entries == felt.entries
+    monkeypatch.setattr(windows, "MAX_WINDOWS", len(windows_of_recordings) + 6 * 3)  # one between, not three
+    assert [entry.start for entry in add_overlapping_windows(windows_of_recordings, 4).entries[:3]] == [
+        40,
+        60,
+        80,
+    ]
+    monkeypatch.setattr(windows, "MAX_WINDOWS", len(windows_of_recordings))
+    assert add_overlapping_windows(windows_of_recordings, 4).entries == windows_of_recordings.entries
     monkeypatch.undo()
     monkeypatch.setattr(windows, "SHORT_WINDOW", 40)
-    assert add_overlapping_windows(felt, 4).entries == felt.entries
+    assert add_overlapping_windows(windows_of_recordings, 4).entries == windows_of_recordings.entries
 
 
-def test_windows_between_others_train_and_are_never_asked_about(toy_dataset):
-    felt = cut_windows(toy_dataset(3, 6), 0.1)
-    alone, closer = metadata(felt.entries), metadata(add_overlapping_windows(felt, 2).entries)
+def test_overlapping_windows_are_in_training_sets_only(toy_dataset):
+    windows_of_recordings = cut_windows(toy_dataset(3, 6), 0.1)
+    alone, closer = (
+        metadata(windows_of_recordings.entries),
+        metadata(add_overlapping_windows(windows_of_recordings, 2).entries),
+    )
     for protocol in PROTOCOLS.values():
         splits = zip(protocol.split(alone, 3, 0), protocol.split(closer, 3, 0), strict=True)
         for (train, test), (more, same) in splits:
@@ -88,7 +102,7 @@ def test_windows_between_others_train_and_are_never_asked_about(toy_dataset):
             assert (closer.iloc[more].groupby("parent").size() == 3 + 2).all()
 
 
-def test_what_is_too_short_or_bad_says_so_when_it_is_loaded(toy_dataset, feature_set, tmp_path):
+def test_short_movements_and_bad_recordings_raise_an_error_when_loaded(toy_dataset, feature_set, tmp_path):
     bad = toy_dataset(bad=("m1_1",))
     with pytest.raises(RecordingError, match="value 'x' in line 3"):
         extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.parquet")
@@ -99,9 +113,9 @@ def test_what_is_too_short_or_bad_says_so_when_it_is_loaded(toy_dataset, feature
 
 
 def test_lengths_are_above_0_and_windows_are_not_cut_again(counting):
-    for given in ({"seconds": 0}, {"seconds": 1, "step": -1}, {"seconds": 1, "per_recording": 0}):
+    for arguments in ({"seconds": 0}, {"seconds": 1, "step": -1}, {"seconds": 1, "per_recording": 0}):
         with pytest.raises(ValueError, match="must be positive and finite"):
-            cut_windows(counting, **given)
+            cut_windows(counting, **arguments)
     with pytest.raises(ValueError, match="whole recordings"):
         cut_windows(cut_windows(counting, 1), 0.5)
 
@@ -112,14 +126,14 @@ def test_each_file_is_read_once_and_movements_are_remembered(toy_dataset, featur
     assert dataset.load.loaded == 2 * [
         f"m0_{r}" for r in (1, 2, 3, 4)
     ]  # once for movements, once for all windows
-    again = toy_dataset(1, 4)
-    table = cached_table(cut_windows(again, 0.1), feature_set)
-    assert again.load.loaded == []
+    second_dataset = toy_dataset(1, 4)
+    table = cached_table(cut_windows(second_dataset, 0.1), feature_set)
+    assert second_dataset.load.loaded == []
     assert table.frame["parent"].tolist() == [f"m0_{r}" for r in (1, 2, 3, 4) for _ in range(3)]
     cached_table(
-        cut_windows(again, 0.05), feature_set
+        cut_windows(second_dataset, 0.05), feature_set
     )  # another length is another table, with known movements
-    assert again.load.loaded == [f"m0_{r}" for r in (1, 2, 3, 4)]
+    assert second_dataset.load.loaded == [f"m0_{r}" for r in (1, 2, 3, 4)]
 
 
 def test_extraction_gives_what_the_extractor_gives_for_each_window(toy_dataset, feature_set, tmp_path):
@@ -154,16 +168,19 @@ def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy
     result = run_benchmark(cut_windows(toy_dataset(3, 6), 0.02), few, protocol="grouped")
     facts = result.data["dataset"]
     assert (facts["n_windows"], facts["n_recordings"]) == (3 * 6 * 15, 3 * 6)
-    told = result.data["rows"][0]["accuracy"]["euclidean"]
-    assert (told["interval"], told["n_clusters"]) == ("t over runs", 18)
-    assert told["low"] < told["mean"] < told["high"]
-    assert told["per_run"]["interval"] == "Wilson"
-    assert told["per_run"]["mean"] > told["mean"]
-    assert told["balanced"] == pytest.approx(told["mean"])
-    felt, closer = cut_windows(toy_dataset(3, 6), 0.02), few.model_copy(update={"overlap": 2})
-    found = run_benchmark(felt, closer, protocol="grouped").data
-    assert found["dataset"] == facts
-    assert np.sum(found["confusion"]["counts"]) == facts["n_windows"]
+    calls = result.data["rows"][0]["accuracy"]["euclidean"]
+    assert (calls["interval"], calls["n_clusters"]) == ("t over runs", 18)
+    assert calls["low"] < calls["mean"] < calls["high"]
+    assert calls["per_run"]["interval"] == "Wilson"
+    assert calls["per_run"]["mean"] > calls["mean"]
+    assert calls["balanced"] == pytest.approx(calls["mean"])
+    windows_of_recordings, closer = (
+        cut_windows(toy_dataset(3, 6), 0.02),
+        few.model_copy(update={"overlap": 2}),
+    )
+    overlapping_windows = run_benchmark(windows_of_recordings, closer, protocol="grouped").data
+    assert overlapping_windows["dataset"] == facts
+    assert np.sum(overlapping_windows["confusion"]["counts"]) == facts["n_windows"]
 
 
 def test_movements_are_detected_again_when_the_code_of_the_phases_changes(counting, monkeypatch):

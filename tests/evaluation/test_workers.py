@@ -47,34 +47,37 @@ def cluster(tmp_path_factory):
             process.wait()
 
 
-def test_each_keeps_the_order_reports_and_stops_when_it_is_closed():
-    calls, told = [partial(pow, i, 2) for i in range(20)], []
-    found = run_parallel(
-        calls, n_jobs=2, progress=lambda *call: told.append(call), stage="squares", done=5, total=25
+def test_run_parallel_keeps_the_order_reports_progress_and_stops_when_closed():
+    calls, progress_calls = [partial(pow, i, 2) for i in range(20)], []
+    results = run_parallel(
+        calls, n_jobs=2, progress=lambda *call: progress_calls.append(call), stage="squares", done=5, total=25
     )
-    assert list(found) == [i * i for i in range(20)]
-    assert told == [(n, 25, "squares") for n in range(6, 26)]
+    assert list(results) == [i * i for i in range(20)]
+    assert progress_calls == [(n, 25, "squares") for n in range(6, 26)]
     outcomes = run_parallel(partial(pow, i, 2) for i in range(10**6))
     assert next(outcomes) == 0
     outcomes.close()
 
 
 def test_each_worker_uses_one_thread():
-    found = list(run_parallel([partial(threadpool_info)] * 4, n_jobs=2))
-    assert all(pool["num_threads"] == 1 for pools in found for pool in pools)
+    results = list(run_parallel([partial(threadpool_info)] * 4, n_jobs=2))
+    assert all(pool["num_threads"] == 1 for pools in results for pool in pools)
 
 
 def test_what_is_done_soon_is_done_here_and_the_rest_by_others():
     calls = [partial(os.getpid)] * 4
     assert set(run_parallel(calls, n_jobs=2, local_s=60.0)) == {os.getpid()}
     assert os.getpid() not in set(run_parallel(calls, n_jobs=2))
-    told, spend = [], "import time\nend = time.process_time() + 0.2\nwhile time.process_time() < end: pass"
-    first, *others = [partial(exec, spend), *calls]
-    found = run_parallel(
-        [first, *others], n_jobs=2, local_s=0.1, progress=lambda *call: told.append(call), total=5
+    progress_calls, spend = (
+        [],
+        "import time\nend = time.process_time() + 0.2\nwhile time.process_time() < end: pass",
     )
-    assert os.getpid() not in list(found)[1:]
-    assert [done for done, *_ in told] == [1, 2, 3, 4, 5]
+    first, *others = [partial(exec, spend), *calls]
+    results = run_parallel(
+        [first, *others], n_jobs=2, local_s=0.1, progress=lambda *call: progress_calls.append(call), total=5
+    )
+    assert os.getpid() not in list(results)[1:]
+    assert [done for done, *_ in progress_calls] == [1, 2, 3, 4, 5]
 
 
 def test_workers_load_what_computes_features_before_there_is_work_and_no_library_of_learning(tmp_path):
@@ -101,8 +104,8 @@ def test_workers_load_what_computes_features_before_there_is_work_and_no_library
 
 def test_a_worker_seldom_looks_for_garbage_and_its_caller_as_before():
     before = gc.get_threshold()
-    found = list(run_parallel([partial(gc.get_threshold)] * 2, n_jobs=2))
-    assert all(often[0] >= 100_000 for often in found)  # 700 as Python starts
+    results = list(run_parallel([partial(gc.get_threshold)] * 2, n_jobs=2))
+    assert all(often[0] >= 100_000 for often in results)  # 700 as Python starts
     assert list(run_parallel([partial(gc.get_threshold)])) == [before] == [gc.get_threshold()]
 
 
@@ -112,17 +115,19 @@ def faults_of_arrays_made_again():
 
     for _ in range(5):
         before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-        made = [np.ones(200_000) for _ in range(10)]
-        taken = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-        del made
-    return taken
+        arrays = [np.ones(200_000) for _ in range(10)]
+        durations = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+        del arrays
+    return durations
 
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="a C library without mallopt")
 def test_a_worker_keeps_the_memory_of_the_last_recording_for_the_next():
     pages = 10 * 200_000 * 8 / mmap.PAGESIZE
     get_reusable_executor().shutdown(wait=True)  # those of other tests may have divided their memory
-    assert all(taken < 0.05 * pages for taken in run_parallel([faults_of_arrays_made_again] * 4, n_jobs=2))
+    assert all(
+        durations < 0.05 * pages for durations in run_parallel([faults_of_arrays_made_again] * 4, n_jobs=2)
+    )
 
 
 def test_a_cluster_gives_the_same_table_even_if_a_worker_is_killed_on_the_way(cluster, tmp_path, monkeypatch):

@@ -86,14 +86,14 @@ def on_terminal(width, document=None):
     return capture.get()
 
 
-def test_every_way_tells_the_same():
+def test_terminal_markdown_and_page_have_the_same_content():
     page, text = render_page([a_document()]), render_markdown(a_document(), "toy")
-    for told in (on_terminal(120), text, page):
-        assert "toy, folds" in told
-        assert "90.0" in told
-        for said in ("of recordings.", "Every row", "Best is bold.", "not computed: no taps", "first note",
+    for report_text in (on_terminal(120), text, page):
+        assert "toy, folds" in report_text
+        assert "90.0" in report_text
+        for texts in ("of recordings.", "Every row", "Best is bold.", "not computed: no taps", "first note",
                      "The best is All.", "1 of 10 is taken for another.", "a fact"):  # fmt: skip
-            assert said in told
+            assert texts in report_text
     assert "![Every row](toy-ranking.png)" in text
     assert "- Seed: 7" in text
     assert "<code>code</code>" in page
@@ -109,14 +109,14 @@ def test_a_terminal_of_any_width_breaks_no_number(width):
     assert max(map(len, lines)) <= width
 
 
-def test_a_table_too_wide_for_any_terminal_is_told_in_parts_that_each_name_their_rows_and_keep_intervals():
+def test_a_wide_table_is_split_into_parts_with_row_names_and_intervals():
     names = [f"Method {i}" for i in range(9)]
     frame = pd.DataFrame([["wood", *["90.0 [82.6, 94.5]"] * 9], ["tile", *["8.0 [2.6, 14.5]"] * 9]])
     frame.columns = pd.MultiIndex.from_tuples([("Row", ""), *((name, "% [95 %]") for name in names)])
-    told = on_terminal(50, Document("t", [Table(frame)]))
-    assert told.count("83–94") == told.count("90.0") == 9
-    assert told.count("wood") == told.count("tile") > 1
-    assert max(map(len, told.splitlines())) <= 50
+    report_text = on_terminal(50, Document("t", [Table(frame)]))
+    assert report_text.count("83–94") == report_text.count("90.0") == 9
+    assert report_text.count("wood") == report_text.count("tile") > 1
+    assert max(map(len, report_text.splitlines())) <= 50
 
 
 def test_rows_of_markdown_have_as_many_cells_as_the_header_and_two_levels_of_titles_are_two_lines_on_a_page():
@@ -133,8 +133,8 @@ def test_a_character_that_the_font_lacks_is_drawn_as_a_box_and_a_list_in_a_cell_
     assert "<svg" in inline_svg(
         Figure("a", "b", "c", lambda width: row_axes(width, ["a\tb"], "x")[0]), 4.4, "s"
     )
-    told = render_markdown(Document("toy", [Table(pd.DataFrame({"a": [[1, 2], True, 3]}), "")]))
-    assert "| [1, 2] |" in told
+    report_text = render_markdown(Document("toy", [Table(pd.DataFrame({"a": [[1, 2], True, 3]}), "")]))
+    assert "| [1, 2] |" in report_text
 
 
 def test_a_picture_holds_text_the_colours_of_the_page_and_words_for_who_does_not_see_it():
@@ -155,7 +155,7 @@ def test_a_picture_holds_text_the_colours_of_the_page_and_words_for_who_does_not
         assert {element.get("href")[1:] for element in root.iter() if element.get("href")} <= set(ids)
 
 
-def test_pictures_stand_beside_the_markdown_and_repeat_byte_for_byte(tmp_path):
+def test_figures_are_written_next_to_the_markdown_and_are_reproducible(tmp_path):
     first, second = (write_document(a_document(), tmp_path / name, "toy") for name in ("a", "b"))
     assert [path.name for path in first] == ["toy.md", "toy-ranking.png", "toy-confusion.png"]
     assert all(p.read_bytes() == q.read_bytes() for p, q in zip(first, second, strict=True))
@@ -163,7 +163,7 @@ def test_pictures_stand_beside_the_markdown_and_repeat_byte_for_byte(tmp_path):
     assert "![" not in alone.read_text(encoding="utf-8")
 
 
-def test_what_results_share_stands_once_on_their_page():
+def test_shared_datasets_and_versions_are_shown_once_on_a_page():
     page = render_page([a_document(), a_document()])
     assert page.count("<dt>Licence</dt>") == 1
     assert page.count("<td>7</td>") == 2
@@ -172,7 +172,7 @@ def test_what_results_share_stands_once_on_their_page():
         render_page([])
 
 
-def test_the_title_of_a_saved_picture_stands_above_it_clear_of_its_legend(tmp_path):
+def test_the_title_of_a_saved_figure_is_above_its_legend(tmp_path):
     def drawn(title):
         figure, axes = row_axes(6.0, ["All"], "accuracy, %")
         axes.plot(50, 0, "o", label="ours")

@@ -136,7 +136,7 @@ def test_nothing_on_the_page_leads_to_a_request(page, outline):
     assert "default-src 'none'" in page
 
 
-def test_the_key_message_is_the_best_accuracy_beside_the_published_one(text_of):
+def test_the_finding_is_the_best_accuracy_with_the_published_one(text_of):
     page = text_of(result("benchmark"))
     assert (
         '<strong>90.0</strong> <span class="unit">%</span> <span class="interval">[82.6, 94.5]</span>' in page
@@ -159,7 +159,7 @@ def test_the_confusion_matrix_has_a_cell_for_each_pair_and_lists_each_confusion(
     assert len(page) < 250_000
 
 
-def test_the_heat_map_of_the_extremes_says_each_cell_in_words(text_of):
+def test_each_cell_of_the_heat_map_of_extreme_inputs_has_a_description(text_of):
     page = text_of(result("stability"))
     rows = re.findall(r'<th scope="row">librosa: fit</th>(.*?)</tr>', page)
     assert '<td class="e3" title="librosa: fit, plain: 1 exact, 1 WRONG of 2">1</td>' in rows[0]
@@ -170,7 +170,7 @@ def test_the_same_results_give_the_same_page(tmp_path):
     assert one == other
 
 
-def test_results_of_equal_titles_are_told_apart(tmp_path, monkeypatch):
+def test_results_with_equal_titles_are_distinguished(tmp_path, monkeypatch):
     monkeypatch.setattr("texclass.reporting.page.inline_svg", lambda *_: "")
     for name in ("a", "b"):
         (tmp_path / f"{name}.json").write_text(
@@ -181,12 +181,14 @@ def test_results_of_equal_titles_are_told_apart(tmp_path, monkeypatch):
     assert page.count("<h3>toy</h3>") == 1
 
 
-def test_committed_markdown_says_what_the_results_beside_it_hold(tmp_path):
+def test_committed_markdown_is_that_of_the_committed_results(tmp_path):
     folder = REPORTS / "tables"
-    for told in sorted(folder.glob("*.md")):
-        results = sorted(folder.glob(f"{told.stem}-*.json"))
-        again = write_page(results, tmp_path / told.name)
-        assert again.read_text(encoding="utf-8") == told.read_text(encoding="utf-8"), told.name
+    for markdown_file in sorted(folder.glob("*.md")):
+        results = sorted(folder.glob(f"{markdown_file.stem}-*.json"))
+        rewritten = write_page(results, tmp_path / markdown_file.name)
+        assert rewritten.read_text(encoding="utf-8") == markdown_file.read_text(encoding="utf-8"), (
+            markdown_file.name
+        )
 
 
 def test_committed_results_are_read_and_become_one_page(tmp_path):
@@ -200,9 +202,9 @@ def test_committed_results_are_read_and_become_one_page(tmp_path):
 def test_every_kind_of_result_but_a_study_has_an_example_here():
     assert {file.stem for file in FILES} == RESULTS.keys() - {"study"}
     for kind in RESULTS.keys() - {"study"}:
-        found = read_result(DATA / f"{kind}.json")
-        assert type(found) is RESULTS[kind]
-        assert json.loads(found.to_json()) == result(kind)
+        matches = read_result(DATA / f"{kind}.json")
+        assert type(matches) is RESULTS[kind]
+        assert json.loads(matches.to_json()) == result(kind)
 
 
 @pytest.mark.parametrize(
@@ -221,7 +223,7 @@ def test_every_kind_of_result_but_a_study_has_an_example_here():
         ('{"kind": "study", "version": 1}', "a study has no document"),
     ],
 )
-def test_what_is_no_result_is_refused_with_file_and_value(text, fault, tmp_path):
+def test_files_without_a_result_are_rejected_with_file_and_value(text, fault, tmp_path):
     path = tmp_path / "broken.json"
     path.write_text(text)
     with pytest.raises(ValueError, match=rf"broken\.json: .*{fault}"):
@@ -241,7 +243,7 @@ def test_what_is_no_result_is_refused_with_file_and_value(text, fault, tmp_path)
         ("tradeoff", lambda d: d["curves"][0]["x"].pop()),
     ],
 )  # fmt: skip
-def test_a_damaged_result_is_refused_with_its_file(kind, change, tmp_path):
+def test_a_damaged_result_is_rejected_with_its_file(kind, change, tmp_path):
     data, path = result(kind), tmp_path / "broken.json"
     change(data)
     path.write_text(json.dumps(data))
@@ -249,7 +251,7 @@ def test_a_damaged_result_is_refused_with_its_file(kind, change, tmp_path):
         write_page([path], tmp_path / "page.html")
 
 
-def test_binary_files_and_pages_over_results_are_refused(tmp_path):
+def test_binary_files_and_output_over_results_are_rejected(tmp_path):
     path = tmp_path / "x.json"
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match=r"x\.json"):

@@ -63,9 +63,9 @@ def test_the_page_is_silent_and_asks_for_nothing_outside(browser, path):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_text_stands_out_from_what_is_behind_it(browser, path, scheme):
     browser.open(path, scheme=scheme)
-    found = browser.run(CONTRASTS)
-    assert len(found) > 500
-    assert found[0][0] >= 4.5, found[:3]
+    matches = browser.run(CONTRASTS)
+    assert len(matches) > 500
+    assert matches[0][0] >= 4.5, matches[:3]
     ground = browser.run("getComputedStyle(document.body).backgroundColor")
     assert (ground == "rgb(255, 255, 255)") == (scheme == "light")
 
@@ -93,10 +93,10 @@ def test_arrow_keys_move_through_the_matrix_and_say_what_is_there(browser, path)
     browser.run("document.querySelector('table.matrix td').focus()")
     browser.press("ArrowRight", 39)
     label = "document.activeElement.getAttribute('aria-label')"
-    said = "document.activeElement.closest('figure').querySelector('.readout').textContent"
+    label_text = "document.activeElement.closest('figure').querySelector('.readout').textContent"
     first = browser.run(label)
     assert first.endswith("predicted as surface-01: 1 of 10 recordings (10 %)")
-    assert browser.run(said) == first
+    assert browser.run(label_text) == first
     browser.press("ArrowDown", 40)
     assert browser.run(label) == "surface-01 predicted as surface-01: 9 of 10 recordings (90 %)"
     browser.press("End", 35)

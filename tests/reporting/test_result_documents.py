@@ -13,14 +13,16 @@ from texclass.reporting.figure_style import NARROW, WIDTH, draw_block
 KINDS = [file.stem for file in FILES]
 
 
-def table(told, i=0):
+def table(report, i=0):
     """Return the cells of a document's table by the name of its row."""
-    frame = [block for block in told.blocks if isinstance(block, Table)][i].frame
+    frame = [block for block in report.blocks if isinstance(block, Table)][i].frame
     return {row[0]: list(row[1:]) for row in frame.itertuples(index=False)}
 
 
-def figure(told, name):
-    return next(block for block in told.blocks if isinstance(block, Figure | HeatMap) and block.name == name)
+def figure(report, name):
+    return next(
+        block for block in report.blocks if isinstance(block, Figure | HeatMap) and block.name == name
+    )
 
 
 @pytest.mark.parametrize(
@@ -41,14 +43,14 @@ def figure(told, name):
         ("stability", ["of 2 pairs of subject and input are wrong", "same rules: 1 of 2", "not installed"]),
     ],
 )  # fmt: skip
-def test_every_result_is_told_on_the_terminal_and_in_markdown(kind, said):
-    for told in everywhere(document(kind)):
+def test_every_result_is_shown_on_the_terminal_and_in_markdown(kind, said):
+    for report in everywhere(document(kind)):
         for text in said:
-            assert text in told, text
+            assert text in report, text
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_reports_hold_their_pictures_and_everything_to_compute_them_again(kind, tmp_path):
+def test_reports_contain_their_figures_and_what_is_needed_to_reproduce_them(kind, tmp_path):
     written = write_document(document(kind), tmp_path, "x", json="{}")
     assert [path.suffix for path in written[:2]] == [".json", ".md"]
     text = written[1].read_text(encoding="utf-8")
@@ -72,9 +74,9 @@ def test_windows_have_their_balance_and_the_vote_of_each_run():
     for accuracy in accuracies(data):
         accuracy |= {"interval": "t over runs", "clusters": "run", "n_clusters": 8}
         accuracy["per_run"] = accuracy.pop("per_recording", {"mean": 1.0, "low": 0.4, "high": 1.0})
-    told = document("benchmark", data)
-    assert table(told, 1)["All"] == ["85.0", "90.0 [69.9, 97.2]", "80.0", "100.0 [40.0, 100.0]"]
-    for text in everywhere(told):
+    report = document("benchmark", data)
+    assert table(report, 1)["All"] == ["85.0", "90.0 [69.9, 97.2]", "80.0", "100.0 [40.0, 100.0]"]
+    for text in everywhere(report):
         for said in ("800 windows of 100 recordings", "share of windows", "over 8 runs", "majority"):
             assert said in text
 
@@ -143,15 +145,15 @@ PROBLEMS = {
          ["Near 0 or 100 % the interval of 7 operators may be too narrow."], []),
     ],
 )  # fmt: skip
-def test_what_is_special_about_a_benchmark_is_told(change, said, unsaid):
+def test_special_cases_of_a_benchmark_are_reported(change, said, unsaid):
     data = result("benchmark")
     change(data)
-    for told in everywhere(document("benchmark", data)):
-        assert all(text in told for text in said), [text for text in said if text not in told]
-        assert not any(text in told for text in unsaid)
+    for report in everywhere(document("benchmark", data)):
+        assert all(text in report for text in said), [text for text in said if text not in report]
+        assert not any(text in report for text in unsaid)
 
 
-def test_the_confusion_matrix_says_each_pair():
+def test_each_cell_of_the_confusion_matrix_has_count_and_description():
     heat = figure(document("benchmark"), "confusion")
     assert heat.summary.startswith("3 of 30 recordings are misclassified")
     shade = heat.rows[HOSTILE][0]
@@ -168,7 +170,7 @@ def test_the_confusion_matrix_says_each_pair():
         (lambda data: data["rows"][1]["accuracy"]["lda"].update(mean=0.1, low=0.05), 0, 10),
     ],
 )
-def test_the_axis_of_all_rows_begins_below_all_that_it_shows(change, low, high):
+def test_the_accuracy_axis_starts_below_the_lowest_interval(change, low, high):
     data = result("benchmark")
     change(data)
     for width in (WIDTH, NARROW):
@@ -183,14 +185,14 @@ def test_the_axis_of_all_rows_begins_below_all_that_it_shows(change, low, high):
 
 
 def test_every_classifier_is_drawn_and_told_and_every_row_costs():
-    told = document("benchmark")
-    ranking = figure(told, "ranking")
+    report = document("benchmark")
+    ranking = figure(report, "ranking")
     (axes,) = draw_block(ranking).axes
     said = [line.get_gid() for line in axes.lines if line.get_gid() and "All" in line.get_gid()]
     assert said == ["All, LDA: published 86 %", "All, LDA: ours 90.0 [82.6, 94.5] %",
                     "All, Naive Bayes: ours 80.0 [71.1, 86.7] %"]  # fmt: skip
     assert ranking.table.frame["Classifier"].tolist() == ["LDA", "Naive Bayes", "LDA"]
-    costs = figure(told, "row-costs")
+    costs = figure(report, "row-costs")
     assert (
         "All, 3.5 ms per recording, is the most accurate; no faster row comes within 5 points"
         in costs.summary
@@ -200,24 +202,24 @@ def test_every_classifier_is_drawn_and_told_and_every_row_costs():
 
 def test_a_recording_and_its_phases_come_before_the_table_where_the_result_holds_one():
     data = result("benchmark")
-    told = document("benchmark", data)
-    assert told.blocks[0].name == "example"
-    assert "s): 1 tap, movement from 1.00 to 2.00 s." in told.blocks[0].summary
-    assert told.blocks[0].table.frame["Phase"].tolist() == ["tap 1", "movement"]
+    report = document("benchmark", data)
+    assert report.blocks[0].name == "example"
+    assert "s): 1 tap, movement from 1.00 to 2.00 s." in report.blocks[0].summary
+    assert report.blocks[0].table.frame["Phase"].tolist() == ["tap 1", "movement"]
     for width in (WIDTH, NARROW):
-        (axes,) = draw_block(told.blocks[0], width).axes
+        (axes,) = draw_block(report.blocks[0], width).axes
         assert axes.get_legend_handles_labels()[1] == ["signal", "tap: hand, impact, decay", "movement"]
     del data["example"]
     assert not any(getattr(block, "name", "") == "example" for block in document("benchmark", data).blocks)
 
 
-def test_bars_of_one_feature_stand_apart_so_that_each_says_its_own_number():
+def test_the_bars_of_one_feature_do_not_overlap():
     (axes,) = draw_block(figure(document("tradeoff"), "costs")).axes
     places = sorted((bar.get_y(), bar.get_y() + bar.get_height()) for bar in axes.patches)
     assert all(end <= start for (_, end), (start, _) in pairwise(places))
 
 
-def test_gains_claim_no_more_than_was_found():
+def test_the_verdict_of_an_ablation_names_significant_groups_only():
     ablation = result("benchmark")["ablation"]
     assert "groups change the accuracy significantly (corrected p below 0.05): taps +5.0 points." in verdict(
         ablation
@@ -233,9 +235,9 @@ def test_gains_claim_no_more_than_was_found():
     )
     assert "no gain is possible" in verdict(ablation | {"base": {"accuracy": 1}})
     assert verdict(ablation | {"groups": ablation["groups"][1:]}) == "The dataset has none of the groups."
-    told = document("benchmark")
-    assert table(told, 2)["+ taps"] == ["15", "95.0", "+5.0 [+1.0, +9.0]", "2/1", "0.012", "0.024", "4.00"]
-    (axes,) = draw_block(figure(told, "gains")).axes
+    report = document("benchmark")
+    assert table(report, 2)["+ taps"] == ["15", "95.0", "+5.0 [+1.0, +9.0]", "2/1", "0.012", "0.024", "4.00"]
+    (axes,) = draw_block(figure(report, "gains")).axes
     assert [label.get_text() for label in axes.get_yticklabels()] == ["+ taps"]
 
 
@@ -251,20 +253,20 @@ def test_gains_claim_no_more_than_was_found():
           "measured_deviation": 0.5, "holds": False}, "measured another law, neither a power nor a shift"),
     ],
 )  # fmt: skip
-def test_a_gain_law_is_told_as_an_equation(law, said):
+def test_a_gain_law_is_shown_as_an_equation(law, said):
     data = result("feature")
     data["new_feature"]["gain_law"] = law
     assert said in everywhere(document("feature", data))[0]
 
 
-def test_a_feature_that_breaks_the_contract_or_joins_nothing_is_told():
+def test_a_feature_that_violates_the_contract_or_has_no_base_row_is_reported():
     data = result("feature")
     data["new_feature"]["degenerate_inputs"].append(
         {"input": "one NaN", "outcome": "no reason", "detail": "nan", "is_valid": False}
     )
-    told, _ = everywhere(document("feature", data))
-    assert "1 of 2 results meet the feature contract" in told
-    assert "one NaN no reason nan INVALID" in told
+    report, _ = everywhere(document("feature", data))
+    assert "1 of 2 results meet the feature contract" in report
+    assert "one NaN no reason nan INVALID" in report
     assert (
         "there is no row to which it can be added"
         in everywhere(document("feature", data | {"ablation": None}))[0]
@@ -277,9 +279,9 @@ def test_the_front_marks_knee_half_and_the_full_set():
     assert rows["full set"][:2] == ["8", "2"]
     data = result("tradeoff")
     data["dataset"] |= {"surfaces": ["oak", "felt"], "max_seconds": 2.0}
-    told, _ = everywhere(document("tradeoff", data))
-    assert "for oak, felt" in told
-    assert "2 s of each" in told
+    report, _ = everywhere(document("tradeoff", data))
+    assert "for oak, felt" in report
+    assert "2 s of each" in report
 
 
 def test_who_did_not_finish_is_told_with_the_reason():
@@ -319,29 +321,29 @@ def test_published_figures_are_a_measure_only_of_as_many_surfaces_under_the_same
         ({"published_on": {"n_surfaces": 69, "protocols": ["operator"]}}, "3 surfaces here, 69 there"),
         ({"published_on": None}, "number of surfaces and protocol of the publication are not stated"),
     ):
-        told = document("benchmark", result("benchmark") | changed)
-        for text in everywhere(told):
+        report = document("benchmark", result("benchmark") | changed)
+        for text in everywhere(report):
             assert why in text
             assert "points [" not in text.partition("All rows, with")[0]
             assert "reach the published" not in text
-        assert not any(figure(told, "ranking").table.frame["Points"])
+        assert not any(figure(report, "ranking").table.frame["Points"])
 
 
-def test_chance_stands_beside_every_accuracy_in_text_and_picture():
+def test_the_chance_level_is_next_to_every_accuracy_in_text_and_figure():
     for kind, name in (("benchmark", "ranking"), ("tradeoff", "front"), ("baselines", "time")):
-        told = document(kind)
-        assert "chance" in told.finding.sentence
-        for text in everywhere(told):
+        report = document(kind)
+        assert "chance" in report.finding.sentence
+        for text in everywhere(report):
             assert "chance level" in text.lower()
-        (axes,) = draw_block(figure(told, name), WIDTH).axes
+        (axes,) = draw_block(figure(report, name), WIDTH).axes
         assert any("chance" in label for label in axes.get_legend_handles_labels()[1])
 
 
 def test_what_was_chosen_with_the_tests_in_view_is_named_and_no_figure_is_of_another_run():
     choice = {"accuracy": {"mean": 0.818, "low": 0.777, "high": 0.853}}
-    told, _ = everywhere(document("baselines", result("baselines") | {"choice": choice, "n_pairs": 20}))
-    assert "Ours is the highest of 20 pairs of row and classifier, selected on the test folds" in told
-    assert "81.8" not in told
+    report, _ = everywhere(document("baselines", result("baselines") | {"choice": choice, "n_pairs": 20}))
+    assert "Ours is the highest of 20 pairs of row and classifier, selected on the test folds" in report
+    assert "81.8" not in report
     assert "selected on these folds, optimistic" in everywhere(document("tradeoff"))[0]
 
 

@@ -230,7 +230,9 @@ def librosa() -> list[Subject]:
             "zero crossings": spectral.zero_crossing_rate(x),
             "rms": spectral.rms(y=x),
         }
-        return {f"{name} {i}": row.mean() for name, found in rows.items() for i, row in enumerate(found)}, {}
+        return {
+            f"{name} {i}": row.mean() for name, values in rows.items() for i, row in enumerate(values)
+        }, {}
 
     burg = _predictor("librosa", "lpc (Burg)", BURG, lambda x, p: library.lpc(x, order=p))
     return [

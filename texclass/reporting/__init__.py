@@ -1,4 +1,4 @@
-"""Tell a result once, as a document of blocks, and show it on a terminal, in Markdown and on an HTML page."""
+"""Documents of results: blocks that are shown on a terminal, in Markdown and on an HTML page."""
 
 import lazy_loader
 
