@@ -53,33 +53,37 @@ def write_bag(folder: Path, kind: str, topics: dict[str, Topic], *, compression:
 
 def _write(writer, store, topics, *, ros1):
     lines = []
-    for topic, told in topics.items():
-        connection = writer.add_connection(topic, told.type_name, typestore=store)
-        received = told.received_ns if told.received_ns is not None else told.stamps_ns + 200_000
-        for i, (at, value) in enumerate(zip(received, told.values, strict=True)):
-            stamp = None if told.stamps_ns is None else int(told.stamps_ns[i])
-            lines.append((int(at), connection, message(store, told, stamp, value, ros1=ros1)))
+    for topic, description in topics.items():
+        connection = writer.add_connection(topic, description.type_name, typestore=store)
+        received = (
+            description.received_ns
+            if description.received_ns is not None
+            else description.stamps_ns + 200_000
+        )
+        for i, (at, value) in enumerate(zip(received, description.values, strict=True)):
+            stamp = None if description.stamps_ns is None else int(description.stamps_ns[i])
+            lines.append((int(at), connection, message(store, description, stamp, value, ros1=ros1)))
     serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
     for at, connection, content in sorted(lines, key=lambda line: line[0]):
         writer.write(connection, at, serialize(content, connection.msgtype))
 
 
-def message(store, told: Topic, stamp: int | None, value, *, ros1: bool):
+def message(store, description: Topic, stamp: int | None, value, *, ros1: bool):
     """Return one message of the types that carry signals; an Imu's values are ax, ay, az, wx, wy, wz."""
     types = store.types
     vector = types["geometry_msgs/msg/Vector3"]
-    if told.type_name == ARRAY:
+    if description.type_name == ARRAY:
         return _array(types, np.asarray(value, float))
     time = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
     make_header = types["std_msgs/msg/Header"]
-    header = make_header(7, time, told.frame) if ros1 else make_header(time, told.frame)
-    if told.type_name == IMU:
+    header = make_header(7, time, description.frame) if ros1 else make_header(time, description.frame)
+    if description.type_name == IMU:
         none, rotation = np.zeros(9), types["geometry_msgs/msg/Quaternion"](0, 0, 0, 1)
         a, w = vector(*value[:3]), vector(*value[3:6])
         return types[IMU](header, rotation, none, w, none, a, none)
-    inner = told.type_name.rpartition("/")[2].removesuffix("Stamped")
+    inner = description.type_name.rpartition("/")[2].removesuffix("Stamped")
     body = types[f"geometry_msgs/msg/{inner}"](vector(*value[:3]), vector(*value[3:6]))
-    return types[told.type_name](header, body)
+    return types[description.type_name](header, body)
 
 
 def _array(types, value):

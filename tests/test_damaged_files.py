@@ -1,4 +1,4 @@
-"""Definitions, manifests, results and tables that once escaped as another error than the documented one."""
+"""Damaged definitions, manifests, results and tables raise the documented errors."""
 
 import json
 
@@ -59,7 +59,7 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("suffix", [suffix for suffix, kind in formats().items() if "text" not in kind.name])
-def test_a_recording_that_lost_its_end_is_refused_or_reported(suffix, tmp_path):
+def test_a_truncated_recording_is_an_error_or_flagged(suffix, tmp_path):
     """A shorter recording without a flag would look whole; the end of a text cannot be seen in it."""
     extra = formats()[suffix].extra
     for library in LIBRARIES.get(extra, ()):
@@ -90,7 +90,7 @@ def _changed(name, old, new, tmp_path):
 
 
 @pytest.mark.parametrize("name", SPOILT)
-def test_a_value_that_nothing_can_be_is_refused(name, tmp_path):
+def test_an_invalid_value_is_an_error(name, tmp_path):
     """Kinds of values, numbers beyond floats, columns without names, homes of strangers."""
     for old, new in SPOILT[name]:
         _changed(name, old, new, tmp_path)
@@ -102,7 +102,7 @@ def test_a_value_that_nothing_can_be_is_refused(name, tmp_path):
     [f"a = {'[' * 3000}", f"a = {LONG}", f"{'a.' * 32_000}b = 1", "#" * 1_100_000],
     ids=["nested", "long integer", "deep key", "large"],
 )
-def test_toml_that_only_costs_time_or_depth_is_refused(name, text, tmp_path):
+def test_toml_with_excessive_depth_or_size_is_an_error(name, text, tmp_path):
     whole = target_of(name).seeds()[0] if text.startswith("#") else b""
     _refused(name, whole + text.encode(), tmp_path)
 
@@ -137,30 +137,30 @@ def test_the_scene_of_a_path_that_never_touches_is_named(tmp_path):
         ("unit", None),
     ],
 )
-def test_a_manifest_with_a_fact_of_another_kind_is_refused(name, value, tmp_path):
-    stated = json.loads(target_of("manifest").seeds()[0]) | {name: value}
-    _refused("manifest", json_of(stated), tmp_path)
+def test_a_manifest_with_a_value_of_another_type_is_an_error(name, value, tmp_path):
+    manifest = json.loads(target_of("manifest").seeds()[0]) | {name: value}
+    _refused("manifest", json_of(manifest), tmp_path)
 
 
 @pytest.mark.parametrize("number", ["1e999", f"1{'0' * 400}", "1e308", "-1e999"])
-def test_a_result_with_a_number_that_no_figure_shows_is_refused(number, tmp_path):
+def test_a_result_with_a_number_too_large_for_a_figure_is_an_error(number, tmp_path):
     _changed("result for the page", '"ms_per_recording": 3.5', f'"ms_per_recording": {number}', tmp_path)
 
 
 @pytest.mark.parametrize("text", [b"[", b"\xff", b"[]", b"[" * 5000, b"{}"])
-def test_what_a_baseline_left_half_written_is_no_outcome(text, tmp_path):
+def test_a_truncated_result_of_a_baseline_is_a_failure(text, tmp_path):
     from texclass.baselines.worker_process import read_outcome
 
     for name in ("started.json", "fold_0.json", "failed.json", "stderr.txt"):
         (tmp_path / name).write_bytes(text)
-    found = read_outcome(tmp_path, expired=False, time_limit_s=1.0)
-    assert found["status"] == "failed"
+    outcome = read_outcome(tmp_path, expired=False, time_limit_s=1.0)
+    assert outcome["status"] == "failed"
 
 
 @pytest.mark.parametrize(
     "text", ["5", "[5]", "[[0, 1]]", '[["a", 1, 1.0]]', "[[2, 1, 9.0]]", "[" * 5000, "[]"]
 )
-def test_damaged_movements_are_found_again(text, tmp_path, monkeypatch):
+def test_damaged_movements_are_detected_again(text, tmp_path, monkeypatch):
     from texclass.evaluation import windows
     from texclass.loaders import Dataset, Entry
     from texclass.recording import Phases, Recording
@@ -183,7 +183,7 @@ def test_a_row_with_a_number_beyond_floats_is_refused(tmp_path):
     _refused("table of rows", data, tmp_path)
 
 
-def test_a_label_that_is_not_there_is_refused_and_its_row_is_named(tmp_path):
+def test_a_missing_label_is_an_error_with_its_row(tmp_path):
     for line in (b"r2", b"r2,felt", b"r2,felt,1,more"):
         _refused("table of labels", b"id,what,run\nr1,oak,1\n" + line + b"\n", tmp_path)
     (tmp_path / "labels.csv").write_bytes(b"id,what,run\nr1,oak,1\nr2\n")
@@ -203,7 +203,7 @@ def _facts(path, **changes):
     [{"columns": 5}, {"columns": ["absent"]}, {"columns": ["surface"]}, {"ms": ["x", "y"]}, {"ms": [1.0]},
      {"reasons": [["too", "few"]]}, {"flags": 1}, {"left_out": None}, {"key": []}],
 )  # fmt: skip
-def test_a_feature_table_whose_facts_do_not_fit_it_is_refused(changes, tmp_path):
+def test_a_feature_table_with_inconsistent_metadata_is_an_error(changes, tmp_path):
     path = tmp_path / "t.parquet"
     path.write_bytes(target_of("feature table").seeds()[0])
     assert read_table(path).n_recordings == 2
@@ -212,7 +212,7 @@ def test_a_feature_table_whose_facts_do_not_fit_it_is_refused(changes, tmp_path)
         read_table(path)
 
 
-def test_columns_that_pandas_is_told_to_rename_are_refused(tmp_path):
+def test_columns_renamed_by_pandas_metadata_are_an_error(tmp_path):
     path = tmp_path / "t.parquet"
     path.write_bytes(target_of("feature table").seeds()[0])
     arrow = pq.read_table(path)

@@ -68,19 +68,19 @@ def _holds(target, data, place):
     return verdict.kind
 
 
-def test_whole_inputs_are_read(reader, tmp_path):
+def test_valid_inputs_are_read(reader, tmp_path):
     target, seeds = reader
     assert "accepted" in {_holds(target, data, tmp_path) for data in seeds}
 
 
-def test_spoilt_inputs_are_read_or_refused(reader, tmp_path):
+def test_mutated_inputs_are_read_or_raise_the_documented_error(reader, tmp_path):
     target, seeds = reader
     for number in range(int(os.environ.get("TEXCLASS_EXAMPLES", N_SPOILT.get(target.name, 20)))):
         rng = random.Random(number)
         _holds(target, target.mutate(rng, rng.choice(seeds)), tmp_path)
 
 
-def test_flipped_spliced_and_cut_bytes_are_read_or_refused(reader, tmp_path):
+def test_flipped_spliced_and_cut_bytes_are_read_or_raise_the_documented_error(reader, tmp_path):
     target, seeds = reader
     rng = random.Random(0)
     for number in range(8):
@@ -90,7 +90,7 @@ def test_flipped_spliced_and_cut_bytes_are_read_or_refused(reader, tmp_path):
             _holds(target, data if number % 2 else of_bytes(rng, data), tmp_path)
 
 
-def test_nothing_and_noise_are_read_or_refused(reader, tmp_path):
+def test_empty_files_and_noise_are_read_or_raise_the_documented_error(reader, tmp_path):
     target, _ = reader
     rng = random.Random(0)
     for data in (b"", b"\0", b"\xff" * 300, rng.randbytes(1000), b"{" * 5000, b"[" * 5000, b"9" * 5000):

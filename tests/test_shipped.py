@@ -90,17 +90,17 @@ def test_a_command_that_cannot_be_imported_is_named_and_the_others_run(installed
 
 
 @pytest.mark.parametrize(
-    ("group", "asked"),
+    ("group", "use"),
     [
         ("features", lambda: find_feature("crest")),
         ("definitions", lambda: shipped.names("datasets")),
         ("readers", lambda: tx.load_recording(__file__, unit="g")),
     ],
 )
-def test_a_package_that_cannot_be_imported_is_named(installed, group, asked):
+def test_a_package_that_cannot_be_imported_is_named(installed, group, use):
     installed({f"texclass.{group}": {"py": "nowhere_at_all"}})
     with pytest.raises(ImportError, match=f"entry point texclass.{group}: py = 'nowhere_at_all'"):
-        asked()
+        use()
 
 
 def test_every_shipped_card_is_valid_and_names_its_source():

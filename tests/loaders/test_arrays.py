@@ -69,7 +69,7 @@ def test_more_values_than_the_limit_are_refused_before_they_are_read(tmp_path, m
         assert_refused(tmp_path / name, r"announces 4\d\d values. Expected at most 399")
 
 
-def test_a_dataset_in_a_group_is_found_by_its_path_and_another_is_asked_for(tmp_path):
+def test_a_dataset_in_a_group_has_its_path_as_name(tmp_path):
     with h5py.File(tmp_path / "r.h5", "w") as file:
         file["run/one/acc"], file["words"], file["fs"] = SIGNAL, "text", 500
     recording = load_recording(tmp_path / "r.h5", unit="V", column="run/one/acc")
@@ -78,7 +78,7 @@ def test_a_dataset_in_a_group_is_found_by_its_path_and_another_is_asked_for(tmp_
     assert_refused(tmp_path / "r.h5", "no column 'right'; the columns are 'run/one/acc'", column="right")
 
 
-def test_hdf5_that_keeps_its_values_elsewhere_is_not_followed(tmp_path):
+def test_hdf5_datasets_in_other_files_are_not_read(tmp_path):
     SIGNAL.tofile(tmp_path / "secret.bin")
     with h5py.File(tmp_path / "secret.h5", "w") as file:
         file["acceleration"] = SIGNAL
@@ -90,7 +90,7 @@ def test_hdf5_that_keeps_its_values_elsewhere_is_not_followed(tmp_path):
     assert_refused(tmp_path / "r.h5", "no column 'linked'", column="linked")
 
 
-def test_what_is_not_a_signal_is_refused(tmp_path):
+def test_arrays_that_are_not_signals_are_errors(tmp_path):
     for array in (np.zeros((5, 4, 3)), SIGNAL + 1j, np.array(["a", "b"])):
         np.savez(tmp_path / "r.npz", acceleration=array)
         assert_refused(tmp_path / "r.npz", "Expected")
@@ -207,7 +207,7 @@ def test_a_rate_that_is_complex_and_a_byte_order_that_scipy_only_guesses_are_ref
     assert judged("mat", cray, tmp_path)[0] == "refused"
 
 
-def test_two_variables_of_a_name_and_an_array_of_python_2_warn_of_nothing(tmp_path):
+def test_repeated_variables_and_arrays_of_python_2_give_no_warning(tmp_path):
     stored = []
     for variable in ({"acceleration": np.arange(5.0)}, {"fs": 1000.0}):
         scipy.io.savemat(tmp_path / "r.mat", variable)

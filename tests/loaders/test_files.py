@@ -362,8 +362,8 @@ def test_a_time_column_gives_the_rate_or_contradicts_the_option(tmp_path, axes, 
 
 
 def test_samples_are_interpolated_by_a_selected_time_column_and_losses_are_flagged(tmp_path):
-    kept = np.delete(np.arange(500), [100, 101, 300])
-    path = table(tmp_path / "r.csv", [TIMES[kept], np.sin(6 * TIMES[kept])], "time,a")
+    indices = np.delete(np.arange(500), [100, 101, 300])
+    path = table(tmp_path / "r.csv", [TIMES[indices], np.sin(6 * TIMES[indices])], "time,a")
     recording = load_recording(path, unit="counts", time_column="time")
     np.testing.assert_allclose(recording.acceleration, np.sin(6 * TIMES), atol=1e-3)
     assert recording.flags[0] == "gaps: 3 messages missing in 2 gaps, interpolated"

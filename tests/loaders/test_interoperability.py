@@ -41,8 +41,11 @@ def test_raw_and_epochs_are_recordings_of_their_channels(make):
     assert (one.fs, one.unit, one.channels, one.phases) == (FS, "m/s^2", ("ax", "ay", "az"), None)
     np.testing.assert_allclose(one.acceleration, 9.80665 * AXES[0].T)
     assert tx.extract(raw, unit="g").equals(tx.extract(one))
-    felt = recordings_of(epochs)
-    assert [(r.recording_id, r.surface) for r in felt] == [("epoch 0", "oak"), ("epoch 1", "felt")]
+    epoch_recordings = recordings_of(epochs)
+    assert [(r.recording_id, r.surface) for r in epoch_recordings] == [
+        ("epoch 0", "oak"),
+        ("epoch 1", "felt"),
+    ]
     np.testing.assert_array_equal(tx.extract(epochs, "strese2015"), tx.extract(AXES, "strese2015", fs=FS))
     with pytest.raises(ValueError, match="fs is 1000 Hz, but 500 Hz was given"):
         tx.extract(raw, fs=500.0)

@@ -48,8 +48,8 @@ def test_objects_of_matlab_do_not_hide_other_variables(tmp_path, compressed):
     recording = load_recording(path, unit="V")
     np.testing.assert_array_equal(recording.acceleration, AXES)
     assert recording.fs == 500
-    told = "'t (datetime)', 'tt (timetable)', 'T (table)', 'd (duration)', 's (string)'"
-    assert recording.flags == ("time: fs is 500 Hz, from 'Fs' in the file", f"ignored: {told}")
+    object_list = "'t (datetime)', 'tt (timetable)', 'T (table)', 'd (duration)', 's (string)'"
+    assert recording.flags == ("time: fs is 500 Hz, from 'Fs' in the file", f"ignored: {object_list}")
     with pytest.raises(RecordingError, match=r"no column 'T'.*'T \(table\)'.*cannot be read"):
         load_recording(path, unit="V", column="T")
     write_mat(path, objects[:1], compressed=compressed, note="oak")

@@ -65,8 +65,8 @@ def test_borealtc_has_turn_rate_no_gravity_and_one_session_per_run():
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
-def test_these_recordings_are_what_fetching_makes_of_the_published_ones(name, data_root, monkeypatch):
-    monkeypatch.setenv("https_proxy", "http://127.0.0.1:9")  # no file lacks, so nothing is asked for
+def test_local_recordings_equal_the_converted_published_ones(name, data_root, monkeypatch):
+    monkeypatch.setenv("https_proxy", "http://127.0.0.1:9")  # all files are there, so no request is sent
     assert fetch_recordings(name) == data_root / read_card(name).folder
 
 
@@ -90,7 +90,7 @@ def parts(dataset, label):
     return [[set(table["recording_id"].iloc[rows]) for rows in fold] for fold in split]
 
 
-def test_cluster118_is_parted_by_speed_and_never_by_repetition(place):
+def test_cluster118_is_split_by_speed_and_not_by_repetition(place):
     rng = np.random.default_rng(0)
     t = np.arange(6000) / 6000 + rng.uniform(-4e-5, 4e-5, 6000)
     for surface, inside in ((0, ""), (1, "1/")):
@@ -111,7 +111,7 @@ def test_cluster118_is_parted_by_speed_and_never_by_repetition(place):
     np.testing.assert_allclose(np.median(recording.acceleration, axis=0), 0, atol=1e-12)
 
 
-def test_lmt108_joins_axes_and_friction_and_keeps_its_own_training_part(place):
+def test_lmt108_joins_axes_and_friction_and_keeps_its_own_training_set(place):
     rng = np.random.default_rng(0)
     for surface in ("G1EpoxyRasterPlate", "G2Paper"):
         for folder, part in (("Training", "train"), ("Testing", "test")):
@@ -131,7 +131,7 @@ def test_lmt108_joins_axes_and_friction_and_keeps_its_own_training_part(place):
     assert (set(table["session"].iloc[train]), set(table["session"].iloc[test])) == ({"train"}, {"test"})
 
 
-def test_lmt69_holds_queries_operators_and_friction(place):
+def test_lmt69_contains_queries_operators_and_friction(place):
     rng = np.random.default_rng(0)
     for surface in ("Brick", "Cork"):
         for k in (1, 2):

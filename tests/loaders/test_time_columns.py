@@ -58,9 +58,9 @@ def test_the_unit_of_time_stamps_follows_from_their_range_and_step(tmp_path, cel
     np.testing.assert_allclose(recording.acceleration, VALUES, atol=0.05)
     notice = f"time: unit of column {name!r} is {unit}, inferred from range and step (--time-unit)"
     assert (notice in recording.flags) == (unit != "s")
-    stated = loaded(tmp_path / "r.csv", time_unit=unit)
-    assert stated.fs == 100
-    assert not any("inferred" in flag for flag in stated.flags)
+    recording_with_unit = loaded(tmp_path / "r.csv", time_unit=unit)
+    assert recording_with_unit.fs == 100
+    assert not any("inferred" in flag for flag in recording_with_unit.flags)
 
 
 @pytest.mark.parametrize(
@@ -161,9 +161,9 @@ phases = "movement"\nfiles = '(?P<surface>[^/]+)/.+[.]csv'\n{line}\n[channels]\n
 
 def test_lost_rows_are_filled_in_and_reported_whether_the_rate_is_given_or_not(tmp_path):
     t = np.arange(2000) / 1000
-    kept = np.flatnonzero(np.arange(2000) % 10 != 5)
+    rows = np.flatnonzero(np.arange(2000) % 10 != 5)
     tone = np.sin(2 * np.pi * 30 * t)
-    path = write(tmp_path / "r.csv", numbers(t[kept]), tone[kept])
+    path = write(tmp_path / "r.csv", numbers(t[rows]), tone[rows])
     for options in ({}, {"fs": 1000}):
         recording = loaded(path, **options)
         assert recording.fs == 1000

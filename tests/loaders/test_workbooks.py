@@ -208,12 +208,12 @@ def test_channels_of_tdms_state_rate_and_unit(tmp_path):
     np.testing.assert_allclose(recording.acceleration, 9.80665 * A)
     assert (recording.fs, recording.unit, recording.channels) == (100, "m/s^2", ("x", "y", "z"))
     assert "time: fs is 100 Hz, from 'wf_increment' in the file" in recording.flags
-    for stated, message in (
+    for options, message in (
         ({"fs": 200}, "fs is 100 Hz, but 200 Hz was given"),
         ({"unit": "V"}, "unit is 'g'"),
     ):
         with pytest.raises(RecordingError, match=message):
-            load_recording(path, **stated)
+            load_recording(path, **options)
 
 
 def test_a_group_of_tdms_has_its_own_time_channel(tmp_path):
