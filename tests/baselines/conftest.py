@@ -1,4 +1,4 @@
-"""A small dataset on disk, its benchmark, and interpreters that only pretend to run a baseline."""
+"""A small dataset on disk, its benchmark, and fake interpreters of baselines."""
 
 import stat
 import sys

@@ -1,4 +1,4 @@
-"""The transformer of `examples/aeon_transformer` passes aeon's checks and gives what texclass gives."""
+"""The transformer of `examples/aeon_transformer` passes aeon's checks and returns the features of texclass."""
 
 import numpy as np
 import pytest

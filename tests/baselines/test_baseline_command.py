@@ -1,4 +1,4 @@
-"""texclass benchmark --baselines, with an interpreter that only pretends."""
+"""texclass benchmark --baselines, with a fake interpreter."""
 
 import json
 

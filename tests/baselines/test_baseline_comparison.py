@@ -1,4 +1,4 @@
-"""Ours and baselines on the same folds."""
+"""Comparison of our rows with baselines on the same folds."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""What the other interpreter runs: files, extractors, measuring."""
+"""The worker of a baseline: files, extractors, measurements."""
 
 import ast
 import sys

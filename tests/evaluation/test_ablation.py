@@ -1,4 +1,4 @@
-"""What a group adds: a group that helps, one that is noise, one that the dataset lacks."""
+"""Ablation: a group that helps, a group of noise, a group that the dataset lacks."""
 
 import json
 

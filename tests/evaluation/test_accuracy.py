@@ -1,4 +1,4 @@
-"""Accuracies and paired comparisons: intervals that cover, errors as often as promised, balance, votes."""
+"""Accuracies and paired comparisons: coverage of intervals, error rates of tests, balance, majority votes."""
 
 import json
 from itertools import product

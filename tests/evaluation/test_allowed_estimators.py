@@ -1,4 +1,4 @@
-"""Pipelines and models that a stranger wrote: allowed classes, parameters and sizes, and nothing else."""
+"""Pipelines and models from untrusted sources: only allowed classes, parameters and sizes are accepted."""
 
 import inspect
 import json

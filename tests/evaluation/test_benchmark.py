@@ -1,4 +1,4 @@
-"""The benchmark end to end on a toy dataset; what is chosen inside training parts: the tests have no say."""
+"""The benchmark on a toy dataset, and nested cross-validation, whose selection does not see the test sets."""
 
 import csv
 import json

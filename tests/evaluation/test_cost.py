@@ -1,4 +1,4 @@
-"""Cost: parts counted once, shares that add up, and selection that knows what is free."""
+"""Cost models: shared parts count once, and shares add up to the total."""
 
 from dataclasses import replace
 from datetime import date

@@ -1,4 +1,4 @@
-"""Feature tables: nothing lost by a kill, nothing computed twice, bad recordings named."""
+"""Feature tables: interrupted runs resume, nothing is computed twice, bad recordings are named."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Evaluation: recovery, chance, and the bias of selecting before the folds."""
+"""Cross-validation: recovery of known classes, chance level, bias of selection before the folds."""
 
 from typing import ClassVar
 

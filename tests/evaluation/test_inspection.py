@@ -1,4 +1,4 @@
-"""The picture of one recording: every kind of phases, short recordings, hostile names."""
+"""The figure of one recording: all kinds of phases, short recordings, special characters in names."""
 
 import numpy as np
 import pytest

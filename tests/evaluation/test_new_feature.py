@@ -1,4 +1,4 @@
-"""A new feature against a table: one that helps, one that repeats another, one that the set has."""
+"""Study of a new feature: one that helps, one that repeats another, one that exists already."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Pipeline TOMLs: only sklearn and texclass classes, and no key that does nothing."""
+"""Pipeline files: only allowed classes, and every key has an effect."""
 
 import numpy as np
 import pandas as pd

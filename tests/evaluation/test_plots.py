@@ -1,4 +1,4 @@
-"""Plots draw the numbers of a result on the axes that they are given, with labels, and return these axes."""
+"""Plots draw the numbers of a result on the given axes, with labels, and return these axes."""
 
 import json
 from pathlib import Path

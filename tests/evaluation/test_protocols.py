@@ -1,4 +1,4 @@
-"""Protocols: recordings are the unit, and an impossible split says why."""
+"""Protocols: recordings are never separated, and an impossible split is explained."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Work in processes of this machine and on a real cluster: in order, one thread each, safe from a death."""
+"""Parallel execution on processes and on a cluster: order, one thread per process, failing workers."""
 
 import ctypes
 import gc

@@ -1,4 +1,4 @@
-"""The page that several modules look at."""
+"""The page that several modules test."""
 
 import pytest
 from example_results import FILES

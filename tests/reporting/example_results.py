@@ -1,4 +1,4 @@
-"""Results of every kind as the commands write them, small, with names that are hostile to HTML."""
+"""Small results of every kind, with names that are hostile to HTML."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One document, told on a terminal, in Markdown and on a page."""
+"""One document on a terminal, in Markdown and on a page."""
 
 import re
 from xml.etree import ElementTree

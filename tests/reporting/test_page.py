@@ -1,4 +1,4 @@
-"""The page of results: its structure, what it says, and what it refuses."""
+"""The HTML page of results: structure, content, rejected input."""
 
 import json
 import re

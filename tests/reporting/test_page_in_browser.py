@@ -1,4 +1,4 @@
-"""The page in a headless Chromium: quiet, readable in both schemes, and usable by keyboard."""
+"""The HTML page in headless Chromium: no requests, readable in both schemes, usable by keyboard."""
 
 import pytest
 from chromium import needs_chromium

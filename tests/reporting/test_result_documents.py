@@ -1,4 +1,4 @@
-"""What a reader of a result sees, on a terminal and in Markdown."""
+"""Content of the documents of results, on a terminal and in Markdown."""
 
 import re
 from itertools import pairwise

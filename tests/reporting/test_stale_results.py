@@ -1,4 +1,4 @@
-"""Results whose code, pipeline or features have changed are listed."""
+"""Results whose code, pipeline or feature set has changed are listed."""
 
 import json
 
