@@ -1,4 +1,4 @@
-"""The transformer of `examples/aeon_transformer` passes aeon's checks and returns the features of texclass."""
+"""The transformer of `examples/aeon_transformer` passes aeon's checks and returns our features."""
 
 import numpy as np
 import pytest

@@ -59,7 +59,7 @@ def test_the_report_shows_texclass_and_other_libraries():
     ours, features, libraries = (block for block in document.blocks if hasattr(block, "columns"))
     assert [shade.text for shade in ours.rows["fit"]] == ["\N{CHECK MARK}", "\N{MIDDLE DOT}", "1"]
     assert list(features.rows) == ["hardness"]
-    assert [(s.sign, s.look) for s in libraries.rows["librosa: lpc"]] == [("2", "e5")]
+    assert [(s.text, s.colour) for s in libraries.rows["librosa: lpc"]] == [("2", "e5")]
     text = render_markdown(document)
     assert "| fit | 4 | 2 | 1 |" in text
     assert "too short \\| by far" not in text
