@@ -153,10 +153,10 @@ def test_other_files_raise_a_value_error(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"text\.skops: not a recogniser of texclass"):
         load_recogniser(tmp_path / "text.skops")
     skops.io.dump({"f": np.testing.assert_array_equal}, tmp_path / "foreign.skops")
-    with pytest.raises(ValueError, match=r"Expected classes of scikit-learn and texclass.*safe\)$"):
+    with pytest.raises(ValueError, match=r"Expected classes of scikit-learn and texclass on the allow-list"):
         load_recogniser(tmp_path / "foreign.skops")
     monkeypatch.setattr(skops_archive, "find_disallowed", lambda data: ["texclass.evaluation.choice.Choice"])
-    with pytest.raises(ValueError, match=r"names texclass\.evaluation\.choice\.Choice.* make it again with"):
+    with pytest.raises(ValueError, match=r"contains texclass\.evaluation\.choice\.Choice.*another version"):
         load_recogniser(tmp_path / "foreign.skops")
 
 

@@ -42,7 +42,7 @@ def stability_document(data: Mapping[str, Any]) -> Document:
         if len(theirs)
         else ""
     )
-    wrong = f"of {ours['cells'].sum():,} pairs of subject and input are wrong in texclass"
+    summary = f"of {ours['cells'].sum():,} pairs of subject and input are wrong in texclass"
     return Document(
         "Results on extreme inputs",
         list(_blocks(data, tallies)),
@@ -51,9 +51,9 @@ def stability_document(data: Mapping[str, Any]) -> Document:
             f"{ours['failures'].sum():,}",
             "",
             "",
-            f"{wrong}: a wrong number, NaN without a reason, a crash, or no result within the time limit.",
+            f"{summary}: a wrong number, NaN without a reason, a crash, or no result within the time limit.",
             comparison=comparison,
-            brief=f"{wrong}. {comparison}".strip(),
+            brief=f"{summary}. {comparison}".strip(),
         ),
         reproduction={"command": "texclass stability", "seed": str(data["seed"]), "battery": data["battery"]},
         versions=data["versions"],
@@ -73,12 +73,12 @@ def _blocks(data: Mapping[str, Any], tallies: pd.DataFrame) -> Iterator[Any]:
             yield heat_map(tallies[rows], name, title)
     yield Heading("Every subject")
     yield count_table(tallies, "name", "Subject")
-    if wrong := [*data["failures"], *data["library_failures"]]:
+    if failures := [*data["failures"], *data["library_failures"]]:
         names = {
             "library": "Library", "subject": "Subject", "family": "Inputs", "mark": "Outcome",
             "reason": "Reason of the first", "cells": "Cells",
         }  # fmt: skip
-        frame = pd.DataFrame(wrong).reindex(columns=list(names)).fillna({"cells": 1}).rename(columns=names)
+        frame = pd.DataFrame(failures).reindex(columns=list(names)).fillna({"cells": 1}).rename(columns=names)
         yield Details("Failures, with an example of each", [Table(frame, n_words=5)])
     if data.get("closest_to_limit"):
         names = {
@@ -95,9 +95,9 @@ def _blocks(data: Mapping[str, Any], tallies: pd.DataFrame) -> Iterator[Any]:
 def count_table(tallies: pd.DataFrame, by: str, title: str) -> Table:
     """Return the table of outcome counts with one row per library or subject."""
     counts = tallies.groupby(by, sort=False)[["cells", *Mark, "failures"]].sum()
-    wrong = (100 * counts.pop("failures") / counts["cells"]).map("{:.1f}".format)
+    share = (100 * counts.pop("failures") / counts["cells"]).map("{:.1f}".format)
     counts = counts.loc[:, counts.any()].map(lambda n: f"{n:,}" if n else None)
-    frame = counts.assign(**{"% wrong": wrong}).rename_axis(title).reset_index()
+    frame = counts.assign(**{"% wrong": share}).rename_axis(title).reset_index()
     return Table(frame, "Number of inputs by outcome.")
 
 
