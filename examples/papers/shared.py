@@ -38,10 +38,10 @@ def write_chapter(document: Document, numbers: dict[str, Any], out: Path, key: s
     return written
 
 
-def document(title: str, blocks: Sequence[Any], again: Mapping[str, str] | None = None) -> Document:
-    """Return a document; its paragraphs may be broken and indented as the code around them."""
-    told = [" ".join(block.split()) if type(block) is str else block for block in blocks]
-    return Document(title, told, reproduction=again or {})
+def document(title: str, blocks: Sequence[Any], reproduction: Mapping[str, str] | None = None) -> Document:
+    """Return a document; its paragraphs may be broken and indented like the code around them."""
+    unwrapped = [" ".join(block.split()) if type(block) is str else block for block in blocks]
+    return Document(title, unwrapped, reproduction=reproduction or {})
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:

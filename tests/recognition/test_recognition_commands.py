@@ -165,7 +165,7 @@ TRAIN = "train plates.toml -o m.skops --pipeline"
     ("arguments", "message"),
     [
         ("model none.skops", "No such file"),
-        ("model few.toml", "few.toml: it is truncated or no archive"),
+        ("model few.toml", "few.toml: it is truncated or not an archive"),
         (f"{TRAIN} few.toml --row x", "no row 'x'"),
         (f"{TRAIN} nothing", "nothing: no such TOML file"),
     ],

@@ -151,7 +151,7 @@ def test_invalid_files_are_refused(write, old, new, match):
 @pytest.mark.parametrize(
     ("part", "form", "values", "match"),
     [
-        ("ARcoeff", ".20f", [1, -2.5, 0.1, 0.3], "model '1': AR: a reflection coefficient"),
+        ("ARcoeff", ".20f", [1, -2.5, 0.1, 0.3], "model '1': AR: reflection coefficients"),
         ("ARcoeff", ".20f", [2, 0, 0, 0], "model '1': AR: coefficients"),
         ("ARlsf", ".6f", [0.5, 1.0, 2.0], "differ by"),
         ("ARlsf alone", ".6f", [2.0, 1.0, 0.5], "stable"),
