@@ -264,7 +264,7 @@ def scene() -> Any:
         "played": render_path(planned, hand, seed=0).samples,
     }
     rng, rubber = np.random.default_rng(3), guruswamy2011_objects.OBJECTS[2]
-    surface = abdulali2016_simulated.surface("S7")
+    surface = abdulali2016_simulated.get_surface("S7")
     scan = abdulali2016_simulated.simulate_scan(surface, 10.0, 1000.0, np.random.default_rng(0))
     section = guruswamy2011_objects.lay_out(rubber, 60.0, rng)
     stroke = guruswamy2011_objects.simulate_scan(rubber, section, rng)
