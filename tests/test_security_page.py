@@ -16,11 +16,11 @@ def test_the_documented_limits_equal_those_of_the_code():
         f"a first line of {text_layout.MAX_LINE:,} characters and {text_layout.MAX_COLUMNS:,} columns",
         f"expand at most {readers.MAX_EXPANSION} times",
         f"may take {filesets.MATCH_TIMEOUT_S:g} s of CPU time",
-        f"whole numbers up to {allowed_estimators.LIMITS.integer}",
+        f"integers up to {allowed_estimators.LIMITS.integer}",
         f"{allowed_estimators.LIMITS.models} models in nested ensembles",
         f"{allowed_estimators.LIMITS.weights:,} weights between hidden layers",
         f"{allowed_estimators.LIMITS.nesting} nested estimators",
-        f"lists of {allowed_estimators.LIMITS.members} members",
+        f"lists of at most {allowed_estimators.LIMITS.members} items",
         f"{skops_archive.MAX_BYTES >> 30} GiB; a schema of {skops_archive.MAX_SCHEMA_BYTES >> 20} MiB",
     ):
         assert limit in TEXT, limit
