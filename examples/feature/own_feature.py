@@ -12,23 +12,24 @@ import texclass as tx
 from texclass.features.movement_filters import unit
 
 # %%
-# The decorator declares the phase, the unit, the reference, and how the value scales with the signal level.
+# The decorator declares the phase from which the feature is computed, its unit, its reference, and how its
+# value scales with the signal level.
 
 
 @tx.feature("movement", unit="1", reference="this page", gain=tx.features.Gain())
 def kurtosis(view):
-    """Return the fourth moment over the squared second moment: 3 for Gaussian noise, more for spikes."""
-    x = unit(view)  # divided by the peak; silence and NaN raise an error with a reason
+    """Return the fourth moment divided by the squared second moment: 3 for noise, more for spikes."""
+    x = unit(view)  # the signal divided by its peak; raises an error if it is silent or contains NaN
     return np.mean(x**4) / np.mean(x**2) ** 2
 
 
 # %%
-# It computes the feature of an array,
+# Call the function with an array:
 
 kurtosis(np.random.default_rng(0).standard_normal(20_000), fs=10_000)
 
 # %%
-# or of recordings, here one dot per recording:
+# Call it with the movement of each recording. In the figure, each dot is a recording:
 
 dataset = tx.open_dataset("simulated6")
 values = [kurtosis(r.acceleration[slice(*tx.find_phases(r).movement)], fs=r.fs) for r in dataset]
@@ -38,7 +39,8 @@ axis.set_xlabel("kurtosis of the movement")
 plt.show()
 
 # %%
-# Evaluate it as a row of the table with every classifier, and the accuracy that it adds to the best row:
+# Evaluate the feature as a row of the table with every classifier, and compute the accuracy gained by adding
+# it to the best row:
 
 study = tx.evaluation.study_feature(
     dataset, tx.load_pipeline("strese2015"), tx.features.find("kurtosis"), n_folds=4

@@ -2,8 +2,8 @@
 Pairs of channels
 =================
 
-The spectra of two channels can be equal on all floors while the delay between the channels differs. A
-simulated rover tilts before it shakes, at the same time, or after it.
+Two channels can have the same spectra on all floors and differ only in the delay between them. Depending on
+the floor, the simulated rover of this example tilts before, while or after it shakes.
 """
 
 import matplotlib.pyplot as plt
@@ -21,7 +21,7 @@ floors, n, fs = {"tiles": -2, "carpet": 0, "gravel": 2}, 250, 50.0
 
 
 def drive(floor):
-    """Return 5 s in which the turn rate about x follows the acceleration along y with a delay."""
+    """Simulate 5 s of driving. The turn rate about x contains the acceleration along y, with a delay."""
     acceleration, turn_rate = rng.standard_normal((2, n, 3))
     turn_rate[:, 0] += np.roll(acceleration[:, 1], floors[floor])
     return tx.Recording(
@@ -33,7 +33,8 @@ drives = [drive(floor) for floor in floors for _ in range(20)]
 surfaces = [drive.surface for drive in drives]
 
 # %%
-# A feature of phase "pair" is computed for each pair of channels. Its columns have the names of both.
+# A feature of the phase "pair" is computed for each pair of channels. Its columns are named after both
+# channels.
 
 coarse = load_feature_set("coarse")
 extractor = FeatureExtractor(coarse, channels="all").set_output(transform="pandas")
@@ -49,7 +50,8 @@ axis.legend()
 plt.show()
 
 # %%
-# The spectra of single channels do not separate the floors; the lagged correlation does.
+# Compare the accuracies: the spectra of single channels do not separate the floors, but the correlation at
+# several lags does.
 
 for names in (["band_level", "octave_level"], ["lag_correlation"]):
     extractor = FeatureExtractor(coarse.restricted_to(names), channels="all")

@@ -2,8 +2,9 @@
 Dependence on speed and force
 =============================
 
-A feature should depend on the surface, and not on speed and force of the hand. As in the paper, a plate
-rotates under the tool with rising speed, or with rising force. These recordings are simulated.
+A feature should depend on the surface, and not on the speed and force of the hand. As in the experiments of
+Strese, Schuwerk and Steinbach (2015), a plate rotates under the tool while its speed or the force rises. The
+recordings are simulated.
 """
 
 from itertools import pairwise
@@ -19,7 +20,7 @@ faster = tx.simulate.record_rising_speed(surface, operator, seed=1, speed_mm_s=(
 harder = tx.simulate.record_rising_force(surface, operator, seed=1, force_n=(0.4, 2.5))
 
 # %%
-# Divide the movement into ten parts of one second, and compute the features of each.
+# Divide the movement into ten equal segments, and compute the features of each segment.
 
 
 def features_by_second(recording, condition):
@@ -31,8 +32,8 @@ def features_by_second(recording, condition):
 
 
 # %%
-# The amplitude rises with speed, and so do all features that measure a level. Features of fixed frequency
-# bands change too. Force has a smaller effect.
+# The amplitude rises with the speed, and so do all features that measure a level. Features of fixed frequency
+# bands change as well. The effect of the force is smaller.
 
 names = ["temporal_roughness", "fineness", "mfcc_constant.c2", "mfcc_constant.c5"]
 results = {

@@ -13,8 +13,8 @@ from scipy.signal import lfilter, welch
 import texclass as tx
 
 # %%
-# A scan of 30 s in all directions. Across the ridges the frequency rises with speed; along them there is only
-# noise.
+# Simulate a scan of 30 s in all directions. Across the ridges, the frequency rises with the speed; along the
+# ridges, there is only noise.
 
 rng = np.random.default_rng(0)
 fs, n = 1000, 30_000
@@ -30,7 +30,8 @@ texture = tx.haptics.textures.abdulali2016.fit_texture(tx.haptics.textures.abdul
 texture.parameters
 
 # %%
-# `scan_from_sensors` projects positions and forces of a tracked tool on the surface, and conditions them.
+# For your own data, `scan_from_sensors` projects the positions and forces of a tracked tool onto the surface
+# and conditions the signals.
 
 position = np.column_stack([scan.position, np.zeros(n)])
 force = np.column_stack([np.zeros((n, 2)), scan.force])
@@ -38,7 +39,7 @@ projected = tx.haptics.textures.abdulali2016.scan_from_sensors(scan.acceleration
 print(f"mean speed {projected.speed.mean():.0f} mm/s, mean force {projected.force.mean():.1f} N")
 
 # %%
-# Render across and along the ridges at one speed:
+# Render strokes across and along the ridges at the same speed:
 
 figure, axis = plt.subplots(figsize=(8, 3.5))
 for direction, name in (((100.0, 0.0), "across"), ((0.0, 100.0), "along")):

@@ -2,7 +2,8 @@
 Taps as decaying sinusoids
 ==========================
 
-A tap at impact velocity v is A v exp(-B t) sin(w t) [okamura2001, eq. 1]: three parameters per material.
+Model a tap at the impact velocity v as A v exp(-B t) sin(w t), with three parameters A, B and w per material
+[okamura2001, eq. 1].
 """
 
 import matplotlib.pyplot as plt
@@ -11,7 +12,7 @@ import numpy as np
 import texclass as tx
 
 # %%
-# Simulate taps on three materials at several velocities, with noise.
+# Simulate noisy taps on three materials at several velocities.
 
 fs = 25_000
 truth = {
@@ -27,7 +28,8 @@ taps = {
 }
 
 # %%
-# Fit as published (peaks and spectra, tap by tap), and by maximum likelihood over all taps.
+# Fit the model to the peaks and the spectrum of each tap, as published, and to all taps together by maximum
+# likelihood.
 
 fits = {}
 for name, model in truth.items():
@@ -37,8 +39,8 @@ for name, model in truth.items():
     print(f"{name}: B is {model.decay_per_s:.0f}; {fitted}")
 
 # %%
-# If recordings begin before the impact, the time of impact is fitted too. The models of all materials form a
-# library.
+# If recordings begin before the impact, the time of the impact is fitted as well. The models of all materials
+# form a library.
 
 late = {name: [np.concatenate([np.zeros(37), tap]) for tap in recorded] for name, recorded in taps.items()}
 library, fits_by_name = tx.haptics.textures.okamura2001.fit_library(late, dict.fromkeys(late, velocity), fs)

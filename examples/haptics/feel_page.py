@@ -2,7 +2,7 @@
 Stroke a scene in a browser
 ===========================
 
-A planned scene becomes one HTML file that needs no network. The speed and pressure of the pointer drive the
+Write a planned scene as one HTML file that works offline. The speed and pressure of the pointer control the
 models sample by sample.
 """
 
@@ -15,14 +15,15 @@ import texclass as tx
 from texclass.haptics.textures.grid import GridModel
 
 # %%
-# Twelve simulated surfaces with resonances that rise with the speed, and some with ridges. Each is a grid of
-# models over speeds (mm/s) and forces (N), as `texclass scene plan` fits them to recordings.
+# Define twelve simulated surfaces. The resonance frequency of each surface rises with the speed, and some
+# surfaces have ridges. Each surface is a grid of models over speeds (mm/s) and forces (N), as fitted to
+# recordings by `texclass scene plan`.
 
 SPEEDS, FORCES, FS = np.array([30.0, 90.0, 270.0]), np.array([0.3, 3.0]), 1000.0
 
 
 def surface(hz, width, level, ridges_mm=None):
-    """Return a surface with a resonance, and ridges at a spatial period if it is given."""
+    """Return a surface with a resonance, and with ridges if a spatial period is passed."""
     centre = hz * (SPEEDS / 90) ** 0.2
     r = np.exp(-np.pi * width / FS)
     k = np.column_stack([-2 * r * np.cos(2 * np.pi * centre / FS) / (1 + r**2), np.full(3, r**2)])
@@ -55,7 +56,7 @@ class Framed(str):
 Framed(tx.haptics.scene.scene_page(scene))
 
 # %%
-# Level against speed for three of them:
+# Plot the level against the speed for three of the surfaces:
 
 renderer = tx.haptics.SceneRenderer(scene, n_contacts=1)
 figure, axis = plt.subplots(figsize=(9, 3))

@@ -20,14 +20,14 @@ packed = tx.haptics.textures.pack(stroke, 64, fs=recording.fs)
 print(len(packed.to_bytes()), "bytes, an AR model of order", packed.order)
 
 # %%
-# Render it. A stroke has one spectrum and one level; with a :class:`texclass.haptics.textures.Scan`, both
-# depend on speed and force.
+# Render the texture. A texture packed from one stroke has one spectrum and one level. Pack a
+# :class:`texclass.haptics.textures.Scan` to make them depend on speed and force.
 
 n = round(2 * packed.fs)
 rendered = packed.renderer(seed=1).process(np.tile([110.0, 0.0], (n, 1)), np.ones(n))
 
 # %%
-# Change a scale of ``texclass describe``; the others stay.
+# Change one scale of ``texclass describe``. The other scales approximately keep their values.
 
 original = tx.haptics.textures.measure_scales(packed)
 rougher = tx.haptics.textures.retouch(packed, rough=original["rough"] + 2)
@@ -35,6 +35,7 @@ changed = tx.haptics.textures.measure_scales(rougher)
 print({name: f"{original[name]:.1f} -> {changed[name]:.1f}" for name in original})
 
 # %%
+# Plot the power spectral densities of the recorded stroke and of both textures:
 
 figure, axis = plt.subplots(figsize=(8, 3.5), layout="constrained")
 rougher_signal = rougher.renderer(seed=1).process(np.tile([110.0, 0.0], (n, 1)), np.ones(n))

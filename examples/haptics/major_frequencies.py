@@ -2,7 +2,7 @@
 Major frequencies
 =================
 
-Represent a texture by about a dozen sinusoids that a finger can separate [oeztuerk2018, section 3.2].
+Represent a texture by about a dozen sinusoids that a finger can distinguish [oeztuerk2018, section 3.2].
 """
 
 import matplotlib.pyplot as plt
@@ -16,7 +16,8 @@ x = movement - movement.mean()
 lines = tx.vibration.fit_major_frequencies(x, recording.fs, n_frequencies=13)
 
 # %%
-# Lines that are closer to a stronger line than the beat threshold are skipped.
+# Plot the spectrum and the selected lines. A line is skipped if it is closer to a stronger line than the beat
+# threshold.
 
 f = np.fft.rfftfreq(x.size, 1 / recording.fs)
 amplitude = 2 * np.abs(np.fft.rfft(x)) / x.size
@@ -30,6 +31,6 @@ axis.legend()
 plt.show()
 
 # %%
-# Fraction of the power in these lines:
+# Compute the fraction of the signal power that the lines contain:
 
 print(f"{100 * np.sum(lines.amplitude**2 / 2) / np.mean(x**2):.0f} %")

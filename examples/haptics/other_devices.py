@@ -2,8 +2,8 @@
 Export to other devices
 =======================
 
-A phone has no input of speed and force, so a texture is rendered once. The writers return a description of
-the losses.
+A phone does not measure speed and force, so a texture is rendered once, for one speed and force. The
+functions that write the files return a description of what is lost.
 """
 
 import tempfile
@@ -23,7 +23,8 @@ texture = oeztuerk2018.fit_lpc([x, 2 * x], [40.0, 160.0], recording.fs, order=20
 rendition = exchange.play_texture(texture, speed=80.0, seconds=1.0)
 
 # %%
-# MPEG haptics represents the vibration as wavelets, Apple Core Haptics as level and sharpness every 20 ms.
+# MPEG haptics represents the vibration as wavelets. Apple Core Haptics represents it as level and sharpness
+# every 20 ms.
 
 with tempfile.TemporaryDirectory() as folder:
     mpeg, apple = Path(folder) / "a.hjif", Path(folder) / "a.ahap"
@@ -36,7 +37,7 @@ with tempfile.TemporaryDirectory() as folder:
     pattern = exchange.play_ahap(exchange.read_ahap(apple))
 
 # %%
-# Signals played from both files. The level of an Apple pattern is relative.
+# Plot the signals rendered from both files. The level of an Apple pattern is relative.
 
 figure, axes = plt.subplots(3, 1, figsize=(8, 5), sharex=True)
 sounds = (

@@ -19,7 +19,7 @@ clean = 3 * np.exp(-80 * t) * np.cos(2 * np.pi * 420 * t) + np.exp(-150 * t) * n
 x = clean + 0.05 * np.random.default_rng(0).standard_normal(t.size)
 
 # %%
-# Prony increases the order until the error is below the resolution, so it models the noise too.
+# Prony's method increases the order until the error is below the resolution, so it also models the noise.
 
 prony = tx.vibration.fit_prony(x, resolution=0.08)
 modes = tx.vibration.fit_matrix_pencil(x, fs)
@@ -28,7 +28,7 @@ for f, b, a in zip(modes.frequency_hz, modes.decay_per_s, modes.amplitude, stric
     print(f"pencil: {f:.0f} Hz, decay {b:.0f} 1/s, amplitude {a:.2f}")
 
 # %%
-# Both fit the recording, with different numbers of poles.
+# Both models fit the recording, but with different numbers of poles.
 
 figure, (signal_axis, pole_axis) = plt.subplots(1, 2, figsize=(10, 4))
 signal_axis.plot(1e3 * t, x, ".", color="0.7", label="recorded")

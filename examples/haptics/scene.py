@@ -2,7 +2,7 @@
 Plan a scene
 ============
 
-Each surface gets the smallest model that is within the tolerance at speeds and forces it was not fitted to.
+Select the cheapest model of each surface that is within the tolerance at held-out speeds and forces.
 """
 
 import json
@@ -19,12 +19,12 @@ for surface in plan.surfaces:
     print(f"{surface.name}: {surface.model.kind}, order {surface.model.order}; {surface.reason}")
 
 # %%
-# Compared with order 400 for every surface, as in the thesis:
+# Compare the cost with models of order 400 for every surface, as in the thesis [oeztuerk2018]:
 
 print(f"{plan.saving:.0f} times fewer operations per sample; within tolerance and budget: {plan.is_feasible}")
 
 # %%
-# Level against speed of recordings (held out) and models:
+# Plot the level against the speed, for held-out recordings and for the models:
 
 figure, axis = plt.subplots(figsize=(6, 3))
 for surface, colour in zip(json.loads(plan.to_json())["surfaces"], ("C2", "C1"), strict=True):

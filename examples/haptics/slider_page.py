@@ -2,8 +2,8 @@
 Sliders for how a surface feels
 ===============================
 
-A page with a slider for each scale: rough, bumpy, fine, regular, hard, sticky. The change is audible at once,
-and the page shows the command that writes the texture.
+Write a page with one slider for each perceptual scale: rough, bumpy, fine, regular, hard, sticky. Each change
+is audible at once, and the page shows the command that writes the changed texture.
 """
 
 from html import escape
@@ -31,7 +31,8 @@ class Framed(str):
 Framed(tx.haptics.scene.slider_page(texture, file="wood.texture"))
 
 # %%
-# The sliders call :func:`texclass.haptics.textures.retouch`: one scale changes, the others stay.
+# The models behind the sliders are made by :func:`texclass.haptics.textures.retouch`, which changes one scale
+# and keeps the values of the other scales. Measure all scales for several targets of one scale:
 
 original = tx.haptics.textures.measure_scales(texture)
 targets = original["rough"] + np.array([-2.0, -1.0, 1.0, 2.0])

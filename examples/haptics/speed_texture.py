@@ -2,8 +2,8 @@
 Interpolate between speeds
 ==========================
 
-Models at a few speeds become a texture at every speed. Line spectral frequencies are interpolated, so the
-model stays stable [oeztuerk2018, section 3.1].
+Render a texture at any speed from models that were fitted at a few speeds. The line spectral frequencies of
+the models are interpolated, so each interpolated model is stable [oeztuerk2018, section 3.1].
 """
 
 import matplotlib.pyplot as plt
@@ -13,11 +13,12 @@ from scipy.signal import lfilter, welch
 import texclass as tx
 
 # %%
-# A surface whose resonance is proportional to the speed is recorded at four speeds and rendered at another.
+# Simulate recordings of a surface at four speeds, and render the surface at a fifth speed. The resonance
+# frequency of the surface is proportional to the speed.
 
 
 def simulate(speed, seed):
-    """Return 2 s at 2 kHz: noise through a resonance at 2 Hz per mm/s; the level rises with speed."""
+    """Return 2 s of filtered noise at 2 kHz: resonance at 2 Hz per mm/s, level rising with the speed."""
     noise = np.random.default_rng(seed).standard_normal(4000)
     resonance = [1, -1.9 * np.cos(2 * np.pi * 2 * speed / 2000), 0.95**2]
     return speed / 100 * lfilter([1], resonance, noise)
@@ -30,6 +31,8 @@ velocity = np.tile([120.0, 0.0], (8000, 1))
 rendered = renderer.process(velocity, np.ones(8000))
 
 # %%
+# Compare the spectrum of the rendered signal with a held-out recording at the same speed:
+
 figure, axis = plt.subplots(figsize=(8, 3.5))
 for signal, name in (
     (simulate(120, 7), "recorded at 120 mm/s, held out"),

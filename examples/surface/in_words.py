@@ -3,7 +3,8 @@ Describe a surface in words
 ===========================
 
 Rate recordings on six scales: hard, rough, bumpy, sticky, fine, regular. Each scale is a monotone function of
-one feature (`texclass.haptics.scales`); 0 and 10 are the 5th and 95th percentile of simulated surfaces.
+one feature (`texclass.haptics.scales`). The values 0 and 10 correspond to the 5th and 95th percentiles of
+simulated surfaces.
 """
 
 from dataclasses import replace
@@ -24,8 +25,8 @@ values = tx.haptics.scale_values(features)
 values.round(1)
 
 # %%
-# ``tx.haptics.describe(recordings)`` and ``texclass describe FILE`` add the rank among reference surfaces.
-# Undefined scales are omitted: *hard* needs a tap, *sticky* a friction channel.
+# ``tx.haptics.describe(recordings)`` and ``texclass describe FILE`` also state the rank among reference
+# surfaces. They omit undefined scales: *hard* requires a tap, and *sticky* requires a friction channel.
 
 figure, axes = plt.subplots(figsize=(7, 3.5))
 values.T.plot.bar(ax=axes, rot=0, color=["C0", "C1", "C2"])
@@ -35,8 +36,8 @@ axes.legend(title="")
 plt.show()
 
 # %%
-# A grating with ridges every 1.6 mm is stroked at two speeds. If the speed of the tool is recorded, *fine*
-# and *regular* use the spatial period of the ridges, which does not depend on the speed.
+# Stroke a grating with ridges every 1.6 mm at two speeds. If the speed of the tool is recorded, *fine* and
+# *regular* are computed from the spatial period of the ridges, which does not depend on the speed.
 
 ridges = tx.simulate.surfaces.Grating(wavelength_mm=1.6, depth_um=8.0, sharpness=0.4, jitter=0.1)
 grating = replace(surfaces[1], gratings=(ridges,), bumps=None)

@@ -2,8 +2,8 @@
 Find taps and movement
 ======================
 
-A freehand recording has taps, followed by strokes. Both are detected from the acceleration alone. This
-recording is simulated, so that the true phases are available.
+A freehand recording has taps, followed by strokes. Both are detected from the acceleration alone. The
+recording here is simulated, so the true phases are known.
 """
 
 import matplotlib.pyplot as plt
@@ -18,14 +18,14 @@ detected = tx.find_phases(recording.with_(phases=None))
 detected.kind
 
 # %%
-# Each tap has the sample of its impact, a width and a quality between 0 and 1.
+# Each detected tap has an impact (sample index), a width in samples and a quality between 0 and 1.
 
 for tap in detected.taps:
     impact_s, width_ms = tap.impact / recording.fs, 1e3 * tap.width / recording.fs
     print(f"impact at {impact_s:.3f} s, width {width_ms:.1f} ms, quality {tap.quality:.2f}")
 
 # %%
-# Detected phases above, true phases below:
+# Plot the detected phases (top) and the true phases (bottom):
 
 time = [i / recording.fs for i in range(recording.n_samples)]
 signal = recording.acceleration[:, 2] - recording.acceleration[0, 2]
