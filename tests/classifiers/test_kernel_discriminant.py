@@ -194,7 +194,7 @@ def test_known_variations_improve_the_accuracy_and_zero_variations_have_no_effec
         assert informed.score(later, y) > plain.score(later, y)
     uninformed = KernelDiscriminant().fit(X, y, variations=np.zeros((3, 2)))
     np.testing.assert_allclose(uninformed.decision_function(later), plain.decision_function(later))
-    with pytest.raises(ValueError, match="variations must have 2 columns as X, got 3"):
+    with pytest.raises(ValueError, match="variations must have 2 columns like X, got 3"):
         KernelDiscriminant().fit(X, y, variations=np.zeros((1, 3)))
 
 

@@ -128,7 +128,7 @@ def test_labelled_references_with_equal_features_are_refused(kernel_model):
     alike = [one.with_(surface=m) for one, m in zip(NOISE, SURFACES, strict=False)]
     with pytest.raises(
         ValueError,
-        match=r"most frequent surface .1.\. Check their labels",
+        match=r"most frequent surface .1.\. Check the labels",
     ):
         adapt(kernel_model, alike)
 
@@ -145,7 +145,7 @@ def test_hits_on_the_most_frequent_surface_alone_do_not_show_a_separation():
     _check_separation(model, predicted, unlabelled, 0)
     one_label = np.vstack([surfaces[0], unlabelled[1:]])
     _check_separation(model, predicted, one_label, 1)
-    with pytest.raises(ValueError, match=r"1.6 surfaces, most of 'felt'"):
+    with pytest.raises(ValueError, match=r"1.6 .mostly 'felt'"):
         _check_separation(model, surfaces[[1, 1, 1, 1]], one_label, 1)
 
 
@@ -202,7 +202,7 @@ def test_unsuitable_references_are_refused(kernel_model, references, message):
 
 
 def test_only_a_trained_model_of_several_recordings_is_adapted(kernel_model):
-    with pytest.raises(ValueError, match=r"is already adapted. Adapt the model as it was trained"):
+    with pytest.raises(ValueError, match=r"is already adapted. Adapt the original model instead"):
         adapt(adapt(kernel_model, THREE), THREE)
     single = replace(kernel_model, class_moments=kernel_model.class_moments._replace(within_std=np.zeros(12)))
     with pytest.raises(ValueError, match="Train it on two or more"):

@@ -1,8 +1,8 @@
 """Closed-form class scores of any subset of columns, for feature selection with simple classifiers.
 
 The scores of Gaussian naive Bayes, the nearest class mean and the nearest neighbour are sums over columns;
-linear discriminants need only class means and one covariance. So each fold is prepared once, not once per
-subset.
+linear discriminants need only class means and one covariance. Each fold is therefore prepared once, not once
+per subset.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,8 @@ a bound on their rounding error (n_candidates,), infinite if the classifier must
 ROUNDING = 1e-11
 """Bound on the rounding error of a score, ours or scikit-learn's, relative to the largest term of its sum."""
 FLAT = 1e-6
-"""Within-class deviation, relative to the largest magnitude of a column, below which rounding decides."""
+"""Within-class deviation, relative to the largest magnitude of a column, below which rounding errors
+dominate."""
 COLLINEAR = 1e-6
 """Smallest eigenvalue of a correlation matrix for which the closed form is used."""
 
@@ -36,8 +37,9 @@ def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -
     Parameters
     ----------
     estimator : classifier
-        Unfitted `GaussianNB`, `NearestCentroid`, one nearest neighbour or `LinearDiscriminantAnalysis` with
-        any solver and a fixed shrinkage; priors, metric and tolerances mostly at their defaults.
+        Unfitted `GaussianNB`, `NearestCentroid`, `KNeighborsClassifier` with one neighbour, or
+        `LinearDiscriminantAnalysis` with any solver and a fixed shrinkage; with default priors and the
+        Euclidean metric.
     train, test : ndarray of shape (n_samples, n_columns)
         Training set and test set of the fold.
     labels : ndarray of shape (n_train,)
@@ -68,7 +70,7 @@ def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -
 
 
 def _nearest(prototypes: Samples, labels: Labels, test: Samples) -> Scores:
-    """Nearest prototype m of each class: |x - m|^2 is smallest where the sum of x m - m^2/2 is largest."""
+    """Score each class by its nearest prototype m: |x - m|^2 is smallest if sum(x m - m^2/2) is largest."""
     order = np.argsort(labels, kind="stable")
     starts, m = np.flatnonzero(np.diff(labels[order], prepend=-1)), prototypes[order].T[:, None, :]
     terms = test.T[:, :, None] * m - m**2 / 2
@@ -83,7 +85,7 @@ def _nearest(prototypes: Samples, labels: Labels, test: Samples) -> Scores:
 
 
 def _naive_bayes(train: Samples, labels: Labels, test: Samples, var_smoothing: float) -> Scores:
-    """Gaussian naive Bayes: log prior + sum over columns of log N(x; m, v + e), without log(2 pi)/2.
+    """Score by naive Bayes: log prior + sum over columns of log N(x; m, v + e), without log(2 pi)/2.
 
     e is `var_smoothing` times the largest variance of the columns of the subset.
     """
@@ -117,10 +119,10 @@ def _naive_bayes(train: Samples, labels: Labels, test: Samples, var_smoothing: f
 
 @cache
 def svd_degrees_of_freedom_per_class() -> float:
-    """Return c of the divisor n - c n_classes of the covariance in scikit-learn's svd solver.
+    """Return c in the divisor n - c n_classes of the covariance in scikit-learn's svd solver.
 
-    It is 1 up to scikit-learn 1.8 and 0 from 1.9 on. A small example measures it: the class means are 1 and
-    12, the scatter is 2 + 8, and the coefficient is (12 - 1)/(scatter/divisor).
+    It is 1 up to scikit-learn 1.8 and 0 from 1.9 on. It is measured with a small example: the class means are
+    1 and 12, the scatter is 2 + 8, and the coefficient is (12 - 1)/(scatter/divisor).
     """
     fitted = LinearDiscriminantAnalysis().fit([[0.0], [2.0], [10.0], [12.0], [14.0]], [0, 0, 1, 1, 1])
     divisor = float(fitted.coef_[0, 0]) * 10 / 11
@@ -128,10 +130,10 @@ def svd_degrees_of_freedom_per_class() -> float:
 
 
 def _discriminant(estimator: Any, train: Samples, labels: Labels, test: Samples) -> Scores | None:
-    """Linear discriminants of any subset of columns, from class means m and the within-class covariance W.
+    """Score by linear discriminants, from class means m and the within-class covariance W.
 
-    score = x' W^-1 m - m' W^-1 m/2 + log prior, W shrunk within the subset to a multiple of the identity.
-    None if the solver is unknown or refuses the shrinkage.
+    score = x' W^-1 m - m' W^-1 m/2 + log prior, W shrunk within the subset to a multiple of the identity. The
+    result is None if the solver is unknown or does not support the shrinkage.
     """
     svd, shrinkage, counts = estimator.solver == "svd", estimator.shrinkage, np.bincount(labels)
     if estimator.solver not in ("svd", "lsqr", "eigen") or (svd and shrinkage is not None):
@@ -185,8 +187,8 @@ def _whitening(covariance: Samples, shrinkage: float) -> tuple[Samples, Samples,
 def _is_truncated(centres: Samples, tol: float) -> NDArray[np.bool_]:
     """Return whether the svd solver may drop a direction of the weighted class centres (n, n_classes, p).
 
-    It drops singular values below `tol` times the largest. Those that are 0 except for rounding do not
-    matter.
+    It drops singular values below `tol` times the largest. Singular values that are 0 except for rounding are
+    ignored here.
     """
     squares = np.linalg.eigvalsh(centres.swapaxes(1, 2) @ centres)
     ratio = squares / np.maximum(squares[:, -1:], np.finfo(np.float64).tiny)

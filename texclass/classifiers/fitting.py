@@ -36,9 +36,9 @@ def fit(estimator: Any, X: Samples, y: NDArray[Any]) -> Any:
 
 
 def fit_varying(classifier: Any, X: Samples, y: NDArray[Any]) -> Any:
-    """Return a fitted clone of a classifier, or the most frequent class if all columns are constant.
+    """Fit a clone of a classifier, or a majority-class classifier if all columns are constant.
 
-    Most classifiers refuse constant columns.
+    Most classifiers raise an error if all columns are constant.
     """
     is_constant = not np.ptp(X, axis=0).any()
     return fit(DummyClassifier() if is_constant else classifier, X, y)

@@ -31,16 +31,16 @@ TINY = float(np.finfo(np.float64).tiny)
 
 
 class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type: ignore[misc]
-    """Select columns one by one, each time the one that improves the inner cross-validation most.
+    """Select columns one by one; each step adds the column with the best inner cross-validation score.
 
     The selection equals that of `sklearn.feature_selection.SequentialFeatureSelector` with stratified folds,
-    ties included. The scores of Gaussian naive Bayes, of the nearest class mean and of the nearest neighbour
+    including ties. The scores of Gaussian naive Bayes, of the nearest class mean and of the nearest neighbour
     are sums over columns, and linear discriminants need only the class means and one covariance. With these
     classifiers each inner fold is prepared once, and a candidate is fitted only where rounding could change a
     prediction: two classes score alike, or columns are collinear or constant. Any other classifier is fitted
     to every candidate.
 
-    Unlike that of scikit-learn, the selector continues if a classifier cannot be fitted: constant columns
+    Unlike the selector of scikit-learn, this one continues if a classifier cannot be fitted: constant columns
     predict the most frequent class, and a singular covariance scores 0.
 
     Parameters
@@ -48,7 +48,7 @@ class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type
     estimator : classifier
         Classifier whose accuracy is maximised.
     n_features_to_select : int
-        Number of columns; all are selected if there are not more.
+        Number of columns to select; if X does not have more, all are selected.
     cv : int
         Number of inner stratified folds, not shuffled (default 3); at most the size of the smallest class.
 
@@ -168,7 +168,7 @@ class SubsetScore:
         self._means: dict[tuple[int, ...], float] = {}
 
     def of(self, columns: Sequence[int]) -> float:
-        """Return the score of a subset of columns; without columns, that of the class shares."""
+        """Return the score of a subset of columns; an empty subset is scored by the class shares alone."""
         if not len(columns):
             shares = np.bincount(self.labels) / len(self.labels)
             return float(shares @ np.log(shares)) if self.is_log_likelihood else float(shares.max())
@@ -179,8 +179,8 @@ class SubsetScore:
     ) -> Samples:
         """Return the score of `selected` with each of the candidates added, shape (n_candidates,).
 
-        Means of the same numbers in another order differ by rounding. With `decimals` they are equal; with
-        None they are those of `sklearn.model_selection.cross_val_score`.
+        Means of the same numbers in another order differ by rounding, so the scores are rounded to
+        `decimals`. With None, they equal those of `sklearn.model_selection.cross_val_score`.
         """
         keys = [tuple(sorted((*selected, c))) for c in candidates]
         new = [c for c, key in zip(candidates, keys, strict=True) if key not in self._means]

@@ -17,7 +17,7 @@ from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
 MIN_RELEVANCE = 0.1
-"""Lower limit of the correlation ratio of a feature: classes may differ in spread alone."""
+"""Lower limit of the correlation ratio of a feature, because classes may differ only in spread."""
 VARIATION_WEIGHT = 3.0
 """Weight of the covariance of known variations relative to the within-class covariance."""
 MAX_VARIATION = 3.0
@@ -38,7 +38,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         Length scale of the kernel, relative to the root-mean-square distance of the samples from their mean
         (default 1.6).
     ridge : float
-        Regularisation: it is added to the diagonal of the kernel matrix, which is 1 (default 0.04).
+        Regularisation, which is added to the unit diagonal of the kernel matrix (default 0.04).
     shrinkage : float
         Shrinkage of the within-class covariance towards a multiple of the identity, in (0, 1] (default 0.5);
         1 disables the whitened view.
@@ -51,7 +51,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         sample away from all others.
     max_samples : int
         Maximum number of training samples (default 10,000); larger sets are subsampled, with at least one
-        sample of each class, as time grows with their cube.
+        sample of each class, because the fitting time grows with the cube of the number of samples.
     max_kb : float, optional
         Maximum size of the exported classifier in kB (default: no limit, double precision); see Notes.
     random_state : int
@@ -81,7 +81,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     coefficients minimise the squares of Y - K_nm alpha, weighted by W, plus ridge alpha' K_mm alpha (subset
     of regressors, Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 8.3.1).
     Standardised samples and the whitening are rounded to 16 bits before K is computed, then alpha to 32 bits,
-    so the export loses nothing.
+    so the export is lossless.
 
     Examples
     --------
@@ -123,14 +123,15 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         y : array_like of shape (n_samples,)
             Labels of at least two classes.
         variations : ndarray of shape (n_variations, n_features), optional
-            Known within-class variations in the units of X, which a few samples do not show. They add to the
-            within-class covariance, and lower the weights of the features that they change.
+            Known within-class variations in the units of X, which cannot be estimated from a few samples.
+            They are added to the within-class covariance, and reduce the weights of the features that they
+            change.
 
         Raises
         ------
         TypeError, ValueError
-            If a parameter has the wrong type or is out of range, there is one class only, `variations` has
-            other columns than X, or `max_kb` is too small for one sample of each class.
+            If a parameter has the wrong type or is out of range, there is only one class, `variations` and X
+            have different numbers of columns, or `max_kb` is too small for one sample of each class.
         """
         rows, labels = self._check(X, y, variations)
         subsample = stratified_subsample(labels, self.max_samples, self.random_state)
@@ -165,7 +166,9 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         rows, y = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(y)
         if variations is not None and variations.shape[1] != rows.shape[1]:
-            raise ValueError(f"variations must have {rows.shape[1]} columns as X, got {variations.shape[1]}")
+            raise ValueError(
+                f"variations must have {rows.shape[1]} columns like X, got {variations.shape[1]} columns"
+            )
         self.classes_, labels = np.unique(y, return_inverse=True)
         if len(self.classes_) < 2:
             raise ValueError("y must contain at least 2 classes, got 1 class")
@@ -212,7 +215,8 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     def decision_function(self, X: ArrayLike) -> Samples:
         """Return estimates of P(class) - 1/n_classes, shape (n_samples, n_classes).
 
-        For two classes, only the column of the second, shape (n_samples,), as in scikit-learn.
+        For two classes, the result is the decision for the second class, shape (n_samples,), as in
+        scikit-learn.
         """
         scores = self._scores(X)
         return scores[:, 1] if scores.shape[1] == 2 else scores
@@ -315,9 +319,9 @@ def rounded(values: Samples, dtype: type[np.floating[Any]]) -> Samples:
 
 
 def stratified_subsample(labels: Labels, n: int, seed: int) -> Labels:
-    """Return sorted indices of `n` random samples with at least one of each class; all if there are not more.
+    """Return sorted indices of `n` random samples, at least one of each class; all if there are at most n.
 
-    Samples are drawn at random, because every k-th one could be the same window of every recording.
+    Samples are drawn at random, because every k-th sample could be the same window of each recording.
     """
     if n >= labels.size:
         return np.arange(labels.size)

@@ -1,9 +1,9 @@
 """Segment voting: classify every segment of a movement, then average the decisions.
 
 Segments multiply the training samples and show how much a surface varies; a segment in which the tool lifts
-off or slips is outvoted. A few recordings cannot show how features vary with the speed, force and brightness
-of a stroke: this variation is similar for all surfaces, is estimated from simulation, and can be passed to
-the segment classifier (`stroke_variations`).
+off or slips is outvoted. Features also vary with the speed, force and brightness of a stroke, which cannot be
+estimated from a few recordings. This variation is similar for all surfaces. It is therefore estimated from
+simulation, and can be passed to the segment classifier (`stroke_variations`).
 """
 
 import csv
@@ -34,7 +34,8 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
     """Average the decisions of one classifier over the segments of a recording.
 
     Columns of the whole recording (taps, friction) are repeated in every segment. Without such columns, a
-    second classifier takes all segments side by side and votes, too: it uses the course of a stroke.
+    second classifier uses the features of all segments together, and thus the course of a stroke, and votes
+    as well.
 
     Parameters
     ----------
@@ -44,13 +45,13 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
     n_segments : int
         Number of segments per recording (default 1).
     whole_weight : float
-        Weight of the classifier of whole recordings, relative to 1 for all segments together, if recordings
-        are many (default 1). It is multiplied by n / (n + 1), with n recordings of the smallest class.
+        Weight of the classifier of whole recordings, relative to 1 for all segments together (default 1). It
+        is multiplied by n / (n + 1), where n is the number of recordings of the smallest class.
     recording_columns : tuple of int
         Indices of the columns of the whole recording; see `with_segment_columns`.
     use_variations : bool
-        Pass `stroke_variations` to `fit` of the classifiers (default False). It needs columns of the set
-        `surfaces`, and an estimator whose `fit` takes `variations`.
+        Whether to pass `stroke_variations` to the `fit` method of the classifiers (default False). This
+        requires columns of the set `surfaces`, and an estimator whose `fit` accepts `variations`.
     column_names : tuple of str
         Names of the columns, for `use_variations`; see `with_segment_columns`.
 
@@ -61,8 +62,8 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
     segment_classifier_ : classifier
         Classifier fitted on segments.
     whole_classifier_ : classifier or None
-        Classifier fitted on whole recordings; None without weight, with recording columns, or if no recording
-        has more than one segment.
+        Classifier fitted on whole recordings; None if its weight is 0, if there are recording columns, or if
+        no recording has more than one segment.
     whole_weight_ : float
         Weight of `whole_classifier_`.
 
@@ -73,8 +74,9 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
     that treats columns separately belongs inside `estimator`. A training recording with identical segments
     (too short to be divided) counts as one segment.
 
-    The classifier of whole recordings is trained on n samples per class, that of segments on n_segments n. A
-    few recordings do not show the variation between recordings, so the weight of the former grows with n.
+    The classifier of whole recordings is trained on n samples per class, the classifier of segments on
+    n_segments n. A few recordings do not cover the variation between recordings, so the weight of the
+    classifier of whole recordings grows with n.
 
     Examples
     --------
@@ -117,8 +119,8 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         ------
         ValueError
             If the number of segment columns is not a multiple of `n_segments`, `recording_columns` contains
-            other indices than columns of X, the number of names is not that of columns, or `estimator` cannot
-            be fitted.
+            an index that is not a column of X, `column_names` does not contain one name per column, or
+            `estimator` cannot be fitted.
         """
         rows, labels = self._check(X, y)
         variations = stroke_variations(self.column_names) if self.column_names else None
@@ -179,7 +181,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         return np.vstack([divided.reshape(-1, self.n_segments), repeated])
 
     def _distinct_segments(self, X: Samples) -> tuple[Samples, NDArray[np.intp]]:
-        """Return the segments as rows, one for a recording with identical segments, and their recordings."""
+        """Return segments as rows (one if all segments of a recording are equal), and their recordings."""
         segments = X[:, self.segment_columns_.T]  # (n_recordings, n_segments, n_features)
         is_distinct = np.ones(segments.shape[:2], dtype=bool)
         is_distinct[:, 1:] = (segments != segments[:, :1]).any(axis=(1, 2))[:, np.newaxis]
@@ -188,7 +190,8 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
     def decision_function(self, X: ArrayLike) -> Samples:
         """Return the mean decisions, shape (n_recordings, n_classes).
 
-        For two classes, only the column of the second, shape (n_recordings,), as in scikit-learn.
+        For two classes, the result is the decision for the second class, shape (n_recordings,), as in
+        scikit-learn.
         """
         return self._mean(X, decisions_of)
 
@@ -204,7 +207,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         return self._mean(X, lambda classifier, rows: np.asarray(classifier.predict_proba(rows)))
 
     def _mean(self, X: ArrayLike, decide: Callable[[Any, Samples], Samples]) -> Samples:
-        """Average decisions over the segments of each recording, then with those on the whole recording."""
+        """Average decisions over segments, then combine the mean with the decision on the whole recording."""
         check_is_fitted(self)
         rows = validate_data(self, X, dtype=np.float64, reset=False)
         segments = rows[:, self.segment_columns_.T]  # (n_recordings, n_segments, n_features)
@@ -248,7 +251,7 @@ def decisions_of(classifier: Any, rows: Samples) -> Samples:
 
 
 def stroke_variations(column_names: Sequence[str]) -> Samples:
-    """Return how features vary together between strokes on one surface, in the units of the features.
+    """Return the joint variation of features between strokes on one surface, in the units of the features.
 
     Parameters
     ----------
@@ -260,7 +263,7 @@ def stroke_variations(column_names: Sequence[str]) -> Samples:
     -------
     ndarray of shape (n_variations, n_columns)
         Principal variations V for strokes that are 10 % quicker, 1.3 times as strong, or 1.5 dB per octave
-        brighter: V' V / n_variations is the covariance. 0 for other columns.
+        brighter: V' V / n_variations is the covariance. The variation of other columns is 0.
     """
     by_name = _simulated_variations()
     zeros = np.zeros_like(next(iter(by_name.values())))

@@ -1,9 +1,9 @@
 """Domain adaptation of a model to another sensor, and recalibration of its prediction sets.
 
-Another tool filters the vibration, so band levels (logarithms) shift by constants; a slower or noisier sensor
+Another tool filters the vibration, so band levels (logarithms) shift by constants. A slower or noisier sensor
 also reduces the distances between surfaces. `adapt` matches the mean and variance of each column over
-reference recordings to those of the training set. Ageing makes true surfaces less probable; `with_references`
-recalibrates the prediction sets with recent recordings.
+reference recordings to those of the training set. As a sensor ages, the true surface receives lower
+probabilities; `with_references` recalibrates the prediction sets with recent recordings.
 """
 
 import hashlib
@@ -50,19 +50,19 @@ class AdaptationLimits:
     max_scale : float
         Largest factor by which a column is scaled; the smallest is its inverse.
     noise_factor : float
-        Multiple of the variance expected by chance that is subtracted from the changes.
+        Factor of the variance expected by chance, which is subtracted from the mean square of the changes.
     significance : float
         Significance level of the test that rejects a map.
     n_folds : int
-        Folds of references, each evaluated with the map of the others.
+        Number of folds of the references; each fold is evaluated with a map fitted to the other folds.
     n_rounds : int
         Maximum number of iterations that estimate the shares of surfaces.
     tolerance : float
         Change of the shares at which the iterations stop.
     prior : float
-        Weight of a uniform prior of the shares per surface, relative to the references without labels.
+        Weight per surface of a uniform prior on the shares, relative to the references without labels.
     max_prior : float
-        Largest weight of the prior of all surfaces together.
+        Upper limit of the prior weight, summed over all surfaces.
     """
 
     min_labelled: int = 3
@@ -93,8 +93,8 @@ def adapt(
     Each feature is scaled and shifted before all other steps; the training recordings are not needed. If the
     surfaces of references are unknown, their shares are estimated together with the map (expectation
     maximisation over the probabilities of the model). The threshold for unknown surfaces is adapted, so that
-    the rate of false alarms remains. Accuracy, calibration and prediction sets in the manifest remain those
-    of the training.
+    the rate of false alarms stays the same. The accuracy, calibration and prediction sets in the manifest are
+    not updated.
 
     Parameters
     ----------
@@ -102,11 +102,11 @@ def adapt(
         Trained model.
     references : iterable of Recording
         Recordings of the new sensor at the sampling rate of the model (or resampled to it) and in its unit.
-        Their surfaces are surfaces of the model, stated in `Recording.surface` or unknown.
+        `Recording.surface` must be a surface of the model, or None if it is unknown.
     use_labels : bool
         Whether to use the surfaces of references (default True).
     resample : bool
-        Whether the adapted model resamples files, as the references were (default False).
+        Whether the adapted model resamples files, because the references were resampled (default False).
 
     Returns
     -------
@@ -150,7 +150,7 @@ def adapt_to_rows(
     *,
     resample: bool = False,
 ) -> Model:
-    """Return a model that is adapted to rows of features, as `reference_rows` returns them.
+    """Return a model that is adapted to the features of references, which `reference_rows` computes.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def adapt_to_rows(
     one_hot : ndarray of shape (n, n_surfaces)
         1 for the surface of a row; zeros if it is unknown.
     recording_index : ndarray of int, shape (n,)
-        Recording of each row.
+        Index of the recording of each row.
     entry : mapping
         Description of the references for the manifest.
     resample : bool
@@ -203,10 +203,11 @@ def _hits(decisions: Samples, one_hot: Samples) -> Samples:
 
 
 def _is_worse(hits_without_map: Samples, hits: Samples, recording_index: NDArray[np.intp]) -> bool:
-    """Return whether significantly more recordings lose hits by a map than gain them (sign test).
+    """Return whether the map reduces the hits of significantly more recordings than it increases (sign test).
 
-    Each recording is evaluated with the map of the others, which is less precise than that of all, so three
-    or four losses without a gain are not significant: P[Binomial(losses + gains, 1/2) >= losses] decides.
+    Each recording is evaluated with a map fitted to the other recordings, which is less precise than the
+    final map. A few losses are therefore tolerated: the map is worse if P[Binomial(losses + gains, 1/2) >=
+    losses] is at most `LIMITS.significance`, which requires at least five losses.
     """
     from scipy.stats import binom
 
@@ -216,22 +217,23 @@ def _is_worse(hits_without_map: Samples, hits: Samples, recording_index: NDArray
 
 
 def _check_separation(model: Model, X_mapped: Samples, one_hot: Samples, n_labelled: int) -> None:
-    """Check that the mapped references seem to be of several surfaces, and labelled ones are separated."""
+    """Check that the references cover several surfaces, or that labelled ones are predicted above chance."""
     p = model.classify(X_mapped)[0]
     if n_labelled < LIMITS.min_labelled:
         shares = np.where(one_hot.any(axis=1, keepdims=True), one_hot, p).mean(axis=0)
         if (n_effective := 1 / (shares**2).sum()) < LIMITS.min_surfaces:
             raise ValueError(
-                f"references seem to be of {n_effective:.2g} surfaces, most of "
-                f"{model.surfaces[shares.argmax()]!r}, so sensor and surface cannot be separated. Expected "
-                f"at least {LIMITS.min_surfaces:g} surfaces, or labelled references (SURFACE=FILE)"
+                f"the effective number of surfaces in the references appears to be {n_effective:.2g} (mostly "
+                f"{model.surfaces[shares.argmax()]!r}), so the effects of sensor and surface cannot be "
+                f"separated. Expected at least {LIMITS.min_surfaces:g} surfaces, or labelled references "
+                "(SURFACE=FILE)"
             )
         return
     counts, n_hits = one_hot.sum(axis=0), int(_hits(p, one_hot).sum())
     if np.count_nonzero(counts) > 1 and n_hits <= counts.max():
         raise ValueError(
-            f"the adapted model predicts {n_hits} of {counts.sum():.0f} labelled references correctly, not "
-            f"more than always predicting the most frequent surface ({counts.max():.0f}). Check their "
+            f"the adapted model classifies {n_hits} of {counts.sum():.0f} labelled references correctly, no "
+            f"more than if it always predicted the most frequent surface ({counts.max():.0f}). Check the "
             "labels, or add references"
         )
 
@@ -291,10 +293,11 @@ def moments_map(
 ) -> AffineMap:
     """Return scale and shift that match the mean and variance of each column to a mixture of surfaces.
 
-    Both are shrunk towards no change: by the ratio of their mean square over all columns, minus what chance
-    explains, to that of chance. The variance by chance is within^2 / n for the mean of n recordings, and
-    psi'((m - 1)/2) / 4 for the logarithm of the standard deviation of at most m = 1 / sum shares^2 surfaces,
-    because surfaces differ in their variation. Columns without values are not changed.
+    Scale and shift are shrunk towards the identity (`_shrinkage`), because part of the changes is due to
+    chance. The variance expected by chance is within_std^2 / n for the mean of n recordings. For the
+    logarithm of the standard deviation, it is psi'((m - 1)/2) / 4, because surfaces differ in their
+    variation; m is the effective number of surfaces, 1 / sum shares^2, and at most n. Columns without values
+    are not changed.
 
     Parameters
     ----------
@@ -336,18 +339,18 @@ def moments_map(
 
 
 def _shrinkage(changes: Samples, noise: float) -> float:
-    """Return the factor t / (t + noise) of changes with mean square t beyond noise of this variance."""
+    """Return t / (t + noise), where t is the mean square of the changes beyond the variance of the noise."""
     t = max(0.0, float(np.mean(np.minimum(changes**2, 1e6))) - LIMITS.noise_factor * noise)
     return t / (t + noise)
 
 
 def _class_moments(model: Model) -> ClassMoments:
     if model.manifest.adapted:
-        raise ValueError(f"{model!r} is already adapted. Adapt the model as it was trained")
+        raise ValueError(f"{model!r} is already adapted. Adapt the original model instead")
     if model.class_moments is None or not (model.class_moments.within_std > 0).any():
         raise ValueError(
-            f"{model!r} was trained on one recording per surface, which does not show the variation between "
-            "recordings. Train it on two or more"
+            f"{model!r} was trained on one recording per surface, so the variation between recordings is "
+            "unknown. Train it on two or more recordings per surface"
         )
     return model.class_moments
 
@@ -355,14 +358,14 @@ def _class_moments(model: Model) -> ClassMoments:
 def reference_rows(
     model: Model, recordings: Sequence[Recording], *, use_labels: bool = True
 ) -> tuple[Samples, Samples, NDArray[np.intp]]:
-    """Compute the features of reference recordings, or of their windows, without empty rows.
+    """Compute the features of references, or of their windows; leave out rows that are entirely undefined.
 
     Parameters
     ----------
     model : Model
         Model that is adapted.
     recordings : sequence of Recording
-        References, as for `adapt`.
+        References; see `adapt`.
     use_labels : bool
         Whether to use their surfaces (default True).
 
@@ -373,7 +376,7 @@ def reference_rows(
     one_hot : ndarray of shape (n, n_surfaces)
         1 for the surface of a row; zeros if it is unknown.
     recording_index : ndarray of int, shape (n,)
-        Recording of each row.
+        Index of the recording of each row.
 
     Raises
     ------
@@ -413,11 +416,11 @@ def _predict_held_out(
     affine_map: AffineMap,
     kind: str,
 ) -> tuple[Samples, Samples]:
-    """Return decisions (n, n_surfaces) and novelty scores (n,) of each reference with the map of the others.
+    """Return decisions (n, n_surfaces) and novelty scores (n,), with maps fitted to the other references.
 
-    If the references cover less than half of the surfaces, whole surfaces are held out: most later recordings
-    will be of surfaces without references. Surfaces of rows without labels are those predicted with the map
-    of all.
+    If the references cover less than half of the surfaces, whole surfaces are held out, because most later
+    recordings will be of surfaces without references. For rows without labels, the surface is predicted with
+    the map fitted to all references.
     """
     detector, novelty, decisions = model.novelty, np.empty(len(X)), np.empty(one_hot.shape)
     predicted = model.classify(X * affine_map[0] + affine_map[1])[0].argmax(axis=1)
@@ -439,9 +442,9 @@ def _adapt_threshold(
 ) -> tuple[NoveltyDetector, str]:
     """Return the detector for the new sensor, and the source of its threshold.
 
-    With enough references for the rate of false alarms, their novelty scores replace those of the recordings
-    held out in training. Otherwise these are moved by the increase of the median: decisions by a difference,
-    distances by a factor.
+    If there are enough references for the rate of false alarms, their novelty scores replace the held-out
+    scores of the training. Otherwise, the held-out scores are increased by the same amount as the median: by
+    addition for decisions, by multiplication for distances.
     """
     if n_recordings >= max(LIMITS.min_unlabelled, min_held_out(detector.false_alarms)):
         return replace(detector, held_out=np.sort(novelty)), "references"
@@ -483,18 +486,18 @@ def _with_map(
 def with_references(model: Model, references: Dataset) -> Model:
     """Return a model whose prediction sets are recalibrated with recent recordings of known surfaces.
 
-    If a sensor drifts, true surfaces become less probable than at training, and prediction sets lose
-    coverage. The weight of a reference halves with every `HALF_LIFE` later recordings of its surface; so does
-    that of the recordings held out in training, which are older than all references. Answers and
-    probabilities do not change.
+    If a sensor drifts, the true surface receives lower probabilities than in training, and prediction sets
+    lose coverage. The weight of a reference is halved for every `HALF_LIFE` later recordings of its surface.
+    The recordings held out in training count as older than all references, and their weights are reduced in
+    the same way. Predicted surfaces and probabilities do not change.
 
     Parameters
     ----------
     model : Model
         Trained model.
     references : Dataset
-        Whole recordings of surfaces of the model that are not in its training set. If their repetitions are
-        numbered, these give the order in time; otherwise all have the same weight.
+        Whole recordings of surfaces of the model; the recordings must not be in its training set. Numbered
+        repetitions define the chronological order; without numbers, all references have the same weight.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Answers for recordings and windows, and the evidence that the windows of one contact add up to."""
+"""Answers for recordings and windows, and the accumulated evidence of the windows of one contact."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,11 +18,11 @@ from texclass.recording import Samples
 
 Kind = Literal["majority", "sequential"]
 DEFAULT_CONFIDENCE = 0.95
-"""Probability from which a verdict is sure."""
+"""Minimum probability of a sure verdict."""
 CHANGE_WINDOWS = 3.0
 """Effective number of consecutive windows that must predict another surface before the evidence restarts."""
 MAX_REASONS = 5
-"""Number of different reasons that are repeated from the answers for single windows."""
+"""Maximum number of different reasons that are copied from the answers for single windows."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,17 @@ class Answer:
     recording_id : str
         Name of the recording.
     surface : str
-        Most probable trained surface; also if `unknown`.
+        Most probable surface of the training set, even if `unknown` is true.
     probability : float
-        Calibrated probability of `surface`: 80 % of the answers with 0.8 are correct for trained surfaces.
+        Calibrated probability of `surface`: of all answers with probability 0.8 for trained surfaces, 80 %
+        are correct.
     runner_up : str
         Second most probable surface.
     unknown : bool
-        Whether the surface is probably not a trained one, or the recording cannot be classified.
+        Whether the surface is probably not in the training set, or the recording cannot be classified.
     p_known : float
-        Conformal p-value of "the surface was trained"; at most the rate of false alarms if `unknown`.
+        Conformal p-value of the hypothesis that the surface is in the training set. The answer is `unknown`
+        if it does not exceed the rate of false alarms.
     reasons : tuple of str
         Warnings about the recording: undefined features, clipping, a wrong sampling rate, values outside the
         training range.
@@ -99,7 +101,7 @@ class Prediction(NamedTuple):
 
 
 def average_answers(answers: Sequence[Answer], recording_id: str) -> Answer:
-    """Return the answer for a recording from those for its windows, by averaging their probabilities.
+    """Combine the answers for the windows of a recording by averaging their probabilities.
 
     The recording is unknown if at least half of its windows are. The answer has no prediction sets.
 
@@ -132,7 +134,7 @@ def average_answers(answers: Sequence[Answer], recording_id: str) -> Answer:
 
 
 def rank_surfaces(p: Samples, surfaces: Sequence[str]) -> dict[str, Any]:
-    """Return the fields of an answer or a verdict that follow from probabilities (n_surfaces,)."""
+    """Return the fields of an answer or verdict that are derived from probabilities (n_surfaces,)."""
     best, second = np.argsort(-p, kind="stable")[:2]
     return {
         "surface": surfaces[best],
@@ -144,7 +146,7 @@ def rank_surfaces(p: Samples, surfaces: Sequence[str]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ContactVerdict:
-    """Predicted surface of a contact after all of its windows so far.
+    """Predicted surface of a contact, from all of its windows so far.
 
     Attributes
     ----------
@@ -162,8 +164,8 @@ class ContactVerdict:
     probabilities : mapping of str to float
         Probability of every surface.
     prediction_sets : mapping of float to tuple of str
-        Prediction set of each level. Empty unless the windows have the length and the evidence has the
-        settings of the training.
+        Prediction set of each level. Empty unless the length of the windows and the settings of the evidence
+        are those of the training.
     previous_surface : str
         Predicted surface of the earlier windows if this window restarted the evidence, else "".
 
@@ -198,17 +200,18 @@ class ContactVerdict:
 class Evidence:
     """Accumulated evidence of the windows of one contact.
 
-    With "majority", every window has one vote; the larger sum of probabilities breaks ties. "sequential" is
-    the mean log posterior of the windows times their effective number:
+    With "majority", every window has one vote; the sum of the probabilities breaks ties. "sequential" is the
+    mean log posterior of the windows times their effective number:
 
         log P(m) = W/N sum_k g^(n-k) log p_k(m) + constant, N = sum_k g^(n-k),
         W = V / (1 + r max(V - 1, 0)), V = sum_k g^(n-k) w_k,
 
-    where p_k are the calibrated probabilities of window k under a flat prior, w_k is its share without
-    overlap with the window before it, g is the decay per window, and r is the correlation between windows.
-    Windows of one contact share speed, force and place, so they are correlated (design effect of a cluster).
-    Independent windows (r = 0) add up to Bayes' rule; correlated ones are worth at most 1/r. A probability of
-    `lapse` is distributed evenly over all surfaces.
+    where p_k are the calibrated probabilities of window k under a flat prior, w_k is the fraction of window k
+    that does not overlap the previous window, g is the decay per window, and r is the correlation between
+    windows. Windows of one contact have similar speed, force and position, so they are correlated (design
+    effect of cluster sampling). For independent windows (r = 0), this is Bayes' rule; any number of
+    correlated windows counts as at most 1/r independent ones. Finally, a probability of `lapse` is
+    distributed evenly over all surfaces.
 
     Parameters
     ----------
@@ -221,14 +224,14 @@ class Evidence:
     correlation : float
         Correlation between windows without overlap, 0 to 1 (default 1); see `fit_correlation`.
     lapse : float
-        Probability of an error that the training contacts do not exclude (default 0): 1 / (n + 2) after n
+        Residual probability of an error, whatever the evidence (default 0); 1 / (n + 2) for n training
         contacts.
     forget_s : float
         Time constant of the decay of evidence and votes in s (default: no decay).
     confidence : float
-        Probability from which the verdict is sure (default 0.95).
+        Minimum probability of a sure verdict (default 0.95).
     set_calibrations : mapping of int to ConformalCalibration, optional
-        Number of windows -> calibration of the prediction sets after that number of windows.
+        Number of windows -> calibration of the prediction sets after this number of windows.
     levels : tuple of float
         Coverage of the prediction sets (default 0.9 and 0.95).
 
@@ -297,14 +300,14 @@ class Evidence:
         self._n_decayed = self._n_new = self._n_unknown = 0.0
         self._n = 0
         self._contrary: list[Samples] = []
-        """Probabilities of the last windows, as long as they predict one surface other than the verdict's."""
+        """Probabilities of the last windows that all predict the same surface other than the verdict."""
         self.verdict: ContactVerdict | None = None
 
     def add(self, answer: Answer, contact_s: float) -> ContactVerdict:
         """Add the answer for a window, and return the verdict after it.
 
-        The evidence restarts when consecutive windows, worth `CHANGE_WINDOWS` independent ones, predict one
-        other surface and would be sure of it on their own.
+        The evidence restarts when the last windows all predict the same other surface, have a total length of
+        at least `CHANGE_WINDOWS` windows, and reach the confidence without the earlier windows.
 
         Parameters
         ----------
@@ -326,7 +329,7 @@ class Evidence:
         return self.verdict
 
     def _is_change(self, p: Samples, *, is_unknown: bool) -> bool:
-        """Return whether the last windows, with this one, are of another surface than the earlier ones."""
+        """Return whether the last windows, including this one, indicate a surface other than the verdict."""
         best = int(np.argmax(p))
         is_contrary = (
             self.verdict is not None
@@ -357,11 +360,11 @@ class Evidence:
             total = self._add_vote(p)
         else:
             scores = self._add_log_posterior(p)
-            # Calibrated on contacts of about the same length.
+            # Use the calibration for the largest number of windows that this contact has reached.
             if n_calibrated := [n for n in self._set_calibrations if n <= self._n_new]:
                 calibration = self._set_calibrations[max(n_calibrated)]
                 sets = calibration.predict_sets(scores, self.surfaces, self._levels)
-            total = np.exp(scores)  # the largest is 1: no overflow
+            total = np.exp(scores)  # the largest value is 1, so exp cannot overflow
         total = (1 - self._lapse) * total / total.sum() + self._lapse / len(p)
         unknown = 2 * self._n_unknown >= self._n_decayed
         self.verdict = ContactVerdict(

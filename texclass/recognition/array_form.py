@@ -59,12 +59,12 @@ def decide(steps: Sequence[ArrayStep], classifier: ArrayStep, X: Samples) -> tup
     """
     prepared = apply_all(steps, X)
     if not np.isfinite(prepared).all():
-        raise ValueError("features are undefined. Expected a pipeline with a step that fills them")
+        raise ValueError("features are undefined after all steps. Add an imputation step to the pipeline")
     return prepared, apply(classifier, prepared)
 
 
 def estimators_in(steps: Any) -> list[Any]:
-    """Return the estimators without an array form, at any depth of mappings and sequences."""
+    """Return the estimators without an array form in nested mappings and sequences."""
     if isinstance(steps, Mapping):
         if "estimator" in steps:
             return [steps["estimator"]]
@@ -125,7 +125,7 @@ def _standardise(center: Samples | None, scale: Samples | None) -> ArrayStep:
 def classifier_of(  # noqa: PLR0911
     classifier: Any, training_set: TrainingSet | None = None, *, is_averaged: bool = False
 ) -> ArrayStep:
-    """Return the array form of a fitted classifier, with the decisions of `class_scores`.
+    """Return the array form of a fitted classifier, which gives the same decisions as `class_scores`.
 
     Operations are "linear" (X weights + intercept), "kernel" (mean Matern kernel between rows and prototypes
     in each view, times dual), "gauss" (log posteriors of naive Bayes), "centroids", "neighbours" (shares of
@@ -137,10 +137,10 @@ def classifier_of(  # noqa: PLR0911
     classifier : classifier
         Fitted classifier.
     training_set : tuple of (X, y), optional
-        Training set of nearest neighbours, which have no array form without it.
+        Training set; nearest neighbours have no array form without it.
     is_averaged : bool
-        Whether decisions are averaged by segment voting (default False). Then probabilities are used instead
-        of their logarithms, and are centred at 0 for two classes.
+        Whether decisions are averaged by segment voting (default False). If true, the decisions are
+        probabilities instead of their logarithms, and are centred at 0 for two classes.
     """
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
     from sklearn.linear_model import LogisticRegression, RidgeClassifier
@@ -215,7 +215,7 @@ def classifier_of(  # noqa: PLR0911
 
 
 def _both_classes(values: Samples, n_classes: int) -> Samples:
-    """Return values per class on the last axis; for two classes, minus and plus that of the second."""
+    """Return values with one entry per class on the last axis; for two classes, (-v, v) of the second."""
     values = np.asarray(values, dtype=np.float64)
     return np.concatenate([-values[..., -1:], values[..., -1:]], axis=-1) if n_classes == 2 else values
 
@@ -246,7 +246,7 @@ def squared_distances(X: Samples, points: Samples, weight: Samples | float = 1.0
 
 
 def _as_decisions(p: Samples, is_averaged: bool) -> Samples:
-    """Return log probabilities; if they are averaged, probabilities, centred at 0 for two classes."""
+    """Return log probabilities, or probabilities for averaging (centred at 0 for two classes)."""
     if not is_averaged:
         return log_probabilities(p)
     return _both_classes(p - 0.5, p.shape[1]) if p.shape[1] == 2 else p
@@ -258,7 +258,7 @@ def _gauss(X: Samples, mean: Samples, variance: Samples, prior: Samples, is_aver
 
 
 def _centroids(X: Samples, points: Samples, scale: Samples, prior: Samples) -> Samples:
-    """Return -|x/s - c/s|^2 + 2 log prior; for two classes, minus and plus their difference."""
+    """Return -|x/s - c/s|^2 + 2 log prior; for two classes, (-d, d) with the difference d of both."""
     scores = 2 * np.log(prior) - squared_distances(X / scale, points / scale)
     return scores if len(points) > 2 else _both_classes(scores[:, 1:] - scores[:, :1], 2)
 
@@ -273,7 +273,7 @@ def _neighbours(
 def _vote(
     X: Samples, columns: Columns, segment: ArrayStep, whole: ArrayStep | None, whole_weight: float
 ) -> Samples:
-    """Average the decisions over the segments, then with that on the whole recording."""
+    """Average the decisions over the segments, then combine the mean with the decision on the recording."""
     n_features, n_segments = columns.shape
     decisions = apply(segment, X[:, columns.T].reshape(-1, n_features))
     mean = decisions.reshape(len(X), n_segments, decisions.shape[1]).mean(axis=1)
@@ -283,7 +283,7 @@ def _vote(
 
 
 def _estimator(X: Samples, estimator: Any, is_averaged: bool | None = None) -> Samples:
-    """Apply an estimator on one thread: starting more takes longer than the work for a few rows."""
+    """Apply an estimator on one thread, because starting threads takes longer than classifying a few rows."""
     from sklearn import config_context
 
     from texclass.classifiers.segment_voting import decisions_of

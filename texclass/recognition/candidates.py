@@ -44,8 +44,8 @@ class Candidate:
     classifier : classifier
         Unfitted classifier.
     n_columns : int
-        Number of columns. Of equally accurate candidates the one with the fewest columns is selected: this
-        count is the same on every machine.
+        Number of columns. Among equally accurate candidates, the one with the fewest columns is selected,
+        because this number is the same on every machine (the latency is not).
     """
 
     row: str
@@ -80,7 +80,7 @@ def list_candidates(
     max_features: int | None = None,
     max_kb: float | None = None,
 ) -> list[Candidate]:
-    """Return the candidates of a pipeline that a dataset has the features for, within a budget.
+    """Return the candidates of a pipeline whose features are in the table, within a budget.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def list_candidates(
     table : FeatureTable
         Features of the dataset.
     meter : CostMeter
-        Cost of the columns, which is measured once if `max_ms` is given.
+        Meter of the cost of the columns, for `max_ms` and the row "budget".
     row, classifier : str, optional
         Row and classifier of the pipeline (default: all). The row "budget" selects from the columns of the
         whole feature set.
@@ -104,8 +104,8 @@ def list_candidates(
     Raises
     ------
     ValueError
-        If there is no such row or classifier, the dataset lacks features of the row, no row is affordable, or
-        `max_kb` is given without a kernel discriminant.
+        If there is no such row or classifier, the dataset lacks features of the row, no row is within the
+        budget, or `max_kb` is given without a kernel discriminant.
     """
     _check_name(row, [*(r.name for r in pipeline.rows), BUDGET], "row", pipeline.name)
     _check_name(classifier, list(pipeline.classifiers), "classifier", pipeline.name)
@@ -141,8 +141,8 @@ def list_candidates(
         candidates.append(_budget_candidate(plan, pipeline, meter, max_ms, max_features))
     if not candidates:
         raise ValueError(
-            f"pipeline {pipeline.name}: {missing[0] if missing else 'no row is affordable'}. Expected at "
-            f"least one row that the dataset has the features for{' within the budget' if is_limited else ''}"
+            f"pipeline {pipeline.name}: {missing[0] if missing else 'no row is within the budget'}. Expected "
+            f"at least one row with features of the dataset{', within the budget' if is_limited else ''}"
         )
     return candidates if max_kb is None else _limit_size(candidates, max_kb)
 
@@ -160,8 +160,8 @@ def _budget_candidate(
     cheapest = min(costs.cost_of_indices([i]) for i in range(len(plan.columns)))
     if max_ms is not None and max_ms < cheapest:
         raise ValueError(
-            f"max_ms must be at least {cheapest:.3g} ms, the cheapest feature including "
-            f"{costs.segmentation_ms:.3g} ms for the segmentation, got {max_ms:g} ms"
+            f"max_ms must be at least {cheapest:.3g} ms (the cost of the cheapest feature, including "
+            f"{costs.segmentation_ms:.3g} ms for the segmentation), got {max_ms:g} ms"
         )
     selector = cost_aware_selector(costs, max_cost=max_ms, max_features=max_features)
     steps = Pipeline([*preprocessing().steps, ("select", selector)])
@@ -206,7 +206,7 @@ def exportable_candidates(
     if not exportable:
         raise ValueError(
             f"no row has an exportable feature: {', '.join(not_exportable)} cannot be computed by an ONNX "
-            "graph. Use another row, or omit --exportable"
+            "graph. Select a row with other features (--row), or omit --exportable"
         )
     return exportable, list(candidates) if not_exportable else [], tuple(not_exportable)
 
@@ -216,8 +216,8 @@ def _limit_size(candidates: Sequence[Candidate], max_kb: float) -> list[Candidat
     is_kernel = [isinstance(candidate.classifier, KernelDiscriminant) for candidate in candidates]
     if not any(is_kernel):
         raise ValueError(
-            f"max_kb = {max_kb:g} has no effect: no candidate is a KernelDiscriminant. Select another "
-            "classifier, or omit max_kb"
+            f"max_kb = {max_kb:g} has no effect: no candidate is a KernelDiscriminant. Select a "
+            "KernelDiscriminant as classifier, or omit max_kb"
         )
     return [
         replace(c, classifier=clone(c.classifier).set_params(max_kb=max_kb)) if limited else c
@@ -226,10 +226,10 @@ def _limit_size(candidates: Sequence[Candidate], max_kb: float) -> list[Candidat
 
 
 def without_selection(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the candidate with most columns whose classifier weights them itself; all if there is none.
+    """Return the candidate with the most columns whose classifier weights columns; all if there is none.
 
-    With few recordings, nearly all candidates are correct on all held-out recordings, so the selection would
-    be random. Many features are more robust if later recordings differ.
+    With few recordings, nearly all candidates classify all held-out recordings correctly, so a selection
+    would be random. A large number of features is more robust if later recordings differ.
     """
     weighting = [c for c in candidates if score_kind(c.classifier) == "decision"]
     return [max(weighting, key=lambda c: len(c.plan.columns))] if weighting else list(candidates)
@@ -247,7 +247,7 @@ def without_holdout(candidates: Sequence[Candidate]) -> list[Candidate]:
     if others or score_kind(candidate.classifier) != "decision":
         raise ValueError(
             f"{candidate.classifier_name} needs at least 2 recordings (or runs) per surface, got 1. "
-            "Record more, or train the pipeline surfaces"
+            "Record more, or use the pipeline 'surfaces'"
         )
     return [candidate]
 
@@ -257,16 +257,17 @@ def select_best(
 ) -> tuple[int, Accuracy]:
     """Return the best candidate, and its accuracy corrected for the selection.
 
-    The best of many candidates is best partly by chance. Recordings are drawn with replacement; the candidate
-    that is best on the drawn ones is scored on the others, and the mean over many draws is free of this bias.
+    The best of many candidates is best partly by chance. To correct this bias, recordings are drawn with
+    replacement. The candidate with the highest accuracy on the drawn recordings is scored on the remaining
+    ones, and the scores are averaged over many draws.
 
     Parameters
     ----------
     hits : ndarray of bool, shape (n_candidates, n)
         Whether the prediction of each candidate for each held-out recording is correct.
     n_columns : sequence of int
-        Number of columns of each candidate. Of equally accurate ones, the one with the fewest columns is
-        selected, then the first.
+        Number of columns of each candidate. Among equally accurate candidates, the first one with the fewest
+        columns is selected.
     clusters : ndarray of shape (n,)
         Recording (or run) of each test, which is drawn as a whole.
     seed : int
@@ -306,6 +307,6 @@ def select_best(
 
 
 def _best(accuracy: Samples, n_columns: Sequence[int]) -> NDArray[np.intp]:
-    """Return the column with the largest value in each row; of equal ones, that with the fewest columns."""
+    """Return the candidate with the highest accuracy in each row; ties go to the fewest columns."""
     order = np.argsort(np.asarray(n_columns), kind="stable")
     return np.asarray(order[accuracy[:, order].argmax(axis=1)])

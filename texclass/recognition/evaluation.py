@@ -55,7 +55,7 @@ class PredictionSummary:
 
     @property
     def accuracy(self) -> dict[str, Any] | None:
-        """Accuracy with a 95 % Wilson interval, over recordings of trained surfaces; None without any.
+        """Accuracy with a 95 % Wilson interval on recordings of trained surfaces; None if there are none.
 
         A recording that is reported as unknown counts as wrong.
         """
@@ -95,7 +95,7 @@ class PredictionSummary:
         return write_confusion(path, *self.labels, self.confusion)
 
     def document(self) -> Document:
-        """Return accuracy and confusion matrix."""
+        """Return a document with accuracy and confusion matrix."""
         rows, columns = self.labels
         notes = []
         if (accuracy := self.accuracy) is not None:
@@ -106,7 +106,7 @@ class PredictionSummary:
             n_unknown = f"{answers.count(UNKNOWN)} of {counted(len(answers), 'recording')}"
             notes.append(
                 f"the model was not trained on {', '.join(others)}: {n_unknown} reported as unknown, "
-                "left out of the accuracy"
+                "not counted in the accuracy"
             )
         used = [j for j in range(len(columns)) if any(row[j] for row in self.confusion)]
         frame = {

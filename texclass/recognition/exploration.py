@@ -37,8 +37,8 @@ class GestureStatistics(NamedTuple):
     confusion : ndarray of shape (n_surfaces, n_surfaces)
         Mean predicted probabilities (columns) for each true surface (rows).
     correlation
-        Correlation between the answers for repetitions of the gesture by one hand on one surface, from 0 to
-        1; see `fit_correlation`.
+        Correlation between the answers for repetitions of the gesture by one operator on one surface, from 0
+        to 1; see `fit_correlation`.
 
     Examples
     --------
@@ -60,8 +60,8 @@ class GestureStatistics(NamedTuple):
         model : Model
             Model that was trained on recordings of the gesture.
         seconds : float, optional
-            Duration of the gesture (default: the signal that an answer needs, 0.3 s for a tap, plus 0.5 s to
-            lift the tool and reach for the surface).
+            Duration of the gesture. The default is the duration of the signal that an answer needs (0.3 s for
+            a tap), plus 0.5 s to lift the tool and reach for the surface.
 
         Raises
         ------
@@ -70,11 +70,11 @@ class GestureStatistics(NamedTuple):
         """
         calibration = model.manifest.calibration
         if "confusion" not in calibration:
-            raise ValueError(f"{model!r} has no confusion matrix. Train it again")
+            raise ValueError(f"{model!r} has no confusion matrix. Train the model again")
         signal_s = model.manifest.window_s or model.manifest.shortest_s or 0.3
         duration_s = 0.5 + signal_s if seconds is None else seconds
         if not duration_s > 0:
-            raise ValueError(f"the time of a gesture must be positive, got {seconds!r} s")
+            raise ValueError(f"the duration of a gesture must be positive, got {seconds!r} s")
         confusion = np.asarray(calibration["confusion"], dtype=np.float64)
         return cls(
             duration_s,
@@ -94,7 +94,7 @@ class Advice:
     bits
         Expected information gain in bits.
     n_repetitions
-        Number of times the gesture was already made on this surface.
+        Number of times that the gesture has already been made on this surface.
     candidates
         The two most probable surfaces; none before the first gesture.
 
@@ -119,7 +119,7 @@ class Exploration:
 
     The probability of surface m is log P(m) = sum_g w(n_g) mean_i log p_gi(m) + constant. Here p_gi are the
     calibrated probabilities of repetition i of gesture g, and w(n) = n / (1 + r_g (n - 1)) is the effective
-    number of independent repetitions, because repetitions by one hand are correlated (r_g).
+    number of independent repetitions, because repetitions by one operator are correlated (r_g).
 
     The expected gain of a gesture is the mutual information of surface and answer (`information_bits`) times
     w(n + 1) - w(n). The recommended gesture has the highest gain per second.
@@ -131,7 +131,7 @@ class Exploration:
     gestures : mapping of str to GestureStatistics
         Available gestures.
     confidence : float
-        Probability from which on the surface is sure and no gesture is recommended (default 0.95).
+        Probability at which the surface is sure and no further gesture is recommended (default 0.95).
 
     References
     ----------
@@ -183,12 +183,12 @@ class Exploration:
         seconds : mapping of str to float, optional
             Gesture -> duration in seconds (default: see `GestureStatistics.from_model`).
         confidence : float
-            Probability from which on the surface is sure (default 0.95).
+            Probability at which the surface is sure (default 0.95).
 
         Raises
         ------
         ValueError
-            If the models have different surfaces, or `seconds` contains another gesture.
+            If the models have different surfaces, or `seconds` contains a gesture without a model.
         """
         durations, surfaces = dict(seconds or {}), {name: model.surfaces for name, model in models.items()}
         if unknown := [name for name in durations if name not in models]:
@@ -254,7 +254,7 @@ class Exploration:
         return bool(self.probabilities.max() >= self.confidence)
 
     def expected_bits(self) -> dict[str, float]:
-        """Return the expected information gain of each gesture, if it is next: gesture -> bits."""
+        """Return the expected information gain of each gesture as the next one: gesture -> bits."""
         bits, p = {}, self.probabilities
         for name, statistics in self.gestures.items():
             n, r = self._count(name), statistics.correlation
@@ -320,7 +320,7 @@ def load_gestures(folder: str | Path) -> dict[str, Model]:
     Raises
     ------
     ValueError
-        If the folder contains no model, or as `load_model`.
+        If the folder contains no model, or a file is not a valid model (see `load_model`).
 
     Examples
     --------
@@ -367,9 +367,10 @@ class ExplorationVerdict(ContactVerdict):
 class ExplorationSession(Session):
     """Session with one model per gesture, whose verdicts recommend the next gesture.
 
-    - A lasting contact counts as the recommended gesture, or, if that is a tap, as the best stroke.
-    - A tap counts if a tap was recommended, or as the first gesture on a surface. Other taps are ignored,
-      because strokes often start with one, and a stroke with stick-slip has several.
+    - A movement counts as the recommended gesture; if a tap was recommended, it counts as the stroke with the
+      highest expected gain per second.
+    - A tap counts if a tap was recommended, or if it is the first gesture on a surface. All other taps are
+      ignored, because strokes often start with a tap, and a stroke with stick-slip contains several.
     - Once a surface is sure, the next contact starts a new exploration.
 
     Parameters
@@ -420,7 +421,7 @@ class ExplorationSession(Session):
     def _merge(
         self, first: Iterable[Update | Notice], others: Mapping[str, Iterable[Update | Notice]]
     ) -> tuple[Update | Notice, ...]:
-        """Return all updates of the first session, and the answers of all sessions for their own gesture."""
+        """Return all updates of the first session, and from every session the answers for its own gesture."""
         pairs = [(self._first, update) for update in first]
         pairs += [
             (name, update)
@@ -445,7 +446,7 @@ class ExplorationSession(Session):
         self._contacts.clear()
 
     def _gesture_of(self, name: str, onset: int) -> str | None:
-        """Return the gesture of a contact for which model `name` has an answer; None for a tap to ignore."""
+        """Return the gesture of a contact that model `name` has classified; None if it is ignored."""
         if onset not in self._contacts:
             # Memory must not grow with the stream: after 64 gestures, the exploration restarts.
             if self.exploration.sure or self.exploration.n_gestures >= 64:
@@ -539,7 +540,7 @@ def rehearse(
     models : mapping of str to Model
         Gesture -> model, as `train_gestures` returns them.
     surface : str
-        Name of a surface of the recipe. The hand is that of an operator who is not in the recipe.
+        Name of a surface of the recipe. The simulated operator is not one of the recipe.
     recipe : Recipe
         Surfaces that can be simulated.
     seed : int
@@ -550,9 +551,9 @@ def rehearse(
     Yields
     ------
     dict
-        One gesture: `gesture`, total time in `seconds`, `answer` for this gesture alone, most probable
-        `surface` after all gestures with its `probability`, whether it is `sure`, and `advice` (the next
-        gesture, or None).
+        Result of one gesture: its name `gesture`, total time in `seconds`, `answer` for this gesture alone,
+        most probable `surface` after all gestures with its `probability`, whether it is `sure`, and `advice`
+        (the next gesture, or None).
 
     Raises
     ------
@@ -573,7 +574,7 @@ def rehearse(
         raise ValueError(f"cannot simulate the surface {surface!r}. Expected one of {names}")
     new_operator = operator_catalogue(recipe.n_operators + 1, recipe.seed)[-1]
     total_s = 0.0
-    # Twelve gestures suffice, or the surface will never be sure.
+    # If twelve gestures do not make the surface sure, further ones will not either.
     while (advice := exploration.advice()) is not None and exploration.n_gestures < 12:
         gesture, n = advice.gesture, exploration.n_gestures
         recording = record_gesture(

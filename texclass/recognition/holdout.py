@@ -1,4 +1,4 @@
-"""Protocols by which recordings are held out of a training, and what their accuracy covers."""
+"""Protocols that hold out recordings in training, and the conditions that their accuracy covers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,11 +26,13 @@ class HoldoutLimits:
     Attributes
     ----------
     min_repetitions : int
-        Repetitions per surface from which the later half is held out, so that ten are left for training.
+        Minimum number of repetitions per surface for a chronological split, so that at least ten remain for
+        training.
     few_recordings : int
-        Recordings (or runs) per surface below which nothing is selected, and thresholds are wider.
+        Number of recordings (or runs) per surface below which no candidate is selected by accuracy, and
+        thresholds are more conservative.
     later_share : float
-        Smallest share of the accuracy above chance that later recordings reached in the study
+        Smallest fraction of the accuracy above chance level that later recordings retained in the study
         `few_recordings`.
     later_alarm_factor : float
         Median ratio of the false alarms of later recordings to those of held-out ones in that study.
@@ -50,8 +52,8 @@ def select_protocol(
 ) -> tuple[Protocol, str]:
     """Return the protocol by which recordings are held out, and the reason.
 
-    Random folds are replaced by the chronological split if there are many numbered repetitions: a deployed
-    model meets a sensor that is older than in its training, which random folds do not show.
+    With many numbered repetitions, a chronological split replaces the random folds: a deployed model is used
+    with a sensor that has aged since training, and random folds do not reflect this.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ def select_protocol(
     table : DataFrame
         Metadata of recordings, or of their windows.
     false_alarms : float
-        Accepted rate of false alarms, which needs a number of held-out recordings.
+        Accepted rate of false alarms, which determines the required number of held-out recordings.
 
     Returns
     -------
@@ -92,7 +94,8 @@ def select_protocol(
 def rule_of_succession(share: float, n: int) -> float:
     """Return Laplace's estimate of the share of hits, (n share + 1) / (n + 2).
 
-    A few tests may all be correct by chance; their share of 1 would state that no answer will ever be wrong.
+    A few predictions may all be correct by chance. The observed share of 1 would imply that errors are
+    impossible.
 
     Parameters
     ----------
@@ -112,9 +115,9 @@ def rule_of_succession(share: float, n: int) -> float:
 def later_accuracy(interval: Mapping[str, float], n_classes: int) -> dict[str, float]:
     """Return the range of accuracies to expect for later recordings, `low` and `high`.
 
-    Recordings of one session resemble each other. In some datasets later recordings reached the accuracy of
-    the held-out ones, in others only `LIMITS.later_share` of it above chance, so the lower limit is moved
-    towards chance.
+    Recordings of one session resemble each other. In some datasets, later recordings were classified as
+    accurately as held-out ones. In others, the accuracy above chance level fell to the fraction
+    `LIMITS.later_share`. The lower limit is therefore moved towards the chance level.
 
     Parameters
     ----------
@@ -172,7 +175,7 @@ class Holdout:
 
     @cached_property
     def not_evaluated(self) -> list[str]:
-        """Conditions of later use that the test sets do not cover, the most frequent first.
+        """Conditions of use that the test sets do not cover, the most common one first.
 
         Recordings that are held out at random were made between those of the training set, by the same
         operator in the same session.
@@ -212,7 +215,7 @@ class Holdout:
         )
 
     def check_rate(self, false_alarms: float) -> None:
-        """Check that a rate of false alarms below the default is supported by enough held-out recordings.
+        """Check that there are enough held-out recordings for a rate of false alarms below the default.
 
         Raises
         ------
@@ -224,7 +227,7 @@ class Holdout:
             check_false_alarms(false_alarms, sum(len(test) for _, test in self.splits))
 
     def p_threshold(self, false_alarms: float, n_held_out: int) -> float:
-        """Return the largest p-value of an unknown recording: below the rate if recordings are few."""
+        """Return the p-value up to which recordings are unknown; it is lower if few are held out."""
         if self.n_per_surface >= (LIMITS.min_repetitions if self.is_random_order else LIMITS.few_recordings):
             return false_alarms
         return conservative_rate(
@@ -234,14 +237,15 @@ class Holdout:
     def accuracy_entry(
         self, estimate: Mapping[str, Any], n_recordings: int, n_classes: int
     ) -> dict[str, Any]:
-        """Return the entry `accuracy` of a manifest: expected accuracy, protocol and what it does not cover.
+        """Return the entry `accuracy` of a manifest: expected accuracy, protocol, conditions not covered.
 
         Parameters
         ----------
         estimate : mapping
-            mean, low, high and n_tested of the selected candidate, unless nothing was held out; n_candidates.
+            n_candidates and, if recordings were held out, mean, low, high and n_tested of the selected
+            candidate.
         n_recordings : int
-            Number of held-out recordings (or runs). If they are few, one correct and one wrong answer are
+            Number of held-out recordings (or runs). If there are few, one correct and one wrong answer are
             added.
         n_classes : int
             Number of surfaces.

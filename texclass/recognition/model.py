@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from texclass.evaluation.feature_table import LeftOutRecording
 
 CLOCK_TOLERANCE = 0.01
-"""Relative difference of sampling rates that is explained by the tolerance of sensor clocks."""
+"""Largest relative difference of sampling rates that is attributed to the tolerance of sensor clocks."""
 MIN_NATIVE_RATE = 0.5
 """Smallest native sampling rate of a recording, relative to that of the training recordings."""
 
@@ -47,7 +47,7 @@ MIN_NATIVE_RATE = 0.5
 class Model:
     """Trained model with calibrated probabilities, prediction sets and novelty detection.
 
-    Models are made by `train` and read by `load_model`.
+    Models are created by `train` and read by `load_model`.
 
     Attributes
     ----------
@@ -70,8 +70,9 @@ class Model:
     left_out : tuple of LeftOutRecording
         Invalid recordings that were skipped in training; a model file contains only their names.
     set_calibrations : mapping of str to ConformalCalibration
-        Calibration of the prediction sets of an "answer". Models of windows also have those of a "recording"
-        (all windows) and of a stream after 1, 2, 4 ... windows ("contact 1", "contact 2", "contact 4" ...).
+        Kind of answer -> calibration of its prediction sets. The kind "answer" is a single answer. Models of
+        windows also have the kinds "recording" (all windows of a recording) and "contact 1", "contact 2",
+        "contact 4" ... (this number of windows of a stream).
     levels : tuple of float
         Coverage of the prediction sets in answers.
     class_moments : ClassMoments or None
@@ -171,8 +172,8 @@ class Model:
         Raises
         ------
         RecordingError, ValueError
-            If a file is invalid, or for the reasons of `answer`. The function `predict` continues after an
-            invalid file.
+            If a file is invalid, or `answer` raises an error. The function `predict` continues after an
+            invalid file; this method does not.
         """
         if not isinstance(recordings, Recording | str | Path):
             return [self.predict(one, fs=fs, unit=unit, **options) for one in recordings]
@@ -186,8 +187,8 @@ class Model:
     ) -> tuple[str, ...]:
         """Return the prediction set of a recording: it contains the true surface with probability `level`.
 
-        The set contains at least the likeliest surface, and all surfaces if too few recordings were held out.
-        It is empty only if the recording cannot be classified.
+        The set contains at least the most probable surface, and all surfaces if too few recordings were held
+        out. It is empty only if the recording cannot be classified.
 
         Parameters
         ----------
@@ -206,7 +207,7 @@ class Model:
         Raises
         ------
         ValueError
-            If the level is not between 0 and 1, or for the reasons of `predict`.
+            If the level is not between 0 and 1, or `predict` raises an error.
         """
         if not 0 < level < 1:
             raise ValueError(f"level must be between 0 and 1, got {level!r}. Use 0.95 for 95 %")
@@ -218,8 +219,8 @@ class Model:
         Parameters
         ----------
         recording : Recording
-            Recording with the sampling rate, unit and channels of the training. Its phases are detected
-            unless it declares them.
+            Recording with the sampling rate, unit and channels of the training recordings. Its phases are
+            detected unless it declares them.
 
         Raises
         ------
@@ -315,7 +316,7 @@ class Model:
         return [f"outside the training range: {names} ({example})"]
 
     def prediction_sets(self, kind: str, scores: Samples) -> dict[float, tuple[str, ...]]:
-        """Return the prediction sets of `levels` for scores (n_surfaces,); none for an uncalibrated kind.
+        """Return the prediction sets of `levels` for scores (n_surfaces,); empty if `kind` is not calibrated.
 
         Parameters
         ----------
@@ -329,12 +330,12 @@ class Model:
 
     @property
     def contact_calibrations(self) -> dict[int, ConformalCalibration]:
-        """Number of windows of a contact -> calibration of the prediction sets after that number."""
+        """Number of windows of a contact -> calibration of the prediction sets after this number."""
         numbers = {kind: kind.partition("contact ")[2] for kind in self.set_calibrations}
         return {int(n): self.set_calibrations[kind] for kind, n in numbers.items() if n}
 
     def classify(self, X: Samples) -> tuple[Samples, Samples]:
-        """Return probabilities and p-values of "the surface was trained" for rows of features.
+        """Return probabilities and p-values of "the surface is in the training set" for rows of features.
 
         Parameters
         ----------
@@ -368,7 +369,7 @@ class Model:
             return self.plan.compute(recording.with_(phases=phases))
 
     def prepare(self, X: Samples) -> Samples:
-        """Return features (n, n_columns) as the classifier takes them, shape (n, n_prepared)."""
+        """Return the prepared features, the input of the classifier, shape (n, n_prepared)."""
         return apply_all(self.steps, X)
 
     def decide(self, X: Samples) -> tuple[Samples, Samples]:
@@ -385,8 +386,8 @@ class Model:
         """Predict the surface of a recording from the mean probabilities of its windows.
 
         Windows of one stroke are correlated, so their probabilities are averaged rather than multiplied. The
-        recording is unknown if at least half of its windows are. A model of whole recordings, and a recording
-        that is shorter than one window, are treated as a whole.
+        recording is unknown if at least half of its windows are. If the model was trained on whole
+        recordings, or the recording is shorter than one window, the recording is classified as a whole.
         """
         windows = self.cut(recording) if self.manifest.window_s is not None else ()
         if not windows:
@@ -402,7 +403,7 @@ class Model:
     def cut(self, recording: Recording) -> tuple[Recording, ...]:
         """Cut the movement of a recording into consecutive windows; none if it is shorter than one window.
 
-        A model of whole recordings returns the recording.
+        If the model was trained on whole recordings, the result is the recording itself.
         """
         if self.manifest.window_s is None:
             return (recording.with_(phase_settings=self.manifest.phase_settings),)
@@ -451,7 +452,7 @@ class Model:
         return np.asarray(probabilities[0])
 
     def rate_and_unit_problems(self, fs: float, unit: str, option: str = "--resample") -> list[str]:
-        """Return why recordings with another sampling rate or unit cannot be classified, and the remedy.
+        """Return the problems of recordings with another sampling rate or unit, and how to solve them.
 
         Parameters
         ----------
@@ -465,7 +466,9 @@ class Model:
         manifest = self.manifest
         problems = []
         if abs(fs / manifest.fs - 1) > CLOCK_TOLERANCE:
-            problems.append(f"wrong rate: {fs:g} Hz, trained at {manifest.fs:g} Hz; {option} converts")
+            problems.append(
+                f"wrong rate: {fs:g} Hz, trained at {manifest.fs:g} Hz; {option} converts the rate"
+            )
         if unit != manifest.unit:
             problems.append(
                 f"wrong unit: {unit}, trained with {manifest.unit}; --unit declares the unit of a file"
@@ -473,16 +476,17 @@ class Model:
         return problems
 
     def axis_problems(self, axes: Sequence[str]) -> list[str]:
-        """Return why recordings with other axes cannot be classified, and the option that selects axes."""
+        """Return the problem of recordings with other axes, and the option that selects axes."""
         trained_axes = self.manifest.input.axes
         if not (trained_axes and axes_differ(axes, trained_axes)):
             return []
         return [
-            f"other axes: {describe_axes(axes)}, trained with {describe_axes(trained_axes)}; --column selects"
+            f"other axes: {describe_axes(axes)}, trained with {describe_axes(trained_axes)}; --column "
+            "selects axes"
         ]
 
     def bandwidth_problems(self, native_fs: float) -> list[str]:
-        """Return why recordings of a slower sensor cannot be classified, even if resampled.
+        """Return the problem of recordings of a slower sensor, which remains after resampling.
 
         A model that was adapted to the slower sensor accepts them.
 
@@ -593,7 +597,7 @@ def load_model(path: str | Path) -> Model:
                 with use_filter_banks(dict(model.banks)):
                     values = probe_values(model.plan, manifest.fs, manifest.unit)
                 change = changed_value(np.asarray(document["probe"]["values"]), values, model.columns)
-    except Exception as error:  # steps of allowed classes may still not fit each other
+    except Exception as error:  # steps of allowed classes may still be incompatible
         raise ModelFileError(f"{path}: not a model of texclass ({error})") from error
     if change is not None:
         warnings.warn(

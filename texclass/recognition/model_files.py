@@ -36,12 +36,12 @@ from texclass.validation import StrictModel, validate
 FORMAT = 5
 """Version of the format of model files; files of other versions are refused."""
 MANIFEST, ARRAYS = "manifest.json", "arrays.json"
-"""Members of the archive that skops does not write; the second refers to the members of arrays."""
+"""Members of the archive that are not written by skops; the second one refers to the arrays."""
 MEMBERS = frozenset({MANIFEST, ARRAYS, SCHEMA})
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 """Sampling rate in Hz, or duration in s."""
 LATER_RECORDINGS = "later recordings"
-"""First words of a condition in `accuracy["not_evaluated"]` if no test is later than the training set."""
+"""Start of a condition in `accuracy["not_evaluated"]`: the tests do not cover later recordings."""
 GOLDEN = 0.6180339887498949
 """Fractional part of the golden ratio, for the noise of the probe recording."""
 PROBE_S = 1.5
@@ -49,7 +49,7 @@ PROBE_S = 1.5
 PROBE_SAMPLES = (64, 1_000_000)
 """Smallest and largest length of the probe recording in samples."""
 MAX_RELATIVE_CHANGE = 1e-4
-"""Relative difference of a feature that changes no answer: rounding differs between machines."""
+"""Largest relative difference of a feature that is attributed to rounding on another machine."""
 
 
 class ModelFileError(ValueError):
@@ -84,7 +84,7 @@ class Manifest(StrictModel):
     unit : str
         Unit of the acceleration.
     input : TrainingFiles
-        How files are converted to such recordings.
+        Settings that read other files like the training files.
     trained_on : mapping
         name and hash of the dataset, n_recordings, n_windows, left_out (skipped recordings).
     accuracy : mapping
@@ -106,18 +106,18 @@ class Manifest(StrictModel):
     versions : mapping
         Versions of texclass, Python and libraries.
     shortest_s : float or None
-        Shortest movement among some of the training recordings in s.
+        Duration of the shortest movement among some of the training recordings in s.
     peak_acceleration : float or None
         Largest deviation of the acceleration from the median of its axis, among some of the training
         recordings.
     adapted : mapping
         Empty, or the domain adaptation: references (name, and surface or None), hash, map ("affine", "shift"
-        or "none"), threshold_from, scale (10, 50 and 90 % quantile over columns). The accuracy and
-        calibration remain those of the training.
+        or "none"), threshold_from, scale (10, 50 and 90 % quantile over columns). Accuracy and calibration
+        still describe the original model.
     native_fs : float or None
         Lowest native sampling rate of the sensors in Hz; below `fs` if recordings were resampled.
     phase_settings : PhaseSettings
-        Settings of the segmentation; the file lists those that differ from the defaults.
+        Settings of the segmentation; the file contains those that differ from the defaults.
     format_version : int
         Version of the file format.
 
@@ -304,7 +304,9 @@ def _read_checked(path: str | Path) -> tuple[Manifest, Mapping[str, bytes], byte
         manifest = read_manifest(text)
         values = json.loads(text)
         if values.pop("digest", None) != digest_of(values, members):
-            raise ValueError("it was changed since it was written: its digest differs. Train the model again")
+            raise ValueError(
+                "it was changed since it was written (wrong digest). Restore it, or train the model again"
+            )
         if (ARRAYS in members) == (SCHEMA in members):
             raise ValueError(f"it must contain either {ARRAYS} or {SCHEMA}. Train the model again")
     except ValueError as error:
@@ -323,9 +325,9 @@ def digest_of(manifest: Mapping[str, Any], members: Mapping[str, bytes]) -> str:
 def probe_values(plan: Plan, fs: float, unit: str) -> Samples:
     """Return the features (n_columns,) of a synthetic probe recording; NaN where undefined.
 
-    They show whether the code of the features has changed: the probe, with one tap and a movement, is the
-    same on every machine. Its noise is a Weyl sequence, frac(k^2 golden), which does not depend on the
-    version of a random number generator.
+    The values reveal changes of the code of the features, because the probe recording (one tap and a
+    movement) is the same on every machine. Its noise is a Weyl sequence, frac(k^2 golden), which does not
+    depend on the version of a random number generator.
 
     Parameters
     ----------
@@ -357,12 +359,12 @@ def probe_values(plan: Plan, fs: float, unit: str) -> Samples:
 
 
 def changed_value(reference: Samples, current: Samples, columns: tuple[str, ...]) -> str | None:
-    """Return the column that differs most between two computations of the probe; None if none does.
+    """Describe the column that differs most between two computations of the probe; None if none differs.
 
     Parameters
     ----------
     reference, current : ndarray of shape (n_columns,)
-        Features of the probe at training, and with the present code.
+        Features of the probe at training, and with the current code.
     columns : tuple of str
         Names of the columns.
     """

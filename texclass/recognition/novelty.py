@@ -13,11 +13,11 @@ Labels = NDArray[np.intp]
 ScoreKind = Literal["decision", "distance"]
 """Novelty score: minus the largest decision, or the distance to the nearest class mean."""
 TOLERANCE_CONFIDENCE = 0.95
-"""Share of trainings in which a conservative threshold keeps its rate of false alarms."""
+"""Fraction of training sets for which a conservative threshold does not exceed its rate of false alarms."""
 SHRINKAGE = 0.1
 """Shrinkage of the within-class covariance of `ClassDistance` towards a multiple of the identity."""
 FAR_OUTSIDE = 0.5
-"""A value this many widths of the training range outside of it is reported with an answer."""
+"""Distance from the training range, in widths of this range, beyond which a value is reported."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ def score_kind(classifier: Any) -> ScoreKind:
 def novelty_scores(
     kind: ScoreKind, decisions: Samples, prepared: Samples, class_distance: ClassDistance | None
 ) -> Samples:
-    """Return the novelty score of each row, shape (n,): the larger, the less like the training set.
+    """Return the novelty score of each row, shape (n,); large if the row is unlike the training set.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def novelty_scores(
     decisions : ndarray of shape (n, n_classes)
         Decisions of the classifier.
     prepared : ndarray of shape (n, n_features)
-        Features as the classifier takes them.
+        Prepared features, the input of the classifier.
     class_distance : ClassDistance or None
         Distance for the kind "distance".
     """
@@ -115,7 +115,7 @@ def novelty_scores(
 
 
 def min_held_out(false_alarms: float) -> int:
-    """Return the number of held-out recordings that a rate of false alarms requires.
+    """Return the minimum number of held-out recordings for a rate of false alarms.
 
     Raises
     ------
@@ -148,12 +148,13 @@ def check_false_alarms(false_alarms: float, n_held_out: int) -> None:
 
 
 def conservative_rate(false_alarms: float, n_held_out: int, growth: float = 1.0) -> float:
-    """Return a smaller rate, so that few held-out recordings keep the requested rate of false alarms.
+    """Return a rate that is low enough to keep the requested one with few held-out recordings.
 
-    A conformal threshold keeps its rate on average over many trainings. In one training with few held-out
-    recordings, the rate may be twice as large. The k-th largest score keeps it in 95 % of trainings, for the
-    largest k with P[Binomial(n, rate) < k] <= 5 % (tolerance limit). If n is too small for any k (below 59 at
-    5 %), the largest score is the threshold. The price is that fewer unknown surfaces are detected.
+    A conformal threshold keeps its rate of false alarms on average over many training sets. For a single
+    training set with few held-out recordings, the rate may be twice as large. If the threshold is the k-th
+    largest score, the rate is kept for 95 % of training sets, where k is the largest number with
+    P[Binomial(n, rate) < k] <= 5 % (tolerance limit). If n is too small for any k (below 59 at 5 %), the
+    largest score is the threshold. As a consequence, fewer unknown surfaces are detected.
 
     Parameters
     ----------
@@ -162,7 +163,7 @@ def conservative_rate(false_alarms: float, n_held_out: int, growth: float = 1.0)
     n_held_out : int
         Number of held-out recordings.
     growth : float
-        Factor by which the rate of later recordings exceeds that of held-out ones (default 1).
+        Ratio of the rate of false alarms of later recordings to the rate of held-out ones (default 1).
 
     References
     ----------
@@ -190,8 +191,7 @@ class NoveltyDetector:
     kind : {"decision", "distance"}
         Novelty score; see `novelty_scores`.
     held_out : ndarray of shape (n,)
-        Scores of held-out training recordings, ascending. If there are none, every recording counts as of a
-        trained surface.
+        Scores of held-out training recordings, ascending. If empty, no recording is reported as unknown.
     false_alarms : float
         Share of recordings of trained surfaces that may be reported as unknown.
     class_distance : ClassDistance, optional
@@ -215,10 +215,10 @@ class NoveltyDetector:
             check_false_alarms(self.false_alarms, len(self.held_out))
 
     def p_value(self, scores: Samples) -> Samples:
-        """Return the conformal p-value of "the surface was trained", shape (n,).
+        """Return the conformal p-value of "the surface is in the training set", shape (n,).
 
-        p = (1 + #{held-out scores >= score}) / (n + 1) is uniform if a recording is exchangeable with the
-        held-out ones, so p <= a for a share of at most a of the recordings of trained surfaces.
+        The p-value is p = (1 + #{held-out scores >= score}) / (n + 1). If a recording of a trained surface is
+        exchangeable with the held-out ones, the probability of p <= a is at most a.
 
         Parameters
         ----------
@@ -238,7 +238,7 @@ class NoveltyDetector:
         n = len(self.held_out)
         if not n:
             return np.inf
-        n_above = int(np.floor(self.false_alarms * (n + 1) + 1e-9)) - 1  # held-out scores that may be larger
+        n_above = int(np.floor(self.false_alarms * (n + 1) + 1e-9)) - 1  # held-out scores above it
         return float(self.held_out[n - 1 - n_above])
 
     def document(self) -> dict[str, Any]:
@@ -294,7 +294,7 @@ class FeatureRanges:
         return cls(*(np.where(is_empty, np.nan, edge) for edge in edges))
 
     def distance_outside(self, values: Samples) -> Samples:
-        """Return how far values are outside, in widths of the range, shape (n_columns,); 0 inside."""
+        """Return the distance of values from the range in range widths, shape (n_columns,); 0 inside."""
         distance = np.fmax(np.fmax(self.low - values, values - self.high), 0.0)
         width = np.maximum(self.high - self.low, 1e-9 * np.maximum(np.abs(self.high), np.abs(self.low)))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -318,7 +318,7 @@ class ClassMoments(NamedTuple):
 
     @classmethod
     def from_features(cls, X: Samples, y: NDArray[Any]) -> "ClassMoments":
-        """Return the moments of features X (n, n_columns), NaN where undefined, of surfaces y (n,)."""
+        """Return the moments of features X (n, n_columns), NaN where undefined, with surfaces y (n,)."""
         names, labels = np.unique(y, return_inverse=True)
         is_defined, one_hot = ~np.isnan(X), np.eye(len(names))[labels]
         with np.errstate(invalid="ignore"):

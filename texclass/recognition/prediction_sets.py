@@ -1,4 +1,4 @@
-"""Conformal prediction sets: surfaces that contain the true one with a given probability."""
+"""Conformal prediction sets, which contain the true surface with a given probability."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from texclass.recording import Samples
 DEFAULT_LEVELS = (0.9, 0.95)
 """Coverage of the prediction sets of an answer."""
 TIE_TOLERANCE = 1e-9
-"""Log odds that differ by less are equal: the order of a sum changes them by rounding."""
+"""Log odds that differ by less count as equal, because their rounding depends on the order of a sum."""
 MIN_SCORE = -1e9
-"""Score of a surface that is in no training set, instead of -inf, so that differences are finite."""
+"""Replaces the score -inf of a surface that is missing in a training set, to keep differences finite."""
 HALF_LIFE = 5.0
 """Number of later recordings of a surface after which the weight of a recording is halved."""
 
@@ -39,7 +39,7 @@ def log_odds(scores: Samples) -> Samples:
     others = s.copy()
     others[rows, best] = -np.inf
     second = others.max(axis=1)
-    # The sum without surface m is that of all others of the best one, plus the best one, minus m.
+    # The sum over all surfaces except m is the largest term, plus the sum of all other terms, minus term m.
     share = np.exp(others - largest[:, None])
     odds = s - largest[:, None] - np.log1p(share.sum(axis=1, keepdims=True) - share)
     odds[rows, best] = largest - second - np.log(np.exp(others - second[:, None]).sum(axis=1))
@@ -48,11 +48,11 @@ def log_odds(scores: Samples) -> Samples:
 
 @dataclass(frozen=True, eq=False)
 class ConformalCalibration:
-    """Held-out log odds of the true surface, from which the thresholds of prediction sets follow.
+    """Held-out log odds of the true surface, from which the thresholds of prediction sets are derived.
 
-    A prediction set contains the likeliest surface, and every surface whose log odds reach `threshold`. Of
-    all sets with the same coverage, those of the threshold are the smallest on average (Sadinle et al.). They
-    would be empty for uncertain answers of a model that is correct more often than the level requires.
+    A prediction set contains every surface whose log odds reach `threshold`. Among all sets with the same
+    coverage, these are the smallest on average (Sadinle et al.). The most probable surface is always
+    included, because the set could otherwise be empty for an uncertain answer of an accurate model.
 
     Attributes
     ----------
@@ -106,8 +106,8 @@ class ConformalCalibration:
         recordings : array_like of shape (n,)
             Recording of each answer.
         weights : array_like of shape (n,)
-            Weight of the recording of each answer (default 1): less if it is old (`recency_weights`), more if
-            its answers are independent, up to its number of answers.
+            Weight of the recording of each answer (default 1): lower if it is old (`recency_weights`), higher
+            if its answers are independent, up to its number of answers.
         """
         odds = np.asarray(log_odds, dtype=np.float64)
         _, index, n_answers = np.unique(np.asarray(recordings), return_inverse=True, return_counts=True)
@@ -124,10 +124,10 @@ class ConformalCalibration:
         return float(self.weights.sum())
 
     def threshold(self, level: float) -> float:
-        """Return the log odds from which a surface is in the set; -inf if there are too few recordings.
+        """Return the minimum log odds of a surface in the set; -inf if there are too few recordings.
 
-        The threshold is the largest t with sum_{i: odds_i >= t} w_i >= level (1 + sum_i w_i). The new
-        recording has weight 1, and may be worse than all held-out recordings.
+        The threshold is the largest t with sum_{i: odds_i >= t} w_i >= level (1 + sum_i w_i). The 1 is the
+        weight of the new recording, whose log odds may be lower than those of all held-out recordings.
         """
         weight_above = np.cumsum(self.weights[::-1])[::-1]
         indices = np.flatnonzero(weight_above >= level * (1 + self.effective_n) - TIE_TOLERANCE)
@@ -136,12 +136,12 @@ class ConformalCalibration:
     def predict_sets(
         self, scores: Samples, surfaces: Sequence[str], levels: Sequence[float] = DEFAULT_LEVELS
     ) -> dict[float, tuple[str, ...]]:
-        """Return the prediction set of each level, likeliest surface first; no set is empty.
+        """Return the prediction set of each level, most probable surface first; no set is empty.
 
         Parameters
         ----------
         scores : ndarray of shape (n_surfaces,)
-            Scores of one answer, as `log_odds` takes them.
+            Scores of one answer; see `log_odds`.
         surfaces : sequence of str
             Name of each surface.
         levels : sequence of float
@@ -157,7 +157,7 @@ class ConformalCalibration:
         return sets
 
     def updated(self, later: Self, discount: float) -> Self:
-        """Return the calibration with later answers added, and the present weights times `discount`."""
+        """Add later answers to the calibration, and multiply its current weights by `discount`."""
         return self._sorted(
             np.concatenate([self.log_odds, later.log_odds]),
             np.concatenate([discount * self.weights, later.weights]),
@@ -179,7 +179,7 @@ class ConformalCalibration:
 
 
 def recency_weights(ages: ArrayLike, half_life: float) -> Samples:
-    """Return weights that halve with each `half_life`.
+    """Return the weights 0.5^(age / half_life).
 
     Parameters
     ----------
@@ -221,8 +221,8 @@ def calibrate_sets(
     -------
     dict of str to ConformalCalibration
         "answer": single decisions. With a correlation also "recording", the mean log posterior of all
-        windows, and "contact 1", "contact 2", "contact 4", ...: the evidence after that number of windows,
-        while at least half of the recordings have so long a contact.
+        windows, and "contact 1", "contact 2", "contact 4", ...: the evidence after this number of windows, as
+        long as at least half of the recordings have as many windows.
     """
     rows, names = np.arange(len(labels)), np.asarray(recordings)
     weights = np.broadcast_to(np.asarray(weights, dtype=np.float64), len(labels))

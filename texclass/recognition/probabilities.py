@@ -14,10 +14,10 @@ LOG_BOUNDS = (-8.0, 8.0)
 N_BINS = 15
 """Number of bins of the calibration error, as in Guo et al. (2017)."""
 PRIOR_BETA = 4.5
-"""Inverse temperature over log K of a kernel that was trained on one recording of each of K classes.
+"""Inverse temperature, divided by log K, of a kernel trained on one recording of each of K classes.
 
-It is the geometric mean over six datasets of taps, strokes and wheels, between which it varies: probabilities
-that are based on it are rough.
+It is the geometric mean over six datasets of taps, strokes and wheels. The values of the datasets differ, so
+probabilities that are based on it are rough estimates.
 """
 MIN_PROBABILITY = 1e-12
 """Lower bound of a probability before its logarithm is taken."""
@@ -28,14 +28,14 @@ DEFAULT_CORRELATION = 1.0
 def softmax(scores: Samples) -> Samples:
     """Return exp(s_k) / sum_j exp(s_j) over the last axis.
 
-    It is faster than `scipy.special.softmax` for single rows, which is the case of a stream.
+    It is faster than `scipy.special.softmax` for the single rows of a stream.
     """
     p = np.exp(scores - scores.max(axis=-1, keepdims=True))
     return np.asarray(p / p.sum(axis=-1, keepdims=True))
 
 
 def log_probabilities(p: Samples) -> Samples:
-    """Return logarithms of probabilities, which are limited to `MIN_PROBABILITY`."""
+    """Return the logarithms of probabilities, with `MIN_PROBABILITY` as lower limit."""
     return np.asarray(np.log(np.maximum(p, MIN_PROBABILITY)))
 
 
@@ -43,7 +43,7 @@ def class_scores(classifier: Any, rows: Samples) -> Samples:
     """Return the decisions of a classifier, one column per class, shape (n, n_classes).
 
     These are `decision_function`, else the logarithm of `predict_proba`, else 1 for the predicted class and 0
-    for the others.
+    for all other classes.
     """
     if hasattr(classifier, "decision_function"):
         scores = np.asarray(classifier.decision_function(rows), dtype=np.float64)
@@ -63,8 +63,7 @@ class Calibration:
     beta : float
         Inverse temperature.
     lapse : float
-        Probability of an error that no number of correct answers excludes: 1 / (n + 2) after n answers
-        (Laplace's rule of succession).
+        Residual probability of an error: 1 / (n + 2) after n answers (Laplace's rule of succession).
 
     References
     ----------
@@ -130,8 +129,8 @@ def fit_calibration(scores: Samples, labels: Labels) -> Calibration:
 def prior_calibration(n_classes: int, n: int) -> Calibration:
     """Return the calibration of a kernel discriminant without held-out recordings, from other datasets.
 
-    Decisions estimate P(class) - 1/K and are shrunk towards 0, so the largest one falls with the number of
-    classes.
+    Decisions estimate P(class) - 1/K and are shrunk towards 0, so the largest decision decreases with the
+    number of classes.
 
     Parameters
     ----------
@@ -179,7 +178,7 @@ def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
     Raises
     ------
     ValueError
-        If no contact has several windows.
+        If no contact has more than one window.
     """
     from scipy.optimize import minimize_scalar
 
@@ -238,8 +237,8 @@ def expected_calibration_error(
     n_bins : int
         Number of bins (default 15).
     equal_counts : bool
-        Bins with equal numbers of answers instead of equal widths (default False). Answers of the same
-        confidence are in the same bin.
+        Whether bins have equal numbers of answers instead of equal widths (default False). Answers of the
+        same confidence are in the same bin.
 
     Raises
     ------
@@ -266,8 +265,9 @@ def calibration_error_by_chance(
 ) -> float:
     """Return the mean of `expected_calibration_error` for perfectly calibrated probabilities.
 
-    The error adds absolute gaps, so it is positive by chance: sum_b sqrt(2/pi sum_{i in b} p_i (1 - p_i)) /
-    n, the mean of absolute normal deviates. Only an error above it shows poor calibration.
+    The calibration error is a sum of absolute values, so its mean is positive even for perfect calibration:
+    sum_b sqrt(2/pi sum_{i in b} p_i (1 - p_i)) / n, from the mean of absolute normal deviates. Only a larger
+    error indicates poor calibration.
 
     Parameters
     ----------

@@ -104,14 +104,15 @@ def train(
 ) -> Model:
     """Train a model: select feature subset and classifier, fit them on all recordings, and calibrate.
 
-    The default pipeline has one row and one classifier, so nothing is selected (`pipeline_for`); nor is
-    anything below ten recordings (or runs) per surface (`without_selection`). One recording per surface is
-    enough to train. Then none can be held out: the model states no accuracy, its probabilities are those of
-    `prior_calibration`, and no recording is unknown.
+    The default pipeline (`pipeline_for`) has one row and one classifier, so there is nothing to select. With
+    fewer than ten recordings (or runs) per surface, no candidate is selected by accuracy
+    (`without_selection`). One recording per surface is enough to train, but then no recording can be held
+    out: the model reports no accuracy, uses the probabilities of `prior_calibration`, and never reports a
+    surface as unknown.
 
-    Held-out recordings also give the calibration, the prediction sets, the threshold for unknown surfaces,
-    and the accuracy in the manifest, corrected for the selection. The same recordings, options and versions
-    give the same model file, except for measured costs.
+    Held-out recordings also determine the calibration, the prediction sets, the threshold for unknown
+    surfaces, and the accuracy in the manifest, corrected for the selection. The same recordings, options and
+    versions give the same model file, except for measured costs.
 
     Parameters
     ----------
@@ -119,7 +120,7 @@ def train(
         Labelled recordings of at least two surfaces, or an argument of `open_dataset`.
     pipeline : PipelineDefinition, str or Path, optional
         Name of a shipped pipeline, path of a pipeline (TOML), or a definition. Default: `surfaces`, or
-        `coarse` with a turn rate; `texclass` if a row, a classifier or a budget is given.
+        `coarse` for recordings with a turn rate; `texclass` if a row, a classifier or a budget is given.
     row, classifier : str, optional
         Row and classifier of the pipeline (default: selected by cross-validation).
     max_ms : float, optional
@@ -134,13 +135,14 @@ def train(
         Length of a window in s (default: whole recordings).
     exportable : bool
         Use only features that `export_onnx` can compute from samples (default False). The manifest lists the
-        others, and the accuracy with them.
+        excluded features, and the accuracy with all features.
     protocol : str, optional
-        Protocol by which recordings are held out (default: see `select_protocol`). `chronological` tests on
-        later repetitions, as sensors drift.
+        Protocol by which recordings are held out (default: see `select_protocol`). Use `chronological` to
+        test on later repetitions, because sensors drift.
     false_alarms : float
-        Accepted rate of trained surfaces that are reported as unknown (default 0.05). With too few held-out
-        recordings no surface is unknown, unless a smaller rate than the default is given.
+        Accepted share of recordings of trained surfaces that are reported as unknown (default 0.05). With too
+        few held-out recordings, no surface is reported as unknown; a rate below the default then raises an
+        error.
     fs : float, optional
         Sampling rate in Hz of files that do not state it.
     unit : str, optional
@@ -148,7 +150,7 @@ def train(
     n_jobs : int
         Number of processes (default 1).
     skip_bad : bool
-        Leave out invalid recordings instead of stopping at the first (default False).
+        Whether to leave out invalid recordings, instead of stopping at the first one (default False).
     progress : callable, optional
         Function called with (n_finished, n_total, task).
 
@@ -336,7 +338,7 @@ def _window_entry(p: Samples, held_out: HeldOutPredictions, tests: pd.DataFrame)
     """Return the correlation between windows of one recording; empty if each recording has one window."""
     recordings = parents(tests).to_numpy()
     n_contacts = len(set(recordings))
-    # Without windows, a recording is repeated if the protocol tests it in several folds.
+    # Without windows, a recording occurs more than once if the protocol tests it in several folds.
     if "parent" not in tests or n_contacts == len(recordings):
         return {}
     return {"correlation": fit_correlation(p, held_out.labels, recordings), "n_contacts": n_contacts}
@@ -346,7 +348,7 @@ def _exploration_entry(p: Samples, held_out: HeldOutPredictions, frame: pd.DataF
     """Return the confusion matrix of probabilities, and the correlation between repetitions, for exploration.
 
     Row m of the confusion matrix is the mean probability of each surface for recordings of surface m. One
-    uniform answer is added to each row, so that a few recordings do not give certainty.
+    uniform answer is added to each row, so that the probabilities from few recordings are not 0 or 1.
     """
     n_classes = p.shape[1]
     is_true = np.eye(n_classes)[held_out.labels]
@@ -364,10 +366,10 @@ def _held_out_novelty(
 ) -> tuple[Samples, float]:
     """Return the held-out novelty scores, ascending, and the factor by which drift increases them.
 
-    Distances decrease with the number of training recordings. The chronological split trains on half of them,
-    so its distances reflect both the smaller training set and drift; random folds reflect neither. Their
-    distances are multiplied by the ratio of the medians of the chronological split and a random split in
-    half.
+    Distances decrease with the number of training recordings. The chronological split trains on half of the
+    recordings, so its distances reflect both the smaller training set and drift. Random folds reflect
+    neither. Their distances are therefore multiplied by the drift factor: the median distance in the
+    chronological split, divided by the median in a random split into halves.
     """
     if len(held_out.rows) < min_held_out(false_alarms):
         return np.empty(0), 1.0
@@ -473,8 +475,8 @@ def _recordings_entries(dataset: Dataset, meter: CostMeter, table: FeatureTable,
 def pipeline_for(dataset: Dataset) -> str:
     """Return the name of the default pipeline for a dataset.
 
-    It is `coarse` for an inertial unit, whose recordings have a turn rate, a low sampling rate and separate
-    axes; otherwise `surfaces`.
+    It is `coarse` if the recordings have a turn rate: they are then from an inertial unit, with a low
+    sampling rate and separate axes. Otherwise, it is `surfaces`.
 
     Parameters
     ----------

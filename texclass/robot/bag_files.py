@@ -1,9 +1,9 @@
 """Low-level access to ROS bags: their topics, and the bytes of their messages.
 
-Supported are rosbag1, and rosbag2 in MCAP or SQLite, compressed or not, as a file or a folder of consecutive
-files. Bags may be damaged or malicious. The readers of rosbags follow the index of a bag and trust the sizes
-in it, so that a bag of 1 kB can fill the memory. This module reads from the first byte to the last, and
-limits decompression.
+The module supports rosbag1, and rosbag2 in MCAP or SQLite, compressed or not, as a file or a folder of
+consecutive files. Bags may be damaged or malicious. The readers of the package rosbags follow the index of a
+bag and trust the sizes in it, so a bag of 1 kB can exhaust the memory. This module therefore reads from the
+first byte to the last, and limits decompression.
 """
 
 import bz2
@@ -35,13 +35,13 @@ MAX_BYTES = 1 << 27
 MAX_EXPANSION = 100
 """Largest ratio of the decompressed size of a bag to its file size; 64 MB are always allowed."""
 MAX_TOPICS = 10_000
-"""Largest number of topics of a bag: more indicates a damaged file."""
+"""Largest number of topics of a bag; a larger one indicates a damaged file."""
 _MAGIC1 = b"#ROSBAG V2.0\n"
 _ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 class Connection(NamedTuple):
-    """Topic of a bag, with its message type, serialisation (ROS 1 or CDR) and definition of the type."""
+    """Topic of a bag, with its message type, serialisation (ROS 1 or CDR) and type definition."""
 
     topic: str
     type_name: str
@@ -59,7 +59,7 @@ BagMessage = tuple[Connection, int, bytes]
 
 
 class Decompressor:
-    """Decompression with a limit on the total size, against decompression bombs.
+    """Decompressor with a limit on the total size, which protects against decompression bombs.
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ class Decompressor:
         self.n_remaining -= len(result)
         if len(result) > limit:
             raise ValueError(
-                f"decompressed data must have at most {limit} bytes, and {MAX_EXPANSION} times the size of "
-                "the file"
+                f"decompressed data must have at most {limit} bytes, and at most {MAX_EXPANSION} times "
+                "the size of the file"
             )
         return result
 
@@ -212,7 +212,7 @@ def _open_storage(path: Path) -> Iterator[tuple[Path, str]]:
 
 
 def _connections(path: Path, suffix: str) -> Iterator[Connection]:
-    """Yield the connections in the index of a storage file, or of all messages of an MCAP without index."""
+    """Yield the connections in the index of a storage file, or of all messages of an MCAP without one."""
     match suffix:
         case ".bag":
             with path.open("rb") as file:
@@ -271,7 +271,7 @@ def _check_size(chunk: bytes, n_bytes: int) -> None:
 def _bag1_start(file: BinaryIO) -> tuple[int, int]:
     """Return the offset of the index of a rosbag1, and its number of connections."""
     if file.read(len(_MAGIC1)) != _MAGIC1:
-        raise ValueError("it does not start like a rosbag of version 2.0")
+        raise ValueError("it does not start with the header of a rosbag of version 2.0")
     header = Header.read(file, RecordType.BAGHEADER)
     if not (index_offset := header.get_uint64("index_pos")):
         raise ValueError("it was not closed: run `rosbag reindex`")

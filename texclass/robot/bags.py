@@ -1,7 +1,7 @@
 """Reader for bags of ROS 1 and 2, without ROS.
 
 Columns of the selected topic have short names: the `linear_acceleration` of an Imu is ax, ay, az. Columns of
-other topics are named "/topic/column", and are interpolated at the samples of the selected one.
+other topics are named "/topic/column", and are interpolated at the sample times of the selected topic.
 """
 
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ def readable_topics(path: Path) -> tuple[str, ...]:
 
 
 def read(path: Path, columns: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
-    """Read columns at a uniform sampling rate, the stated one if the time stamps agree.
+    """Read columns at a uniform sampling rate: the stated one, if the time stamps agree with it.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def read(path: Path, columns: tuple[str, ...], settings: ReaderSettings) -> Read
         samples, received = samples[is_valid], received[is_valid]
         timestamps = None if timestamps is None else timestamps[is_valid]
     turn = [own_columns.index(name) for name in TURN_RATE if name in own_columns]
-    if turn and not samples[:, :, turn].any():  # a gyroscope has noise: the sensor has none
+    if turn and not samples[:, :, turn].any():  # a real gyroscope has noise, so there is none
         raise reader_error(where, "the turn rate is 0 in every message", "a sensor that measures it")
     by_header = timestamps is not None and bool(np.any(timestamps != 0))
     order = np.argsort(received, kind="stable")
@@ -137,7 +137,7 @@ def read(path: Path, columns: tuple[str, ...], settings: ReaderSettings) -> Read
 
 
 def select_topic(topics: Mapping[str, Connection], name: str | None, path: Path) -> Connection:
-    """Return the topic to read: the named one, or the only one with an acceleration.
+    """Return the topic with the given name or, without a name, the only topic with an acceleration.
 
     Parameters
     ----------
@@ -174,8 +174,9 @@ def select_topic(topics: Mapping[str, Connection], name: str | None, path: Path)
     available = quote_names([f"{c.topic} ({c.type_name})" for c in topics.values()])
     readable = ", ".join(name for name in READABLE if name == MULTI_ARRAY or TYPES[name].unit)
     raise RecordingError(
-        f"{path} has no topic with an acceleration ({readable}), only {available}. To read another one, "
-        f"name it and its fields: bag:{path.name}?topic=NAME, --column FIELD.x,FIELD.y,FIELD.z, --unit UNIT"
+        f"{path} has no topic with an acceleration ({readable}), only {available}. To read another "
+        f"topic, name it and its fields: bag:{path.name}?topic=NAME, --column FIELD.x,FIELD.y,FIELD.z, "
+        "--unit UNIT"
     )
 
 

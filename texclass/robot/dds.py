@@ -133,7 +133,7 @@ def quality(reliability: Reliability, depth: int = DEPTH) -> Qos:
     ----------
     reliability : str
         "best effort" (usual for sensor data in ROS 2) connects to all publishers. "reliable" retransmits lost
-        messages, and connects to reliable publishers only.
+        messages, but connects to reliable publishers only.
     depth : int
         Queue length in messages.
     """
@@ -155,7 +155,7 @@ class AnswerPublisher:
     topic : str
         Topic of the JSON.
     diagnostics : str or None
-        Topic of the diagnostics; None publishes none.
+        Topic of the diagnostics; None disables them.
     name : str
         Name of the diagnostic status.
     reliability : str
@@ -196,8 +196,8 @@ class AnswerPublisher:
         Parameters
         ----------
         answer : mapping
-            Content of the JSON. `surface` is the message of the diagnostics, which are a warning if `unknown`
-            is true.
+            Content of the JSON. `surface` becomes the message of the diagnostic status, whose level is a
+            warning if `unknown` is true.
         stamp_ns : int, optional
             Time stamp of the answer in nanoseconds (default: now).
         """
@@ -232,9 +232,10 @@ class ImuPublisher:
     frame : str
         Name of the frame in the headers.
     reliability : str
-        "reliable" serves all subscribers; "best effort" (usual for ROS 2 drivers) those with best effort.
+        "reliable" serves all subscribers; "best effort" (usual for ROS 2 drivers) serves only subscribers
+        with best effort.
     depth : int
-        Queue length in messages, for subscribers that are late.
+        Queue length in messages, for slow subscribers.
     domain : int, optional
         DDS domain (default: $ROS_DOMAIN_ID, or 0).
 
@@ -259,8 +260,8 @@ class ImuPublisher:
         self._writer = _writer(self._participant, topic, "sensor_msgs/msg/Imu", quality(reliability, depth))
         orientation = message_class("geometry_msgs/msg/Quaternion")(w=1.0)
         self._message = message_class("sensor_msgs/msg/Imu")(_header(0, frame), orientation)
-        # Serialising each message takes longer than a period at 10 kHz. The 37 numbers at the end of the
-        # serialised message are overwritten instead.
+        # Serialising each message takes longer than a sampling period at 10 kHz. Therefore, one message is
+        # serialised, and the 37 numbers at its end are overwritten for each sample.
         self._bytes = bytearray(self._message.serialize(use_version_2=False))
         self._message.serialize = lambda *_, **__: bytes(self._bytes)
         first = len(self._bytes) - 8 * 37
@@ -281,7 +282,7 @@ class ImuPublisher:
         acceleration : array_like of shape (3,)
             Acceleration in m/s^2.
         turn_rate : array_like of shape (3,), optional
-            Turn rate in rad/s (default: that of the previous sample, 0 at first).
+            Turn rate in rad/s (default: the turn rate of the previous sample, initially 0).
         """
         struct.pack_into("<iI", self._bytes, 4, *divmod(stamp_ns, 10**9))
         struct.pack_into("<3d", self._bytes, self._acceleration_offset, *acceleration)

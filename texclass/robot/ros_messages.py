@@ -1,4 +1,4 @@
-"""ROS messages with signals: their types, columns and units, and how to decode them (with rosbags).
+"""Types, columns and units of ROS messages that contain signals, and their decoding (with rosbags).
 
 Bags and DDS use the same serialisation: CDR in ROS 2, a packed form in ROS 1.
 """
@@ -17,7 +17,7 @@ from texclass.recording import RecordingError, Samples
 
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 MAX_CHANNELS = 1024
-"""Largest number of channels of a message: more indicates a damaged message."""
+"""Largest number of channels of a message; a larger one indicates a damaged message."""
 
 
 class MessageError(ValueError):
@@ -149,8 +149,8 @@ def decode_stamped(
     """Decode columns of messages with a header, in the units of `Recording`.
 
     A covariance that starts with -1 declares its columns as not measured [sensor_msgs/Imu]. Some drivers also
-    send it when only the covariance is unknown. It counts therefore only if the values are 0 or NaN in every
-    message.
+    send it when only the covariance is unknown. The declaration is therefore ignored unless the values are 0
+    or NaN in every message.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def decode_multi_array(raw: bytes, *, ros1: bool) -> Samples:
     shape = tuple(sizes) if len(sizes) == 2 else (1, len(data))
     if not data.size or shape[0] * shape[1] != data.size or len(sizes) > 2 or shape[1] > MAX_CHANNELS:
         raise MessageError(
-            f"{MULTI_ARRAY}: {data.size} numbers with dimensions {sizes}. Expected (samples, channels), "
+            f"{MULTI_ARRAY}: got {data.size} numbers with dimensions {sizes}. Expected (samples, channels), "
             f"or a single sample, with at most {MAX_CHANNELS} channels"
         )
     return np.asarray(data, np.float64).reshape(shape)

@@ -114,8 +114,8 @@ def topic_blocks(
     Raises
     ------
     RecordingError
-        If there is no publisher, its message type cannot be read or lacks a needed signal, or the unit is
-        contradicted.
+        If there is no publisher, its message type cannot be read or lacks a signal that the model needs, or
+        `unit` is not the unit of the type.
     ValueError
         If reliability, depth or domain are invalid.
 
@@ -171,7 +171,7 @@ def topic_blocks(
 def discover(
     topic: str, *, domain: int | None = None, timeout_s: float = 5.0
 ) -> list[tuple[str, Reliability]]:
-    """Return message type and reliability of the publishers of a ROS 2 topic, as soon as there is one.
+    """Wait for a publisher of a ROS 2 topic; return message type and reliability of all its publishers.
 
     Parameters
     ----------
@@ -220,8 +220,8 @@ class Subscriber:
     type_name : str
         "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped" or "std_msgs/msg/Float64MultiArray".
     reliability : str
-        "best effort" receives all publishers, without retransmission; "reliable" receives reliable
-        publishers.
+        "best effort" receives from all publishers, without retransmission; "reliable" receives from reliable
+        publishers only.
     depth : int
         Queue length in messages.
     domain : int, optional
@@ -297,7 +297,7 @@ class Subscriber:
         return "no publisher is connected"
 
     def take(self, timeout_s: float = 0.1) -> MessageBatch | None:
-        """Return the messages that have arrived, or wait for the first.
+        """Return the messages that have arrived, or wait for the first one.
 
         Parameters
         ----------
@@ -436,8 +436,8 @@ def _read_blocks(subscriber: Subscriber, assembler: BlockAssembler, end_s: float
                 publishers = subscriber.publishers()
                 if len(publishers) > 1 and publishers != last_publishers:
                     flags.append(
-                        f"publishers: the samples of {len(publishers)} are mixed ({', '.join(publishers)}). "
-                        "Expected one publisher"
+                        f"publishers: the samples of {len(publishers)} publishers are mixed "
+                        f"({', '.join(publishers)}). Expected one publisher"
                     )
             if subscriber.n_lost > n_lost:
                 flags.append(f"lost: {subscriber.n_lost - n_lost} messages on the network")
@@ -450,7 +450,7 @@ def _read_blocks(subscriber: Subscriber, assembler: BlockAssembler, end_s: float
 
 
 def _check_turn_rate(blocks: BlockSource, turn_columns: list[int]) -> BlockSource:
-    """Yield blocks, with a flag if the turn rate is exactly 0 for long, as of a driver without gyroscope."""
+    """Yield blocks, with a flag if the turn rate stays exactly 0, as from a driver without a gyroscope."""
     zero_s = 0.0
     with closing(blocks):
         for block in blocks:

@@ -207,7 +207,7 @@ class LevelMeter:
         Returns
         -------
         start : int
-            First sample of the first bin; later than the argument if memory begins later.
+            First sample of the first bin; later than the argument if earlier samples are no longer in memory.
         size : int
             Number of samples in a bin.
         powers : ndarray of shape (n_bins,)
@@ -238,11 +238,12 @@ class Event:
         "contact" (start of a movement), "stroke" (the movement continues after a turning point), "tap",
         "lift-off" or "break" (missing samples).
     sample
-        Sample of the event: the impact of a tap; for a lift-off, one past the last vibration.
+        Index of the sample at which the event occurs: the impact of a tap; for a lift-off, one past the last
+        vibration.
     n_received
         Number of samples received when the event was detected.
     end
-        One past the decay of a tap; otherwise equal to `sample`.
+        Index one past the decay of a tap; otherwise equal to `sample`.
     message
         Reason, in words.
     width, quality
@@ -277,15 +278,15 @@ class ContactSettings(PhaseSettings):
     off_ratio
         Ratio to the noise floor below which an activity ends (it begins above `active_ratio`).
     smooth_s
-        Averaging window of the level.
+        Length of the averaging window of the level.
     turn_s
-        A pause of this length ends a stroke.
+        Duration of a pause that ends a stroke.
     pause_s
-        A pause of this length is a lift-off.
+        Duration of a pause that counts as a lift-off.
     floor_s
         Time constant with which the noise floor follows the level at rest.
     drop_ratio
-        If the stream starts in contact, a level that is lower by this ratio is a lift-off.
+        Ratio by which the level must drop to count as a lift-off, if the stream starts in contact.
     block_s
         Length of a block. A level that is steady for 16 blocks is noise, not a stroke.
 
@@ -308,8 +309,8 @@ class ContactSettings(PhaseSettings):
 class ContactDetector:
     """State machine that detects contacts, strokes, taps and lift-offs from the power of each bin.
 
-    The states and transitions are the table of docs/stream-logic.md; its state names are attributes of this
-    class.
+    The table in docs/stream-logic.md defines the states and transitions; the names of its states are
+    attributes of this class.
 
     Parameters
     ----------
@@ -318,8 +319,8 @@ class ContactDetector:
     settings : ContactSettings
         Thresholds and durations.
     in_contact : bool, optional
-        Whether the stream starts during a movement. By default, the first `quiet_s` decide: a steady level is
-        rest if it is below 6 mg or white.
+        Whether the stream starts during a movement. By default, this is detected in the first `quiet_s`: a
+        steady level counts as rest if it is below 6 mg or white noise.
     unit : str
         Unit of the acceleration.
 
@@ -378,7 +379,7 @@ class ContactDetector:
         self._last_tap_end, self._last_tap_peak = 0, -math.inf
         self.tap_impulses: list[Impulse] = []
         self._activity: list[int] = []
-        """Start and end of the current activity; empty without one, and once it is a movement."""
+        """Start and end of the current activity; empty if there is none, or it has become a movement."""
 
     @property
     def constants(self) -> dict[str, Any]:
@@ -533,9 +534,9 @@ class ContactDetector:
         return events
 
     def _detect_steady_noise(self, stop: int, power: float) -> list[Event]:
-        """Make a level that stays constant during a contact the new noise floor, and end the contact.
+        """End a contact whose level stays constant, and use this level as the new noise floor.
 
-        A contact that the user has stated (`in_contact`) is never ended this way.
+        A contact that the user has declared (`in_contact`) is never ended in this way.
         """
         if self._in_contact or power == 0 or not self.is_moving:
             self._block_powers.clear()
@@ -607,7 +608,7 @@ class TapMemory:
     meter : LevelMeter
         Vibration of the stream.
     hand_s : float
-        Longest acceleration of the hand before an impact, in seconds.
+        Longest duration of the hand's acceleration before an impact, in seconds.
     """
 
     def __init__(self, ring: Ring, n_axes: int, meter: LevelMeter, hand_s: float) -> None:
@@ -651,7 +652,7 @@ class TapMemory:
         return self._extract(taps) if taps else None
 
     def last_tap(self) -> tuple[TapSamples, int]:
-        """Return the last tap alone, and the first of its samples."""
+        """Return the last tap alone, and the index of its first sample in the stream."""
         return self._extract(self._taps[-1:]), self._first_sample(self._taps[-1])
 
     def _extract(self, taps: list[Tap]) -> TapSamples:

@@ -1,4 +1,4 @@
-"""Online recognition: samples of a stream in; events, answers for windows and verdicts for contacts out.
+"""Online recognition: events, answers for windows and verdicts for contacts from the samples of a stream.
 
 1. `Session.push` (module `session`) checks a `Block` of samples, repairs or removes invalid ones, and passes
    the rest to `OnlineRecogniser.push`.
@@ -35,9 +35,9 @@ from texclass.signals import causal
 from texclass.validation import check_positive
 
 LONGEST_WINDOW_S = 30.0
-"""Training recordings that are longer than this (s) are not used as the window length of a stream."""
+"""If the training recordings are longer than this (s), their length is not used as the default window."""
 LONG_RECORDING_WINDOW_S = 5.0
-"""Window (s) of models that were trained on such long recordings: it limits the time to the first answer."""
+"""Default window (s) for such long training recordings, which limits the time to the first answer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +101,7 @@ class WindowAnswer:
     n_received
         Number of samples received when the window was classified.
     answer
-        Answer for this window alone; equal to that of the model for the window as a recording.
+        Answer for this window alone, as if the window were a recording.
     verdict
         Verdict for all windows of the contact so far.
     onset
@@ -153,8 +153,8 @@ class RecordingBuilder:
     unit : str
         Unit of the acceleration.
     raw : bool
-        Whether the samples are as in the training files. The scale of the training files then applies,
-        provided that the unit is theirs.
+        Whether the samples are raw values, like those in the training files. They are then multiplied by the
+        scale of the training files if the unit is the same (default True).
 
     Raises
     ------
@@ -222,7 +222,8 @@ class OnlineRecogniser:
 
     Windows end at onset + window + k hop (k = 0, 1, ...). Each is classified once, by the same code as
     recordings, so that the answers do not depend on the block size. A window that ends in a pause waits until
-    the pause is over; a lift-off discards it. Memory is bounded: a ring of one window and one pause.
+    the pause is over; a lift-off discards it. Memory is bounded: the buffer holds about one window and one
+    pause.
 
     Parameters
     ----------
@@ -234,8 +235,8 @@ class OnlineRecogniser:
     unit : str, optional
         Unit of the acceleration (default: that of the model). Physical units are converted.
     raw : bool
-        Whether the samples are as in the training files, so that the scale of the dataset card applies
-        (default True).
+        Whether the samples are raw values, like those in the training files, so that the scale of the dataset
+        card applies (default True).
     settings : OnlineSettings, optional
         Settings of the recognition.
 
@@ -299,14 +300,14 @@ class OnlineRecogniser:
             raise ValueError(f"samples must have shape (n,) or (n, n_columns), got {block.shape}")
         if not np.isfinite(rows).all():
             raise ValueError(
-                f"samples must be finite, got NaN or infinity in {block.size} values. Replace these "
-                "samples, or call interrupt() with the number of missing ones"
+                f"samples must be finite, got NaN or infinity among {block.size} values. Replace "
+                "these samples, or call interrupt() with the number of missing ones"
             )
         if not self._is_ready:
             self._prepare(rows.shape[1])
         if rows.shape[1] != self.n_columns:
             raise ValueError(
-                f"samples must have {self.n_columns} columns, as in the blocks before, got {rows.shape[1]}"
+                f"samples must have {self.n_columns} columns, as in earlier blocks, got {rows.shape[1]}"
             )
         rows, updates = self._builder.condition(rows), list[Update]()
         for first in range(0, len(rows), self._chunk_size):
@@ -335,7 +336,7 @@ class OnlineRecogniser:
         return tuple(update for event in events for update in self._handle_event(event))
 
     def finish(self) -> tuple[Update, ...]:
-        """End the stream and return the remaining answers, also for a contact of half a window or more."""
+        """End the stream and return the remaining answers, also for a contact of at least half a window."""
         if not self._is_ready:
             return ()
         updates: list[Update] = []
@@ -485,7 +486,7 @@ class OnlineRecogniser:
 
 
 def _create_evidence(model: Model, settings: OnlineSettings, window_s: float, hop_s: float) -> Evidence:
-    """Return the evidence of a contact, with the settings of the user, else those measured in training."""
+    """Return the evidence of a contact, with the settings of the user, or the values measured in training."""
     calibration = model.manifest.calibration
     trained_correlation = calibration.get("correlation")
     forget_s = settings.forget_s

@@ -49,8 +49,8 @@ class Notice:
 class SampleRepair:
     """Repair of samples that are not finite, or too far from the last valid one to be caused by a surface.
 
-    Up to `TIMESTAMPS.max_gap` such samples in a row are interpolated linearly, like missing messages.
-    Longer runs count as lost. The result does not depend on the block size: invalid samples wait for the next
+    Up to `TIMESTAMPS.max_gap` such samples in a row are interpolated linearly, like missing messages. Longer
+    sequences count as lost. The result does not depend on the block size: invalid samples wait for the next
     valid one.
 
     Parameters
@@ -78,8 +78,8 @@ class SampleRepair:
         max_step = 1e6 if loudest is None else 100 * loudest
         max_step = max(max_step, 1000.0) if model.manifest.unit == "m/s^2" else max_step
         self.n_axes, self.max_step = n_axes, max_step / scale
-        # A step whose level persists for 0.1 s is a new resting level: the stream continues there after a
-        # break.
+        # If the level after a step persists for 0.1 s, it is a new resting level: the stream continues, like
+        # after a break.
         self._n_new_level = max(TIMESTAMPS.max_gap + 2, round(0.1 * fs))
         self._last_valid: Samples | None = None
         self._n_waiting = self._n_beyond = 0
@@ -97,7 +97,7 @@ class SampleRepair:
         segments : list of (int, ndarray)
             Number of lost rows before each segment, and its rows.
         n_invalid : int
-            Number of rows that are not finite, or larger than any sensor sends.
+            Number of rows that are not finite, or exceed the values of any sensor.
         n_glitches : int
             Number of rows beyond the largest plausible step.
         """
@@ -136,14 +136,15 @@ class Session:
     - Invalid samples are interpolated, or treated like lost ones; see `SampleRepair`.
     - A rate or unit other than that of the model causes a notice, and answers are "unknown".
     - A change of the rate restarts the recognition.
-    - Notices of one kind are limited to one per 5 s; the next one has the number of those that were omitted.
+    - Notices of one kind are limited to one per 5 s; the next one reports the number of omitted notices.
 
     Parameters
     ----------
     model : Model
         Trained model.
     raw : bool
-        Whether samples are as in the training files, see `OnlineRecogniser` (default True).
+        Whether samples are raw values, like those in the training files; see `OnlineRecogniser` (default
+        True).
     settings : OnlineSettings, optional
         Settings of the recognition.
 
@@ -189,7 +190,7 @@ class Session:
         Raises
         ------
         ValueError
-            If its columns are not those the model was trained with.
+            If the columns differ from those in training.
         RecordingError
             If the rate of the sensor is too low for the features of the model.
         """
@@ -243,7 +244,7 @@ class Session:
         return self.recogniser.interrupt(n_lost) if n_lost and self.recogniser else ()
 
     def finish(self) -> tuple[Update | Notice, ...]:
-        """End the stream and return the remaining answers, and notices that were omitted."""
+        """End the stream and return the remaining answers, and a summary of omitted notices."""
         counts = self._notice_counts.values()
         notices = [Notice(t_s, f"{message} ({n} similar)") for t_s, n, message in counts if n]
         self._notice_counts.clear()
@@ -279,7 +280,7 @@ class Session:
             updates += self._limit(
                 block.t_s,
                 f"window: {window_s:g} s, but the training recordings have {trained_s:.3g} s or more, so "
-                f"that the confidence is not calibrated. Train with 'texclass train --window {window_s:g}'",
+                f"the confidence is not calibrated. Train with 'texclass train --window {window_s:g}'",
             )
         unit = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
         for difference in self.model.rate_and_unit_problems(block.fs, unit):
@@ -308,7 +309,7 @@ def listen(
         Trained model, or path of a model file.
     source : str, Recording, or iterable of Block
         "-" (standard input), "FILE", "DATASET:RECORDING", "bag:FILE?topic=/name" or "ros2:/topic", see
-        `open_source`; or blocks whose samples are as in the training recordings.
+        `open_source`; or blocks with samples in the scale and unit of the training recordings.
     fs, unit, paced, raw_channels : optional
         See `open_source`.
     resample : bool

@@ -30,8 +30,8 @@ class RateSettings:
     measure_s, min_messages
         If no rate is stated, it is measured over this duration (s), and at least this many messages.
     min_ties
-        Number of different messages with equal time stamps from which a clock counts as coarse. Fewer are
-        duplicates.
+        Number of different messages with the time stamp of their predecessor from which the clock counts as
+        coarse.
     max_waiting
         Largest number of messages that wait until the rate is measured.
     check_s
@@ -61,7 +61,7 @@ class Block:
     Attributes
     ----------
     t_s : float
-        Time of the first sample in seconds: that of its time stamp, or since the start of the source.
+        Time of the first sample in seconds, from its time stamp, or since the start of the source.
     samples : ndarray of shape (n, n_channels)
         Samples; n is 0 in a block that only reports a fault.
     fs : float
@@ -119,7 +119,7 @@ class BlockAssembler:
 
     Examples
     --------
-    Three messages of one sample each, 10 ms apart; the third arrives one message too late:
+    Three messages of one sample each; one message is missing before the third:
 
     >>> assembler = BlockAssembler(fs=100.0, unit="m/s^2")
     >>> timestamps = np.array([0, 10_000_000, 30_000_000])
@@ -274,7 +274,7 @@ class BlockAssembler:
     def _check_messages(
         self, t: Samples, receipt: Samples, samples: Samples, period: float
     ) -> tuple[NDArray[np.bool_], list[str]]:
-        """Return which messages are valid and neither duplicates nor out of order, and flags for the others.
+        """Return which messages are valid, in order and no duplicates, and flags for all other messages.
 
         If values differ at equal time stamps, the clock is coarse: duplicates are then only messages that
         were also received together.
@@ -322,7 +322,7 @@ def _period(timestamps: Samples) -> float:
     if len(ticks) < 2:
         raise RecordingError(
             f"the time stamps of all {len(timestamps)} messages are equal. Expected increasing time stamps, "
-            "or give the sampling rate with --fs"
+            "or pass the sampling rate with --fs"
         )
     step = np.diff(ticks)
     if (
@@ -335,7 +335,7 @@ def _period(timestamps: Samples) -> float:
 def _steps(
     t: Samples, receipt: Samples, last: tuple[float, float, Samples], period: float
 ) -> tuple[Samples, list[str]]:
-    """Return the steps of the time stamps (of receipt where the clock jumps), and a flag for jumps."""
+    """Return the steps of the time stamps (or of receipt, where the clock jumps), and a flag for jumps."""
     step, receipt_step = np.diff(t, prepend=last[0]), np.diff(receipt, prepend=last[1])
     is_jump = (step < -TIMESTAMPS.max_overtaking * period) | (
         (step > TIMESTAMPS.clock_jump_s) & (step - receipt_step > TIMESTAMPS.clock_jump_s)

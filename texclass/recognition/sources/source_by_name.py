@@ -26,7 +26,7 @@ ROS2 = "ros2:"
 BLOCK_S = 0.025
 """Default length of a block in seconds."""
 MAX_CHANNELS = 1024
-"""Largest number of channels: more indicates a wrong file format."""
+"""Largest number of channels; a larger one indicates a wrong file format."""
 FILE_OPTIONS = ("column", "delimiter", "time_column", "time_unit", "skip_rows", "comment", "drop_incomplete")
 STDIN = "standard input"
 
@@ -55,7 +55,7 @@ def open_source(
     model: Model | None = None,
     **reading: Any,
 ) -> BlockSource:
-    r"""Return a source of blocks by its name.
+    r"""Open a source of blocks by its name.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def open_source(
         Number of channels of standard input in little-endian float32, interleaved. By default, it is text
         with one sample per line, and channels separated by commas, blanks or semicolons.
     file : BinaryIO, optional
-        Stream in place of standard input; the caller closes it.
+        Stream that replaces standard input; the caller closes it.
     model : Model, optional
         Trained model, which determines the columns: acceleration, then turn rate and friction if it needs
         them. Files and bags are read and conditioned like its training files; live sources are not
@@ -94,8 +94,8 @@ def open_source(
     Raises
     ------
     RecordingError
-        If rate or unit are missing or contradicted, the file is invalid, or the source lacks a signal that
-        the model needs. While iterating: if the first lines of a text are not numbers.
+        If the rate or unit is missing or contradicts the source, the file is invalid, or the source lacks a
+        signal that the model needs. While iterating: if the first lines of a text are not numbers.
     ValueError
         If an option is invalid, or belongs to another kind of source.
 
@@ -140,8 +140,8 @@ def _check_options(source: str | Recording, reading: Mapping[str, Any], raw_chan
     has_file_options = not {*FILE_OPTIONS}.difference(("column", "delimiter")).isdisjoint(reading)
     if source == "-" and (has_file_options or (raw_channels is not None and "delimiter" in reading)):
         raise ValueError(
-            f"{', '.join(reading)} cannot be used with {STDIN}. Expected --fs instead of a time column, "
-            "--column, and --delimiter for text only"
+            f"{', '.join(reading)} cannot be used with {STDIN}. Use --fs instead of a time column; only "
+            "--column and, for text, --delimiter are allowed"
         )
     if raw_channels is not None and source != "-":
         raise ValueError(f"--channels can only be used with {STDIN} (-), got {raw_channels} for {source}")
@@ -161,7 +161,7 @@ def _read_stdin(
     ReaderSettings(fs=fs, unit=unit, delimiter=delimiter).check(STDIN)
     unit = resolve_unit(None, unit or (None if model is None else model.manifest.input.unit), STDIN)
     if fs is None:
-        raise RecordingError(f"{STDIN}: the sampling rate is missing. Give it in Hz with --fs")
+        raise RecordingError(f"{STDIN}: the sampling rate is missing. Pass it in Hz with --fs")
     n = max(1, round(block_s * fs))
     if raw_channels is None:
         blocks = _read_text(file, fs, unit, n, delimiter)
@@ -204,8 +204,8 @@ def _select_columns(blocks: BlockSource, columns: Sequence[str]) -> BlockSource:
 def _read_text(file: BinaryIO, fs: float, unit: str, n: int, delimiter: str | None) -> BlockSource:
     """Yield blocks of n lines, without blank lines; a garbled line becomes a sample of NaN.
 
-    Most of the first lines define the number of columns, because the very first may be incomplete or a
-    header.
+    The number of columns is the most common one among the first lines, because the very first line may be
+    incomplete or a header.
     """
     lines, first = _lines(file, delimiter), list[tuple[int, list[float], str]]()
     while sum(bool(row) for _, row, _ in first) < 3 and len(first) < 100:
@@ -219,8 +219,8 @@ def _read_text(file: BinaryIO, fs: float, unit: str, n: int, delimiter: str | No
     if not 1 <= width <= MAX_CHANNELS:
         number, _, start = first[0]
         raise RecordingError(
-            f"{STDIN}: line {number}, {start!r}, has {width} numbers, as the lines after it. Expected one "
-            f"sample per line, with 1 to {MAX_CHANNELS} numbers (for float32, give --channels)"
+            f"{STDIN}: line {number}, {start!r}, has {width} numbers, like the lines that follow. Expected "
+            f"one sample per line, with 1 to {MAX_CHANNELS} numbers (for float32 input, pass --channels)"
         )
     flags, rows, n_sent = list[str](), list[list[float]](), 0
     for number, row, start in chain(first, lines):
@@ -238,7 +238,7 @@ def _read_text(file: BinaryIO, fs: float, unit: str, n: int, delimiter: str | No
 def _lines(file: BinaryIO, delimiter: str | None) -> Iterator[tuple[int, list[float], str]]:
     """Yield line number, numbers (none if garbled) and first characters of each line that is not blank.
 
-    With a delimiter other than the comma, a comma is a decimal point.
+    If the delimiter is not a comma, a comma is read as a decimal point.
     """
     number, stated_delimiter = 0, (delimiter or "").encode()
     while line := file.readline(1 << 16):

@@ -198,7 +198,7 @@ class TrainingFiles(StrictModel):
         Raises
         ------
         RecordingError, FileNotFoundError, CardError
-            As `find_recording`.
+            Same as `find_recording`.
         """
         path = Path(name).expanduser()
         is_file = path.suffix.lower() in FORMATS and (path.exists() or ":" not in str(name))
@@ -228,7 +228,7 @@ class TrainingFiles(StrictModel):
         Raises
         ------
         RecordingError, FileNotFoundError, CardError
-            As `find` and `open_dataset`.
+            Same as `find` and `open_dataset`.
         """
         recordings: list[Recording] = []
         for name in names:
@@ -259,7 +259,7 @@ class TrainingFiles(StrictModel):
         Raises
         ------
         RecordingError, FileNotFoundError, CardError
-            As `open_dataset`, or if there are labels but no folder.
+            Same as `open_dataset`; or if `labels` is given and `name` is not a folder.
         """
         path = Path(name).expanduser()
         if path.is_dir() and not (path / BAG_METADATA).is_file() and not find_export(path):
@@ -278,7 +278,7 @@ class TrainingFiles(StrictModel):
             ]
         if labels is not None:
             raise RecordingError(
-                f"{name}: labels ({labels}) require a folder of recordings, got another source"
+                f"{name}: labels ({labels}) require a folder of recordings. Pass a folder, or omit the labels"
             )
         if path.suffix == ".toml" or str(name) in shipped.names("datasets"):
             dataset = open_dataset(name, **reading)
@@ -298,10 +298,10 @@ class TrainingFiles(StrictModel):
     ) -> Recording:
         """Load a file like the training files.
 
-        Rate and unit are those of the file, else those of the arguments, else those of the training files.
+        Rate and unit are taken from the file, else from the arguments, else from the training files.
 
-        If a bag lacks the columns of the training files, its own are used: acceleration and turn rate of its
-        messages, or the channels of an array, in the order of the training files.
+        If a bag lacks the columns of the training files, the columns of its messages are used instead:
+        acceleration and turn rate, or the channels of an array, in the order of the training files.
 
         Parameters
         ----------
@@ -347,8 +347,7 @@ class TrainingFiles(StrictModel):
                 signals = files.read_signals(axes, roles, replace(settings, fs=self.fs))
             if len(signals.channels) == len(self.axes):
                 signals = replace(signals, channels=self.axes)
-        # A scale of the card changes the unit, so that the one in the file does not apply to the scaled
-        # signal.
+        # The scale of a card converts the unit, so the unit in the file does not apply to the scaled signal.
         file_unit = signals.unit if from_bag or self.scale == 1.0 else None
         unit = resolve_unit(file_unit, unit or file_unit or self.unit, path)
         scale = self.scale if unit == self.unit else 1.0
@@ -372,7 +371,7 @@ class TrainingFiles(StrictModel):
         )
 
     def _roles_in(self, path: Path, settings: ReaderSettings) -> dict[str, tuple[str, ...]]:
-        """Return signal -> columns for a bag: those of the training files if it has them, else its own."""
+        """Return signal -> columns of a bag: those of the training files, or its own if they are missing."""
         columns = files.column_names(path, settings)
         own_columns = [name for name in columns if not name.startswith("/")]
         auxiliary = {signal: names for signal, names in self.auxiliary.items() if set(names) <= set(columns)}
@@ -388,7 +387,7 @@ class TrainingFiles(StrictModel):
 
 
 def _is_bag(name: str | Path) -> bool:
-    """Return whether a name is that of a bag: "bag:FILE", a file, or a folder of rosbag2."""
+    """Return whether a name refers to a bag: "bag:FILE", a file, or a folder of rosbag2."""
     path = Path(name).expanduser()
     is_bag_file = (path.exists() or ":" not in str(name)) and is_bag(path)
     return files.is_bag_name(name) or is_bag_file or (path / BAG_METADATA).is_file()

@@ -1,7 +1,7 @@
 """ONNX graph of a trained model, from features to label, probabilities, p-value and verdict.
 
-Steps and classifiers are built from their array form (`texclass.recognition.array_form`). skl2onnx converts
-scikit-learn estimators without array form.
+Steps and classifiers are built from their array form (`texclass.recognition.array_form`). Estimators of
+scikit-learn without an array form are converted by skl2onnx.
 """
 
 import warnings
@@ -21,7 +21,7 @@ from texclass.robot.export.graph import OPSETS, Graph, OnnxExportError, Tensor, 
 FEATURES = "features"
 OUTPUTS: tuple[str, ...] = ("label", "probabilities", "p_known", "unknown")
 UNDEFINED = ""
-"""Label of a row with an infinite feature, or with an undefined feature that no step imputes."""
+"""Label of a row that contains an infinite feature, or an undefined feature that no step imputes."""
 DOC = """\
 Surface classification of features with a texclass model.
 

@@ -59,7 +59,7 @@ def _slope_level(view: GraphView, lags: tuple[int, ...]) -> Tensor:
 
 @once
 def _moments(view: GraphView, lag: int) -> tuple[Tensor, Tensor]:
-    """Add the mean square (n, 1) and the three shapes (n, 3) of half the second difference; see `moments`."""
+    """Add the mean square (n, 1) and three shape features (n, 3) of half the second difference."""
     x, n = view.unit, view.n_samples
     if lag:
         return _shapes((x.cut(2 * lag, n) + x.cut(0, n - 2 * lag)) * 0.5 - x.cut(lag, n - lag))
@@ -67,7 +67,7 @@ def _moments(view: GraphView, lag: int) -> tuple[Tensor, Tensor]:
 
 
 def _shapes(c: Tensor) -> tuple[Tensor, Tensor]:
-    """Add the mean square (n, 1) and the three shapes (n, 3) of some samples."""
+    """Add the mean square (n, 1) and three shape features (n, 3) of samples."""
     size, square = abs(c), c * c
     first, signed = size.mean(), (c * size).mean()
     second, fourth = square.mean(), (square * square).mean()
@@ -119,7 +119,7 @@ def _periodogram(view: GraphView, n_parts: int = 1) -> tuple[Tensor, int, float]
     n_bins : int
         Number of bins.
     step_hz : float
-        Distance of the bins in Hz.
+        Spacing of the bins in Hz.
     """
     n = view.n_samples // n_parts
     rows = view.unit if n_parts == 1 else view.unit.cut(0, n * n_parts).reshape(-1, n)
@@ -272,7 +272,8 @@ def _power_frames(
 ) -> tuple[Tensor, int, int, Samples]:
     """Add |X|^2 of windowed frames, (n * n_frames, n_bins); return also n_frames, n_fft and frequencies (Hz).
 
-    See `texclass.features.spectra.power_frames`. Bins at 0 and fs/2 count half; the result has no unit.
+    See `texclass.features.spectra.power_frames`. Bins at 0 and fs/2 are halved; the result is not scaled to a
+    physical unit.
     """
     length, hop = (max(1, round(seconds * view.fs)) for seconds in (frame_s, hop_s))
     n_fft = 1 << (length - 1).bit_length()
@@ -426,8 +427,8 @@ def _deviation(x: Tensor) -> Tensor:
 def _log_area_ratios(view: GraphView, order: int, frame_s: float, band_hz: float) -> Tensor:
     """Add the log-area ratios of the mean model, (n, order); see `autoregression.mean_model`.
 
-    For frames that contain only the ringing of a filter, the result differs from that of the function, which
-    depends on rounding in single precision there.
+    For frames that contain only the ringing of a filter, the result differs from that of the feature
+    function, which depends on rounding in single precision.
     """
     x, n, fs = band_limited(view, band_hz)
     length = min(n, max(round(frame_s * fs), 4 * order))

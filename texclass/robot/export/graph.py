@@ -1,4 +1,4 @@
-"""ONNX graphs: tensors with the operators of arrays, which add nodes to a graph."""
+"""ONNX graphs, and tensors whose operators add nodes to a graph."""
 
 import math
 from collections.abc import Callable, Hashable, Mapping
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 OPSETS: Mapping[str, int] = {"": 18, "ai.onnx.ml": 3}
-"""Versions of the operators, supported since onnxruntime 1.15 (2023), as robots seldom have the latest."""
+"""Operator sets that are supported since onnxruntime 1.15 (2023): robots seldom have the latest version."""
 
 Cached = TypeVar("Cached")
 
@@ -24,9 +24,9 @@ class OnnxExportError(ValueError):
 
 
 class Tensor:
-    """Tensor of a graph. Its operators, which are those of arrays, add nodes and return their outputs.
+    """Tensor of a graph, with the operators of an array; they add nodes and return their outputs.
 
-    Operands are tensors, numbers or arrays; the latter become constants.
+    Operands are tensors, numbers or arrays; numbers and arrays become constants.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class Tensor:
         return self.graph.add("Unsqueeze", self, along(axis))
 
     def where(self, condition: "Tensor", otherwise: "Operand" = np.nan) -> "Tensor":
-        """Return the tensor where a condition is true, NaN or other values elsewhere."""
+        """Return the tensor where a condition is true, and NaN or `otherwise` elsewhere."""
         return self.graph.add("Where", condition, self, otherwise)
 
 
@@ -244,8 +244,8 @@ class Graph:
         from onnx import checker, helper
 
         # onnxruntime fuses a scalar factor with a neighbouring matrix product, and stores it in single
-        # precision. A model with one column has such a factor (its scale), so that products with matrices of
-        # one row are written as products of elements.
+        # precision. A model with one column has such a factor (its scale). Products with matrices of one row
+        # are therefore written as element-wise products.
         single = {c.name for c in self.constants if len(c.dims) == 2 and c.dims[0] == 1}
         for node in self.nodes:
             if node.op_type == "MatMul" and node.input[1] in single:
@@ -258,7 +258,9 @@ class Graph:
         try:
             checker.check_model(model, full_check=True)
         except Exception as error:  # the exceptions of onnx have no common base class
-            raise OnnxExportError(f"the graph is not valid ({error}). Expected opset {OPSETS['']}") from error
+            raise OnnxExportError(
+                f"the graph is not valid in opset {OPSETS['']} ({error}). Train another classifier"
+            ) from error
         return model
 
     def _new(self, kind: str) -> str:

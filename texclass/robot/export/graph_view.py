@@ -1,9 +1,9 @@
 """Views of movements as tensors, and the registry of features with a graph.
 
-A builder is the graph of a feature. It receives a `GraphView`, which corresponds to `PhaseView`, and the
-parameters of the feature, and returns a tensor (n, n_outputs) in double precision, with NaN in rows where the
-feature is undefined for the signal. Comparisons use samples in single precision, like the functions of
-features, so that counts are equal; sums are in double precision.
+A builder is a function that adds the graph of a feature. It receives a `GraphView`, which corresponds to
+`PhaseView`, and the parameters of the feature. It returns a tensor (n, n_outputs) in double precision, with
+NaN in rows where the feature is undefined for the signal. Comparisons use samples in single precision, like
+the feature functions, so that counts are equal; sums are in double precision.
 
 ``@graph_of("name")`` registers the graph of your own feature, anywhere in the module that defines the
 feature.
@@ -141,7 +141,7 @@ def builders() -> Mapping[str, Builder]:
 
 
 def features_without_graph(feature_set: FeatureSet) -> tuple[str, ...]:
-    """Return the names of the members of a set that have no graph, or do not read the movement."""
+    """Return the names of the members of a set that have no graph, or do not use the movement."""
     graphs = builders()
     return tuple(
         m.name for m in feature_set.members if m.feature.phase != "movement" or m.feature.name not in graphs
@@ -158,7 +158,7 @@ def member_graph(view: GraphView, member: Member) -> Tensor:
     member : Member
         Member of a feature set, whose feature has a graph.
     """
-    # Noise of the same length and rate shows whether these leave the feature undefined.
+    # A test with noise shows whether the feature is defined for this length and sampling rate.
     noise = np.random.default_rng(0).standard_normal(view.n_samples)
     try:
         member.feature.function(PhaseView(noise, view.fs), **member.parameters)

@@ -50,9 +50,9 @@ class ExportedModel(NamedTuple):
     single_precision
         Operators that compute in single precision; none for the classifiers of shipped pipelines.
     facts
-        Metadata of the file, with keys without "texclass.".
+        Metadata of the file; the keys lack the prefix "texclass.".
     sample_parity
-        Comparison of the whole path with texclass, if samples are the input.
+        Comparison of the answers from samples with those of texclass; None if features are the input.
     """
 
     path: Path
@@ -65,12 +65,12 @@ class ExportedModel(NamedTuple):
 def export_onnx(
     model: Model, path: str | Path, *, start: Start = "features", window_s: float | None = None
 ) -> ExportedModel:
-    """Write a model as an ONNX file, if its answers equal those of the model.
+    """Write a model as an ONNX file, after checking that the graph gives the same answers.
 
-    With "features", the input is float64 features (n, n_columns). With "samples", the graph is the whole path
-    of a model of windows, and the input is float32 samples (n, n_channels, n_samples). The outputs are
-    labels, calibrated probabilities, p-values of "this surface is known" and verdicts. Graphs compute in
-    double precision.
+    With "features", the input is float64 features (n, n_columns). With "samples", the graph also computes the
+    features of windows, and the input is float32 samples (n, n_channels, n_samples). The outputs are labels,
+    calibrated probabilities, p-values of "the surface is in the training set", and whether the surface is
+    unknown. Graphs compute in double precision.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def export_onnx(
     OnnxExportError
         If a feature, a step or the classifier cannot be exported, or the window length is missing.
     ParityError
-        If the graph gives other answers than texclass.
+        If the answers of the graph differ from those of texclass.
     ValueError
         If the suffix is not .onnx.
 

@@ -29,7 +29,7 @@ Outputs = dict[str, NDArray[Any]]
 
 
 class ParityError(OnnxExportError):
-    """Error for a graph with other answers than its model, with the first difference.
+    """Error for a graph whose answers differ from those of its model; the message has the first difference.
 
     Examples
     --------
@@ -298,8 +298,8 @@ def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, outputs: Sequence[
         results = [session.run(list(outputs), {entry: batch}) for batch in batches]
     except Exception as error:  # the exceptions of onnxruntime have no common base class
         raise OnnxExportError(
-            f"onnxruntime {onnxruntime.__version__} cannot run the graph ({error}). Expected operators that "
-            "it supports in double precision: install a newer version"
+            f"onnxruntime {onnxruntime.__version__} cannot run the graph ({error}). Install a newer "
+            "version, which supports the operators of the graph in double precision"
         ) from error
     arrays = {name: np.concatenate(batches) for name, *batches in zip(outputs, *results, strict=True)}
     return {name: values.astype(str) if name == "label" else values for name, values in arrays.items()}
@@ -344,7 +344,7 @@ def check_rows(model: Model, seed: int = SEED) -> tuple[Samples, NDArray[np.str_
     # Limits and corners of the ranges, and rows twice as far from the median.
     corners = np.where(rng.random((64, n_columns)) < 0.5, low, high)
     extreme = np.concatenate([[low, median, high], corners, corners + (corners - median)])
-    # A fifth of the values undefined, or one value, or all.
+    # Rows in which a fifth of the values is undefined, or one value, or all.
     is_undefined = rng.random(ordinary.shape) < 0.2
     is_undefined[::2] = np.arange(n_columns) == rng.integers(n_columns, size=(len(is_undefined[::2]), 1))
     undefined = np.concatenate([np.where(is_undefined, np.nan, ordinary), np.full((1, n_columns), np.nan)])

@@ -146,13 +146,13 @@ def build_sample_graph(model: Model, n_samples: int, *, with_features: bool = Fa
 
 
 def window_input(windows: Windows, n: int | str, *, has_equal_segments: bool = False) -> tuple[Tensor, Any]:
-    """Return the input of a new graph in double precision, n windows, and the description of the input."""
+    """Create a graph; return its input (n windows, cast to float64) and the description of this input."""
     entry = tensor_of(SAMPLES, np.float32, n, len(windows.channels), windows.n_samples)
     return Tensor(Graph(has_equal_segments=has_equal_segments), SAMPLES).cast(np.float64), entry
 
 
 def recording_of(model: Model, window: Samples) -> Recording:
-    """Return a window (n_channels, n_samples) as a recording, like a stream does."""
+    """Convert a window (n_channels, n_samples) to a recording, like the windows of a stream."""
     rows = np.asarray(window, dtype=np.float64).T
     builder = RecordingBuilder(model, rows.shape[1], model.manifest.fs, model.manifest.unit)
     return builder.build_window(rows, 0)
@@ -199,7 +199,7 @@ def feature_tensors(windows: Windows, x: Tensor) -> tuple[list[Tensor], list[str
     channel_parts = [(prefix.removesuffix("/"), part) for prefix, part in plan.parts if prefix]
     columns: list[str] = []
     tensors: list[Tensor] = []
-    if channel_parts:  # each channel is a movement of its own
+    if channel_parts:  # each channel is treated as a separate movement
         names = [name for name, _ in channel_parts]
         indices = np.array([plan.channels.index(name) for name in names])
         rows = x.take(indices).reshape(-1, 1, windows.n_samples)
@@ -258,7 +258,7 @@ def _movements(windows: Windows, x: Tensor, n_axes: int, is_axis: Any = True) ->
 
 
 def _dft321(axes: Tensor, n_axes: int, n: int) -> Tensor:
-    """Combine several axes (n_rows, n_axes, n), without means, in one signal (n_rows, n); see `dft321`."""
+    """Combine several zero-mean axes (n_rows, n_axes, n) into one signal (n_rows, n); see `dft321`."""
     add, n_bins = axes.graph.add, n // 2 + 1
     bins = np.arange(n_bins)
     real, imaginary = (part.reshape(-1, n_axes, n_bins) for part in rfft(axes.reshape(-1, n), n, n, n_bins))
