@@ -70,7 +70,7 @@ def test_single_and_combined_channels_have_no_pair_and_a_reason():
         assert np.isnan(values).all()
         reason = "channels are combined or single. Expected two separate channels"
         assert reasons == (("lag_correlation", reason),)
-    with pytest.raises(UndefinedFeatureError, match="Expected one channel for the phase movement"):
+    with pytest.raises(UndefinedFeatureError, match="Expected one channel for the phase 'movement'"):
         views_of(turning(), ("x", "y", "z"))["x*y/"].of("movement")
 
 

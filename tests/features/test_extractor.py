@@ -93,7 +93,7 @@ def test_columns_of_each_channel_equal_those_of_the_channel_alone():
     alone = recording.with_(acceleration=recording.acceleration[:, 1], channels=())
     values = FeatureExtractor(TOY).fit_transform([alone])[0, :2]
     np.testing.assert_allclose(each.transform([recording])[0, 2:4], values)
-    with pytest.raises(ValueError, match=r"axes are a, b, d\. Expected a, b, c"):
+    with pytest.raises(ValueError, match=r"has the axes a, b, d\. Expected a, b, c"):
         each.transform([recording.with_(channels=("a", "b", "d"))])
 
 
@@ -138,7 +138,9 @@ def test_invalid_input_and_missing_sampling_rates_are_rejected():
         with pytest.raises(ValueError):  # noqa: PT011  (message of scikit-learn)
             FeatureExtractor(TOY, fs=FS).fit(nothing)
     for wide in ((9, 400), (3, 40)):
-        with pytest.raises(ValueError, match=re.escape(f"has shape {wide}. Expected (n_samples, n_axes)")):
+        with pytest.raises(
+            ValueError, match=re.escape(f"has the ambiguous shape {wide}. Expected (n_samples, n_axes)")
+        ):
             FeatureExtractor(TOY, fs=FS).fit([np.zeros(wide)])
     with pytest.raises(RecordingError, match="row 1: acceleration contains 1 NaN or infinite values"):
         FeatureExtractor(TOY, fs=FS).fit([noise(300), np.append(noise(300), np.nan)])

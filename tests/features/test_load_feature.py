@@ -91,7 +91,7 @@ def test_a_custom_feature_can_be_undefined_with_a_reason(file):
         ("mine.py:plain", "plain is not decorated. Expected a function decorated with @feature"),
         ("mine.py:np", "mine.py has no function np"),
         ("mine.py:absent", "mine.py has no function absent"),
-        ("mine.py:bare", "every parameter must have a default, missing for share"),
+        ("mine.py:bare", "every parameter must have a default. Add one to share"),
         ("broken.py:x", r"broken.py cannot be imported \(SyntaxError"),
         ("taken.py:waviness", "'waviness' is already defined in texclass.features.roughness"),
         ("no_such_module:x", "no_such_module cannot be imported"),

@@ -237,5 +237,5 @@ def test_all_adds_the_axes_of_the_turn_rate():
     np.testing.assert_allclose(views["turn_y/"].movement.samples, turn - turn.mean())
     ay = recording.acceleration[400:, 1]
     np.testing.assert_allclose(views["ay/"].movement.samples, ay - ay.mean())
-    with pytest.raises(ValueError, match=r"axes are ax, ay, az\. Expected .*turn_z"):
+    with pytest.raises(ValueError, match=r"has the axes ax, ay, az\. Expected .*turn_z"):
         views_of(recording.with_(turn_rate=None), separate)

@@ -87,7 +87,7 @@ def test_undefined_ridges_have_a_reason():
     strokes = stroked(0.5)
     for changes, reason in (
         ({"speed": None}, "no speed signal"),
-        ({"speed": 0 * strokes.speed}, "the speed is 0 throughout"),
+        ({"speed": 0 * strokes.speed}, "the speed of the tool is always 0"),
         ({"speed": 0.1 * strokes.speed}, r"1440 samples. Expected at least 4096 \(three frames"),
         ({"acceleration": 0 * strokes.acceleration}, "silence"),
     ):

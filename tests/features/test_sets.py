@@ -109,7 +109,7 @@ def test_an_override_changes_the_value_and_the_hash(load, views):
         ("[features.band_level]\nn_bands = 100000", "must be at most 65536"),
         (
             "[features.b]\nuse = 'band_level'\n[features.'b.b1']\nuse = 'waviness'",
-            "two columns are named 'b.b1'",
+            "two columns have the name 'b.b1'",
         ),
         ("features = {}", "at least 1"),
         ("features.friction = 3", r"features\.friction is 3. Expected"),

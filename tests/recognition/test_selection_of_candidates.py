@@ -67,7 +67,7 @@ def test_separate_channels_are_saved_and_loaded(tmp_path):
     assert any(column.startswith("turn_z/") for column in loaded.columns)
     turned_recording = Turned(dataset.load)(dataset.entries[3])
     assert loaded.answer(turned_recording) == model.answer(turned_recording)
-    with pytest.raises(ValueError, match=r"axes are c1\. Expected c1, turn_x"):
+    with pytest.raises(ValueError, match=r"has the axes c1\. Expected c1, turn_x"):
         loaded.answer(recording("oak", 3))
 
 

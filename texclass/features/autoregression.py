@@ -1,9 +1,9 @@
 """Autoregressive model of the movement: one spectral envelope in five parametrisations.
 
-One Burg fit per frame serves all of them. The movement is first resampled to twice `BAND_HZ`: the order of
-the model then describes the band that humans perceive, at any sampling rate of the sensor. The models of the
-frames are averaged as log-area ratios, because every average of them is a stable model. Loud and quiet frames
-have the same weight.
+All five are computed from one Burg fit per frame. The movement is first resampled to twice `BAND_HZ`, so that
+the model covers the band that humans perceive, whatever the sampling rate of the sensor. The models of the
+frames are averaged as log-area ratios, because every average of log-area ratios is a stable model. Loud and
+quiet frames have the same weight.
 """
 
 import numpy as np
@@ -19,15 +19,17 @@ from texclass.vibration.autoregressive import Autoregression
 ORDER = 18
 """Order of the model.
 
-Selected among 8, 12, 18 and 24, together with frames of 0.1 s, 1 s and the whole movement, and bands up to
-700, 1000 and 1400 Hz: LDA on repetitions 1-10 against 11-20 of `biotac20`, and with ten folds and left-out
-operators on `simulated69`. Higher orders do not improve the accuracy."""
+Selected among 8, 12, 18 and 24 by a grid search, which also varied the frame length (0.1 s, 1 s, whole
+movement) and the band (up to 700, 1000 and 1400 Hz). The score was the accuracy of LDA: on `biotac20`,
+trained on repetitions 1-10 and tested on 11-20; on `simulated69`, in ten folds and on left-out operators.
+Higher orders do not improve the accuracy."""
 FRAME_S = 0.25
 """Length of a frame in s."""
 BAND_HZ = 1000.0
 """Upper end of the band in Hz."""
 MIN_POWER = 1e-10
-"""Smallest power of a frame relative to the strongest frame; less is rounding error of silence."""
+"""Smallest power of a frame, relative to the strongest frame. A weaker frame counts as silent: it contains
+only rounding errors."""
 
 
 @transform
@@ -35,14 +37,16 @@ def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> t
     """Return the reflection coefficients of the mean model of a movement, and its sampling rate in Hz.
 
     1. Cut the band-limited movement into adjacent frames of at least four samples per coefficient. A shorter
-       movement is one frame; it needs two samples per coefficient.
-    2. Fit every non-silent frame by Burg's method.
+       movement is one frame, which must have at least two samples per coefficient.
+    2. Fit a model to every non-silent frame by Burg's method.
     3. Average the log-area ratios.
     """
     x, fs = band_limited(view, band_hz)
     n = x.size
     if n < 2 * order:
-        raise UndefinedFeatureError(f"{n} samples below {band_hz:g} Hz. Expected {2 * order} (2 x order)")
+        raise UndefinedFeatureError(
+            f"{n} samples at twice {band_hz:g} Hz. Expected at least {2 * order} (2 x order)"
+        )
     length = min(n, max(round(frame_s * fs), 4 * order))
     frames = x[: n // length * length].reshape(-1, length)
     power = np.einsum("kt,kt->k", frames, frames)
@@ -56,18 +60,21 @@ def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> t
 def line_spectral_frequencies(
     view: PhaseView, *, order: int = ORDER, frame_s: float = FRAME_S, band_hz: float = BAND_HZ
 ) -> Samples:
-    """Return the line spectral frequencies of the movement; two close ones indicate a resonance.
+    """Return the line spectral frequencies of the movement.
+
+    Two line spectral frequencies that are close together indicate a resonance.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     order : int
         Order of the model (default 18).
     frame_s : float
         Length of the frames whose models are averaged, in s (default 0.25).
     band_hz : float
-        Upper end of the band in Hz (default 1000); if fs/2 is lower, fs/2, and the value then depends on fs.
+        Upper end of the band in Hz (default 1000). If fs/2 is lower, the band ends at fs/2, and the values
+        depend on fs.
 
     Returns
     -------
@@ -77,7 +84,8 @@ def line_spectral_frequencies(
     Raises
     ------
     UndefinedFeatureError
-        For silence, or fewer than 64 samples or two samples per coefficient in the band.
+        For silence, a movement of fewer than 64 samples, or fewer than two samples per coefficient after
+        resampling.
 
     References
     ----------
@@ -98,24 +106,24 @@ def line_spectral_frequencies(
 def log_area_ratios(
     view: PhaseView, *, order: int = ORDER, frame_s: float = FRAME_S, band_hz: float = BAND_HZ
 ) -> Samples:
-    """Return the log-area ratios ln((1 + k)/(1 - k)) of the movement, with reflection coefficients k.
+    """Return the log-area ratios of the movement, ln((1 + k)/(1 - k)) for each reflection coefficient k.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     order, frame_s, band_hz
-        As in `line_spectral_frequencies`.
+        See `line_spectral_frequencies`.
 
     Returns
     -------
     ndarray of shape (order,)
-        Mean over frames.
+        Log-area ratios, averaged over frames.
 
     Raises
     ------
     UndefinedFeatureError
-        As `line_spectral_frequencies`.
+        See `line_spectral_frequencies`.
 
     References
     ----------
@@ -142,16 +150,16 @@ def lpc_cepstrum(
     frame_s: float = FRAME_S,
     band_hz: float = BAND_HZ,
 ) -> Samples:
-    """Return the cepstral coefficients c_1 ... c_n of the autoregressive model; c_0, the level, is omitted.
+    """Return the cepstral coefficients c_1 ... c_n of the autoregressive model, without the level c_0.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_coefficients : int
         Number n of coefficients (default 18).
     order, frame_s, band_hz
-        As in `line_spectral_frequencies`.
+        See `line_spectral_frequencies`.
 
     Returns
     -------
@@ -161,7 +169,7 @@ def lpc_cepstrum(
     Raises
     ------
     UndefinedFeatureError
-        As `line_spectral_frequencies`.
+        See `line_spectral_frequencies`.
 
     References
     ----------
@@ -190,17 +198,17 @@ def prediction_gain(
 ) -> Samples:
     """Return the prediction gain of the movement at several model orders, in dB.
 
-    The power of the movement over the power of the prediction error: 0 dB for white noise. The order at which
-    it stops rising indicates the number of resonances.
+    The prediction gain is the power of the movement divided by the power of the prediction error. It is 0 dB
+    for white noise. The order at which it stops rising indicates the number of resonances.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     orders : tuple of int
-        Orders from 1 to `order`.
+        Model orders at which the gain is evaluated, each from 1 to `order`.
     order, frame_s, band_hz
-        As in `line_spectral_frequencies`.
+        See `line_spectral_frequencies`.
 
     Returns
     -------
@@ -210,7 +218,7 @@ def prediction_gain(
     Raises
     ------
     UndefinedFeatureError
-        As `line_spectral_frequencies`, and for orders above that of the model.
+        In the cases of `line_spectral_frequencies`, and if one of `orders` exceeds `order`.
 
     References
     ----------
@@ -242,20 +250,20 @@ def resonances(
     frame_s: float = FRAME_S,
     band_hz: float = BAND_HZ,
 ) -> Samples:
-    """Return frequencies and bandwidths (decay rate / pi) of the main resonances, by ascending frequency.
+    """Return the frequencies and bandwidths (decay rate / pi) of the main resonances, in order of frequency.
 
-    These are the poles of the model of order 2 `n_resonances`, which has exactly that many pole pairs. In a
-    higher order, pole pairs that model the slope of the spectrum would compete with resonances. A real pole
-    counts as a resonance at 0 or at the end of the band, after all pairs.
+    The resonances are the pole pairs of the model of order 2 `n_resonances`. A model of higher order would
+    contain further pole pairs that describe the slope of the spectrum instead of resonances. If the model has
+    fewer pole pairs, real poles are used as well, as resonances at 0 Hz or at the end of the band.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_resonances : int
-        Number n of resonances (default 4); 2 n is at most `order`.
+        Number n of resonances (default 4), at most half of `order`.
     order, frame_s, band_hz
-        As in `line_spectral_frequencies`.
+        See `line_spectral_frequencies`.
 
     Returns
     -------
@@ -265,7 +273,7 @@ def resonances(
     Raises
     ------
     UndefinedFeatureError
-        As `line_spectral_frequencies`, and for more resonances than half the order.
+        In the cases of `line_spectral_frequencies`, and if `n_resonances` exceeds half of `order`.
 
     References
     ----------
@@ -291,7 +299,10 @@ def resonances(
 
 
 def upper_poles(z: NDArray[np.complex128], n: int) -> NDArray[np.complex128]:
-    """Return `n` poles with Im z >= 0 by angle: pairs are preferred over real poles, slow decay over fast."""
+    """Select `n` poles with Im z >= 0 and return them in order of angle.
+
+    Complex poles are preferred to real ones, and slowly decaying poles to fast ones.
+    """
     z = z[z.imag >= 0]
     z = np.where(np.abs(z) < 2.0**-52, 2.0**-52, z)  # avoid log(0) for a pole at 0
     first = np.lexsort((-np.abs(z), z.imag == 0))[:n]

@@ -1,9 +1,10 @@
-"""Levels of the vibration in frequency bands, and how they change during a movement.
+"""Levels of the vibration in frequency bands, and their changes during a movement.
 
-Bands have equal width up to fs/2, or are fractions of octaves below. All levels of a movement are sums over
-one periodogram, so many bands cost one Fourier transform. Features of change compare the level of a band with
-the level of the same band at other times. A drift of the sensor multiplies a band by a constant factor, which
-cancels, so these features are stable from day to day.
+Bands either divide 0 to fs/2 into equal widths or are fractions of octaves. All levels of a movement are sums
+over one periodogram, so any number of bands requires only one Fourier transform. The features of change
+(`band_course`, `level_fluctuation`, `level_persistence`) compare the level of a band at different times of
+one movement. A drift of the sensor multiplies a band by a constant factor, which cancels, so these features
+are stable from day to day.
 """
 
 import functools
@@ -21,15 +22,16 @@ from texclass.features.spectra import BLOCK_SAMPLES, window_of
 from texclass.recording import Samples, make_read_only
 
 TAPER = 0.1
-"""Fraction of the movement that is faded in, and that is faded out."""
+"""Fraction of the movement that is tapered at each end."""
 FLOOR = 1e-10
-"""Smallest power of a band relative to the mean power; less is rounding error of single precision."""
+"""Lower limit of the power of a band, relative to the mean power. Smaller values are rounding errors of
+single precision."""
 N_PARTS = 6
-"""Number of equal parts of a movement with a periodogram of their own, for `band_course`."""
+"""Number of equal parts into which `band_course` divides a movement; each part has its own periodogram."""
 FRAME = 64
 """Samples per frame of `octave_courses`."""
 OCTAVES = ("o0", "o1", "o2", "o3", "o4")
-"""Octaves that a frame resolves, from fs/2 down: bins 17-32, 9-16, 5-8, 3-4 and 2."""
+"""Octaves that a frame of `FRAME` samples resolves, from fs/2 down: bins 17-32, 9-16, 5-8, 3-4 and 2."""
 
 
 Periodogram = tuple[NDArray[np.float32], Samples, float]
@@ -39,7 +41,7 @@ Periodogram = tuple[NDArray[np.float32], Samples, float]
 def density(periodogram: Periodogram, edges_hz: Samples) -> Samples:
     """Return the mean power density (1/Hz) between adjacent edges, shape (..., n_edges - 1).
 
-    A bin that contains an edge is divided in proportion.
+    The power of a bin that contains an edge is divided between both bands in proportion.
     """
     power, floor, step_hz = periodogram
     n_bins = power.shape[-1]
@@ -56,9 +58,9 @@ def density(periodogram: Periodogram, edges_hz: Samples) -> Samples:
 def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
     """Return the periodogram of the difference d_t = x_(t+1) - x_t, with cosine-tapered ends.
 
-    The spectrum of a vibration falls by 60 dB and more from low to high frequencies. The difference flattens
-    it and so prevents leakage from strong into weak frequencies. Most samples have full weight, which matters
-    in short windows.
+    The spectrum of a vibration falls by 60 dB and more from low to high frequencies. Differencing flattens
+    the spectrum and thus prevents leakage from strong to weak frequencies. Only the ends are tapered, so that
+    most samples of a short window have full weight.
 
     Parameters
     ----------
@@ -108,17 +110,17 @@ def whole_periodogram(view: PhaseView) -> Periodogram:
 def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     """Return the power density in bands of equal width from 0 to fs/2, in log10.
 
-    Band i reaches from (i-1) fs/(2 n_bands) to i fs/(2 n_bands). The resonances of a tool or a finger have
-    similar widths in Hz at all frequencies; fractions of octaves would merge those at high frequencies.
+    Band i covers (i-1) fs/(2 n_bands) to i fs/(2 n_bands). The resonances of a tool or a finger have similar
+    widths in Hz at all frequencies, so bands that widen with frequency would merge the high resonances.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_bands : int
         Number of bands.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -145,7 +147,7 @@ def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
 
 
 def fraction_names(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
-    """Return the names of fractions of octaves."""
+    """Return the output names of fractional octaves, for example "o2.1"."""
     first, last = octaves
     return tuple(
         f"o{first + i // per_octave}.{i % per_octave + 1}" for i in range((last - first) * per_octave)
@@ -161,20 +163,20 @@ def fraction_names(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, .
 def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3) -> Samples:
     """Return the power density in fractions of octaves, counted down from fs/2, in log10.
 
-    Octave k reaches from fs/2 / 2^k down to fs/2 / 2^(k+1); o2.1 starts at fs/2 / 2^2. These bands resolve
-    frequencies that are too low for `band_level`. For short windows, the lowest octaves are undefined; a
-    feature set can list them as a separate member.
+    Octave k covers fs/2 / 2^(k+1) to fs/2 / 2^k. The band "o2.1" is the highest band of octave 2. These bands
+    resolve frequencies that are too low for `band_level`. The lowest octaves are undefined for short windows.
+    A feature set can list them as a separate feature, so that the higher octaves remain defined.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     octaves : tuple of int
-        First octave, and the one after the last.
+        First octave, and the octave after the last one.
     per_octave : int
-        Bands per octave, equal on a logarithmic axis.
+        Number of bands per octave, of equal width on a logarithmic axis.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -218,7 +220,10 @@ def octave_levels(view: PhaseView, octaves: tuple[int, int], per_octave: int) ->
 
 
 def _levels(view: PhaseView, edges_hz: Samples, response: Samples) -> Samples:
-    """Return the log10 power density between edges: that of the difference, divided by its `response`."""
+    """Return the log10 power density of the signal between edges.
+
+    It is the power density of the differenced signal divided by the `response` of the difference.
+    """
     power = density(whole_periodogram(view), edges_hz) / response
     return np.asarray(np.log10(power) + 2 * np.log10(level(view)))
 
@@ -236,7 +241,7 @@ def _octaves(fs: float, octaves: tuple[int, int], per_octave: int) -> tuple[Samp
 
 
 def _with_response(edges_hz: Samples, fs: float) -> tuple[Samples, Samples]:
-    """Return edges (Hz), and the response of a difference at the centre of each band, 4 sin^2(pi f / fs)."""
+    """Return the edges (Hz) and the power response 4 sin^2(pi f / fs) of a difference at each band centre."""
     middle = (edges_hz[:-1] + edges_hz[1:]) / 2
     return make_read_only(edges_hz), make_read_only(4 * np.sin(np.pi * middle / fs) ** 2)
 
@@ -252,7 +257,7 @@ def part_periodograms(view: PhaseView) -> Periodogram:
 def octave_courses(view: PhaseView) -> Samples:
     """Return the log10 power of successive Hann frames in octaves from fs/2 down, (..., 5, n_frames).
 
-    In arbitrary units, with a floor far below the mean.
+    The unit is arbitrary. Values have a lower limit of `FLOOR` times the mean power.
     """
     require(view, 8 * FRAME, f"8 frames of {FRAME} samples")
     x, n = unit32(view), view.n_samples // FRAME
@@ -270,7 +275,7 @@ def octave_courses(view: PhaseView) -> Samples:
 
 @functools.cache
 def _octave_weights() -> NDArray[np.float32]:
-    """Return weights (0 or 1) of the real and imaginary part of each bin of a frame in each octave."""
+    """Return the weight (0 or 1) of the real and imaginary part of each bin of a frame in each octave."""
     octave = len(OCTAVES) - np.ceil(np.log2(np.maximum(np.arange(FRAME // 2 + 1), 1)))
     is_in_octave = octave[:, np.newaxis] == np.arange(len(OCTAVES))
     return make_read_only(np.repeat(is_in_octave, 2, axis=0).astype(np.float32))
@@ -284,34 +289,34 @@ def _octave_weights() -> NDArray[np.float32]:
     ),
 )
 def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] = (0, 4)) -> Samples:
-    """Return the trend of the level of each octave during a movement: terms of a DCT over time.
+    """Return the trend of the level of each octave during a movement, as terms of a DCT over time.
 
-    With L_i the log10 power density of an octave in part i of n, term j is 2/n sum_i L_i cos(pi j (i +
-    1/2)/n). Term 1 is positive if the level falls; term 2 is positive if it is higher at both ends than in
-    the middle. Warming, wear or stretching of a surface change these terms, but so does the speed of the
-    hand: a classifier should weight them accordingly.
+    Let L_i be the log10 power density of an octave in part i of n. Term j is 2/n sum_i L_i cos(pi j (i +
+    1/2)/n). Term 1 is positive if the level falls, and term 2 if the level is higher at both ends than in the
+    middle. The terms describe how a surface warms, wears or stretches. They also depend on changes of the
+    speed of the hand, which limits their reliability.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_parts : int
         Number n of equal parts: 2, 3 or 6.
     octaves : tuple of int
-        First octave, and the one after the last. Octave k reaches from fs/2 / 2^k down to fs/2 / 2^(k+1).
+        First octave, and the octave after the last one. Octave k covers fs/2 / 2^(k+1) to fs/2 / 2^k.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
     ndarray of shape ((n_parts - 1) * n_octaves,)
-        Term 1 of each octave, then term 2.
+        Term 1 of each octave, then term 2 of each octave, and so on.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, a sixth of the movement with a constant signal, or one shorter than 1.5 periods of the
-        lowest frequency.
+        For silence, or if a sixth of the movement is constant or shorter than 1.5 periods of the lowest
+        frequency.
 
     References
     ----------
@@ -345,20 +350,20 @@ def _terms(n_parts: int) -> Samples:
 def level_fluctuation(view: PhaseView) -> Samples:
     """Return the standard deviation over frames of the log10 power of each octave from fs/2 down.
 
-    Frames have 64 samples. Noise of constant level fluctuates least, and less in wider octaves; grains,
-    threads and stick-slip fluctuate more.
+    Frames have 64 samples. The deviation is smallest for noise of constant level, where it decreases with the
+    width of the octave. Grains, threads and stick-slip increase it.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
     ndarray of shape (5,)
-        Deviations in log10(1), highest octave first.
+        Standard deviations in log10(1), highest octave first.
 
     Raises
     ------
@@ -381,14 +386,14 @@ def level_fluctuation(view: PhaseView) -> Samples:
 
 @feature_in_samples("1", "texclass; autocorrelation of log band levels", outputs=OCTAVES)
 def level_persistence(view: PhaseView) -> Samples:
-    """Return the correlation of the log10 power of each octave with that of the next frame of 64 samples.
+    """Return the correlation of the log10 power of each octave between successive frames of 64 samples.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -419,6 +424,6 @@ def level_persistence(view: PhaseView) -> Samples:
     variance = np.mean(L * L, axis=-1)
     undefined_if(
         not variance.min() > 1e-12,
-        f"the level of octave {variance.argmin()} is constant. Expected one that changes",
+        f"the level of octave {variance.argmin()} is constant. Expected a varying level in each octave",
     )
     return np.asarray(np.mean(L[..., 1:] * L[..., :-1], axis=-1) / variance)

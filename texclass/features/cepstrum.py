@@ -18,25 +18,26 @@ from texclass.recording import Samples, make_read_only
 
 ALL = tuple(range(1, 14))
 FLOOR = 1e-12
-"""Smallest energy of a filter relative to its frame: -120 dB, below the rounding error of any sensor."""
+"""Lower limit of the energy of a filter, relative to the energy of the frame: -120 dB, below the quantisation
+noise of any sensor."""
 
 
 Banks = dict[tuple[float, ...], NDArray[np.float32]]
-"""Filter banks by the arguments of `mel_filters`."""
+"""Filter banks, with the arguments of `mel_filters` as keys."""
 _active_banks: ContextVar[Banks | None] = ContextVar("banks of filters", default=None)
 
 
 @contextmanager
 def use_filter_banks(banks: Banks) -> Iterator[None]:
-    """Use the mel filter banks in `banks`, and add missing ones to it.
+    """Use the mel filter banks in `banks` within the context, and add missing filter banks to it.
 
-    A trained model stores the filter banks that it needs, because importing librosa takes longer than a
-    prediction.
+    A trained model stores its filter banks, so that a prediction does not have to import librosa, which is
+    slow.
 
     Parameters
     ----------
     banks : dict
-        Arguments of `mel_filters` -> filters.
+        Mapping from arguments of `mel_filters` to filters; it may be extended.
     """
     token = _active_banks.set(banks)
     try:
@@ -48,20 +49,20 @@ def use_filter_banks(banks: Banks) -> Iterator[None]:
 def mel_filters(
     fs: float, n_fft: int, n_filters: int, low_hz: float, high_hz: float, decay_hz: float
 ) -> NDArray[np.float32]:
-    """Return triangular mel filters (Slaney's scale) with peaks of 1, times exp(-f/decay_hz) in every bin.
+    """Return triangular mel filters (Slaney's scale) with peak 1, multiplied by exp(-f/decay_hz) in each bin.
 
     Parameters
     ----------
     fs : float
         Sampling rate in Hz.
     n_fft : int
-        Length of the transform.
+        Length of the Fourier transform in samples.
     n_filters : int
         Number of filters.
     low_hz, high_hz : float
         Band of the filters in Hz.
     decay_hz : float
-        Frequency in Hz at which the amplitude has fallen to 1/e; infinity for constant amplitudes.
+        Frequency in Hz at which the amplitude has fallen to 1/e. With infinity, the amplitude is constant.
 
     Returns
     -------
@@ -90,7 +91,7 @@ def _mel_filters(
     edges = librosa.mel_frequencies(n_filters + 2, fmin=low_hz, fmax=high_hz)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # empty filters raise an error below
-        # Unit area, converted to peaks of 1: with norm=None, librosa compiles a function for several seconds.
+        # Filters of unit area are converted to a peak of 1: with norm=None, librosa spends seconds compiling.
         weights = librosa.filters.mel(
             sr=fs, n_fft=n_fft, n_mels=n_filters, fmin=low_hz, fmax=high_hz, norm="slaney", dtype=np.float64
         ).T * ((edges[2:] - edges[:-2]) / 2)
@@ -99,7 +100,7 @@ def _mel_filters(
         i = int(empty[0])
         raise UndefinedFeatureError(
             f"mel filter {i + 1} ({edges[i]:.0f} ... {edges[i + 2]:.0f} Hz) contains no bin of the spectrum "
-            f"(one every {f[1]:.0f} Hz). Expected at least one per filter: use fewer filters or longer frames"
+            f"(bins are {f[1]:.0f} Hz apart). Use fewer filters or longer frames"
         )
     weights = weights * np.exp(-f / decay_hz)[:, np.newaxis]
     return make_read_only(np.array(weights, dtype=np.float32, order="C"))
@@ -117,7 +118,8 @@ def log_energies(
 ) -> NDArray[np.float32]:
     """Return the natural logarithm of the filter energies of each non-silent frame, (n_frames, n_filters).
 
-    Energies have a floor of `FLOOR` times the energy of the frame, so no value depends on another frame.
+    Energies are raised to at least `FLOOR` times the energy of their own frame, so no value depends on
+    another frame.
     """
     power, frequency = power_frames(view, frame_s, hop_s, "hamming", high_hz)
     n_fft = round(view.fs / frequency[1])
@@ -143,27 +145,28 @@ def mfcc(
 ) -> Samples:
     """Return the modified MFCC: mean over frames of the cepstrum of the mel-filtered power spectrum.
 
-    For each Hamming frame (25 ms, every 15 ms): power spectrum, 20 triangular mel filters (Slaney's scale)
-    over the band of the accelerometer, natural logarithm, orthonormal DCT-II. There is no pre-emphasis, no
-    lifter, and no floor over several frames: each frame is independent, so stream and batch agree.
+    Each Hamming frame (25 ms, every 15 ms) is processed in four steps: power spectrum, 20 triangular mel
+    filters (Slaney's scale) over the band of the accelerometer, natural logarithm, orthonormal DCT-II. There
+    is no pre-emphasis and no liftering. Frames are independent of each other, so live streams and recordings
+    give the same values.
 
-    Coefficient n is bin n of the DCT, n = 1 ... 13, which is number n of the paper's 13 coefficients. (The
-    authors select the one-based numbers 2 ... 14.) Bin 0, the level, is omitted, so the gain has no effect.
+    Coefficient n (1 ... 13) is bin n of the DCT and the n-th of the paper's 13 coefficients. (The authors
+    count bins from 1 and therefore select the numbers 2 ... 14.) Bin 0 contains the level and is omitted, so
+    the gain has no effect.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     coefficients : tuple of int
-        Coefficients by the numbers of the paper (default 1 ... 13). The five that the paper selects are
-        (2, 5, 6, 8, 12).
+        Numbers of the coefficients as in the paper (default 1 ... 13). The paper selects (2, 5, 6, 8, 12).
     decay_hz : float
-        The amplitude of the filters is exp(-f/decay_hz) in the bin at frequency f; constant for infinity
-        (default). See Notes: the effect is small.
+        Decay of the filter amplitude with frequency, exp(-f/decay_hz), in Hz (default infinity: constant
+        amplitude). The effect is small, see Notes.
     n_filters : int
         Number of filters.
     low_hz, high_hz : float
-        Band of the filters in Hz. If fs/2 is below `high_hz`, the band ends at fs/2, and the value depends on
+        Band of the filters in Hz. If fs/2 is below `high_hz`, the band ends at fs/2, and the values depend on
         fs.
     frame_s, hop_s : float
         Length of a frame and distance between the starts of two frames, in s.
@@ -176,17 +179,18 @@ def mfcc(
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement shorter than a frame, a filter without a bin, or a number above the filters.
+        For silence, a movement shorter than a frame, a filter that contains no bin, or a coefficient above
+        ``n_filters - 1``.
 
     Notes
     -----
-    Section IV-A tests "exponential decaying as well as constant Mel filter bank spectral amplitudes". The
-    amplitudes are applied before the logarithm: log(a_i E_i) = log a_i + log E_i. An amplitude per filter a_i
-    therefore adds a constant to each coefficient. Standardisation removes it, and no classifier of Table I
-    can use it. Later steps do not change this: energies are sums, the transform is linear, and the floor is
-    120 dB below the energy of the frame. A decay per bin also shifts the weight within a filter, but filters
-    are narrow compared with 500 Hz. The two rows of Table I therefore agree within one percentage point here.
-    The published ones differ by 1 to 3 points (89 and 88, 88 and 87, 71 and 74 %), in both directions.
+    Section IV-A compares "exponential decaying as well as constant Mel filter bank spectral amplitudes". The
+    amplitudes are applied before the logarithm: log(a_i E_i) = log a_i + log E_i. The DCT is linear, so an
+    amplitude a_i per filter only adds a constant to each coefficient. Standardisation removes this constant,
+    and no classifier of Table I can use it. A decay per bin also shifts the weight within a filter, but this
+    effect is small, because filters are narrow compared with 500 Hz. Therefore the two rows of Table I agree
+    within one percentage point here. The published accuracies differ by 1 to 3 points, in both directions (89
+    and 88, 88 and 87, 71 and 74 %).
 
     References
     ----------
@@ -223,19 +227,19 @@ def mfcc_deviation(
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     coefficients, decay_hz, n_filters, low_hz, high_hz, frame_s, hop_s
-        As in `mfcc`.
+        See `mfcc`.
 
     Returns
     -------
     ndarray of shape (len(coefficients),)
-        Deviation over frames of each coefficient.
+        Standard deviation over frames of each coefficient.
 
     Raises
     ------
     UndefinedFeatureError
-        As `mfcc`, and for fewer than two non-silent frames.
+        In the cases of `mfcc`, and for fewer than two non-silent frames.
 
     References
     ----------
@@ -249,7 +253,7 @@ def mfcc_deviation(
     [1.1, 0.9]
     """
     energies = log_energies(view, n_filters, low_hz, high_hz, decay_hz, frame_s, hop_s)
-    undefined_if(len(energies) < 2, "1 non-silent frame. Expected at least 2 for a deviation")
+    undefined_if(len(energies) < 2, "only 1 frame is not silent. Expected at least 2")
     frames = energies @ _cosines(n_filters)
     return np.asarray(frames[:, _as_list(coefficients, n_filters)].std(axis=0))
 

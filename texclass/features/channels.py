@@ -1,7 +1,7 @@
 """Correlations between the channels of a sensor, and clipping of a channel.
 
-A robot that rolls, pitches and shakes on a floor moves its channels together in a way that depends on the
-floor. The spectrum of a single channel does not contain this.
+When a robot rolls, pitches and shakes on a floor, the correlations between its channels depend on the floor.
+The spectrum of a single channel does not contain this information.
 """
 
 import functools
@@ -22,7 +22,7 @@ def symmetric_lags(lags: tuple[int, ...]) -> tuple[int, ...]:
 
 @transform
 def standardised(view: PhaseView) -> Samples:
-    """Return the samples minus their mean, divided by their norm, so that x.x = 1."""
+    """Return the samples with mean 0 and Euclidean norm 1."""
     x = unit(view)
     x -= x.sum() / x.size
     x /= np.sqrt(x @ x)
@@ -49,15 +49,16 @@ def shifted(view: PhaseView, lags: tuple[int, ...]) -> Samples:
 def lag_correlation(view: PairView, *, lags: tuple[int, ...] = (0, 1, 2, 4)) -> Samples:
     """Return the correlation of two channels at several lags.
 
-    With the means removed, sum_t x_t y_(t+lag) / sqrt(sum x^2 sum y^2), from -1 to 1, independent of units.
-    At positive lags the second channel follows the first.
+    The correlation is sum_t x_t y_(t+lag) / sqrt(sum x^2 sum y^2), where x and y are the channels without
+    their means. It lies between -1 and 1 and does not depend on the units. A maximum at a positive lag means
+    that the second channel follows the first.
 
     Parameters
     ----------
     view : PairView or array_like of shape (n, 2)
-        Movements of two channels; an array with `fs` in Hz.
+        Movements of two channels. For an array, also pass `fs` in Hz.
     lags : tuple of int
-        Lags in samples; the negative lags are added.
+        Lags in samples (default 0, 1, 2, 4). The correlation is computed for each lag and its negative.
 
     Returns
     -------
@@ -91,13 +92,14 @@ def lag_correlation(view: PairView, *, lags: tuple[int, ...] = (0, 1, 2, 4)) -> 
 def clipping(view: PhaseView) -> Samples:
     """Return the fraction of samples that repeat the largest or the smallest value.
 
-    The fraction is 0 unless the sensor saturates. A rotation beyond the range of a gyroscope is recorded as
-    its largest value; the time spent there measures vibration that the level no longer does.
+    The fraction is 0 unless the sensor saturates. A gyroscope, for example, records its largest value when
+    the rotation exceeds its range. The fraction of clipped samples then still indicates the strength of the
+    vibration, although the recorded level does not.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
 
     Returns
     -------

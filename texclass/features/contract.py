@@ -57,9 +57,9 @@ FILE_MODULE_PREFIX = "texclass_own_"
 
 @dataclass(frozen=True)
 class Gain:
-    """Effect of a gain g > 0 on a feature: y(g x) = g**power * y(x) + shift * log10(g).
+    """Effect of a gain g > 0 of the signal on a feature: y(g x) = g**power * y(x) + shift * log10(g).
 
-    `Gain()` declares a feature that does not depend on the gain.
+    `Gain()` declares that the feature does not depend on the gain.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Gain:
     shift: float = 0.0
 
     def __str__(self) -> str:
-        """Return the right side of the law, for example "g^0.5 y + 20 log10 g"."""
+        """Return the right-hand side of the equation, for example "g^0.5 y + 20 log10 g"."""
         product = "y" if self.power == 0 else "g y" if self.power == 1 else f"g^{self.power:.3g} y"
         factor = "" if abs(self.shift) == 1 else f"{abs(self.shift):.3g} "
         return f"{product} {'+' if self.shift > 0 else '-'} {factor}log10 g" if self.shift else product
@@ -92,7 +92,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Feature:
-    """A registered feature: the function, and the declaration in its decorator.
+    """A registered feature: its function, and the properties declared in its decorator.
 
     Attributes
     ----------
@@ -101,23 +101,24 @@ class Feature:
     function : callable
         Function of a phase view and keyword parameters; returns a float or an array of shape (n_outputs,).
     phase : {"tap", "movement", "travel", "friction", "pair"}
-        View that the function reads.
+        Phase whose view is passed to the function.
     unit : str
-        Unit of every output; "1" for a pure number.
+        Unit of every output; "1" for a dimensionless number.
     reference : str
         Paper key and equation or section.
     outputs : str, tuple of str, or callable
-        Names of the outputs of a vector feature. Empty (the default) for a scalar: its only column has the
-        name of the feature. A parameter in braces, as in "lag{lags}.b{n_bands}", is replaced by each of its
-        elements, or by 1 ... n for a whole number n; the last one runs fastest. A function returns the names
-        from the parameters where a template cannot.
+        Names of the outputs of a vector feature. If empty (default), the feature is a scalar, and its only
+        column has the name of the feature. A name can contain parameters in braces, as in
+        "lag{lags}.b{n_bands}". Each one is replaced by the elements of the parameter, or by 1 ... n if it is
+        a whole number n; the last one varies fastest. If a template does not suffice, pass a function that
+        returns the names for given parameters.
     gain : Gain
-        Effect of a gain of the signal.
+        Effect of multiplying the signal by a constant.
     depends_on : frozenset of {"length", "rate", "sign"}
         Properties of the signal that affect the value: length of the phase, sampling rate, and sign of the
         samples (the mounting direction of the sensor).
     divisible : bool or "at once"
-        Whether the function has a parameter `n_segments`; see `feature`.
+        Whether the feature can be computed per segment (parameter `n_segments`); see `feature`.
 
     Examples
     --------
@@ -145,7 +146,7 @@ class Feature:
 
     @property
     def parameters(self) -> list[inspect.Parameter]:
-        """Parameters of the function after the view."""
+        """Parameters of the function, without the view."""
         return list(inspect.signature(self.function).parameters.values())[1:]
 
     @property
@@ -159,7 +160,7 @@ class Feature:
         return Path(inspect.getfile(inspect.unwrap(self.function)))
 
     def columns(self, name: str, parameters: Mapping[str, Any]) -> tuple[str, ...]:
-        """Return the column names of this feature in a feature set that calls it `name`."""
+        """Return the column names of this feature under the given name in a feature set."""
         arguments = {**self.defaults, **parameters}
         n_segments = arguments.pop("n_segments", 1) if self.divisible else 1
         if callable(self.outputs):
@@ -176,7 +177,8 @@ class Feature:
         return tuple(f"{name}.{output}" for output in outputs) or (name,)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        # A registered feature is pickled as its location, because functions that name outputs cannot be.
+        # A registered feature is pickled as its location: the lambda functions in `outputs` cannot be
+        # pickled.
         module = self.function.__module__
         if module == "__main__" or getattr(_REGISTRY.get(self.name), "function", None) is not self.function:
             return super().__reduce_ex__(protocol)
@@ -207,13 +209,14 @@ def feature(
     phase, unit, reference, outputs, gain, depends_on
         See `Feature`.
     divisible : bool or "at once"
-        Whether to add a keyword `n_segments` (default 1) that computes the feature on equal segments of the
-        movement, for segment voting. The values are a flat array of shape (n_outputs * n_segments,): the
-        segments of one output are adjacent, with the names b1.segment1, b1.segment2, b2.segment1. A movement
-        that is too short (see `texclass.features.phase_view.cut_segments`) counts as `n_segments` equal
-        segments. If the feature is undefined for a segment, it is undefined; the reason names the segment.
-        "at once" is for functions that work along the last axis: they return (n_segments, n_outputs) for
-        samples (n_segments, n), and (n_outputs,) for samples (n,). This is almost as fast as one segment.
+        Whether to add a keyword `n_segments` (default 1), with which the feature is computed on each of
+        several equal segments of the movement, for segment voting. The values are a flat array of shape
+        (n_outputs * n_segments,). The segments of one output are adjacent: b1.segment1, b1.segment2,
+        b2.segment1. If the movement is too short (see `texclass.features.phase_view.cut_segments`), the value
+        of the whole movement is repeated for each segment. If the feature is undefined for one segment, it is
+        undefined as a whole, and the reason names the segment. Use "at once" for functions that work along
+        the last axis: they return (n_segments, n_outputs) for samples (n_segments, n), and (n_outputs,) for
+        samples (n,). All segments together then take little longer than one segment.
 
     Returns
     -------
@@ -223,8 +226,8 @@ def feature(
     Raises
     ------
     ValueError
-        If another module has a feature of this name. The decorated function raises it for an array without
-        `fs`, and if `n_segments` is not a positive whole number.
+        If another module has already defined a feature of this name. The decorated function raises it if
+        `fs` is missing for an array, or if `n_segments` is not a positive whole number.
 
     Examples
     --------
@@ -279,7 +282,8 @@ def feature(
 
 
 feature_in_samples = functools.partial(feature, "movement", depends_on=("rate",), divisible="at once")
-"""As `feature`, for divisible features of the movement with lags or bands in samples."""
+"""Decorator like `feature`, for divisible features of the movement whose lags or bands scale with the
+sampling rate."""
 
 
 def list_features() -> dict[str, Feature]:
@@ -288,7 +292,8 @@ def list_features() -> dict[str, Feature]:
     Returns
     -------
     dict
-        Name -> `Feature`: those of texclass, of installed packages that add features, and of loaded files.
+        Mapping from name to `Feature`. It contains the features of texclass, of installed packages that add
+        features, and of loaded files.
 
     Examples
     --------
@@ -311,7 +316,8 @@ def find_feature(name: str, module: str = "") -> Feature:
     name : str
         Name of a registered feature.
     module : str, optional
-        Module that defines it; then no other module is imported.
+        Module that defines the feature. If given, only this module is imported, provided that it defines the
+        feature.
 
     Returns
     -------
@@ -336,7 +342,7 @@ def find_feature(name: str, module: str = "") -> Feature:
     features = list_features()
     if name not in features:
         matches = difflib.get_close_matches(name, features, n=3)
-        hint = f"Did you mean {' or '.join(matches)}?" if matches else "'texclass features' lists all"
+        hint = f"Did you mean {' or '.join(matches)}?" if matches else "'texclass features' lists them"
         raise KeyError(f"there is no feature {name!r}. {hint}")
     return features[name]
 
@@ -352,15 +358,15 @@ def load_feature(path: str) -> Feature:
     Returns
     -------
     Feature
-        The feature; worker processes can load it too.
+        The feature. It can be pickled, so worker processes can load it.
 
     Raises
     ------
     FileNotFoundError
         If the file does not exist.
     ValueError
-        If `path` has another form, the module cannot be imported, or the function is not a decorated feature
-        with a default for each parameter.
+        If `path` does not have one of these forms, the module cannot be imported, the function is not
+        decorated with `feature`, or one of its parameters has no default.
 
     Examples
     --------
@@ -384,13 +390,16 @@ def load_feature(path: str) -> Feature:
         raise ValueError(f"feature {path!r}: {fault}. Expected a function decorated with @feature(...)")
     if missing := [key for key, value in match.defaults.items() if value is inspect.Parameter.empty]:
         raise ValueError(
-            f"feature {path!r}: every parameter must have a default, missing for {', '.join(missing)}"
+            f"feature {path!r}: every parameter must have a default. Add one to {', '.join(missing)}"
         )
     return match
 
 
 def _module_of(file: Path) -> ModuleType:
-    """Import a file as a module, once per content. The file can import other files of its folder."""
+    """Import a file as a module, and import it again if its content has changed.
+
+    The file can import other files of its folder.
+    """
     path = file.expanduser().resolve()
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     name = FILE_MODULE_PREFIX + path.stem

@@ -1,4 +1,7 @@
-"""Checks of the feature contract: the declared gain law, and a documented result for degenerate input."""
+"""Checks of the feature contract.
+
+A feature must follow its declared gain law. For degenerate input, it must return a finite value or a reason.
+"""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -12,9 +15,9 @@ from texclass.features.phase_view import PairView, Phase, PhaseView, TapSignal, 
 from texclass.recording import Samples
 
 GAINS = (1e-2, 1e-1, 1e1, 1e2)
-"""Gains at which the law is measured."""
+"""Gains by which signals are multiplied to measure the gain law."""
 MAX_LAW_DEVIATION = 1e-5
-"""Largest relative deviation from a gain law that counts as rounding."""
+"""Largest relative deviation from a gain law that is attributed to rounding."""
 UNDEFINED_INPUTS = ("silence", "0 samples", "one NaN", "one infinite sample")
 """Degenerate inputs for which every feature must be undefined."""
 
@@ -38,18 +41,19 @@ def measure_gain_law(feature: Feature, views: Sequence[View]) -> dict[str, Any] 
     feature : Feature
         Feature with its default parameters.
     views : sequence of PhaseView, TapView or PairView
-        Signals of the phase that the feature reads.
+        Views of the phase that the feature reads.
 
     Returns
     -------
     dict or None
-        None if the feature has no finite value for any of the views at every gain. Otherwise:
+        None if there is no view for which the feature is finite at all gains. Otherwise:
 
-        - `declared`, `measured`: fields of the declared `Gain` and of the one that fits best;
-        - `deviation`, `measured_deviation`: largest deviation of y(g x) from each, relative to the larger of
-          the two magnitudes (if the second is large, the feature follows no law);
+        - `declared`, `measured`: fields of the declared `Gain` and of the `Gain` that fits best;
+        - `deviation`, `measured_deviation`: largest deviation of y(g x) from the declared and from the
+          measured law, relative to the larger of the expected and the actual magnitude. If
+          `measured_deviation` is large, the feature follows no gain law;
         - `holds`: whether `deviation` is at most `MAX_LAW_DEVIATION`;
-        - `n_views`: number of signals.
+        - `n_views`: number of views for which the feature is finite at all gains.
 
     Examples
     --------
@@ -107,8 +111,8 @@ def check_degenerate_inputs(feature: Feature, fs: float = 10_000.0) -> list[dict
         - `outcome`: "value", "reason" (undefined, with a reason), "no reason" (NaN or infinity without one)
           or "error";
         - `detail`: the value, the reason or the error, and warnings;
-        - `is_valid`: whether the contract holds: a finite value or a reason, no warning, and a reason for
-          `UNDEFINED_INPUTS`.
+        - `is_valid`: whether the feature obeys the contract: a finite value or a reason, no warning, and
+          always a reason for `UNDEFINED_INPUTS`.
 
     Examples
     --------
@@ -129,7 +133,7 @@ def check_degenerate_inputs(feature: Feature, fs: float = 10_000.0) -> list[dict
 
 
 def degenerate_inputs() -> Mapping[str, Samples]:
-    """Return name -> samples of signals that occur in practice, 2 s at 10 kHz."""
+    """Return degenerate signals that occur in practice, by name; most of them last 2 s at 10 kHz."""
     noise = np.random.default_rng(0).standard_normal(20_000)
     time = np.arange(20_000) / 10_000
     impulse = (np.arange(20_000) == 9_000).astype(np.float64)
@@ -151,10 +155,10 @@ def degenerate_inputs() -> Mapping[str, Samples]:
 
 
 def view_without_recording(phase: Phase, x: Samples, fs: float) -> View:
-    """Return samples (n,) as a phase, without a `Recording`, which would reject some of them.
+    """Return samples of shape (n,) as a view of a phase.
 
-    A tap has its contact after a quarter of the samples. The second channel of a pair is the first one
-    reversed.
+    The view is created without a `Recording`, which would reject some of the samples. The contact of a tap is
+    after a quarter of the samples. The second channel of a pair is the time-reversed first channel.
     """
     if phase == "tap":
         hand, impulse = np.split(x, [x.size // 4])
@@ -164,7 +168,7 @@ def view_without_recording(phase: Phase, x: Samples, fs: float) -> View:
 
 
 def _check_input(feature: Feature, name: str, view: View) -> tuple[str, str, bool]:
-    """Return outcome, detail and whether the contract holds; see `check_degenerate_inputs`."""
+    """Return `outcome`, `detail` and `is_valid` for one input; see `check_degenerate_inputs`."""
     n_outputs = len(feature.columns(feature.name, {}))
     with warnings.catch_warnings(record=True) as messages:
         warnings.simplefilter("always")
@@ -188,7 +192,7 @@ def _median(values: Samples) -> float:
 
 
 def _deviation(law: Gain, pairs: Sequence[tuple[float, Samples, Samples]]) -> float:
-    """Return the largest deviation from a law, relative to the larger of expected and measured magnitude."""
+    """Return the largest deviation from a law, relative to the larger of expected and actual magnitude."""
     largest = 0.0
     for g, y, y_g in pairs:
         expected = law.apply(y, g)

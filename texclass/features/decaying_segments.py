@@ -1,4 +1,4 @@
-"""The movement as a sequence of decaying segments, and its frequency band [guruswamy2011, section IV]."""
+"""Features of the decaying segments and the frequency band of a movement [guruswamy2011, section IV]."""
 
 import numpy as np
 from scipy import fft
@@ -18,37 +18,38 @@ from texclass.vibration.rising_peaks import (
 )
 
 LOWER_HZ = 15.0
-"""Lower end of the band in Hz: below is hand motion. The paper's 0.122 Hz are for a fixed, levelled
-set-up."""
+"""Lower end of the band in Hz; hand motion has lower frequencies. The paper uses 0.122 Hz, for a fixed and
+levelled set-up."""
 SMOOTHING_HZ = 30.0
-"""Smoothing of the spectrum in Hz. Selected among 3, 10 and 30 Hz: the smallest ratio of the variation of
-the cut-off within a surface to that between surfaces, on repetitions 1-20 of `biotac20` and on
-`simulated69`."""
+"""Standard deviation in Hz of the Gaussian that smooths the spectrum.
+
+Selected among 3, 10 and 30 Hz for the smallest ratio of the variation of the cut-off frequency within
+surfaces to its variation between surfaces, on repetitions 1-20 of `biotac20` and on `simulated69`."""
 DEAD_BAND = 0.3
-"""In standard deviations of the movement, selected in the same way among 0.1, 0.3 and 0.5. The paper's two
-bits are an absolute 0.3066 m/s^2."""
+"""Dead band in standard deviations of the movement, selected like `SMOOTHING_HZ` among 0.1, 0.3 and 0.5. The
+paper uses two bits of its sensor, which is an absolute 0.3066 m/s^2."""
 RESOLUTION = 0.5
-"""Mean absolute error of a Prony fit, in standard deviations of the movement. The paper's one bit is 0.153
-m/s^2, half its dead band."""
+"""Mean absolute error at which a Prony fit is accepted, in standard deviations of the movement. The paper
+uses one bit of its sensor, 0.153 m/s^2, which is half its dead band."""
 
 
 @transform
 def band(view: PhaseView, lower_hz: float, smoothing_hz: float) -> VibrationBand:
-    """Return major frequency and automatic upper cut-off of the movement above `lower_hz`."""
+    """Return the major frequency and the upper cut-off frequency of the movement above `lower_hz`."""
     frequency, power = mean_spectrum(view)
     above = frequency >= lower_hz
-    undefined_if(above.sum() < 8, f"fs is {view.fs:g} Hz. Expected 8 bins above {lower_hz:g} Hz")
+    undefined_if(above.sum() < 8, f"fs is {view.fs:g} Hz. Expected at least 8 bins above {lower_hz:g} Hz")
     undefined_if(not power[above].any(), f"silence: no energy above {lower_hz:g} Hz")
     return vibration_band(frequency[above], power[above], smoothing_hz=smoothing_hz)
 
 
 @transform
 def band_passed_unit(view: PhaseView, lower_hz: float, smoothing_hz: float) -> tuple[Samples, float]:
-    """Return the movement between `lower_hz` and its cut-off with standard deviation 1, and its rate in Hz.
+    """Return the band-passed movement with standard deviation 1, and its sampling rate in Hz.
 
-    The spectrum is multiplied by the response of second-order Butterworth filters run forwards and backwards,
-    and transformed back at a rate of 10 cut-off frequencies (fs, if that is lower). The filters do not move
-    peaks.
+    The band reaches from `lower_hz` to the upper cut-off frequency. The spectrum is multiplied by the
+    response of second-order Butterworth filters run forwards and backwards, which do not move peaks. It is
+    then transformed back at a rate of 10 cut-off frequencies, or at fs if that is lower.
     """
     x, upper_hz = spectrum(view), band(view, lower_hz, smoothing_hz).upper_hz
     n_fft = 2 * (x.size - 1)
@@ -67,21 +68,24 @@ def band_passed_unit(view: PhaseView, lower_hz: float, smoothing_hz: float) -> t
 def segmentation(
     view: PhaseView, lower_hz: float, smoothing_hz: float, dead_band: float, threshold: float
 ) -> Segmentation:
-    """Cut the band-passed movement into segments that start where its peaks rise."""
+    """Cut the band-passed movement into segments that start where a peak is higher than the previous one."""
     samples, _ = band_passed_unit(view, lower_hz, smoothing_hz)
     return segment_rising_peaks(samples, dead_band, threshold=threshold)
 
 
 @feature("movement", "Hz", "guruswamy2011, section IV-C, eq. 6 and 7")
 def upper_cutoff(view: PhaseView, *, lower_hz: float = LOWER_HZ, smoothing_hz: float = SMOOTHING_HZ) -> float:
-    """Return the automatic upper cut-off: above 75 % of the power, and all bins over a tenth of the peak.
+    """Return the automatic upper cut-off frequency of the movement.
+
+    At least 75 % of the power lies below this frequency. Above it, no bin reaches a tenth of the largest
+    power.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lower_hz : float
-        Lower end of the spectrum in Hz (default 15); the upper end is 2100 Hz or fs/2.
+        Lower end of the spectrum in Hz (default 15). The upper end is 2100 Hz, or fs/2 if that is lower.
     smoothing_hz : float
         Standard deviation of the Gaussian that smooths the power spectrum, in Hz (default 30).
 
@@ -118,9 +122,9 @@ def major_frequency(
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lower_hz, smoothing_hz : float
-        As in `upper_cutoff`. For a falling spectrum, the peak is at `lower_hz`.
+        See `upper_cutoff`. If the spectrum falls with frequency, the peak is at `lower_hz`.
 
     Returns
     -------
@@ -130,7 +134,7 @@ def major_frequency(
     Raises
     ------
     UndefinedFeatureError
-        As `upper_cutoff`.
+        See `upper_cutoff`.
 
     References
     ----------
@@ -155,20 +159,21 @@ def segment_rate(
     dead_band: float = DEAD_BAND,
     threshold: float = THRESHOLD,
 ) -> float:
-    """Return the number of decaying segments per second, that is, how often the surface excites the tool.
+    """Return the number of decaying segments per second: how often the surface excites the tool.
 
-    The paper counts segments per mm. Without a position signal, the rate depends on the speed of the hand.
+    The paper counts segments per mm. This feature needs no position signal, but it depends on the speed of
+    the hand.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lower_hz, smoothing_hz : float
-        Band of the movement, as in `upper_cutoff`.
+        Parameters of the frequency band; see `upper_cutoff`.
     dead_band : float
-        Smallest rise of a peak that starts a segment, in standard deviations of the movement.
+        Smallest rise from one peak to the next that starts a segment, in standard deviations of the movement.
     threshold : float
-        alpha: smallest rise relative to the previous peak; it decreases by 5 % per peak within a segment.
+        Smallest rise relative to the previous peak (alpha). It decreases by 5 % per peak within a segment.
 
     Returns
     -------
@@ -178,7 +183,7 @@ def segment_rate(
     Raises
     ------
     UndefinedFeatureError
-        As `upper_cutoff`.
+        See `upper_cutoff`.
 
     References
     ----------
@@ -206,14 +211,14 @@ def segment_peaks(
     dead_band: float = DEAD_BAND,
     threshold: float = THRESHOLD,
 ) -> float:
-    """Return the mean number of extrema per segment, the initial order of its Prony fit.
+    """Return the mean number of extrema per segment, which is the initial order of a Prony fit.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lower_hz, smoothing_hz, dead_band, threshold : float
-        As in `segment_rate`.
+        See `segment_rate`.
 
     Returns
     -------
@@ -223,7 +228,7 @@ def segment_peaks(
     Raises
     ------
     UndefinedFeatureError
-        As `upper_cutoff`.
+        See `upper_cutoff`.
 
     References
     ----------
@@ -251,21 +256,23 @@ def segment_order(
     resolution: float = RESOLUTION,
     n_fitted: int = 8,
 ) -> float:
-    """Return the mean order of the Prony filters of segments that reach the resolution.
+    """Return the mean order at which Prony fits of the segments reach the required accuracy.
 
-    The order of a segment starts at its number of extrema and grows until the fit reaches the resolution. It
-    is a threshold decision, so rounding, sampling rate and library versions can change it.
+    The order of a fit starts at the number of extrema of the segment and grows until the error is below
+    `resolution`. Because the order depends on a threshold, it can change with rounding, sampling rate and
+    library versions.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lower_hz, smoothing_hz, dead_band, threshold : float
-        As in `segment_rate`.
+        See `segment_rate`.
     resolution : float
         Required mean absolute error, in standard deviations of the movement (default 0.5).
     n_fitted : int
-        Largest number of segments to fit (default 8), evenly spaced. The largest order is 40.
+        Maximum number of segments to fit (default 8), evenly spaced over the movement. The order of a fit is
+        at most 40.
 
     Returns
     -------
@@ -275,7 +282,7 @@ def segment_order(
     Raises
     ------
     UndefinedFeatureError
-        As `upper_cutoff`, and if no segment has two samples.
+        In the cases of `upper_cutoff`, and if no segment has two samples.
 
     References
     ----------
@@ -293,7 +300,7 @@ def segment_order(
     samples, _ = band_passed_unit(view, lower_hz, smoothing_hz)
     signals = segmentation(view, lower_hz, smoothing_hz, dead_band, threshold).split(samples)
     signals = [signal for signal in signals if signal.size >= 2]
-    undefined_if(not signals, "no segment has two samples. Expected at least one")
+    undefined_if(not signals, "no segment has two samples. Expected at least one such segment")
     indices = np.unique(np.linspace(0, len(signals) - 1, n_fitted).round().astype(np.intp))
     fits = [fit_prony(signals[i], resolution, max_order=min(40, signals[i].size - 1)) for i in indices]
     return float(np.mean([fit.order for fit in fits]))

@@ -1,4 +1,4 @@
-"""The feature extractor, a scikit-learn transformer from recordings to a table of features."""
+"""Feature extractor: a scikit-learn transformer that converts recordings to a table of features."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MIN_SAMPLES = 64
-"""Minimum number of rows of an array with at most `MAX_AXES` columns that counts as one recording, not as
-many."""
+"""Minimum number of samples of a recording in an array. An array with at least this many rows and at most
+`MAX_AXES` columns is one recording; any other two-dimensional array contains one recording per row."""
 MAX_AXES = 8
+"""Maximum number of axes of a recording in an array; see `MIN_SAMPLES`."""
 
 
 class Reason(NamedTuple):
-    """Why a feature is undefined for a recording."""
+    """Reason why a feature is undefined for a recording."""
 
     recording_id: str
     feature: str
@@ -43,15 +44,15 @@ class Extraction:
     Attributes
     ----------
     values : ndarray of shape (n_recordings, n_columns)
-        NaN where a feature is undefined.
+        Feature values; NaN where a feature is undefined.
     columns : tuple of str
         Column names.
     recording_ids : tuple of str
-        Names of the recordings; the index for signals in a DataFrame or Series.
+        Names of the recordings. For signals in a DataFrame or Series, the elements of its index.
     reasons : tuple of Reason
-        Why features are undefined, one per feature and recording.
+        Reasons why features are undefined, one per feature and recording.
     ms : ndarray of shape (n_recordings,)
-        Computing time per recording in ms, with the search for phases and without loading.
+        Computing time per recording in ms. It includes the search for phases but not loading.
 
     Examples
     --------
@@ -89,21 +90,25 @@ class _Values(TransformerMixin, BaseEstimator):  # type: ignore[misc]
 
 
 class FeatureExtractor(_Values):
-    """Extract features from recordings; a scikit-learn transformer.
+    """Scikit-learn transformer that extracts features from recordings.
 
     Parameters
     ----------
     features : str, path or FeatureSet
-        Name of a shipped feature set, path of a TOML file, or a set (for instance a restricted one).
+        Name of a shipped feature set, path of a TOML file, or a `FeatureSet`.
     channels : {"combine", "each", "auto", "all"}
-        "combine" (default) reduces the channels to one by DFT321 [strese2015, section III]. "each" computes
-        the set on each channel, with the column prefix "x/" for channel x. "auto" combines the axes of one
-        accelerometer and keeps others separate. "all" is "each" with the axes of the turn rate.
+        Treatment of the channels:
+
+        - "combine" (default) reduces the channels to one by DFT321 [strese2015, section III];
+        - "each" computes the feature set on each channel, with the column prefix "x/" for channel x;
+        - "auto" combines the axes of a single accelerometer, and keeps all other channels separate;
+        - "all" is like "each", and includes the axes of the turn rate.
+
     fs : float, optional
         Sampling rate in Hz; required if X contains arrays.
     unit : str, optional
-        Unit of the signals if X contains arrays (default "arbitrary"). With an arbitrary unit, levels are
-        only comparable with each other, and only the mean is removed; see `Recording`.
+        Unit of the signals if X contains arrays (default "arbitrary"). If the unit is arbitrary, levels can
+        only be compared with each other, and hand motion is not removed; see `Recording`.
     n_jobs : int, optional
         Number of processes, as in joblib.
 
@@ -116,20 +121,20 @@ class FeatureExtractor(_Values):
 
     Notes
     -----
-    X is a sequence or Series of `Recording` (a `Dataset` loads them one at a time), or arrays that consist of
-    movement only:
+    X is a sequence or Series of `Recording` objects. (A `Dataset` loads its recordings one at a time.) X can
+    also contain arrays that consist of movement only:
 
     - one array of shape (n_samples,) or (n_samples, n_axes), with at least 64 samples and at most 8 axes;
-    - any other two-dimensional array: (n_recordings, n_samples), one axis each, as in scikit-learn;
-    - a panel of shape (n_recordings, n_axes, n_samples);
-    - a sequence of arrays (n_samples,) or (n_samples, n_axes) of any lengths. Arrays with at most 8 rows of
-      at least 64 columns are (n_axes, n_samples), as in collections of aeon. Other arrays with more columns
-      than rows and more than 8 columns are rejected as ambiguous;
-    - a DataFrame as in sktime, one row per sample, indexed by recording and time.
+    - any other two-dimensional array, which has the shape (n_recordings, n_samples) as in scikit-learn;
+    - an array of shape (n_recordings, n_axes, n_samples);
+    - a sequence of arrays of shape (n_samples,) or (n_samples, n_axes), of any lengths. As in aeon, an array
+      with at most 8 rows and at least 64 columns has the shape (n_axes, n_samples). An array with more
+      columns than rows and more than 8 columns is otherwise rejected as ambiguous;
+    - a DataFrame as in sktime, with one row per sample, indexed by recording and time.
 
-    `Raw` and `Epochs` of MNE and a `DataArray` of xarray are converted by `loaders.recordings_of`. Undefined
-    features are NaN; `extract` returns the reasons too. After ``set_output(transform="pandas")`` the rows
-    have the names of the recordings.
+    `Raw` and `Epochs` objects of MNE and the `DataArray` of xarray are converted by `loaders.recordings_of`.
+    Undefined features are NaN; use `extract` to obtain the reasons. After
+    ``set_output(transform="pandas")``, the rows are labelled with the names of the recordings.
 
     Examples
     --------
@@ -161,12 +166,12 @@ class FeatureExtractor(_Values):
         self.n_jobs = n_jobs
 
     def fit(self, X: Sequence[Recording] | ArrayLike, y: Any = None) -> Self:
-        """Read the feature set, and determine the channels from the first recording.
+        """Load the feature set, and determine the channels from the first recording.
 
         Parameters
         ----------
         X : sequence of Recording, or array_like
-            Recordings; see Notes.
+            Recordings; see the Notes of the class.
         y : None
             Not used.
 
@@ -182,7 +187,7 @@ class FeatureExtractor(_Values):
         return self
 
     def transform(self, X: Sequence[Recording] | ArrayLike) -> Any:
-        """Return the features, shape (n_recordings, n_columns); NaN where undefined."""
+        """Return the features, shape (n_recordings, n_columns); undefined values are NaN."""
         extraction = self.extract(X)
         values = super().transform(extraction)
         if hasattr(values, "iloc"):
@@ -190,7 +195,7 @@ class FeatureExtractor(_Values):
         return values
 
     def extract(self, X: Sequence[Recording] | ArrayLike) -> Extraction:
-        """Return the features, the reasons of undefined values and the computing time."""
+        """Return the features, the reasons for undefined values, and the computing times."""
         check_is_fitted(self)
         recordings = self._recordings(X, reset=False)
         load, entries = getattr(recordings, "load", None), getattr(recordings, "entries", recordings)
@@ -253,7 +258,7 @@ class FeatureExtractor(_Values):
 
 
 def describe_missing_values(values: "pd.DataFrame", reasons: Iterable[Reason]) -> str:
-    """Return how many columns are undefined in all and in some recordings, and the most frequent reasons."""
+    """Describe how many columns are undefined in all or in some recordings, and the most frequent reasons."""
     is_missing = values.isna()
     n_empty, n_incomplete = int(is_missing.all().sum()), int(is_missing.any().sum())
     text = f"{n_empty} of {counted(len(values.columns), 'column')} without any value"
@@ -263,7 +268,7 @@ def describe_missing_values(values: "pd.DataFrame", reasons: Iterable[Reason]) -
 
 
 def _signals(X: Any) -> list[Samples] | None:
-    """Return the signals of a list or an array, None if it is a table with one recording per row."""
+    """Return the signals in a list or an array; None if X is a table with one recording per row."""
     if isinstance(X, list) and (shapes := {np.shape(x) for x in X}) not in ({()}, set()):
         return [_time_first(np.asarray(x)) for x in X] if len(shapes) > 1 or len(min(shapes)) > 1 else None
     array = np.asarray(X) if isinstance(X, list | np.ndarray) else np.empty((0, 0))
@@ -273,20 +278,20 @@ def _signals(X: Any) -> list[Samples] | None:
 
 
 def _time_first(x: NDArray[Any]) -> NDArray[Any]:
-    """Return a signal with shape (n_samples, n_axes); transpose one of an aeon collection."""
+    """Return a signal with shape (n_samples, n_axes); signals of an aeon collection are transposed."""
     if x.ndim != 2 or x.shape[1] <= max(MAX_AXES, x.shape[0]):
         return x
     if x.shape[0] <= MAX_AXES and x.shape[1] >= MIN_SAMPLES:
         return x.T
     raise ValueError(
-        f"an array of X has shape {x.shape}. Expected (n_samples, n_axes), or (n_axes, n_samples) with at "
-        f"most {MAX_AXES} axes and at least {MIN_SAMPLES} samples"
+        f"an array in X has the ambiguous shape {x.shape}. Expected (n_samples, n_axes), or (n_axes, "
+        f"n_samples) with at most {MAX_AXES} axes and at least {MIN_SAMPLES} samples"
     )
 
 
 def _extract(
     plan: Plan, load: Callable[[Any], Recording] | None, entry: Any
 ) -> tuple[str, Computed, tuple[str, ...]]:
-    """Compute a recording, or an entry of a lazy dataset, in the process that loads it."""
+    """Compute the features of one recording. An entry of a lazy dataset is loaded in the same process."""
     recording: Recording = entry if load is None else load(entry)
     return recording.recording_id, plan.compute(recording), recording.channels

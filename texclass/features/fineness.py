@@ -1,4 +1,4 @@
-"""Fineness: spectral centroid and spread [strese2015, sections IV-B and IV-D], and density of ridges."""
+"""Fineness of a surface: spectral centroid and spread [strese2015, sections IV-B and IV-D], and ridges."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,18 +21,19 @@ class RidgeSearch:
     Attributes
     ----------
     frame_m, min_frames
-        Length of a frame in m, and how many half-overlapping frames a movement needs: with fewer, peaks of
-        noise are as high as those of ridges.
+        Length of a frame in m, and minimum number of half-overlapping frames. With fewer frames, noise has
+        peaks as high as those of ridges.
     lowest_per_mm, highest_per_mm, end_per_mm
-        Spatial frequencies that are tried, in 1/mm (periods of 20 to 0.33 mm), and the highest frequency of
-        their harmonics.
+        Lowest and highest spatial frequency of the search in 1/mm (periods of 20 to 0.33 mm), and highest
+        frequency of a harmonic in 1/mm.
     step, smoothing, background
-        Natural logarithms of ratios of spatial frequencies: between two that are tried; over which the power
-        is averaged to both sides; and the standard deviation of the Gaussian that gives the background level.
+        Distances on the axis of the natural logarithm of the spatial frequency: step of the search,
+        half-width of the averaging of the power, and standard deviation of the Gaussian that estimates the
+        background.
     weights
-        Weights of the harmonics, fundamental first.
+        Weights of the harmonics, starting with the fundamental.
     floor
-        Smallest power relative to the mean; less is rounding error.
+        Power that is added to every bin, relative to the mean power, so that logarithms are finite.
     """
 
     frame_m: float = 0.1024
@@ -51,15 +52,16 @@ class RidgeSearch:
 def fineness_as_printed(view: PhaseView, *, length: int = 4096) -> float:
     """Return the spectral centroid of DCT frames as printed, in DCT bins.
 
-    SC = sum k |I(k)|^2 / sum |I(k)|^2, k = 1 ... m/2; mean over frames. Bin k of a DCT-II of m samples is at
-    k fs/(2m), so the printed sum stops at fs/4.
+    SC = sum k |I(k)|^2 / sum |I(k)|^2, k = 1 ... m/2, averaged over frames. Bin k of a DCT-II of m samples
+    has the frequency k fs/(2m), so the printed sum ends at fs/4.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     length : int
-        m (default 4096). Adjacent frames of m samples; one zero-padded frame if the movement is shorter.
+        Length m of the adjacent frames in samples (default 4096). A shorter movement is one zero-padded
+        frame.
 
     Returns
     -------
@@ -69,7 +71,7 @@ def fineness_as_printed(view: PhaseView, *, length: int = 4096) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 64 samples, or no energy in these bins.
+        For silence, fewer than 64 samples, or no energy in the bins 1 ... m/2.
 
     References
     ----------
@@ -89,14 +91,14 @@ def fineness_as_printed(view: PhaseView, *, length: int = 4096) -> float:
 
 
 def printed_centroids(frames: NDArray[Any], length: int) -> Samples:
-    """Return eq. 2 for every frame that has energy in the bins 1 ... m/2.
+    """Return the centroid of eq. 2 for every frame that has energy in the bins 1 ... m/2.
 
     Parameters
     ----------
     frames : ndarray of shape (n_frames, n)
-        Frames; cut or zero-padded to m samples.
+        Frames. They are truncated or zero-padded to m samples.
     length : int
-        m.
+        Length m of the DCT in samples.
 
     Returns
     -------
@@ -106,7 +108,7 @@ def printed_centroids(frames: NDArray[Any], length: int) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        If no frame has energy in these bins.
+        If no frame has energy in the bins 1 ... m/2.
     """
     energy = fft.dct(frames, n=length, axis=1)[:, 1 : length // 2 + 1] ** 2
     total = energy.sum(axis=1, dtype=np.float64)
@@ -120,13 +122,13 @@ def printed_centroids(frames: NDArray[Any], length: int) -> Samples:
 def fineness(view: PhaseView) -> float:
     """Return the spectral centroid over the full band, in Hz.
 
-    sum f P(f) / sum P(f) of the power spectrum of each Hann frame (0.41 s, half-overlapping); mean over
-    frames.
+    The centroid sum f P(f) / sum P(f) of the power spectrum of each Hann frame (0.41 s, half-overlapping) is
+    averaged over frames.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
 
     Returns
     -------
@@ -155,15 +157,15 @@ def fineness(view: PhaseView) -> float:
 
 @feature("movement", "Hz", "strese2015, eq. 2, corrected")
 def fineness_spread(view: PhaseView) -> float:
-    """Return the spectral spread, the standard deviation of frequency around the centroid, in Hz.
+    """Return the spectral spread: the standard deviation of frequency around the centroid SC, in Hz.
 
-    sqrt(sum (f - SC)^2 P / sum P) of the power spectrum of each frame; mean over frames. It is small for a
-    grating and large for sandpaper.
+    The spread sqrt(sum (f - SC)^2 P / sum P) of the power spectrum of each frame is averaged over frames. It
+    is small for a grating and large for sandpaper.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
 
     Returns
     -------
@@ -192,20 +194,19 @@ def fineness_spread(view: PhaseView) -> float:
 
 @feature("movement", "Hz", "texclass")
 def grain_frequency(view: PhaseView, *, low_hz: float = 15.0, high_hz: float = 150.0) -> float:
-    """Return the geometric mean frequency of the velocity from 15 to 150 Hz.
+    """Return the geometric mean frequency of the velocity spectrum from 15 to 150 Hz.
 
-    It is high for closely spaced ridges and grains.
-
-    exp(sum V ln f / sum V), V = P(f) / f^2 of the power spectrum of each Hann frame (0.41 s,
-    half-overlapping); median over frames. At 110 mm/s, a usual speed of a stroke, the band corresponds to
-    ridges 7 to 0.7 mm apart. The value also rises with the speed of the hand.
+    The value is high for closely spaced ridges and grains, but it also rises with the speed of the hand. It
+    is exp(sum V ln f / sum V), where V = P(f) / f^2 and P is the power spectrum of a Hann frame (0.41 s,
+    half-overlapping). The median over frames is returned. At 110 mm/s, a typical speed of a stroke, the band
+    corresponds to ridges 7 to 0.7 mm apart.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     low_hz, high_hz : float
-        Band in Hz: above hand motion, below most resonances of tool and surface.
+        Band in Hz (default 15 to 150), above hand motion and below most resonances of tool and surface.
 
     Returns
     -------
@@ -215,8 +216,8 @@ def grain_frequency(view: PhaseView, *, low_hz: float = 15.0, high_hz: float = 1
     Raises
     ------
     UndefinedFeatureError
-        If fs/2 is not above the band, the movement is shorter than three periods of its lower end, or all
-        frames are silent in the band.
+        If fs/2 is not above `high_hz`, the movement is shorter than three periods of `low_hz`, or all frames
+        are silent in the band.
 
     References
     ----------
@@ -229,7 +230,7 @@ def grain_frequency(view: PhaseView, *, low_hz: float = 15.0, high_hz: float = 1
     >>> round(grain_frequency(x, fs=10_000))
     60
     """
-    undefined_if(view.fs / 2 <= high_hz, f"fs is {view.fs:g} Hz. Expected above {2 * high_hz:g} Hz")
+    undefined_if(view.fs / 2 <= high_hz, f"fs is {view.fs:g} Hz. Expected more than {2 * high_hz:g} Hz")
     require(view, max(64, round(3 * view.fs / low_hz)), f"three periods of {low_hz:g} Hz")
     power, f = long_frames(view)
     band = (f >= low_hz) & (f < high_hz)
@@ -239,29 +240,33 @@ def grain_frequency(view: PhaseView, *, low_hz: float = 15.0, high_hz: float = 1
     return float(np.exp(np.median(v @ np.log(f) / v.sum(axis=1))))
 
 
-# Ridges: periodic structure along the path of the tool, if its speed was recorded --------------------------
+# Ridges: periodic structure along the path of the tool. Requires a recording with the speed of the tool.
+# -----
 
 
 @feature("travel", "1/mm", "texclass, by subharmonic summation (Hermes, J. Acoust. Soc. Am. 83, 1988)")
 def ridge_density(view: PhaseView, *, threshold_db: float = 3.3) -> float:
     """Return the number of ridges per mm: the spatial frequency with the most prominent harmonics.
 
-    It does not depend on the speed of the hand. P(k) is the power spectrum over the path of the tool: mean
-    over half-overlapping Hann frames of 0.1024 m, each divided by its power, and averaged over 3 % of k to
-    both sides. D(k) = 10 lg P(k) minus the level around it (Gaussian, standard deviation 0.3 in ln k). The
-    result is the k from 0.05 to 3 per mm with the largest
+    The value does not depend on the speed of the hand. It is computed in three steps:
 
-        H(k) = sum_h 0.6^(h-1) D(h k) / sum_h 0.6^(h-1),   h = 1 ... 5,
+    1. P(k) is the power spectrum over the path of the tool. It is averaged over half-overlapping Hann frames
+    of
+       0.1024 m, each normalised by its power, and over 3 % of k to both sides.
+    2. D(k) is 10 lg P(k) minus the background level, a Gaussian average with standard deviation 0.3 in ln k.
+    3. The result is the k between 0.05 and 3 per mm with the largest prominence H, with a resolution of 1 %::
 
-    with a resolution of 1 %. While the speed is constant, a hum cannot be distinguished from ridges. For
-    simulated surfaces without ridges, explored for 6 s, H exceeds 3.3 dB in one of eleven recordings.
+        H(k) = sum_h 0.6^(h-1) D(h k) / sum_h 0.6^(h-1),   h = 1 ... 5
+
+    If the speed is constant, a hum cannot be distinguished from ridges. For simulated surfaces without ridges
+    that are explored for 6 s, H exceeds 3.3 dB in one of eleven recordings.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement over the path of the tool; an array with `fs` in samples per m.
+        Movement over the path of the tool. For an array, also pass `fs` in samples per m.
     threshold_db : float
-        Smallest H in dB; below, there are no ridges.
+        Smallest prominence H in dB at which ridges are reported (default 3.3).
 
     Returns
     -------
@@ -271,8 +276,8 @@ def ridge_density(view: PhaseView, *, threshold_db: float = 3.3) -> float:
     Raises
     ------
     UndefinedFeatureError
-        If no H reaches the threshold, the path is shorter than three frames (0.2048 m), samples are more than
-        0.5 mm apart, or for silence.
+        For silence, or if no H reaches the threshold, the path is shorter than three frames (0.2048 m), or
+        samples are more than 0.5 mm apart.
 
     References
     ----------
@@ -300,12 +305,13 @@ def ridge_density(view: PhaseView, *, threshold_db: float = 3.3) -> float:
 def ridge_prominence(view: PhaseView) -> float:
     """Return the prominence of periodic structure along the path: the largest H of `ridge_density`, in dB.
 
-    About 2.5 dB for a few strokes over noise, less for many; 10 dB and more for a grating.
+    For surfaces without ridges, the prominence is about 2.5 dB after a few strokes, and lower after many. For
+    a grating it is 10 dB and more.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement over the path of the tool; an array with `fs` in samples per m.
+        Movement over the path of the tool. For an array, also pass `fs` in samples per m.
 
     Returns
     -------
@@ -315,8 +321,8 @@ def ridge_prominence(view: PhaseView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        If the path is shorter than three frames (0.2048 m), samples are more than 0.5 mm apart, or for
-        silence.
+        For silence, or if the path is shorter than three frames (0.2048 m) or samples are more than 0.5 mm
+        apart.
 
     References
     ----------
@@ -336,11 +342,14 @@ def ridge_prominence(view: PhaseView) -> float:
 
 @transform
 def harmonic_sum(view: PhaseView, search: RidgeSearch = RidgeSearch()) -> tuple[Samples, Samples]:
-    """Return spatial frequencies k (1/mm) and H(k) of `ridge_density` (dB), both of shape (n,)."""
+    """Return the spatial frequencies k (1/mm) and the prominence H(k) in dB, both of shape (n,).
+
+    See `ridge_density` for the definition.
+    """
     n_min = round((search.min_frames + 1) / 2 * search.frame_m * view.fs)
     require(view, n_min, f"three frames of {search.frame_m:g} m")
     end = min(search.end_per_mm, view.fs / 2000)
-    undefined_if(end < 1, f"samples every {1e3 / view.fs:.3g} mm of the path. Expected at most 0.5 mm")
+    undefined_if(end < 1, f"samples are {1e3 / view.fs:.3g} mm apart. Expected at most 0.5 mm")
     k = np.exp(np.arange(np.log(search.lowest_per_mm), np.log(end), search.step))
     level = 10 * np.log10(_spectrum(view, k, search))
     above = level - ndimage.gaussian_filter1d(level, search.background / search.step, mode="nearest")
@@ -352,7 +361,7 @@ def harmonic_sum(view: PhaseView, search: RidgeSearch = RidgeSearch()) -> tuple[
 
 
 def _spectrum(view: PhaseView, k: Samples, search: RidgeSearch) -> Samples:
-    """Return P of `ridge_density` at k (1/mm), shape (n,)."""
+    """Return the power spectrum P of `ridge_density` at k (1/mm), shape (n,)."""
     frame_m = search.frame_m
     frames, per_m = power_frames(view, frame_m, frame_m / 2, "hann", 1e3 * search.end_per_mm)
     frame_power = frames.sum(axis=1, dtype=np.float64, keepdims=True)

@@ -11,22 +11,23 @@ from texclass.features.phase_view import PhaseView
 def friction(view: PhaseView) -> float:
     """Return the mean magnitude of the friction voltage during the movement, Fr = mean |v|.
 
-    The direction of the stroke has no effect; an offset of the measuring bridge does.
+    The value does not depend on the direction of the stroke, but it does depend on the offset of the
+    measuring bridge.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Friction voltage; an array with `fs` in Hz.
+        Friction voltage. For an array, also pass `fs` in Hz.
 
     Returns
     -------
     float
-        Voltage in V.
+        Mean magnitude in V.
 
     Raises
     ------
     UndefinedFeatureError
-        If the voltage is always 0 (a sensor that is not connected), or not finite.
+        If the voltage is always 0 (for example because the sensor is not connected) or not finite.
 
     References
     ----------

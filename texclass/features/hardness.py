@@ -1,6 +1,7 @@
 """Hardness and damping of a surface, and other features of taps [strese2015, section IV-B].
 
-The features with names that start with "tap" can be computed at any sampling rate, even a nominal one.
+Features whose names start with "tap" can be computed at any sampling rate, even if only a nominal rate is
+known.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -28,12 +29,12 @@ FRACTION_NAMES = tuple(f"q{100 * fraction:.0f}" for fraction in ENERGY_FRACTIONS
 
 @transform
 def tap_level(view: TapView) -> float:
-    """Return a power of two close to the largest magnitude in all taps, in the unit of the samples.
+    """Return the largest magnitude in all taps, in the unit of the samples.
 
     Raises
     ------
     UndefinedFeatureError
-        Without taps, or if a sample is not finite or all are 0.
+        If there are no taps, a sample is not finite, or all samples are 0.
     """
     undefined_if(not view.taps, "no tap found")
     return magnitude_of(np.concatenate([x for tap in view.taps for x in (tap.hand, tap.impulse)]))
@@ -47,12 +48,12 @@ def unit_taps(view: TapView) -> tuple[TapSignal, ...]:
 
 
 def map_taps(function: Callable[[S], T], taps: Iterable[S]) -> list[T]:
-    """Apply a function to every tap, and return the results that are defined.
+    """Apply a function to every tap, and return the defined results.
 
     Raises
     ------
     UndefinedFeatureError
-        If the function is undefined for every tap; the reason is that of the first.
+        If the function is undefined for every tap. The reason is the reason for the first tap.
     """
     values: list[T] = []
     reasons: list[UndefinedFeatureError] = []
@@ -67,20 +68,21 @@ def map_taps(function: Callable[[S], T], taps: Iterable[S]) -> list[T]:
 
 
 def median_over_taps(values: ArrayLike) -> Samples:
-    """Return the median along the first axis; faster than numpy's for few taps."""
+    """Return the median along the first axis. For few taps, this is faster than `numpy.median`."""
     x = np.sort(values, axis=0)
     return np.asarray((x[(len(x) - 1) // 2] + x[len(x) // 2]) / 2)
 
 
 def impulse_peaks(magnitudes: Sequence[Samples], spacing: int, prominence: float) -> list[list[int]]:
-    """Return the indices of up to three largest peaks of each tap, in order of time; none for silence.
+    """Return the indices of the largest peaks of each tap, at most three, in order of time.
 
-    A tap without bounces has fewer. The first and the last sample can be peaks if they are prominent.
+    A tap without bounces has fewer than three peaks, and a silent tap has none. The first and the last sample
+    count as peaks if they are prominent.
 
     Parameters
     ----------
     magnitudes : sequence of ndarray of shape (m,)
-        |i| of each tap.
+        Magnitude of the impulse of each tap.
     spacing : int
         Smallest distance between two peaks, in samples.
     prominence : float
@@ -97,7 +99,8 @@ def impulse_peaks(magnitudes: Sequence[Samples], spacing: int, prominence: float
     drop = prominence * np.maximum.reduceat(all_taps, first[:-1])
     peaks, _ = scipy.signal.find_peaks(all_taps, height=0.0)
     tap_index = np.searchsorted(first, peaks, side="right") - 1
-    # A peak below the required prominence can neither be prominent itself nor suppress a higher one.
+    # A peak that is lower than the required prominence is not prominent, and it cannot suppress a higher
+    # peak.
     is_high = all_taps[peaks] >= drop[tap_index]
     tap_index, candidates = tap_index[is_high], peaks[is_high].tolist()
     ends = np.searchsorted(tap_index, np.arange(len(magnitudes) + 1)).tolist()
@@ -116,7 +119,7 @@ def _tap_peaks(view: TapView, spacing: int, prominence: float) -> Iterable[TapPe
 
 
 def _highest_peaks(x: list[float], peaks: list[int], spacing: int, prominence: float) -> list[int]:
-    """Return up to three highest peaks that are `spacing` apart and have at least the `prominence`."""
+    """Return the highest peaks, at most three, that are `spacing` apart and have at least this prominence."""
     highest, candidates = list[int](), sorted(peaks, key=lambda k: (x[k], k), reverse=True)
     while candidates and not (len(highest) >= 3 and x[candidates[0]] < x[highest[2]]):
         k = candidates[0]
@@ -129,7 +132,7 @@ def _highest_peaks(x: list[float], peaks: list[int], spacing: int, prominence: f
 def _falls(x: list[float], ks: range, drop: float) -> bool:
     """Return whether x falls by `drop` below its first value before it exceeds that value."""
     top = x[ks[0]]
-    for k in ks:  # ends after a few samples next to a prominent peak
+    for k in ks:  # next to a prominent peak, the loop ends after a few samples
         if x[k] > top:
             return False
         if top - x[k] >= drop:
@@ -139,21 +142,21 @@ def _falls(x: list[float], ks: range, drop: float) -> bool:
 
 @feature("tap", "1", "strese2015, eq. 1", depends_on=("rate",))
 def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float = 0.01) -> float:
-    """Return the hardness H = (max(i) / n) / sum(h) as printed, in samples; mean over taps.
+    """Return the hardness H = (max(i) / n) / sum(h) as printed, averaged over taps.
 
-    i is the magnitude of impact and decay, n the mean index (from 1) of its three largest peaks (or fewer),
-    and h the magnitude of the acceleration of the hand. H is proportional to 1/fs^2, because both n and the
-    sum count samples.
+    In this formula, i is the magnitude of impact and decay, n is the mean index (from 1) of its three largest
+    peaks (or fewer), and h is the magnitude of the acceleration of the hand. H is proportional to 1/fs^2,
+    because both n and the sum count samples.
 
     Parameters
     ----------
     view : TapView or array_like of shape (n,)
-        Taps; an array with `fs` in Hz, whose taps are located first.
+        Taps. For an array, also pass `fs` in Hz; the taps are located first.
     spacing : int
         Smallest distance between two peaks, in samples.
     prominence : float
-        Smallest prominence of a peak, relative to the largest peak; a relative threshold keeps H independent
-        of gain.
+        Smallest prominence of a peak, relative to the largest peak. Because the threshold is relative, H does
+        not depend on the gain.
 
     Returns
     -------
@@ -163,7 +166,7 @@ def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float 
     Raises
     ------
     UndefinedFeatureError
-        Without taps, or if no tap has an impulse and some acceleration of the hand.
+        If there are no taps, or no tap has both an impulse and an acceleration of the hand.
 
     References
     ----------
@@ -191,17 +194,17 @@ def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float 
 
 @feature("tap", "1/s^2", "strese2015, eq. 1, corrected")
 def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05) -> float:
-    """Return the hardness max|i| / (t v): peak of the impact over its time and the velocity of the hand.
+    """Return the hardness max|i| / (t v): the peak of the impact divided by its time and the hand velocity.
 
-    t is the mean time of the three largest peaks (or fewer) after the contact, in s. v is the velocity of the
-    hand, the integral of |h| dt in m/s, where |h| exceeds three times the noise at rest. Gravity and resting
-    level are removed. The result is the median over taps, weighted by their quality: a tap close to the noise
-    has less weight.
+    In this formula, t is the mean time from the contact to the three largest peaks (or fewer), in s. The
+    velocity v of the hand in m/s is the integral of |h| dt, where |h| exceeds three times the noise at rest.
+    Gravity and the resting level are removed. The result is the median over taps, weighted by their quality,
+    so that a tap close to the noise has less weight.
 
     Parameters
     ----------
     view : TapView or array_like of shape (n,)
-        Taps; an array with `fs` in Hz, whose taps are located first.
+        Taps. For an array, also pass `fs` in Hz; the taps are located first.
     spacing_s : float
         Smallest distance between two peaks, in s.
     prominence : float
@@ -215,7 +218,7 @@ def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05
     Raises
     ------
     UndefinedFeatureError
-        Without taps, or if no tap has an impulse and an acceleration of the hand above the noise.
+        If there are no taps, or no tap has both an impulse and an acceleration of the hand above the noise.
 
     References
     ----------
@@ -247,9 +250,9 @@ def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05
 
 
 def weighted_median(values: Samples, weights: Samples) -> float:
-    """Return the weighted median, the value with half of the weight on each side.
+    """Return the weighted median: the value with half of the total weight on each side.
 
-    Between two values, it is their mean. Equal weights give the median.
+    If the median lies between two values, their mean is returned. Equal weights give the ordinary median.
 
     Examples
     --------
@@ -266,23 +269,27 @@ def weighted_median(values: Samples, weights: Samples) -> float:
 
 
 def _checked_velocity(velocity: float) -> float:
-    undefined_if(velocity == 0, "acceleration before the contact is 0. Expected above the noise")
+    undefined_if(
+        velocity == 0,
+        "the hand does not accelerate before the contact. Expected an acceleration above the noise",
+    )
     return velocity
 
 
 @feature("tap", "DCT bin", "strese2015, eq. 2", depends_on=("rate",))
 def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
-    """Return the spectral centroid of a tap as printed, in DCT bins; mean over taps.
+    """Return the spectral centroid of a tap as printed, in DCT bins, averaged over taps.
 
-    SC = sum k |I(k)|^2 / sum |I(k)|^2 for k = 1 ... m/2. It is inverse to damping: soft surfaces act as
-    low-pass filters. Bin k of a DCT-II of m samples is at k fs/(2m), so the printed sum stops at fs/4.
+    SC = sum k |I(k)|^2 / sum |I(k)|^2 for k = 1 ... m/2. The centroid decreases with the damping of the
+    surface, because soft surfaces act as low-pass filters. Bin k of a DCT-II of m samples has the frequency k
+    fs/(2m), so the printed sum ends at fs/4.
 
     Parameters
     ----------
     view : TapView or array_like of shape (n,)
-        Taps; an array with `fs` in Hz, whose taps are located first.
+        Taps. For an array, also pass `fs` in Hz; the taps are located first.
     length : int
-        m (default 4096); impact and decay are cut or zero-padded to it.
+        Length m of the DCT in samples (default 4096). Impact and decay are truncated or zero-padded to it.
 
     Returns
     -------
@@ -292,7 +299,7 @@ def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
     Raises
     ------
     UndefinedFeatureError
-        Without taps, or if no tap has an impulse.
+        If there are no taps, or no tap has an impulse.
 
     References
     ----------
@@ -317,9 +324,10 @@ def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
 
 @transform
 def tap_spectra(view: TapView) -> tuple[tuple[Samples, Samples], ...]:
-    """Return frequency (Hz) and power of impact and decay of taps, zero-padded to twice their length.
+    """Return the power spectra of impact and decay of the taps, zero-padded to twice their length.
 
-    Taps with the same padded length are combined: (n_bins,) and (n_taps, n_bins).
+    Taps with the same padded length are combined in a pair: frequencies (Hz) of shape (n_bins,), and powers
+    of shape (n_taps, n_bins).
     """
     by_length: dict[int, list[Samples]] = {}
     for impulse in map_taps(_impulse_of, unit_taps(view)):
@@ -347,7 +355,7 @@ def tap_energies(view: TapView) -> tuple[tuple[float, Samples], ...]:
 
 
 def _impulse_of(tap: TapSignal) -> Samples:
-    """Return impact and decay of a tap; raise `UndefinedFeatureError` if silent or too short."""
+    """Return impact and decay of a tap; raise `UndefinedFeatureError` if they are silent or too short."""
     undefined_if(tap.impulse.size < 8, f"{tap.impulse.size} samples after the contact. Expected at least 8")
     undefined_if(not np.any(tap.impulse), "silence: the tap has no impulse")
     return tap.impulse
@@ -360,15 +368,15 @@ def _quantiles(x: Samples, cumulative: Samples) -> Samples:
 
 @feature("tap", "Hz", "strese2015, eq. 2, corrected")
 def damping(view: TapView) -> float:
-    """Return the spectral centroid of impact and decay, in Hz; median over taps.
+    """Return the spectral centroid of impact and decay in Hz, as the median over taps.
 
-    sum f P(f) / sum P(f) over the full band; inverse to damping. In cycles per sample for a nominal rate of 1
-    Hz.
+    The centroid is sum f P(f) / sum P(f) over the full band. It decreases with the damping of the surface. If
+    the nominal sampling rate is 1 Hz, the unit is cycles per sample.
 
     Parameters
     ----------
     view : TapView or array_like of shape (n,)
-        Taps; an array with `fs` in Hz, whose taps are located first.
+        Taps. For an array, also pass `fs` in Hz; the taps are located first.
 
     Returns
     -------
@@ -378,7 +386,7 @@ def damping(view: TapView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        Without taps, or if no tap has an impulse of at least 8 samples.
+        If there are no taps, or no tap has an impulse of at least 8 samples.
 
     References
     ----------
@@ -400,14 +408,14 @@ def damping(view: TapView) -> float:
 
 @feature("tap", "Hz", "texclass, after strese2015, eq. 2", outputs=FRACTION_NAMES)
 def tap_band(view: TapView) -> Samples:
-    """Return the frequencies below which 10, 25, 50, 75 and 90 % of the energy of a tap are.
+    """Return the frequencies below which 10, 25, 50, 75 and 90 % of the energy of a tap lie.
 
-    Median over taps.
+    Each frequency is the median over taps.
 
     Parameters
     ----------
     view : TapView or array_like of shape (n,)
-        Taps; an array with `fs` in Hz, whose taps are located first.
+        Taps. For an array, also pass `fs` in Hz; the taps are located first.
 
     Returns
     -------
@@ -417,7 +425,7 @@ def tap_band(view: TapView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        Without taps, or if no tap has an impulse of at least 8 samples.
+        If there are no taps, or no tap has an impulse of at least 8 samples.
 
     References
     ----------
@@ -441,12 +449,12 @@ def tap_band(view: TapView) -> Samples:
 def tap_course(view: TapView) -> Samples:
     """Return the times after the contact when 10, 25, 50, 75 and 90 % of the energy of a tap have arrived.
 
-    Median over taps. The last one measures the duration of the contact.
+    Each time is the median over taps. The last time measures the duration of the contact.
 
     Parameters
     ----------
     view : TapView or array_like of shape (n,)
-        Taps; an array with `fs` in Hz, whose taps are located first.
+        Taps. For an array, also pass `fs` in Hz; the taps are located first.
 
     Returns
     -------
@@ -456,7 +464,7 @@ def tap_course(view: TapView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        Without taps, or if no tap has an impulse of at least 8 samples.
+        If there are no taps, or no tap has an impulse of at least 8 samples.
 
     References
     ----------
@@ -479,15 +487,15 @@ def tap_course(view: TapView) -> Samples:
 
 @feature("tap", "1/s", "texclass, after okamura2001")
 def tap_decay_rate(view: TapView) -> float:
-    """Return the decay rate b of the envelope exp(-b t) of a tap; median over taps.
+    """Return the decay rate b of the envelope exp(-b t) of a tap, as the median over taps.
 
-    Half the slope of the logarithm of the remaining energy (Schroeder's backward integral), fitted from 90 %
-    to 5 % of the energy. It is one number even for a tap that bounces.
+    The rate is half the slope of the logarithm of the remaining energy (Schroeder's backward integral),
+    fitted from 90 % to 5 % of the energy. The method gives a single rate even if the tool bounces.
 
     Parameters
     ----------
     view : TapView or array_like of shape (n,)
-        Taps; an array with `fs` in Hz, whose taps are located first.
+        Taps. For an array, also pass `fs` in Hz; the taps are located first.
 
     Returns
     -------
@@ -497,7 +505,7 @@ def tap_decay_rate(view: TapView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        Without taps, or if no tap decays over at least 3 samples.
+        If there are no taps, or no tap decays over at least 3 samples.
 
     References
     ----------
@@ -518,7 +526,7 @@ def tap_decay_rate(view: TapView) -> float:
         remaining = 1 - tap[1] / tap[1][-1]
         remaining = remaining[(remaining <= 0.9) & (remaining >= 0.05)]
         n = remaining.size
-        undefined_if(n < 3, f"the tap decays within {n} samples. Expected at least 3")
+        undefined_if(n < 3, f"the tap decays within {n} samples. Expected a decay over at least 3")
         t = np.arange(n) - (n - 1) / 2
         return -float(t @ np.log(remaining)) / (2 * float(t @ t)) * view.fs
 
@@ -527,12 +535,12 @@ def tap_decay_rate(view: TapView) -> float:
 
 @feature("tap", "log10(m/s^2)", "texclass", gain=Gain(shift=1))
 def tap_strength(view: TapView) -> float:
-    """Return the strength of a tap, log10 max|i|; median over taps.
+    """Return the strength log10 max|i| of a tap, as the median over taps.
 
     Parameters
     ----------
     view : TapView or array_like of shape (n,)
-        Taps; an array with `fs` in Hz, whose taps are located first.
+        Taps. For an array, also pass `fs` in Hz; the taps are located first.
 
     Returns
     -------
@@ -542,7 +550,7 @@ def tap_strength(view: TapView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        Without taps, or if no tap has an impulse of at least 8 samples.
+        If there are no taps, or no tap has an impulse of at least 8 samples.
 
     References
     ----------
@@ -564,12 +572,12 @@ def tap_strength(view: TapView) -> float:
 
 @feature("tap", "1", "texclass")
 def tap_crest(view: TapView) -> float:
-    """Return the crest factor of a tap, max|i| over the RMS of impact and decay; median over taps.
+    """Return the crest factor of a tap, max|i| / RMS of impact and decay, as the median over taps.
 
     Parameters
     ----------
     view : TapView or array_like of shape (n,)
-        Taps; an array with `fs` in Hz, whose taps are located first.
+        Taps. For an array, also pass `fs` in Hz; the taps are located first.
 
     Returns
     -------
@@ -579,7 +587,7 @@ def tap_crest(view: TapView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        Without taps, or if no tap has an impulse of at least 8 samples.
+        If there are no taps, or no tap has an impulse of at least 8 samples.
 
     References
     ----------

@@ -1,8 +1,8 @@
 """Scaling, checks and filters of a movement that several features share.
 
 All functions work on `unit`, the samples divided by their largest magnitude, so that no gain causes overflow
-or underflow. A feature multiplies by `level` where its gain law requires it. Powers and framed transforms are
-in `texclass.features.spectra`.
+or underflow. A feature multiplies by `level` where its gain law requires it. Power spectra and transforms of
+frames are in `texclass.features.spectra`.
 """
 
 import math
@@ -27,12 +27,12 @@ MAX_DECIMATION = 20
 
 
 def magnitude_of(samples: Samples) -> float:
-    """Return the largest magnitude of some samples.
+    """Return the largest magnitude of the samples.
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no sample, a sample is NaN or infinite, or all are 0.
+        If there is no sample, a sample is NaN or infinite, or all samples are 0.
 
     Examples
     --------
@@ -55,12 +55,12 @@ def magnitude_of(samples: Samples) -> float:
 
 @transform
 def level(view: PhaseView) -> Any:
-    """Return the largest magnitude of the samples; for segments, one each, shape (n_segments, 1).
+    """Return the largest magnitude of the samples, or of each segment with shape (n_segments, 1).
 
     Raises
     ------
     UndefinedFeatureError
-        If there is no sample, a sample is NaN or infinite, or all are equal.
+        If there is no sample, a sample is NaN or infinite, or all samples are equal.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def level(view: PhaseView) -> Any:
 
 
 def unit(view: PhaseView) -> Samples:
-    """Return the samples divided by `level`. The array is not cached, as one hour takes 0.3 GB.
+    """Return the samples divided by `level`. The array is not cached, because it takes 0.3 GB per hour.
 
     Examples
     --------
@@ -89,15 +89,15 @@ def unit(view: PhaseView) -> Samples:
 
 
 def require(view: PhaseView, n_samples: int, purpose: str) -> None:
-    """Raise `UndefinedFeatureError` if a phase has fewer than `n_samples`, needed for `purpose`."""
-    if view.n_samples < n_samples:  # no undefined_if: formatting the message takes as long as a short feature
+    """Raise `UndefinedFeatureError` if a phase has fewer than the `n_samples` required for `purpose`."""
+    if view.n_samples < n_samples:  # not undefined_if: formatting the message would take as long as a feature
         raise UndefinedFeatureError(f"{view.n_samples} samples. Expected at least {n_samples} ({purpose})")
 
 
 def below_nyquist(view: PhaseView, frequency_hz: float) -> float:
     """Return `frequency_hz`; raise `UndefinedFeatureError` if it is not below fs/2."""
     if not frequency_hz < view.fs / 2:
-        raise UndefinedFeatureError(f"fs is {view.fs:g} Hz. Expected fs/2 above {frequency_hz:g} Hz")
+        raise UndefinedFeatureError(f"fs is {view.fs:g} Hz. Expected more than {2 * frequency_hz:g} Hz")
     return frequency_hz
 
 
@@ -115,12 +115,15 @@ def log10_of(value: float, name: str) -> float:
 
 @transform
 def unit32(view: PhaseView) -> NDArray[np.float32]:
-    """Return `unit` in single precision for transforms: half the memory, errors 130 dB below the signal."""
+    """Return `unit` in single precision, which halves the memory of transforms.
+
+    The errors of the transforms are 130 dB below the signal.
+    """
     return unit(view).astype(np.float32)
 
 
 def padded_length(view: PhaseView) -> int:
-    """Return the length of the transform in `spectrum`, a fast multiple of `MAX_DECIMATION`."""
+    """Return the transform length of `spectrum`: a multiple of `MAX_DECIMATION` with a fast transform."""
     level(view)  # raises for silence
     return MAX_DECIMATION * int(fft.next_fast_len(-(-view.n_samples // MAX_DECIMATION)))
 
@@ -133,7 +136,7 @@ def spectrum(view: PhaseView) -> NDArray[np.complex64]:
 
 @transform
 def low_spectrum(view: PhaseView) -> NDArray[np.complex64]:
-    """Return the bins 0 ... N/4 of `spectrum` (up to fs/4), without computing the others."""
+    """Return the bins 0 ... N/4 of `spectrum` (up to fs/4), without computing the higher bins."""
     return fourier.rfft(_padded(view), quarter=True)
 
 
@@ -144,19 +147,19 @@ def _padded(view: PhaseView) -> NDArray[np.float32]:
 
 
 def first_bins(view: PhaseView, n_bins: int) -> NDArray[np.complex64]:
-    """Return the bins 0 ... n_bins-1 of the spectrum, from `low_spectrum` if all features can use it."""
-    # From fs = 6 kHz on, corrected features read no frequency above fs/4.
+    """Return the bins 0 ... n_bins-1 of the spectrum, from `low_spectrum` if it is sufficient."""
+    # At 6 kHz and above, the corrected features use no frequency above fs/4.
     is_enough = view.fs >= 6000 and n_bins <= padded_length(view) // fourier.LANES + 1
     return (low_spectrum(view) if is_enough else spectrum(view))[:n_bins]
 
 
 @transform
 def low_passed(view: PhaseView, cutoff_hz: float, *, shared: bool = False) -> tuple[Samples, int]:
-    """Return `unit` below `cutoff_hz`, and its decimation factor.
+    """Return `unit` low-passed at `cutoff_hz`, and the decimation factor.
 
-    The new rate is at least 10 cut-off frequencies. The spectrum is multiplied by the response of a
-    second-order Butterworth low-pass run forwards and backwards, 1 / (1 + (f/cutoff)^4), and only the bins of
-    the new band are transformed back.
+    The spectrum is multiplied by 1 / (1 + (f/cutoff)^4), the response of a second-order Butterworth low-pass
+    run forwards and backwards. It is then transformed back at a sampling rate of at least 10 cut-off
+    frequencies.
 
     Parameters
     ----------
@@ -165,8 +168,8 @@ def low_passed(view: PhaseView, cutoff_hz: float, *, shared: bool = False) -> tu
     cutoff_hz : float
         Cut-off frequency in Hz.
     shared : bool
-        Whether to use the spectrum that corrected features share (`first_bins`), or that of the printed ones
-        (`spectrum`, default).
+        Whether to use the spectrum that the corrected features share (`first_bins`). By default, the full
+        `spectrum` of the features as printed is used.
     """
     n_fft, rate = padded_length(view), below_nyquist(view, cutoff_hz) * 10
     factor = next((k for k in (MAX_DECIMATION, 10, 5, 4, 2) if view.fs / k >= rate), 1)
@@ -179,10 +182,10 @@ def low_passed(view: PhaseView, cutoff_hz: float, *, shared: bool = False) -> tu
 
 
 def high_passed(view: PhaseView, cutoff_hz: float) -> NDArray[np.float32]:
-    """Return `unit` after a linear-phase high-pass with half amplitude at `cutoff_hz`, single precision.
+    """Return `unit` after a zero-phase high-pass with half amplitude at `cutoff_hz`, in single precision.
 
-    The amplitude rises as a raised cosine from half to one and a half of the cut-off frequency, as that of a
-    windowed FIR filter. It is applied to `spectrum`, which other features need too.
+    Like the response of a windowed FIR filter, the amplitude rises as a raised cosine, from 0.5 to 1.5 times
+    the cut-off frequency. The filter is applied to `spectrum`, which other features use too.
     """
     x = spectrum(view).copy()
     step = view.fs / (2 * (x.size - 1))
@@ -195,11 +198,12 @@ def high_passed(view: PhaseView, cutoff_hz: float) -> NDArray[np.float32]:
 
 @transform
 def band_passed(view: PhaseView, low_hz: float, high_hz: float, rate_hz: float) -> NDArray[np.float32]:
-    """Return `unit` between two frequencies, at a rate of at least `rate_hz` (fs, if that is lower).
+    """Return `unit` band-passed between two frequencies.
 
-    The spectrum is multiplied by the response of a second-order Butterworth band-pass run forwards and
-    backwards, 1 / (1 + u^4) with u = (f^2 - low high) / (f (high - low)), and transformed back up to half the
-    rate. The filter has no delay; its amplitude is one half at both frequencies.
+    The sampling rate of the result is at least `rate_hz`, or fs if that is lower. The spectrum is multiplied
+    by 1 / (1 + u^4) with u = (f^2 - low high) / (f (high - low)), the response of a second-order Butterworth
+    band-pass run forwards and backwards. The filter has no delay, and its amplitude is 0.5 at both
+    frequencies.
     """
     below_nyquist(view, high_hz)
     n_fft = padded_length(view)
@@ -214,7 +218,9 @@ def band_passed(view: PhaseView, low_hz: float, high_hz: float, rate_hz: float) 
 
 @transform
 def band_limited(view: PhaseView, band_hz: float) -> tuple[Samples, float]:
-    """Return `unit` below `band_hz`, and its rate in Hz: 2 `band_hz`, or fs if that is lower.
+    """Return `unit` band-limited to `band_hz`, and its sampling rate in Hz.
+
+    The sampling rate is 2 `band_hz`, or fs if that is lower.
 
     Raises
     ------
@@ -232,7 +238,7 @@ def band_limited(view: PhaseView, band_hz: float) -> tuple[Samples, float]:
 
 @transform
 def details(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int) -> tuple[NDArray[np.float32], ...]:
-    """Return the wavelet details d_1 ... d_depth of the high-passed movement (index 0 is d_1).
+    """Return the wavelet details d_1 ... d_depth of the high-passed movement; index 0 is d_1.
 
     Raises
     ------
@@ -248,7 +254,7 @@ def details(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int) -> tupl
 
 
 def detail_band(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int, j: int) -> NDArray[np.float32]:
-    """Return detail j (1 = finest) at the length of the movement, shape (n,), single precision."""
+    """Return detail j (1 is the finest), reconstructed to the length of the movement, in single precision."""
     import pywt
 
     levels = details(view, cutoff_hz, wavelet, depth)

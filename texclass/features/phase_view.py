@@ -1,4 +1,4 @@
-"""Phase views: the samples that a feature reads, with transforms that are computed once per view."""
+"""Phase views: the samples that features read, and a cache of their transforms."""
 
 import functools
 import inspect
@@ -25,15 +25,17 @@ Channels = Literal["combine", "each", "auto", "all"]
 TURN_CHANNELS = ("turn_x", "turn_y", "turn_z")
 """Names of the channels of the turn rate, which follow those of the acceleration."""
 LONG_SAMPLES = 5000
-"""Movements of more samples are shortened to a length with a fast Fourier transform; see `trimmed_length`."""
+"""Number of samples above which a movement is shortened to a length with a fast Fourier transform; see
+`trimmed_length`."""
 MIN_SEGMENT_SAMPLES = 2048
-"""Minimum number of samples of a segment: in shorter ones, features lose more accuracy than voting gains."""
+"""Minimum number of samples of a segment. In shorter segments, features lose more accuracy than voting
+gains."""
 
 
 class UndefinedFeatureError(ValueError):
-    """A feature that is undefined for a signal; the message is the reason.
+    """Error that is raised if a feature is undefined for a signal. The message is the reason.
 
-    Extraction catches it: the value becomes NaN, and the reason is reported to the user.
+    `FeatureExtractor` catches the error, sets the value to NaN and reports the reason.
 
     Examples
     --------
@@ -52,12 +54,13 @@ def undefined_if(condition: Any, reason: str) -> None:
 
 
 class Memory(dict[Hashable, Any]):
-    """Cache of the transforms of one view, by function and parameters.
+    """Cache of the transforms of one view, with function and parameters as key.
 
     Attributes
     ----------
     timed : callable, optional
-        Called as timed(key, compute) in place of compute() to measure the time of a transform.
+        Function that measures the time of a transform. If set, ``timed(key, compute)`` is called instead of
+        ``compute()``.
     """
 
     timed: Callable[[tuple[Any, ...], Callable[[], Any]], Any] | None = None
@@ -65,7 +68,7 @@ class Memory(dict[Hashable, Any]):
 
 @dataclass(frozen=True, eq=False)
 class PhaseView:
-    """One phase of one channel: samples, sampling rate, and a cache of transforms.
+    """One phase of one channel: samples, sampling rate and cached transforms.
 
     Attributes
     ----------
@@ -74,7 +77,7 @@ class PhaseView:
     fs : float
         Sampling rate in Hz. For a movement over the path of the tool, samples per m.
     memory : Memory
-        Transforms that were computed before.
+        Cache of transforms.
 
     Examples
     --------
@@ -91,7 +94,7 @@ class PhaseView:
 
     @property
     def n_samples(self) -> int:
-        """Number of samples; of one segment if there are segments."""
+        """Number of samples of the phase, or of each segment."""
         return int(self.samples.shape[-1])
 
 
@@ -104,7 +107,7 @@ class TapSignal:
     hand : ndarray of shape (n,)
         Acceleration of the hand towards the surface, before the contact; may be empty.
     impulse : ndarray of shape (m,)
-        Impact and decay, from the contact on.
+        Impact and decay, starting at the contact.
     quality : float
         Confidence that this is a tap, 0 to 1; see `texclass.recording.Tap`.
     """
@@ -121,13 +124,13 @@ class TapView:
     Attributes
     ----------
     taps : tuple of TapSignal
-        At least one.
+        Taps, at least one.
     fs : float
         Sampling rate in Hz.
     noise : float
-        RMS of the quiet start of the recording (in the unit of the samples); 0.0 without a quiet start.
+        RMS of the quiet start of the recording, in the unit of the samples (0.0 if there is no quiet start).
     memory : Memory
-        Transforms that were computed before.
+        Cache of transforms.
     """
 
     taps: tuple[TapSignal, ...]
@@ -143,9 +146,9 @@ class PairView:
     Attributes
     ----------
     sides : tuple of two PhaseView
-        Movements of the same length; their transforms are shared by all pairs with this channel.
+        Movements of the same length. All pairs that contain a channel share the transforms of its movement.
     memory : Memory
-        Transforms of the pair that were computed before.
+        Cache of transforms of the pair.
     """
 
     sides: tuple[PhaseView, PhaseView]
@@ -168,9 +171,9 @@ V = TypeVar("V", PhaseView, TapView, PairView)
 
 
 def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[V, P], R]:
-    """Cache the results of the decorated transform on the view, by the (hashable) parameters.
+    """Decorate a transform so that its results are cached on the view.
 
-    Callers must not write to a cached array.
+    The parameters must be hashable. Callers must not modify cached arrays.
     """
     parameters = list(inspect.signature(function).parameters.values())[1:]
     defaults: dict[str, Any] = {p.name: p.default for p in parameters}
@@ -178,7 +181,7 @@ def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[
 
     @functools.wraps(function)
     def cached(view: V, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        if kwargs:  # not inspect.Signature.bind, which takes as long as a short feature
+        if kwargs:  # not inspect.Signature.bind, which takes as long as a fast feature
             arguments: dict[str, Any] = defaults | dict(zip(defaults, args, strict=False)) | kwargs
             key = (function, *arguments.values())
         else:
@@ -195,7 +198,7 @@ def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[
 
 
 def cut_segments(view: PhaseView, n_segments: int) -> PhaseView:
-    """Return the view of equal segments of the movement, or `view` itself if the movement is too short.
+    """Return a view of equal segments of the movement, or `view` itself if the movement is too short.
 
     A movement needs at least `n_segments` times `MIN_SEGMENT_SAMPLES` samples. Up to n_segments - 1 samples
     at the end are dropped.
@@ -210,7 +213,7 @@ def cut_segments(view: PhaseView, n_segments: int) -> PhaseView:
     Returns
     -------
     PhaseView
-        Samples of shape (n_segments, n // n_segments).
+        View with samples of shape (n_segments, n // n_segments).
     """
     return (
         view
@@ -239,10 +242,11 @@ def segment_views(view: PhaseView) -> tuple[PhaseView, ...]:
 
 
 def trimmed_length(n: int) -> int:
-    """Return how many of n samples of a movement are used: up to `LONG_SAMPLES` all, of more at least 93 %.
+    """Return how many of the n samples of a movement are used.
 
-    The length is four times a product of 2, 3 and 5: with a larger prime factor, Fourier transforms are
-    several times slower.
+    Up to `LONG_SAMPLES`, all samples are used. For longer movements, the length is reduced by at most 7 % to
+    four times a product of powers of 2, 3 and 5. Larger prime factors would make Fourier transforms several
+    times slower.
     """
     return int(LANES * fft.prev_fast_len(n // LANES, real=True)) if n > LONG_SAMPLES else n
 
@@ -256,12 +260,12 @@ class Views:
     recording : Recording
         The recording.
     phases : Phases
-        Its taps and its movement.
+        Taps and movement of the recording.
     channel : int, optional
-        Column of the acceleration, or, after those, of the turn rate. None (the default) combines the columns
-        of the acceleration by DFT321 [strese2015, section III].
+        Index of the channel: first the columns of the acceleration, then those of the turn rate. By default,
+        the columns of the acceleration are combined by DFT321 [strese2015, section III].
     sides : tuple of two Views, optional
-        Views of two channels; then the only phase is "pair".
+        Views of two channels. If given, "pair" is the only phase.
     """
 
     recording: Recording
@@ -293,26 +297,26 @@ class Views:
         if self.sides is None:
             raise UndefinedFeatureError("channels are combined or single. Expected two separate channels")
         if phase != "pair":
-            raise UndefinedFeatureError(f"two channels. Expected one channel for the phase {phase}")
+            raise UndefinedFeatureError(f"got two channels. Expected one channel for the phase {phase!r}")
         one, other = (side.vibration if remove_hand_motion else side.movement for side in self.sides)
         return PairView((one, other))
 
     @cached_property
     def movement(self) -> PhaseView:
-        """Acceleration during the movement, mean removed; does not depend on the unit.
+        """Acceleration during the movement, without its mean.
 
-        Frequencies below 10 Hz are kept [strese2015, section IV-D].
+        Frequencies below 10 Hz are kept [strese2015, section IV-D]. The view does not depend on the unit.
         """
         return PhaseView(combine(self._moving, single=True), self.recording.fs)
 
     @cached_property
     def vibration(self) -> PhaseView:
-        """The movement without hand motion, if the sensor measures hand motion.
+        """The movement without hand motion, for sensors that measure gravity; otherwise the whole movement.
 
-        This is the case if the unit is m/s^2 and the mean is above half of 9.81 m/s^2, that is, if the sensor
-        measures gravity: it then measures rotation and translation of the hand too, and `remove_hand_motion`
-        subtracts a moving average. Other sensors (a microphone, an accelerometer behind a high-pass filter)
-        measure no hand motion: their low frequencies belong to the surface.
+        A sensor measures gravity if the unit is m/s^2 and the mean is above half of 9.81 m/s^2. It then also
+        measures rotation and translation of the hand, and `remove_hand_motion` subtracts a moving average.
+        Other sensors, such as a microphone or an accelerometer with a high-pass filter, do not measure hand
+        motion, so their low frequencies are due to the surface.
         """
         axes = self._moving
         mean = np.ones(len(axes)) @ axes / len(axes)  # ten times faster than np.mean for short rows
@@ -323,11 +327,12 @@ class Views:
 
     @cached_property
     def travel(self) -> PhaseView:
-        """The movement without hand motion as a function of the path of the tool; needs a recorded speed.
+        """The movement without hand motion as a function of the path of the tool.
 
-        Computed order tracking [Fyfe and Munck, Mech. Syst. Signal Process. 11, 1997], with the path s(t) =
-        integral of |v| dt in place of turns: samples are means over equal steps of s of 0.05 mm, or of more,
-        so that there are no more samples than in time. A structure with a period in mm then has a fixed
+        Requires a recording with the speed of the tool. The method is computed order tracking [Fyfe and
+        Munck, Mech. Syst. Signal Process. 11, 1997], with the path s(t) = integral of |v| dt instead of
+        revolutions. Samples are means over equal steps of s. The step is at least 0.05 mm, and large enough
+        that the number of samples does not increase. A structure with a period in mm then has the same
         frequency at any speed of the hand.
         """
         speed = self.recording.speed
@@ -337,7 +342,7 @@ class Views:
         first = self.phases.movement[0] if self.phases.movement else 0
         steps = 1e-3 * np.abs(speed[first : first + x.size]) / self.recording.fs
         s, integral = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, x * steps))
-        undefined_if(s[-1] == 0, "the speed is 0 throughout. Expected a tool that moves")
+        undefined_if(s[-1] == 0, "the speed of the tool is always 0. Expected a moving tool")
         undefined_if(np.ptp(x) == 0, f"silence: all {x.size} samples are {x[0]:g}")
         step = max(5e-5, s[-1] / x.size)  # in m; 0.05 mm is half of the shortest wavelength of interest
         edges = step * np.arange(int(s[-1] / step) + 1)
@@ -345,19 +350,19 @@ class Views:
 
     @cached_property
     def tap(self) -> TapView:
-        """The taps without resting level, with the RMS of the quiet start of the recording.
+        """The taps without their resting level, and the RMS of the quiet start of the recording.
 
-        Single-sample glitches are interpolated, and padding before the data is dropped.
+        Single-sample glitches are interpolated, and padding at the start of the recording is dropped.
         """
         taps = self.phases.taps
         undefined_if(not taps, "no tap found")
-        # Only the quiet start and the taps, as one signal: all taps then have the same resting level.
+        # Quiet start and taps are processed as one signal, so that all taps have the same resting level.
         axes = self._axes(0, taps[-1].end)
         columns = axes.reshape(len(axes), -1)
         first = min(find_data(columns, self.recording.fs).first, taps[0].start)
         n_dropped = (len(axes) - first) - trimmed_length(len(axes) - first)
         first += n_dropped if 2 * n_dropped <= taps[0].start - first else 0
-        is_combined = self.channel is None  # glitches of all channels are known from the search for phases
+        is_combined = self.channel is None  # then the glitches are known from the search for phases
         glitches = get_glitches(self.recording, len(axes)) if is_combined else find_glitches(columns)
         axes = interpolate_glitches(columns, glitches)[first:].reshape(-1, *axes.shape[1:])
         n_quiet, signal = taps[0].start - first, combine(axes, single=True)
@@ -366,7 +371,8 @@ class Views:
         for tap in taps:
             start, impact, end = (index - first for index in (tap.start, tap.impact, tap.end))
             signals.append(TapSignal(signal[start:impact], signal[impact:end], tap.quality))
-        # From the single axes: DFT321 would spread the taps over the quiet start.
+        # The noise is computed from the single axes, because DFT321 would spread the taps over the quiet
+        # start.
         quiet = axes[:n_quiet].reshape(n_quiet, columns.shape[1]).T.copy()
         quiet -= (quiet @ np.ones(n_quiet) / max(n_quiet, 1))[:, np.newaxis]
         noise = math.sqrt(np.vdot(quiet, quiet) / n_quiet) if n_quiet else 0.0
@@ -374,7 +380,7 @@ class Views:
 
     @cached_property
     def friction(self) -> PhaseView:
-        """Friction voltage during the movement; of the whole recording if it has no movement."""
+        """Friction voltage during the movement, or during the whole recording if it has no movement."""
         if self.recording.friction is None:
             raise UndefinedFeatureError("no friction signal")
         start, stop = self.phases.movement or (0, self.recording.n_samples)
@@ -382,7 +388,7 @@ class Views:
 
     @property
     def _moving(self) -> Samples:
-        """Acceleration of shape (n, n_axes) or (n,) during the movement."""
+        """Acceleration during the movement, shape (n, n_axes) or (n,)."""
         if self.phases.movement is None:
             raise UndefinedFeatureError("no movement found")
         start, stop = self.phases.movement
@@ -397,19 +403,21 @@ class Views:
 
 
 def view_of(phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbitrary") -> View:
-    """Return the view of an array: the whole array is the movement or the friction signal.
+    """Return a view of an array.
+
+    The whole array is used as the movement or the friction signal. Taps are located in it.
 
     Parameters
     ----------
     phase : {"movement", "travel", "tap", "friction", "pair"}
-        Phase; taps are located by `texclass.phases.find_phases`.
+        Phase. Taps are located by `texclass.phases.find_phases`.
     signal : array_like of shape (n_samples,) or (n_samples, n_axes)
-        Samples. Axes are combined by DFT321; a pair has two columns.
+        Samples. Several axes are combined by DFT321. A pair must have two columns.
     fs : float
         Sampling rate in Hz. For a movement over the path of the tool ("travel"), samples per m.
     unit : str
-        Unit of the samples (default "arbitrary"), see `Recording`. It does not affect a movement: its mean is
-        removed, hand motion is not (see `texclass.signals.remove_hand_motion`).
+        Unit of the samples (default "arbitrary"), see `Recording`. It does not affect a movement: the mean is
+        removed, but hand motion is not (see `texclass.signals.remove_hand_motion`).
 
     Raises
     ------
@@ -435,25 +443,25 @@ def view_of(phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbi
 
 
 def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Views]:
-    """Return the views of a recording by column prefix.
+    """Return the views of a recording, with column prefixes as keys.
 
     Parameters
     ----------
     recording : Recording
-        The recording; phases are located unless they are declared.
+        The recording. Its phases are located unless they are declared.
     channels : sequence of str, optional
-        Channels to keep separate (prefix "x/" for channel x, "x*y/" for a pair). By default all channels are
-        combined (prefix "").
+        Channels to keep separate, with the prefix "x/" for channel x and "x*y/" for a pair. By default, all
+        channels are combined, with the prefix "".
 
     Returns
     -------
     dict
-        Prefix -> `Views`.
+        Mapping from prefix to `Views`.
 
     Raises
     ------
     RecordingError
-        If the recording has other channels.
+        If the channels of the recording differ from `channels`.
 
     Examples
     --------
@@ -467,7 +475,7 @@ def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Vi
     if channels and tuple(channels) not in (recording.channels, _with_turn_rate(recording)):
         axes = ", ".join(_with_turn_rate(recording))
         raise RecordingError(
-            f"{recording.source or recording.recording_id}: axes are {axes}. "
+            f"{recording.source or recording.recording_id} has the axes {axes}. "
             f"Expected {', '.join(channels)}, as in the first recording"
         )
     combined = {"": Views(recording, phases)}
@@ -492,14 +500,14 @@ def separate_channels(recording: Recording, channels: Channels) -> tuple[str, ..
     recording : Recording
         Recording with the names of its channels.
     channels : {"combine", "each", "auto", "all"}
-        "combine" keeps none separate, "each" keeps all axes separate, "all" adds the axes of the turn rate.
-        "auto" combines the axes of one accelerometer (channel names ending in x, y or z) and keeps others
-        separate.
+        "combine" combines all channels. "each" keeps all axes separate, and "all" also includes the axes of
+        the turn rate. "auto" combines the axes of one accelerometer (channel names ending in x, y or z) and
+        keeps all other channels separate.
 
     Raises
     ------
     ValueError
-        If `channels` is none of the four.
+        If `channels` is not one of these four values.
     """
     if channels not in ("combine", "each", "auto", "all"):
         raise ValueError(f"channels must be 'combine', 'each', 'auto' or 'all', got {channels!r}")

@@ -1,4 +1,4 @@
-"""Which features are computed on which channels, without importing scikit-learn."""
+"""Assignment of features to channels. This module does not import scikit-learn."""
 
 import json
 import time
@@ -17,7 +17,19 @@ from texclass.recording import Phases, Recording, Samples
 
 
 class Computed(NamedTuple):
-    """Values (n_columns,) of one recording, (feature, reason) pairs, milliseconds, and phases."""
+    """Features of one recording.
+
+    Attributes
+    ----------
+    values : ndarray of shape (n_columns,)
+        Feature values; NaN where a feature is undefined.
+    reasons : tuple of (feature, reason)
+        Reasons why features are undefined.
+    ms : float
+        Computing time in ms.
+    phases : Phases
+        Phases of the recording.
+    """
 
     values: Samples
     reasons: tuple[tuple[str, str], ...]
@@ -32,7 +44,7 @@ class Plan:
     Attributes
     ----------
     parts : tuple of (str, FeatureSet)
-        Column prefix and feature set; the prefix of the combined channels is "".
+        Column prefix and feature set of each channel. The prefix of the combined channels is "".
     channels : tuple of str
         Names of separate channels; empty if the channels are combined.
 
@@ -49,7 +61,11 @@ class Plan:
 
     @classmethod
     def of(cls, feature_set: FeatureSet, channels: tuple[str, ...] = ()) -> "Plan":
-        """Return the plan of a set: on combined channels, or on each channel, each pair and the friction."""
+        """Return the plan of a feature set.
+
+        The features are computed on the combined channels, or on each of the given channels and each pair of
+        them. The friction signal is always a separate part.
+        """
         if not channels:
             return cls((("", feature_set),))
         per_channel = feature_set.with_phases("tap", "movement", "travel")
@@ -67,7 +83,7 @@ class Plan:
         return tuple(f"{prefix}{column}" for prefix, part in self.parts for column in part.column_names)
 
     def restricted_to(self, columns: Iterable[str]) -> "Plan":
-        """Return the plan that computes only what these columns need, in the order of this plan."""
+        """Return the plan that computes only the features of these columns, in the order of this plan."""
         required = set(columns)
         parts = []
         for prefix, part in self.parts:
@@ -76,7 +92,7 @@ class Plan:
         return Plan(tuple(parts), self.channels)
 
     def compute(self, recording: Recording) -> Computed:
-        """Compute the features of one recording, including the search for phases."""
+        """Compute the features of one recording. The computing time includes the search for phases."""
         start = time.perf_counter()
         views = views_of(recording, self.channels)
         values, reasons = [], []
@@ -89,7 +105,7 @@ class Plan:
         return Computed(np.concatenate(values), tuple(reasons), ms, phases)
 
     def to_json(self) -> str:
-        """Return the plan as JSON: registered names of functions, and a digest of their code."""
+        """Return the plan as JSON, with the registered names of the functions and a digest of their code."""
         parts = []
         for prefix, part in self.parts:
             members = [
@@ -101,7 +117,7 @@ class Plan:
 
     @classmethod
     def of_json(cls, text: str, channels: Iterable[str]) -> "tuple[Plan, bool]":
-        """Return the plan in JSON of `to_json`, and whether the code of its features is unchanged.
+        """Return the plan in the JSON text of `to_json`, and whether the code of its features is unchanged.
 
         Raises
         ------

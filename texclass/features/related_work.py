@@ -1,4 +1,7 @@
-"""Features of related work in Table I of strese2015; numbers in brackets are the references of that paper."""
+"""Features of related work in Table I of strese2015.
+
+Numbers in brackets are the reference numbers of that paper.
+"""
 
 import functools
 
@@ -25,7 +28,7 @@ def standard_roughness(view: PhaseView) -> float:
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
 
     Returns
     -------
@@ -61,13 +64,13 @@ def standard_roughness(view: PhaseView) -> float:
 def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
     """Return the linear prediction coefficients of the movement, x_n = sum_k a_k x_(n-k).
 
-    They solve the Toeplitz equations of the biased autocorrelation r_0 ... r_order, so the predictor is
-    stable.
+    The coefficients solve the Toeplitz equations of the biased autocorrelation r_0 ... r_order, which
+    guarantees a stable model.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     order : int
         Number of coefficients.
 
@@ -105,12 +108,14 @@ def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
 
 @feature("movement", "m/s^2", CHATHURANGA, gain=Gain(power=1))
 def mean_magnitude(view: PhaseView) -> float:
-    """Return the mean of |x|; the mean of x itself is gravity, which is removed.
+    """Return the mean magnitude of the movement, mean |x|.
+
+    The mean of x is not used, because it is 0 after the removal of gravity.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
 
     Returns
     -------
@@ -143,7 +148,7 @@ def variance(view: PhaseView) -> float:
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
 
     Returns
     -------
@@ -173,16 +178,16 @@ def variance(view: PhaseView) -> float:
 def wavelet_energy(view: PhaseView, *, wavelet: str = "coif3", depth: int = 5) -> float:
     """Return the energy per sample of the wavelet details d_1 ... d_5 of the movement high-passed at 100 Hz.
 
-    The transform is the one of `temporal_roughness_as_printed`, and computed once for both.
+    `temporal_roughness_as_printed` uses the same transform, which is computed only once.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     wavelet : str
         Name of the wavelet in PyWavelets.
     depth : int
-        Number of levels.
+        Number of wavelet levels.
 
     Returns
     -------
@@ -192,7 +197,7 @@ def wavelet_energy(view: PhaseView, *, wavelet: str = "coif3", depth: int = 5) -
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 544 samples (coif3, level 5), or fs/2 not above 100 Hz.
+        For silence, fewer than 544 samples (with coif3 and depth 5), or if fs/2 is not above 100 Hz.
 
     References
     ----------
@@ -217,9 +222,9 @@ def spectral_centroid(view: PhaseView, *, high_hz: float = 600.0) -> float:
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     high_hz : float
-        Upper end of the band in Hz (default 600, the cut-off frequency of [7]); fs/2 if that is lower.
+        Upper end of the band in Hz (default 600, the cut-off frequency in [7]), or fs/2 if that is lower.
 
     Returns
     -------
@@ -229,7 +234,7 @@ def spectral_centroid(view: PhaseView, *, high_hz: float = 600.0) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence in the band, or fewer than 64 samples.
+        If there is no energy in the band, or the movement has fewer than 64 samples.
 
     References
     ----------
@@ -262,19 +267,19 @@ def gaussian_band_energies(
 ) -> Samples:
     """Return the energy of the movement in Gaussian bands of the spectrum.
 
-    Band b weights the power density with exp(-((f - f_b) / w_b)^2 / 2). The centres f_b are spaced
-    geometrically, and the width w_b is half the distance to the next centre, so the resolution decreases with
-    frequency as that of the skin. The positions of the bands are our reading of "30 Energy Values (Gaussian
-    Binning)" in the table.
+    Band b weights the power density by exp(-((f - f_b) / w_b)^2 / 2). The centres f_b are spaced
+    geometrically, and the width w_b is half the distance to the next centre. Like the resolution of the skin,
+    the resolution thus decreases with frequency. The table only states "30 Energy Values (Gaussian Binning)";
+    the positions of the bands are our choice.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_bands : int
         Number of bands.
     low_hz, high_hz : float
-        First and last centre in Hz; the last is 0.95 fs/2 if that is lower.
+        Centres of the first and the last band in Hz. The last centre is 0.95 fs/2 if that is lower.
 
     Returns
     -------
@@ -303,8 +308,8 @@ def gaussian_band_energies(
     weight = _gaussians(n_bands, low_hz, last_hz, f.size, float(f[0]), float(f[1] - f[0]))
     undefined_if(
         (weight.sum(axis=1) < 0.5).any(),
-        f"the spectrum has a bin every {f[1] - f[0]:.1f} Hz. Expected a bin in each of the bands "
-        f"from {low_hz:g} Hz on",
+        f"the bins of the spectrum are {f[1] - f[0]:.1f} Hz apart. Expected at least one bin in each "
+        f"of the bands from {low_hz:g} Hz",
     )
     return np.asarray(weight @ power * ((f[1] - f[0]) * level(view) ** 2))
 
@@ -313,7 +318,10 @@ def gaussian_band_energies(
 def _gaussians(
     n_bands: int, low_hz: float, high_hz: float, n_bins: int, first_hz: float, step_hz: float
 ) -> Samples:
-    """Return the weights of the bins, shape (n_bands, n_bins); equal for all movements of at least 1 s."""
+    """Return the weights of the bins in each band, shape (n_bands, n_bins).
+
+    The weights are cached: they are the same for all movements of at least 1 s.
+    """
     centre = np.geomspace(low_hz, high_hz, n_bands)[:, np.newaxis]
     width = centre * (centre[1] / centre[0] - 1) / 2
     f = first_hz + step_hz * np.arange(n_bins)
@@ -331,28 +339,31 @@ def _gaussians(
 def discretized_spectrogram(
     view: PhaseView, *, n_times: int = 25, n_bands: int = 5, high_hz: float = SENSOR_BAND_HZ
 ) -> Samples:
-    """Return the spectrogram in 25 equal time intervals by 5 equal bands: log10 of the mean power density.
+    """Return the log10 mean power density of a spectrogram with 25 time intervals and 5 equal bands.
 
-    Frames of 25 ms every 15 ms, as for `mfcc`. A time interval is a fraction of the movement.
+    As in `mfcc`, frames of 25 ms start every 15 ms. The movement is divided into equal time intervals, whose
+    duration depends on its length.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_times, n_bands : int
         Number of time intervals and bands.
     high_hz : float
-        Upper end of the last band in Hz; fs/2 if that is lower.
+        Upper end of the last band in Hz, or fs/2 if that is lower.
 
     Returns
     -------
     ndarray of shape (n_times * n_bands,)
-        Levels in log10((m/s^2)^2/Hz): the bands of the first time interval, then of the second.
+        Levels in log10((m/s^2)^2/Hz): all bands of the first time interval, then those of the second, and so
+        on.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence in a cell, fewer frames than time intervals, or fewer bins than bands.
+        If a cell of the spectrogram is silent, or there are fewer frames than time intervals or fewer bins
+        than bands.
 
     References
     ----------
@@ -372,7 +383,7 @@ def discretized_spectrogram(
     n_frames, n_bins = power.shape
     undefined_if(
         n_frames < n_times or n_bins < n_bands,
-        f"{n_frames} frames and {n_bins} bins. Expected at least {n_times} and {n_bands}",
+        f"{n_frames} frames and {n_bins} bins. Expected at least {n_times} frames and {n_bands} bins",
     )
     rows = np.arange(n_times) * n_frames // n_times
     columns = np.arange(n_bands) * n_bins // n_bands
@@ -389,17 +400,17 @@ def spectral_peaks(
 ) -> Samples:
     """Return the frequencies of the five highest peaks of the spectral envelope, highest first.
 
-    The envelope is the power spectrum averaged twice over 20 Hz, which is also the smallest distance of two
-    peaks.
+    The envelope is the power spectrum, smoothed by two moving averages over 20 Hz. Two peaks are at least 20
+    Hz apart.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_peaks : int
         Number of peaks.
     smooth_hz : float
-        Width of the moving averages and smallest distance of two peaks, in Hz.
+        Width of the moving averages and smallest distance between two peaks, in Hz.
     high_hz : float
         Upper end of the band in Hz.
 
@@ -411,7 +422,8 @@ def spectral_peaks(
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 64 samples, or fewer peaks above 1e-10 of the highest (a pure tone).
+        For silence, fewer than 64 samples, or if fewer than `n_peaks` peaks exceed 1e-10 of the highest peak
+        (as for a pure tone).
 
     References
     ----------

@@ -1,8 +1,9 @@
-"""Residual levels: the levels of a spectrum after removing its height and its tilt.
+"""Residual band levels: the levels of a spectrum after removing its height and its tilt.
 
-Temperature of the sensor, another grip or more force raise or tilt all levels together. In a distance between
-recordings, this one change counts once per column. Here the tilt is a column of its own, the height is
-`vibration_level`, and the residual levels describe how a surface differs from both.
+The temperature of the sensor, the grip and the force raise or tilt all levels together. This change affects
+every level, so it dominates the distance between two recordings. Here the tilt is a separate column
+(`level_tilt`), the height is `vibration_level`, and the residual levels describe the remaining shape of the
+spectrum.
 """
 
 import numpy as np
@@ -17,21 +18,21 @@ REFERENCE = "texclass; residuals of a straight line in log level over log freque
 
 
 def log_frequency(lags: tuple[int, ...]) -> Samples:
-    """Return the centre frequencies of differences, fs/(2 lag), in octaves relative to fs/2."""
+    """Return the centre frequencies fs/(2 lag) of differences, in octaves relative to fs/2."""
     return -np.log2(lags)
 
 
 @transform
 def fit_line(view: PhaseView) -> tuple[Samples, Samples]:
-    """Return height and tilt of the least-squares line through the `slope_level` of `LAGS`, (..., 1) each.
+    """Return height and tilt of the least-squares line through the `slope_level` at `LAGS`, (..., 1) each.
 
-    The height is the value at the mean log frequency. Mean magnitudes depend on the usual vibration, so
-    strong single events and strong tones move this line less than a line through a spectrum.
+    The height is the value at the mean log frequency. Because `slope_level` is a mean magnitude, single
+    strong events and strong tones affect this line less than a line through a power spectrum.
 
     Raises
     ------
     UndefinedFeatureError
-        As `slope_level`.
+        See `slope_level`.
     """
     octaves = log_frequency(LAGS)
     centred = octaves - octaves.mean()
@@ -40,7 +41,7 @@ def fit_line(view: PhaseView) -> tuple[Samples, Samples]:
 
 
 def line_at(view: PhaseView, octaves: Samples) -> Samples:
-    """Return the line at frequencies in octaves relative to fs/2 (negative below), (..., n_octaves)."""
+    """Return the values of the line at frequencies in octaves relative to fs/2, shape (..., n_octaves)."""
     height, tilt = fit_line(view)
     return np.asarray(height + tilt * (octaves - log_frequency(LAGS).mean()))
 
@@ -49,15 +50,15 @@ def line_at(view: PhaseView, octaves: Samples) -> Samples:
 def level_tilt(view: PhaseView) -> Samples:
     """Return the slope of the mean magnitude of differences over log frequency, per octave.
 
-    With L_l the `slope_level` at lag l and u_l = -log2 l, it is sum (u_l - mean u) L_l / sum (u_l - mean
-    u)^2: 0 for white noise, and -log10(2)/2 = -0.15 for a random walk.
+    Let L_l be the `slope_level` at lag l, and u_l = -log2 l. The tilt is sum (u_l - mean u) L_l / sum (u_l -
+    mean u)^2. It is 0 for white noise and -log10(2)/2 = -0.15 for a random walk.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -67,7 +68,7 @@ def level_tilt(view: PhaseView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        As `slope_level`.
+        See `slope_level`.
 
     References
     ----------
@@ -85,18 +86,19 @@ def level_tilt(view: PhaseView) -> Samples:
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="b{n_bands}")
 def band_residual_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
-    """Return the residual of `band_level`: the level minus twice the line at the centre of each band.
+    """Return the residual of `band_level`: the level minus twice the fitted line at the centre of each band.
 
-    The factor 2 turns a level of magnitudes into a level of powers.
+    The line is a least-squares fit to the `slope_level` over log frequency. The factor 2 converts its values
+    from log magnitudes to log powers.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_bands : int
         Number of bands of equal width from 0 to fs/2.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -106,7 +108,7 @@ def band_residual_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        As `band_level` and `slope_level`.
+        See `band_level` and `slope_level`.
 
     References
     ----------
@@ -129,18 +131,20 @@ def band_residual_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
 def octave_residual_level(
     view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3
 ) -> Samples:
-    """Return the residual of `octave_level`: the level minus twice the line at the centre of each band.
+    """Return the residual of `octave_level`: the level minus twice the fitted line at each band centre.
+
+    The line is described in `band_residual_level`.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     octaves : tuple of int
-        First octave, and the one after the last, counted down from fs/2.
+        First octave, and the octave after the last one, counted down from fs/2.
     per_octave : int
-        Bands per octave.
+        Number of bands per octave.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -150,7 +154,7 @@ def octave_residual_level(
     Raises
     ------
     UndefinedFeatureError
-        As `octave_level` and `slope_level`.
+        See `octave_level` and `slope_level`.
 
     References
     ----------
@@ -170,16 +174,18 @@ def octave_residual_level(
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
 def slope_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
-    """Return the residual of `slope_level`: the level minus the line at fs/(2 lag).
+    """Return the residual of `slope_level`: the level minus the fitted line at fs/(2 lag).
+
+    The line is described in `band_residual_level`.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lags : tuple of int
         Lags in samples.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -189,7 +195,7 @@ def slope_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Sa
     Raises
     ------
     UndefinedFeatureError
-        As `slope_level`.
+        See `slope_level`.
 
     References
     ----------
@@ -207,16 +213,18 @@ def slope_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Sa
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
 def curvature_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
-    """Return the residual of `curvature_level`: the level minus the line at fs/(2 lag).
+    """Return the residual of `curvature_level`: the level minus the fitted line at fs/(2 lag).
+
+    The line is described in `band_residual_level`.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lags : tuple of int
         Lags of the second differences, in samples.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -226,7 +234,7 @@ def curvature_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -
     Raises
     ------
     UndefinedFeatureError
-        As `curvature_level` and `slope_level`.
+        See `curvature_level` and `slope_level`.
 
     References
     ----------

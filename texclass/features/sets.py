@@ -23,11 +23,12 @@ from texclass.shipped import locate
 from texclass.validation import StrictModel, read_toml, validate
 
 MAX_PRODUCT = 1 << 16
-"""Largest product of the whole numbers (orders, segments, bands) in the parameters of one feature."""
+"""Largest product of the whole numbers (orders, segments, bands) among the parameters of one feature. It
+limits the number of columns."""
 SAMPLE_PARAMETERS = frozenset({"length", "shift", "average", "frame", "spacing"})
-"""Parameters that are numbers of samples, and do not multiply the number of columns."""
+"""Parameters that are lengths in samples, which do not affect the number of columns."""
 MAX_MOVEMENT_SAMPLES = 3_000_000
-"""Longest movement in samples that is computed as a whole: 5 minutes at 10 kHz, about 200 MB of memory."""
+"""Longest movement in samples that is not divided: 5 minutes at 10 kHz, which take about 200 MB of memory."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +38,13 @@ class Member:
     Attributes
     ----------
     name : str
-        Name in the set; its columns start with it.
+        Name of the feature in the set. The names of its columns start with it.
     feature : Feature
         The registered feature.
     parameters : mapping
         Parameters that replace the defaults of the feature.
     columns : tuple of str
-        Columns in order; all columns of the feature unless the set was restricted.
+        Columns to compute, in order (default: all columns of the feature).
     remove_hand_motion : bool
         Whether hand motion is removed from the movement; see `Views.vibration`.
     """
@@ -55,7 +56,7 @@ class Member:
     remove_hand_motion: bool = False
 
     def __post_init__(self) -> None:
-        # A plain dict (not a mapping proxy) keeps the member picklable for worker processes.
+        # A plain dict can be pickled for worker processes; a mapping proxy cannot.
         object.__setattr__(self, "parameters", dict(self.parameters))
         object.__setattr__(self, "columns", self.columns or self.all_columns)
 
@@ -75,15 +76,15 @@ class Member:
         return views.of(self.feature.phase, remove_hand_motion=self.remove_hand_motion)
 
     def values(self, views: Views) -> Samples:
-        """Return the columns of one channel of one recording, shape (n_columns,).
+        """Compute the columns for one channel of one recording, shape (n_columns,).
 
         Raises
         ------
         UndefinedFeatureError
             If the recording does not have the phase, the feature is undefined, or a value is not finite.
         ValueError
-            If the feature fails or has another number of outputs than declared; the message names recording
-            and feature.
+            If the function of the feature fails, or the number of outputs differs from the declaration. The
+            message names the recording and the feature.
         """
         view = self.view(views)
         try:
@@ -103,7 +104,7 @@ class Member:
         return values[self._column_indices]
 
     def outcome(self, views: Views) -> Samples | str:
-        """Return the values, or the reason why the feature is undefined."""
+        """Return the values, or the reason why the feature is undefined, as a string."""
         try:
             return self.values(views)
         except UndefinedFeatureError as undefined:
@@ -117,7 +118,7 @@ class FeatureSet:
     Attributes
     ----------
     name, reference, description : str
-        From the TOML file.
+        Entries of the TOML file.
     members : tuple of Member
         Features in the order of the TOML file.
 
@@ -139,22 +140,22 @@ class FeatureSet:
 
     @property
     def columns(self) -> Mapping[str, tuple[str, ...]]:
-        """Feature name -> names of its columns."""
+        """Mapping from feature names to the names of their columns."""
         return MappingProxyType({member.name: member.columns for member in self.members})
 
     @property
     def units(self) -> Mapping[str, str]:
-        """Column -> unit, for recordings in m/s^2."""
+        """Mapping from columns to units, for recordings in m/s^2."""
         return {column: member.feature.unit for member in self.members for column in member.columns}
 
     @property
     def remove_hand_motion(self) -> bool:
-        """Whether hand motion is removed from the movement of any feature."""
+        """Whether hand motion is removed from the movement for at least one feature."""
         return any(member.remove_hand_motion for member in self.members)
 
     @property
     def movement(self) -> str:
-        """How hand motion in the movement is treated, in words."""
+        """Description of the treatment of hand motion, for reports."""
         return "hand motion removed" if self.remove_hand_motion else "hand motion kept, as printed"
 
     @cached_property
@@ -177,7 +178,7 @@ class FeatureSet:
         return hashlib.sha256(json.dumps(definition).encode()).hexdigest()[:16]
 
     def columns_of(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Return the columns of features and columns given by name, in the order of the names.
+        """Return the columns for names of features or columns, in the order of the names.
 
         Raises
         ------
@@ -194,33 +195,33 @@ class FeatureSet:
         return tuple(dict.fromkeys(column for name in names for column in columns[name]))
 
     def restricted_to(self, names: Iterable[str]) -> "FeatureSet":
-        """Return the set that computes only these features and columns, in the order of this set."""
+        """Return a set that computes only these features and columns, in the order of this set."""
         required = set(self.columns_of(names))
         members = ((m, tuple(column for column in m.columns if column in required)) for m in self.members)
         return replace(self, members=tuple(replace(m, columns=columns) for m, columns in members if columns))
 
     def with_phases(self, *phases: Phase) -> "FeatureSet":
-        """Return the subset of features that read these phases; it may be empty."""
+        """Return the subset of features that read one of these phases; it may be empty."""
         return replace(self, members=tuple(m for m in self.members if m.feature.phase in phases))
 
     def compute(self, views: Views) -> tuple[Samples, tuple[tuple[str, str], ...]]:
         """Compute the set on one channel of one recording.
 
         A movement longer than `MAX_MOVEMENT_SAMPLES` is divided into equal parts to limit the memory. The
-        value of a feature is the mean over the parts where it is defined. Features of taps and pairs, and
-        features that depend on the length, are computed on the whole recording.
+        value of a feature is the mean over the parts in which it is defined. Features of taps and pairs, and
+        features that depend on the length, are computed from the undivided recording.
 
         Parameters
         ----------
         views : Views
-            Phases of the recording.
+            Phase views of the recording.
 
         Returns
         -------
         values : ndarray of shape (n_columns,)
-            NaN where a feature is undefined.
+            Feature values; NaN where a feature is undefined.
         reasons : tuple of (feature, reason)
-            Why features are undefined.
+            Reasons why features are undefined.
         """
         part_outcomes = self._part_outcomes(views)
         values, reasons, start = np.full(len(self.column_names), np.nan), [], 0
@@ -240,7 +241,7 @@ class FeatureSet:
         return values, tuple(reasons)
 
     def _part_outcomes(self, views: Views) -> dict[str, list[Samples | str]]:
-        """Return the outcomes of features for each part of a movement longer than `MAX_MOVEMENT_SAMPLES`."""
+        """Return the outcomes of each feature for the parts of a long movement; empty for a short one."""
         start, stop = views.phases.movement or (0, 0)
         if stop - start <= MAX_MOVEMENT_SAMPLES:
             return {}
@@ -273,19 +274,19 @@ def load_feature_set(name_or_path: str | Path) -> FeatureSet:
     Parameters
     ----------
     name_or_path : str or Path
-        Name of a shipped feature set, or path of a feature set (TOML).
+        Name of a shipped feature set, or path of a TOML file with a feature set.
 
     Returns
     -------
     FeatureSet
-        Features with their parameters and columns.
+        Feature set.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such set.
+        If there is no such feature set.
     ValueError
-        If the file is invalid; the message names file, key and valid keys.
+        If the file is invalid. The message names the file, the key and the valid keys.
 
     Examples
     --------
@@ -300,12 +301,17 @@ def load_feature_set(name_or_path: str | Path) -> FeatureSet:
     )
     counts = Counter(column for member in members for column in member.columns)
     if duplicates := [column for column, n in counts.items() if n > 1]:
-        raise ValueError(f"{path.name}: two columns are named {duplicates[0]!r:.80}. Expected unique names")
+        raise ValueError(
+            f"{path.name}: two columns have the name {duplicates[0]!r:.80}. Rename one of their features"
+        )
     return FeatureSet(definition.name or path.stem, members, definition.reference, definition.description)
 
 
 def code_hash(feature_set: FeatureSet) -> str:
-    """Return a hex digest of the code that affects the values; cached tables of other code are not used."""
+    """Return a hex digest of the code that determines the feature values.
+
+    Cached tables with another digest are ignored.
+    """
     sources = {member.feature.source for member in feature_set.members}
     return provenance.code_hash("recording", "signals", "phases", "features", "vibration", files=sources)
 
@@ -336,13 +342,13 @@ def _member(name: str, table: dict[str, Any], file: str) -> Member:
 
 
 class Overrides(StrictModel):
-    """Parameters of a feature in a set."""
+    """Base class of the models that validate the parameters of a feature in a set."""
 
     model_config = ConfigDict(allow_inf_nan=True)
 
 
 def _largest(value: Any) -> int:
-    """Return the largest magnitude of the whole numbers in a parameter, 1 if there is none."""
+    """Return the largest magnitude of the whole numbers in a parameter, or 1 if there is none."""
     if isinstance(value, tuple):
         return max(map(_largest, value), default=1)
     return max(1, abs(value)) if isinstance(value, int) else 1

@@ -1,9 +1,9 @@
-"""Differences and second differences of a vibration at several lags: level, shape and signs.
+"""Features of the first and second differences of a vibration at several lags: level, shape and signs.
 
-A power spectrum contains no phase: it shows neither whether the energy is concentrated in bursts, nor whether
-the signal is symmetric. A second difference with a given lag is a band-pass around fs/(3 lag) that costs two
-additions, and a few of its moments describe both properties. The signs of differences do not depend on gain,
-on slow drift of the sensor, or on a few strong events.
+A power spectrum contains no phase. It shows neither whether the energy is concentrated in bursts nor whether
+the signal is symmetric. A second difference is a band-pass around fs/(3 lag) that needs only two additions
+per sample, and a few of its moments describe both properties. The signs of differences hardly depend on the
+gain, on slow drift of the sensor, or on a few strong events.
 """
 
 from collections.abc import Iterable
@@ -21,6 +21,7 @@ MOMENTS = "texclass; moments of second differences"
 LAGS = (1, 2, 4, 8, 16, 32)
 """Lags in samples, one octave apart."""
 SHAPES = ("lopsidedness", "peakedness", "evenness")
+"""Moments that describe the shape of a signal; see `curvature_shape`."""
 MIN_RMS = 1e-6
 """Smallest RMS relative to the largest sample; smaller values are rounding errors of single precision."""
 
@@ -40,7 +41,7 @@ def convex(view: PhaseView, lag: int) -> NDArray[np.bool_]:
 
 
 def agreements(signs: NDArray[np.bool_], shifts: Iterable[int]) -> list[list[float]]:
-    """Return, for each shift, the fraction of times t with equal signs at t and t + shift, per row."""
+    """Return the fraction of times t with equal signs at t and t + shift, for each shift and row."""
     rows = signs.reshape(-1, signs.shape[-1])
     same = (rows[:, shift:] == rows[:, :-shift] for shift in shifts)
     return [[np.count_nonzero(row) / row.size for row in rows] for rows in same]  # slower with axis=-1
@@ -50,23 +51,23 @@ def agreements(signs: NDArray[np.bool_], shifts: Iterable[int]) -> list[list[flo
 def slope_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
-    """Return how often two differences, some time apart, have the same sign, at several lags.
+    """Return how often two delayed differences have the same sign, at several lags.
 
-    With d_t = x_(t+lag) - x_t, the fraction of times t with sign d_t = sign d_(t + step lag). For a Gaussian
-    signal it is 1/2 + arcsin(r)/pi, where r is the correlation of the two. Each lag is a band-pass around
-    fs/(2 lag). Zero differences count as negative, so the value depends on the sign of a coarsely quantised
-    signal.
+    Let d_t = x_(t+lag) - x_t, which is a band-pass around fs/(2 lag). The value is the fraction of times t at
+    which d_t and d_(t + step lag) have the same sign. For a Gaussian signal it is 1/2 + arcsin(r)/pi, where r
+    is the correlation of both differences. Zero differences count as negative. Therefore the value of a
+    coarsely quantised signal changes if the signal is inverted.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lags : tuple of int
         Lags of the differences, in samples.
     steps : tuple of int
-        Distances between the two differences, in lags.
+        Delays between the two differences, in multiples of the lag.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -76,7 +77,7 @@ def slope_agreement(
     Raises
     ------
     UndefinedFeatureError
-        For silence, or a movement shorter than twice the longest lag and step together.
+        For silence, or a movement shorter than twice the sum of the longest lag and the longest delay.
 
     References
     ----------
@@ -98,20 +99,21 @@ def slope_agreement(
 def curvature_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
-    """Return how often two second differences, some time apart, have the same sign, at several lags.
+    """Return how often two delayed second differences have the same sign, at several lags.
 
-    As `slope_agreement`, with the second difference x_(t+2 lag) - 2 x_(t+lag) + x_t, a narrower band-pass.
+    The definition is that of `slope_agreement` with the second difference x_(t+2 lag) - 2 x_(t+lag) + x_t,
+    which is a narrower band-pass.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lags : tuple of int
         Lags of the second differences, in samples.
     steps : tuple of int
-        Distances between the two second differences, in lags.
+        Delays between the two second differences, in multiples of the lag.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -121,7 +123,8 @@ def curvature_agreement(
     Raises
     ------
     UndefinedFeatureError
-        For silence, or a movement shorter than twice the longest span and step together.
+        For silence, or a movement shorter than twice the sum of the longest span (two lags) and the longest
+        delay.
 
     References
     ----------
@@ -145,16 +148,16 @@ def curvature_agreement(
 def slope_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """Return the mean magnitude of differences at several lags, log10 mean |x_(t+lag) - x_t|.
 
-    The mean magnitude describes the usual vibration; the power of a band may come from a few strong events.
+    A few strong events affect the mean magnitude less than the power of a band.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lags : tuple of int
         Lags in samples.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -164,7 +167,7 @@ def slope_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement shorter than twice the longest lag, or differences that are all 0.
+        For silence, a movement shorter than twice the longest lag, or a lag at which all differences are 0.
 
     References
     ----------
@@ -191,20 +194,21 @@ def slope_levels(view: PhaseView, lags: tuple[int, ...]) -> Samples:
         # Single precision is enough: numpy uses pairwise summation.
         means.append(np.abs(change, out=change).sum(axis=-1) / np.float64(change.shape[-1]))
     mean = np.array(means).T
-    undefined_if(not mean.all(), "the mean difference must be positive to take its logarithm, got 0")
+    undefined_if(not mean.all(), "all differences at a lag are 0. Expected a positive mean magnitude")
     return np.asarray(np.log10(mean) + np.log10(level(view)))
 
 
 @transform
 def moments(view: PhaseView, lag: int) -> tuple[Samples, Samples]:
-    """Return mean square (...) and `SHAPES` (..., 3) of c_t = (x_(t+2 lag) + x_t)/2 - x_(t+lag).
+    """Return the mean square (...) and the `SHAPES` (..., 3) of half the second difference at a lag.
 
-    Samples are divided by `level`. For lag 0, c = x - mean x.
+    The half second difference is c_t = (x_(t+2 lag) + x_t)/2 - x_(t+lag), where x is the signal divided by
+    `level`. For lag 0, c = x - mean x.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, or if c is not larger than rounding errors.
+        For silence, or if c consists of rounding errors.
     """
     x = unit32(view)
     if lag:
@@ -217,7 +221,7 @@ def moments(view: PhaseView, lag: int) -> tuple[Samples, Samples]:
 
 
 def _shapes(c: NDArray[np.float32], name: str) -> tuple[Samples, Samples]:
-    """Return mean square (...) and `SHAPES` (..., 3) of some samples, which are overwritten."""
+    """Return the mean square (...) and the `SHAPES` (..., 3) of samples, which are overwritten."""
     size, n = np.abs(c), c.shape[-1]
     sums = [size.sum(axis=-1), _dot(c, size)]
     c *= c
@@ -237,7 +241,7 @@ def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def shape_names(*, lags: tuple[int, ...]) -> tuple[str, ...]:
-    """Return the names of the `SHAPES` for several lags."""
+    """Return the output names of the `SHAPES` for several lags."""
     return tuple(f"lag{lag}.{shape}" for lag in lags for shape in SHAPES)
 
 
@@ -248,9 +252,9 @@ def vibration_shape(view: PhaseView) -> Samples:
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -286,22 +290,24 @@ def vibration_shape(view: PhaseView) -> Samples:
 def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """Return lopsidedness, peakedness and evenness of second differences at several lags.
 
-    With c the second difference at a lag:
+    Let c be the second difference at a lag:
 
-    - lopsidedness is mean(c |c|) / mean(c^2): 0 for a symmetric signal, +-1 if it bends to one side only. Its
-      sign depends on the mounting direction of the sensor;
-    - peakedness is log10(mean(c^4) / mean(c^2)^2), the logarithm of the kurtosis: 0.48 for Gaussian noise,
-      more for bursts;
-    - evenness is log10(mean |c| / rms c): -0.10 for Gaussian noise, near 0 if |c| is constant.
+    - Lopsidedness is mean(c |c|) / mean(c^2). It is 0 for a symmetric signal, and 1 or -1 if the signal bends
+      to
+      one side only. The sign depends on the mounting direction of the sensor.
+    - Peakedness is log10(mean(c^4) / mean(c^2)^2), the logarithm of the kurtosis. It is 0.48 for Gaussian
+      noise and
+      larger for bursts.
+    - Evenness is log10(mean |c| / rms c). It is -0.10 for Gaussian noise and close to 0 if |c| is constant.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lags : tuple of int
         Lags of the second differences, in samples.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -311,7 +317,8 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement shorter than four times the longest lag, or second differences that are all 0.
+        For silence, a movement shorter than four times the longest lag, or a lag at which all second
+        differences are 0.
 
     References
     ----------
@@ -337,18 +344,19 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
 def slope_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """Return lopsidedness, peakedness and evenness of differences at several lags.
 
-    As `curvature_shape`, for d_t = x_(t+lag) - x_t. Lopsidedness differs from 0 if rises are steeper than
-    falls, as in stick-slip; a power spectrum does not depend on the direction of time. For windows of 0.1 s,
-    this shape separates surfaces that no level separates.
+    The moments are those of `curvature_shape`, computed for d_t = x_(t+lag) - x_t. Lopsidedness differs from
+    0 if rises are steeper than falls, or vice versa, as in stick-slip. A power spectrum does not show this,
+    because it does not depend on the direction of time. In windows of 0.1 s, these moments separate surfaces
+    that no level separates.
 
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lags : tuple of int
         Lags in samples.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -358,7 +366,7 @@ def slope_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement shorter than twice the longest lag, or differences that are all 0.
+        For silence, a movement shorter than twice the longest lag, or a lag at which all differences are 0.
 
     References
     ----------
@@ -384,11 +392,11 @@ def curvature_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     lags : tuple of int
         Lags of the second differences, in samples.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------
@@ -398,7 +406,7 @@ def curvature_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
     Raises
     ------
     UndefinedFeatureError
-        As `curvature_shape`.
+        See `curvature_shape`.
 
     References
     ----------
@@ -436,9 +444,9 @@ def vibration_level(view: PhaseView) -> Samples:
     Parameters
     ----------
     view : PhaseView or array_like of shape (n,)
-        Movement; an array with `fs` in Hz.
+        Movement. For an array, also pass `fs` in Hz.
     n_segments : int
-        Number of equal segments to compute it on (default 1); see `feature`.
+        Number of equal segments on which the feature is computed (default 1); see `feature`.
 
     Returns
     -------

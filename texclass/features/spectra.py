@@ -11,21 +11,22 @@ from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.recording import Samples, make_read_only
 
 BAND_HZ = 2100.0
-"""Upper end of `mean_spectrum` in Hz: 1.5 times the bandwidth of the sensor of strese2015."""
+"""Upper end of `mean_spectrum` in Hz: 1.5 times the bandwidth of the sensor in strese2015."""
 BLOCK = 128
-"""Frames per transform call, so that a block fits into the cache of the processor."""
+"""Maximum number of frames per transform call, so that a block fits into the cache of the processor."""
 LONG_FRAME_S = 0.4096
 """Length of a frame of `long_frames` in s: 4096 samples at the 10 kHz of strese2015."""
 BLOCK_SAMPLES = 1 << 16
-"""Samples per transform call (256 kB), so that a block of long frames fits into the cache too."""
+"""Maximum number of samples per transform call (256 kB), so that a block of long frames also fits into the
+cache."""
 
 
 @transform
 def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
-    """Return frequency (Hz) and power density of `unit` (1/Hz), both of shape (n_bins,).
+    """Return the frequencies (Hz) and the power density of `unit` (1/Hz), both of shape (n_bins,).
 
-    The periodogram of the whole movement up to `BAND_HZ`, or up to and including fs/2 if that is lower,
-    averaged over intervals of 1 Hz. For a movement shorter than 1 s, the bins of the periodogram.
+    The power density is the periodogram of the whole movement up to `BAND_HZ`, or up to and including fs/2 if
+    that is lower. It is averaged over intervals of 1 Hz, or not averaged if the movement is shorter than 1 s.
 
     Raises
     ------
@@ -41,7 +42,7 @@ def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
         n_bins = x.size if width == step else int(np.ceil(view.fs / 2 - 1e-6))
     else:
         n_bins = int(BAND_HZ / width)
-    undefined_if(n_bins < 8, f"fs is {view.fs:g} Hz. Expected a spectrum of 8 bins of {width:g} Hz")
+    undefined_if(n_bins < 8, f"fs is {view.fs:g} Hz. Expected a spectrum of at least 8 bins of {width:g} Hz")
     first = np.ceil(np.arange(n_bins + 1) * (width / step) - 1e-6).astype(np.intp)
     first[-1] = x.size if is_full_band else first[-1]
     power, n_in = x[: first[-1]].real ** 2 + x[: first[-1]].imag ** 2, np.diff(first).astype(np.float64)
@@ -55,19 +56,21 @@ def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
 
 
 def frames_of(x: NDArray[np.float32], length: int, hop: int = 1) -> NDArray[np.float32]:
-    """Return a view of the frames of contiguous samples, (n_frames, length); callers must not write to it.
+    """Return a view of the frames of contiguous samples, shape (n_frames, length).
 
-    `numpy.lib.stride_tricks.sliding_window_view` takes as long as the transform of some frames.
+    Callers must not write to it. `numpy.lib.stride_tricks.sliding_window_view` is not used, because it takes
+    as long as the transform of several frames.
     """
     n_frames, step = (x.size - length) // hop + 1, x.itemsize
     return np.ndarray((n_frames, length), x.dtype, x, strides=(hop * step, step))
 
 
 def autocorrelation(view: PhaseView) -> NDArray[np.float32]:
-    """Return r_k = sum_n x_n x_(n+k) of `unit` for k = 0 ... n-1, shape (n,), with an error of 1e-7 r_0.
+    """Return the autocorrelation r_k = sum_n x_n x_(n+k) of `unit` for k = 0 ... n-1, shape (n,).
 
-    The movement is cut into blocks of L samples; the correlation of two blocks with distance d gives the lags
-    around d L. Several short transforms in single precision take a third of the time of one long transform.
+    The error is 1e-7 r_0. The movement is cut into blocks of L samples. The correlation of two blocks that
+    are d blocks apart contributes to the lags around d L. Several short transforms in single precision take a
+    third of the time of one long transform.
     """
     n, n_blocks = view.n_samples, 8
     length = -(-n // n_blocks)
@@ -103,7 +106,7 @@ def power_frames(
     frame_s, hop_s : float
         Length of a frame and distance between the starts of two frames, in s.
     window : {"hann", "hamming"}
-        Window.
+        Window function.
     high_hz : float
         Upper end of the band in Hz (default: fs/2).
 
@@ -128,7 +131,7 @@ def power_frames(
     frames = frames_of(unit32(view), length, n_of(view, hop_s))
     frequency = np.linspace(0, view.fs / 2, n_fft // 2 + 1)
     n_bins = int(np.searchsorted(frequency, high_hz, side="right"))
-    undefined_if(n_bins < 2, f"bins lie every {frequency[1]:g} Hz. Expected one up to {high_hz:g} Hz")
+    undefined_if(n_bins < 2, f"bins are {frequency[1]:g} Hz apart. Expected one up to {high_hz:g} Hz")
     power = np.empty((len(frames), n_bins), dtype=np.float32)
     block = np.zeros((min(BLOCK, max(1, BLOCK_SAMPLES // n_fft)), n_fft), dtype=np.float32)
     for k in range(0, len(frames), len(block)):
@@ -144,7 +147,7 @@ def power_frames(
 
 @functools.lru_cache(maxsize=32)
 def window_of(name: str, length: int) -> NDArray[np.float32]:
-    """Return a periodic window, "hann" or "hamming", shape (length,); cached by length."""
+    """Return a periodic "hann" or "hamming" window of shape (length,)."""
     constant = {"hann": 0.5, "hamming": 0.54}[name]
     window = constant + (1 - constant) * np.cos(np.linspace(-np.pi, np.pi, length + 1)[:-1])
     return make_read_only(window.astype(np.float32))
@@ -152,7 +155,9 @@ def window_of(name: str, length: int) -> NDArray[np.float32]:
 
 @transform
 def long_frames(view: PhaseView) -> tuple[NDArray[np.float32], Samples]:
-    """Return the power spectra of half-overlapping Hann frames of `LONG_FRAME_S`, or of a shorter movement.
+    """Return the power spectra of half-overlapping Hann frames of `LONG_FRAME_S`.
+
+    A shorter movement is one frame.
 
     Raises
     ------
@@ -168,8 +173,8 @@ def long_frames(view: PhaseView) -> tuple[NDArray[np.float32], Samples]:
 def spectral_moments(view: PhaseView) -> tuple[Samples, Samples]:
     """Return the spectral centroid and spread (Hz) of each non-silent frame of `long_frames`.
 
-    SC = sum f P / sum P, and the spread is sqrt(sum (f - SC)^2 P / sum P). Frequencies are taken relative to
-    the middle of the band to avoid cancellation.
+    The centroid is SC = sum f P / sum P, and the spread is sqrt(sum (f - SC)^2 P / sum P). Frequencies are
+    taken relative to the middle of the band to avoid cancellation.
     """
     power, frequency = long_frames(view)
     middle = frequency[-1] / 2
@@ -182,11 +187,11 @@ def spectral_moments(view: PhaseView) -> tuple[Samples, Samples]:
 
 @transform
 def spectral_changes(view: PhaseView, length: int, shift: int) -> Samples:
-    """Return the mean over bins of D_k^2 for every pair of frames k, shape (n_pairs,).
+    """Return the mean over bins of D_k^2 for every pair of adjacent frames, shape (n_pairs,).
 
-    D_k = |X_k| - |X_(k+1)| with X_k the orthonormal DCT-II of frame k of `length` samples, frames `shift`
-    apart [strese2015, eq. 4]. In single precision, which halves the time: adjacent magnitudes differ by much
-    more than 1e-7.
+    D_k = |X_k| - |X_(k+1)|, where X_k is the orthonormal DCT-II of frame k. Frames have `length` samples and
+    start every `shift` samples [strese2015, eq. 4]. The computation uses single precision, which halves the
+    time. It is accurate enough, because adjacent magnitudes differ by much more than 1e-7.
 
     Raises
     ------
@@ -200,13 +205,13 @@ def spectral_changes(view: PhaseView, length: int, shift: int) -> Samples:
 
 
 def magnitudes(frames: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return |X_k| with X_k the orthonormal DCT-II of each frame, shape (n_frames, length)."""
+    """Return the magnitudes of the orthonormal DCT-II of each frame, shape (n_frames, length)."""
     magnitude: NDArray[np.float32] = fft.dct(frames, axis=1, norm="ortho")
     return np.abs(magnitude, out=magnitude)
 
 
 def mean_square(change: NDArray[np.float32]) -> Samples:
-    """Return the mean over bins of D_k^2 for each row."""
+    """Return the mean square of each row."""
     return np.asarray(np.einsum("kj,kj->k", change, change).astype(np.float64) / change.shape[1])
 
 

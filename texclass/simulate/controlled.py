@@ -94,7 +94,7 @@ def record_rising_force(
     Parameters
     ----------
     surface, operator, duration_s, fs, seed, sensor
-        As in `record_rising_speed`.
+        See `record_rising_speed`.
     force_n : (float, float)
         First and last normal force in N (default 0.4 and 2.5).
     speed_mm_s : float
@@ -134,7 +134,7 @@ def record_rising_taps(
     Parameters
     ----------
     surface, operator, fs, seed, sensor
-        As in `record_rising_speed`.
+        See `record_rising_speed`.
     n_taps : int
         Number of taps (default 8).
     tap_speed_mm_s : (float, float)

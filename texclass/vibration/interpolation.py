@@ -144,7 +144,7 @@ def interpolate(
     Raises
     ------
     ValueError
-        As `ModelBlend`, and if a weight lies outside [0, 1].
+        In the cases of `ModelBlend`, and if a weight lies outside [0, 1].
 
     Examples
     --------

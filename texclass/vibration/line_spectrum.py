@@ -166,7 +166,7 @@ def conditioning(lsf: ArrayLike) -> Samples:
     Raises
     ------
     ValueError
-        As `to_reflection`.
+        See `to_reflection`.
 
     Examples
     --------
