@@ -187,7 +187,7 @@ def test_overlap_widens_the_interval_by_the_printed_factor():
 def test_equal_differences_have_no_variance_and_one_fold_is_rejected():
     for differences in ([0.0] * 4, [0.02] * 10, [0.1 + 0.2, 0.3, 0.3]):
         assert corrected_resampled_t(differences, 1 / 9) == ((-1.0, 1.0), 1.0)
-    with pytest.raises(ValueError, match=r"differences has 1 values. Expected at least 2 folds"):
+    with pytest.raises(ValueError, match=r"differences must contain at least 2 values .*, got 1"):
         corrected_resampled_t([0.1], 0.5)
 
 
@@ -302,7 +302,7 @@ def test_the_coverage_in_the_docstring_of_cluster_intervals_is_that_of_the_study
     docstring = " ".join(cluster_interval.__doc__.split())
     assert "at least 94 %" in docstring
     assert "covers 53 to 87 %" in docstring
-    assert "17 points instead of 10" in docstring
+    assert "17 instead of 10 percentage points" in docstring
     equal = (rows["skill"] == "equal") & (rows["n_operators"] == 12) & (rows["n_tests"] == 20)
     widths = rows[equal].groupby("way")["width"].mean()
     assert (100 * widths).round().to_dict() == {"ours": 17, "spread alone": 10}

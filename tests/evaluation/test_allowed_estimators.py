@@ -76,14 +76,14 @@ def test_a_pipeline_cannot_load_a_forged_cache(tmp_path, monkeypatch):
         (FOREST, "verbose = 1", "parameter 'verbose' is not allowed"),
         (BAGGING, f"estimator = {{ use = '{FOREST}', n_jobs = 2 }}", "parameter 'n_jobs' is not allowed"),
         (BAGGING, "estimator = { use = 'os.system' }", r"use = 'os\.system' is not an allowed estimator"),
-        (FOREST, "class_weight = { a = 1.0 }", "class_weight is .*Expected a number, a text"),
+        (FOREST, "class_weight = { a = 1.0 }", "class_weight is .*Expected a number, a string"),
         (FOREST, "max_depth = 2026-01-01", "max_depth"),
         ("sklearn.feature_extraction.text.CountVectorizer", "", "is not an allowed estimator"),
         (FOREST, "n_estimators = 1_000_000_000", "n_estimators is 1000000000. Expected at most 10000"),
         (
             BAGGING,
             f"n_estimators = 1000\nestimator = {{ use = '{FOREST}', n_estimators = 1000 }}",
-            "builds 1000000 models. Expected at most 10000",
+            "would fit 1000000 models. Expected at most 10000",
         ),
         (
             "sklearn.neural_network.MLPClassifier",
@@ -93,7 +93,7 @@ def test_a_pipeline_cannot_load_a_forged_cache(tmp_path, monkeypatch):
         (
             "sklearn.neural_network.MLPClassifier",
             "hidden_layer_sizes = [10_000, 10_000]",
-            "hidden_layer_sizes has 100,000,000 weights. Expected at most 10,000,000",
+            "hidden_layer_sizes requires 100,000,000 weights. Expected at most 10,000,000",
         ),
         ("sklearn.neural_network.MLPClassifier", f"hidden_layer_sizes = {[1] * 1001}", "has 1001 elements"),
         ("sklearn.neural_network.MLPClassifier", "hidden_layer_sizes = [[1]]", "Expected numbers"),
@@ -101,7 +101,7 @@ def test_a_pipeline_cannot_load_a_forged_cache(tmp_path, monkeypatch):
         (
             BAGGING,
             "estimator = " + f"{{ use = '{BAGGING}', estimator = " * 4 + "{ use = 'x' }" + "}" * 4,
-            "is nested 5 deep. Expected at most 4",
+            "is nested 5 levels deep. Expected at most 4",
         ),
     ],
 )

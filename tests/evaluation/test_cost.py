@@ -29,7 +29,7 @@ def test_a_shared_part_is_paid_once_and_columns_of_a_feature_share_its_cost():
         assert MODEL.cost(columns) == ms
     assert MODEL.total == 13
     assert MODEL.restricted_to(["b.2", "a"]).cost(["a", "b.2"]) == 9
-    with pytest.raises(ValueError, match="'z' has no cost"):
+    with pytest.raises(ValueError, match="the cost model has no column 'z'"):
         MODEL.cost(["z"])
 
 

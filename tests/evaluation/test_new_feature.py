@@ -59,7 +59,7 @@ def test_a_study_is_written_beside_its_benchmark_without_pictures_of_its_own(stu
 
 def test_an_existing_feature_name_is_rejected_and_a_new_feature_changes_the_hash(few):
     assert few.with_feature(LOUD).hash != few.hash
-    with pytest.raises(ValueError, match=r"'level' exists in the feature set 'toy'. Choose another name"):
+    with pytest.raises(ValueError, match=r"'toy' already contains a feature or column 'level'. Rename"):
         few.with_feature(Feature("level", loud, "movement", "g", "test"))
 
 

@@ -188,7 +188,7 @@ def test_an_impossible_split_raises_an_error_with_value_and_expectation():
         (
             "leave-out session",
             a_table(),
-            "0 sessions, and 30 recordings without one. Leave-one-out .* at least 2 different",
+            "0 sessions, and 30 recordings without a label. Leave-one-out .* at least 2 different",
         ),
         ("leave-one", a_table(), "unknown protocol 'leave-one'.*leave-out LABEL"),
         ("leave-out surface", a_table(), "has no recording without surface"),

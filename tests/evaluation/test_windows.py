@@ -108,7 +108,7 @@ def test_short_movements_and_bad_recordings_raise_an_error_when_loaded(toy_datas
         extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.parquet")
     table = extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.parquet", skip_bad=True)
     assert (table.n_recordings, [b.recording_id for b in table.left_out]) == (11 * 3, ["m1_1"])
-    with pytest.raises(RecordingError, match=r"m0_1: the movement lasts 0\.3 s. Expected at least 0\.4"):
+    with pytest.raises(RecordingError, match=r"m0_1: the movement lasts 0\.3 s, but a window lasts 0\.4 s"):
         extract_table(cut_windows(toy_dataset(), 0.4), feature_set, tmp_path / "t.parquet")
 
 

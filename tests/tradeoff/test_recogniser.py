@@ -163,5 +163,5 @@ def test_other_files_raise_a_value_error(tmp_path, monkeypatch):
 def test_changed_feature_code_gives_a_warning(tmp_path, monkeypatch):
     save_recogniser(fitted("cost-aware"), tmp_path / "r.skops")
     monkeypatch.setattr("texclass.features.plan.code_hash", lambda feature_set: "other")
-    with pytest.warns(UserWarning, match="train it again"):
+    with pytest.warns(UserWarning, match="Train it again"):
         load_recogniser(tmp_path / "r.skops")

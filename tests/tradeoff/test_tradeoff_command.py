@@ -84,7 +84,7 @@ def test_every_limit_is_respected_and_appears_in_the_files(tradeoff, plates):
         (("--max-features", 0), "max_features must be positive and finite, got 0"),
         (("--max-seconds", -1), "seconds must be positive and finite, got -1.0"),
         (("--max-seconds", 9), "no recording can be used"),
-        (("--surfaces", "cork,silk"), "no surface 'silk'; its surfaces are cork, felt, oak"),
+        (("--surfaces", "cork,silk"), "no surface 'silk'. Expected at least two of cork, felt, oak"),
         (("--surfaces", "cork"), "must contain at least two surfaces"),
         (("--protocol", "operator"), "operator"),
         (("--features", "none.toml"), "none.toml"),

@@ -1,4 +1,4 @@
-"""Baselines: what users would get from the tools they use now, on the same folds."""
+"""Baselines: evaluate other libraries and texclass on the same folds."""
 
 import lazy_loader
 

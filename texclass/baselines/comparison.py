@@ -40,7 +40,7 @@ DESCRIPTIONS: dict[SignalChoice, str] = {
 }
 """Input signals of the baselines."""
 Contestant = Mapping[str, Any]
-"""Description of a contestant, its predictions in each fold, and its cost: see `measure_ours`."""
+"""Contestant: its description, its predictions in each fold, and its cost (see `measure_ours`)."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +50,15 @@ class BaselineSettings:
     Attributes
     ----------
     names
-        Names of the baselines, in this order (default: all).
+        Names of the baselines, in the order of the comparison (default: all).
     python
-        Path of a Python interpreter in which their packages are installed (default: the running one).
+        Path of a Python interpreter in which the packages of the baselines are installed (default: the
+        running interpreter).
     time_limit_s
-        Time limit of each in s of wall-clock time (default 900).
+        Time limit of each baseline in s of wall-clock time (default 900).
     signals
-        Input signals: "same" (default) for the signals of our features, "each" for every axis; see
-        `DESCRIPTIONS`.
+        Input signals of the baselines: "same" (default) for the input signals of our features, "each" for
+        every axis; see `DESCRIPTIONS`.
 
     Raises
     ------
@@ -87,10 +88,11 @@ class BaselineSettings:
 class BaselineComparison(Result, kind="baselines"):
     """Accuracy and cost of our rows and of baselines on the same folds; returned by `compare_with_baselines`.
 
-    `data` contains the facts of `dataset`, `pipeline` and `protocol`; the input `signals` and the
-    `time_limit_s` of the baselines; and `contestants`, ours first: each with its `status` and `message`,
-    number of columns (`n_columns`) and of finished folds (`n_folds`), `accuracy`, `cost` (CPU time of one
-    thread without compilation, memory), and `difference`, the accuracy of our first row minus its own.
+    `data` contains facts about `dataset`, `pipeline` and `protocol`; the input `signals` and the
+    `time_limit_s` of the baselines; and the `contestants`, ours first. Each contestant has a `status` and a
+    `message`, the number of columns (`n_columns`) and of finished folds (`n_folds`), its `accuracy`, its
+    `cost` (CPU time of one thread without compilation, memory), and `difference`: the accuracy of our first
+    contestant minus that of this contestant.
     """
 
     @property
@@ -111,7 +113,7 @@ class BaselineComparison(Result, kind="baselines"):
 
     @property
     def best_baseline(self) -> Mapping[str, Any] | None:
-        """Most accurate baseline that finished every fold; None if there is none."""
+        """Most accurate baseline that finished every fold, or None if no baseline did."""
         from texclass.baselines.baselines_document import best_baseline
 
         return best_baseline(self.data)
@@ -132,13 +134,13 @@ def compare_with_baselines(
 
     Our contestants are nested cross-validation (if the benchmark ran it), the most accurate row, and the row
     with the most features. Each contestant runs in its own process with one thread. Baselines run in the
-    interpreter of the settings and read signals and folds from files. Everything that is fitted is fitted on
-    the training set of each fold.
+    interpreter `settings.python` and read signals and folds from files. All fits of a fold use only its
+    training set, except our preparation with the protocol "paper".
 
     Parameters
     ----------
     dataset, pipeline, n_folds, n_jobs, skip_bad, progress
-        As in `run_benchmark`.
+        See `run_benchmark`.
     result : BenchmarkResult
         Result of `run_benchmark` for this dataset and pipeline.
     settings : BaselineSettings, optional
@@ -211,7 +213,7 @@ def compare_with_baselines(
 
 
 def whole_surfaces(dataset: Dataset, limit: int) -> Dataset:
-    """Return a dataset of at most `limit` recordings, with complete surfaces spread over the sorted names.
+    """Return a dataset of at most `limit` recordings, with all recordings of evenly chosen surfaces.
 
     Parameters
     ----------
@@ -223,12 +225,13 @@ def whole_surfaces(dataset: Dataset, limit: int) -> Dataset:
     Returns
     -------
     Dataset
-        The same dataset if it is small enough, else one with fewer surfaces.
+        The same dataset if it is small enough, else a dataset with fewer surfaces, spread evenly over the
+        sorted names.
 
     Raises
     ------
     ValueError
-        If two surfaces have more than `limit` recordings.
+        If any two surfaces together have more than `limit` recordings.
 
     Examples
     --------
@@ -248,7 +251,8 @@ def whole_surfaces(dataset: Dataset, limit: int) -> Dataset:
         name = f"{dataset.name}-{n}of{len(names)}"
         return replace(dataset, name=name, entries=entries, notes=(*dataset.notes, note))
     raise ValueError(
-        f"limit is {limit} recordings, fewer than two surfaces have. Increase it to keep two surfaces or more"
+        f"limit must be at least the number of recordings of two surfaces, got {limit}. Increase it, because "
+        "a comparison needs at least two surfaces"
     )
 
 
@@ -260,13 +264,16 @@ def _our_contestants(
     protocol: Protocol,
     splits: Sequence[Split],
 ) -> tuple[list[Contestant], float]:
-    """Return our contestants, and the time of the segmentation per recording in s.
+    """Return our contestants, and the CPU time of the segmentation per recording in s.
 
-    Nested cross-validation, if the benchmark ran it; the most accurate row; and the row with the most
-    features, with its most accurate classifier.
+    Our contestants are nested cross-validation (if the benchmark ran it), the most accurate row, and the row
+    with the most features, combined with its most accurate classifier.
     """
     if result.best is None:
-        raise ValueError(f"no row of pipeline {pipeline.name} can be evaluated")
+        raise ValueError(
+            f"no row of pipeline {pipeline.name} can be evaluated on this dataset. Use a pipeline with at "
+            "least one row whose features the dataset has"
+        )
     accuracies = {row["name"]: row["accuracy"] for row in result.data["rows"] if row["accuracy"]}
     definitions = {row.name: row for row in pipeline.rows}
     widest = max(accuracies, key=lambda name: len(definitions[name].features))
@@ -315,7 +322,7 @@ def _write_signals(
 
 
 def _nested_contestant(folds: Sequence[Mapping[str, Any]]) -> Contestant:
-    """Return nested cross-validation as a contestant; its costs are means over folds."""
+    """Return nested cross-validation as a contestant, with costs averaged over folds."""
     costs = ("feature_s", "fit_s", "predict_s", "first_s", "memory_mb")
     return {
         **folds[0],
@@ -329,7 +336,7 @@ def _nested_contestant(folds: Sequence[Mapping[str, Any]]) -> Contestant:
 def _baseline_contestants(
     baseline: Baseline, outcome: Mapping[str, Any], names: NDArray[np.str_]
 ) -> Iterator[Contestant]:
-    """Yield a contestant for each classifier of a baseline; one without predictions if it failed."""
+    """Yield a contestant for each classifier of a baseline, without predictions if the baseline failed."""
     facts = {"name": baseline.name, "title": baseline.title, "ours": False, "reference": baseline.reference}
     facts |= {"status": outcome["status"], "message": outcome["message"]}
     if not outcome["folds"]:
@@ -358,7 +365,7 @@ def _line(
     splits: Sequence[Split],
     segmentation_s: float,
 ) -> dict[str, Any]:
-    """Return a line of the comparison: accuracy, cost, and the difference to the first contestant."""
+    """Return a line of the comparison: accuracy, cost, and the difference from the first contestant."""
     keys = ("name", "classifier", "title", "ours", "status", "message", "reference", "n_columns")
     line: dict[str, Any] = {key: contestant[key] for key in keys}
     line |= {"n_folds": len(contestant["predicted"]), "accuracy": None, "cost": None, "difference": None}
@@ -382,7 +389,7 @@ def _line(
     counts = {"n_hits": accuracy.n_hits, "n_tested": accuracy.n_tested}
     line["accuracy"] = counts | accuracy.to_dict(protocol.unit, independent[0])
     if contestant is not first:
-        hits, others = (  # folds that both have finished
+        hits, others = (  # folds that both contestants have finished
             [[t == p for t, p in zip(y_true, one["predicted"], strict=False)]] for one in (first, contestant)
         )
         line["difference"] = compare(hits, others, splits, protocol, independent)
@@ -405,9 +412,10 @@ def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
 def same_signals(
     recording: Recording, separate: tuple[str, ...], *, remove_hand_motion: bool = False
 ) -> Samples:
-    """Return the movement signals of our features, shape (n_channels, n_samples).
+    """Return the movement signals from which our features are computed, shape (n_channels, n_samples).
 
-    Without a movement, the taps are concatenated; without taps, the whole recording is returned.
+    If the recording has no movement, its taps are concatenated. If it has no taps either, the whole recording
+    is returned.
     """
     views = views_of(recording, separate)
     prefixes = [f"{name}/" for name in separate] or [""]
@@ -415,7 +423,7 @@ def same_signals(
 
 
 def every_channel(recording: Recording) -> Samples:
-    """Return each axis during the movement without its mean, shape (n_axes, n_samples)."""
+    """Return each axis during the movement, with its mean removed, shape (n_axes, n_samples)."""
     start, stop = find_phases(recording).movement or (0, recording.n_samples)
     signals = (recording.acceleration, recording.turn_rate)
     axes = np.column_stack([signal[start:stop] for signal in signals if signal is not None])

@@ -1,6 +1,6 @@
 """Adapters that run public libraries on the battery of extreme inputs, with the same checks as texclass.
 
-Each library is called as its documentation recommends.
+The adapters call each library as its documentation recommends.
 """
 
 import importlib.util
@@ -26,16 +26,16 @@ from texclass.stability.subjects_models import (
 from texclass.stability.subjects_signals import SHORT
 
 LIBRARIES = ("librosa", "scipy", "spectrum", "statsmodels", "pysptk", "tsfel", "tsfresh", "pycatch22")
-"""Public libraries that are tested if they are installed."""
+"""Public libraries to test if they are installed."""
 CORE = ("librosa", "scipy")
 """Dependencies of texclass. A quick run tests only these, because importing the others takes seconds."""
 BURG, AUTOCORRELATION = "Burg", "the autocorrelation method"
 MAX_ORDER = 400
-"""Largest order passed to public libraries; with higher orders some of them take minutes."""
+"""Largest order passed to public libraries. At higher orders, some of them take minutes."""
 
 
 def installed(quick: bool = False) -> tuple[dict[str, str], list[str]]:
-    """Return library -> import path of its subjects, and the reasons why others are not tested."""
+    """Return library -> import path of its subjects, and the libraries that are not tested, with reasons."""
     skipped = {name: "not installed" for name in LIBRARIES if importlib.util.find_spec(name) is None}
     if quick:
         skipped |= {name: "not in a quick run" for name in LIBRARIES if name not in {*CORE, *skipped}}
@@ -47,7 +47,7 @@ def installed(quick: bool = False) -> tuple[dict[str, str], list[str]]:
 
 
 def spectrum() -> list[Subject]:
-    """Return the subjects of spectrum: Burg, Yule-Walker, LPC, line spectral frequencies."""
+    """Return the subjects of spectrum: Burg, Yule-Walker, LPC, and line spectral frequencies."""
     import spectrum as library
 
     def lsf(k: Samples) -> tuple[Samples, Samples]:
@@ -100,7 +100,7 @@ def _one_first(a: Any) -> Samples:
 
 
 def _step_up(k: Samples) -> Samples:
-    """Return direct-form coefficients from reflection coefficients, in float64 as in these libraries."""
+    """Convert reflection coefficients to direct-form coefficients in float64, like these libraries."""
     a = np.ones(1)
     for k_m in k:
         a = np.append(a, 0.0) + k_m * np.append(a, 0.0)[::-1]
@@ -186,7 +186,7 @@ def _direct_form(x: Any, case: Case) -> Findings:
 
 
 def _filtfilt(x: Any, case: Case) -> Findings:
-    """Compare with the same Butterworth band-pass in second-order sections, computed with 60 digits."""
+    """Compare with the same Butterworth band-pass as second-order sections, computed with 60 digits."""
     band: Any = {"N": 4, "Wn": (50.0, 200.0), "btype": "bandpass", "fs": case.fs}
     b, a = signal.butter(**band)
     out = np.asarray(signal.filtfilt(b, a, x[:SHORT]))
@@ -201,7 +201,7 @@ def _filtfilt(x: Any, case: Case) -> Findings:
 
 
 def _uniform_filter(x: Any, case: Case) -> Findings:
-    """Compare inside the signal, where the boundary mode has no effect."""
+    """Compare only the interior of the signal, where the boundary mode has no effect."""
     out = np.asarray(ndimage.uniform_filter1d(x, case.order, mode="nearest", output=np.float64))
     yield out
     samples, half = to_float64(x), case.order // 2
@@ -242,7 +242,7 @@ def librosa() -> list[Subject]:
 
 
 def tsfel() -> list[Subject]:
-    """Return the subject of TSFEL: all 156 features, on every tenth length."""
+    """Return the subject of TSFEL: all 156 features, tested on every tenth length."""
     import tsfel as library
 
     configuration = library.get_features_by_domain()
@@ -259,7 +259,7 @@ def tsfel() -> list[Subject]:
 
 
 def pycatch22() -> list[Subject]:
-    """Return the subject of pycatch22: catch22 with mean and deviation."""
+    """Return the subject of pycatch22: catch22 with mean and standard deviation."""
     import pycatch22 as library
 
     def extract(x: Any, case: Case) -> Named:
@@ -270,7 +270,7 @@ def pycatch22() -> list[Subject]:
 
 
 def tsfresh() -> list[Subject]:
-    """Return the subject of tsfresh: its efficient set (777 columns), on 512 samples to limit the time."""
+    """Return the subject of tsfresh: its efficient set (777 columns), on 512 samples to limit run time."""
     import pandas as pd
     from tsfresh.feature_extraction import EfficientFCParameters, extract_features
 
@@ -295,7 +295,7 @@ def tsfresh() -> list[Subject]:
 
 
 def _short_battery(quick: bool) -> list[Case]:
-    """Return the battery with fewer lengths, or six inputs for a quick run."""
+    """Return the battery with fewer lengths, or only six inputs for a quick run."""
     if quick:
         return [*cases_of("plain", "silent", "broken", "gain", quick=True)[:6]]
     return [case for case in feature_cases(False) if case.family != "length"] + list(lengths(True))

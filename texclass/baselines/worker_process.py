@@ -1,7 +1,7 @@
-"""Processes of contestants: a baseline in its own interpreter, one of our rows in its own process.
+"""Run each contestant in a separate process; baselines use their own interpreter.
 
-A crash, the memory and the threads of a baseline do not affect this process. Time and memory are measured in
-the same way for all contestants.
+Crashes, memory use and threads of a baseline do not affect this process. Time and memory are measured in the
+same way for all contestants.
 """
 
 import json
@@ -28,7 +28,7 @@ from texclass.phases import find_phases
 
 HERE = Path(__file__).parent
 START = "import sys; sys.path.append(sys.argv.pop(1)); from baseline_worker.run import main; sys.exit(main())"
-"""Start of the worker. Its folder is last on the path, so that no file in it hides an installed module."""
+"""Start code of the worker. Its folder is last on the path, so no file in it hides an installed module."""
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"),
     "NUMBA_THREADING_LAYER": "workqueue",
@@ -53,7 +53,7 @@ def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s:
     out : Path
         Empty output folder of the worker.
     time_limit_s : float
-        Time limit in s of wall-clock time. Folds finished by then are part of the outcome.
+        Limit of the wall-clock time in s. Folds that finish within the limit are part of the outcome.
 
     Returns
     -------
@@ -83,19 +83,21 @@ def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s:
         except subprocess.TimeoutExpired:
             expired = True
         except OSError as error:
-            raise ValueError(f"{python} cannot be run ({error}). Expected a Python interpreter") from None
+            raise ValueError(
+                f"{python} cannot be run ({error}). Expected the path of a Python interpreter"
+            ) from None
     return read_outcome(out, expired=expired, time_limit_s=time_limit_s)
 
 
 def read_outcome(out: Path, *, expired: bool, time_limit_s: float) -> dict[str, Any]:
-    """Read the output of the worker of a baseline, complete or not.
+    """Read the output of a baseline worker, even if it is incomplete.
 
     Returns
     -------
     dict
         `status`: "done", "not installed", "out of time" or "failed"; `message`: the error; `folds`: costs and
-        predictions of each finished fold; `first_s`: CPU time in s of the first call on two recordings, with
-        imports and compilation; `versions` of the packages.
+        predictions of each finished fold; `first_s`: CPU time in s of the first call on two recordings,
+        including imports and compilation; `versions`: package versions.
     """
     started = _read(out / "started.json") or {}
     failed = _read(out / "failed.json")
@@ -119,7 +121,7 @@ def read_outcome(out: Path, *, expired: bool, time_limit_s: float) -> dict[str, 
 
 
 def _read(path: Path) -> dict[str, Any] | None:
-    """Return the content of a JSON file of a worker; None if it is missing or incomplete."""
+    """Return the content of a JSON file of a worker, or None if the file is missing or incomplete."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError, RecursionError):
@@ -143,8 +145,8 @@ def measure_ours(
     -------
     dict
         `predicted` labels of each fold; CPU times in s: `segmentation_s`, `feature_s` and `predict_s` per
-        recording, `fit_s` per fold, `first_s` of the first call on two recordings; and `memory_mb`, the
-        largest growth of the process.
+        recording, `fit_s` per fold, and `first_s` for the first call on two recordings; `memory_mb`, the
+        largest increase of the process's memory in MB.
     """
     recording_ids = set(table.frame["recording_id"])
     usable = [entry for entry in dataset.entries if entry.recording_id in recording_ids]
@@ -152,7 +154,7 @@ def measure_ours(
     features = pipeline.features.restricted_to(row.definition.features)
     trial = pipeline.trial(row, classifier, table)
     work = (dataset, [usable[i] for i in indices], features, pipeline.channels, trial, tuple(splits), nested)
-    # With n_jobs=1 it would run in this process.
+    # With n_jobs=1, the measurement would run in this process.
     (measurement,) = run_parallel([partial(_measure, *work)], n_jobs=2)
     return measurement
 
@@ -171,7 +173,7 @@ def _measure(
     _, first_s = timed(lambda: [plan.compute(first) for _ in range(2)])
     megabytes, seconds, segmentation = watch_memory(), [], []
     for recording in map(dataset.load, entries):
-        # Measured separately, because the baselines get segmented movements.
+        # The segmentation is measured separately, because the baselines get segmented movements.
         phases, segmentation_s = timed(partial(find_phases, recording))
         segmentation.append(segmentation_s)
         seconds.append(timed(partial(plan.compute, recording.with_(phases=phases)))[1])

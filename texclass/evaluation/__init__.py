@@ -1,4 +1,4 @@
-"""Evaluate a pipeline TOML on a dataset: protocols, folds, intervals, paired tests and costs."""
+"""Evaluate the pipeline in a TOML file on a dataset: protocols, folds, intervals, paired tests and costs."""
 
 import lazy_loader
 

@@ -38,8 +38,8 @@ def select_base(
     Parameters
     ----------
     pipeline : PipelineDefinition
-        Pipeline with additions. Its settings can name row and classifier; by default the most accurate
-        are selected.
+        Pipeline with additions. Its settings can name the base row and the classifier. By default, the most
+        accurate ones are selected.
     rows : sequence of MatchedRow
         Rows of the table.
     evaluations : mapping
@@ -82,8 +82,8 @@ def measure_ablation(
 ) -> dict[str, Any]:
     """Measure the accuracy gained by adding each feature group to a row, on the same splits.
 
-    A row with forward selection keeps its number of columns, so the columns of the group compete with those
-    of the row.
+    If the row uses forward selection, the number of selected columns stays the same, so the columns of the
+    group compete with the columns of the row.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def measure_ablation(
     protocol : Protocol
         Protocol of the splits. Random folds are drawn `pipeline.gain.repeats` times, with different seeds.
     n_folds : int
-        Number of folds, if the protocol draws folds.
+        Number of folds, for protocols that draw folds.
     meter : CostMeter
         Cost meter of the dataset.
     n_jobs : int
@@ -108,9 +108,9 @@ def measure_ablation(
     -------
     dict
         JSON values: `row`, `classifier`, description of their `selection`, whether the row `selects` columns,
-        accuracy and cost of the `base` row, number of repeats and folds, and the `groups`. Each group has
+        accuracy and cost of the `base` row, number of repeats and folds, and the `groups`. Each group has the
         accuracy and cost of the `combined` row, its `comparison` with the base row (see `compare`), its
-        `p_corrected` (Holm), and the reason if it is `missing`.
+        Holm-corrected p-value (`p_corrected`), and the reason why features are `missing`.
     """
     row, classifier, selection = base
     groups = [MatchedRow.match(group, pipeline.features, table) for group in pipeline.additions]
@@ -171,7 +171,7 @@ def _combine(base: MatchedRow, group: MatchedRow) -> MatchedRow:
 
 
 def ablation_blocks(ablation: Ablation, seed: int) -> Iterator[Block]:
-    """Yield table, figure and notes of an ablation."""
+    """Yield the table, the figure and the notes of an ablation."""
     groups = [group for group in ablation["groups"] if group["comparison"]]
     messages = {}
     summaries = [ablation["base"], *(group["combined"] for group in ablation["groups"])]
@@ -240,7 +240,7 @@ def verdict(ablation: Ablation) -> str:
 
 
 def detectable(groups: list[Ablation]) -> str:
-    """Return the minimum detectable difference, and how to lower it, as the end of a sentence."""
+    """Return the end of a sentence that states the minimum detectable difference and how to lower it."""
     comparisons = [group["comparison"] for group in groups]
     comparison = max(comparisons, key=lambda comparison: float(comparison["minimum_detectable"]))
     n, units = comparison["n_clusters"], f"{comparison['clusters']}s"

@@ -1,6 +1,6 @@
 """Accuracies with confidence intervals over independent units, and comparisons of two pipelines.
 
-Independent units are recordings, runs or operators.
+An independent unit is a recording, a run or an operator.
 """
 
 from collections import Counter
@@ -24,10 +24,10 @@ Labels = NDArray[Any]
 Hits = Sequence[Sequence[NDArray[np.bool_]]]
 """Repeat -> fold -> whether each prediction is correct."""
 MIN_CLUSTERS = 5
-"""Smallest number of clusters whose spread gives an interval. With fewer, each cluster counts as one test."""
+"""Smallest number of clusters for an interval from their spread. With fewer, each counts as one test."""
 MIN_CORRELATION = 0.1
-"""Smallest intraclass correlation assumed for the lower limit of an interval over clusters. A test with few
-operators may miss the one in ten who is far worse (see `cluster_interval`)."""
+"""Smallest intraclass correlation assumed for the lower limit of an interval over clusters. If one operator
+in ten is far worse than the rest, a small sample may contain no such operator (see `cluster_interval`)."""
 LEVEL = 0.05
 """Significance level of two-sided tests."""
 
@@ -39,19 +39,20 @@ class Accuracy:
     Attributes
     ----------
     n_hits, n_tested
-        Number of correct predictions, number of predictions.
+        Number of correct predictions, and number of predictions.
     folds
         Accuracy of each fold, for paired comparisons on the same folds.
     balanced
         Balanced accuracy: mean over surfaces of the share of correct predictions. None if every surface was
-        tested equally often, because it then equals the accuracy.
+        tested equally often, because the balanced accuracy then equals the accuracy.
     bounds
-        95 % confidence interval over clusters (recordings, runs, operators), if clusters have several tests;
+        95 % confidence interval over clusters (recordings, runs, operators), if a cluster has several tests;
         see `cluster_interval`.
     majority_vote
-        Accuracy of recordings (or runs) by majority vote of their tests; None if each has one test.
+        Accuracy per recording (or run) after a majority vote over its predictions. None if each recording has
+        only one prediction.
     n_clusters
-        Number of clusters; None if each has one test.
+        Number of clusters. None if each cluster has only one test.
     has_spread
         Whether `bounds` are computed from the spread over clusters, which needs at least `MIN_CLUSTERS`.
 
@@ -80,7 +81,7 @@ class Accuracy:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % confidence interval: `bounds`, or the Wilson score interval without clusters."""
+        """95 % confidence interval: `bounds`, or the Wilson score interval if `bounds` is None."""
         return self.bounds or wilson_interval(self.n_hits, self.n_tested)
 
     @property
@@ -128,7 +129,7 @@ def wilson_interval(n_hits: float, n_tested: int, confidence: float = 0.95) -> t
     Parameters
     ----------
     n_hits : float
-        Number of hits; may be a fraction.
+        Number of hits; does not have to be an integer.
     n_tested : int
         Number of tests.
     confidence : float
@@ -160,9 +161,9 @@ def cluster_interval(hits: ArrayLike, clusters: ArrayLike, confidence: float = 0
         e^2 = (K - 1)/K sum_k (g_(k) - mean g_(.))^2,
 
     where g_(k) is computed without cluster k. The interval g -+ t e, with the t quantile of K - 1 degrees of
-    freedom, is transformed back to proportions. In a test with few operators, the one in ten who is far worse
-    may be missing, and the spread is then too small. The lower limit therefore uses at least the error at an
-    intraclass correlation of r = `MIN_CORRELATION`,
+    freedom, is transformed back to proportions. If one operator in ten is far worse than the rest, a sample
+    of few operators may contain no such operator, and its spread is then too small. The standard error for
+    the lower limit is therefore at least its value at an intraclass correlation of r = `MIN_CORRELATION`,
 
         e^2 >= (1 + r (sum_k n_k^2/n - 1))/(n p (1 - p)),  p = (s + 1/2)/(n + 1).
 
@@ -186,9 +187,10 @@ def cluster_interval(hits: ArrayLike, clusters: ArrayLike, confidence: float = 0
     Notes
     -----
     In simulations with 5 to 40 clusters and proportions of 0.6 to 0.9 (reports/studies/certainty.md), the
-    coverage is at least 94 % if one operator in ten is far worse (intraclass correlation 0.2); the spread
-    alone covers 53 to 87 %. The interval is wider in return: with about 20 tests from each of 12 operators of
-    equal skill, 17 points instead of 10. The upper limit makes no allowance for far better operators.
+    coverage is at least 94 % if one operator in ten is far worse (intraclass correlation 0.2). An interval
+    from the spread alone covers 53 to 87 %. The interval is wider in return: 17 instead of 10 percentage
+    points for about 20 tests from each of 12 operators of equal skill. The upper limit is not corrected for
+    operators who are far better.
 
     Examples
     --------
@@ -226,13 +228,13 @@ def has_spread(sums: Samples, n_tests: NDArray[np.intp]) -> bool:
 
 
 def jackknife_error(estimates: Samples) -> float:
-    """Return the jackknife standard error of estimates without one cluster each, shape (n_clusters,)."""
+    """Return the jackknife standard error of leave-one-cluster-out estimates, shape (n_clusters,)."""
     k = len(estimates)
     return float(np.sqrt((k - 1) / k * ((estimates - estimates.mean()) ** 2).sum()))
 
 
 def most_frequent(labels: Iterable[Any]) -> Any:
-    """Return the most frequent label; of equally frequent ones, the first."""
+    """Return the most frequent label, or the first of several equally frequent labels."""
     return Counter(labels).most_common(1)[0][0]
 
 
@@ -249,11 +251,11 @@ def score(
     y_true, y_pred : sequence of ndarray of shape (n_test,)
         True and predicted labels of each fold.
     clusters : sequence of ndarray of shape (n_test,), optional
-        Recording (or run) of each test. If one has several tests, the accuracy of their majority vote is
-        computed, too.
+        Recording (or run) of each test. If a recording has several tests, the accuracy of the majority vote
+        over its predictions is also computed.
     independent : sequence of ndarray of shape (n_test,), optional
-        Independent unit of each test, for example the operator: the confidence interval is over these, if one
-        has several tests (default: `clusters`; without both, tests are independent).
+        Independent unit of each test, for example the operator (default: `clusters`). If a unit has several
+        tests, the confidence interval is over units. Without both arguments, tests count as independent.
 
     Returns
     -------
@@ -302,15 +304,15 @@ def corrected_resampled_t(
 
         t = mean d / sqrt((1/J + n_test/n_train) s^2),  J - 1 degrees of freedom,
 
-    where s^2 is the variance of d (divisor J - 1). If all differences are equal, the variance is unknown: the
-    interval is (-1, 1), and p is 1.
+    where s^2 is the variance of d (divisor J - 1). If all differences are equal, the variance cannot be
+    estimated, and the function returns the interval (-1, 1) and p = 1.
 
     Parameters
     ----------
     differences : array_like of shape (J,)
         Difference of two accuracies in each fold of each repeat.
     test_train_ratio : float
-        n_test/n_train, the ratio of the sizes of test set and training set.
+        Size of the test set divided by the size of the training set, n_test/n_train.
 
     Returns
     -------
@@ -335,7 +337,7 @@ def corrected_resampled_t(
     """
     d = np.asarray(differences, dtype=np.float64)
     if d.size < 2:
-        raise ValueError(f"differences has {d.size} values. Expected at least 2 folds")
+        raise ValueError(f"differences must contain at least 2 values (one per fold), got {d.size}")
     if is_constant(d):
         return (-1.0, 1.0), 1.0
     # t = mean d / sqrt((1/J + n_test/n_train) s^2)
@@ -353,15 +355,15 @@ def clustered_t(differences: ArrayLike, n_tests: ArrayLike) -> tuple[tuple[float
 
         t = d / e,  d = sum of differences / sum of tests,  e^2 = (K - 1)/K sum_k (d_(k) - mean d_(.))^2,
 
-    where d_(k) is computed without cluster k, with K - 1 degrees of freedom. If the clusters have no spread
-    (see `has_spread`), each counts as one test: the half-width of the interval is the upper Wilson limit of 0
-    hits in K tests, and p is that of the sign test, 2/2^K, or 1 if the signs differ.
+    where d_(k) is computed without cluster k. The test has K - 1 degrees of freedom. If the clusters have no
+    spread (see `has_spread`), each cluster counts as one test: the half-width of the interval is the upper
+    Wilson limit for 0 hits in K tests, and p is the p-value of a sign test: 2/2^K, or 1 if the signs differ.
 
     Parameters
     ----------
     differences : array_like of shape (n_clusters,)
-        Tests in each cluster that only the first pipeline predicts correctly, minus those that only the
-        second does.
+        For each cluster, the number of tests that only the first pipeline predicts correctly, minus the
+        number that only the second pipeline predicts correctly.
     n_tests : array_like of shape (n_clusters,)
         Number of tests in each cluster.
 
@@ -388,14 +390,14 @@ def _t_test(mean: float, error: float, dof: int) -> tuple[tuple[float, float], f
 def minimum_detectable_difference(interval: tuple[float, float], dof: int) -> float:
     """Return the difference that a test detects with a power of 80 %, from its 95 % confidence interval.
 
-    (t_(1 - LEVEL/2) + t_0.8) e, where e is the standard error that follows from the interval.
+    The difference is (t_(1 - LEVEL/2) + t_0.8) e, where the standard error e is derived from the interval.
 
     Parameters
     ----------
     interval : tuple of float
         95 % confidence interval of a difference.
     dof : int
-        Degrees of freedom of its t quantile.
+        Degrees of freedom of the t quantile in the interval.
     """
     quantile = stdtrit(dof, 1 - LEVEL / 2)
     return float((interval[1] - interval[0]) / 2 * (quantile + stdtrit(dof, 0.8)) / quantile)
@@ -414,8 +416,8 @@ def exact_mcnemar(n_gained: int, n_lost: int) -> float:
 def holm(p_values: ArrayLike) -> Samples:
     """Return p-values corrected for multiple comparisons (Holm, 1979), in the order of the input.
 
-    The k-th smallest of m p-values (from k = 0) is multiplied by m - k, and made at least as large as the
-    previous one.
+    The k-th smallest of m p-values (counted from k = 0) is multiplied by m - k. A corrected p-value that is
+    smaller than the previous one is then set to the previous one.
     """
     p = np.asarray(p_values, dtype=np.float64)
     order = np.argsort(p)
@@ -435,15 +437,17 @@ def compare(
     """Compare the accuracies of two pipelines on the same tests.
 
     With repeated random folds, `corrected_resampled_t` tests the differences of all folds and repeats. With
-    one repeat, or equal differences in all folds, the independent units are tested: `clustered_t` gives the
-    interval and the p-value, or `exact_mcnemar` the p-value if each unit has one test.
+    one repeat, or with equal differences in all folds, the differences of the independent units are tested.
+    `clustered_t` then computes the interval and the p-value; if each unit has one test, `exact_mcnemar`
+    computes the p-value.
 
     Parameters
     ----------
     hits, other : sequence of sequence of ndarray of shape (n_test,)
-        Repeat -> fold -> whether each prediction of the first and of the second pipeline is correct.
+        Whether each prediction of the first pipeline (`hits`) and of the second (`other`) is correct, by
+        repeat and fold.
     splits : sequence of (train, test)
-        Splits of the first repeat; may contain more folds than were tested.
+        Splits of the first repeat; may contain folds that were not tested.
     protocol : Protocol
         Protocol of the splits.
     independent : (str, ndarray of shape (n_recordings,))
@@ -453,9 +457,10 @@ def compare(
     -------
     dict
         JSON values: `difference` of the mean accuracies (a fraction) with its 95 % interval from `low` to
-        `high`; two-sided `p_value`; `minimum_detectable` difference with a power of 80 %; name of the `test`,
-        over `n_clusters` units (`clusters`); difference in each of the `folds` of each repeat; number of
-        tests that only the first (`n_gained`) or only the second pipeline (`n_lost`) predicts correctly.
+        `high`; two-sided `p_value`; `minimum_detectable` difference at a power of 80 %; name of the `test`;
+        kind (`clusters`) and number (`n_clusters`) of the independent units; `folds`, the difference in each
+        fold of each repeat; number of tests that only the first pipeline (`n_gained`) or only the second
+        (`n_lost`) predicts correctly.
     """
     folds = [
         [float(a.mean() - b.mean()) for a, b in zip(*pair, strict=True)]

@@ -70,32 +70,33 @@ ESTIMATORS = frozenset(
         "texclass.classifiers.segment_voting.SegmentVoting",
     }
 )
-"""Classes allowed in `use`. With the allowed parameters, none of them opens a file, imports a module or
-starts a process."""
+"""Classes allowed as the value of `use`. With the allowed parameters, none of them opens a file, imports a
+module or starts a process."""
 REFUSED_PARAMETERS = frozenset(
     {"callback", "importance_getter", "memory", "n_jobs", "pre_dispatch", "verbose"}
 )
-"""Parameters that set a cache, a number of processes or output, or that are called or read as attributes."""
+"""Parameters that set a cache, a number of processes or output, or whose values are used as functions or
+objects."""
 UNBOUNDED = frozenset({"random_state", "subsample", "subsample_for_bin"})
-"""Integer parameters without a limit, because large values need neither time nor memory."""
+"""Integer parameters without a limit, because large values increase neither run time nor memory."""
 
 
 @dataclass(frozen=True)
 class SizeLimits:
-    """Upper limits of parameters. Larger values are a mistake or an attack.
+    """Upper limits of parameters. Larger values are treated as a mistake or an attack.
 
     Attributes
     ----------
     integer
         Largest integer: number of estimators, iterations, components, neighbours, neurons (default 10,000).
     models
-        Largest number of models, in nested ensembles together (default 10,000).
+        Largest number of models, counting all members of nested ensembles (default 10,000).
     weights
         Largest number of weights between the hidden layers of a network (default 10 million: 80 MB).
     nesting
         Largest depth of nested estimators (default 4).
     members, letters
-        Largest number of elements of a list (default 1,000), and of characters of a text (default 200).
+        Largest number of elements in a list (default 1,000) and of characters in a string (default 200).
     """
 
     integer: int = 10_000
@@ -123,14 +124,17 @@ def resolve(path: str) -> "type[BaseEstimator]":
         near = [by_name[one] for one in get_close_matches(name, by_name, n=1)]
         hint = f" Did you mean {near[0]!r}?" if near else ""
         raise ValueError(
-            f"use = {path[: LIMITS.letters]!r} is not an allowed estimator. Expected an estimator of "
-            f"scikit-learn or texclass on the allow-list.{hint}"
+            f"use = {path[: LIMITS.letters]!r} is not an allowed estimator. Expected the path of a "
+            f"scikit-learn or texclass class on the allow-list.{hint}"
         )
     module, _, name = path.rpartition(".")
     try:
         return cast("type[BaseEstimator]", getattr(importlib.import_module(module), name))
     except AttributeError as error:
-        raise ValueError(f"use = {path!r} does not exist in the installed scikit-learn ({error})") from None
+        raise ValueError(
+            f"use = {path!r} does not exist in the installed scikit-learn ({error}). Install a version that "
+            "contains it, or use another estimator"
+        ) from None
 
 
 def check_parameters(path: str, parameters: Mapping[str, Any]) -> None:
@@ -142,24 +146,25 @@ def check_parameters(path: str, parameters: Mapping[str, Any]) -> None:
         If a parameter is not allowed.
     """
     if (n_models := _count_models(path, parameters, 1)) > LIMITS.models:
-        raise ValueError(f"{path} builds {n_models} models. Expected at most {LIMITS.models}")
+        raise ValueError(f"{path} would fit {n_models} models. Expected at most {LIMITS.models}")
 
 
 def _count_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
     """Check the parameters of an estimator, and return the number of models that it fits."""
     if depth > LIMITS.nesting:
-        raise ValueError(f"{path} is nested {depth} deep. Expected at most {LIMITS.nesting}")
+        raise ValueError(f"{path} is nested {depth} levels deep. Expected at most {LIMITS.nesting}")
     names = [name for name in inspect.signature(resolve(path)).parameters if name not in REFUSED_PARAMETERS]
     n_models = 1
     for key, value in parameters.items():
         if key in REFUSED_PARAMETERS:
             raise ValueError(
-                f"parameter {key!r} is not allowed in a file, which must not set caches, processes or "
-                f"output. Remove it; {path} takes {', '.join(names)}"
+                f"parameter {key!r} is not allowed, because a file must not set caches, processes or output. "
+                f"Remove it. Allowed parameters of {path}: {', '.join(names) or 'none'}"
             )
         if key not in names:
-            near = get_close_matches(key, names, n=1) or names or ["none"]
-            raise ValueError(f"unknown key {key!r}. Expected a parameter of {path}: {', '.join(near)}")
+            near = get_close_matches(key, names, n=1)
+            hint = f"Did you mean {near[0]!r}?" if near else f"Its parameters: {', '.join(names) or 'none'}"
+            raise ValueError(f"{path} has no parameter {key!r}. {hint}")
         if isinstance(value, dict) and isinstance(value.get("use"), str):
             nested = {name: one for name, one in value.items() if name != "use"}
             n_models *= _count_models(value["use"], nested, depth + 1)
@@ -170,12 +175,12 @@ def _count_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
         if key == "hidden_layer_sizes" and isinstance(value, list | tuple):
             n_weights = sum(math.prod(pair) for pair in pairwise(value))
             if n_weights > LIMITS.weights:
-                raise ValueError(f"{key} has {n_weights:,} weights. Expected at most {LIMITS.weights:,}")
+                raise ValueError(f"{key} requires {n_weights:,} weights. Expected at most {LIMITS.weights:,}")
     return n_models
 
 
 def _check_value(key: str, value: Any) -> None:
-    """Check that a value is a number, text, boolean or list of these, within the size limits."""
+    """Check that a value is a number, a string, a boolean or a list of these, within the size limits."""
     if isinstance(value, bool):
         return
     if isinstance(value, str):
@@ -189,10 +194,10 @@ def _check_value(key: str, value: Any) -> None:
             raise ValueError(f"{key} has {len(value)} elements. Expected at most {LIMITS.members}")
         for one in value:
             if isinstance(one, list | tuple | dict):
-                raise ValueError(f"{key} contains {str(one)[:40]!r}. Expected numbers, texts or booleans")
+                raise ValueError(f"{key} contains {str(one)[:40]!r}. Expected numbers, strings or booleans")
             _check_value(key, one)
     elif not isinstance(value, float):
         raise ValueError(
-            f"{key} is {str(value)[:40]!r}. Expected a number, a text, a boolean, a list of these, or an "
-            "estimator, { use = ... }"
+            f"{key} is {str(value)[:40]!r}. Expected a number, a string, a boolean, a list of these, or an "
+            "estimator { use = ... }"
         )

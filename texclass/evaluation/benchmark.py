@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from texclass.reporting import Document
 
 MIN_TRAINING_RECORDINGS = 2
-"""Smallest number of training recordings per surface: the variance within a surface needs two."""
+"""Smallest number of training recordings per surface: estimating the variance within a surface needs two."""
 
 
 class BenchmarkResult(Result, kind="benchmark"):
@@ -60,7 +60,8 @@ class BenchmarkResult(Result, kind="benchmark"):
     `data` contains `dataset` (its facts), `pipeline`, `protocol`, `rows` (accuracies by classifier, published
     accuracies, latency, missing features), `confusion` (confusion matrix of the best row), `ablation` (gain
     of each feature group), `nested_cv` (nested cross-validation), `example` (a recording and its phases),
-    `left_out`, `flags`, `undefined`, and what is needed to reproduce the result.
+    `left_out` (unusable recordings), `flags` (notices of the loaders), `undefined` (undefined features with
+    reasons), and the settings, hashes and versions that are needed to reproduce the result.
 
     Examples
     --------
@@ -89,7 +90,7 @@ class BenchmarkResult(Result, kind="benchmark"):
 
     @property
     def definitions(self) -> dict[str, tuple[str, str]]:
-        """Name and hash of pipeline and feature set."""
+        """Name and hash of the pipeline and of the feature set."""
         pipeline = self.data["pipeline"]
         return {
             "pipeline": (pipeline["name"], pipeline["hash"]),
@@ -140,7 +141,7 @@ class BenchmarkResult(Result, kind="benchmark"):
         return benchmark_document(self.data)
 
     def plot(self, classifier: str | None = None, ax: "Axes | None" = None) -> "Axes":
-        """Plot the accuracy of each row with its interval, and the published accuracy.
+        """Plot the accuracy of each row with its confidence interval, and the published accuracy.
 
         Parameters
         ----------
@@ -166,7 +167,7 @@ class BenchmarkResult(Result, kind="benchmark"):
         return plot_benchmark(self.data, [classifier] if classifier else None, ax)
 
     def plot_confusion_matrix(self, ax: "Axes | None" = None) -> "Axes":
-        """Plot the confusion matrix of the best row, true labels in rows, predicted labels in columns.
+        """Plot the confusion matrix of the best row: true labels in rows, predicted labels in columns.
 
         Parameters
         ----------
@@ -213,33 +214,36 @@ def run_benchmark(
     ----------
     dataset : Dataset, str or path
         Labelled recordings, or windows from `cut_windows`. Windows of one recording stay in the same fold,
-        and the accuracy of their majority vote is reported. Or an argument of `open_dataset`: name of a
-        shipped dataset, path of a card, or path of a folder whose files state sampling rate and unit.
+        and the accuracy of their majority vote is also reported. Alternatively an argument of `open_dataset`:
+        the name of a shipped dataset, the path of a dataset card, or the path of a folder whose files state
+        sampling rate and unit.
     pipeline : PipelineDefinition, str or path
         Pipeline, or an argument of `load_pipeline` (default "strese2015").
     protocol : str, optional
-        Name of a protocol; see `find_protocol` (default: that of the pipeline).
+        Name of a protocol; see `find_protocol` (default: the protocol of the pipeline).
     n_folds : int, optional
-        Number of folds of "recording", "grouped" and "paper" (default: that of the pipeline).
+        Number of folds for "recording", "grouped" and "paper" (default: the number in the pipeline).
     nested_cv : bool
-        Whether to run nested cross-validation, too: row and classifier are selected inside each training set
+        Whether to run also nested cross-validation, which selects row and classifier inside each training set
         (default False).
     n_jobs : int
         Number of processes (default 1).
     skip_bad : bool
-        Whether to list bad recordings in the result (default: raise an error at the first).
+        Whether to leave out bad recordings and list them in the result (default: raise an error at the first
+        one).
     progress : callable, optional
         Function called with (done, total, stage).
 
     Returns
     -------
     BenchmarkResult
-        Deterministic for the same dataset, pipeline, protocol and versions, except for the latency.
+        The result. Except for the latency, it is deterministic for the same dataset, pipeline, protocol and
+        package versions.
 
     Raises
     ------
     RecordingError
-        If a recording is bad.
+        If a recording is bad and `skip_bad` is False.
     ValueError
         If the protocol cannot split the dataset.
     """
@@ -318,7 +322,7 @@ def _evaluate(
     protocol: Protocol,
     **work: Any,
 ) -> dict[str, dict[str, Evaluation]]:
-    """Evaluate every row that has columns with every classifier: row name -> classifier -> evaluation."""
+    """Evaluate every row that has columns with each of its classifiers: row -> classifier -> evaluation."""
     options = {
         "nested": protocol.is_nested,
         "clusters": protocol.clusters(table.frame),
@@ -329,7 +333,7 @@ def _evaluate(
     tasks, calls = [], []
     for row in rows:
         classifiers = row.definition.select_classifiers(pipeline.classifiers) if row.columns else ()
-        # Forward selection depends on the classifier, and some classifiers reject single recordings.
+        # Forward selection depends on the classifier; some classifiers reject surfaces with one recording.
         is_separate = is_single or row.definition.select is not None
         for names in [(name,) for name in classifiers] if is_separate else filter(None, [classifiers]):
             trial = partial(pipeline.trials(row, names, table), splits, **options)
@@ -345,7 +349,7 @@ def _evaluate(
 
 
 def _undefined(table: FeatureTable) -> list[Any]:
-    """Return the most frequent reason for each undefined feature, and the number of recordings."""
+    """Return each undefined feature with its most frequent reason and the number of recordings."""
     testable = table.frame["recording_id"][is_testable(table.frame)]
     reasons = pd.DataFrame(table.reasons, columns=Reason._fields)
     by_feature = reasons[reasons["recording_id"].isin(testable)].groupby("feature", sort=False)["reason"]
@@ -354,7 +358,7 @@ def _undefined(table: FeatureTable) -> list[Any]:
 
 
 def _evaluate_if_possible(trial: Callable[[], list[Evaluation]]) -> list[Evaluation]:
-    """Return no evaluation if a classifier or selection rejects single recordings of a surface."""
+    """Return an empty list if a classifier or the selection rejects a surface with a single recording."""
     try:
         return trial()
     except ValueError:
@@ -369,7 +373,7 @@ def _line(
     units: tuple[str, str],
 ) -> dict[str, Any]:
     """Return a line of the table as JSON values; published accuracies as fractions."""
-    # All features of the row, also if columns are selected: the selection differs between folds.
+    # Count all features of the row even if columns are selected, because the selection differs between folds.
     features = pipeline.features.restricted_to(row.definition.features)
     shares = {name: zip(row.columns, e.support.tolist(), strict=True) for name, e in evaluations.items()}
     has_selection = row.definition.select is not None
@@ -394,7 +398,7 @@ def _line(
 def rank_agreement(
     lines: Sequence[Mapping[str, Any]], classifier: str
 ) -> tuple[float, tuple[float, float] | None] | None:
-    """Return the Spearman correlation of our accuracies with the published ones, and its 95 % interval.
+    """Return the Spearman correlation between our and the published accuracies, with its 95 % interval.
 
     The interval over n rows is tanh(atanh(r) -+ 1.96 sqrt((1 + r^2/2)/(n - 3))).
 
@@ -408,8 +412,8 @@ def rank_agreement(
     Returns
     -------
     tuple or None
-        Correlation and interval. None with fewer than three rows; the interval is None with fewer than four
-        rows, or for a perfect correlation.
+        Correlation and interval, or None if there are fewer than three rows. The interval is None if there
+        are fewer than four rows or the correlation is perfect.
 
     References
     ----------
@@ -461,13 +465,13 @@ def run_nested_cv(
 ) -> dict[str, Any] | None:
     """Run nested cross-validation: select row and classifier inside each training set, test on the test set.
 
-    Of pairs with equal accuracy inside a training set, the one with the most columns is selected, then the
-    first.
+    If several pairs have the same accuracy inside a training set, the pair with the most columns is selected.
+    If several of these remain, the first is selected.
 
     Parameters
     ----------
     rows, table, splits, pipeline, protocol
-        As evaluated by the benchmark.
+        Matched rows, feature table, splits, pipeline and protocol of the benchmark.
     evaluations : mapping
         Row -> classifier -> predictions for the test set of each fold.
     n_jobs : int
@@ -485,13 +489,13 @@ def run_nested_cv(
     Raises
     ------
     ValueError
-        As in `inner_splits`.
+        If the training sets have no inner splits; see `inner_splits`.
     """
     pairs = [(row, name) for row in rows for name in evaluations.get(row.definition.name, ())]
     if not pairs:
         return None
     require_nested(protocol)
-    if len(pairs) == 1:  # nothing to select, so that one training recording per surface is enough
+    if len(pairs) == 1:  # nothing to select, so one training recording per surface is enough
         ((row, name),) = pairs
         accuracy = evaluations[row.definition.name][name].accuracy
         selected = [[row.definition.name, name]] * len(splits)
@@ -507,7 +511,7 @@ def run_nested_cv(
     ]
     options: dict[str, Any] = {"progress": progress, "stage": "choices", "total": len(calls)}
     hits = [e.accuracy.n_hits for e in run_parallel(calls, n_jobs=n_jobs, **options)]
-    # A bonus of less than one hit, which only decides between pairs with equal numbers of hits.
+    # A bonus of less than one hit only breaks ties between pairs with equal numbers of hits.
     bonus = np.array([row.n_features for row, _ in pairs]) / (1 + sum(row.n_features for row, _ in pairs))
     best = (np.reshape(hits, (len(splits), len(pairs))) + bonus).argmax(axis=1)
     selected = [[pairs[k][0].definition.name, pairs[k][1]] for k in best]
@@ -528,13 +532,14 @@ def inner_splits(
 ) -> list[tuple[str, tuple[Split, ...]]]:
     """Return the inner splits of each training set, with the name of their protocol.
 
-    The protocol of the outer splits is used if possible, else stratified folds over recordings: for example,
-    a training set of one operator cannot be split by operator.
+    The inner splits use the protocol of the outer splits if possible, else stratified folds over recordings.
+    For example, a training set of one operator cannot be split by operator.
 
     Raises
     ------
     ValueError
-        If the protocol fits the preparation on test sets, or a training set cannot be split.
+        If the protocol fits the preparation (scaling and selection) on test recordings, or a training set
+        cannot be split.
     """
     require_nested(protocol)
     return [_inner_split(protocol, table.iloc[train].reset_index(drop=True), seed) for train, _ in splits]
@@ -554,4 +559,7 @@ def _inner_split(protocol: Protocol, training_set: pd.DataFrame, seed: int) -> t
             )
         except ValueError as error:
             problem = str(error)
-    raise ValueError(f"a training set cannot be split for nested cross-validation: {problem}")
+    raise ValueError(
+        f"a training set cannot be split for nested cross-validation: {problem}. Record more repetitions, or "
+        "run the benchmark without nested cross-validation"
+    )

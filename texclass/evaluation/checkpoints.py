@@ -65,7 +65,7 @@ def write_checkpoint(
     Returns
     -------
     str or None
-        Why the recording cannot be used; None if the checkpoint was written.
+        Reason why the recording cannot be used, or None if the checkpoint was written.
     """
     rows = []
     try:
@@ -93,7 +93,7 @@ def read_checkpoint(path: Path, n_columns: int) -> list[CheckpointRow]:
     try:
         rows = CHECKPOINT.validate_json(path.read_bytes())
         if any(len(row.features) != n_columns for row in rows):
-            raise ValueError(f"Expected {n_columns} values per row")
+            raise ValueError(f"every row must contain {n_columns} values")
     except ValueError as error:
-        raise ValueError(f"{path} is damaged. Delete it, and it is computed again") from error
+        raise ValueError(f"{path} is damaged. Delete it and run the command again") from error
     return rows

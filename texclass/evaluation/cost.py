@@ -1,4 +1,4 @@
-"""Measured cost of features and classifiers: ms per recording, with shared transforms counted once."""
+"""Measured cost of features and classifiers in ms per recording, with shared transforms counted once."""
 
 import hashlib
 import json
@@ -35,7 +35,7 @@ R = TypeVar("R")
 clock = time.thread_time if time.get_clock_info("thread_time").resolution < 1e-5 else time.perf_counter
 """Clock in s: CPU time of this thread if its resolution is sufficient, else wall-clock time."""
 QUARTILE = 0.25
-"""Quantile over repeated measurements. Other processes only slow runs down: fast runs are reliable."""
+"""Quantile over repeated measurements. Other processes only slow runs down, so fast runs are reliable."""
 N_RECORDINGS, N_REPEATS = 3, 5
 """Number of recordings on which costs are measured, and number of repeats."""
 
@@ -44,13 +44,14 @@ N_RECORDINGS, N_REPEATS = 3, 5
 class CostModel:
     """Cost of any subset of columns, for one dataset on one machine.
 
-    A part is computed at most once per recording: the conditioning of a phase, a transform shared by several
-    features, or the remaining computation of one feature. The cost of a set S of columns is
+    The computation is divided into parts, each of which runs at most once per recording. A part is the
+    conditioning of a phase, a transform shared by several features, or the remaining computation of one
+    feature. The cost of a set S of columns is
 
         cost(S) = segmentation + sum_p ms_p [some column of S needs part p].
 
-    It is the cost of the whole path from recorded samples to features. Shared transforms count once. The cost
-    of no columns is 0.
+    This is the cost of the whole computation from recorded samples to features. Shared transforms count once.
+    The cost of an empty set is 0.
 
     Attributes
     ----------
@@ -65,7 +66,7 @@ class CostModel:
     needs : ndarray of bool, shape (n_columns, n_parts)
         Whether a column needs a part.
     segmentation_ms : float
-        Cost of the segmentation in ms, which every non-empty set needs.
+        Cost of the segmentation in ms, which is part of the cost of every non-empty set.
     machine : str
         Machine and date of the measurement.
 
@@ -94,7 +95,10 @@ class CostModel:
             If a column is not in the model.
         """
         if unknown := [c for c in columns if c not in self._index]:
-            raise ValueError(f"column {unknown[0]!r} has no cost. Expected a column of the cost model")
+            raise ValueError(
+                f"the cost model has no column {unknown[0]!r}. Expected one of its {len(self.columns)} "
+                f"columns, for example {', '.join(self.columns[:5])}"
+            )
         return self.cost_of_indices([self._index[c] for c in columns])
 
     def cost_of_indices(self, indices: Sequence[int] | NDArray[np.intp]) -> float:
@@ -119,12 +123,12 @@ class CostModel:
         return min(self.cost_of_indices([i]) for i in range(len(self.columns)))
 
     def by_feature(self) -> pd.DataFrame:
-        """Return three costs of each feature in ms: its `share`, `alone`, and as the `last` one.
+        """Return three costs of each feature in ms: `share`, `alone` and `last`.
 
-        `share` splits the cost of a part equally between the features that need it. This is the Shapley
-        value: the mean marginal cost of the feature over all orders of adding features. The shares add up to
-        `features_ms`. `alone` is the cost of the feature by itself, `last` the saving if it is dropped from
-        the full set.
+        `share` divides the cost of a part equally among the features that need it. This is the Shapley value:
+        the mean marginal cost of the feature over all orders of adding features. The shares add up to
+        `features_ms`. `alone` is the cost of computing only this feature. `last` is the saving if the feature
+        is dropped from the full set.
         """
         users = {f: self.needs[self.features.index(f)] for f in dict.fromkeys(self.features)}
         n_users = np.sum(list(users.values()), axis=0)
@@ -160,7 +164,7 @@ class CostMeter:
     channels
         Separate channels; see `FeatureExtractor`.
     segmentation_ms
-        Cost of the segmentation in ms: lower quartile of repeated runs, mean over recordings.
+        Cost of the segmentation in ms: lower quartile of repeated runs, averaged over recordings.
     input_hash
         Hash of the dataset.
     """
@@ -172,7 +176,7 @@ class CostMeter:
 
     @classmethod
     def from_dataset(cls, dataset: Dataset, recording_ids: Sequence[str], channels: Channels) -> "CostMeter":
-        """Load up to `N_RECORDINGS` recordings, spread over the usable ones of a dataset."""
+        """Load up to `N_RECORDINGS` recordings, spread evenly over the usable recordings of a dataset."""
         n = min(N_RECORDINGS, len(recording_ids))
         sample = {recording_ids[i] for i in np.linspace(0, len(recording_ids) - 1, n).astype(int)}
         loaded = [dataset.load(entry) for entry in dataset.entries if entry.recording_id in sample]
@@ -183,13 +187,14 @@ class CostMeter:
         return cls(recordings, separate_channels(recordings[0], channels), ms, dataset.input_hash)
 
     def milliseconds(self, feature_set: FeatureSet) -> float:
-        """Return the cost of a feature set in ms per recording, with segmentation."""
+        """Return the cost of a feature set in ms per recording, including the segmentation."""
         return self.segmentation_ms + self.measure(Plan.of(feature_set, self.channels), n_repeats=3)[0]
 
     def measure(self, *plans: Plan, n_repeats: int = N_REPEATS) -> tuple[float, ...]:
-        """Return the cost of each plan in ms without segmentation: lower quartile, mean over recordings.
+        """Return the cost of each plan in ms per recording, without the segmentation.
 
-        The plans are measured alternately, so that changes of the machine's speed affect all of them.
+        The cost is the lower quartile of repeated runs, averaged over recordings. The plans are measured
+        alternately, so that changes of the machine's speed affect all of them.
         """
         runs = np.empty((len(self.recordings), n_repeats, len(plans)))
         with one_thread():
@@ -200,8 +205,9 @@ class CostMeter:
     def cached_model(self, feature_set: FeatureSet) -> CostModel:
         """Return the cost model of a feature set, measured once and then read from the cache folder.
 
-        With stored costs, repeated selections under a budget agree. The key consists of machine, dataset,
-        features, code and library versions. Delete the folder `costs` of the cache to measure again.
+        Stored costs make repeated selections under a budget reproducible. The key consists of machine,
+        dataset, features, code and library versions. To measure again, delete the folder `costs` in the
+        cache.
         """
         names = [member.name for member in feature_set.members]
         measurement = (platform.node(), self.input_hash, [r.recording_id for r in self.recordings], names)
@@ -220,10 +226,11 @@ class CostMeter:
         return model
 
     def model(self, feature_set: FeatureSet) -> CostModel:
-        """Measure the parts of a feature set, each feature separately on fresh views.
+        """Measure the cost of each part of a feature set.
 
-        The cost of a part is the lower quartile of its runs, averaged over recordings. Because quartiles do
-        not add up, all parts are then scaled so that their sum is the measured cost of the full set.
+        Each feature is computed separately on fresh views. The cost of a part is the lower quartile of its
+        runs, averaged over recordings. Because quartiles do not add up, all parts are then scaled so that
+        their sum is the measured cost of the full set.
         """
         plan = Plan.of(feature_set, self.channels)
         members = [(prefix, member) for prefix, part in plan.parts for member in part.members]
@@ -232,7 +239,7 @@ class CostMeter:
         with one_thread():
             for recording in self.recordings:
                 times: dict[Hashable, list[float]] = defaultdict(list)
-                for _ in range(1 + N_REPEATS):  # one more run, for warming up
+                for _ in range(1 + N_REPEATS):  # the first run is a warm-up
                     for i, (prefix, member) in enumerate(members):
                         views = views_of(recording, self.channels)[prefix]
                         for part, seconds in _seconds_of(member, views, prefix).items():
@@ -256,7 +263,7 @@ class CostMeter:
 def _seconds_of(member: Member, views: Views, prefix: str) -> dict[Hashable, float]:
     """Compute a feature on fresh views; return the exclusive time of each part in s."""
     seconds: dict[Hashable, float] = defaultdict(float)
-    nested_s = [0.0]  # stack: time of the computations nested in each running one
+    nested_s = [0.0]  # stack: for each running computation, the time of those nested in it
 
     def timed(part: Hashable, compute: Callable[[], R]) -> R:
         nested_s.append(0.0)
@@ -277,22 +284,22 @@ def _seconds_of(member: Member, views: Views, prefix: str) -> dict[Hashable, flo
 
 
 def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any]) -> dict[str, float]:
-    """Measure the fit and the prediction of a classifier, with one thread.
+    """Measure how long a classifier takes to fit and to predict, with one thread.
 
     Parameters
     ----------
     classifier : classifier
         Unfitted classifier.
     X : ndarray of shape (n_recordings, n_columns)
-        Prepared features, finite.
+        Prepared features; all values must be finite.
     y : ndarray of shape (n_recordings,)
         Labels.
 
     Returns
     -------
     dict
-        `fit_ms`: fit on all recordings; `predict_ms`: prediction of a single recording. Medians of repeated
-        runs, in ms.
+        Medians of repeated runs in ms: `fit_ms` for the fit on all recordings, `predict_ms` for the
+        prediction of a single recording.
     """
     with one_thread(), quiet_fits():
         fits = [_timed(lambda: clone(classifier).fit(X, y)) for _ in range(N_REPEATS)]

@@ -41,12 +41,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 METADATA = ("recording_id", "surface", "operator", "session", "repetition")
-"""Label columns of every table, before the features. Tables of windows add `parent` (the recording), and
-`is_train_only` if training windows overlap."""
+"""Label columns of every table; the feature columns follow them. Tables of windows also have `parent` (the
+recording) and, if training windows overlap, `is_train_only`."""
 
 
 class PhaseSummary(NamedTuple):
-    """Number of taps of a recording, duration of its movement in s, duration of the recording in s."""
+    """Number of taps in a recording, duration of its movement in s, and duration of the recording in s."""
 
     n_taps: int
     movement_s: float
@@ -54,7 +54,7 @@ class PhaseSummary(NamedTuple):
 
 
 class LeftOutRecording(NamedTuple):
-    """Recording that cannot be used, and the reason."""
+    """Recording that cannot be used, with the reason."""
 
     recording_id: str
     reason: str
@@ -75,11 +75,11 @@ class FeatureTable:
     columns : tuple of str
         Names of the feature columns.
     ms : ndarray of shape (n_recordings,)
-        Computing time of each recording in ms, with segmentation, without loading.
+        Computing time of each recording in ms, including the segmentation but not the loading.
     reasons : tuple of Reason
         Reasons for undefined features.
     flags : tuple of (str, str)
-        Recording and notice of its loader, for example "clipped: 3.1 % ...".
+        Id of a recording and a notice of its loader, for example "clipped: 3.1 % ...".
     left_out : tuple of LeftOutRecording
         Recordings that could not be used.
     key : str
@@ -147,7 +147,7 @@ class FeatureTable:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """Notices of the loaders on doubtful recordings, each once, with the number of recordings."""
+        """Notices of the loaders about implausible recordings, each once, with the number of recordings."""
         kinds = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")
         flags_by_text: dict[str, list[tuple[str, str]]] = {}
         for name, flag in self.flags:
@@ -161,7 +161,7 @@ class FeatureTable:
 
     @property
     def summary(self) -> str:
-        """Phases of all recordings and undefined columns, in one line."""
+        """One line that summarises the phases of all recordings and the undefined columns."""
         n = len(self.phases)
         movement_s, total_s = sum(p.movement_s for p in self.phases), sum(p.duration_s for p in self.phases)
         n_with_taps = sum(one.n_taps > 0 for one in self.phases)
@@ -179,7 +179,7 @@ class FeatureTable:
 
 
 def metadata(entries: Sequence[Entry]) -> pd.DataFrame:
-    """Return the labels of recordings or windows as a table, one row each, without loading them."""
+    """Return a table with the labels of each recording or window, without loading their signals."""
     frame = pd.DataFrame([[getattr(e, name) for name in METADATA] for e in entries], columns=METADATA)
     text_columns = [name for name in METADATA if name != "repetition"]
     frame = frame.astype({**dict.fromkeys(text_columns, "str"), "repetition": "Int64"})
@@ -192,12 +192,13 @@ def metadata(entries: Sequence[Entry]) -> pd.DataFrame:
 def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) -> FeatureTable:
     """Compute the feature table of a dataset, or read it from the cache folder.
 
-    Each feature set has its own file, so that a new feature does not require computing the others again.
+    Each feature set has its own file, so that adding a new feature does not require computing all features
+    again.
 
     Parameters
     ----------
     dataset : Dataset
-        Recordings or windows. Of several recordings with the same content, one is used.
+        Recordings or windows. If several recordings have the same content, only one of them is used.
     *feature_sets : FeatureSet
         Feature sets without common columns.
     **options
@@ -206,12 +207,12 @@ def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) ->
     Returns
     -------
     FeatureTable
-        Columns of all feature sets, for the recordings that all of them have.
+        Columns of all feature sets, for the recordings that could be used with each of them.
 
     Raises
     ------
     RecordingError
-        As in `extract_table`, or if recordings of different surfaces have the same content.
+        If `extract_table` raises it, or if recordings of different surfaces have the same content.
     """
     dataset, copies = _without_copies(dataset, skip_bad=options.get("skip_bad", False))
     tables = []
@@ -228,7 +229,7 @@ def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) ->
 def _without_copies(dataset: Dataset, *, skip_bad: bool) -> tuple[Dataset, tuple[LeftOutRecording, ...]]:
     """Return a dataset without duplicate recordings, and the recordings that were left out.
 
-    One of several copies stays, or none if their surfaces differ.
+    The first of several copies is kept. If the copies have different surfaces, none is kept.
     """
     left_out: dict[str, LeftOutRecording] = {}
     recording_ids = {parent_id(entry) for entry in dataset.entries}
@@ -239,8 +240,8 @@ def _without_copies(dataset: Dataset, *, skip_bad: bool) -> tuple[Dataset, tuple
             problem = f"recordings of different surfaces have the same content: {names}"
             if not skip_bad:
                 raise RecordingError(
-                    f"{dataset.name}: {problem}. Expected one surface: remove the misplaced files, or leave "
-                    "all of them out with --skip-bad"
+                    f"{dataset.name}: {problem}. Expected one surface per recording: remove the files with "
+                    "the wrong surface, or leave out all of these recordings with --skip-bad"
                 )
             left_out |= {
                 one.recording_id: LeftOutRecording(one.recording_id, problem) for one in (first, *others)
@@ -270,24 +271,26 @@ def extract_table(
 ) -> FeatureTable:
     """Compute the features of all recordings of a dataset and write them to a Parquet or CSV file.
 
-    Each finished recording is stored in a checkpoint next to `path`, under a key of input, feature set, code
-    and version. An interrupted run continues with the missing recordings; a complete table is only read.
+    Each finished recording is stored in a checkpoint next to `path`. The checkpoint has a key computed from
+    input, feature set, code and version. An interrupted run continues with the missing recordings. If the
+    table is complete, it is only read.
 
     Parameters
     ----------
     dataset : Dataset
-        Recordings or windows. They are loaded one at a time, by the process that computes the features.
+        Recordings or windows. The process that computes the features loads them one at a time.
     feature_set : FeatureSet
         Features to compute.
     path : str or path
-        Output file with the suffix .parquet or .csv. A Parquet file contains the key, and a table with
-        another key is replaced. A CSV file cannot contain it, so the table is also cached.
+        Output file with the suffix .parquet or .csv. A Parquet file contains the key, and a file with another
+        key is replaced. A CSV file cannot contain the key, so the table is also written to the cache.
     channels : {"combine", "each", "auto", "all"}
         See `FeatureExtractor`.
     n_jobs : int
         Number of processes (default 1). Each uses one thread for linear algebra.
     skip_bad : bool
-        Whether to list bad recordings in `left_out` (default: raise an error at the first).
+        Whether to leave out bad recordings and list them in `left_out` (default: raise an error at the first
+        one).
     progress : callable, optional
         Function called with (done, total, "features") at the start and after each recording.
 
@@ -299,7 +302,8 @@ def extract_table(
     Raises
     ------
     RecordingError
-        If a recording is bad, or none is usable; finished recordings stay stored.
+        If a recording is bad and `skip_bad` is False, or no recording can be used. The checkpoints of
+        finished recordings are kept.
     ValueError
         If the suffix of `path` is not .parquet or .csv.
     """
@@ -311,7 +315,7 @@ def extract_table(
         write_atomic(path, cached.frame.to_csv(index=False))
         return cached
     table: FeatureTable | None = None
-    with suppress(FileNotFoundError, ValueError):  # a missing or damaged table is computed
+    with suppress(FileNotFoundError, ValueError):  # compute a missing or damaged table
         table = read_table(path)
     while table is None or table.key != key:
         folder = sibling_path(path, ".parts") / key
@@ -342,8 +346,8 @@ def extract_partitions(
 ) -> pd.DataFrame:
     """Compute the features of a large dataset and write them to a folder of Parquet files.
 
-    One worker computes and writes each file of `size` recordings, so that no process holds the whole table.
-    Existing files, and finished recordings of an interrupted file, are not computed again.
+    One worker computes and writes each file of `size` recordings, so no process holds the whole table.
+    Existing files and the finished recordings of an incomplete file are not computed again.
     ``pd.read_parquet`` and Dask read the folder as one table.
 
     Parameters
@@ -360,14 +364,14 @@ def extract_partitions(
     Returns
     -------
     DataFrame of shape (n_partitions, 3)
-        Indexed by file: number of `recordings`, recordings `left_out`, and `notices` of the loaders.
+        One row per file: number of `recordings`, recordings `left_out`, and `notices` of the loaders.
 
     Raises
     ------
     ValueError
         If `size` is less than 1.
     RecordingError
-        If a recording is bad; finished files and recordings stay stored.
+        If a recording is bad and `skip_bad` is False. Finished files and checkpoints are kept.
     """
     if size < 1:
         raise ValueError(f"size must be at least 1 recording, got {size}")
@@ -424,12 +428,12 @@ def read_table(path: str | Path) -> FeatureTable:
         columns, ms = tuple(facts["columns"]), np.array(facts["ms"], dtype=np.float64)
         missing = [name for name in (*METADATA, *columns) if arrow.schema.names.count(name) != 1]
         if missing:
-            raise ValueError(f"columns {missing} are missing or duplicated. Expected each column once")
+            raise ValueError(f"columns {missing} are missing or duplicated; expected each column once")
         if ms.shape != (arrow.num_rows,) or not isinstance(facts["key"], str):
-            raise ValueError(f"{arrow.num_rows} rows, {ms.shape} computing times. Expected one per row")
+            raise ValueError(f"expected one computing time per row ({arrow.num_rows}), got shape {ms.shape}")
         frame = arrow.to_pandas()
         if list(frame.columns) != arrow.schema.names:
-            raise ValueError(f"columns {list(frame.columns)!r:.80}. Expected those of the schema")
+            raise ValueError(f"the columns {list(frame.columns)!r:.80} differ from the columns of the schema")
         reasons = tuple(Reason(*reason) for reason in facts["reasons"])
         flags = tuple((name, flag) for name, flag in facts["flags"])
         left_out = tuple(LeftOutRecording(*bad) for bad in facts["left_out"])
@@ -440,7 +444,10 @@ def read_table(path: str | Path) -> FeatureTable:
     except FileNotFoundError:
         raise
     except Exception as error:  # pyarrow and pandas raise many types of errors on damaged files
-        raise ValueError(f"{path}: not a feature table of texclass ({error})") from error
+        raise ValueError(
+            f"{path}: not a feature table of texclass ({error}). Expected a Parquet file written by "
+            "`texclass extract`"
+        ) from error
 
 
 def write_table(table: FeatureTable, path: Path) -> None:
@@ -462,7 +469,7 @@ def write_table(table: FeatureTable, path: Path) -> None:
 
 
 def _plan(dataset: Dataset, feature_set: FeatureSet, channels: Channels, skip_bad: bool) -> Plan:
-    """Return the plan of a feature set; separate channels are read from the first usable recording."""
+    """Return the plan of a feature set, with the separate channels of the first usable recording."""
     problem = "the dataset is empty. Expected at least one recording"
     for entry in dataset.entries:
         try:
@@ -484,7 +491,7 @@ def _checkpoints(dataset: Dataset, folder: Path) -> list[tuple[tuple[Entry, ...]
 def _compute_missing(
     dataset: Dataset, plan: Plan, folder: Path, n_jobs: int, skip_bad: bool, progress: Progress | None
 ) -> tuple[LeftOutRecording, ...]:
-    """Compute every recording without a checkpoint; return the bad ones."""
+    """Compute every recording without a checkpoint, and return the bad recordings."""
     checkpoints = _checkpoints(dataset, folder)
     missing = [(entries, path) for entries, path in checkpoints if not path.is_file()]
     done, total = len(checkpoints) - len(missing), len(checkpoints)
@@ -504,7 +511,7 @@ def _compute_missing(
 def _join(
     dataset: Dataset, plan: Plan, folder: Path, key: str, left_out: tuple[LeftOutRecording, ...]
 ) -> FeatureTable | None:
-    """Join the checkpoints in the order of the dataset; return None if one was removed meanwhile."""
+    """Join the checkpoints in dataset order; return None if another process removed one in the meantime."""
     bad = {item.recording_id for item in left_out}
     pairs: list[tuple[Entry, CheckpointRow]] = []
     for entries, path in _checkpoints(dataset, folder):
@@ -515,13 +522,15 @@ def _join(
         except FileNotFoundError:
             return None
     if not pairs:
-        raise RecordingError(f"{dataset.name}: no recording can be used; the first: {left_out[0].reason}")
+        raise RecordingError(
+            f"{dataset.name}: no recording can be used. Reason of the first one: {left_out[0].reason}"
+        )
     axes = Counter(tuple(row.axes) for _, row in pairs)
     usual_axes, n_usual = axes.most_common(1)[0]
     if any(axes_differ(names, usual_axes) for names in axes):
         expected = (
             f"but {n_usual} of {len(pairs)} have {describe_axes(usual_axes)}. Expected the same axes in each "
-            "recording: select them with --column, or leave it out with --skip-bad"
+            "recording: select axes with --column, or leave this recording out with --skip-bad"
         )
         for entry, row in pairs:
             if axes_differ(row.axes, usual_axes):

@@ -1,8 +1,9 @@
 """Cross-validation loop: fit on the training set of each fold, predict its test set.
 
-All cross-validation in texclass uses `map_folds`. It prepares the columns of each fold on the training set
-and passes a `Fold` to a function, which fits classifiers and evaluates their predictions. `evaluate` does
-this for accuracies; feature selection under a budget and novelty detection pass their own functions:
+All cross-validation in texclass uses `map_folds`. For each fold, it fits the preparation of the columns on
+the training set and passes a `Fold` to a function, which fits classifiers and evaluates their predictions.
+`evaluate` passes a function that computes accuracies. Feature selection under a budget and novelty detection
+pass their own functions:
 
 >>> import numpy as np
 >>> X, y = np.array([[0.0], [0.1], [5.0], [5.1]]), np.array(["cork", "cork", "slate", "slate"])
@@ -33,7 +34,7 @@ R = TypeVar("R")
 
 
 class Fold:
-    """One fold of cross-validation: training set and test set, with columns prepared on the training set.
+    """One fold of cross-validation: training set and test set, with a preparation fitted on the training set.
 
     Parameters
     ----------
@@ -46,8 +47,8 @@ class Fold:
     preparation : transformer, optional
         Imputation, scaling and selection (default: none).
     nested : bool
-        Whether to fit the preparation on the training set (default True). False: it is fitted already, on
-        all rows, test sets included.
+        Whether to fit the preparation on the training set (default True). If False, the preparation is
+        already fitted on all rows, test sets included.
 
     Examples
     --------
@@ -85,7 +86,7 @@ class Fold:
 
     @property
     def support(self) -> Samples:
-        """Columns that the preparation selects (1) or drops (0), shape (n_columns,)."""
+        """Whether the preparation selects (1) or drops (0) each column, shape (n_columns,)."""
         n_columns = self._X.shape[1]
         selector = getattr(self.preparation, "steps", [("", self.preparation)])[-1][1]
         mask = selector.get_support() if hasattr(selector, "get_support") else np.ones(n_columns)
@@ -96,17 +97,17 @@ class Fold:
         return fit_varying(classifier, self.X_train[:, columns], self.y_train)
 
     def hits(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> NDArray[np.bool_]:
-        """Return for each row of the test set whether a classifier predicts it correctly, shape (n_test,)."""
+        """Fit a clone of a classifier; return whether each test prediction is correct, shape (n_test,)."""
         return np.asarray(self.fit(classifier, columns).predict(self.X_test[:, columns]) == self.y_test)
 
     def _prepare(self, rows: Indices) -> Samples:
         X = self._X[rows]
         prepared = X if self.preparation is None else self.preparation.transform(X)
-        # `map_folds` switches off the check of scikit-learn, for speed.
+        # `map_folds` disables the finiteness check of scikit-learn to save time.
         if not np.isfinite(prepared).all():
             raise ValueError(
-                "the classifier gets undefined features (NaN). Add a step that replaces them to the "
-                "pipeline, such as sklearn.impute.SimpleImputer"
+                "the classifier receives undefined features (NaN). Add a step to the pipeline that replaces "
+                "them, such as sklearn.impute.SimpleImputer"
             )
         return np.asarray(prepared)
 
@@ -120,19 +121,19 @@ def map_folds(
     *,
     nested: bool = True,
 ) -> list[R]:
-    """Call a function with each fold of a cross-validation, and return the results.
+    """Call a function with each fold of a cross-validation and return its results.
 
     Parameters
     ----------
     work : callable
-        Function of a `Fold`.
+        Function that takes a `Fold`.
     X, y, preparation
-        See `Fold`; the preparation is unfitted.
+        See `Fold`. The preparation must be unfitted.
     splits : sequence of (train, test)
         Row indices of each fold.
     nested : bool
-        Whether to fit the preparation in each fold (default True). False fits it once on all recordings, test
-        sets included: the accuracy is optimistic.
+        Whether to fit the preparation in each fold (default True). If False, it is fitted once on all
+        recordings, test sets included, and the accuracy is optimistic.
 
     Returns
     -------
@@ -173,10 +174,10 @@ class Evaluation:
     accuracy : Accuracy
         Accuracy pooled over folds, and of each fold.
     support : ndarray of shape (n_columns,)
-        Share of folds in which a column reaches the classifier.
+        Share of folds in which each column is selected for the classifier.
     fit_s, predict_s : float
-        CPU time in s, mean over folds: preparation and fit of a training set; preparation and prediction of
-        one test recording.
+        CPU time in s, averaged over folds: for preparing and fitting a training set (`fit_s`), and for
+        preparing and predicting one test recording (`predict_s`).
     """
 
     y_true: tuple[Labels, ...]
@@ -188,14 +189,14 @@ class Evaluation:
 
     @property
     def hits(self) -> tuple[NDArray[np.bool_], ...]:
-        """Whether each prediction of each fold is correct."""
+        """Whether each prediction is correct, by fold."""
         return tuple(t == p for t, p in zip(self.y_true, self.y_pred, strict=True))
 
 
 def evaluate(
     X: Samples, y: Labels, splits: Sequence[Split], preparation: Any, classifier: Any, **options: Any
 ) -> Evaluation:
-    """Evaluate a classifier by cross-validation; see `evaluate_each` for the options.
+    """Evaluate a classifier by cross-validation; see `evaluate_each` for the parameters.
 
     Examples
     --------
@@ -235,13 +236,13 @@ def evaluate_each(
     Returns
     -------
     list of Evaluation
-        Evaluation of each classifier. The times of each include the preparation.
+        Evaluation of each classifier. Every `fit_s` and `predict_s` includes the time of the preparation.
     """
 
     def predict(fold: Fold) -> list[tuple[Labels, Samples, float, float]]:
         clock = time.process_time
         times = [clock()]
-        for subset in ("X_train", "X_test"):  # prepared on first access
+        for subset in ("X_train", "X_test"):  # the first access runs the preparation
             getattr(fold, subset)
             times.append(clock())
         prepare_train_s, prepare_test_s = np.diff(times).tolist()

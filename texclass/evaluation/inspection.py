@@ -24,7 +24,7 @@ COLOURS = {
     "movement": "#009E73",
     "signal": "#333333",
 }
-"""Palette of Okabe and Ito, whose colours are distinguishable with all common forms of colour vision."""
+"""Palette of Okabe and Ito, whose colours remain distinguishable with common forms of colour blindness."""
 MAX_POINTS = 4000
 """Number of samples above which the envelope is drawn instead of the signal, to keep files small."""
 MAX_VALUES = 40
@@ -73,14 +73,15 @@ def draw_inspection(
     Parameters
     ----------
     recording : Recording
-        Recording. Several axes are projected on the direction of the largest changes (DFT321 mixes the phases
-        of the axes, which blurs the contact).
+        Recording. Several axes are projected on the direction of the largest changes. DFT321 is not used,
+        because it mixes the phases of the axes and thereby blurs the contact.
     phases : Phases
         Phases of the recording.
     feature_values : mapping of str to float, optional
         Feature values; NaN is shown as "undefined". At most 40 are shown.
     units : mapping of str to str, optional
-        Units of the feature values for recordings in m/s^2. The unit of the recording replaces m/s^2.
+        Units of the feature values for recordings in m/s^2. In the figure, the unit of the recording replaces
+        m/s^2.
 
     Returns
     -------
@@ -114,7 +115,7 @@ def draw_inspection(
 
 
 def draw_signal(axes: "Axes", samples: Samples, recording: Recording, phases: Phases) -> None:
-    """Draw the samples of one direction of a recording, with its taps, its movement and a legend."""
+    """Draw the samples of a recording in one direction, with taps, movement and a legend."""
     fs, n = recording.fs, samples.size
     if n <= MAX_POINTS:
         axes.plot(np.arange(n) / fs, samples, color=COLOURS["signal"], linewidth=0.9, label="signal")
@@ -206,7 +207,7 @@ def _draw_values(axes: "Axes", values: Mapping[str, float] | None, units: Mappin
         height = 1.0 - (i + 0.8) / n_rows
         axes.text(0.0, height, shorten_middle(name, 32), **style)
         axes.text(0.68, height, text, ha="right", **style)
-        # "1" is the unit of ratios, which is not shown.
+        # The unit "1" of ratios is not shown.
         axes.text(0.7, height, "" if unit == "1" else unit.replace("^2", "²"), **style)
 
 

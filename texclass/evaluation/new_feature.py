@@ -1,4 +1,4 @@
-"""Study of a new feature: accuracy alone and added to the best row, cost, contract, redundancy."""
+"""Study of a new feature: accuracy alone and when added to the best row, cost, contract, redundancy."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -37,20 +37,20 @@ Data = Mapping[str, Any]
 class FeatureStudy(BenchmarkResult, kind="feature"):
     """Comparison of a new feature with the rows of a pipeline on a dataset; returned by `study_feature`.
 
-    `data` contains the values of the benchmark, with a row for the feature alone and the gain of adding it to
-    the best row (`ablation`), and `new_feature`: the declaration of the feature, its latency alone
-    (`ms_alone`) and added to the best row (`ms_added`), its `gain_law` as declared and as measured, its
-    `behaviour` on degenerate input, and its `redundancy` (see the function of this name).
+    `data` contains the values of the benchmark, including a row for the feature alone and the gain of adding
+    it to the best row (`ablation`). `new_feature` contains the declaration of the feature, its latency alone
+    (`ms_alone`), the latency that it adds to the best row (`ms_added`), its declared and measured `gain_law`,
+    its `behaviour` on degenerate input, and its `redundancy` (see the function of this name).
     """
 
     @property
     def result(self) -> BenchmarkResult:
-        """Benchmark without the study of the feature."""
+        """Benchmark result without the values of `new_feature`."""
         return BenchmarkResult({key: value for key, value in self.data.items() if key != "new_feature"})
 
     @property
     def definitions(self) -> dict[str, tuple[str, str]]:
-        """Name and hash of the pipeline that the feature was added to."""
+        """Name and hash of the pipeline to which the feature was added."""
         name, digest = super().definitions["pipeline"]
         return {
             "pipeline": (name.removesuffix(f"+{self.data['new_feature']['name']}"), digest.partition("+")[0])
@@ -77,7 +77,7 @@ def study_feature(
     dataset : Dataset
         Labelled recordings.
     pipeline : PipelineDefinition
-        Pipeline whose rows are compared. Its own additions are replaced by the feature.
+        Pipeline whose rows are compared with the feature. The feature replaces the additions of the pipeline.
     feature : Feature
         Feature; see `texclass.features.load_feature`.
     **options
@@ -91,12 +91,13 @@ def study_feature(
     Raises
     ------
     ValueError
-        As in `run_benchmark`, and if the feature set has a feature of this name, or the feature fails.
+        If the feature fails, the feature set already has a feature of this name, or the protocol cannot split
+        the dataset.
     """
     extended = pipeline.with_feature(feature)
     result = run_benchmark(dataset, extended, **options)
     table_options = {key: options[key] for key in ("n_jobs", "skip_bad") if key in options}
-    # Reads the cache: `run_benchmark` has computed this table.
+    # This reads the table from the cache, because `run_benchmark` has computed it.
     table = cached_table(dataset, *extended.needed, channels=pipeline.channels, **table_options)
     meter = CostMeter.from_dataset(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
     alone = extended.features.restricted_to([feature.name])
@@ -114,7 +115,7 @@ def study_feature(
         "reference": feature.reference,
         "columns": feature.columns(feature.name, {}),
         "ms_alone": meter.model(alone).total,
-        # Less than `ms_alone` if it shares transforms with the base row.
+        # Less than `ms_alone` if the feature shares transforms with the base row.
         "ms_added": combined and combined["ms_per_recording"] - ablation["base"]["ms_per_recording"],
         "gain_law": measure_gain_law(feature, views),
         "degenerate_inputs": check_degenerate_inputs(feature),
@@ -138,8 +139,8 @@ def redundancy(table: FeatureTable, new: Sequence[str]) -> list[dict[str, Any]]:
     list of dict
         For each `column`: the three existing columns with the highest rank correlation (`nearest`, each with
         its Spearman `rank_correlation`), and `explained`, the R^2 of its prediction from all existing columns
-        by ridge regression with five-fold cross-validation. 1: linear combination of existing columns; 0 or
-        less: not predictable; None: fewer than ten recordings.
+        by ridge regression with five-fold cross-validation. `explained` is 1 for a linear combination of
+        existing columns, 0 or less for an unpredictable column, and None with fewer than ten recordings.
     """
     values = table.frame[list(table.columns)].astype(np.float64)
     existing = values.drop(columns=list(new)).dropna(axis=1, how="all")
@@ -162,7 +163,7 @@ def redundancy(table: FeatureTable, new: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _explained(X: Samples, y: Samples) -> float | None:
-    """Return R^2 = 1 - sum (y - y^)^2 / sum (y - mean y)^2, with y^ from five-fold cross-validation."""
+    """Return R^2 = 1 - sum (y - y^)^2 / sum (y - mean y)^2, with predictions y^ of five-fold validation."""
     if y.size < 10 or not X.size:
         return None
     model = make_pipeline(SimpleImputer(strategy="median"), StandardScaler(), RidgeCV(np.logspace(-3, 3, 7)))
@@ -174,7 +175,7 @@ def _explained(X: Samples, y: Samples) -> float | None:
 
 
 def new_feature_document(data: Data) -> Document:
-    """Return the document of a study: gain and properties of the feature, then the benchmark.
+    """Return the document of a feature study: gain and properties of the feature, then the benchmark.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ ALL = "all"
 class Use(StrictModel):
     """Estimator in a TOML file: the path of its class, and the arguments of its constructor.
 
-    An argument can be an estimator itself: `estimator = { use = "..." }`.
+    An argument can itself be an estimator: `estimator = { use = "..." }`.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Use(StrictModel):
             if _is_use(value):
                 try:
                     arguments[key] = Use(**value).make()
-                except ValidationError as error:  # the first fault, in one line
+                except ValidationError as error:  # report the first fault in one line
                     raise ValueError(error.errors()[0]["msg"]) from None
         return resolve(self.use)(**arguments)
 
@@ -80,7 +80,7 @@ class Use(StrictModel):
         try:
             estimator.fit(None, None)
         except Exception as error:
-            # `fit` checks parameters before data, so an error that names a parameter is about its value.
+            # `fit` checks parameters before data, so an error that names a parameter concerns its value.
             names = [key for key, value in self.parameters.items() if not _is_use(value)]
             if any(re.search(rf"\b{re.escape(key)}\b", str(error)) for key in names):
                 raise ValueError(str(error)) from None
@@ -93,25 +93,25 @@ def _is_use(value: Any) -> bool:
 
 def _check_classifier(use: Use) -> Use:
     if not is_classifier(use.make()):
-        raise ValueError(f"{use.use} is not a classifier. Expected a scikit-learn classifier")
+        raise ValueError(f"{use.use} is not a classifier. Use a classifier of scikit-learn or texclass")
     return use
 
 
 def _check_transformer(use: Use) -> Use:
     if is_classifier(estimator := use.make()) or not hasattr(estimator, "transform"):
-        raise ValueError(f"{use.use} is not a transformer. Expected a scikit-learn transformer")
+        raise ValueError(f"{use.use} is not a transformer. Use a transformer of scikit-learn or texclass")
     return use
 
 
 class Selection(StrictModel):
-    """Sequential forward selection in a row: number of columns `n`, and number of inner folds `folds`."""
+    """Settings of forward selection in a pipeline row: `n` columns, selected with `folds` inner folds."""
 
     n: Annotated[int, Field(ge=1)]
     folds: Annotated[int, Field(ge=2)] = 5
 
 
 def _feature_names(value: Any) -> Any:
-    """Convert a TOML list to a tuple, and the keyword "all" to a tuple with one name."""
+    """Convert a TOML list to a tuple, and the keyword "all" to a tuple that contains it."""
     return (ALL,) if value == ALL else tuple(value) if isinstance(value, list) else value
 
 
@@ -123,11 +123,11 @@ class RowDefinition(StrictModel):
     name
         Name in reports.
     features
-        Features and columns of the set; in a TOML file also "all".
+        Names of features and columns of the feature set. A TOML file can contain "all" instead of a list.
     reference
         Source of the features or of the published accuracies.
     skip_missing
-        Whether to evaluate the row without the features that a dataset lacks.
+        Whether to evaluate the row without the features that are undefined for a dataset.
     select
         Rows only: sequential forward selection among the features (default: none).
     published
@@ -159,7 +159,7 @@ class RowDefinition(StrictModel):
 
 
 class FoldSettings(StrictModel):
-    """Protocol of a pipeline: its name, and the number of folds for protocols that draw folds."""
+    """Protocol of a pipeline: its name, and the number of folds (used by protocols that draw folds)."""
 
     name: Annotated[str, AfterValidator(lambda name: find_protocol(name).name)] = "recording"
     folds: Annotated[int, Field(ge=2)] = 10
@@ -173,7 +173,7 @@ class PublishedOn(StrictModel):
     n_surfaces
         Number of surfaces.
     protocols
-        Names of our protocols that split recordings as the publication did.
+        Names of the texclass protocols that split recordings in the same way as the publication.
     """
 
     n_surfaces: Annotated[int, Field(ge=2)]
@@ -186,16 +186,17 @@ class PublishedOn(StrictModel):
 
 
 class AblationSettings(StrictModel):
-    """Settings of the ablation: which row the feature groups are added to, and how often folds are drawn.
+    """Settings of the ablation: the row to which feature groups are added, and the number of repeats.
 
     Attributes
     ----------
     base
         Row to which the groups are added (default: the most accurate row without features of any group).
     classifier
-        Classifier (default: the most accurate one for that row).
+        Classifier (default: the most accurate classifier for that row).
     repeats
-        Number of repeats with seeds seed, seed + 1, ... (default 5), for protocols that draw folds.
+        Number of repeats, with the seeds seed, seed + 1, ... (default 5). Only protocols that draw folds use
+        it.
     """
 
     base: str | None = None
@@ -207,7 +208,7 @@ def _to_feature_set(value: Any) -> FeatureSet:
     if isinstance(value, FeatureSet):
         return value
     if not isinstance(value, str):
-        raise ValueError(f"{value!r:.60}. Expected a shipped name or a path")
+        raise ValueError(f"expected the name of a shipped feature set or a path, got {value!r:.60}")
     try:
         return load_feature_set(value)
     except OSError as error:
@@ -220,13 +221,13 @@ class PipelineDefinition(StrictModel):
     Attributes
     ----------
     name, description, reference
-        Name, description and source.
+        Name, description and source of the pipeline.
     features
-        Feature set; in a TOML file a shipped name or a path.
+        Feature set. A TOML file contains the name of a shipped feature set or a path.
     steps
-        scikit-learn transformers before every classifier.
+        Transformers that run before every classifier.
     classifiers
-        Name -> scikit-learn classifier.
+        Name -> classifier.
     rows
         Rows of the table.
     additions
@@ -236,13 +237,14 @@ class PipelineDefinition(StrictModel):
     channels
         See `FeatureExtractor`.
     overlap
-        Number of training windows that start within each short window; see `texclass.evaluation.windows`.
+        Number of training windows that start within each short window; see `add_overlapping_windows`.
     protocol, gain
         Protocol, and settings of the ablation.
     published_on
-        Conditions of the published accuracies. Without them, published accuracies are not compared with ours.
+        Conditions of the published accuracies. Without them, our accuracies are not compared with the
+        published ones.
     phase_settings
-        Settings of the segmentation, unless the dataset has its own; see `PhaseSettings`.
+        Settings of the segmentation, used unless the dataset has its own settings; see `PhaseSettings`.
 
     Examples
     --------
@@ -269,7 +271,7 @@ class PipelineDefinition(StrictModel):
     reference: str = ""
     _hash: str = PrivateAttr("")
     _separate: tuple[str, ...] = PrivateAttr(())
-    """Features with a table of their own in the cache: new features, whose code is likely to change."""
+    """Features with a separate table in the cache: new features, whose code is likely to change."""
 
     @field_validator("rows", "additions")
     @classmethod
@@ -278,16 +280,19 @@ class PipelineDefinition(StrictModel):
     ) -> tuple[RowDefinition, ...]:
         """Replace "all" by all features; reject unknown features and duplicate names."""
         feature_set: FeatureSet | None = info.data.get("features")
-        if feature_set is None:  # pydantic reports this fault already
+        if feature_set is None:  # pydantic already reports this fault
             return rows
         checked_rows = {}
         for row in rows:
             names = tuple(feature_set.columns) if row.features == (ALL,) else row.features
             if row.name in checked_rows:
-                raise ValueError(f"two entries have the name {row.name!r}. Expected unique names")
+                raise ValueError(f"two entries have the name {row.name!r}. Rename one of them")
             extra = row.model_fields_set & {"select", "published", "classifiers"}
             if info.field_name == "additions" and extra:
-                raise ValueError(f"{row.name}: the key {min(extra)!r} is for rows only. Remove it")
+                raise ValueError(
+                    f"{row.name}: the key {min(extra)!r} is allowed in [[rows]], not in [[additions]]. "
+                    "Remove it"
+                )
             try:
                 feature_set.columns_of(names)
             except ValueError as error:
@@ -307,10 +312,13 @@ class PipelineDefinition(StrictModel):
                         )
         bases = [row.name for row in self.bases]
         if self.additions and not bases:
-            raise ValueError("every row has features of an addition. Expected one row without any")
+            raise ValueError(
+                "cannot compute the ablation: every row already contains features of [[additions]]. Expected "
+                "at least one row without them"
+            )
         for key, expected, choices in (
-            ("base", f"a row without features of an addition: {', '.join(bases)}", bases),
-            ("classifier", f"a classifier: {classifiers}", self.classifiers),
+            ("base", f"one of the rows without features of [[additions]]: {', '.join(bases)}", bases),
+            ("classifier", f"one of {classifiers}", self.classifiers),
         ):
             if (value := getattr(self.gain, key)) not in (None, *choices):
                 raise ValueError(f"gain.{key} is {value!r}. Expected {expected}")
@@ -318,7 +326,7 @@ class PipelineDefinition(StrictModel):
 
     @property
     def hash(self) -> str:
-        """Digest of the pipeline file, and of the code of an added feature; "" without a file."""
+        """Digest of the pipeline file and of the code of an added feature; "" if there is no file."""
         return self._hash
 
     @property
@@ -335,7 +343,7 @@ class PipelineDefinition(StrictModel):
         return tuple(r for r in self.rows if columns.isdisjoint(self.features.columns_of(r.features)))
 
     def preparation(self, row: RowDefinition, classifier: str) -> Pipeline:
-        """Return the unfitted steps before a classifier: those of the pipeline, then forward selection."""
+        """Return the unfitted steps before a classifier: the pipeline's steps, then forward selection."""
         steps = [use.make() for use in self.steps]
         if row.select is not None:
             criterion = self.classifiers[classifier].make()
@@ -343,7 +351,7 @@ class PipelineDefinition(StrictModel):
         return make_pipeline(*(steps or ["passthrough"]))
 
     def trial(self, row: "MatchedRow", classifier: str, table: FeatureTable) -> Callable[..., Evaluation]:
-        """Return `evaluate` with everything bound except the splits, for a row and a classifier."""
+        """Return `evaluate` for a row and a classifier, with all required arguments bound except splits."""
         return partial(
             evaluate,
             table.select(row.columns),
@@ -355,7 +363,7 @@ class PipelineDefinition(StrictModel):
     def trials(
         self, row: "MatchedRow", classifiers: Sequence[str], table: FeatureTable
     ) -> Callable[..., list[Evaluation]]:
-        """Return `evaluate_each` with everything bound except the splits, for several classifiers."""
+        """Return `evaluate_each` for a row, with all required arguments bound except splits."""
         return partial(
             evaluate_each,
             table.select(row.columns),
@@ -367,7 +375,7 @@ class PipelineDefinition(StrictModel):
         )
 
     def with_feature(self, feature: Feature) -> Self:
-        """Return the pipeline with a new feature: as a row of its own, and as the only addition.
+        """Return the pipeline with a new feature as an additional row, and as the only addition.
 
         Raises
         ------
@@ -376,7 +384,10 @@ class PipelineDefinition(StrictModel):
         """
         base, name = self.features, feature.name
         if name in base.columns or name in base.column_names:
-            raise ValueError(f"feature {name!r} exists in the feature set {base.name!r}. Choose another name")
+            raise ValueError(
+                f"the feature set {base.name!r} already contains a feature or column {name!r}. Rename the "
+                "new feature"
+            )
         members = (*base.members, Member(name, feature, remove_hand_motion=base.remove_hand_motion))
         row = RowDefinition(name=name, features=(name,), reference=feature.reference)
         update = {
@@ -397,8 +408,8 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
     Parameters
     ----------
     name_or_path : str or Path
-        Name of a shipped pipeline, or path of a TOML file. A path of a feature set in `features` is relative
-        to the pipeline file.
+        Name of a shipped pipeline, or path of a TOML file. If `features` in this file is a path, it is
+        relative to the folder of the file.
 
     Returns
     -------
@@ -429,7 +440,7 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
 
 @dataclass(frozen=True)
 class MatchedRow:
-    """Row of a pipeline, matched with the columns that have values in a dataset.
+    """Row of a pipeline together with its columns that have values in a dataset.
 
     Attributes
     ----------
@@ -438,9 +449,9 @@ class MatchedRow:
     columns
         Columns of the row in the feature table; empty if the row cannot be evaluated.
     n_features
-        Number of columns at the classifier, also if the row cannot be evaluated.
+        Number of columns that the classifier receives, even if the row cannot be evaluated.
     missing
-        Why features are missing in the dataset; None if none is.
+        Reasons why features are missing in the dataset, or None if no feature is missing.
     """
 
     definition: RowDefinition
@@ -450,7 +461,7 @@ class MatchedRow:
 
     @classmethod
     def match(cls, row: RowDefinition, features: FeatureSet, table: FeatureTable) -> Self:
-        """Match a row with a feature table; a feature without a value in any recording is missing."""
+        """Match a row with a feature table. A feature is missing if no recording has a value for it."""
         columns_by_feature = {name: table.match_columns(features.columns_of([name])) for name in row.features}
         defined = {
             column

@@ -35,7 +35,7 @@ def plot_phases(recording: Recording, phases: Phases | None = None, ax: "Axes | 
     recording : Recording
         Recording. Several axes are projected on the direction of the largest changes.
     phases : Phases, optional
-        Phases of the recording (default: those it has, else those of `find_phases`).
+        Phases of the recording (default: `recording.phases`, or the result of `find_phases` if it is None).
     ax : matplotlib.axes.Axes, optional
         Axes to draw on (default: axes of a new figure).
 
@@ -63,7 +63,7 @@ def plot_phases(recording: Recording, phases: Phases | None = None, ax: "Axes | 
 
 
 def plot_features(table: "FeatureTable", column: str, ax: "Axes | None" = None) -> "Axes":
-    """Plot the values of a feature column, one row of points per surface, with the median of each surface.
+    """Plot the values of a feature column as one row of points per surface, with the median of each surface.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def plot_features(table: "FeatureTable", column: str, ax: "Axes | None" = None) 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes; the surfaces are at y = 0, 1, ..., the first at the top. Undefined values are omitted.
+        The axes. The surfaces are at y = 0, 1, ..., from top to bottom. Undefined values are omitted.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def plot_confusion_matrix(confusion: Mapping[str, Any], ax: "Axes | None" = None
     Returns
     -------
     matplotlib.axes.Axes
-        The axes; each cell with a count above 0 contains it.
+        The axes. Each cell with a count above 0 contains the count as text.
 
     Examples
     --------
@@ -164,7 +164,7 @@ def plot_reliability(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes. The diagonal is perfect calibration; points below it are overconfident.
+        The axes. Points on the diagonal are perfectly calibrated; points below it are overconfident.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Evaluation protocols: how recordings are split into training sets and test sets.
 
-The command line, pipelines, reports and documentation read names and titles from here. The functions that
-split rows are in `texclass.evaluation.splits`. It is imported on first use, so that a command that lists the
-protocols imports neither pandas nor scikit-learn.
+The command line, pipelines, reports and documentation use the names and titles defined here. The functions
+that split rows are in `texclass.evaluation.splits`. That module is imported on first use, so that a command
+that lists the protocols imports neither pandas nor scikit-learn.
 """
 
 import re
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from texclass.evaluation.splits import Splits
 
 LABELS = ("surface", "operator", "session", "repetition")
-"""Columns of a table that can be used in a protocol by labels."""
+"""Label columns that a protocol can use to select recordings."""
 Terms = list[tuple[str, list[str]]]
-"""List of (label, values), combined by AND: the parsed form of "repetition=1-20,25 & session=a"."""
+"""Conditions (label, values) that must all hold: the parsed form of "repetition=1-20,25 & session=a"."""
 
 
 def _checked_label(label: str) -> str:
@@ -57,13 +57,13 @@ class Protocol(ABC):
     choice : str
         Syntax on the command line, for protocols with parameters.
     needs : tuple of str
-        Labels of which at least one must have a value for every recording.
+        Required labels: at least one of them must have a value for every recording.
     unit : {"recording", "run"}
-        Unit that is never separated. The predictions of its rows are combined by majority vote.
+        Unit whose rows always stay together. Their predictions are combined by majority vote.
     is_random : bool
         Whether the folds depend on the seed.
     is_nested : bool
-        Whether scaling and selection are fitted inside each fold; False for `paper` only.
+        Whether scaling and selection are fitted inside each fold. Only `paper` has False.
 
     Examples
     --------
@@ -90,11 +90,11 @@ class Protocol(ABC):
         Parameters
         ----------
         table : DataFrame
-            Labels of recordings or windows, one per row.
+            Labels of recordings or windows, one recording or window per row.
         n_folds : int
-            Number of folds, if the protocol draws folds.
+            Number of folds, for protocols that draw folds.
         seed : int
-            Random seed, if the protocol draws folds.
+            Random seed, for protocols that draw folds.
 
         Returns
         -------
@@ -141,7 +141,7 @@ class Stratified(Protocol):
 
 
 class Paper(Stratified):
-    """Draw stratified folds as the paper did, after features were selected on all recordings."""
+    """Draw stratified folds as in the paper, where features are selected on all recordings beforehand."""
 
     name = "paper"
     title = "the paper's protocol"
@@ -153,7 +153,7 @@ class Paper(Stratified):
 
 
 class Grouped(Protocol):
-    """Draw folds over runs: sessions, or recordings if sessions are missing."""
+    """Draw folds over runs. A run is a session, or a recording if sessions are missing."""
 
     name = "grouped"
     title = "folds over whole runs"
@@ -171,7 +171,7 @@ class Grouped(Protocol):
 
 
 class LeaveOneOut(Protocol):
-    """Use each value of a label once as the test set; the values are the independent units."""
+    """Use the recordings with each value of a label once as the test set. Values are independent units."""
 
     choice = "leave-out LABEL"
 
@@ -187,7 +187,7 @@ class LeaveOneOut(Protocol):
         return leave_one_out(table, left_out_label(table, self.needs))
 
     def independent(self, table: "pd.DataFrame") -> "tuple[str, NDArray[np.str_]]":
-        """Return the held-out label, and its value for each row."""
+        """Return the held-out label and its value for each row."""
         from texclass.evaluation.splits import left_out_label
 
         label = left_out_label(table, self.needs)
@@ -222,7 +222,7 @@ class Chronological(Protocol):
 
 
 class FewShot(Protocol):
-    """Train on a few repetitions of each surface, with several starts, and test on the later half.
+    """Train on a few repetitions of each surface, from several starting points, and test on the later half.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ class FewShot(Protocol):
 
     choice = "few-shot NUMBER"
     n_starts: ClassVar[int] = 4
-    """Largest number of starts, one for each quarter of the first half of the repetitions."""
+    """Largest number of starting points, one for each quarter of the first half of the repetitions."""
 
     def __init__(self, n_shots: int = 3) -> None:
         self.n_shots = n_shots
@@ -274,14 +274,15 @@ PROTOCOLS: dict[str, Protocol] = {
 
 
 def find_protocol(name: str) -> Protocol:
-    """Return the protocol with a name: one of `PROTOCOLS`, or a protocol with parameters.
+    """Return the protocol with this name, which may contain parameters.
 
     Parameters
     ----------
     name : str
-        Name in `PROTOCOLS`; "few-shot 1" (one training repetition per surface); "leave-out session" (each
-        session is the test set once); or "repetition=1-20 -> repetition=31-40" (training set and test set by
-        labels). "operator=2,5 & session=a" selects the recordings of operators 2 and 5 in session a.
+        Name in `PROTOCOLS`, or a name with parameters: "few-shot 1" (one training repetition per surface),
+        "leave-out session" (each session is the test set once), or "repetition=1-20 -> repetition=31-40"
+        (training set and test set selected by labels). In the last form, "operator=2,5 & session=a" selects
+        the recordings of operators 2 and 5 in session a.
 
     Returns
     -------
@@ -314,7 +315,7 @@ def find_protocol(name: str) -> Protocol:
 def repeated_splits(
     protocol: Protocol, table: "pd.DataFrame", n_folds: int, n_repeats: int, seed: int
 ) -> "tuple[Splits, ...]":
-    """Return the splits of repeated cross-validation, with seeds seed, seed + 1, ....
+    """Return the splits of repeated cross-validation with the seeds seed, seed + 1, ....
 
     Parameters
     ----------
@@ -351,14 +352,14 @@ def repeated_splits(
     if n_repeats < 1 or (n_repeats > 1 and not protocol.is_random):
         random_protocols = ", ".join(p.name for p in PROTOCOLS.values() if p.is_random)
         raise ValueError(
-            f"n_repeats is {n_repeats} for the protocol `{protocol.name}`. "
-            f"Expected 1, or more for a protocol with random folds ({random_protocols})"
+            f"n_repeats is {n_repeats} for the protocol `{protocol.name}`. Expected 1; protocols with random "
+            f"folds ({random_protocols}) also allow more"
         )
     return tuple(protocol.split(table, n_folds, seed + r) for r in range(n_repeats))
 
 
 def make_splits(protocol: Protocol, table: "pd.DataFrame", seed: int) -> "Splits":
-    """Return the splits of a protocol, with at most five folds if it draws folds.
+    """Return the splits of a protocol. A protocol that draws folds gets at most five.
 
     Raises
     ------
@@ -373,12 +374,12 @@ def require_nested(protocol: Protocol) -> None:
     """Raise ValueError for a protocol that fits scaling and selection on its test recordings."""
     if not protocol.is_nested:
         raise ValueError(
-            f"protocol {protocol.name!r} fits scaling and selection on the test recordings. Expected one "
+            f"protocol {protocol.name!r} fits scaling and selection on the test recordings. Use a protocol "
             "that does not, for example 'recording'"
         )
 
 
 def min_per_surface(protocol: Protocol, table: "pd.DataFrame") -> int:
-    """Return the smallest number of recordings (or runs, depending on the protocol) of a surface."""
+    """Return the smallest number of recordings (or runs, depending on the protocol) over all surfaces."""
     units = table[["surface"]].assign(unit=protocol.clusters(table))
     return int(units.groupby("surface")["unit"].nunique().min())

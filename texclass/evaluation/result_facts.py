@@ -1,4 +1,4 @@
-"""Facts of results that several documents show: best row, titles, chance level, dataset, example."""
+"""Facts about results that several documents show: best row, titles, chance level, dataset, example."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from texclass.loaders.dataset import Dataset
 
 CODE_DEPENDENCIES = ("recording", "signals", "phases", "features", "vibration", "classifiers", "evaluation")
-"""Subpackages and modules whose code determines results; results store a hash of it."""
+"""Subpackages and modules whose code determines results. Each result stores a hash of this code."""
 
 CLASSIFIER_TITLES = {
     "naive_bayes": "Naive Bayes",
@@ -28,11 +28,11 @@ CLASSIFIER_TITLES = {
 NESTED_CV_TITLE = "nested cross-validation"
 """Name of nested cross-validation in tables of rows."""
 FEW_CLUSTERS = 10
-"""Number of clusters below which an accuracy above 90 % or below 10 % is reported with a caution."""
+"""With fewer clusters than this, an accuracy above 90 % or below 10 % is reported with a caution."""
 
 
 class Pair(NamedTuple):
-    """Row of a result, classifier, its accuracy, and the published accuracy (None if there is none)."""
+    """Row and classifier of a result, our accuracy, and the published accuracy (None if there is none)."""
 
     row: Mapping[str, Any]
     classifier: str
@@ -72,13 +72,13 @@ def chance_level(data: Mapping[str, Any]) -> float:
 
 
 def cluster_phrase(accuracy: Mapping[str, Any]) -> str:
-    """Return the clusters of the interval of an accuracy or difference: " over 10 operators"."""
+    """Return a phrase with the clusters of an interval, for example " over 10 operators"."""
     n = accuracy.get("n_clusters")
     return f" over {n:,} {accuracy['clusters']}s" if n else ""
 
 
 def caution(accuracy: Mapping[str, Any]) -> str:
-    """Return a caution on an interval over few or equal clusters, or an empty string."""
+    """Return a caution if an interval is over few clusters or clusters without spread, else ""."""
     n, units = accuracy.get("n_clusters") or FEW_CLUSTERS, f"{accuracy.get('clusters')}s"
     method = accuracy.get("interval", "")
     if method.startswith("Wilson over"):
@@ -90,7 +90,7 @@ def caution(accuracy: Mapping[str, Any]) -> str:
 
 
 def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
-    """Return name and facts of the dataset of a result."""
+    """Return the name of the dataset of a result, and facts about it."""
     facts = data["dataset"]
     others = ("operator", "session", "test")
     counts = [counted(facts[f"n_{what}s"], what) for what in others if facts.get(f"n_{what}s")]
@@ -108,7 +108,7 @@ def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
 
 
 def reproduction_facts(data: Mapping[str, Any], pipeline: str) -> dict[str, str]:
-    """Return what is needed to reproduce a result; the input hash is shortened."""
+    """Return the facts that are needed to reproduce a result, with a shortened input hash."""
     input_hash = data["input_hash"]
     values = {
         "Pipeline or features": pipeline,
@@ -131,7 +131,7 @@ def describe_dataset(dataset: "Dataset", frame: "pd.DataFrame", like: Recording)
     frame : DataFrame
         Feature table of the dataset.
     like : Recording
-        Recording with the sampling rate and the unit of the dataset.
+        Recording from which sampling rate and unit are read.
     """
     frame = frame[is_testable(frame)]
     return {
@@ -151,7 +151,7 @@ def describe_dataset(dataset: "Dataset", frame: "pd.DataFrame", like: Recording)
 
 
 def example_facts(recording: Recording) -> dict[str, Any]:
-    """Return the values for a figure of a recording and its phases, as JSON values.
+    """Return the values for a figure of a recording and its phases as JSON values.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def example_facts(recording: Recording) -> dict[str, Any]:
 
 
 def signal_envelope(x: Samples, n: int) -> tuple[Samples, Samples]:
-    """Return the minimum and the maximum of about `n` equal blocks; adjacent blocks are joined."""
+    """Return the minimum and the maximum of each of about `n` equal blocks; adjacent blocks are joined."""
     size = max(1, x.size // n)
     blocks = x[: x.size // size * size].reshape(-1, size)
     low, high = blocks.min(axis=1), blocks.max(axis=1)
@@ -190,9 +190,9 @@ def signal_envelope(x: Samples, n: int) -> tuple[Samples, Samples]:
 
 
 def main_direction(recording: Recording) -> Samples:
-    """Project the axes, without their means, on the direction of the largest changes.
+    """Subtract the mean of each axis, and project the axes on the direction of the largest changes.
 
-    This is for figures: DFT321 mixes the phases of the axes, which blurs the contact.
+    Figures use this projection, because DFT321 mixes the phases of the axes and thereby blurs the contact.
     """
     acceleration = recording.acceleration
     axes = acceleration.reshape(len(acceleration), -1)

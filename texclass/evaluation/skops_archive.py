@@ -1,4 +1,4 @@
-"""Skops archives from untrusted sources: allow-listed classes only, limited memory, never a pickle."""
+"""Read skops archives from untrusted sources: allow-listed classes only, limited memory, no pickle."""
 
 import io
 import json
@@ -29,23 +29,23 @@ ALLOWED_CLASSES = frozenset(
 ALLOWED_SKLEARN_CLASSES = frozenset(
     {path.rpartition(".")[2] for path in ESTIMATORS} | {"LabelBinarizer", "Pipeline"}
 )
-"""Names of the scikit-learn classes allowed in a file: the estimators of pipelines, and their components."""
+"""Names of the scikit-learn classes allowed in a file: estimators of pipelines and their components."""
 MAX_BYTES = 1 << 30
 """Largest file in bytes."""
 MAX_SCHEMA_BYTES = 1 << 24
-"""Largest schema in bytes. The schemas of real pipelines are smaller than a tenth of this."""
+"""Largest size of the schema in bytes. The schemas of real pipelines have less than a tenth of it."""
 SCHEMA, ARRAY = "schema.json", re.compile(r"\d+\.npy")
 
 
 class UnsafeFileError(ValueError):
-    """File that does not have the expected format; raised before any object is created from it."""
+    """Raised if a file does not have the expected format, before any object is created from it."""
 
 
 def dump_archive(document: Any) -> bytes:
     """Return a reproducible skops archive: the same bytes for the same content.
 
-    skops identifies objects by memory addresses. They are replaced by consecutive numbers, and the members
-    have no dates.
+    skops identifies objects by memory addresses. This function replaces the addresses by consecutive numbers
+    and writes members without dates.
     """
     import skops.io
 
@@ -82,12 +82,13 @@ def load_archive(data: bytes, *, members: frozenset[str] = frozenset({SCHEMA})) 
     Returns
     -------
     object
-        The object.
+        Loaded object.
 
     Raises
     ------
     UnsafeFileError
-        If the archive is incomplete or has another format, or contains a class that is not on the allow-list.
+        If the archive is incomplete, is not a skops archive, or contains a class that is not on the
+        allow-list.
     """
     import skops.io
 
@@ -97,14 +98,14 @@ def load_archive(data: bytes, *, members: frozenset[str] = frozenset({SCHEMA})) 
     try:
         disallowed = find_disallowed(data)
         document = None if disallowed else skops.io.loads(data, trusted=sorted(ALLOWED_CLASSES))
-    except Exception as error:  # a manipulated schema can raise any error, also RecursionError
+    except Exception as error:  # a manipulated schema can raise any error, even RecursionError
         raise UnsafeFileError(f"it cannot be read ({type(error).__name__}: {error})") from error
     if disallowed:
         is_ours = any(name.startswith("texclass.") for name in disallowed)
         hint = ". If another version of texclass wrote it, run `texclass train` or `texclass tradeoff` again"
         raise UnsafeFileError(
-            f"it contains {', '.join(disallowed[:3])}. Expected classes of scikit-learn and texclass on the "
-            f"allow-list{hint if is_ours else ''}"
+            f"it contains {', '.join(disallowed[:3])}. Expected only classes and parameters of scikit-learn "
+            f"and texclass that are on the allow-list{hint if is_ours else ''}"
         )
     return document
 
@@ -139,7 +140,7 @@ def read_bounded(path: str | Path) -> bytes:
     FileNotFoundError
         If the file does not exist.
     UnsafeFileError
-        If the file is larger.
+        If the file is larger than the limit.
     """
     with Path(path).open("rb") as file:
         data = file.read(MAX_BYTES + 1)
@@ -149,12 +150,12 @@ def read_bounded(path: str | Path) -> bytes:
 
 
 def check_archive(data: bytes, members: frozenset[str] = frozenset({SCHEMA})) -> None:
-    """Check that an archive is complete, uncompressed, and contains allowed members and numeric arrays only.
+    """Check that an archive is complete and uncompressed, with only allowed members and numeric arrays.
 
     Raises
     ------
     UnsafeFileError
-        If one of the checks fails. Compressed members are refused, because they can unpack to any size.
+        If one of the checks fails. Compressed members are refused because they can decompress to any size.
     """
     try:
         with ZipFile(io.BytesIO(data)) as archive:
@@ -172,7 +173,7 @@ def check_archive(data: bytes, members: frozenset[str] = frozenset({SCHEMA})) ->
                     else np.lib.format.read_array_header_2_0
                 )
                 shape, _, dtype = read_header(buffer)
-                # Python integers do not overflow, unlike those of NumPy.
+                # Python integers do not overflow, unlike NumPy integers.
                 n_expected, n_bytes = math.prod((dtype.itemsize, *shape)), len(content) - buffer.tell()
                 if dtype.hasobject or n_expected != n_bytes:
                     raise UnsafeFileError(

@@ -1,6 +1,6 @@
-"""Functions that split the rows of a feature table into training set and test set, by its label columns.
+"""Functions that use the label columns of a feature table to split its rows into training set and test set.
 
-A table has one row per recording, or one per window. Windows of one recording are never separated.
+A table has one row per recording or one row per window. Windows of one recording always stay together.
 """
 
 import functools
@@ -31,12 +31,12 @@ def runs(table: pd.DataFrame) -> "pd.Series[str]":
 
 
 def left_out_label(table: pd.DataFrame, labels: Sequence[str]) -> str:
-    """Return the first label that has a value in every row, and at least two different ones.
+    """Return the first label that has a value in every row and at least two different values.
 
     Raises
     ------
     ValueError
-        If there is none.
+        If there is no such label.
     """
     for label in labels:
         if table[label].notna().all() and table[label].nunique() >= 2:
@@ -44,13 +44,13 @@ def left_out_label(table: pd.DataFrame, labels: Sequence[str]) -> str:
     counts = " and ".join(f"{table[label].nunique()} {label}s" for label in labels)
     unnamed = table[list(labels)].isna().all(axis=1).sum()
     raise ValueError(
-        f"the dataset has {counts}, and {unnamed} recordings without one. Leave-one-out needs a label "
-        f"({', '.join(labels)}) with a value for every recording, and at least 2 different values"
+        f"the dataset has {counts}, and {unnamed} recordings without a label. Leave-one-out needs a label "
+        f"({', '.join(labels)}) that has a value for every recording and at least 2 different values"
     )
 
 
 def split_testable(split: Callable[[pd.DataFrame], Splits], table: pd.DataFrame) -> Splits:
-    """Split the testable rows; overlapping windows join the training set of their recording."""
+    """Split the testable rows, and add overlapping windows to the training sets with their recording."""
     rows, recording = np.flatnonzero(is_testable(table)), parents(table)
     if len(rows) == len(table):
         return split(table)
@@ -63,7 +63,7 @@ def split_testable(split: Callable[[pd.DataFrame], Splits], table: pd.DataFrame)
 def of_recordings(
     split: Callable[Concatenate[pd.DataFrame, P], Splits],
 ) -> Callable[Concatenate[pd.DataFrame, P], Splits]:
-    """Extend a function that splits recordings to windows: each window stays with its recording."""
+    """Decorate a function that splits recordings, so that it also splits windows, grouped by recording."""
 
     @functools.wraps(split)
     def of_rows(table: pd.DataFrame, /, *args: P.args, **kwargs: P.kwargs) -> Splits:
@@ -85,7 +85,7 @@ def of_recordings(
 
 @of_recordings
 def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
-    """Split recordings into stratified folds: every surface has the same share in each.
+    """Split recordings into stratified folds: every surface has the same share in each fold.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def grouped(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
     _require_folds(run.groupby(table["surface"]).nunique(), n_folds, "run")
     folds = StratifiedGroupKFold(n_folds, shuffle=True, random_state=seed)
     with warnings.catch_warnings():
-        # Scikit-learn counts rows per surface. `_require_folds` has checked the number of runs instead.
+        # scikit-learn counts rows per surface and warns. `_require_folds` has checked the number of runs.
         warnings.filterwarnings("ignore", message="The least populated class", category=UserWarning)
         splits = tuple(s for s in folds.split(table, table["surface"], run) if s[1].size)
     for number, split in enumerate(splits, start=1):
@@ -124,7 +124,7 @@ def leave_one_out(table: pd.DataFrame, label: str) -> Splits:
     Raises
     ------
     ValueError
-        If a surface would be tested but not trained, or there is only one surface.
+        If a surface of a test set would be missing from the training set, or there is only one surface.
     """
     _require_each(table["surface"].value_counts())
     splits = tuple(LeaveOneGroupOut().split(table, groups=table[label]))
@@ -148,7 +148,7 @@ def chronological(table: pd.DataFrame) -> Splits:
     if unnumbered.any():
         raise ValueError(
             f"recording {table.loc[unnumbered, 'recording_id'].iloc[0]} has no repetition number. The "
-            "protocol `chronological` needs one for every recording"
+            "protocol `chronological` needs a repetition number for every recording"
         )
     counts = table["surface"].value_counts()
     _require_each(counts, 2, protocol="chronological")
@@ -161,11 +161,11 @@ def chronological(table: pd.DataFrame) -> Splits:
 def few_shot(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Splits:
     """Train on a few consecutive repetitions of each surface, test on the later half.
 
-    A single start is not representative, because sensors warm up and operators learn. Up to `n_starts`
-    training sets start at equal distances within the first half of the repetitions: with 40 repetitions and
-    `n_shots=3`, at 1, 6, 11 and 16. The third and the fourth quarter are the test sets of every start, so
-    that all starts have the same tests, and training always precedes testing. If repetition numbers are
-    missing, runs are drawn at random `n_starts` times, and the others are the test set.
+    A single training set is not representative, because sensors warm up and operators learn. Up to `n_starts`
+    training sets therefore begin at equally spaced repetitions within the first half: with 40 repetitions and
+    `n_shots=3`, at repetitions 1, 6, 11 and 16. Every training set is tested on the third and on the fourth
+    quarter. All training sets thus have the same test sets, which are recorded later. If repetition numbers
+    are missing, training runs are drawn at random `n_starts` times, and the remaining runs are the test set.
 
     Raises
     ------
@@ -206,18 +206,22 @@ def by_labels(table: pd.DataFrame, train: Terms, test: Terms) -> Splits:
     Raises
     ------
     ValueError
-        If a value does not occur, a set is empty, a recording is in both sets, or a surface of the test set
-        is not in the training set.
+        If no recording has one of the values, a set is empty, a recording is in both sets, or a surface of
+        the test set is not in the training set.
     """
     in_train, in_test = _select_rows(table, train), _select_rows(table, test)
     for name, rows in (("training", in_train), ("test", in_test)):
         if not rows.any():
             raise ValueError(
-                f"the {name} set is empty: no recording has all of its labels. Select at least one recording"
+                f"the {name} set is empty: no recording meets all of its conditions. Select at least one "
+                "recording"
             )
     if (both := in_train & in_test).any():
         name = table["recording_id"][both].iloc[0]
-        raise ValueError(f"recording {name} is in the training set and in the test set. Select disjoint sets")
+        raise ValueError(
+            f"recording {name} is in the training set and in the test set. Select sets without common "
+            "recordings"
+        )
     split = np.flatnonzero(in_train), np.flatnonzero(in_test)
     _require_each(table["surface"].value_counts())
     _require_trained(table, split, "in the training set")
@@ -225,14 +229,14 @@ def by_labels(table: pd.DataFrame, train: Terms, test: Terms) -> Splits:
 
 
 def _select_rows(table: pd.DataFrame, terms: Terms) -> NDArray[np.bool_]:
-    """Return for each row whether every label has one of its listed values."""
+    """Return for each row whether every label in `terms` has one of the listed values."""
     selection = np.ones(len(table), dtype=bool)
     for label, values in terms:
         column = table[label].astype("string").fillna("")
         numbers = pd.to_numeric(column, errors="coerce")
         has_value = np.zeros(len(table), dtype=bool)
         for value in values:
-            limits = re.fullmatch(r"(\d{1,9})-(\d{1,9})", value)  # repetitions 1-20
+            limits = re.fullmatch(r"(\d{1,9})-(\d{1,9})", value)  # for example repetitions 1-20
             is_range = limits is not None and not (column == value).any()
             rows = numbers.between(int(limits[1]), int(limits[2])) if limits and is_range else column == value
             if not rows.any():
@@ -244,7 +248,7 @@ def _select_rows(table: pd.DataFrame, terms: Terms) -> NDArray[np.bool_]:
 
 
 def n_starts(splits: Sequence[Split]) -> int | None:
-    """Return the number of training sets if recordings are tested repeatedly; None if each is tested once."""
+    """Return the number of training sets if a recording is tested repeatedly, else None."""
     times_tested = np.bincount(np.concatenate([test for _, test in splits]))
     return len({train.tobytes() for train, _ in splits}) if times_tested.max() > 1 else None
 
@@ -278,6 +282,6 @@ def _require_trained(table: pd.DataFrame, split: Split, where: str) -> None:
     train, test = (set(table["surface"].iloc[rows]) for rows in split)
     if missing := sorted(test - train):
         raise ValueError(
-            f"surface {missing[0]} has no recording {where}. "
-            "The protocol needs every surface of the test set in the training set"
+            f"surface {missing[0]} has no recording {where}. The training set must contain every surface of "
+            "the test set: record this surface there, or exclude it"
         )

@@ -1,4 +1,4 @@
-"""Windows of the movement of each recording, as a dataset."""
+"""Cut the movement of each recording into windows, which form a new dataset."""
 
 import hashlib
 import json
@@ -24,18 +24,18 @@ from texclass.validation import check_positive
 
 @dataclass(frozen=True, kw_only=True)
 class Window(Entry):
-    """Window of a recording's movement; surface, operator, session and repetition are those of the recording.
+    """Window of a recording's movement, with the surface and the other labels of the recording.
 
     Attributes
     ----------
     parent
         Entry of the recording.
     start, stop
-        Samples [start, stop) of the recording.
+        First sample of the window, and the sample after its last one.
     problem
-        Why the recording has no window; loading the window then raises RecordingError.
+        Reason why the recording has no window, or "". If it is not empty, loading raises RecordingError.
     is_train_only
-        Whether the window overlaps two others: it is used for training, never for testing.
+        Whether the window overlaps adjacent windows. Such a window is used for training, never for testing.
 
     Examples
     --------
@@ -58,11 +58,11 @@ Movement = tuple[
     Annotated[float, Field(gt=0, strict=True, allow_inf_nan=False)],
     str,
 ]
-"""Movement of a recording: start, stop (samples), fs (Hz), and why it cannot be cut, or ""."""
+"""Movement of a recording: start, stop (samples), fs (Hz), and the reason why it cannot be cut, or ""."""
 SHORT_WINDOW = 1024
-"""Window length in samples below which training windows overlap. For longer ones this has no benefit."""
+"""Window length in samples below which training windows overlap. Overlap does not improve longer windows."""
 MAX_WINDOWS = 12_000
-"""Largest number of windows with the overlapping ones. With more, training a fold takes minutes."""
+"""Largest number of windows, including overlapping ones. With more windows, training a fold takes minutes."""
 
 
 def cut_windows(
@@ -76,8 +76,8 @@ def cut_windows(
 ) -> Dataset:
     """Cut the movement of each recording into windows of fixed length.
 
-    A window contains movement only, no taps. Recordings whose movement is shorter than a window are bad
-    recordings of the new dataset: loading them raises RecordingError.
+    A window contains only movement, no taps. If the movement of a recording is shorter than a window, the
+    new dataset contains the recording as a bad recording, and loading it raises RecordingError.
 
     Parameters
     ----------
@@ -86,9 +86,9 @@ def cut_windows(
     seconds : float
         Length of a window in s.
     per_recording : int, optional
-        Largest number of windows per recording, counted from the start (default: all).
+        Largest number of windows per recording; the first windows are used (default: all windows).
     step : float, optional
-        Time in s from the start of a window to the start of the next (default: `seconds`, no overlap).
+        Time in s between the starts of adjacent windows (default: `seconds`, so windows do not overlap).
     n_jobs : int
         Number of processes (default 1).
     progress : callable, optional
@@ -97,13 +97,13 @@ def cut_windows(
     Returns
     -------
     Dataset
-        Dataset of `Window` entries in the order of recordings, then of time. If they are loaded in this
-        order, each file is read once.
+        Dataset of `Window` entries, ordered by recording and then by time. If they are loaded in this order,
+        each file is read once.
 
     Raises
     ------
     ValueError
-        If a length or number is not positive, or the dataset contains windows already.
+        If `seconds`, `per_recording` or `step` is not positive, or the dataset already contains windows.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def cut_windows(
     """
     check_positive(seconds=seconds, step=step, per_recording=per_recording)
     if any(isinstance(entry, Window) for entry in dataset.entries):
-        raise ValueError(f"{dataset.name} contains windows already. Expected whole recordings")
+        raise ValueError(f"{dataset.name} already contains windows. Expected a dataset of whole recordings")
     stride = seconds if step is None else step
     movements = zip(dataset.entries, _movements(dataset, n_jobs, progress), strict=True)
     suffix = "" if per_recording is None else f"-first{per_recording}"
@@ -130,16 +130,18 @@ def cut_windows(
 def add_overlapping_windows(dataset: Dataset, overlap: int) -> Dataset:
     """Return a dataset of short windows with additional training windows that overlap adjacent ones.
 
-    The features of a short window depend strongly on its start. Windows with other starts, from the same
-    samples, show the classifier this variation. They are used for training only (see `is_testable`).
+    The features of a short window depend strongly on where it starts. Additional windows of the same movement
+    with different starts represent this variation in the training set. They are never tested (see
+    `is_testable`).
 
     Parameters
     ----------
     dataset : Dataset
-        Windows. Whole recordings, and windows of `SHORT_WINDOW` samples or more, are returned unchanged.
+        Dataset of windows. A dataset of whole recordings, or of windows of `SHORT_WINDOW` samples or more, is
+        returned unchanged.
     overlap : int
-        Number of windows that start within each window, itself included. It is halved until there are at
-        most `MAX_WINDOWS`.
+        Number of windows that start within each window, including the window itself. It is halved until there
+        are at most `MAX_WINDOWS` windows.
     """
     pairs = [
         (a, b)
@@ -167,7 +169,7 @@ def _shifted_window(window: Window, k: int, overlap: int) -> Window:
 class WindowLoader:
     """Picklable `load` function of a dataset of windows.
 
-    The last recording stays in memory, so that each file is read once if windows are loaded in order.
+    The most recent recording stays in memory, so that each file is read once if windows are loaded in order.
     """
 
     def __init__(self, load: Callable[[Entry], Recording]) -> None:
@@ -210,7 +212,7 @@ def parents(table: pd.DataFrame) -> "pd.Series[str]":
 
 
 def is_testable(table: pd.DataFrame) -> "pd.Series[bool]":
-    """Return for each row whether it may be in a test set: all except overlapping training windows."""
+    """Return for each row whether it may be in a test set. Only overlapping training windows may not."""
     return ~table["is_train_only"] if "is_train_only" in table else pd.Series(True, index=table.index)
 
 
@@ -223,8 +225,8 @@ def _cut(
     starts = range(start, stop - n + 1, hop)[:per_recording]
     if not starts:
         too_short = (
-            f"{entry.recording_id}: the movement lasts {(stop - start) / fs:.3g} s. Expected at least "
-            f"{seconds:g} s; choose a shorter window"
+            f"{entry.recording_id}: the movement lasts {(stop - start) / fs:.3g} s, but a window lasts "
+            f"{seconds:g} s. Choose a shorter window"
         )
         yield Window(**vars(entry), parent=entry, start=0, stop=0, problem=problem or too_short)
     for number, first in enumerate(starts, start=1):
@@ -238,7 +240,7 @@ def _movements(dataset: Dataset, n_jobs: int, progress: Progress | None) -> tupl
     facts = [dataset.input_hash, ids, code_hash("recording", "signals", "phases")]
     key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
     path = cache_root() / "movements" / f"{key}.json"
-    with suppress(OSError, ValueError):  # a missing or damaged file is computed again
+    with suppress(OSError, ValueError):  # compute a missing or damaged file again
         return read_movements(path, len(dataset))
     calls = [partial(_movement, dataset.load, entry) for entry in dataset.entries]
     options: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress, "total": len(calls)}
@@ -254,14 +256,14 @@ def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
     Raises
     ------
     ValueError
-        If the file has other content.
+        If the file does not contain n movements.
     OSError
         If the file cannot be read.
     """
     try:
         movements = TypeAdapter(tuple[Movement, ...]).validate_json(path.read_bytes())
         if len(movements) != n or any(start > stop for start, stop, *_ in movements):
-            raise ValueError(f"{len(movements)} movements")
+            raise ValueError(f"it contains {len(movements)} movements")
     except ValueError as error:
         raise ValueError(f"{path}: {error}. Expected {n} lists of [start, stop, fs, problem]") from error
     return movements

@@ -25,13 +25,13 @@ _cluster: ContextVar[Any] = ContextVar("cluster", default=None)
 def begin_worker() -> None:
     """Configure a worker process: rare garbage collection, and no return of freed memory to the system.
 
-    Without garbage collection, importing and unloading the libraries of a benchmark takes a third less time.
-    With reused memory, one recording takes a tenth less time.
+    Rare garbage collection reduces the time to import and unload the libraries of a benchmark by a third.
+    Reusing freed memory reduces the time per recording by a tenth.
     """
     gc.set_threshold(100_000)
     atexit.register(gc.freeze)
     with suppress(AttributeError, OSError, TypeError):  # C libraries other than glibc have no mallopt
-        m_top_pad = -2  # M_TOP_PAD of malloc.h: bytes to request in addition, and to keep when freed
+        m_top_pad = -2  # M_TOP_PAD of malloc.h: extra bytes to request, and to keep when memory is freed
         ctypes.CDLL(None).mallopt(m_top_pad, 1 << 26)
 
 
@@ -46,8 +46,8 @@ def use_backend(backend: Backend, scheduler: str | None = None) -> Iterator[None
     Parameters
     ----------
     backend : {"local", "dask"}
-        "local" starts processes on this machine. "dask" sends the work to a cluster (extra `distributed`)
-        whose workers see the same files under the same paths.
+        "local" starts processes on this machine. "dask" sends the work to a cluster, which needs the extra
+        `distributed`. Its workers must see the same files under the same paths.
     scheduler : str, optional
         Address of the Dask scheduler, for example tcp://host:8786 (default: DASK_SCHEDULER_ADDRESS, else a
         cluster of processes on this machine).
@@ -70,7 +70,7 @@ def use_backend(backend: Backend, scheduler: str | None = None) -> Iterator[None
     """
     if backend not in ("local", "dask") or (backend == "local" and scheduler):
         raise ValueError(
-            f"backend must be 'local' without a scheduler, or 'dask', got backend {backend!r} and scheduler "
+            f"backend must be 'dask', or 'local' without a scheduler, got backend {backend!r} and scheduler "
             f"{scheduler!r}"
         )
     if backend == "local":
@@ -80,7 +80,8 @@ def use_backend(backend: Backend, scheduler: str | None = None) -> Iterator[None
         from distributed import Client
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            f"backend 'dask' needs {error.name}, which is not installed. Install texclass[distributed]"
+            f"backend 'dask' needs {error.name}, which is not installed. Run `pip install "
+            "'texclass[distributed]'`"
         ) from None
     with Client(scheduler) as client:  # type: ignore[no-untyped-call]
         token = _cluster.set(client)
@@ -100,26 +101,27 @@ def run_parallel(
     total: int = 0,
     local_s: float = 0.0,
 ) -> Generator[R, None, None]:
-    """Run calls in parallel and yield their results, in order, as soon as they are available.
+    """Run calls in parallel, and yield each result in order as soon as it is available.
 
     If a worker of a cluster fails, its calls run on another worker. Closing the generator stops the work.
 
     Parameters
     ----------
     calls : iterable of callable
-        Calls without arguments that can be pickled: partials of module-level functions. Each uses one thread
-        for linear algebra.
+        Picklable functions without arguments, such as partials of module-level functions. Each uses one
+        thread for linear algebra.
     n_jobs : int
-        Number of processes on this machine (default 1; -1: one per core). A cluster uses all its workers.
+        Number of processes on this machine (default 1; -1: one per core). A cluster ignores it and uses all
+        its workers.
     progress : callable, optional
         Function called after each result with (done, total, stage).
     stage : str
         Name of the stage, for `progress`.
     done, total : int
-        Number of calls done before these, and total number of calls, for `progress`.
+        Number of calls finished before this function was called, and total number of calls, for `progress`.
     local_s : float
-        CPU time in s that this process spends on the calls before it starts others (default 0): short work
-        is done sooner than other processes have imported their libraries.
+        CPU time in s that this process spends on the calls before it starts other processes (default 0).
+        Short work finishes before other processes would have imported their libraries.
 
     Examples
     --------
@@ -144,7 +146,7 @@ def _results(calls: Iterator[Callable[[], R]], n_jobs: int, limit_s: float) -> G
     if cluster is not None:
         config, n_jobs = {"backend": "dask", "client": cluster}, -1
     with parallel_config(**config), warnings.catch_warnings():
-        # joblib warns when a generator is closed early, which a bad recording causes on purpose.
+        # joblib warns when a generator is closed early, but a bad recording closes it on purpose.
         warnings.filterwarnings("ignore", message=".*tasks.*", category=UserWarning)
         tasks = (delayed(_single_threaded)(call) for call in calls)
         with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as results:
@@ -157,19 +159,19 @@ def begin_loading(n_jobs: int) -> Thread | None:
     Parameters
     ----------
     n_jobs : int
-        Number of processes, as in `run_parallel`, which uses these processes.
+        Number of processes. `run_parallel` with the same number reuses them.
 
     Returns
     -------
     Thread or None
-        Thread that ends when the modules are imported; None if no other process is used.
+        Thread that ends when the modules are imported, or None if no other process is used.
     """
     if n_jobs in (0, 1) or _cluster.get() is not None:
         return None
     n_processes = n_jobs if n_jobs > 0 else cpu_count()
 
     def import_in_workers() -> None:
-        with parallel_config(**PROCESSES):  # without `catch_warnings`, which is not thread-safe
+        with parallel_config(**PROCESSES):  # no `catch_warnings` here, because it is not thread-safe
             Parallel(n_jobs=n_processes)([delayed(_import_features)()] * n_processes)
 
     thread = Thread(target=import_in_workers, daemon=True)
@@ -183,7 +185,7 @@ def _import_features() -> None:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit numerical libraries to one thread inside the block; for short work, more threads are slower."""
+    """Limit numerical libraries to one thread inside the block, because more threads slow short work down."""
     with _libraries().limit(limits=1):
         yield
 
@@ -195,5 +197,5 @@ def _single_threaded(call: Callable[[], R]) -> R:
 
 @functools.cache
 def _libraries() -> Any:
-    """Return the controller of thread pools; cached, because the search for libraries is slow."""
+    """Return the controller of thread pools, which is cached because searching for the libraries is slow."""
     return ThreadpoolController()

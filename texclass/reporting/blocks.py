@@ -1,7 +1,7 @@
 """Building blocks of documents: headings, tables, figures, heat maps and notes, independent of the output.
 
-A function builds a document from the values of a result, the same values that are saved as JSON. The
-terminal, Markdown and HTML show the same document:
+A function builds a document from the values of a result, which are also saved as JSON. The terminal, Markdown
+and HTML show the same document:
 
 >>> import pandas as pd
 >>> from texclass.reporting import Document, Finding, Heading, Table, render_markdown
@@ -53,25 +53,25 @@ class Heading(str):
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Table of texts and numbers.
+    """Table of text and numbers.
 
     Attributes
     ----------
     frame : DataFrame, or mapping of str to sequence
-        Cells: texts, numbers (shown with three digits; pass texts to align decimal points), None for an empty
-        cell. The first column contains the row headers. Two-level columns get two header lines. In a column
-        of numbers, text in brackets after a number is its interval: it is set smaller, and below the number
-        on a narrow terminal.
+        Cells: strings, numbers (shown with three digits; pass strings to align decimal points), or None for
+        an empty cell. The first column contains the row headers. Two-level columns get two header lines. In a
+        column of numbers, text in brackets after a number is its interval. It is shown in smaller type, and
+        below the number on a narrow terminal.
     caption : str
-        Meaning of the columns; shown below the table.
+        Explanation of the columns, shown below the table.
     n_words : int
-        Number of text columns, at the left (default 1). The others contain numbers.
+        Number of text columns, on the left (default 1). The remaining columns contain numbers.
     bold_rows : collection of int
         Indices of the rows in bold.
     messages : mapping of int to str
-        Row index -> message shown instead of the values, where a row has none.
+        Row index -> message shown instead of the values, for rows without values.
     n_narrow : int, optional
-        Number of columns shown on a narrow terminal; all by default.
+        Number of columns shown on a narrow terminal (default: all).
 
     Examples
     --------
@@ -89,7 +89,7 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """Figure, with its statement in one sentence and its values as a table.
+    """Figure, with a summary in one sentence and its values as a table.
 
     Attributes
     ----------
@@ -98,11 +98,12 @@ class Figure:
     title : str
         Title of the figure.
     summary : str
-        What the figure shows, in one sentence: the alternative text, and its replacement on a terminal.
+        What the figure shows, in one sentence. It is the alternative text, and replaces the figure on a
+        terminal.
     draw : callable
-        Function that takes a width in inches and returns a new figure; see `figure_style`. An HTML page asks
-        for two widths. An artist whose gid is a sentence can be selected by keyboard and pointer, and shows
-        that sentence.
+        Function that takes a width in inches and returns a new figure; see `figure_style`. An HTML page calls
+        it for two widths. If the gid of an artist is a sentence, the page shows it when the artist is
+        selected by keyboard or pointer.
     table : Table, optional
         The plotted values.
 
@@ -127,7 +128,7 @@ class Shade(NamedTuple):
     Attributes
     ----------
     colour : str
-        "d1" to "d5" for good, "e1" to "e5" for bad; "" for none.
+        "d1" to "d5" for good results, "e1" to "e5" for bad results, "" for no colour.
     text : str
         Text in the cell.
     description : str
@@ -153,11 +154,11 @@ class HeatMap:
     name, title, summary, table
         As in `Figure`.
     columns : mapping of str to str
-        Column title -> its meaning, or "".
+        Column title -> explanation of the column, or "".
     rows : mapping of str to sequence of Shade
         Row name -> one cell per column.
     legend : mapping of str to str
-        Colours, separated by spaces -> their meaning.
+        Names of colours, separated by spaces -> their meaning.
     empty_label : str
         Meaning of an empty cell.
     corner : str
@@ -190,7 +191,7 @@ class HeatMap:
 
 @dataclass(frozen=True, eq=False)
 class Details:
-    """Blocks behind a title that opens on a click; the terminal omits them.
+    """Collapsed blocks that open when their title is clicked; the terminal omits them.
 
     Examples
     --------
@@ -203,9 +204,10 @@ class Details:
 
 
 Block = Heading | str | Sequence[str] | Mapping[str, str] | Table | Figure | HeatMap | Details
-"""A heading, a text (paragraph), a sequence of texts (bullets), a mapping (list of facts), or a class above.
+"""Block of a document: a string (paragraph), a sequence of strings (bullets), a mapping (list of facts), or
+an instance of a class above.
 
-Texts are plain; names of code are between backticks.
+Strings are plain text, with names of code between backticks.
 """
 
 
@@ -218,11 +220,11 @@ class Finding:
     value, unit, interval : str
         The number, its unit and its confidence interval.
     sentence : str
-        Sentence that continues after the number.
+        Sentence that starts with the number; `sentence` is its text after the number.
     comparison : str
-        Sentences that compare the number with others.
+        Sentences that compare the number with other results.
     brief : str
-        Short sentence for an overview of many results; `sentence` by default.
+        Short sentence for an overview of many results (default: `sentence`).
 
     Examples
     --------
@@ -245,7 +247,7 @@ class Finding:
 
     @property
     def rest(self) -> str:
-        """Interval, sentence and comparison."""
+        """Text after the number: interval, sentence and comparison."""
         return " ".join(filter(None, (self.interval, self.sentence, self.comparison)))
 
 
@@ -256,17 +258,17 @@ class Document:
     Attributes
     ----------
     title, subtitle : str
-        What was measured, and how.
+        What was measured (title), and how (subtitle).
     blocks : sequence of blocks
         Content, in reading order.
     finding : Finding, optional
-        Main number.
+        Main number of the result.
     dataset : tuple of str and mapping, optional
-        Name and facts of the dataset. A page shows them once for all results on the same dataset.
+        Name of the dataset, and facts about it. A page shows them once for all results on the same dataset.
     reproduction : mapping of str to str
-        What is needed to reproduce the result: pipeline, protocol, seed, hashes.
+        Facts that are needed to reproduce the result: pipeline, protocol, seed, hashes.
     versions : mapping of str to str
-        Package -> version that computed the result.
+        Package -> version with which the result was computed.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Style of all figures: palette, sizes, axes with one named row per value, and PNG output."""
+"""Style of all figures: palette, sizes, axes with named rows, and PNG output."""
 
 import io
 from collections.abc import Callable, Sequence
@@ -37,7 +37,7 @@ WIDTH, NARROW = 9.2, 4.4
 ROW = 0.31
 """Height of a row of `row_axes` in inches."""
 MAX_NAME_LENGTH = 54
-"""Largest length of a name in a figure; longer names are shortened."""
+"""Largest number of characters of a name in a figure; longer names are shortened."""
 DPI = 150
 """Resolution of PNG files in dots per inch."""
 STYLE: Any = {
@@ -75,18 +75,18 @@ def new_figure(width: float, height: float) -> tuple[Drawing, "Axes"]:
 
 
 def row_axes(width: float, names: Sequence[str], x_title: str, *, n_marks: int = 1) -> tuple[Drawing, "Axes"]:
-    """Return a figure with one row per name, the first at the top: row i is at y = i.
+    """Return a figure with one row per name, from top to bottom. Row i is at y = i.
 
     Parameters
     ----------
     width : float
-        Width in inches. In a narrow figure each name is above its row, else at the left.
+        Width in inches. In a narrow figure, each name is above its row; otherwise, it is on the left.
     names : sequence of str
         Names of the rows.
     x_title : str
         Label of the x axis.
     n_marks : int
-        Number of marks above each other in one row (default 1).
+        Number of marks that are drawn one above the other in each row (default 1).
     """
     is_narrow = width < WIDTH / 2
     height = ((1.4 if is_narrow else 1.0) + 0.3 * (n_marks - 1)) * ROW
@@ -96,7 +96,7 @@ def row_axes(width: float, names: Sequence[str], x_title: str, *, n_marks: int =
 
 
 def label_rows(axes: "Axes", names: Sequence[str], x_title: str, *, above: bool = False) -> None:
-    """Label the rows y = 0, 1, ... of axes with names, the first at the top.
+    """Label the rows at y = 0, 1, ... with names, from top to bottom.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def label_rows(axes: "Axes", names: Sequence[str], x_title: str, *, above: bool 
     x_title : str
         Label of the x axis.
     above : bool
-        Write each name above its row, not at the left (default False).
+        Whether to write each name above its row instead of on the left (default False).
     """
     labels = [shorten_middle(name, MAX_NAME_LENGTH) for name in names]
     axes.set_yticks(range(len(names)), [""] * len(names) if above else labels)
@@ -118,20 +118,20 @@ def label_rows(axes: "Axes", names: Sequence[str], x_title: str, *, above: bool 
 
 
 def legend_above(figure: Drawing, axes: "Axes") -> None:
-    """Draw a legend above the axes, with each label once."""
+    """Draw a legend above the axes. Each label occurs once."""
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     n_columns = int(13 * figure.get_figwidth() / (6 + max(map(len, handles), default=0)))
     figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=max(1, min(4, n_columns)))
 
 
 def per_cent_limits(lows: Sequence[float]) -> tuple[float, float]:
-    """Return axis limits in per cent: from the multiple of 10 below the smallest value to just above 100."""
+    """Return axis limits in per cent, from a multiple of 10 below the smallest value to just above 100."""
     low = min(90.0, 10 * float(np.floor(min(lows, default=0.0) / 10)))
     return low - (100 - low) / 50, 100 + (100 - low) / 50
 
 
 def chance_line(draw: Callable[..., object], chance: float, low: float) -> None:
-    """Draw the chance level (in per cent), or name it in the legend if it is below the axis limit `low`."""
+    """Draw the chance level (in per cent). If it is below the axis limit `low`, add only a legend entry."""
     if low <= chance:
         draw(chance, color=MUTED, linewidth=1, linestyle=":", label=f"chance, {chance:.1f} %")
     else:
@@ -139,7 +139,7 @@ def chance_line(draw: Callable[..., object], chance: float, low: float) -> None:
 
 
 def log_x(axes: "Axes") -> None:
-    """Make the x axis logarithmic, with round numbers at its ticks."""
+    """Make the x axis logarithmic, with round numbers as tick labels."""
     axes.set_xscale("log")
     _round_numbers(axes.xaxis, *axes.get_xlim())
 
@@ -151,12 +151,12 @@ def _round_numbers(axis: Any, low: float, high: float) -> None:
 
 
 def shorten_middle(name: str, max_length: int) -> str:
-    """Return a name of at most `max_length` characters; the last five stay, because names differ there."""
+    """Shorten a name to `max_length` characters, and keep its last five, in which names often differ."""
     return name if len(name) <= max_length else f"{name[: max_length - 6]}\N{HORIZONTAL ELLIPSIS}{name[-5:]}"
 
 
 def draw_block(block: "blocks.Figure | HeatMap", width: float = WIDTH) -> Drawing:
-    """Draw a figure or a heat map of a document in the style of the reports."""
+    """Draw a figure or a heat map block in the style of the reports."""
     with mpl.rc_context(STYLE):
         return draw_heat(block) if isinstance(block, HeatMap) else block.draw(width)
 
@@ -171,7 +171,7 @@ def save_figure(figure: Drawing, path: str | Path, title: str = "") -> None:
     path : str or path
         PNG file.
     title : str
-        Title above the figure and its legend (none by default).
+        Title above the figure and its legend (default: no title).
 
     Examples
     --------
@@ -201,7 +201,7 @@ def save_figure(figure: Drawing, path: str | Path, title: str = "") -> None:
 def _pixels(figure: Drawing) -> Any:
     for axes in figure.axes:
         for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-            # The default formatter writes formulas between dollar signs, but math text is off in `STYLE`.
+            # The default formatter writes math text between dollar signs, which `STYLE` disables.
             if isinstance(axis.get_major_formatter(), LogFormatter):
                 _round_numbers(axis, *sorted(limits))
     figure.set_dpi(DPI)
@@ -211,7 +211,7 @@ def _pixels(figure: Drawing) -> Any:
 
 
 def draw_heat(heat: HeatMap) -> Drawing:
-    """Draw a heat map; names are readable up to about 100 rows."""
+    """Draw a heat map. Its names are readable up to about 100 rows."""
     n, m = len(heat.rows), len(heat.columns)
     font = 7 if n <= 84 else 5
     figure, axes = new_figure(2.6 + max(0.2 * m, 2.4), 1.8 + max(0.2 * n, 1.2))

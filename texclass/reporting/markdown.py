@@ -23,9 +23,9 @@ def write_document(
     stem : str
         Start of the file names: `stem.md`, and `stem-NAME.png` for each figure.
     json : str
-        JSON text of the result, written to `stem.json` (default: no file).
+        JSON text of the result, which is written to `stem.json` (default: no JSON file).
     pictures : bool
-        Whether to draw the figures (default True); else the text contains their summaries only.
+        Whether to draw the figures (default True). If False, the text contains only their summaries.
 
     Returns
     -------
@@ -62,8 +62,8 @@ def render_markdown(document: Document, stem: str | None = None) -> str:
     document : Document
         Document to render.
     stem : str, optional
-        Start of the names of the figure files, as in `write_document`. Without it the text contains the
-        summaries of the figures only.
+        Start of the names of the figure files, as in `write_document`. Without it, the text contains only the
+        summaries of the figures.
 
     Examples
     --------

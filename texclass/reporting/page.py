@@ -30,7 +30,7 @@ _LINK = "{http://www.w3.org/1999/xlink}href"
 _COLOURS = {value: f"var(--{name})" for name, value in PALETTE.items()}
 _COLOUR = re.compile("|".join(_COLOURS))
 _LONG = re.compile(r"(\.\d\d)\d+")
-"""Decimals of an SVG coordinate beyond the second, which are not visible."""
+"""Decimals of an SVG coordinate after the second, which have no visible effect."""
 
 
 def render_page(documents: Sequence[Document], title: str = "", *, written_by: str = "texclass") -> str:
@@ -41,9 +41,9 @@ def render_page(documents: Sequence[Document], title: str = "", *, written_by: s
     documents : sequence of Document
         Documents in page order. Shared datasets and versions are shown once, at the end.
     title : str
-        Page title; that of the first document by default.
+        Page title (default: the title of the first document).
     written_by : str
-        Program name in the footer.
+        Name of the program that wrote the page, shown in the footer.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def render_page(documents: Sequence[Document], title: str = "", *, written_by: s
     '<!DOCTYPE html>'
     """
     if not documents:
-        raise ValueError("documents is empty. Expected at least one document")
+        raise ValueError("cannot render a page: documents is empty. Expected at least one document")
     templates = files(__package__).joinpath("templates")
     script, style = (
         templates.joinpath(name).read_text(encoding="utf-8").strip() for name in ("page.js", "page.css")
@@ -119,12 +119,12 @@ def inline_svg(figure: Figure, width: float, name: str) -> str:
     Parameters
     ----------
     figure : Figure
-        Figure to draw. If the gid of an artist is a sentence, it becomes its label for screen readers.
+        Figure to draw. If the gid of an artist is a sentence, it becomes the label for screen readers.
     width : float
         Width in inches.
     name : str
-        Prefix of the ids in the element. The page has the title under the id `name-t` and the summary under
-        `name-d`.
+        Prefix of the ids in the element. The page contains the title in an element with the id `name-t` and
+        the summary in an element with the id `name-d`.
     """
     svg = BytesIO()
     with mpl.rc_context(STYLE), warnings.catch_warnings():
@@ -152,14 +152,14 @@ def _adapt(element: ElementTree.Element, prefix: str) -> None:
     element.tag = element.tag.removeprefix(_TAG)
     attributes = element.attrib
     gid = attributes.pop("id", "")
-    if " " in gid:  # the ids of matplotlib contain no space: this is the sentence of an artist
+    if " " in gid:  # the ids of matplotlib contain no spaces, so this gid is a sentence
         attributes |= {"class": "point", "role": "img", "aria-label": gid}
         title = ElementTree.Element("title")
         title.text = gid
         element.insert(0, title)
     elif element.tag in {"path", "clipPath"} and gid:
         attributes["id"] = prefix + gid
-        # A style on the definition of a shape would override the style of its uses.
+        # A style in the definition of a shape would override the style of each use of the shape.
         attributes.pop("style", None)
     if _LINK in attributes:
         attributes["href"] = f"#{prefix}{attributes.pop(_LINK)[1:]}"
@@ -173,8 +173,8 @@ def _adapt(element: ElementTree.Element, prefix: str) -> None:
 def templates(package: str, folder: str) -> Environment:
     """Return the Jinja environment of the page templates in a folder of a package.
 
-    Values are escaped, and an undefined name is an error. Templates may extend `shell.html`, which takes
-    `title`, `style` and `scripts` (name -> text).
+    Values are escaped, and undefined names raise errors. Templates may extend `shell.html`, whose variables
+    are `title`, `style` and `scripts` (name -> text).
     """
     folders = PackageLoader(package, folder), PackageLoader("texclass.reporting", "templates")
     environment = Environment(

@@ -1,4 +1,4 @@
-"""JSON files of results: each contains its kind, the version of the kind, and plain values.
+"""JSON files of results. Each file contains the kind of the result, the version of the kind, and values.
 
 A subpackage registers a kind by deriving a class from `Result`:
 
@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 from texclass.reporting.blocks import Document
 
 RESULTS: dict[str, type["Result"]] = {}
-"""Kind -> class, filled when the module of a class is imported."""
+"""Kind -> class. Importing the module of a class adds the class."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,11 +36,11 @@ class Result:
     Attributes
     ----------
     data : mapping
-        Plain JSON values, with accuracies as fractions: the content of the file and of the document.
+        Plain JSON values, with accuracies as fractions. The file contains them, and the document shows them.
     kind : str
-        Kind of the result in its file; "" for a class that is not registered.
+        Kind of the result in its file, or "" for a class that is not registered.
     version : int
-        Version of the kind; increased when the meaning of a key changes.
+        Version of the kind. It is increased when the meaning of a key changes.
     """
 
     data: Mapping[str, Any]
@@ -71,7 +71,7 @@ class Result:
 
     @property
     def definitions(self) -> dict[str, tuple[str, str]]:
-        """Name and hash of the "pipeline" and the "feature set" of the result, if it has any."""
+        """Name and hash of the "pipeline" and the "feature set" of the result, as far as it has them."""
         return {}
 
     def document(self) -> Document:
@@ -86,10 +86,10 @@ class Result:
 
 
 class Study(Result, kind="study"):
-    """Values of a script in `benchmarks`. The script writes its own Markdown, so there is no document."""
+    """Result of a script in `benchmarks`. The script writes its own Markdown, so there is no document."""
 
     def document(self) -> Document:
-        """Raise an error: a study has no document.
+        """Raise an error, because a study has no document.
 
         Raises
         ------
@@ -107,7 +107,8 @@ def read_result(path: str | Path, number: Callable[[str], float] | None = None) 
     path : str or path
         JSON file.
     number : callable, optional
-        Function that converts the text of a number, also of NaN and Infinity; by default `json.loads` does.
+        Function that converts the text of a number, including NaN and Infinity (default: the conversion of
+        `json.loads`).
 
     Raises
     ------
@@ -126,7 +127,7 @@ def read_result(path: str | Path, number: Callable[[str], float] | None = None) 
     if result_class is None or version != result_class.version:
         kinds = ", ".join(f"{name} (version {one.version})" for name, one in sorted(RESULTS.items()))
         raise ValueError(
-            f"{path}: contains no result of a known kind (kind {str(kind)[:40]!r}, version "
-            f"{str(version)[:40]!r}). Expected one of {kinds}: run the command that wrote the file again"
+            f"{path} contains no result of a known kind and version (kind {str(kind)[:40]!r}, version "
+            f"{str(version)[:40]!r}). Expected one of {kinds}. Run the command that wrote the file again"
         )
     return result_class(data)

@@ -1,4 +1,4 @@
-"""Documents on a terminal: tables fit its width, text wraps between words, and numbers never wrap."""
+"""Documents on a terminal. Tables fit its width, text wraps between words, and numbers do not wrap."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -73,7 +73,7 @@ def _block(block: Block) -> Iterator[RenderableType]:
 
 @dataclass(frozen=True)
 class _FittingTable:
-    """Table in its widest layout that fits the terminal, or split into several tables if none fits."""
+    """Table in the widest layout that fits the terminal, or split into several tables if no layout fits."""
 
     table: Table
 
@@ -92,7 +92,7 @@ class _FittingTable:
                 yield rich_table
                 return
 
-        # Several tables: each has the text columns, then as many number columns as fit.
+        # Split into several tables: each has all text columns and as many number columns as fit.
         def fits(part: RichTable) -> bool:
             return sum((column.min_width or 0) + 2 for column in part.columns) - 2 <= options.max_width
 
@@ -113,7 +113,7 @@ def _rich_table(
     columns = columns or range(len(column_titles(table.frame)))
     all_titles = column_titles(table.frame)
     pairs = [all_titles[i] for i in columns]
-    previous_groups = ["", *(group for group, _ in pairs)]  # the group title is above its first column only
+    previous_groups = ["", *(group for group, _ in pairs)]  # a group title is only above its first column
     titles = [
         part if group == previous and part else f"{group}\n{part}".strip()
         for (group, part), previous in zip(pairs, previous_groups, strict=False)
@@ -127,7 +127,7 @@ def _rich_table(
         title_lines = title.replace(" [", "\n[") if intervals_below else title
         title_lines = re.sub(r"(?<!\d) (?!%)", "\n", title_lines) if break_titles else title_lines
         if i < table.n_words:
-            # Row names get at least 16 characters, other text columns 10.
+            # Row names get at least 16 characters, other text columns at least 10.
             rich_table.add_column(title, min_width=min(10 if i else 16, _width((title, *column))))
             cells.append([Text(text) for text in column])
         else:
@@ -146,10 +146,10 @@ def _width(texts: Iterable[str]) -> int:
 
 
 def _align_numbers(column: list[str], intervals_below: bool) -> list[Text]:
-    """Return numbers with aligned decimal points, each with its interval dimmed after or below it."""
+    """Return numbers with aligned decimal points, each with its dimmed interval after or below it."""
     pairs = [split_interval(text) for text in column]
     intervals = [interval for _, interval in pairs]
-    for i, interval in enumerate(intervals):  # rounded to save width: [82.6, 94.5] becomes 83–95
+    for i, interval in enumerate(intervals):  # round intervals to save width: [82.6, 94.5] becomes 83–95
         if ends := re.fullmatch(r"\[(\d+\.\d), (\d+\.\d)\]", interval):
             intervals[i] = "{:.0f}–{:.0f}".format(*map(float, ends.groups()))
     width = max(map(len, intervals), default=0)

@@ -60,7 +60,7 @@ def digits(value: float | None) -> str:
 
 
 def aligned(values: Iterable[float | None]) -> list[str]:
-    """Return the numbers of a column with the same number of decimals, "" for None."""
+    """Return the numbers of a column as text with equal numbers of decimals; None becomes ""."""
     values = list(values)
     largest = max((abs(value) for value in values if value is not None), default=0.0)
     decimals = 2 if largest < 100 else 1 if largest < 1000 else 0
@@ -68,32 +68,32 @@ def aligned(values: Iterable[float | None]) -> list[str]:
 
 
 def sentence(text: str) -> str:
-    """Return text as a sentence, with a capital letter and a full stop."""
+    """Return text as a sentence that starts with a capital letter and ends with a full stop."""
     text = text.strip()
     return text and text[0].upper() + text[1:] + ("" if text[-1] in ".!?" else ".")
 
 
 def cell_texts(frame: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> list[list[str]]:
-    """Return the cells of a table as texts, row by row; numbers get three digits, missing values are ""."""
+    """Return the cells of a table as strings, row by row: numbers with three digits, missing values as ""."""
     if isinstance(frame, Mapping):
         return [[_text(value) for value in row] for row in zip(*frame.values(), strict=True)]
     return [[_text(value) for value in row] for row in frame.itertuples(index=False, name=None)]
 
 
 def column_titles(frame: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> list[tuple[str, str]]:
-    """Return the group and the title of each column; ungrouped columns are (title, "")."""
+    """Return (group, title) for each grouped column, and (title, "") for each ungrouped column."""
     titles: list[Any] = list(frame if isinstance(frame, Mapping) else frame.columns)
     return [title if isinstance(title, tuple) else (title, "") for title in titles]
 
 
 def split_interval(text: str) -> tuple[str, str]:
-    """Split "90.0 [82.6, 94.5]" into number and interval; the interval is "" if there is none."""
+    """Split "90.0 [82.6, 94.5]" into the number and its interval ("" if there is no interval)."""
     number, bracket, rest = text.partition(" [")
     return number, f"[{rest}" if bracket else ""
 
 
 def _is_missing(value: Any) -> bool:
-    """Return whether a value is None, NaN, or a missing value of pandas (NA, NaT)."""
+    """Return whether a value is None, NaN, or a pandas missing value (NA, NaT)."""
     if isinstance(value, float):
         return math.isnan(value)
     return value is None or type(value).__name__ in ("NAType", "NaTType")

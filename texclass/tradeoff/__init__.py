@@ -1,4 +1,4 @@
-"""Trade-off of accuracy against latency, features, signal length and bits, and the recogniser at a budget."""
+"""Measure accuracy against latency, features, signal length and bits; fit a recogniser within a budget."""
 
 import lazy_loader
 

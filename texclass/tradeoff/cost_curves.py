@@ -52,11 +52,12 @@ class CurveSettings:
     n_training
         Numbers of training recordings per surface.
     rates_hz, bits
-        Sampling rates in Hz and bits of cheaper sensors.
+        Sampling rates in Hz and bit depths of cheaper sensors.
     orders
-        Orders of the movement model.
+        Orders of the autoregressive model of the movement.
     n_recordings
-        Largest number of recordings for rate, bits and order, where features are extracted again.
+        Largest number of recordings for the curves of sampling rate, bit depth and model order, which compute
+        features again.
     """
 
     seconds: tuple[float, ...] = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
@@ -81,11 +82,11 @@ class Conditions:
     features, channels
         Feature set, and handling of channels (see `FeatureExtractor`).
     protocol, n_folds, n_repeats, seed
-        Protocol of the splits, numbers of folds and repeats, and seed.
+        Protocol of the splits, number of folds, number of repeats, and random seed.
     n_jobs
         Number of processes.
     progress
-        Function that is called with (done, total, what), or None.
+        Function called with (done, total, stage), or None.
     """
 
     dataset: Dataset
@@ -104,14 +105,14 @@ class Conditions:
         return cached_table(dataset, self.features, channels=self.channels, skip_bad=True, **options)
 
     def splits(self, frame: pd.DataFrame) -> tuple[Split, ...]:
-        """Return the folds of all repeats. There are fewer folds if a surface has fewer recordings."""
+        """Return the folds of all repeats, with at most as many folds as a surface has recordings."""
         n_folds = min(self.n_folds, int(frame["surface"].value_counts().min()))
         n_repeats = self.n_repeats if self.protocol.is_random else 1
         repeats = repeated_splits(self.protocol, frame, n_folds, n_repeats, self.seed)
         return tuple(split for repeat in repeats for split in repeat)
 
     def data(self, table: FeatureTable) -> LabelledData:
-        """Return the columns that are defined for some recording, with labels and groups."""
+        """Return the columns that are defined for at least one recording, with labels and groups."""
         return label_data(table.select(table.defined_columns), table.frame, self.protocol)
 
     def accuracy(self, table: FeatureTable) -> Facts:
@@ -125,7 +126,10 @@ def cross_validate(
     classifier: Any,
     reduced_splits: Sequence[Split] | None = None,
 ) -> Facts:
-    """Cross-validate a classifier on all columns; `reduced_splits` have fewer training recordings."""
+    """Cross-validate a classifier on all columns.
+
+    `reduced_splits` are the splits with fewer training recordings.
+    """
     result = evaluate(data.X, data.y, reduced_splits or splits, preprocessing(), classifier)
     return accuracy_with_interval(np.concatenate(result.hits), splits, data)
 
@@ -137,7 +141,7 @@ def training_curves(conditions: Conditions, table: FeatureTable) -> list[Facts]:
     numbers = sorted({n for n in CURVES.n_training if n < largest} | {largest})
     curves = []
     for series, classifier, sizes in (
-        # Discriminants need the variance within classes, which a single recording per class does not have.
+        # Discriminants need the variance within classes, which is undefined for one recording per class.
         (LINEAR, discriminant(), [n for n in numbers if n > 1]),
         ("nearest class mean", NearestCentroid(), numbers),
     ):
@@ -163,13 +167,13 @@ def _limit_training_set(y: Labels, n: int, seed: int, split: Split) -> Split:
 
 
 def signal_length_curve(conditions: Conditions, whole: FeatureTable) -> Facts | None:
-    """Measure accuracy against signal length: the first window of each movement, and whole recordings."""
+    """Measure accuracy against signal length, with the first window of each movement and whole recordings."""
     points: list[tuple[float, Facts]] = []
     for seconds in CURVES.seconds:
         try:
             windows = cut_windows(conditions.dataset, seconds, per_recording=1, n_jobs=conditions.n_jobs)
             table = conditions.table(windows)
-            if len(table.frame) < 0.9 * len(whole.frame):  # the other recordings are too short
+            if len(table.frame) < 0.9 * len(whole.frame):  # too many recordings are shorter than the window
                 break
             points.append((seconds, conditions.accuracy(table)))
         except (RecordingError, ValueError):
@@ -184,7 +188,7 @@ def signal_length_curve(conditions: Conditions, whole: FeatureTable) -> Facts | 
 
 
 def sensor_curves(conditions: Conditions) -> list[Facts]:
-    """Measure accuracy against sampling rate and bit depth, which are equal in training and test sets."""
+    """Measure accuracy against sampling rate and bit depth, both equal in training set and test set."""
     dataset, note = _limit_recordings(conditions.dataset)
     conditions = replace(conditions, dataset=dataset)
     fs_recorded = dataset[0].fs
@@ -200,10 +204,10 @@ def sensor_curves(conditions: Conditions) -> list[Facts]:
 
 
 def order_curve(conditions: Conditions) -> Facts | None:
-    """Measure accuracy against the order of a movement model: Burg's reflection coefficients and the gain.
+    """Measure accuracy against the order of an autoregressive model of the movement.
 
-    The model of order p consists of the first p coefficients of a model of higher order, so each movement is
-    fitted once.
+    The columns are the reflection coefficients of Burg's method and the gain. The model of order p has the
+    first p coefficients of the model of the largest order, so each movement is fitted once.
     """
     dataset, note = _limit_recordings(conditions.dataset)
     rows = list(
@@ -223,7 +227,7 @@ def order_curve(conditions: Conditions) -> Facts | None:
 
 
 def _model(load: Callable[[Entry], Any], entry: Entry) -> Samples | None:
-    """Return the log gain and arctanh of the reflection coefficients of a movement, or None without one."""
+    """Return log gain and arctanh of reflection coefficients of the movement, or None without movement."""
     try:
         movement = views_of(load(entry))[""].vibration
     except (RecordingError, UndefinedFeatureError):
@@ -234,7 +238,7 @@ def _model(load: Callable[[Entry], Any], entry: Entry) -> Samples | None:
 
 
 def _limit_recordings(dataset: Dataset) -> tuple[Dataset, str]:
-    """Return about `CURVES.n_recordings` recordings, the same number of each surface and at least four."""
+    """Return about `CURVES.n_recordings` recordings: the same number of each surface, and at least four."""
     per_surface = max(4, CURVES.n_recordings // max(len(dataset.surfaces), 1))
     surfaces = pd.Series([e.surface for e in dataset.entries])
     rank = surfaces.groupby(surfaces).cumcount()
@@ -244,7 +248,7 @@ def _limit_recordings(dataset: Dataset) -> tuple[Dataset, str]:
 
 
 def _curve(name: str, unit: str, points: Sequence[tuple[float, Facts]], series: str, note: str = "") -> Facts:
-    """Return a curve of (value, accuracy); `series` is its name in a panel with several curves."""
+    """Return a curve of (value, accuracy) points; `series` is its name in a panel with several curves."""
     x, accuracy = map(list, zip(*points, strict=True))
     facts = {"name": name, "unit": unit, "series": series, "note": note}
     return {**facts, "x": x, "accuracy": accuracy, "labels": [f"{value:g}" for value in x]}
@@ -253,23 +257,23 @@ def _curve(name: str, unit: str, points: Sequence[tuple[float, Facts]], series: 
 def degrade(
     dataset: Dataset, *, fs: float | None = None, bits: int | None = None, full_scale: float = 1.0
 ) -> Dataset:
-    """Return a dataset as recorded by a cheaper sensor.
+    """Return a dataset that simulates recordings of a cheaper sensor.
 
     Parameters
     ----------
     dataset : Dataset
         Original recordings.
     fs : float, optional
-        Sampling rate in Hz. Recordings with a lower rate are not changed.
+        Sampling rate in Hz (default: unchanged). Recordings with a lower rate are not resampled.
     bits : int, optional
-        Bits of the converter of the acceleration.
+        Bit depth of the analogue-to-digital converter of the acceleration (default: no quantisation).
     full_scale : float
-        Range of the converter (default 1), in the unit of the acceleration. Larger samples are clipped.
+        Full scale of the converter in the unit of the acceleration (default 1). Larger samples are clipped.
 
     Raises
     ------
     ValueError
-        If the rate, the bits or the full scale is not positive.
+        If `fs`, `bits` or `full_scale` is not positive.
     """
     check_positive(fs=fs, bits=bits, full_scale=full_scale)
     hash_input = f"{dataset.input_hash} fs {fs} bits {bits} of {full_scale}"
@@ -292,16 +296,18 @@ def _degrade(
 
 
 def quantise(x: Samples, bits: int, full_scale: float) -> Samples:
-    """Quantise and clip a signal like a converter: q round(x / q) with q = 2 full_scale / 2^bits.
+    """Quantise and clip a signal like an analogue-to-digital converter.
+
+    The result is q round(x / q) with the step q = 2 full_scale / 2^bits.
 
     Parameters
     ----------
     x : ndarray
         Signal.
     bits : int
-        Bits of the converter.
+        Bit depth of the converter.
     full_scale : float
-        Range of the converter, from -full_scale to full_scale - q, in the unit of x.
+        Full scale of the converter in the unit of x. Its range is from -full_scale to full_scale - q.
 
     Examples
     --------
@@ -313,17 +319,17 @@ def quantise(x: Samples, bits: int, full_scale: float) -> Samples:
 
 
 def resample(recording: Recording, fs: float) -> Recording:
-    """Return a recording at a lower sampling rate `fs` in Hz, with its phases and all its channels.
+    """Resample a recording with its phases and all its channels to a lower sampling rate `fs` in Hz.
 
-    The spectrum is truncated at the new fs/2, like by an ideal anti-aliasing filter. The signal is continued
+    The spectrum is truncated at the new fs/2, as with an ideal anti-aliasing filter. The signal is extended
     by its mirror image, so that there are no steps at its ends.
     """
     n = max(1, round(recording.n_samples * fs / recording.fs))
     ratio, changes = n / recording.n_samples, dict[str, Any]()
     for name in ("acceleration", *AUXILIARY_UNITS):
         if (signal := getattr(recording, name)) is not None:
-            # The DCT-II is the Fourier transform of the signal and its mirror image; its first n bins lie
-            # below fs/2.
+            # The DCT-II is the Fourier transform of the signal extended by its mirror image. Its first n bins
+            # are below the new fs/2.
             spectrum = fft.dct(signal, axis=0, norm="ortho")[:n]
             changes[name] = fft.idct(spectrum, axis=0, norm="ortho") * np.sqrt(ratio)
     if (phases := recording.phases) is not None:
@@ -349,7 +355,7 @@ def resample(recording: Recording, fs: float) -> Recording:
 
 
 def full_scale_of(dataset: Dataset, n: int = 12) -> float:
-    """Return the full scale of a converter: the largest magnitude in `n` recordings spread over a dataset."""
+    """Return the full scale for a converter: the largest magnitude in `n` recordings across a dataset."""
     step = ceil(len(dataset) / n)
     peaks = [np.abs(dataset[i].acceleration).max() for i in range(0, len(dataset), step)]
     return float(max(peaks))

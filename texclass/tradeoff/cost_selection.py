@@ -1,4 +1,4 @@
-"""Cost-aware feature selection: columns cost what their feature and its transforms cost."""
+"""Cost-aware feature selection: the cost of a column includes its feature and the transforms it needs."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any, Literal, NamedTuple, Self
@@ -20,7 +20,7 @@ Unit = Literal["column", "feature"]
 
 
 class Subset(NamedTuple):
-    """Subset of columns (sorted) with its cost in ms and its inner cross-validated score."""
+    """Subset of columns (sorted indices), with its cost and its score in inner cross-validation."""
 
     columns: tuple[int, ...]
     cost: float
@@ -30,35 +30,35 @@ class Subset(NamedTuple):
 class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type: ignore[misc]
     """Sequential floating selection that maximises the gain of the score per cost.
 
-    Each step adds the column, or all other columns of the feature, with the largest gain /
-    cost^cost_exponent. Then columns and features are removed if this does not lower the score. The selection
-    ends when no step gains more than `tolerance`, or none is affordable.
+    Each step adds one column, or all remaining columns of one feature, namely those with the largest
+    gain / cost^cost_exponent. Columns and features are then removed as long as this does not lower the score.
+    The selection ends when no affordable step gains more than `tolerance`.
 
     Parameters
     ----------
     estimator : classifier, optional
-        Classifier for the inner cross-validated score (default: Gaussian naive Bayes).
+        Classifier whose score in inner cross-validation is maximised (default: Gaussian naive Bayes).
     costs : CostModel or array_like of shape (n_columns,), optional
         Costs of features and shared transforms, or of each column (default: all equal).
     max_cost : float, optional
-        Budget, in the unit of the costs.
+        Budget in the unit of the costs (default: no limit).
     max_features : int, optional
-        Largest number of columns.
+        Largest number of columns (default: no limit).
     cost_exponent : float
-        Exponent of the cost: 0 maximises the gain (plain sequential selection within a budget), 1 the gain
-        per cost (default).
+        Exponent of the cost. 0 maximises the gain (plain sequential selection within a budget), 1 (default)
+        maximises the gain per cost.
     floating : bool
-        Whether columns are removed when this does not lower the score (default True).
+        Whether to remove columns when this does not lower the score (default True).
     unit : {"feature", "column"}
-        Whether a step adds whole features (default), or also single columns.
+        "feature" (default): a step adds all columns of a feature. "column": a step can also add one column.
     direction : {"forward", "backward", "both"}
         Direction of the search (default "both").
     tolerance : float
-        Smallest gain of the score for another step (default 0).
+        The search continues only while a step gains more than this (default 0).
     scoring : {"accuracy", "log_likelihood"}
-        Score (default "accuracy"), see `SubsetScore`.
+        Score to maximise (default "accuracy"); see `SubsetScore`.
     cv : int
-        Number of inner stratified folds without shuffling (default 5), at most the size of the smallest
+        Number of inner stratified folds without shuffling (default 5), limited to the size of the smallest
         class.
 
     Attributes
@@ -117,7 +117,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         y : ndarray of shape (n_samples,)
             Class labels.
         groups : ndarray of shape (n_samples,), optional
-            Groups that the inner folds never separate.
+            Groups of samples that stay together in the inner folds.
 
         Raises
         ------
@@ -136,19 +136,20 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         best = self.best_within(np.inf)
         if best is None:
             raise ValueError(
-                f"max_cost must be at least {model.cheapest:.3g}, the cheapest column, got {self.max_cost}"
+                f"max_cost must be at least {model.cheapest:.3g}, the cost of the cheapest column, got "
+                f"{self.max_cost}"
             )
         self.support_ = np.isin(np.arange(X.shape[1]), best.columns)
         self.cost_, self.score_ = best.cost, best.score
         return self
 
     def explore(self, model: CostModel, criterion: SubsetScore) -> tuple[Subset, ...]:
-        """Return all subsets of the search, scored by a criterion that several searches may share."""
+        """Return all subsets of the search, scored by `criterion`, which several searches may share."""
         search = _Search(self, model, criterion)
         paths: list[Iterable[Subset]] = []
         if self.direction != "backward":
-            # The better of both searches is never far from the best subset, each of them can be (Leskovec et
-            # al., 2007).
+            # Either search alone can be far from the best subset, but the better of both never is
+            # (Leskovec et al., 2007).
             exponents = dict.fromkeys((0.0, self.cost_exponent))
             paths += [search.forward(exponent) for exponent in exponents]
         if self.direction != "forward":
@@ -156,7 +157,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         return tuple(subset for path in paths for subset in path)
 
     def best_within(self, max_cost: float) -> Subset | None:
-        """Return the best subset of the search within a smaller budget, the cheapest among equals."""
+        """Return the best subset of the search within a smaller budget. Ties go to the cheapest subset."""
         return best_within(self.path_, max_cost)
 
     def _cost_model(self, n_columns: int) -> CostModel:
@@ -168,8 +169,8 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
             model = CostModel(names, names, names, costs, np.eye(costs.size, dtype=bool))
         if len(model.columns) != n_columns or not (np.isfinite(model.ms) & (model.ms >= 0)).all():
             raise ValueError(
-                f"costs must contain one finite, non-negative number for each of {n_columns} columns, got "
-                f"{len(model.columns)} costs {model.ms}"
+                f"costs must contain one finite, non-negative number for each of the {n_columns} columns, "
+                f"got {len(model.columns)} costs {model.ms}"
             )
         return model
 
@@ -188,13 +189,13 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
 
 
 def best_within(path: Iterable[Subset], max_cost: float) -> Subset | None:
-    """Return the best subset of a path within a budget, the cheapest among equals, or None."""
+    """Return the best subset of a path within a budget, or None. Ties go to the cheapest subset."""
     affordable = [subset for subset in path if subset.cost <= max_cost]
     return max(affordable, key=lambda subset: (subset.score, -subset.cost), default=None)
 
 
 class _Search:
-    """One search with the costs and the score of the columns, and the settings of the selector."""
+    """One search with the settings of a selector, a cost model and a score."""
 
     def __init__(self, settings: CostAwareSelector, model: CostModel, score: SubsetScore) -> None:
         self.settings, self.model, self.score = settings, model, score
@@ -203,11 +204,11 @@ class _Search:
         names = np.array(model.features)
         # Column indices of each feature.
         self.features = [np.flatnonzero(names == f).tolist() for f in dict.fromkeys(model.features)]
-        # Smallest cost of a step, a hundredth of the total: a free column must not have an infinite value.
+        # Smallest cost of a step: a hundredth of the total, so that a free column has a finite gain per cost.
         self.min_cost = max(0.01 * model.total, np.finfo(np.float64).tiny)
 
     def forward(self, cost_exponent: float) -> Iterator[Subset]:
-        """Yield each better subset: add the best columns, then remove columns that do not help."""
+        """Add the best columns and then remove columns that do not help; yield each better subset."""
         current = Subset(
             (), self.model.segmentation_ms, self.score.of(())
         )  # the cost of segmentation is fixed
@@ -219,7 +220,7 @@ class _Search:
                 yield current
 
     def backward(self, cost_exponent: float) -> Iterator[Subset]:
-        """Yield the full set, and the remaining subset after each removal of a feature.
+        """Remove one feature after the other from the full set, and yield each subset within the limits.
 
         Each step removes the feature with the smallest loss of score per saved cost.
         """
@@ -242,7 +243,7 @@ class _Search:
         remaining = [[i for i in feature if i not in selected] for feature in self.features]
         if self.settings.unit == "feature":
             additions = [columns for columns in remaining if columns]
-        else:  # every single column, then all remaining columns of every feature
+        else:  # each single column, and all remaining columns of each feature
             additions = [[i] for i in range(len(self.model.columns)) if i not in selected]
             additions += [columns for columns in remaining if len(columns) > 1]
         subsets = [[*current.columns, *columns] for columns in additions]
@@ -251,7 +252,7 @@ class _Search:
         ]
         if not subsets:
             return None
-        # All single columns are scored in one call, which is faster.
+        # Scoring all single columns in one call is faster.
         n = len(current.columns)
         single = [s[-1] for s in subsets if len(s) == n + 1]
         single_scores = iter(self.score.adding(current.columns, single) if single else ())
@@ -269,14 +270,14 @@ class _Search:
         )
 
     def _remove_each(self, current: Subset, *, columns: bool) -> list[Subset]:
-        """Return the non-empty subsets after the removal of one feature (or one column)."""
+        """Return the non-empty subsets that remain after removing one feature (or one column)."""
         rest = [tuple(c for c in current.columns if c not in feature) for feature in self.features]
         if columns:
             rest += [current.columns[:i] + current.columns[i + 1 :] for i in range(len(current.columns))]
         return [self._subset(r) for r in dict.fromkeys(rest) if 0 < len(r) < len(current.columns)]
 
     def _drop(self, current: Subset) -> Subset | None:
-        """Return the best subset that is cheaper and not worse, or better and not more expensive, or None."""
+        """Return the best subset that is cheaper and not worse, or better at no extra cost, or None."""
         reduced = self._remove_each(current, columns=self.settings.unit == "column")
         improvements = [
             c

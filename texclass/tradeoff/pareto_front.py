@@ -1,4 +1,4 @@
-"""Pareto front of accuracy against latency, with feature selection in each training set for every budget."""
+"""Pareto front of accuracy against latency. Features are selected in each training set for every budget."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,12 +29,12 @@ from texclass.validation import check_positive
 
 Labels = NDArray[Any]
 Facts = Mapping[str, Any]
-"""Plain JSON values: an accuracy as `mean`, `low`, `high`; a point of the front, see `nested_front`."""
+"""Plain JSON values: an accuracy (`mean`, `low`, `high`), or a point of the front (see `nested_front`)."""
 INNER_FOLDS = 5
-"""Inner folds that score subsets of columns."""
+"""Number of inner folds in which subsets of columns are scored."""
 T = TypeVar("T")
 KNEE_LOSS = 0.01
-"""Largest loss of accuracy at the knee point, relative to the best point of the front."""
+"""Largest difference of accuracy (as a fraction) between the best point of the front and the knee point."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,15 @@ class Limits:
     Attributes
     ----------
     max_ms
-        Largest latency per recording in ms, from samples to features (see `CostModel`). None selects the knee
-        point.
+        Largest latency per recording in ms, from samples to features (see `CostModel`). None (default)
+        selects the knee point.
     max_seconds
-        Length of movement in s that is used of each recording; None uses whole recordings.
+        Length in s of the movement that is used from each recording. None (default) uses whole recordings.
     max_features
-        Largest number of columns for the classifier.
+        Largest number of columns for the classifier (default: no limit).
     surfaces
-        Surfaces of a scene (default: all). If given, the smallest subset of columns that separates them is
-        selected.
+        Surfaces of a scene (default: all surfaces). If they are given without `max_ms`, the smallest subset
+        of columns is selected that separates them.
 
     Raises
     ------
@@ -75,9 +75,9 @@ class Limits:
 
 
 class LabelledData(NamedTuple):
-    """Features X (n, n_columns) with NaN where undefined, and labels y (n,).
+    """Features X (n, n_columns) with NaN where undefined, labels y (n,), groups and independent units.
 
-    A split never separates samples of one group of `groups` (n,). Confidence intervals are over the
+    Samples of the same group in `groups` (n,) always stay together. Confidence intervals are over the
     independent `units` (n,) of the protocol.
     """
 
@@ -88,7 +88,7 @@ class LabelledData(NamedTuple):
 
 
 def label_data(X: Samples, frame: pd.DataFrame, protocol: Protocol) -> LabelledData:
-    """Return columns X (n, n_columns) with the labels, groups and independent units of a feature table."""
+    """Return the columns X (n, n_columns) with the labels, groups and independent units of a table."""
     y = frame["surface"].to_numpy(dtype=str)
     return LabelledData(X, y, protocol.clusters(frame), protocol.independent(frame)[1])
 
@@ -102,7 +102,7 @@ def study_facts(
     splits: Sequence[Split],
     seed: int,
 ) -> dict[str, Any]:
-    """Return dataset, features and independent units of a trade-off as plain JSON values.
+    """Return facts about dataset, features and independent units of a trade-off as plain JSON values.
 
     Parameters
     ----------
@@ -111,9 +111,9 @@ def study_facts(
     features : FeatureSet
         Feature set from which subsets are selected.
     frame : DataFrame
-        Feature table; its rows are recordings of the dataset or windows of them.
+        Feature table whose rows are the recordings of the dataset, or windows of these recordings.
     like : Recording
-        Recording with the sampling rate and unit of the dataset.
+        Recording from which sampling rate and unit are read.
     protocol : Protocol
         Protocol of the splits.
     splits : sequence of (train, test)
@@ -135,27 +135,27 @@ def study_facts(
 
 
 def preprocessing() -> Pipeline:
-    """Return the steps before selection: medians in place of undefined values, then standardisation."""
+    """Return the steps before selection: replace undefined values by medians, then standardise."""
     return make_pipeline(SimpleImputer(strategy="median", keep_empty_features=True), StandardScaler())
 
 
 def discriminant() -> LinearDiscriminantAnalysis:
-    """Return the classifier of trade-offs: linear discriminants with a small, fixed shrinkage."""
+    """Return the classifier of trade-off studies: linear discriminant analysis with small shrinkage."""
     return LinearDiscriminantAnalysis(solver="lsqr", shrinkage=0.01)
 
 
 def cost_aware_selector(costs: CostModel | None, **limits: Any) -> CostAwareSelector:
-    """Return the selector of trade-offs.
+    """Return the selector of trade-off studies.
 
-    It selects whole features, or columns if their number is limited. Without costs, all columns cost the
-    same.
+    It selects whole features, or single columns if the number of columns is limited. Without `costs`, all
+    columns have the same cost.
     """
     limits.setdefault("unit", "feature" if limits.get("max_features") is None else "column")
     return CostAwareSelector(discriminant(), costs=costs, scoring="log_likelihood", cv=INNER_FOLDS, **limits)
 
 
 def subset_score(fold: Fold, groups: Labels) -> SubsetScore:
-    """Return the score of column subsets in the training set of a fold, as in `cost_aware_selector`."""
+    """Return a score for column subsets on the training set of a fold, as used by `cost_aware_selector`."""
     labels = np.unique(fold.y_train, return_inverse=True)[1]
     inner = inner_splits(fold.y_train, groups[fold.train], INNER_FOLDS)
     return SubsetScore(discriminant(), fold.X_train, labels, inner, "log_likelihood")
@@ -181,7 +181,7 @@ def accuracy_with_interval(hits: ArrayLike, splits: Sequence[Split], data: Label
 def latency_budgets(costs: CostModel, max_ms: float | None = None) -> tuple[float, ...]:
     """Return increasing latency budgets in ms: fractions of the cost of all features, and `max_ms`.
 
-    Each budget includes the segmentation into phases.
+    Each budget includes the cost of the segmentation into phases.
 
     Raises
     ------
@@ -190,8 +190,8 @@ def latency_budgets(costs: CostModel, max_ms: float | None = None) -> tuple[floa
     """
     if max_ms is not None and max_ms < costs.cheapest:
         raise ValueError(
-            f"max_ms must be at least {costs.cheapest:.3g} (the cheapest feature, and "
-            f"{costs.segmentation_ms:.3g} for the segmentation), got {max_ms:g}"
+            f"max_ms must be at least {costs.cheapest:.3g} ms (the cheapest feature, including "
+            f"{costs.segmentation_ms:.3g} ms for the segmentation), got {max_ms:g} ms"
         )
     requested = set() if max_ms is None else {min(max_ms, costs.total)}
     fractions = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
@@ -209,7 +209,7 @@ def nested_front(
     n_jobs: int = 1,
     progress: Progress | None = None,
 ) -> tuple[list[Facts], Facts]:
-    """Return the accuracy of nested selection at every budget, and that of the full set, on the same splits.
+    """Return the accuracy of nested selection at every budget, and the accuracy of the full set.
 
     Parameters
     ----------
@@ -222,20 +222,20 @@ def nested_front(
     budgets : sequence of float
         Latency budgets in ms.
     max_features : int, optional
-        Largest number of columns.
+        Largest number of columns (default: no limit).
     n_jobs : int
         Number of processes (default 1).
     progress : callable, optional
-        Called with (done, total, "selections").
+        Function called with (done, total, "selections").
 
     Returns
     -------
     list of dict
         For each `budget_ms`: the `accuracy` on held-out recordings; the accuracy of `plain` sequential
-        selection, which ignores costs and stops at the budget; and means over folds of the cost (`ms`),
-        `n_features` and `n_columns` of the selected subsets.
+        selection, which ignores costs and stops at the budget; and the cost (`ms`), `n_features` and
+        `n_columns` of the selected subsets, averaged over folds.
     dict
-        Accuracy of all columns.
+        Accuracy with all columns, on the same splits.
     """
     evaluate_fold = partial(_evaluate_budgets, data.groups, costs, tuple(budgets), max_features)
     results = _map_folds(evaluate_fold, data, splits, n_jobs=n_jobs, progress=progress)
@@ -286,7 +286,7 @@ def _map_folds(
 
 
 def smallest_subsets(X: Samples, y: Labels, groups: Labels, max_columns: int) -> list[list[int]]:
-    """Return the best 1, 2, ... `max_columns` columns regardless of cost, or fewer if more do not help."""
+    """Return the best 1, 2, ... `max_columns` columns regardless of cost; stop when more do not help."""
     selector = cost_aware_selector(None, direction="forward", max_features=max_columns).fit(X, y, groups)
     best = [
         max(
@@ -302,8 +302,8 @@ def _evaluate_budgets(
 ) -> tuple[list[NDArray[np.bool_]], list[tuple[float, int, int]]]:
     """Return the hits of the full set and of both selections at each budget, and the sizes of the subsets.
 
-    For each budget there are the hits of cost-aware and of plain sequential selection, and the cost in ms,
-    the number of features and the number of columns of the cost-aware subset.
+    For each budget, the function returns the hits of cost-aware and of plain sequential selection. The sizes
+    are the cost in ms, the number of features and the number of columns of the cost-aware subset.
     """
     score = subset_score(fold, groups)
     plain_selector = cost_aware_selector(

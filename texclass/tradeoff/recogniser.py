@@ -1,4 +1,4 @@
-"""Fitted pipelines from recordings to surfaces that compute only what the selected features need."""
+"""Fitted pipelines from recordings to surfaces that compute only the selected features."""
 
 import copy
 import warnings
@@ -36,18 +36,18 @@ COLUMN_WISE: Mapping[type, tuple[str, ...]] = {
 def fit_recogniser(
     plan: Plan, values: Samples, surfaces: NDArray[Any], steps: Sequence[tuple[str, Any]]
 ) -> Pipeline:
-    """Fit a pipeline of a `FeatureExtractor`, preprocessing steps and a classifier to extracted features.
+    """Fit a pipeline of feature extractor, preprocessing steps and classifier to features already computed.
 
     Parameters
     ----------
     plan : Plan
-        Plan with which the features were extracted.
+        Plan with which the features were computed.
     values : ndarray of shape (n_recordings, n_columns)
-        Columns of the plan; NaN where undefined.
+        Feature values in the columns of the plan; NaN where undefined.
     surfaces : ndarray of shape (n_recordings,)
         Surface labels.
     steps : sequence of (name, estimator)
-        Unfitted steps; the last is the classifier.
+        Unfitted steps. The last step is the classifier.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def prune(recogniser: Pipeline) -> Pipeline:
     """Return a recogniser with the same predictions that computes only the selected columns.
 
     Selectors are removed, and imputers and scalers are restricted to the selected columns. A step that mixes
-    columns (such as a PCA) needs all its input columns, so the steps before it are kept.
+    columns (such as a PCA) needs all its input columns, so the steps before it are not changed.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def save_recogniser(recogniser: Pipeline, path: str | Path) -> None:
 
 
 def load_recogniser(path: str | Path) -> Pipeline:
-    """Load a recogniser that `save_recogniser` wrote. Only classes of the allow-list are loaded.
+    """Load a recogniser that `save_recogniser` wrote. Only classes on the allow-list are loaded.
 
     Parameters
     ----------
@@ -164,10 +164,10 @@ def load_recogniser(path: str | Path) -> Pipeline:
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     ValueError
-        If the file is not a recogniser of texclass, or contains a class outside the allow-list or an unknown
-        feature.
+        If the file is not a recogniser of texclass, or contains an unknown feature or a class that is not on
+        the allow-list.
 
     Warns
     -----
@@ -193,10 +193,13 @@ def load_recogniser(path: str | Path) -> Pipeline:
     except FileNotFoundError:
         raise
     except Exception as error:
-        raise ValueError(f"{path}: not a recogniser of texclass ({error})") from error
+        raise ValueError(
+            f"{path}: not a recogniser of texclass ({error}). Expected a file written by `texclass tradeoff` "
+            "or `save_recogniser`"
+        ) from error
     if not is_same_code:
         warnings.warn(
-            f"{path}: the code of the features has changed since this recogniser was trained; train it again",
+            f"{path}: the code of the features has changed since this recogniser was trained. Train it again",
             UserWarning,
             stacklevel=2,
         )
@@ -214,7 +217,7 @@ def _extractor(plan: Plan, fs: float | None = None, unit: str | None = None) -> 
 
 
 def _flat(steps: Sequence[tuple[str, Any]]) -> list[tuple[str, Any]]:
-    """Return the steps with nested pipelines expanded and without "passthrough"."""
+    """Return the steps with nested pipelines expanded and "passthrough" steps removed."""
     flat: list[tuple[str, Any]] = []
     for name, step in steps:
         members = _flat(step.steps) if isinstance(step, Pipeline) else [(name, step)]

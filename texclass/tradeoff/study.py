@@ -1,4 +1,4 @@
-"""Trade-off study: accuracy and cost of feature subsets, and the pipeline at a budget."""
+"""Trade-off study: accuracy and cost of feature subsets, and a fitted pipeline within a budget."""
 
 import platform
 from collections.abc import Sequence
@@ -59,22 +59,23 @@ CLASSIFIERS = {
     "nearest_neighbour": KNeighborsClassifier(1),
 }
 MAX_COLUMNS = 12
-"""Largest size of the smallest subset of columns for the surfaces of a scene."""
+"""Largest number of columns in the search for the smallest subset that separates the surfaces of a scene."""
 
 
 class Tradeoff(Result, kind="tradeoff"):
-    """Accuracy against cost on a dataset, the result of `trade_off`.
+    """Accuracy against cost on a dataset; returned by `trade_off`.
 
     `data` contains
 
-    - `costs`: for each feature its `share` of the full set, its cost `alone`, and the saving without it
-      (`last`); `parts`: shared transforms; `segmentation_ms` and `total_ms` (from samples to features);
-      `costs_of`: the machine; `classifiers`: costs of classifiers;
-    - `front`: points of the Pareto front (see `nested_front`) with its `knee` and the point `at_half_cost`
-      (of the features); `full`: accuracy of the full set; `smallest_subsets`: accuracy of the best 1, 2, ...
+    - `costs`: for each feature, its `share` of the cost of the full set, its cost `alone`, and the saving if
+      it is dropped (`last`); `parts`: costs of shared transforms; `segmentation_ms` and `total_ms` (from
+      samples to features); `costs_of`: the machine; `classifiers`: costs of classifiers;
+    - `front`: points of the Pareto front (see `nested_front`); its `knee`, and the point `at_half_cost` of
+      the features; `full`: accuracy of the full set; `smallest_subsets`: accuracy of the best 1, 2, ...
       columns for the surfaces of a scene;
     - `curves`: accuracy against signal length, training recordings, sampling rate, bits and model order;
-    - `selection`: the pipeline at the budget; and all settings that are needed to repeat the study.
+    - `selection`: the pipeline selected within the budget; and all settings that are needed to repeat the
+      study.
 
     Examples
     --------
@@ -85,7 +86,7 @@ class Tradeoff(Result, kind="tradeoff"):
 
     @property
     def stem(self) -> str:
-        """Stem of the file names: dataset, number of surfaces of a scene, seconds, "tradeoff"."""
+        """Start of the file names: dataset, number of surfaces of a scene, seconds, and "tradeoff"."""
         return tradeoff_stem(self.data["dataset"])
 
     @property
@@ -94,7 +95,7 @@ class Tradeoff(Result, kind="tradeoff"):
         return {"feature set": (self.data["features"], self.data.get("features_hash", ""))}
 
     def document(self) -> Document:
-        """Return the report of the trade-off."""
+        """Return the trade-off as a document."""
         from texclass.tradeoff.tradeoff_document import tradeoff_document
 
         return tradeoff_document(self.data)
@@ -122,7 +123,7 @@ class Tradeoff(Result, kind="tradeoff"):
 
 
 def tradeoff_stem(dataset: Facts) -> str:
-    """Return the stem of the file names of a trade-off from the description of its dataset."""
+    """Return the start of the file names of a trade-off, given the facts of its dataset."""
     scene = f"-{len(dataset['surfaces'])}-surfaces" if dataset.get("surfaces") else ""
     seconds = f"-{dataset['max_seconds']:g}s" if dataset.get("max_seconds") else ""
     return f"{dataset['name']}{scene}{seconds}-tradeoff"
@@ -148,26 +149,27 @@ def trade_off(
     Parameters
     ----------
     dataset : Dataset, str or path
-        LabelledData recordings, or an argument of `open_dataset`.
+        Labelled recordings, or an argument of `open_dataset`.
     features : FeatureSet, str or path
         Feature set from which subsets are selected (default "texclass").
     limits : Limits, optional
-        Budget.
+        Budget (default: no limits, which selects the knee point).
     channels : {"combine", "each", "auto", "all"}
         See `FeatureExtractor`.
     protocol : str
-        Protocol; see `PROTOCOLS` (default "recording").
+        Name of a protocol; see `PROTOCOLS` (default "recording").
     n_folds, n_repeats : int
-        Folds and repeats of cross-validation (default 5 and 3). Features are selected in each training set.
+        Number of folds (default 5) and of repeats (default 3) of cross-validation. Features are selected in
+        each training set.
     seed : int
-        Seed of the folds (default 2015).
+        Random seed of the folds (default 2015).
     with_curves : bool
-        Also measure accuracy against signal length, training recordings, sampling rate, bits and model order
-        (default True).
+        Whether to also measure accuracy against signal length, training recordings, sampling rate, bits and
+        model order (default True).
     n_jobs : int
         Number of processes (default 1).
     progress : callable, optional
-        Called with (done, total, what).
+        Function called with (done, total, stage).
     model_file : str or path, optional
         File to which the pruned pipeline is saved (.skops).
 
@@ -258,13 +260,13 @@ class FeatureCosts:
     table
         Feature table of the recordings or windows.
     data
-        Columns X that are defined for some recording, with labels and groups.
+        Columns X that are defined for at least one recording, with labels and groups.
     meter
-        Meter of costs.
+        Cost meter of the dataset.
     plan, full_costs
-        Plan of all columns, and their costs.
+        Plan of all columns, and the cost model of these columns.
     costs
-        Costs of the columns of X.
+        Cost model of the columns of X.
     """
 
     table: FeatureTable
@@ -287,12 +289,15 @@ class FeatureCosts:
         return cls(table, data, meter, plan, full_costs, full_costs.restricted_to(table.defined_columns))
 
     def measure_ms(self, part: Plan) -> float:
-        """Return the latency of a part of the features in ms, relative to all features measured with it."""
+        """Return the latency of some features in ms.
+
+        All features are measured alternately with them, which corrects for changes of the machine's speed.
+        """
         part_ms, all_ms = self.meter.measure(part, self.plan)
         return self.full_costs.segmentation_ms + part_ms / all_ms * self.full_costs.features_ms
 
     def fit_pipeline(self, columns: Sequence[str]) -> Pipeline:
-        """Return the pruned pipeline of some columns, fitted to all recordings."""
+        """Return the pruned pipeline that computes some columns, fitted to all recordings."""
         plan = self.plan.restricted_to(columns)
         X = self.table.select(plan.columns)
         steps = [*preprocessing().steps, ("classifier", discriminant())]
@@ -300,7 +305,7 @@ class FeatureCosts:
 
 
 def check_cost_model(feature_costs: FeatureCosts, seed: int, n: int = 10) -> list[tuple[float, float]]:
-    """Return (predicted, measured) ms of random subsets of the features."""
+    """Return the predicted and the measured latency in ms of `n` random subsets of the features."""
     rng, costs = np.random.default_rng(seed), feature_costs.full_costs
     names, pairs = np.array(list(dict.fromkeys(costs.features))), []
     for size in rng.integers(1, len(names) + 1, size=n):
@@ -321,7 +326,7 @@ def _of_surfaces(dataset: Dataset, surfaces: Sequence[str]) -> Dataset:
         return dataset
     if unknown := [m for m in surfaces if m not in dataset.surfaces]:
         raise ValueError(
-            f"{dataset.name} has no surface {', '.join(map(repr, unknown))}; its surfaces are "
+            f"{dataset.name} has no surface {', '.join(map(repr, unknown))}. Expected at least two of "
             f"{', '.join(dataset.surfaces)}"
         )
     if len(set(surfaces)) < 2:
@@ -330,7 +335,7 @@ def _of_surfaces(dataset: Dataset, surfaces: Sequence[str]) -> Dataset:
 
 
 def _costs(feature_costs: FeatureCosts, seed: int) -> dict[str, Any]:
-    """Return the costs of features, shared transforms and classifiers, the largest first."""
+    """Return the costs of features, shared transforms and classifiers, in descending order."""
     costs = feature_costs.costs
     by_feature = costs.by_feature().sort_values("share", ascending=False, kind="stable")
     used = np.atleast_1d(costs.needs.any(axis=0))
@@ -370,7 +375,7 @@ def _select_pipeline(
     feature_costs: FeatureCosts,
     file: Any,
 ) -> dict[str, Any]:
-    """Select columns on all recordings with the size or budget from the folds, and save the pipeline."""
+    """Select columns on all recordings with the size or budget found in the folds, and save the pipeline."""
     costs, (X, y, groups, _) = feature_costs.costs, feature_costs.data
     X = preprocessing().fit_transform(X)
     if subsets and limits.max_ms is None:
