@@ -31,8 +31,8 @@ class Framed(str):
 Framed(tx.haptics.scene.slider_page(texture, file="wood.texture"))
 
 # %%
-# The models behind the sliders are made by :func:`texclass.haptics.textures.retouch`, which changes one scale
-# and keeps the values of the other scales. Measure all scales for several targets of one scale:
+# The models behind the sliders are computed with :func:`texclass.haptics.textures.retouch`, which changes one
+# scale and keeps the values of the other scales. Measure all scales for several targets of one scale:
 
 original = tx.haptics.textures.measure_scales(texture)
 targets = original["rough"] + np.array([-2.0, -1.0, 1.0, 2.0])
