@@ -22,7 +22,7 @@ def recording(**changes):
         ),
         ({"acceleration": ["1", "two"]}, "not a number"),
         ({"acceleration": SIGNAL.reshape(-1, 2), "channels": ("x", "x")}, "2 different names"),
-        ({"friction": SIGNAL[:-1]}, "friction has 99 samples, acceleration 100"),
+        ({"friction": SIGNAL[:-1]}, "friction has 99 samples, but acceleration has 100"),
     ],
 )
 def test_an_invalid_recording_is_an_error_with_value_and_expectation(changes, message):

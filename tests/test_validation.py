@@ -62,10 +62,10 @@ def test_lists_are_accepted_for_tuples_and_integers_for_floats():
         ({"parts": [{"kind": "nail", "length_mm": -1}]}, "parts.1.length_mm is -1. Expected a length"),
         ({"parts": [{"kind": "screw"}]}, "missing key parts.1.turns"),
         ({"spare": {"a": {"kind": "screw", "turns": 0}}}, "spare.a.turns is 0. Expected a number of"),
-        ({"spare": {"a": 1}}, "spare.a is 1. Expected a table of kind, turns"),
+        ({"spare": {"a": 1}}, "spare.a is 1. Expected a table with the keys kind, turns"),
         ({"marks": {"lefft": True}}, "unknown key marks.lefft (did you mean marks.left?"),
         ({"marks": {"left": 1}}, "marks.left is 1. Expected true or false"),
-        ({"names": {"a b": True}}, "names.a b is 'a b'. Expected text like ^[a-z]{2}$"),
+        ({"names": {"a b": True}}, "names.a b is 'a b'. Expected text that matches ^[a-z]{2}$"),
         ({"layers": 3}, "layers is 3. Expected one of 1 or 2"),
     ],
 )
@@ -77,7 +77,9 @@ def test_an_error_names_file_key_value_and_expectation(changes, message):
 
 
 def test_content_that_is_not_a_table_is_an_error_and_further_errors_are_counted():
-    with pytest.raises(ValueError, match=r"^f: \[1\]. Expected a table of kind, length_mm, turns$"):
+    with pytest.raises(
+        ValueError, match=r"^f contains \[1\]. Expected a table with the keys kind, length_mm, turns$"
+    ):
         validate(AnyPart, [1], "f")
     with pytest.raises(ValueError, match=r"\(and 1 more\)$"):
         validate(Box, {"name": 5, "sizes": 3}, "f")
@@ -117,7 +119,7 @@ def test_numbers_beyond_float_and_deep_tables_are_errors():
 def test_a_file_that_is_not_toml_is_named(tmp_path, content):
     own = tmp_path / "broken.toml"
     own.write_bytes(content)
-    with pytest.raises(ValueError, match=r"broken\.toml: not valid TOML"):
+    with pytest.raises(ValueError, match=r"broken\.toml: (not valid|refused as) TOML"):
         read_toml(own)
 
 

@@ -1,11 +1,11 @@
-"""texclass: which surface is this, and how does it feel, from what a tool's accelerometer recorded.
+"""texclass: classify and render surfaces from recordings of a tool's accelerometer.
 
 >>> import texclass as tx
 >>> dataset = tx.open_dataset("simulated")
 >>> dataset.labels.nunique()
 24
 
-`import texclass` loads nothing; each name is loaded when it is first used.
+`import texclass` loads no submodules; each name is loaded when it is first used.
 """
 
 import lazy_loader

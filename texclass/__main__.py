@@ -1,4 +1,4 @@
-"""`python -m texclass` is `texclass`."""
+"""Run the command line with `python -m texclass`."""
 
 from texclass.cli import main
 

@@ -1,3 +1,3 @@
-"""The version, alone in its module so that the build and the CLI read it without importing anything."""
+"""Version of texclass, alone in its module so that the build and the CLI can read it without imports."""
 
 __version__ = "0.3.0"

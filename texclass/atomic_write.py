@@ -23,7 +23,7 @@ def check_suffix(path: str | Path, *suffixes: str) -> Path:
     path : str or Path
         Output file.
     *suffixes : str
-        Valid suffixes in lower case; the case of the path does not matter.
+        Valid suffixes in lower case; the case of the suffix of the path is ignored.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def check_suffix(path: str | Path, *suffixes: str) -> Path:
 
 
 def sibling_path(path: Path, suffix: str, prefix: str = "") -> Path:
-    """Return a path in the same folder with an added prefix and suffix, cut to 255 bytes."""
+    """Return a path in the same folder with an added prefix and suffix, shortened to fit into 255 bytes."""
     name = path.name.encode()[: 200 - len(suffix)].decode(errors="ignore")
     return path.with_name(f"{prefix}{name}{suffix}")
 
@@ -51,9 +51,8 @@ def sibling_path(path: Path, suffix: str, prefix: str = "") -> Path:
 def write_atomic(path: str | Path, content: bytes | str) -> None:
     """Write a file completely or not at all; missing folders are created.
 
-    The content is written to a temporary file with a unique name in the same folder, which then replaces the
-    file. Several processes may write the same file: the last one wins. Pipes and terminals are written to
-    directly.
+    The content is written to a temporary file in the same folder, which then replaces the file. Several
+    processes may write the same file; the last one wins. Pipes and terminals are written to directly.
 
     Parameters
     ----------
@@ -85,7 +84,7 @@ def write_atomic(path: str | Path, content: bytes | str) -> None:
             if attempt == 2:
                 raise
             time.sleep(0.05)
-        except OSError as error:  # the error of a full disk does not name the file
+        except OSError as error:  # the error for a full disk does not name the file
             raise OSError(error.errno, error.strerror, str(path)) from error
         finally:
             with contextlib.suppress(OSError):

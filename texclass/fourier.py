@@ -1,8 +1,8 @@
 """Real Fourier transforms in single precision, computed as four interleaved short transforms.
 
-Four short transforms fill the vector unit of a processor and stay in its cache, which takes about half the
-time of `scipy.fft.rfft`. Let Y_p be the transform of samples p, p + 4, p + 8, ... of N samples, with M = N/4
-bins. The bins of the full transform are::
+Four short transforms use the full width of the vector unit and stay in the processor cache. They take about
+half the time of `scipy.fft.rfft`. Let Y_p be the transform, with M = N/4 bins, of the samples p, p + 4,
+p + 8, ... of N samples. The bins of the full transform are::
 
     X_(k+qM) = sum_p (-i)^(pq) exp(-2 pi i k p / N) Y_p(k)
 """
@@ -18,7 +18,7 @@ from texclass.recording import make_read_only
 LANES = 4
 """Number of short transforms: single-precision lanes of the narrowest vector unit."""
 BLOCK = 2048
-"""Number of bins combined at a time, few enough to stay in the cache of the processor."""
+"""Number of bins combined at a time, small enough for the processor cache."""
 Bins = NDArray[np.complex64]
 
 
@@ -42,14 +42,14 @@ def rfft_quarters(x: NDArray[np.float32]) -> Bins:
 
 
 def irfft_quarters(X: Bins, n: int) -> NDArray[np.float32]:
-    """Return the n real samples of a transform from `rfft_quarters`; `X` is overwritten."""
+    """Invert `rfft_quarters`: return the n real samples. `X` is overwritten."""
     for rows, turns, join in _blocks(n):
         X[rows] = X[rows] @ (join.conj().T / LANES) * turns.conj()
     return np.asarray(fft.irfft(X, n // LANES, axis=0, overwrite_x=True)).reshape(n)
 
 
 def rfft(x: NDArray[np.float32], *, quarter: bool = False) -> Bins:
-    """Return the discrete Fourier transform of real samples, as `scipy.fft.rfft` does.
+    """Return the discrete Fourier transform of real samples, like `scipy.fft.rfft`.
 
     Parameters
     ----------
@@ -74,10 +74,10 @@ def rfft(x: NDArray[np.float32], *, quarter: bool = False) -> Bins:
 
 @functools.lru_cache(maxsize=8)
 def _blocks(n: int) -> tuple[tuple[slice, Bins, Bins], ...]:
-    """Return blocks of bins k, with the factors by bin and the matrix that combine Y_p(k).
+    """Return blocks of bins k, each with the factors per bin and the matrix that combine Y_p(k).
 
-    The factor exp(-2 pi i k p / n) is the product of that of the first bin of a block, which is part of the
-    matrix, and that of the distance from it.
+    The factor exp(-2 pi i k p / n) is the product of two factors: one for the first bin of the block, which
+    is part of the matrix, and one for the distance from this bin.
     """
     n_bins, p = n // LANES // 2 + 1, np.arange(LANES)
     turns = make_read_only(np.exp(-2j * np.pi / n * np.outer(np.arange(BLOCK), p)).astype(np.complex64))

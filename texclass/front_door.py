@@ -1,4 +1,4 @@
-"""Functions for most users. They accept names, paths, arrays, recordings and datasets."""
+"""High-level functions, which accept names, paths, arrays, recordings and datasets."""
 
 import warnings
 from collections import Counter
@@ -47,8 +47,9 @@ def extract(
     Returns
     -------
     DataFrame of shape (n_recordings, n_columns)
-        Indexed by recording; NaN where a feature is undefined. ``attrs["reasons"]`` lists (feature, reason,
-        number of recordings); `FeatureExtractor.extract` returns the reasons of each recording.
+        Feature values, indexed by recording; NaN where a feature is undefined. ``attrs["reasons"]`` lists
+        (feature, reason, number of recordings); `FeatureExtractor.extract` returns the reasons for each
+        recording.
 
     Raises
     ------
@@ -78,7 +79,7 @@ def extract(
     table = extraction.table
     if table.isna().to_numpy().any():
         summary = describe_missing_values(table, extraction.reasons)
-        warnings.warn(f"{summary}. `.attrs['reasons']` has all", UserWarning, stacklevel=2)
+        warnings.warn(f"{summary}. For all reasons, see `.attrs['reasons']`", UserWarning, stacklevel=2)
     counts = Counter((item.feature, item.reason) for item in extraction.reasons)
     table.attrs["reasons"] = [(feature, reason, n) for (feature, reason), n in counts.items()]
     return table
@@ -105,12 +106,14 @@ def benchmark(
     unit : str, optional
         Unit of the acceleration in files that do not state it.
     **options
-        `protocol`, `n_folds`, `nested_cv`, `n_jobs`, `skip_bad`, `progress` of `evaluation.run_benchmark`.
+        Arguments of `evaluation.run_benchmark`: `protocol`, `n_folds`, `nested_cv`, `n_jobs`, `skip_bad` and
+        `progress`.
 
     Returns
     -------
     BenchmarkResult
-        `table` is a DataFrame, `plot()` returns a figure, `save(folder)` writes JSON, Markdown and figures.
+        Result: `table` is a DataFrame, `plot()` returns a figure, and `save(folder)` writes JSON, Markdown
+        and figures.
     """
     from texclass.evaluation import run_benchmark
 
@@ -120,7 +123,7 @@ def benchmark(
 def plot_recording(
     recording: "Recording | str | Path", *, fs: float | None = None, unit: str | None = None
 ) -> "Figure":
-    """Plot signal, phases, a tap, spectrogram and feature values of a recording.
+    """Plot the signal, phases, one tap, spectrogram and feature values of a recording.
 
     Parameters
     ----------
@@ -152,7 +155,7 @@ def plot_recording(
 
 
 def as_dataset(dataset: Any, fs: float | None, unit: str | None) -> Any:
-    """Open the dataset of a name or path; return other objects unchanged."""
+    """Open a dataset given by name or path; return other objects unchanged."""
     from texclass.loaders import open_dataset
 
     return open_dataset(dataset, fs=fs, unit=unit) if isinstance(dataset, str | Path) else dataset

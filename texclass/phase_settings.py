@@ -10,30 +10,30 @@ Contents = Literal["taps and strokes", "taps"]
 class PhaseSettings:
     """Settings of `find_phases`; the defaults suit a hand-held tool.
 
-    Durations are in s. Ratios are powers relative to the noise.
+    Durations are in s. Ratios are ratios of power to noise power.
 
     Attributes
     ----------
     contents
         Content of the recordings: "taps and strokes", or only "taps", in any number.
     tap_spacing_s
-        Impulses with a smaller distance are one tap and its rebounds.
+        Impulses that are less than this time apart are one tap and its rebounds.
     rebound_db
-        A tap begins with its first hit, even if a later one is stronger by up to this.
+        A tap begins with its first impulse, even if a rebound is stronger by up to this level.
 
     hand_hz
-        Frequency in Hz below which motion comes from hand, tremor and gravity rather than from the contact.
+        Frequency in Hz below which the signal is dominated by hand motion, tremor and gravity.
     hand_s
         Longest duration of the hand's acceleration before an impact.
     bin_s
-        Time resolution of the levels.
+        Time resolution at which levels are computed.
     quiet_s
         Length of the quietest segment, which gives the noise floor.
     rest_s
-        Shortest rest at the end; a shorter one is a turning point of the movement.
+        Shortest rest at the end of a recording; a shorter one is a turning point of the movement.
     opening_s
-        An impulse this close to the start has no acceleration of the hand before it. Vibration that lasts
-        twice this time at the start is a stroke.
+        For an impulse within this time of the start, no hand acceleration is recorded before it. Vibration
+        that lasts twice this time at the start is a stroke.
     kink_s
         Ringing time of the filter around the start or end of a fade of gravity.
 
@@ -45,38 +45,40 @@ class PhaseSettings:
     prominence_db
         Smallest rise of a tap above the level before it, and smallest fall after it.
     look_back_s
-        Length of the window before an impulse with which its peak is compared.
+        Length of the window before an impulse whose level is compared with the peak.
     window_s, share
-        Length of a window, and smallest share of active bins in it during a stroke. A tap leaves most of
-        the window quiet.
+        Length of a window, and smallest fraction of active bins in it during a stroke. During a tap, most of
+        the window is quiet.
     gap_s
         Shortest rest that interrupts vibration.
     pause_s
         Time after a stroke in which all vibration, however faint, belongs to strokes and not to taps.
     range_db
-        Range of taps below the strongest one. Lifting, setting down or turning the tool causes weaker
-        impulses.
+        Taps are at most this level below the strongest tap. Lifting, setting down or turning the tool causes
+        weaker impulses.
     clear_db, clear_s, clear_range_db
-        A weaker impulse, down to `clear_range_db` below the strongest, is a tap if it is this strong and this
-        short.
+        A weaker impulse, at most `clear_range_db` below the strongest, is a tap if its level reaches
+        `clear_db` and its duration is at most `clear_s`.
     lasting_db, ring_db
-        An impulse below `lasting_db` ends before it can be mistaken for movement. One that falls by less than
-        `ring_db` before other vibration starts may be the first impulse of a texture.
+        An impulse below `lasting_db` ends before it can be mistaken for movement. An impulse that falls by
+        less than `ring_db` before other vibration starts may be the first impulse of a texture.
     strong_db
-        An impulse that exceeds the peaks of the strokes (95 % of bins) by this level is a tap.
+        An impulse that exceeds the 95 % quantile of the stroke levels by this level is a tap.
     first_gap_s
-        Impulses weaker than the strokes, within this time before them, are the start of a slow stroke.
+        Impulses that are weaker than the strokes and less than this time before them are the start of a slow
+        stroke.
     echo_db, echo_s, between_s
         Vibration that is weaker than the strongest tap by `echo_db` is not movement if it is shorter than
-        `echo_s` after all taps, or than `between_s` before or between taps.
+        `echo_s` (after all taps) or `between_s` (before or between taps).
     soft_db
         Level over all bands below which an impulse is visible only in the soft band.
     pull_s, pull_db
-        A soft impulse is a pull of the hand if one that is stronger by this level follows within this time.
+        A soft impulse is caused by a pull of the hand if an impulse stronger by `pull_db` follows within
+        `pull_s`.
     min_impulses, certain_db
-        Fewer impulses than this, none of them this strong, may come from faint strokes.
+        Fewer than `min_impulses` impulses, all below `certain_db`, may come from faint strokes.
     faint_ratio
-        Ratio, as a mean over `quiet_s`, that faint strokes do not reach.
+        Mean ratio over `quiet_s` that faint strokes do not reach.
 
     sharp_s, calm_s
         Averaging windows of the levels for locating a peak and for following its decay.
@@ -86,36 +88,39 @@ class PhaseSettings:
         A level that falls by less than `stall_db` within `stall_s` has stopped decaying (27 dB/s, a time
         constant of 0.33 s).
     tail_s, tail_db
-        Longest tail of an impulse, and the rise that ends it.
+        Longest tail of an impulse, and the rise in level that ends the tail.
     onset_db, width_db, decay_db
-        Levels below the peak at which an impulse starts, its width is measured, and it ends.
+        Levels below the peak: at the start of an impulse, for measuring its width, and at its end.
     margin_s
-        Margin around an impulse in which the sample of its impact is located.
+        Time around an impulse in which the sample of its impact is located.
 
     rate_hz
-        Rate in Hz to which faster recordings are averaged down.
+        Sampling rate in Hz to which faster recordings are reduced by averaging.
     soft_band_hz, soft_s
-        Band in which soft contacts push and ring, analysed separately so that noise above it does not mask
-        them, and the window over which its level is averaged.
+        Frequency band of soft contacts, and window over which its level is averaged. The band is analysed
+        separately so that noise at higher frequencies does not mask soft contacts.
     soft_margin
         Level of the soft band relative to its median at rest that hand motion does not reach.
     soft_tail
-        Noise exceeds its median once in 100,000 bins by this many times the distance (in dB) between median
-        and 90 % quantile (2.5 to 2.9 for chi-squared powers with 5 to 20 degrees of freedom).
+        Level that noise exceeds once in 100,000 bins, above its median, in multiples of the distance (in dB)
+        from the median to the 90 % quantile (2.5 to 2.9 for chi-squared powers with 5 to 20 degrees of
+        freedom).
     soft_impulse
-        Ratio assigned to a bin of the soft band beyond that tail: just above the threshold of a tap.
+        Ratio assigned to a bin of the soft band that exceeds `soft_tail`: just above the threshold of a tap.
     unrest_ratio
         Ratio over all bands below which only the hand moves.
     steady_ratio, steady_samples
-        The quietest segment is steady if its fifths differ by at most this ratio, or more with few samples.
+        The quietest segment is steady if the levels of its fifths differ by at most `steady_ratio`. With
+        fewer samples than `steady_samples`, a larger ratio is allowed.
     quiet_spread, noisy_spread, noisy_contrast
-        Ratio of the level of all rest to its quietest segment: by chance, and where vibration exceeds
-        `noisy_contrast`. Intermittent noise of a room or machine is then not detected as strokes.
+        Largest ratio of the level of all rest to the level of its quietest segment: by chance, and where
+        vibration exceeds `noisy_contrast`. Intermittent noise of a room or machine is then not detected as
+        strokes.
     noisy_weight
         Factor for the level of strokes if the noise is intermittent.
     opening_ratio
-        The level at the start is noise if its fifths differ by at most this ratio; an automatic gain lowers
-        it after the first tap.
+        The level at the start is noise if the levels of its fifths differ by at most this ratio; an automatic
+        gain control lowers it after the first tap.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Versions of libraries, and hashes of the code behind a result."""
+"""Versions of libraries, and hashes of the code that computed a result."""
 
 import ast
 import hashlib
@@ -15,7 +15,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def versions(*libraries: str) -> dict[str, str]:
-    """Return the versions of texclass, Python and some distributions, or "not installed"."""
+    """Return the versions of texclass, Python and the given distributions ("not installed" if missing)."""
     result = {"texclass": __version__, "python": platform.python_version()}
     for name in libraries:
         try:
@@ -31,20 +31,20 @@ def code_provenance(*places: str) -> dict[str, Any]:
     Parameters
     ----------
     *places : str
-        Subpackages and modules, as in `code_hash`. Comments and docstrings do not count.
+        Subpackages and modules, as in `code_hash`. Comments and docstrings do not change the hash.
     """
     return {"code_of": sorted(places), "code_hash": code_hash(*places, words=False)}
 
 
 def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> str:
-    """Return a hash of code, which shows whether a result was computed by other code.
+    """Return a hash of code, which shows whether the code has changed since a result was computed.
 
     Parameters
     ----------
     *places : str
         Subpackages ("phases": all its modules and tables) and top-level modules ("signals") of texclass.
     files : iterable of Path, optional
-        Further source files; a missing file counts by its name.
+        Further source files; for a missing file, only the name is hashed.
     words : bool
         Include comments, docstrings and report modules, which do not change results (default True).
 

@@ -1,4 +1,4 @@
-"""Recordings of one exploration of one surface, and their phases."""
+"""Recordings, each of one exploration of one surface, and their phases."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -35,11 +35,11 @@ AUXILIARY_UNITS = {
 """Unit of each auxiliary signal of a recording."""
 
 _BLOCK = 1 << 20
-"""Samples checked at a time; a mask of a long recording would need an eighth of its memory."""
+"""Number of samples checked at a time, because a mask of the whole recording would need 1/8 of its memory."""
 
 
 class RecordingError(ValueError):
-    """A recording is invalid; the message names file, value and expectation."""
+    """Invalid recording; the message names the file, the value and what was expected."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Tap:
         Number of samples from the impact until the vibration is 10 dB below its peak; 0 if not measured.
     quality
         Confidence from 0 to 1: 1 minus the ratio of the amplitude around the tap (noise, ringing, a stroke)
-        to that of its peak.
+        to the peak amplitude.
 
     Examples
     --------
@@ -74,9 +74,9 @@ class Tap:
 
     def __post_init__(self) -> None:
         if not (self.width >= 0 and 0.0 <= self.quality <= 1.0):
-            raise ValueError(f"a tap needs width >= 0 and a quality from 0 to 1, got {self}")
+            raise ValueError(f"a tap requires width >= 0 and a quality from 0 to 1, got {self}")
         if not 0 <= self.start <= self.impact < self.end:
-            raise ValueError(f"a tap needs 0 <= start <= impact < end, got {self}")
+            raise ValueError(f"a tap requires 0 <= start <= impact < end, got {self}")
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Phases:
     onset
         Sample at which static friction breaks and sliding begins; None if unknown.
     notes
-        Assumptions, for the user.
+        Assumptions reported to the user.
 
     Examples
     --------
@@ -107,7 +107,7 @@ class Phases:
 
     @property
     def kind(self) -> Literal["taps and movement", "taps only", "movement only", "nothing"]:
-        """Phases that the recording contains, in words."""
+        """Description of the phases that the recording contains."""
         match bool(self.taps), self.movement is not None:
             case True, True:
                 return "taps and movement"
@@ -134,9 +134,9 @@ class Recording:
     recording_id : str, default "recording"
         Identifier, unique in its dataset.
     surface, operator, session : str, optional
-        Surface, person who held the tool, and occasion.
+        Surface label, person who held the tool, and recording session.
     repetition : int, optional
-        Number in order of time.
+        Number of the recording, in chronological order.
     friction, normal_force, speed, sound : array_like of shape (n_samples,), optional
         FSR bridge voltage (V), normal force (N), tangential speed (mm/s), sound (arbitrary).
     turn_rate : array_like of shape (n_samples, 3), optional
@@ -144,7 +144,7 @@ class Recording:
     channels : tuple of str, optional
         Names of the columns of a two-dimensional `acceleration` (default x, y, z for three columns).
     phases : Phases, optional
-        Known taps and movement, from a card or a simulation (default: found by `find_phases`).
+        Known taps and movement, from a card or a simulation (default: detected by `find_phases`).
     phase_settings : PhaseSettings, optional
         Settings of `find_phases`.
     source : str, optional
@@ -157,7 +157,7 @@ class Recording:
     Raises
     ------
     RecordingError
-        If an argument is missing or invalid; the message names source, value and expectation.
+        If an argument is missing or invalid; the message names the source, the value and what was expected.
 
     Examples
     --------
@@ -209,7 +209,7 @@ class Recording:
                 array = _as_frozen_array(signal, name, where)
                 if len(array) != self.n_samples:
                     raise RecordingError(
-                        f"{where}: {name} has {len(array)} samples, acceleration {self.n_samples}. "
+                        f"{where}: {name} has {len(array)} samples, but acceleration has {self.n_samples}. "
                         "Expected the same rate and length for all signals of a recording"
                     )
                 object.__setattr__(self, name, array)
@@ -226,7 +226,7 @@ class Recording:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Labels, duration, rate, unit, channels, other signals and flags as text, by name."""
+        """Labels, duration, sampling rate, unit, channels, other signals and flags as text, by name."""
         other_signals = ", ".join(name for name in AUXILIARY_UNITS if getattr(self, name) is not None)
         facts = {
             "recording": self.recording_id,
@@ -242,7 +242,7 @@ class Recording:
         return {name: text for name, text in facts.items() if text}
 
     def __repr__(self) -> str:
-        """Return id, surface, duration, rate and axes in one line."""
+        """Return a one-line summary: id, surface, duration, sampling rate and axes."""
         surface = f" of {self.surface}" if self.surface else ""
         n = len(self.channels)
         return (
@@ -256,13 +256,13 @@ class Recording:
         return f"<table>{''.join(rows)}</table>"
 
     def with_(self, **changes: Any) -> "Recording":
-        """Return a copy with some fields replaced; this recording if nothing changes."""
+        """Return a copy with some fields replaced, or this recording if nothing changes."""
         values = vars(self)
         is_unchanged = all(name in values and values[name] is value for name, value in changes.items())
         return self if is_unchanged else replace(self, **changes)
 
     def cut(self, start: int, stop: int, recording_id: str) -> "Recording":
-        """Return samples [start, stop) of every signal, all of it movement."""
+        """Return a recording of the samples [start, stop) of every signal, with all of it as movement."""
         signals = {name: getattr(self, name) for name in ("acceleration", *AUXILIARY_UNITS)}
         return self.with_(
             **{name: signal[start:stop] for name, signal in signals.items() if signal is not None},
@@ -273,7 +273,7 @@ class Recording:
     def to_xarray(self) -> "xarray.DataArray":
         """Return the acceleration as a DataArray over time (s) and axis, with labels as attributes.
 
-        Other signals and phases are not included. `loaders.recordings_of` converts back. Requires xarray.
+        Other signals and phases are not included. `loaders.recordings_of` is the inverse. Requires xarray.
         """
         import xarray
 
@@ -297,9 +297,9 @@ class Recording:
 
 
 def axes_differ(axes: Sequence[str], others: Sequence[str]) -> bool:
-    """Return whether two recordings have different axes.
+    """Return whether the axes of two recordings differ, given their names.
 
-    Axes differ if their numbers differ, or if only some of their names agree.
+    Axes differ if their numbers differ, or if some but not all of their names agree.
 
     Examples
     --------
@@ -311,7 +311,7 @@ def axes_differ(axes: Sequence[str], others: Sequence[str]) -> bool:
 
 
 def describe_axes(names: Sequence[str]) -> str:
-    """Return number and names of axes as text: "3 axes (x, y, z)"; "1 axis" without its name."""
+    """Return number and names of axes as text, such as "3 axes (x, y, z)"; "1 axis" has no name."""
     return "1 axis" if len(names) == 1 else f"{len(names)} axes ({', '.join(names)})"
 
 
@@ -338,7 +338,9 @@ def _as_frozen_array(signal: ArrayLike, name: str, where: str) -> Samples:
     try:
         array = np.asarray(signal, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise RecordingError(f"{where}: {name} contains a value that is not a number ({error})") from error
+        raise RecordingError(
+            f"{where}: {name} contains a value that is not a number ({error}). Expected numbers"
+        ) from error
     if array.size == 0:
         raise RecordingError(f"{where}: {name} is empty. Expected at least one sample")
     rows = np.atleast_1d(array)

@@ -1,6 +1,6 @@
-"""Definitions by name: shipped ones, files of the user, and those that other installed packages register.
+"""Find definitions by name: shipped with texclass, files of the user, or registered by other packages.
 
-The areas `texclass.haptics` and `texclass.robot`, and other packages, register extensions by entry points:
+The areas `texclass.haptics` and `texclass.robot`, and other packages, register extensions as entry points:
 
 | group | name | value |
 |---|---|---|
@@ -52,7 +52,7 @@ def locate(kind: Kind, name_or_path: str | Path) -> Path:
     Raises
     ------
     FileNotFoundError
-        If neither exists; the message lists the shipped names.
+        If there is neither a definition with this name nor such a file; the message lists all names.
     """
     if shipped_file := _files(kind).get(str(name_or_path)):
         return shipped_file
@@ -60,7 +60,7 @@ def locate(kind: Kind, name_or_path: str | Path) -> Path:
     if path.suffix == ".toml" and path.is_file():
         return path
     raise FileNotFoundError(
-        f"{name_or_path}: no such TOML file, and not one of the shipped {kind}: {', '.join(names(kind))}"
+        f"{name_or_path} is neither a TOML file nor one of the shipped {kind}: {', '.join(names(kind))}"
     )
 
 
@@ -81,13 +81,13 @@ def read(kind: Kind, name_or_path: str | Path) -> dict[str, Any]:
 
 @cache
 def entry_point_modules(group: str) -> dict[str, str]:
-    """Return the modules that packages register in the group texclass.<group>, by name."""
+    """Return the modules that packages register in the entry point group texclass.<group>, by name."""
     _warn_unless_installed()
     return {entry.name: entry.value for entry in entry_points(group=f"texclass.{group}")}
 
 
 def module_of(group: str, name: str) -> ModuleType:
-    """Import the module that a package registers.
+    """Import the module that a package registers under a name.
 
     Raises
     ------
@@ -96,7 +96,8 @@ def module_of(group: str, name: str) -> ModuleType:
     """
     if name not in entry_point_modules(group):
         raise ImportError(
-            f"no installed package registers {name!r} in the entry point group texclass.{group}"
+            f"no installed package registers {name!r} in the entry point group texclass.{group}. Install "
+            "the package that provides it"
         )
     try:
         return importlib.import_module(entry_point_modules(group)[name])
@@ -112,7 +113,7 @@ def _warn_unless_installed() -> None:
     except PackageNotFoundError:
         root = Path(__file__).resolve().parents[1]
         warnings.warn(
-            "texclass is not installed: commands, readers and formats of its areas are missing. "
+            "texclass is not installed, so commands, readers and formats of its areas are missing. "
             f"Install it with `pip install -e {root}`",
             stacklevel=2,
         )
@@ -130,5 +131,5 @@ def _files(kind: Kind) -> dict[str, Path]:
 
 
 def _entry_point(group: str, name: str) -> str:
-    """Return an entry point for messages."""
+    """Describe an entry point for messages."""
     return f"entry point texclass.{group}: {name} = {entry_point_modules(group)[name]!r}"

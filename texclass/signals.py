@@ -1,8 +1,8 @@
 """Condition acceleration signals: check, combine axes, remove hand motion, smooth and filter.
 
-Filters are Butterworth filters in second-order sections. The mathematics is that of `scipy.signal` and
-`scipy.ndimage`; this module adds checks of the input and the conventions of the package. The subpackages of
-scipy load on first use, so importing this module is cheap.
+Filters are Butterworth filters in second-order sections. This module wraps functions of `scipy.signal` and
+`scipy.ndimage` and adds input checks and the conventions of the package. The subpackages of scipy are loaded
+on first use, so importing this module is fast.
 """
 
 from typing import Any, Literal
@@ -35,8 +35,8 @@ def dft321(acceleration: ArrayLike, *, single: bool = False) -> Samples:
     acceleration : array_like of shape (n_samples, n_axes)
         Acceleration in any unit. The mean of each axis is removed.
     single : bool
-        Compute in single precision if 4 divides n_samples (default False): errors of some millionths of the
-        largest magnitude, in half the time or less.
+        Compute in single precision if n_samples is a multiple of 4 (default False). This takes at most half
+        the time, with errors of a few millionths of the largest magnitude.
 
     Returns
     -------
@@ -50,12 +50,12 @@ def dft321(acceleration: ArrayLike, *, single: bool = False) -> Samples:
 
     Notes
     -----
-    Where axes cancel, as two axes of opposite sign do, the phase of the sum is rounding noise. Axis i of c is
-    therefore weighted with 1 + (c - 1 - i) `TIE_BREAK`: the earlier axis decides, without any threshold.
+    Where axes cancel, such as two axes of opposite sign, the phase of the sum would be rounding noise. Axis i
+    of c is therefore weighted with 1 + (c - 1 - i) `TIE_BREAK`, so the earlier axis determines the phase.
 
-    Phases of different axes are mixed, so a short event may spread in time. Locate events on the axes.
+    Phases of different axes are mixed, so a short event may spread in time. Locate events on the single axes.
 
-    The transform is not padded to a fast length: padding would move energy out of the signal.
+    The transform is not padded to a fast length, because padding would move energy out of the signal.
 
     References
     ----------
@@ -86,14 +86,14 @@ def dft321(acceleration: ArrayLike, *, single: bool = False) -> Samples:
     centred: Any = np.empty(n, dtype=np.float32 if single else np.float64)
     energy: Any = 0.0
     total: Any = 0.0
-    for i, mean in enumerate(np.ones(n) @ axes / n):  # axis by axis and in place: little memory, soon reused
+    for i, mean in enumerate(np.ones(n) @ axes / n):  # axis by axis and in place, to save memory
         np.subtract(axes[:, i], mean, out=centred, casting="same_kind")
         A = rfft_quarters(centred) if single else scipy.fft.rfft(centred)
         energy += A.real**2
         energy += A.imag**2
         A *= 1 + (n_axes - 1 - i) * tie_break
         total += A
-    energy.flat[0] = 0.0  # the mean, which is 0 but for rounding
+    energy.flat[0] = 0.0  # the mean, which is 0 except for rounding errors
     power = total.real**2 + total.imag**2
     vanishing = power == 0
     total[vanishing], power[vanishing] = 1.0, 1.0
@@ -104,7 +104,7 @@ def dft321(acceleration: ArrayLike, *, single: bool = False) -> Samples:
 
 
 def combine(acceleration: ArrayLike, *, single: bool = False) -> Samples:
-    """Return one zero-mean signal: a single channel without its mean, several axes by `dft321`.
+    """Return one zero-mean signal: a single channel without its mean, or several axes combined by `dft321`.
 
     Parameters
     ----------
@@ -128,10 +128,10 @@ def combine(acceleration: ArrayLike, *, single: bool = False) -> Samples:
 
 
 def remove_hand_motion(x: ArrayLike, fs: float) -> Samples:
-    """Subtract gravity and slow hand motion, estimated by a moving average over `HAND_WINDOW_S`.
+    """Subtract gravity and slow hand motion, estimated by a moving average over T = `HAND_WINDOW_S`.
 
-    The gain 1 - sin(pi f T) / (pi f T) is 0.06 at 1 Hz, 0.36 at 2.5 Hz and 1 at 5 Hz, where voluntary strokes
-    end and textures begin.
+    The gain 1 - sin(pi f T) / (pi f T) is 0.06 at 1 Hz, 0.36 at 2.5 Hz and 1 at 5 Hz. Voluntary strokes are
+    below 5 Hz, vibrations of textures above.
 
     Parameters
     ----------
@@ -156,19 +156,19 @@ def remove_hand_motion(x: ArrayLike, fs: float) -> Samples:
 
 
 def moving_average(x: ArrayLike, n: int) -> Samples:
-    """Return the centred moving average over `n` samples; at the ends, over the samples that exist.
+    """Return the centred moving average over `n` samples; at the ends, over the available samples.
 
     Parameters
     ----------
     x : array_like of shape (n_samples,)
         Signal in any unit.
     n : int
-        Window length in samples, at least 1; may exceed the signal.
+        Window length in samples, at least 1; may exceed the length of the signal.
 
     Returns
     -------
     ndarray of shape (n_samples,)
-        Output i is the mean of x[i - n//2 : i - n//2 + n], so a constant stays a constant.
+        Output i is the mean of x[i - n//2 : i - n//2 + n], so a constant signal is unchanged.
 
     Examples
     --------
@@ -206,7 +206,7 @@ def butterworth(
 
 
 def zero_phase(sos: Samples, x: ArrayLike) -> Samples:
-    """Filter forwards and backwards along the first axis: no delay, and the gain is applied twice.
+    """Filter forwards and backwards along the first axis: without delay, with the gain applied twice.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def zero_phase(sos: Samples, x: ArrayLike) -> Samples:
 
 
 def causal(sos: Samples, x: ArrayLike, state: Samples | None = None) -> tuple[Samples, Samples | None]:
-    """Filter the next block of a signal forwards along the first axis.
+    """Filter the next block of a signal along the first axis, forwards only.
 
     Parameters
     ----------
@@ -234,8 +234,8 @@ def causal(sos: Samples, x: ArrayLike, state: Samples | None = None) -> tuple[Sa
     x : array_like of shape (n_samples, ...)
         Next block; may be empty.
     state : ndarray of shape (n_sections, 2, ...), optional
-        State returned for the previous block. By default the filter has settled on the first sample, so that
-        a constant offset causes no transient.
+        State returned for the previous block. By default, the filter starts in the steady state of the first
+        sample, so that a constant offset causes no transient.
 
     Returns
     -------
@@ -267,7 +267,7 @@ def bandpass(x: ArrayLike, band_hz: tuple[float, float], fs: float, *, order: in
 
 
 def all_finite(x: ArrayLike, name: str, *, at_least: int = 0) -> Samples:
-    """Return `x` as float64, or raise ValueError if it contains NaN or infinity or has too few samples."""
+    """Convert `x` to float64; raise ValueError if it contains NaN or infinity or has too few samples."""
     samples = np.asarray(x, dtype=np.float64)
     if at_least and (samples.ndim == 0 or len(samples) < at_least):
         raise ValueError(f"{name} must have at least {at_least} sample(s), got shape {samples.shape}")
@@ -279,7 +279,7 @@ def all_finite(x: ArrayLike, name: str, *, at_least: int = 0) -> Samples:
 
 
 def one_channel(x: ArrayLike, name: str, *, at_least: int = 1) -> Samples:
-    """Return `x` as float64 of shape (n_samples,), or raise ValueError."""
+    """Convert `x` to float64 of shape (n_samples,); raise ValueError if that is not possible."""
     samples = all_finite(x, name)
     if samples.ndim != 1 or samples.size < at_least:
         raise ValueError(
@@ -289,7 +289,7 @@ def one_channel(x: ArrayLike, name: str, *, at_least: int = 1) -> Samples:
 
 
 def to_unit_scale(x: Samples) -> tuple[Samples, int]:
-    """Return `x` / 2^e with largest magnitude in [0.5, 1), and the exponent e; exact for any magnitude."""
+    """Return `x` / 2^e, whose largest magnitude is in [0.5, 1), and e; the scaling is exact."""
     exponent = int(np.frexp(np.max(np.abs(x), initial=0.0))[1])
     with np.errstate(under="ignore"):
         return np.ldexp(x, -exponent), exponent
@@ -303,7 +303,7 @@ def positive(value: float, name: str) -> float:
 
 
 def angular_frequencies(omega: ArrayLike) -> Samples:
-    """Return angular frequencies (rad per sample), float64 of shape (n_frequencies,), or raise ValueError."""
+    """Convert angular frequencies (rad per sample) to float64; raise ValueError if they are not 1-D."""
     w = np.ascontiguousarray(all_finite(omega, "omega"))
     if w.ndim != 1:
         raise ValueError(f"omega must have shape (n_frequencies,), got {w.shape}")

@@ -1,4 +1,4 @@
-"""Validation of TOML and JSON files (cards, pipelines, feature sets, scenes, results), and its messages.
+"""Validate TOML and JSON files (cards, pipelines, feature sets, scenes, results), with readable messages.
 
 Each kind of file is a pydantic model derived from `StrictModel`. The fields of the model are the keys of the
 file.
@@ -19,11 +19,11 @@ from pydantic_core import ErrorDetails
 
 M = TypeVar("M", bound=BaseModel)
 MAX_TOML = 1 << 20
-"""Largest size of a TOML file in bytes; shipped definitions need less than a hundredth."""
+"""Largest size of a TOML file in bytes; shipped definitions are less than a hundredth of it."""
 _DEEP = re.compile(rb"""(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")
-"""Keys with 32 or more parts, for which the time of the parser is quadratic."""
+"""Keys with 32 or more parts, for which parsing time is quadratic."""
 _CONTROL = re.compile(r"(?<!\\)(?:\\\\)*(\\[bf]|\\u00(?:0[0-8be-f]|1[0-9a-f]|[89][0-9a-f])|\x7f)")
-"""Control characters in JSON, except tabs and line ends, which could change a terminal."""
+"""Control characters in JSON that could manipulate a terminal; tabs and line ends are allowed."""
 _EXPECTED = {
     "bool_type": "true or false",
     "dict_type": "a table",
@@ -44,11 +44,11 @@ _EXPECTED = {
     "too_short": "at least {min_length} of them",
     "tuple_type": "a list",
 }
-"""Expected value by error type of pydantic, where its own text is for programmers."""
+"""Expected value by error type of pydantic, where the text of pydantic is written for programmers."""
 
 
 class StrictModel(BaseModel):
-    """Base of all file models: frozen; unknown keys and values of another type are errors.
+    """Base of all file models: frozen; unknown keys and values of the wrong type are errors.
 
     Text is not converted to numbers, but lists are accepted for tuples and integers for floats.
     """
@@ -70,7 +70,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         data = file.read(MAX_TOML + 1)
     if len(data) > MAX_TOML or _DEEP.search(data):
         raise ValueError(
-            f"{path}: not valid TOML (larger than {MAX_TOML} bytes, or a key with 32 or more parts)"
+            f"{path}: refused as TOML. Expected at most {MAX_TOML} bytes, and keys of fewer than 32 parts"
         )
     try:
         return tomllib.loads(data.decode("utf-8-sig"))
@@ -101,7 +101,7 @@ def validate(model: type[M], content: Any, where: object, *, context: object = N
     content : mapping
         Content from a TOML or JSON parser.
     where : str or Path
-        File for messages, or file and key of a table.
+        File, or file and key of a table, named in messages.
     context : object, optional
         Context for the validators of the model, such as the file to which paths are relative.
 
@@ -127,7 +127,8 @@ def validate(model: type[M], content: Any, where: object, *, context: object = N
     """
     if not isinstance(content, Mapping):
         raise ValueError(
-            f"{where}: {_shorten(content)}. Expected a table of {', '.join(_keys([*_models_in(model)]))}"
+            f"{where} contains {_shorten(content)}. Expected a table with the keys "
+            f"{', '.join(_keys([*_models_in(model)]))}"
         )
     try:
         # In JSON mode, lists are accepted for tuples and everything else stays strict.
@@ -179,15 +180,15 @@ def _describe(error: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _expected_value(error: ErrorDetails, tables: list[type[BaseModel]]) -> str:
-    """Return what pydantic expected, in plain words."""
+    """Describe in plain words what pydantic expected."""
     context = error.get("ctx", {})
     match error["type"]:
         case "model_type":
-            return f"a table of {', '.join(_keys(tables))}"
+            return f"a table with the keys {', '.join(_keys(tables))}"
         case "literal_error" | "enum":
             return f"one of {', '.join(_split_quoted(context['expected']))}"
         case "string_pattern_mismatch":
-            return f"text like {context['pattern']}"
+            return f"text that matches {context['pattern']}"
     template = _EXPECTED.get(error["type"])
     return template.format_map(context) if template else error["msg"].removeprefix("Input should be ")
 
@@ -200,9 +201,9 @@ def _follow(
     Returns
     -------
     key : str
-        Key as in the file: "rows.2.name", with lists counted from 1.
+        Key as in the file, such as "rows.2.name", where items of lists are counted from 1.
     field : FieldInfo or None
-        Last field on the way.
+        Innermost field that contains the location.
     tables : list of type
         Models that are valid at the location; for an unknown key, the models that lack it.
     """
@@ -243,11 +244,11 @@ def _keys(tables: list[type[BaseModel]]) -> dict[str, None]:
 
 
 def _split_quoted(text: str) -> list[str]:
-    """Return the quoted values in a text such as "'a', 'b' or 'c'", or the text if there are none."""
+    """Return the quoted values in a text such as "'a', 'b' or 'c'", or the text itself if there are none."""
     return re.findall(r"'([^']*)'", text) or [text]
 
 
 def _shorten(value: Any) -> str:
-    """Return an invalid value for a message, in at most 60 characters."""
+    """Format an invalid value for a message, in at most 60 characters."""
     text = json.dumps(value, default=repr) if isinstance(value, dict | list) else repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

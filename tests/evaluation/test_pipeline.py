@@ -154,7 +154,7 @@ def test_use_accepts_allowed_estimators_only(tmp_path, monkeypatch):
     [
         (WHOLE + "[other]\n", r"mine\.toml: unknown key other \(expected one of features, "),
         (WHOLE.replace("seed = 1\n", ""), "missing key seed"),
-        (WHOLE.replace("strese2015", "none"), r"mine\.toml: features: none: no such TOML file"),
+        (WHOLE.replace("strese2015", "none"), r"mine\.toml: features: none is neither a TOML file"),
         (WHOLE.replace("friction", "smell"), "rows: F: features: .*'smell' is neither"),
         (WHOLE + "published = { svm = 3 }\n", "rows: F: published contains 'svm'"),
         (WHOLE + "published = { naive_bayes = 300 }\n", "published.naive_bayes is 300. .* 100"),

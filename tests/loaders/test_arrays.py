@@ -59,7 +59,7 @@ def test_more_values_than_the_limit_are_refused_before_they_are_read(tmp_path, m
         archive.writestr("acceleration.npy", member.getvalue())
     (tmp_path / "r.npy").write_bytes(member.getvalue())
     for name in ("r.npz", "r.npy"):
-        assert_refused(tmp_path / name, rf"{name}: announces 1000000000000 values")
+        assert_refused(tmp_path / name, rf"{name}: its header announces 1000000000000 values")
     monkeypatch.setattr(readers, "MAX_VALUES", 399)
     np.savez_compressed(tmp_path / "r.npz", acceleration=SIGNAL)
     with h5py.File(tmp_path / "r.h5", "w") as file:
@@ -155,7 +155,9 @@ def test_files_of_a_few_kilobytes_cannot_announce_gigabytes_but_what_deflate_can
     for name, n in (("r.h5", 900_000_000), ("r.parquet", 20_000_000)):
         assert (tmp_path / name).stat().st_size < 100_000
         with bounded():
-            assert_refused(tmp_path / name, rf"{name}: announces {n} values in \d+ bytes")
+            assert_refused(
+                tmp_path / name, rf"{name}: its header announces {n} values, but the file has \d+ bytes"
+            )
     ticks = np.zeros(2_000_000)
     ticks[::1000] = 1.0
     np.savez_compressed(tmp_path / "r.npz", acceleration=ticks)
@@ -237,5 +239,5 @@ def test_groups_that_are_nested_too_deep_are_refused_at_once(tmp_path):
     assert load_recording(tmp_path / "r.h5", fs=1000, unit="counts").n_samples == 50
     with h5py.File(tmp_path / "r.h5", "a") as file:
         file.create_group("h/" * 32)
-    with pytest.raises(RecordingError, match=r"has groups 33 deep.*at most 32 and 10000"):
+    with pytest.raises(RecordingError, match=r"group at nesting level 33 .*at most 32 levels and 10000"):
         load_recording(tmp_path / "r.h5", fs=1000, unit="counts")

@@ -131,7 +131,7 @@ def test_left_out_unreadable_and_single_files_are_questions(tmp_path):
     (tmp_path / "wool_2.csv").write_text("x,y,z\n1,oops,3\n")
     text = draft_card(tmp_path, tmp_path, fs=1000.0, unit="g")
     questions = " ".join(line for line in text.splitlines() if line.startswith(QUESTION))
-    assert "1 file left out, reference.csv first" in questions
+    assert "1 file left out, for example reference.csv" in questions
     assert "1 of 4 files cannot be read" in questions
     assert "wool_2.csv" in questions
 

@@ -57,11 +57,12 @@ def test_drafted_cards_and_flat_folders_leave_out_hidden_files(surfaces, tmp_pat
     [
         (
             ["oak/02.csv", "oak/03.csv"],
-            "3 recordings have the same content as another, first 'oak/01', 'oak/02'",
+            "3 recordings have the same content as another, for example 'oak/01', 'oak/02'",
         ),
         (
             ["slate/07.csv"],
-            "2 recordings have the same content as another but different labels, first 'oak/01', 'slate/07'",
+            "2 recordings have the same content as another but a different label, for example 'oak/01', "
+            "'slate/07'",
         ),
     ],
 )
@@ -81,7 +82,7 @@ def test_equal_rows_of_tables_are_copies(tmp_path):
     )
     dataset = open_dataset(tmp_path / "card.toml")
     assert [[entry.recording_id for entry in alike] for alike in dataset.copies] == [["oak_01", "oak_03"]]
-    assert "first 'oak_01', 'oak_03'" in dataset.notes[0]
+    assert "for example 'oak_01', 'oak_03'" in dataset.notes[0]
 
 
 def test_surfaces_in_two_normal_forms_are_one(tmp_path, axes, write):

@@ -165,7 +165,7 @@ def test_companions_join_change_the_hash_and_missing_ones_are_flagged(mine):
 
 def test_signals_of_different_length_are_refused_unless_the_card_trims(mine):
     np.savetxt(mine.root / "wood_Friction_2.txt", np.arange(490.0))
-    with pytest.raises(RecordingError, match="friction has 490 samples, acceleration 500"):
+    with pytest.raises(RecordingError, match="friction has 490 samples, but acceleration has 500"):
         mine(COMPANIONS)[1]
     trimmed = mine("trim = true\n" + COMPANIONS)[1]
     assert trimmed.n_samples == len(trimmed.friction) == 490
@@ -232,7 +232,10 @@ def test_a_gap_in_a_row_spoils_that_row_only(taps):
 def test_rows_that_do_not_fit_are_refused(taps):
     with pytest.raises(RecordingError, match=r"two\.csv.*the same rows and labels"):
         taps(plates=(("oak", "oak", "tin"), ("oak", "tin", "tin")))
-    for content, message in (("a,b\n1,2\n", "no column 'plate'"), ("a,plate\nx,oak\n", "not a table")):
+    for content, message in (
+        ("a,b\n1,2\n", "no column 'plate'"),
+        ("a,plate\nx,oak\n", "cannot be read as a table"),
+    ):
         (taps.root / "one.csv").write_text(content)
         with pytest.raises(RecordingError, match=message):
             open_dataset(taps.root.parent / "card.toml")
@@ -347,7 +350,7 @@ def test_a_shipped_name_wins_over_a_folder_and_a_wrong_one_lists_them(tmp_path, 
     (tmp_path / "simulated").mkdir()
     monkeypatch.chdir(tmp_path)
     assert len(open_dataset("simulated")) == 240
-    with pytest.raises(FileNotFoundError, match=r"nothing: no such TOML file.*biotac20, borealtc"):
+    with pytest.raises(FileNotFoundError, match=r"nothing is neither a TOML file.*biotac20, borealtc"):
         open_dataset("nothing")
 
 
@@ -400,10 +403,12 @@ def test_unmatched_files_of_the_same_format_are_counted(mine, folder, axes, writ
     for k, name in enumerate(("wood-AB-9.csv", "b.csv", "notes.md")):
         write(mine.root / name, axes + k)
     (note,) = mine().notes
-    assert note.startswith("2 files left out, 'b.csv' first: change `files`, '(?P<recording>")
+    assert note.startswith("2 files left out, for example 'b.csv': change `files`, '(?P<recording>")
     write(folder / "stray.csv", axes)
     (note,) = open_dataset(folder, fs=FS, unit="g").notes
-    assert note == "1 file left out, 'stray.csv' first: move it to the folder of a surface to include it"
+    assert (
+        note == "1 file left out, for example 'stray.csv': move it to the folder of a surface to include it"
+    )
 
 
 @pytest.mark.parametrize(

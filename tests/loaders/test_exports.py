@@ -182,14 +182,16 @@ def test_a_model_trained_on_exports_predicts_an_export(tmp_path, monkeypatch):
 def test_a_file_of_another_sensor_is_no_acceleration(tmp_path, name):
     path = tmp_path / name
     path.write_text("time,x,y,z\n" + "".join(f"{k / 100},{k % 7},{k % 5},{k % 3}\n" for k in range(300)))
-    with pytest.raises(RecordingError, match=rf"{re.escape(name)}: its name is that of a .*--column"):
+    with pytest.raises(
+        RecordingError, match=rf"{re.escape(name)}: the file name denotes another sensor .*--column"
+    ):
         load_recording(path, unit="m/s^2")
     assert load_recording(path, unit="arbitrary", column=("x", "y", "z")).fs == 100
 
 
 def test_files_of_two_sensors_must_share_their_time(tmp_path):
     sensor_logger(tmp_path / "rec", late_s=5.0)
-    with pytest.raises(RecordingError, match=r"Gyroscope\.csv: it covers 50% of the times of"):
+    with pytest.raises(RecordingError, match=r"Gyroscope\.csv: it covers 50% of the time stamps of"):
         load_recording(tmp_path / "rec", unit="m/s^2")
     gyroscope = tmp_path / "rec/Gyroscope.csv"
     gyroscope.write_text(gyroscope.read_text().replace("time,", "clock,", 1))

@@ -178,7 +178,7 @@ def test_one_clipped_axis_is_enough_for_the_flag_and_a_constant_axis_is_named():
 
 def test_a_recording_that_does_not_vary_or_is_one_sample_is_refused():
     for axes in (np.full(100, 3.0), np.ones((100, 3))):
-        with pytest.raises(RecordingError, match=r"r\.wav: acceleration is constant"):
+        with pytest.raises(RecordingError, match=r"r\.wav: the acceleration is constant"):
             acceleration_flags(axes, ("x",), "r.wav")
     with pytest.raises(RecordingError, match=r"contains 1 sample\. Expected at least 2"):
         acceleration_flags(np.ones(1), ("x",), "r")
@@ -227,7 +227,7 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path):
     for content, message in (
         ("a,b\n1,2\nx,4\n", "line 3 is 'x,4', column 'a' is not a number. Expected a number in every cell"),
         ("a,b\n1,2\n,4\n", "line 3 is ',4', column 'a' is not a number.*--drop-incomplete"),
-        ("a,b\n1,2\n3\n", "line 3 is '3', it has 1 cell, the other lines have 2.*--drop-incomplete"),
+        ("a,b\n1,2\n3\n", "line 3 is '3' with 1 cell, but the other lines have 2.*--drop-incomplete"),
         ("a,a\n1,2\n", "no column 'a'; the columns are 'a#1', 'a#2'"),
         ("a;b\n1.234,5;2\n", "line 2 is '1.234,5;2', column 'a' is not a number"),
         ("\n\n", "no column 'a'; the columns are none"),
@@ -338,7 +338,9 @@ def test_dates_in_a_time_column_give_the_rate(tmp_path, axes, name, between, zon
         recording = load_recording(tmp_path / f"r.{suffix}", unit="counts")
         np.testing.assert_array_equal(recording.acceleration, axes)
         assert recording.fs == 250
-        with pytest.raises(RecordingError, match=r"fs is 250 Hz by its column.*, but 250000 Hz was given"):
+        with pytest.raises(
+            RecordingError, match=r"fs is 250 Hz according to its column.*, but 250000 Hz was given"
+        ):
             load_recording(tmp_path / f"r.{suffix}", unit="counts", fs=250_000)
         with pytest.raises(RecordingError, match=f"{name} contains datetime64.*Expected real numbers"):
             load_recording(tmp_path / f"r.{suffix}", fs=250, unit="counts", column=name)
@@ -356,7 +358,8 @@ def test_a_time_column_gives_the_rate_or_contradicts_the_option(tmp_path, axes, 
         assert recording.fs == 250
         np.testing.assert_allclose(recording.acceleration, axes, atol=1e-6)
     with pytest.raises(
-        RecordingError, match=rf"fs is 250 Hz by its column '{re.escape(name)}'.*but 1000 Hz was given"
+        RecordingError,
+        match=rf"fs is 250 Hz according to its column '{re.escape(name)}'.*but 1000 Hz was given",
     ):
         load_recording(path, unit="counts", fs=1000)
 

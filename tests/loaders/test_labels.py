@@ -100,7 +100,7 @@ def test_an_invalid_table_is_an_error_with_its_row(mine, table, message):
 def test_a_name_of_two_files_is_refused(mine):
     np.savetxt(mine / "more/rec001.txt", np.random.default_rng(9).normal(size=2000))
     table = "file,surface\nrec001,a\nrec002,b\nrec003,c\n"
-    with pytest.raises(CardError, match=r"'rec001' matches both .*Expected the path of the file"):
+    with pytest.raises(CardError, match=r"'rec001' matches both .*Expected a path within the folder"):
         open_labelled(mine, table)
     assert len(open_labelled(mine, f"{table}more/rec001,d\n")) == 4
 

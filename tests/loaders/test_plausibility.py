@@ -70,7 +70,7 @@ def test_similar_folder_names_and_labels_that_are_sessions_are_noted(tmp_path):
     (note,) = open_dataset(tmp_path, fs=FS, unit="m/s^2").notes
     assert note.startswith("the labels are day 1, day 2, and each of these folders contains Wood, steel")
     (note,) = open_dataset(tmp_path / "day 1", fs=FS, unit="m/s^2").notes
-    assert note.startswith("surfaces 'Wood' and 'wood' differ only in case or blanks: rename them if")
+    assert note.startswith("surfaces 'Wood' and 'wood' differ only in case or blanks: rename one of them if")
     assert similar_label_notes(["oak", "beech"]) == []
     for usual in (
         ["wood/one/r.txt", "steel/one/r.txt"],

@@ -117,7 +117,7 @@ def test_a_complete_download_needs_no_network_and_a_changed_file_is_an_error(she
     assert server.requests == []
     (shelf.parent / "data" / "plates" / "oak" / "1.csv").write_text("x\n1\n2\n")
     code, _, err = command("datasets", "get", shelf)
-    assert (code, "plates: the SHA-256 over 2 files is" in err) == (1, True)
+    assert (code, "plates: the SHA-256 of the 2 files is" in err) == (1, True)
 
 
 def test_the_proxy_of_the_environment_is_used(shelf, server, command, monkeypatch):
@@ -138,7 +138,7 @@ def test_an_invalid_list_is_an_error_with_its_line(shelf, command):
 
 def test_a_card_without_download_names_the_source_and_an_invalid_url_is_an_error(shelf, command):
     code, _, err = command("datasets", "get", "lmt69")
-    assert (code, "no [download]. Get them from https://zeus.lmt" in err) == (1, True)
+    assert (code, "no table [download]. Get them from https://zeus.lmt" in err) == (1, True)
     shelf.write_text(shelf.read_text().replace("http://", "ftp://"))
     with pytest.raises(CardError, match=r"download.url is 'ftp:.*. Expected an address that ends with /"):
         read_card(shelf)

@@ -95,7 +95,7 @@ def test_a_sample_continues_with_further_recordings_and_overwrites_no_other_file
     }
     last.write_text("mine\n")
     with pytest.raises(
-        ValueError, match=r"mesh_06.txt exists with other content. Expected a new or empty folder"
+        ValueError, match=r"mesh_06.txt exists with different content. Expected a new or empty folder"
     ):
         write_sample(tmp_path)
     assert last.read_text() == "mine\n"

@@ -394,13 +394,13 @@ def test_what_was_assumed_is_reported(tmp_path):
     for kind, flag in (
         ("pandas without names", "names: the line '0,1,2' is read as column names, not as a row"),
         ("units below the names", "units: s, m/s^2, from the lines above the rows"),
-        ("comments anywhere", "comments: 3 lines between the rows skipped"),
+        ("comments anywhere", "comments: 3 comment lines between the rows skipped"),
         (
             "boot lines",
-            "header: 4 lines above the rows ignored, 'ets Jun  8 2016 00:22:57' first",
+            "header: 4 lines above the rows ignored, starting with 'ets Jun  8 2016 00:22:57'",
         ),
         ("European", "decimals: commas are read as decimal points"),
-        ("a code page of Windows", "encoding: not UTF-8, read as Windows-1252"),
+        ("a code page of Windows", "encoding: the text is not UTF-8, read as Windows-1252"),
     ):
         suffix, content, options, _ = TABLES[kind]
         assert flag in load(write(tmp_path, suffix, content), **options).flags
@@ -454,4 +454,6 @@ def test_what_was_assumed_of_a_file_per_axis_is_reported_once(tmp_path):
         rows = np.random.default_rng(k).normal(size=500).astype(str)
         (tmp_path / f"r_{axis}.txt").write_text("\n".join([*rows[:9], "# paused", *rows[9:]]))
     flags = load(tmp_path / "r_x.txt").flags
-    assert [flag for flag in flags if "comment" in flag] == ["comments: 1 line between the rows skipped"]
+    assert [flag for flag in flags if "comment" in flag] == [
+        "comments: 1 comment line between the rows skipped"
+    ]

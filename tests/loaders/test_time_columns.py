@@ -86,7 +86,7 @@ def test_times_of_day_pass_midnight(tmp_path):
 
 def test_several_plausible_units_are_refused_and_the_message_names_the_option(tmp_path):
     path = write(tmp_path / "r.csv", numbers(np.arange(N) / 10))
-    with pytest.raises(RecordingError, match=r"10 Hz if in s or 10000 Hz if in ms by.*--time-unit"):
+    with pytest.raises(RecordingError, match=r"10 Hz if in s or 10000 Hz if in ms.*--time-unit"):
         loaded(path)
     assert loaded(path, time_unit="ms").fs == 10_000
     assert loaded(path, time_unit="s").fs == 10
@@ -111,7 +111,7 @@ def test_a_column_that_is_named_like_time_but_is_no_time_is_ignored_and_reported
     path.write_text(f"x,time\n{rows}\n")
     recording = load_recording(path, fs=100, unit="g")
     (flag,) = recording.flags
-    assert flag == "time: column 'time' is ignored, not all rows have a number or date in it"
+    assert flag == "time: column 'time' is ignored, some rows contain no number or date"
 
 
 def test_a_time_column_of_another_length_is_ignored_and_reported_or_refused(tmp_path):
@@ -136,7 +136,9 @@ def test_a_column_that_is_named_like_time_but_does_not_increase_is_ignored_and_r
 
 def test_no_time_column_leaves_time_stamps_unread(tmp_path):
     path = write(tmp_path / "mine" / "oak" / "r.csv", numbers(np.arange(N) / 100))
-    with pytest.raises(RecordingError, match="fs is 100 Hz by its column 'time', but 1000 Hz was given"):
+    with pytest.raises(
+        RecordingError, match="fs is 100 Hz according to its column 'time', but 1000 Hz was given"
+    ):
         loaded(path, fs=1000)
     for recording in (
         loaded(path, fs=1000, time_column="none"),
@@ -215,7 +217,7 @@ def test_a_folder_with_two_rates_names_the_file_that_the_first_one_is_from(tmp_p
         write(tmp_path / surface / "r.csv", numbers(np.arange(N) / fs))
     dataset = open_dataset(tmp_path, unit="counts")
     assert dataset[0].fs == 100
-    with pytest.raises(RecordingError, match=r"fs is 300 Hz by .*100 Hz in .*oak/r.csv.*resample all files"):
+    with pytest.raises(RecordingError, match=r"fs is 300 Hz according.*100 Hz in .*oak/r.csv.*resample all"):
         dataset[1]
 
 
@@ -246,7 +248,7 @@ def test_a_quantised_sensor_at_rest_keeps_its_repeated_rows(tmp_path):
 def test_a_log_with_most_samples_missing_names_the_way_out(tmp_path):
     t = np.cumsum(np.where(np.arange(N) % 3 == 2, 0.05, 0.01))
     path = write(tmp_path / "r.csv", numbers(t))
-    with pytest.raises(RecordingError, match=r"samples are missing by its time stamps.*--time-column none"):
+    with pytest.raises(RecordingError, match=r"according to its time stamps.*--time-column none"):
         loaded(path, fs=100)
 
 
@@ -276,7 +278,7 @@ def test_recordings_that_were_resampled_up_are_reported_before_any_table(tmp_pat
 def test_a_stored_rate_that_contradicts_the_time_stamps_is_refused(tmp_path):
     path = tmp_path / "a.mat"
     scipy.io.savemat(path, {"acc": VALUES, "t": np.arange(N) / 100, "Fs": 1000.0})
-    with pytest.raises(RecordingError, match=r"'t' contradicts its sampling rate, 1000 Hz.*column t the"):
+    with pytest.raises(RecordingError, match=r"'t' contradicts its sampling rate, 1000 Hz.*column t to"):
         loaded(path, column="acc")
     assert loaded(path, column="acc", time_column="t").fs == pytest.approx(100)
     assert loaded(path, column="acc", time_column="none").fs == 1000

@@ -91,7 +91,7 @@ def test_times_of_receipt_that_come_in_bursts_count_samples_only():
         signal, fs, flags = _uniform(received, np.arange(N), by_header=False)
         np.testing.assert_array_equal(signal, np.arange(N))
         assert fs == pytest.approx(FS, rel=0.01)
-        assert flags[-1].endswith("samples taken as evenly spaced")
+        assert flags[-1].endswith("samples assumed evenly spaced")
 
 
 @pytest.mark.parametrize("fs", [400.0, 333.0, 150.0])
@@ -100,7 +100,7 @@ def test_stamps_in_whole_milliseconds_count_samples_only(fs):
     signal, fs_out, flags = _uniform(stamps.astype(np.int64), np.arange(N))
     np.testing.assert_array_equal(signal, np.arange(N))
     assert fs_out == fs
-    assert flags[-1].endswith("samples taken as evenly spaced")
+    assert flags[-1].endswith("samples assumed evenly spaced")
 
 
 def test_late_messages_are_not_losses():

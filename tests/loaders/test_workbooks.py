@@ -56,7 +56,10 @@ def test_the_first_sheet_with_numbers_is_read_and_reported(tmp_path):
     path = workbook(tmp_path / "a.xlsx", About=about, Raw=rows, Other=rows)
     recording = load_recording(path, fs=100, unit="g")
     assert len(recording.acceleration) == 60
-    assert "sheet: 'Raw' is read, 1 other sheet ignored; --column 'Other/x' selects one" in recording.flags
+    assert (
+        "sheet: 'Raw' is read, 1 other sheet ignored; to select another, pass --column, e.g. 'Other/x'"
+        in recording.flags
+    )
     with pytest.raises(RecordingError, match=r"a\.xlsx: no sheet has rows of numbers"):
         load_recording(workbook(tmp_path / "a.xlsx", About=about), fs=100, unit="g")
 
@@ -127,7 +130,9 @@ def test_a_workbook_that_expands_without_end_is_refused(tmp_path):
     path = workbook(tmp_path / "a.xlsx", Data=A.tolist())
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("xl/worksheets/sheet9.xml", bytes(1 << 27))
-    with pytest.raises(RecordingError, match=r"a\.xlsx: expands to .* 64 MB, or 100 times its size"):
+    with pytest.raises(
+        RecordingError, match=r"a\.xlsx: expands to .* 64 MB, or 100 times the size of the file"
+    ):
         load_recording(path, fs=100, unit="g", column="1")
 
 
@@ -233,7 +238,7 @@ def test_a_rate_that_contradicts_the_time_channel_of_tdms_is_refused(tmp_path):
     channels = {"Time": (T, {}), "x": (A[:, 0].copy(), {"wf_increment": 1.0})}
     path = tdms(tmp_path / "a.tdms", channels)
     with pytest.raises(
-        RecordingError, match="--time-column none uses the sampling rate, --time-column Time the"
+        RecordingError, match="--time-column none to use the sampling rate, or --time-column Time to"
     ):
         load_recording(path, unit="g")
     assert load_recording(path, unit="g", time_column="Time").fs == pytest.approx(100)

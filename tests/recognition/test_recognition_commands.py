@@ -167,7 +167,7 @@ TRAIN = "train plates.toml -o m.skops --pipeline"
         ("model none.skops", "No such file"),
         ("model few.toml", "few.toml: it is truncated or not an archive"),
         (f"{TRAIN} few.toml --row x", "no row 'x'"),
-        (f"{TRAIN} nothing", "nothing: no such TOML file"),
+        (f"{TRAIN} nothing", "nothing is neither a TOML file"),
     ],
 )
 def test_invalid_input_gives_one_line(run, work, arguments, message):

@@ -120,7 +120,9 @@ def test_a_topic_must_be_selected_by_name_if_several_have_an_acceleration(tmp_pa
 def test_a_contradicting_rate_or_unit_raises_an_error(tmp_path, values):
     path = write_bag(tmp_path, "bag", {"/imu": _imu(values)})
     assert load_recording(path, fs=200, unit="m/s^2").fs == 200
-    with pytest.raises(RecordingError, match="fs is 200 Hz by its header time stamps, but 250 Hz was given"):
+    with pytest.raises(
+        RecordingError, match="fs is 200 Hz according to its header time stamps, but 250 Hz was given"
+    ):
         load_recording(path, fs=250)
     with pytest.raises(RecordingError, match=r"its unit is 'm/s\^2', but 'g' was given"):
         load_recording(path, unit="g")

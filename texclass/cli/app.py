@@ -34,7 +34,7 @@ def texclass(
 
 
 def escape_control_characters(text: str) -> str:
-    """Return a text whose control characters are escaped, so that file names cannot steer a terminal."""
+    """Escape the control characters of a text, so that file names cannot manipulate a terminal."""
     return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
 
 
@@ -43,7 +43,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # characters that the output cannot encode become "?"
             stream.reconfigure(errors="replace")
-    gc.set_threshold(100_000)  # imported modules are never garbage, so collect less often
+    gc.set_threshold(100_000)  # imported modules are never freed, so collect garbage less often
     try:
         app(prog_name="texclass")
     except (ValueError, OSError, ImportError) as error:

@@ -1,4 +1,4 @@
-"""Report of the study of features under different speeds, forces and impacts."""
+"""Report of the invariance study: features under different speeds, forces and impacts."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -29,8 +29,8 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
     Parameters
     ----------
     data : mapping
-        JSON of the study: `rows` with feature, set, origin, condition, ratio (of the deviation between
-        surfaces to that within one; None where undefined) and trend.
+        JSON of the study: `rows` with feature, set, origin, condition, ratio (deviation between surfaces over
+        deviation within a surface; None where undefined) and trend.
     """
     rows = pd.DataFrame(
         list(data["rows"]), columns=["feature", "set", "origin", "condition", "ratio", "trend"]
@@ -81,7 +81,7 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
 
 
 def _ratios(rows: pd.DataFrame, defined: pd.DataFrame, origins: Sequence[str]) -> Figure:
-    """Return a figure of the ratios of all features, sorted by their worst condition."""
+    """Return a figure of the ratios of all features, sorted by the worst condition of each."""
     worst = defined.groupby(["origin", "set", "feature"], sort=False)["ratio"].min()
     order = list(worst.sort_values(ascending=False, kind="stable").index)
     table = rows[["feature", "set", "origin", "condition"]].assign(

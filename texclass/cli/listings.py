@@ -13,7 +13,7 @@ from texclass.signals import HAND_WINDOW_S
 
 
 def datasets_document() -> Document:
-    """Return a table of the shipped dataset cards: name, title, rate, and whether it is available."""
+    """Return a table of the shipped dataset cards: name, title, sampling rate and availability."""
     rows = []
     for card in map(read_card, shipped.names("datasets")):
         if isinstance(card, SimulatedCard):
@@ -30,7 +30,7 @@ def datasets_document() -> Document:
 
 
 def features_document(feature_set: str | None = None) -> Document:
-    """Return a table of all features, or of those of a set: phase, columns, unit, reference, gain law."""
+    """Return a table of the features (all, or those of a set): phase, columns, unit, reference, gain law."""
     if feature_set is None:
         title, notes = "All features", []
         columns = {name: (feature, feature.columns(name, {})) for name, feature in list_features().items()}

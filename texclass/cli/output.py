@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def write_json(path: Path | None, text: str) -> None:
-    """Write a result as JSON to the file of the option --json, if there is one; `-` is standard output."""
+    """Write a result as JSON to the file given by --json, if there is one; `-` is standard output."""
     if path == Path("-"):
         typer.echo(text)
     elif path is not None:
@@ -40,7 +40,7 @@ def print_and_save(
 
 @contextmanager
 def progress_bar() -> Iterator[Any]:
-    """Yield a function (n_done, n_total, label) that draws a progress bar on standard error."""
+    """Yield a callback `progress(n_done, n_total, label)` that draws a progress bar on standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

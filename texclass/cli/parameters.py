@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share, as types of their parameters."""
+"""Arguments and options shared by several commands, as annotated types of their parameters."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -19,11 +19,11 @@ running_option = partial(Option, rich_help_panel="Running")
 output_option = partial(Option, rich_help_panel="Output")
 
 ProtocolName = Literal["recording", "operator", "chronological", "few-shot", "grouped", "paper"]
-"""Names in `texclass.evaluation.protocols.PROTOCOLS`, copied because its import is slow."""
+"""Names in `texclass.evaluation.protocols.PROTOCOLS`, copied because importing that module is slow."""
 
 
 def shipped_names(kind: Kind) -> Callable[[str], list[str]]:
-    """Return a shell completion for the names of shipped definitions."""
+    """Return a shell-completion function for the names of shipped definitions."""
 
     def complete(incomplete: str) -> list[str]:
         from texclass.shipped import names
@@ -34,7 +34,7 @@ def shipped_names(kind: Kind) -> Callable[[str], list[str]]:
 
 
 def output_file(*flags: str, suffixes: Sequence[str], help: str) -> Any:
-    """Return an option for an output file whose suffix decides its format and is checked before any work."""
+    """Return an option for an output file; the suffix determines the format and is checked at the start."""
 
     def check(path: Path | None) -> Path | None:
         return None if path is None else check_suffix(path, *suffixes)
@@ -43,7 +43,7 @@ def output_file(*flags: str, suffixes: Sequence[str], help: str) -> Any:
 
 
 def check_folder(path: Path | None) -> Path | None:
-    """Raise an error for an output folder with the name of a file, such as `-o results.csv`."""
+    """Raise an error if an output folder is named like a file, as in `-o results.csv`."""
     files = {".csv", ".htm", ".html", ".json", ".md", ".parquet", ".pdf", ".png", ".skops", ".txt", ".xlsx"}
     if path is not None and path.suffix.lower() in files and not path.is_dir():
         raise ValueError(f"cannot write {path}: the suffix is {path.suffix!r}. Expected a folder")
@@ -219,7 +219,7 @@ def reader_settings(
     comment: str | None,
     drop_incomplete: bool,
 ) -> dict[str, Any]:
-    """Return the keyword arguments of `load_recording` for the options of the panel "Data"."""
+    """Convert the options of the panel "Data" to keyword arguments of `load_recording`."""
     from texclass.loaders.columns import split_columns
 
     return {
@@ -242,7 +242,7 @@ def protocol_name(
     test: list[str] | None,
     leave_out: str | None,
 ) -> str | None:
-    """Return the name of the protocol that the options select; None for that of the pipeline."""
+    """Return the name of the protocol selected by the options; None for the protocol of the pipeline."""
     if bool(train) != bool(test):
         raise typer.BadParameter("--train and --test must be given together")
     if sum(map(bool, (protocol, train, leave_out))) > 1:
@@ -257,13 +257,13 @@ def protocol_name(
 
 
 def check_scheduler(backend: str, scheduler: str | None) -> None:
-    """Raise an error for a Dask scheduler without `--backend dask`."""
+    """Raise an error if a Dask scheduler is given without `--backend dask`."""
     if scheduler is not None and backend != "dask":
         raise typer.BadParameter("--scheduler requires --backend dask")
 
 
 def numbers_by_name(option: str, pairs: list[str] | None) -> dict[str, float]:
-    """Return the numbers of a repeatable option with values of the form NAME=NUMBER."""
+    """Parse the values of a repeatable option, each of the form NAME=NUMBER."""
     numbers = {}
     for pair in pairs or ():
         name, _, number = pair.partition("=")

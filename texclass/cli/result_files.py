@@ -1,4 +1,4 @@
-"""Report pages of saved results, and detection of stale results."""
+"""Write report pages of saved results, and find stale results."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -10,7 +10,7 @@ from typing import Any
 
 from texclass.atomic_write import check_suffix, write_atomic
 
-# Importing the modules of results registers their kinds.
+# Importing these modules registers the kinds of results.
 from texclass.baselines import comparison  # noqa: F401
 from texclass.cli import invariance_document  # noqa: F401
 from texclass.evaluation import new_feature  # noqa: F401
@@ -47,25 +47,25 @@ def read_document(path: str | Path) -> Document:
 def _parse_number(text: str) -> float:
     """Parse a number of a result; raise an error if it is too large for a figure."""
     if not abs(float(text)) <= 1e100:
-        raise ValueError(f"a number is {text:.40}. Expected at most 1e100 in magnitude")
+        raise ValueError(f"contains the number {text:.40}. Expected at most 1e100 in magnitude")
     return int(text) if text.removeprefix("-").isdigit() else float(text)
 
 
 @contextmanager
 def damage_as_value_error(files: str) -> Iterator[None]:
-    """Convert the errors of damaged results to a ValueError that names the files."""
+    """Convert errors caused by damaged results to a ValueError that names the files."""
     try:
         yield
     except (ValueError, TypeError, LookupError, ArithmeticError, AttributeError) as error:
         raise ValueError(
-            f"{files}: damaged result ({type(error).__name__}: {error}). Run its command again"
+            f"{files}: damaged result ({type(error).__name__}: {error}). Run the command that wrote it again"
         ) from error
 
 
 def stale_results(paths: Sequence[str | Path]) -> tuple[dict[Path, str], dict[Path, str]]:
-    """Find stale results, whose code, pipeline or features have changed.
+    """Find stale results: results whose code, pipeline or features have changed since.
 
-    Changes of comments, docstrings and report modules do not count.
+    Changes to comments, docstrings and report modules are ignored.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ def stale_results(paths: Sequence[str | Path]) -> tuple[dict[Path, str], dict[Pa
     Returns
     -------
     stale : dict of Path to str
-        Reason for each stale result.
+        Reason why each stale result is stale.
     skipped : dict of Path to str
-        Reason for each folder, and each file that contains no result.
+        Reason why each skipped path is not a result, such as a folder.
 
     Raises
     ------
@@ -105,13 +105,14 @@ _hash_of_code = cache(partial(code_hash, words=False))
 
 
 def _changed_code(result: Result) -> Iterator[str]:
-    """Yield a reason if the code of a result has changed."""
+    """Yield the reason why a result is stale, if its code has changed."""
     if not result.data.get("code_hash"):
         yield "contains no hash of its code"
         return
     places = result.data.get("code_of", CODE_DEPENDENCIES)
     if invalid := [place for place in places if not place.isidentifier()]:
-        raise ValueError(f"code_of contains {invalid[0]!r}. Expected subpackages and modules of texclass")
+        expected = "names of subpackages and modules of texclass"
+        raise ValueError(f"code_of contains {invalid[0]!r}. Expected {expected}")
     try:
         is_same = result.data["code_hash"] == _hash_of_code(*places)
     except ValueError:  # a subpackage that no longer exists
@@ -121,7 +122,7 @@ def _changed_code(result: Result) -> Iterator[str]:
 
 
 def _changed_definitions(result: Result) -> Iterator[str]:
-    """Yield a reason for each pipeline and feature set of a result that has changed."""
+    """Yield one reason why a result is stale for each of its pipelines and feature sets that has changed."""
     loaders: dict[str, Callable[[str], Any]] = {"pipeline": load_pipeline, "feature set": load_feature_set}
     for kind, (name, digest) in result.definitions.items():
         if name and digest:
@@ -133,12 +134,12 @@ def _changed_definitions(result: Result) -> Iterator[str]:
 
 
 def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "") -> Path:
-    """Write a report page of results, as self-contained HTML or as Markdown.
+    """Write a report page of several results, as self-contained HTML or as Markdown.
 
     Parameters
     ----------
     paths : sequence of str or path
-        JSON files, in the order of the page.
+        JSON files, in the order in which they appear on the page.
     output : str or path
         Page to write: HTML (.html, .htm), or Markdown without figures (.md). Missing folders are created.
     title : str
@@ -156,7 +157,7 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
     """
     output = Path(output)
     if output.resolve() in [Path(path).resolve() for path in paths]:
-        raise ValueError(f"{output} is one of the results. Expected another file for the page")
+        raise ValueError(f"cannot write {output}: it is one of the results. Choose another --output")
     check_suffix(output, ".html", ".htm", ".md")
     results = [(Path(path).name, read_document(path)) for path in paths]
     counts = Counter(document.title for _, document in results)

@@ -158,7 +158,7 @@ def stream(
     models = load_gestures(model) if model.is_dir() else {}
     trained = next(iter(models.values())) if models else load_model(model)
     topic: dict[str, Any] = {"reliability": reliability, "depth": depth}
-    if source.startswith("ros2:") or not publish:  # else the domain is that of the answers alone
+    if source.startswith("ros2:") or not publish:  # otherwise, the domain applies only to the answers
         topic["domain"] = domain
     blocks = open_source(
         source,
@@ -186,7 +186,7 @@ def stream(
 
 
 def _run(view: Any, session: Any, blocks: Any, publisher: Any) -> bool:
-    """Show the answers to all blocks until they end or the user interrupts; return whether there was one."""
+    """Show the answers until the stream ends or the user interrupts; return whether there was an answer."""
     from texclass.cli.stream_view import show_and_publish
 
     ending = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -267,7 +267,7 @@ def explore(
 
 
 def _step_facts(step: dict[str, Any]) -> dict[str, Any]:
-    """Return one step of a rehearsal as JSON."""
+    """Return the facts of one step of a rehearsal, for JSON."""
     return {
         "gesture": step["gesture"],
         "seconds": round(step["seconds"], 6),

@@ -1,4 +1,4 @@
-"""Views of a stream for `texclass stream`: a live picture in a terminal, text lines elsewhere, JSON lines."""
+"""Output of `texclass stream`: a live display in a terminal, text lines elsewhere, or JSON lines."""
 
 import json
 import math
@@ -20,12 +20,12 @@ from texclass.reporting.wording import counted
 
 
 class TextView:
-    """Prints events, notices and every verdict that differs from the one before, one per line.
+    """Prints events, notices and every verdict that differs from the previous one, one per line.
 
     Parameters
     ----------
     session : Session
-        The session whose answers are shown.
+        Session whose answers are shown.
     source : str
         Name of the source.
     """
@@ -37,7 +37,7 @@ class TextView:
         self.final: tuple[ContactVerdict, float, float] | None = None
         """The last verdict, with start and end of its contact in seconds."""
         self.contacts: dict[int, dict[str, Any]] | None = None
-        """The last answer of each contact, by onset; None keeps none, since a stream may never end."""
+        """The last answer of each contact, by onset; None if not stored, since a stream may never end."""
         self.n_answers = 0
         self._printed: tuple[object, ...] = ()
 
@@ -45,14 +45,14 @@ class TextView:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Do nothing: there is nothing to close."""
+        """Do nothing; a text view has nothing to close."""
 
     def on_open(self) -> None:
         """Report on standard error that the source is open."""
         typer.echo(f"listening to {self.source}", err=True)
 
     def on_answer(self, update: WindowAnswer) -> None:
-        """Print the verdict if the surface or its certainty has changed."""
+        """Print the verdict if the contact, the surface or its certainty has changed."""
         verdict = update.verdict
         if (now := (update.onset, verdict.surface, verdict.sure, verdict.unknown)) != self._printed:
             self._printed = now
@@ -95,7 +95,7 @@ class TextView:
         return True
 
     def facts(self, update: WindowAnswer) -> dict[str, Any]:
-        """Return an answer as JSON; `age_s` is the age of the last sample of its window."""
+        """Return the facts of an answer, for JSON; `age_s` is the age of the last sample of its window."""
         fs = self.session.recogniser.fs if self.session.recogniser else math.nan
         return {
             "t_s": self.seconds(update.n_received),
@@ -114,7 +114,7 @@ class TextView:
 
 
 class JsonView(TextView):
-    """Prints one JSON object per line, of `type` open, answer, event, notice, heartbeat or final.
+    """Prints one JSON object per line; its `type` is open, answer, event, notice, heartbeat or final.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class JsonView(TextView):
                 return
 
     def on_open(self) -> None:
-        """Print that the source is open."""
+        """Print an object that reports that the source is open."""
         self._print("open", source=self.source)
 
     def on_answer(self, update: WindowAnswer) -> None:
@@ -181,7 +181,7 @@ class JsonView(TextView):
 
 
 class TerminalView(TextView):
-    """Draws a live picture in the terminal, at most ten times a second."""
+    """Draws a live display in the terminal, at most ten times per second."""
 
     def __init__(self, session: Session, source: str, console: Console) -> None:
         super().__init__(session, source)
@@ -196,16 +196,16 @@ class TerminalView(TextView):
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Leave the last picture on the terminal."""
+        """Stop drawing; the last display remains on the terminal."""
         self._draw()
         self._live.stop()
 
     def on_open(self) -> None:
-        """Draw the empty picture."""
+        """Draw the empty display."""
         self._draw()
 
     def show(self, updates: Iterable[Event | WindowAnswer | Notice]) -> None:
-        """Store the updates of a block, and draw if the last picture is at least 0.1 s old."""
+        """Store the updates of a block, and redraw the display if it is at least 0.1 s old."""
         super().show(updates)
         now = time.monotonic()
         if now - self._last_draw >= 0.1:
@@ -228,7 +228,7 @@ class TerminalView(TextView):
         self._notices.append(notice.message)
 
     def picture(self) -> Group:
-        """Return the picture of the current state."""
+        """Return the display of the current state."""
         recogniser = self.session.recogniser
         level, over_rest_db = recogniser.level if recogniser else (0.0, 0.0)
         t_s, phase = (
@@ -258,7 +258,7 @@ class TerminalView(TextView):
 
 
 def view_of(session: Session, source: str, as_lines: bool, heartbeat_s: float) -> TextView:
-    """Return the view of a session: JSON lines if wanted, a picture in a terminal, else text lines."""
+    """Return the view of a session: JSON lines on request, a live display in a terminal, or text lines."""
     if as_lines:
         return JsonView(session, source, heartbeat_s)
     console = Console()
@@ -266,7 +266,7 @@ def view_of(session: Session, source: str, as_lines: bool, heartbeat_s: float) -
 
 
 class Publisher(Protocol):
-    """Publishes answers, as `texclass.robot.AnswerPublisher` does."""
+    """Publishes answers, like `texclass.robot.AnswerPublisher`."""
 
     def publish(self, answer: dict[str, Any]) -> None:
         """Publish one answer."""
@@ -285,7 +285,7 @@ def show_and_publish(
 
 
 def _surfaces(answer: WindowAnswer) -> Table:
-    """Return the five most probable surfaces, the prediction sets, the next gesture and two reasons."""
+    """Return a table of the five most probable surfaces, prediction sets, next gesture and two reasons."""
     verdict = answer.verdict
     best = sorted(verdict.probabilities.items(), key=lambda pair: -pair[1])[:5]
     table = Table.grid(padding=(0, 1))

@@ -1,4 +1,4 @@
-"""Recordings in: files of every format, cards of datasets, folders of one's own, simulated datasets."""
+"""Load recordings from files, dataset cards, folders and simulations."""
 
 import lazy_loader
 

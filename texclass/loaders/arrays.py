@@ -1,8 +1,8 @@
-"""Reader of arrays: NPY, NPZ, HDF5, and MATLAB files of version 4 to 7.3.
+"""Read arrays from NPY, NPZ, HDF5 and MATLAB files (versions 4 to 7.3).
 
 A scalar with a name such as `fs` or `SampleRate` (in HDF5 also an attribute) is the sampling rate in Hz of
-the arrays in its group or struct. Objects are not read: arrays that need unpickling, MATLAB cells, and HDF5
-datasets outside the file.
+the arrays in its group or struct. Arrays that need unpickling, MATLAB cells and objects, and HDF5 datasets
+stored in another file are not read.
 """
 
 import math
@@ -81,7 +81,7 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
 
 
 def is_rate(name: str) -> bool:
-    """Return whether a name is one of a sampling rate: "Fs", "data.sampling_rate", "SampleRate (Hz)"."""
+    """Return whether a name denotes a sampling rate, such as "Fs" or "data.sampling_rate"."""
     plain = re.sub(r"[\s_()\[\]-]", "", re.split(r"[./]", name)[-1].lower()).removesuffix("hz")
     return re.fullmatch("fs|sr|srate|sampl(e|ing)(rate|freq|frequency)", plain) is not None
 
@@ -91,7 +91,7 @@ def _kind(path: Path) -> str:
 
 
 def _contents(path: Path) -> tuple[dict[str, int], dict[str, float], dict[str, str]]:
-    """Return by name the sizes of arrays, the sampling rates in Hz, and the classes of everything else."""
+    """Return the sizes of arrays, the sampling rates in Hz, and the classes of all other objects, by name."""
     sizes, rates, others = dict[str, int](), dict[str, float](), dict[str, str]()
     with wrap_library_errors(path, _kind(path)):
         for array in _arrays(path):
@@ -121,9 +121,9 @@ def _describe_others(others: Mapping[str, str]) -> str:
 def _rates_of(
     wanted: tuple[str, ...], signals: tuple[str, ...], rates: Mapping[str, float], separator: str
 ) -> dict[str, float]:
-    """Return the sampling rates in Hz of some arrays, by the names of the scalars.
+    """Return the sampling rates in Hz of the wanted arrays, by name of the scalar that contains the rate.
 
-    A scalar is the rate of the arrays in its group, or in the nearest enclosing group with arrays.
+    A scalar is the rate of the arrays in its group, or in the nearest enclosing group that contains arrays.
     """
 
     def is_in(signal: str, scope: str) -> bool:
@@ -192,8 +192,9 @@ def _hdf5_arrays(
 ) -> Iterator[StoredArray]:
     """Yield the datasets and attributes of a group and its subgroups; links are not followed."""
     if depth > MAX_DEPTH or len(group) > MAX_MEMBERS:
-        problem = f"has groups {depth} deep, one with {len(group)} members"
-        raise reader_error(path, problem, f"at most {MAX_DEPTH} and {MAX_MEMBERS}")
+        problem = f"a group at nesting level {depth} has {len(group)} members"
+        expected = f"at most {MAX_DEPTH} levels and {MAX_MEMBERS} members per group"
+        raise reader_error(path, problem, expected)
     yield from _hdf5_rates(group, prefix)
     for member in group:
         is_matlab_internal = member.startswith("#")  # content of cells and objects
@@ -236,9 +237,9 @@ def _read_dataset(dataset: h5py.Dataset, name: str, path: Path) -> Any:
     if dataset.external or dataset.is_virtual:
         raise reader_error(path, f"{name} is stored in another file", "all data in one file")
     check_announced_size(dataset.size, path)
-    # HDF5 up to 2.0 ends the process at a chunk that contains only its checksum of 4 bytes.
+    # HDF5 up to 2.0 crashes on a chunk that contains only its 4-byte checksum.
     if dataset.fletcher32 and dataset.id.chunk_iter(lambda chunk: chunk.size <= 4 or None):
-        raise reader_error(path, f"{name} has a chunk without data", "data and a checksum")
+        raise reader_error(path, f"{name} has a chunk without data", "data and a checksum in each chunk")
     # h5py converts in blocks, so that a 4-byte and an 8-byte copy are never in memory together.
     return dataset.astype(np.float64)[()]
 

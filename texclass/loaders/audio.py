@@ -1,7 +1,7 @@
-"""Reader of WAV and FLAC.
+"""Read WAV and FLAC files.
 
-Integer audio with the unit "counts" keeps its codes, from -32768 to 32767 for 16 bit. With other units full
-scale is 1. Floating-point audio is unchanged.
+With the unit "counts", integer audio keeps its integer values (-32768 to 32767 for 16 bit). With any other
+unit, integer audio is scaled so that full scale is 1. Floating-point audio is unchanged.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ from texclass.loaders.readers import (
 )
 
 _BITS = {"PCM_S8": 8, "PCM_U8": 8, "PCM_16": 16, "PCM_24": 24, "PCM_32": 32}
-"""Bits per sample by encoding; libsndfile aligns samples to the most significant bits of 32."""
+"""Bits per sample by encoding; libsndfile left-aligns samples in 32-bit integers."""
 
 
 def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
@@ -47,9 +47,8 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
             samples: Any = file.read(dtype="int32" if bits else "float64")
             frames, fs = file.frames, float(file.samplerate)
         if len(samples) < frames:
-            raise reader_error(
-                path, f"contains {len(samples)} of the {frames} frames in its header", "a complete file"
-            )
+            problem = f"contains {len(samples)} of the {frames} frames stated in its header"
+            raise reader_error(path, problem, "a complete file")
         if bits:
             np.right_shift(samples, 32 - bits, out=samples)
         return ReadSignals({ACCELERATION: as_samples(samples, ACCELERATION, path)}, fs)
@@ -63,5 +62,5 @@ def _check_length(path: Path) -> None:
     is_piped = announced == 0xFFFFFFFF  # a streamed file has no length in its header
     if head[:4] == b"RIFF" and not is_piped and announced + 8 > size:
         raise reader_error(
-            path, f"contains {size} of the {announced + 8} bytes in its header", "a complete file"
+            path, f"contains {size} of the {announced + 8} bytes stated in its header", "a complete file"
         )

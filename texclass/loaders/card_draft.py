@@ -87,7 +87,7 @@ def draft_card(
     Returns
     -------
     str
-        Content of the card (TOML). Lines that start with `QUESTION` are open questions.
+        Content of the card (TOML). Lines that start with `# QUESTION:` are open questions.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def _folder_key(root: Path, card_folder: Path) -> str:
 
 
 def _label_layout(names: Sequence[str], labels: Labels, root: Path, exports: Sequence[Export]) -> _Layout:
-    """Return the layout of files whose surfaces a label table states."""
+    """Return the layout of files whose surfaces are listed in a label table."""
     pattern = rf"(?:.+/)?[^/]+?{_axis(names)}\.(?i:{_suffixes(names)})"
     pattern = export_pattern(exports, is_labelled=True) if exports else pattern
     file_groups: dict[str, Mapping[str, str]] = {}
@@ -177,7 +177,7 @@ def _label_layout(names: Sequence[str], labels: Labels, root: Path, exports: Seq
 
 
 def _export_layout(names: Sequence[str], exports: Sequence[Export]) -> _Layout:
-    """Return the layout of folders that sensor apps exported."""
+    """Return the layout of folders exported by sensor apps."""
     pattern = export_pattern(exports)
     return _Layout(pattern, _match_names(pattern, names))
 
@@ -245,7 +245,10 @@ def _folder_patterns(names: Sequence[str]) -> list[str]:
 
 
 def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
-    """Read up to 100 files, of all surfaces: columns and unit of the first one, sampling rates of all."""
+    """Read up to 100 files: return columns and unit of the first one, and the sampling rates of all.
+
+    The first file of each surface is read before any second one.
+    """
     first_files: dict[str, str] = {}
     for name, groups in layout.groups.items():
         first_files.setdefault(groups["surface"], name)
@@ -288,7 +291,10 @@ def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
 
 
 def _gravity_at_rest(acceleration: Samples) -> tuple[str, float] | None:
-    """Return the unit in which the median of three axes equals gravity, and its magnitude; None if none."""
+    """Return the unit in which the median of three axes equals gravity, and the magnitude of the median.
+
+    The result is None for fewer axes, or if the median equals gravity in no unit.
+    """
     if acceleration.shape[1:] != (3,):
         return None
     level = float(np.linalg.norm(np.median(acceleration, axis=0)))
@@ -299,7 +305,7 @@ def _gravity_at_rest(acceleration: Samples) -> tuple[str, float] | None:
 def _channels(
     path: Path, settings: ReaderSettings, column: tuple[str, ...]
 ) -> tuple[dict[str, Sequence[str]], list[str]]:
-    """Return the columns of each signal of a file (none if it has only one), and open questions."""
+    """Return the columns of each signal in a file, and open questions; a single column need not be named."""
     names = column_names(path, settings)
     candidates = [name for name in names if not is_time(name)]
     if len(candidates) < 2:

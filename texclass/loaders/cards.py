@@ -1,4 +1,4 @@
-"""Dataset cards: models of the TOML files that describe datasets, one model per format."""
+"""Dataset cards: pydantic models of the TOML files that describe datasets, one model per format."""
 
 import re
 from dataclasses import fields
@@ -17,9 +17,9 @@ from texclass.simulate.recipe import Recipe
 from texclass.validation import StrictModel, read_toml, validate
 
 PATTERN_GROUPS = ("recording", *GROUPS, "axis")
-"""Names of groups in the patterns of file names, and (except the axis) of columns in a label table."""
+"""Named groups allowed in file name patterns; all except `axis` can also be columns of a label table."""
 MAX_MAGNITUDE = 1e100
-"""Largest rate and scale factor that a card may state; measurements stay far below it."""
+"""Largest sampling rate in Hz and scale factor accepted in a card; real values are far smaller."""
 Convert = Literal["", "frames", "rounded", "counts", "sheets"]
 DeclaredPhases = Literal["detect", "movement", "tap", "taps"]
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ Texts = Annotated[
 
 
 def _as_column_texts(value: Any) -> Any:
-    """Return columns by name or number as strings."""
+    """Convert columns given by name or number to strings."""
     columns = value if isinstance(value, list | tuple) else [value]
     return tuple(
         str(column) if isinstance(column, int) and column is not True else column for column in columns
@@ -67,7 +67,7 @@ class CardError(ValueError):
 
 
 class Card(StrictModel):
-    """Keys that all dataset cards have; each format has a subclass.
+    """Keys common to all dataset cards; each format has a subclass.
 
     Attributes
     ----------
@@ -111,12 +111,12 @@ class Card(StrictModel):
 
 
 class Reading(StrictModel):
-    """Keys that convert the values in files to recordings.
+    """Keys that define how the values in files are converted to recordings.
 
     Attributes
     ----------
     fs_hz
-        Sampling rate in Hz. Files that state a rate must agree.
+        Sampling rate in Hz. Rates stored in the files must agree with it.
     unit
         Unit of the acceleration.
     files
@@ -124,10 +124,10 @@ class Reading(StrictModel):
     scale
         Factor from stored values to `unit`.
     turn_rate_scale
-        Factor from stored values of a turn rate to rad/s; 0.0174533 for degrees per second.
+        Factor from stored turn rates to rad/s; 0.0174533 if they are in degrees per second.
     phases
-        Content of every recording: "detect" finds taps and movement; "movement" means contact all the time;
-        "tap" means one tap; "taps" means taps only, in any number and of any length.
+        Content of every recording: "detect" (find taps and movement), "movement" (contact throughout), "tap"
+        (one tap), or "taps" (only taps, in any number and of any length).
     remove_resting_level
         Subtract the median of each channel.
     """
@@ -142,12 +142,12 @@ class Reading(StrictModel):
 
     @property
     def hash_input(self) -> str:
-        """Keys that change the recordings, as text for the hash of the dataset."""
+        """Keys that affect the recordings, as text for the hash of the dataset."""
         return _hash_input(self)
 
 
 def _hash_input(card: StrictModel) -> str:
-    """Return the keys that are set, without those that do not change recordings (title, notes, folder)."""
+    """Serialize all non-default keys except those that do not affect recordings (title, notes, folder)."""
     return card.model_dump_json(exclude={*StoredCard.model_fields}, exclude_defaults=True)
 
 
@@ -173,12 +173,12 @@ class LabelTable(StrictModel):
 
     @property
     def columns(self) -> dict[str, str]:
-        """Column of each group of `PATTERN_GROUPS` that the table states."""
+        """Column of each group of `PATTERN_GROUPS` that the table contains."""
         return {group: column for group, column in self if group != "file" and column is not None}
 
 
 class FileReading(Reading):
-    """Keys that convert files to recordings, with one file per recording or per axis.
+    """Keys that define how files are converted to recordings, with one file per recording or per axis.
 
     Attributes
     ----------
@@ -191,7 +191,8 @@ class FileReading(Reading):
     channels
         Columns of the acceleration and of auxiliary signals, by name or by number from 1.
     companions
-        Auxiliary signal -> names of the file with it, where {group} stands for a group of `files`.
+        Auxiliary signal -> possible names of its file, in which {group} stands for the value of a group of
+        `files`.
     delimiter
         Column delimiter of text files.
     skip_rows
@@ -199,17 +200,17 @@ class FileReading(Reading):
     comment
         Start of comment lines in text files (default: #, % and //).
     drop_incomplete
-        Drop lines of text files that lack a number in a column (default false: they are an error).
+        Drop lines of text files that lack a number in a column (default false: raise an error).
     time_column
         Column of the time stamps, by name or number; "none" ignores all time stamps.
     time_unit
         Unit of the time stamps: s, ms, us, ns, min, h or days (default: inferred).
     resample_hz
-        Target sampling rate in Hz of a band-limited resampling. The files may then have different rates, and
-        `fs_hz` is the rate of files that state none.
+        Target sampling rate in Hz of a band-limited resampling. If it is set, the files may have different
+        rates, and `fs_hz` is the rate of files that do not store one.
     topic
-        Topic of a bag, or a pattern of topics with groups of `PATTERN_GROUPS`; every matching topic is then a
-        recording.
+        Topic of a bag, or a regular expression with groups of `PATTERN_GROUPS`. In the second case, every
+        matching topic is a recording.
     trim
         Cut signals of different lengths to the shortest one.
     """
@@ -236,7 +237,7 @@ class FileReading(Reading):
     topic: str | None = None
     trim: bool = False
     _rate_of: str = PrivateAttr(default="")
-    """File from which `fs_hz` was taken; "" if the user or the card states it."""
+    """File from which `fs_hz` was read; "" if it is set by the user or the card."""
 
     @property
     def settings(self) -> ReaderSettings:
@@ -266,7 +267,7 @@ def _groups(key: str, patterns: tuple[str, ...]) -> set[str]:
             groups |= set(re.compile(pattern).groupindex)
         except (re.error, OverflowError, RecursionError) as error:
             raise ValueError(
-                f"{key} contains {pattern!r:.200}. Expected a valid regular expression ({error})"
+                f"{key} contains {pattern!r:.200}, which is not a valid regular expression ({error})"
             ) from error
     if unknown := groups - set(PATTERN_GROUPS):
         raise ValueError(
@@ -283,11 +284,11 @@ class Download(StrictModel):
     Attributes
     ----------
     url
-        Base address of the files, of a commit or record that does not change.
+        Base address of the files, in a fixed commit or record.
     convert
         Conversion of each file, see `places.convert_files` (default: none).
     sha256
-        SHA-256 over names and SHA-256 of all converted files.
+        SHA-256 of the list of converted files (names and SHA-256 of each).
     """
 
     url: str = Field(pattern=r"^https?://.+/$", description="an address that ends with /")
@@ -296,7 +297,7 @@ class Download(StrictModel):
 
 
 class StoredCard(Card):
-    """Card of recordings in files.
+    """Card of a dataset that is stored in files.
 
     Attributes
     ----------
@@ -317,13 +318,13 @@ class StoredCard(Card):
 
 
 class FileCard(StoredCard, FileReading):
-    """Card of recordings in one file each, or in one file per axis."""
+    """Card of a dataset with one file per recording, or one file per axis."""
 
     format: Literal["files"]
 
 
 class RowCard(StoredCard, Reading):
-    """Card of recordings in the rows of CSV files, with one file per channel.
+    """Card of a dataset with one recording per row of CSV files, and one file per channel.
 
     Attributes
     ----------
@@ -336,20 +337,20 @@ class RowCard(StoredCard, Reading):
 
 
 class ModelsCard(StoredCard):
-    """Card of recordings synthesized by texture models of the Penn Haptic Texture Toolkit.
+    """Card of recordings synthesized from texture models of the Penn Haptic Texture Toolkit.
 
     Attributes
     ----------
     files
         Patterns of relative file names with the group `surface`, one file per texture.
     fs_hz
-        Sampling rate in Hz of the models. Files that state a rate must agree.
+        Sampling rate in Hz of the models. Rates stored in the files must agree with it.
     n_recordings
         Number of recordings per texture.
     duration_s
         Duration of a recording in s.
     seed
-        Seed of speeds, forces and noise.
+        Random seed for speeds, forces and noise.
     """
 
     format: Literal["hatt-models"]
@@ -369,7 +370,7 @@ class ModelsCard(StoredCard):
 
     @property
     def hash_input(self) -> str:
-        """Keys that change the recordings, as text for the hash of the dataset."""
+        """Keys that affect the recordings, as text for the hash of the dataset."""
         return _hash_input(self)
 
 
@@ -398,7 +399,7 @@ def read_card(name_or_path: str | Path) -> AnyCard:
     Returns
     -------
     FileCard, RowCard, ModelsCard or SimulatedCard
-        Card of the format that it states (default: "files").
+        Card of the class that belongs to its key `format` (default: inferred from the other keys).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Names of columns: units, conventions for time and acceleration, and selection by name or number."""
+"""Column names: units, recognition of time and acceleration columns, and selection by name or number."""
 
 import math
 import re
@@ -29,7 +29,7 @@ _TIME_SUFFIXES = {
     **dict.fromkeys(("millis", "milliseconds"), "ms"),
     **dict.fromkeys(("µs", "micros", "microseconds"), "us"),
 }
-"""Unit of time by the end of a column name."""
+"""Time unit by suffix of a column name."""
 _BRACKETED = {
     **dict.fromkeys(("m/s^2", "m/s2", "m/s²", "m/s/s", "m s-2", "ms-2", "m/(s^2)", "m/sec^2"), "m/s^2"),
     **dict.fromkeys(("volt", "volts"), "V"),
@@ -74,7 +74,7 @@ _OTHER_UNITS = (
 )
 """Units of other signals, or of accelerations in an unsupported scale."""
 _AXIS_OR_UNIT = ("n", "c")
-"""Newton and Celsius, which in brackets may also be names of axes."""
+"""Symbols of newton and degree Celsius; in brackets, they may also be names of axes."""
 _UNIT = re.compile(
     rf"[(\[]\s*({'|'.join(map(re.escape, (*_BRACKETED, *_TIME_SUFFIXES)))})\s*[)\]]", re.IGNORECASE
 )
@@ -110,7 +110,7 @@ def parse_unit(text: str) -> str:
 
 
 def acceleration_unit(names: Sequence[str], path: Path) -> str | None:
-    """Return the unit in brackets after the column names of an acceleration; None without one.
+    """Return the unit in brackets after the column names of an acceleration; None if there is none.
 
     Raises
     ------
@@ -130,13 +130,13 @@ def acceleration_unit(names: Sequence[str], path: Path) -> str | None:
 
 
 def time_unit(name: str) -> str | None:
-    """Return the time unit in a column name such as "t (ms)" or "time_us"; None without one."""
+    """Return the time unit in a column name such as "t (ms)" or "time_us"; None if there is none."""
     match = re.search(rf"(?:\b|_)({'|'.join(_TIME_SUFFIXES)})\b", name.lower())
     return _TIME_SUFFIXES[match[1]] if match else None
 
 
 def is_time(name: str) -> bool:
-    """Return whether a column name is one of time stamps: "time", "t_us", "data.t", "clock (ms)"."""
+    """Return whether a column name denotes time stamps, such as "time", "t_us", "data.t" or "clock (ms)"."""
     unit = _UNIT.search(name)
     if unit and unit[1].lower() in _TIME_SUFFIXES:
         return True
@@ -168,7 +168,7 @@ def choose_acceleration(
     path : Path
         File, for messages.
     varying : callable, optional
-        Function that returns those of some columns that may be an acceleration, for the message.
+        Function that selects the columns that may contain an acceleration, for the suggestion in the message.
 
     Raises
     ------
@@ -202,12 +202,12 @@ def choose_acceleration(
 
 
 def signal_columns(names: Sequence[str], path: Path) -> tuple[str, ...]:
-    """Return the columns of the only signal in a file, three axes or one column, without time and index.
+    """Return the columns of the only signal in a file: three axes or one column, without time and index.
 
     Raises
     ------
     RecordingError
-        If there are more columns.
+        If the file contains more than one signal, or none.
     """
     values = _value_columns(names)
     columns = _axis_columns(values) or (tuple(values) if len(values) == 1 else ())
@@ -219,12 +219,12 @@ def signal_columns(names: Sequence[str], path: Path) -> tuple[str, ...]:
 
 
 def turn_rate_factor(names: Sequence[str], path: Path) -> float:
-    """Return the factor to rad/s of the unit in brackets after the column names; 1 without a unit.
+    """Return the factor that converts the unit in brackets after the column names to rad/s (default 1).
 
     Raises
     ------
     RecordingError
-        If the unit is not one of turn rate.
+        If it is not a supported unit of turn rate.
     """
     units = {match[1].lower() for name in names if (match := _OTHER_UNIT.search(name))}
     if units <= {"rad/s"}:
@@ -237,7 +237,7 @@ def turn_rate_factor(names: Sequence[str], path: Path) -> float:
 
 
 def _axis_columns(names: Sequence[str]) -> tuple[str, ...]:
-    """Return three columns whose names end in x, y and z and are otherwise equal; an empty tuple if none."""
+    """Return three columns whose names differ only in a final x, y or z; an empty tuple if there are none."""
     by_normal_name = {re.sub(r"\s*[(\[][^)\]]*[)\]]", "", normalize_column(name)): name for name in names}
     for stem in (name[:-1] for name in by_normal_name if name.endswith("x")):
         if all(f"{stem}{axis}" in by_normal_name for axis in "xyz"):
@@ -246,7 +246,7 @@ def _axis_columns(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _suggest_columns(names: Sequence[str], candidates: Sequence[str]) -> str:
-    """Return three axes, or the first three candidates, as a value of --column, quoted for a shell."""
+    """Return three axes, or the first three candidates, as a value of --column, quoted for the shell."""
     candidates = [name for name in candidates if not _OTHER_UNIT.search(name)]
     # More than 8 unnamed columns are probably the samples of one recording per row.
     is_row = len(names) > 8 and all(re.fullmatch(r"c\d+", name) for name in names)
@@ -273,9 +273,9 @@ def match_convention(convention: Sequence[str], names: Sequence[str]) -> tuple[s
 
 
 def resolve_columns(wanted: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-    """Return columns selected by name, with or without unit, or by number from 1.
+    """Return columns selected by name (with or without unit) or by number, counted from 1.
 
-    Numbers are read as names if all of them are names of columns.
+    If all numbers are also names of columns, they are treated as names.
 
     Examples
     --------
@@ -306,6 +306,6 @@ def ambiguous_number_flags(wanted: Sequence[str], names: Sequence[str]) -> tuple
     chosen = resolve_columns(wanted, names)
     interpretation = "names" if chosen == tuple(wanted) else "numbers from 1"
     return (
-        f"columns: {quote_names(wanted)} are read as {interpretation}, the columns {quote_names(chosen)} "
-        f"of {quote_names(names)}",
+        f"columns: {quote_names(wanted)} are read as {interpretation} and select {quote_names(chosen)} "
+        f"from {quote_names(names)}",
     )

@@ -14,7 +14,7 @@ def data_files(folder: Path) -> list[Path]:
 
 
 def is_hidden(name: str) -> bool:
-    """Return whether a file or folder is hidden or belongs to the operating system, by its name."""
+    """Return whether the name of a file or folder is that of a hidden or operating-system file."""
     system_names = ("__macosx", "thumbs.db", "desktop.ini")
     return name.startswith(".") or name.lower() in system_names
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 GROUPS = ("surface", "operator", "session", "repetition")
-"""Label and groups of a recording, which protocols of evaluation split by."""
+"""Label and groups of a recording, by which evaluation protocols split a dataset."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ class Dataset(Sequence[Recording]):
     skip_bad : bool
         Let `attempt` return the error of an invalid recording instead of raising it (default False).
     copies : tuple of tuple of Entry
-        Groups of entries with identical content. A copy in both training set and test set would make an
-        accuracy too high.
+        Groups of entries with identical content. Copies in both the training set and the test set would
+        inflate the accuracy.
 
     Examples
     --------
@@ -140,14 +140,14 @@ class Dataset(Sequence[Recording]):
         Parameters
         ----------
         changes : mapping of str to Any
-            Values by field of `PhaseSettings`.
+            New values by field name of `PhaseSettings`.
         override : bool
-            Also replace settings that the recordings themselves change (default True).
+            Also replace settings that differ from the default in a recording (default True).
 
         Returns
         -------
         Dataset
-            Same entries, with another `input_hash`.
+            Dataset with the same entries and a different `input_hash`.
         """
         if not changes:
             return self
@@ -175,7 +175,7 @@ class Dataset(Sequence[Recording]):
         return tuple(sorted({entry.surface for entry in self.entries}))
 
     def __repr__(self) -> str:
-        """Return name and numbers of recordings and groups in one line."""
+        """Return a one-line summary: name and numbers of recordings, surfaces, operators and sessions."""
         counts = {"recording": len(self)}
         for name in ("surface", "operator", "session"):
             counts[name] = len({getattr(entry, name) for entry in self.entries} - {None})

@@ -1,4 +1,4 @@
-"""Dates and times of day in the notations of loggers and spreadsheets (pyarrow reads ISO 8601)."""
+"""Parse dates and times of day as written by data loggers and spreadsheets (pyarrow parses ISO 8601)."""
 
 import re
 
@@ -23,7 +23,7 @@ def is_date(cell: str) -> bool:
 def parse_dates(column: pa.ChunkedArray) -> NDArray[np.datetime64]:
     """Parse dates such as "2019-08-06 14:15:18:503", "6.8.2019 14:15:18" or "2:15:18 PM".
 
-    Dates with slashes are read month first, other dates day first. Within one day this makes no difference.
+    Dates with slashes are read month first, other dates day first. Within one day, the order has no effect.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def parse_dates(column: pa.ChunkedArray) -> NDArray[np.datetime64]:
     Returns
     -------
     ndarray of datetime64[ns]
-        Times of day without a date count from 1970-01-01; times after midnight are on the next day.
+        Times of day without a date are on 1970-01-01, and on the following day after they pass midnight.
 
     Raises
     ------

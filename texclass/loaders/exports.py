@@ -1,4 +1,4 @@
-"""Folders exported by sensor apps: one file per sensor, all files of a folder are one recording.
+"""Folders exported by sensor apps, with one folder per recording and one file per sensor.
 
 Sensor Logger writes `TotalAcceleration.csv` (with gravity), `Accelerometer.csv` (without gravity),
 `Gyroscope.csv` and others. phyphox writes `Accelerometer.csv` (with gravity), `Linear Accelerometer.csv`
@@ -15,7 +15,7 @@ from texclass.loaders.data_files import data_files
 from texclass.reporting.wording import counted
 
 LINEAR_ACCELERATIONS = ("linear accelerometer", "linear acceleration")
-"""Names of files with the acceleration without gravity in any app."""
+"""Names of files that contain the acceleration without gravity, in any app."""
 ACCELERATIONS = (
     *("total acceleration", "accelerometer", "acceleration"),
     *LINEAR_ACCELERATIONS,
@@ -55,7 +55,7 @@ class Export:
 
     @property
     def summary(self) -> str:
-        """Which files are read, in one line."""
+        """One-line summary of the files that are read and ignored."""
         gravity = "" if self.has_gravity else " (acceleration without gravity)"
         turn_rate = f" with the turn rate of {PurePosixPath(self.turn_rate).name}" if self.turn_rate else ""
         others = counted(len(self.ignored), "other file")
@@ -63,7 +63,7 @@ class Export:
 
 
 def sensor_name(name: str) -> str:
-    """Return the sensor in a file name: "total acceleration" for "TotalAcceleration.csv"; "" if none."""
+    """Return the sensor in a file name ("gyroscope" for "Gyroscope.csv"); "" if it contains none."""
     path = PurePosixPath(name)
     if path.suffix.lower() not in {".csv", ".tsv", ".txt"}:
         return ""
@@ -73,7 +73,7 @@ def sensor_name(name: str) -> str:
 
 
 def other_sensor_name(path: Path) -> str:
-    """Return the sensor in a file name, numbered or not, if it is not an accelerometer; "" otherwise."""
+    """Return the sensor in a file name, with or without number; "" for an accelerometer or no sensor."""
     if (sensor := sensor_name(path.name)) in OTHER_SENSORS:
         return sensor
     unnumbered = sensor_name(re.sub(r"[ _-]?\d+$", "", path.stem) + path.suffix)
@@ -88,7 +88,7 @@ def find_export(folder: Path) -> Export | None:
 
 
 def find_exports(files: Iterable[str]) -> list[Export]:
-    """Return all exports: folders with an acceleration file and files of other sensors or `meta`.
+    """Find all exports: folders with an acceleration file, and files of other sensors or a `meta` folder.
 
     Parameters
     ----------

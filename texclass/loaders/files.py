@@ -1,4 +1,4 @@
-"""Loading of one recording from one file of any format, or from one file per axis."""
+"""Load a recording from a file of any format, or from one file per axis."""
 
 import importlib
 import re
@@ -73,12 +73,13 @@ def load_recording(
         File in a format given by its suffix: text (one value per line, or columns), CSV, TSV, LVM, Parquet,
         WAV, FLAC, MATLAB, NPY, NPZ or HDF5; with the extra `formats` also Excel (.xlsx) and TDMS; with the
         extra `robot` also ROS bags (.bag, .mcap, .db3, a rosbag2 folder, or "bag:FILE?topic=/name"). Files
-        `_X`, `_Y` and `_Z` of the same name form one recording; so does the folder of a sensor app.
+        `_X`, `_Y` and `_Z` of the same name form one recording, as do the files in a folder exported by a
+        sensor app.
     fs : float, optional
         Sampling rate in Hz, required if the file does not state it. Time stamps must agree with it.
     unit : {"m/s^2", "g", "mg", "counts", "V", "arbitrary"}, optional
         Unit of the acceleration, required if neither the message type of a bag nor a column name ("x [g]")
-        states it. "counts" keeps the codes of integer audio; otherwise full scale is 1.
+        states it. "counts" keeps the integer values of audio; with other units, full scale is 1.
     column : str or sequence of str, optional
         Column(s) or array of the acceleration, by name or by number from 1 (default: the conventional names
         x, y, z; ax, ay, az; acceleration; or the only column).
@@ -156,7 +157,7 @@ def load_recording(
 
 
 def locate_recording(name: str | Path) -> tuple[Path, str | None]:
-    """Return the file and topic of a name such as "bag:FILE?topic=/name"; the topic is None without one.
+    """Return the file and topic of a name such as "bag:FILE?topic=/name"; the topic is None if not given.
 
     Raises
     ------
@@ -193,7 +194,7 @@ def column_names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
 
 
 def topics(path: Path) -> tuple[str, ...]:
-    """Return the topics of a bag that can be recordings.
+    """Return the topics of a bag that can be read as recordings.
 
     Raises
     ------
@@ -264,7 +265,7 @@ def recording_name(path: Path, axes: Mapping[str, Path]) -> str:
 
 
 def axis_files(path: Path) -> dict[str, Path]:
-    """Return the files of all axes, given the file of one; a file without axis has the key ""."""
+    """Return the files of all axes, given the file of one axis; a file without axis has the key ""."""
     matches = list(AXIS.finditer(path.name))
     if not matches:
         return {"": path}
@@ -291,15 +292,15 @@ def read_signals(
     axes : mapping of str to Path
         File by axis; the axis is "" if one file contains all.
     roles : mapping of str to sequence of str
-        Columns by signal, "acceleration" or an auxiliary field of `Recording`, in the order of the axes. By
-        default the acceleration is in the columns with conventional names, or in the only column.
+        Columns, in the order of the axes, by signal ("acceleration" or an auxiliary field of `Recording`). By
+        default, the acceleration is in the columns with conventional names, or in the only column.
     settings : ReaderSettings
         Options of the reader.
     trim : bool
         Cut axes of different lengths to the shortest (default False: raise an error).
     companions : mapping of str to Path, optional
-        File by auxiliary field. It has the same time column as the acceleration, and its signal is
-        interpolated at those times. If the files have no time column, the field is not in the result.
+        File by auxiliary field. The file must have the same time column as the acceleration; its signal is
+        interpolated at the times of the acceleration. Without a time column, the result lacks the field.
 
     Returns
     -------
@@ -325,7 +326,9 @@ def read_signals(
     lengths = {axis: len(part.signals[ACCELERATION]) for axis, part in parts.items()}
     if len(set(lengths.values())) > 1 and not trim:
         raise reader_error(
-            where, f"its axes have {lengths} samples", "the same length (`trim = true` in a card cuts them)"
+            where,
+            f"its axes have {lengths} samples",
+            "the same length; to cut all axes to the shortest, set `trim = true` in a card",
         )
     rates = [part.fs for part in parts.values()]
     if len(set(rates)) > 1:
@@ -349,8 +352,8 @@ def _read_file(
     acceleration = roles.get(ACCELERATION, ())
     names = () if is_bag(path) and acceleration else column_names(path, settings)
     if not acceleration and (sensor := other_sensor_name(path)):
-        expected = "an accelerometer file; if it contains an acceleration, name its columns with --column"
-        raise reader_error(path, f"its name is that of a {sensor}", expected)
+        expected = "an accelerometer file; if it contains an acceleration, pass its columns with --column"
+        raise reader_error(path, f"the file name denotes another sensor ({sensor})", expected)
     find_varying = partial(_varying_columns, path, settings)
     chosen = resolve_columns(acceleration, names) or choose_acceleration(names, path, find_varying)
     if unprintable := next((name for name in chosen if not name.isprintable()), None):
@@ -375,7 +378,7 @@ def _read_file(
 
 
 def _stack_columns(read: ReadSignals, names: Sequence[str], path: Path) -> Samples:
-    """Return columns of a file as one signal."""
+    """Stack columns of a file into one signal."""
     columns = [read.signals[name] for name in names]
     if len({len(column) for column in columns}) > 1:
         lengths = ", ".join(f"{name!r} has {len(read.signals[name])}" for name in names)
@@ -384,7 +387,7 @@ def _stack_columns(read: ReadSignals, names: Sequence[str], path: Path) -> Sampl
 
 
 def _varying_columns(path: Path, settings: ReaderSettings, names: Sequence[str]) -> list[str]:
-    """Return the columns that may be an acceleration: not monotonic, in one group, and of the largest length.
+    """Return the columns that may contain an acceleration: not monotonic, in one group, and the longest.
 
     Only the first 12 columns are read, because the result is only a suggestion in a message.
     """
@@ -406,7 +409,7 @@ def _varying_columns(path: Path, settings: ReaderSettings, names: Sequence[str])
 def _read(
     path: Path, wanted: tuple[str, ...], settings: ReaderSettings, companions: Mapping[str, Path]
 ) -> ReadSignals:
-    """Read columns of a file, at the uniform rate of its time stamps if there are any."""
+    """Read columns of a file; if it has time stamps, resample the columns to a uniform rate."""
     read: ReadSignals
     reader, time_column = _reader(path), settings.time_column
     if is_bag(path):  # the reader of bags uses their time stamps
@@ -420,7 +423,7 @@ def _read(
         try:
             read = reader.read(path, (*wanted, time), settings)
         except RecordingError:  # reading without the time column may succeed
-            ignored.append(f"time: column {time!r} is ignored, not all rows have a number or date in it")
+            ignored.append(f"time: column {time!r} is ignored, some rows contain no number or date")
             continue
         if any(len(read.signals[name]) != len(read.signals[time]) for name in wanted):
             ignored.append(f"time: column {time!r} is ignored, its length differs from the signals")
@@ -435,8 +438,8 @@ def _read(
                     raise
                 raise RecordingError(
                     f"{path}: its time column {time!r} contradicts its sampling rate, {read.fs:g} Hz. "
-                    "Expected one rate: --time-column none uses the sampling rate, "
-                    f"--time-column {shlex.quote(time)} the time stamps (`time_column` in a card)"
+                    "Pass --time-column none to use the sampling rate, or --time-column "
+                    f"{shlex.quote(time)} to use the time stamps (in a card: `time_column`)"
                 ) from error
     read = reader.read(path, wanted, settings)
     signals = {name: as_samples(read.signals[name], name, path) for name in wanted}
@@ -444,7 +447,7 @@ def _read(
 
 
 def _time_candidates(names: Sequence[str], wanted: Sequence[str]) -> list[str]:
-    """Return the columns named like time stamps in a group with all signals, the innermost group first."""
+    """Return the columns named like time stamps in groups with all signals, innermost group first."""
 
     def has_signals(name: str) -> bool:
         return all(group_path(signal)[: len(group_path(name))] == group_path(name) for signal in wanted)
@@ -461,7 +464,7 @@ def _resample_columns(
     settings: ReaderSettings,
     companions: Mapping[str, Path],
 ) -> ReadSignals:
-    """Return signals at the uniform rate of a column of time stamps."""
+    """Resample signals to a uniform rate, given a column of time stamps."""
     times = read.signals[time]
     signals = {name: as_samples(read.signals[name], name, path) for name in wanted}
     for field, file in companions.items():
@@ -503,7 +506,9 @@ def _interpolate_companion(
     companion_times = read.signals[time]
     if companion_times.dtype.kind != times.dtype.kind:
         raise reader_error(
-            path, f"its column {time!r} has another type", "time stamps like those of the acceleration"
+            path,
+            f"the type of its column {time!r} differs from that column in the acceleration file",
+            "numbers in both files, or dates in both",
         )
     new_t, t = (
         clock.astype(np.int64 if clock.dtype.kind == "M" else float).astype(float)
@@ -511,7 +516,8 @@ def _interpolate_companion(
     )
     coverage = float(np.mean((new_t >= t.min()) & (new_t <= t.max())))
     if coverage < 0.9:
-        raise reader_error(path, f"it covers {coverage:.0%} of the times of the acceleration", "90% or more")
+        problem = f"it covers {coverage:.0%} of the time stamps of the acceleration"
+        raise reader_error(path, problem, "at least 90%")
     order = np.argsort(t, kind="stable")
     factor = turn_rate_factor(names, path) if field == "turn_rate" else 1.0
     columns = [as_samples(read.signals[name], name, path)[order] * factor for name in names]

@@ -1,4 +1,4 @@
-"""Datasets in which a recording is one file, one file per axis, or one row of a file."""
+"""Datasets with one file per recording, one file per axis, or one row of a file per recording."""
 
 import re
 from collections import Counter
@@ -43,7 +43,7 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
     Parameters
     ----------
     reading : FileReading
-        Keys of the card on the files.
+        Keys of the card that describe the files.
     root : Path
         Folder of the dataset.
     entry : Entry
@@ -76,8 +76,8 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
             if companion.fs and read.fs and abs(companion.fs / read.fs - 1) > TIMESTAMPS.near_rate:
                 raise reader_error(
                     path,
-                    f"its rate is {companion.fs:g} Hz, that of the acceleration {read.fs:g} Hz",
-                    "one rate",
+                    f"its sampling rate is {companion.fs:g} Hz, but the acceleration has {read.fs:g} Hz",
+                    "the same rate in both files",
                 )
             signals[name] = companion.signals[ACCELERATION]
     lengths = {name: len(signal) for name, signal in signals.items()}
@@ -103,18 +103,18 @@ def open_files(
     Parameters
     ----------
     reading : FileReading
-        Keys of the card on the files.
+        Keys of the card that describe the files.
     root : Path
         Folder of the files.
     ignored : collection of str
-        Relative names of files that are not recordings and need no note.
+        Relative names of files that are not recordings and are left out without a note.
     notes, skip_bad, **attributes
         Attributes of the `Dataset`.
 
     Raises
     ------
     RecordingError
-        If no file matches, or an id occurs twice.
+        If no file matches, or a recording id occurs twice.
     CardError
         If the label table lacks a column or a recording.
     """
@@ -164,7 +164,7 @@ def open_files(
 
 
 def _recording_candidates(root: Path, table_files: Collection[str]) -> set[str]:
-    """Return the relative names of the files that can be recordings, without the label table."""
+    """Return the relative names of the files that may be recordings, without the label table."""
     candidates = {path.relative_to(root).as_posix() for path in data_files(root)}
     candidates -= bag_parts(candidates).union(table_files)
     by_normal_form: dict[str, str] = {}
@@ -190,20 +190,21 @@ def _content_files(root: Path, entry: Entry) -> list[str]:
 
 
 def _find_copies(keys: Mapping[Entry, Hashable]) -> tuple[tuple[tuple[Entry, ...], ...], list[str]]:
-    """Return groups of recordings with equal content (equal keys), and notes on them."""
+    """Return groups of recordings with identical content (equal keys), and notes for the user."""
     entries_by_key: dict[Hashable, tuple[Entry, ...]] = {}
     for entry, key in keys.items():
         entries_by_key[key] = (*entries_by_key.get(key, ()), entry)
     copies = tuple(group for group in entries_by_key.values() if len(group) > 1)
     notes = []
-    for has_several_labels, suffix in ((True, " but different labels"), (False, "")):
+    for has_several_labels, suffix in ((True, " but a different label"), (False, "")):
         groups = [
             group for group in copies if (len({entry.surface for entry in group}) > 1) == has_several_labels
         ]
         if groups:
             names = ", ".join(repr(entry.recording_id) for entry in groups[0])
             n = sum(map(len, groups))
-            notes.append(f"{counted(n, 'recording')} have the same content as another{suffix}, first {names}")
+            problem = f"{counted(n, 'recording')} have the same content as another{suffix}"
+            notes.append(f"{problem}, for example {names}")
     return copies, notes
 
 
@@ -215,7 +216,7 @@ def _unmatched_file_notes(reading: FileReading, used: set[str], unmatched: set[s
         return []
     is_card = isinstance(reading, FileCard)
     hint = f"change `files`, {reading.files[0]!r}," if is_card else "move it to the folder of a surface"
-    return [f"{counted(len(left_out), 'file')} left out, {min(left_out)!r} first: {hint} to include it"]
+    return [f"{counted(len(left_out), 'file')} left out, for example {min(left_out)!r}: {hint} to include it"]
 
 
 def load_row(card: RowCard, where: str, samples: Mapping[str, Samples], entry: Entry) -> Recording:
@@ -244,7 +245,7 @@ def load_row(card: RowCard, where: str, samples: Mapping[str, Samples], entry: E
 
 
 def open_rows(card: RowCard, root: Path, **attributes: Any) -> Dataset:
-    """Open a dataset with one recording per row, and read its tables, which are small, at once.
+    """Open a dataset with one recording per row; its tables are small and are read immediately.
 
     Parameters
     ----------
@@ -258,7 +259,7 @@ def open_rows(card: RowCard, root: Path, **attributes: Any) -> Dataset:
     Raises
     ------
     RecordingError
-        If a file is unreadable, or the files differ in rows or labels.
+        If a file is unreadable, or the files differ in shape or labels.
     """
     (labels, first), *others = [_read_rows(root / name, card.label_column) for name in card.files]
     if "" in labels:
@@ -289,7 +290,7 @@ def open_rows(card: RowCard, root: Path, **attributes: Any) -> Dataset:
 
 
 def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
-    """Match the relative name of a file with patterns; the first one that matches the whole name counts.
+    """Match the relative name of a file against patterns; the first match of the whole name is used.
 
     Parameters
     ----------
@@ -323,7 +324,7 @@ def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
 
 
 def _match(pattern: str, name: str) -> Any:
-    """Match a pattern with a whole name, within a time limit."""
+    """Match a pattern against a whole name, within a time limit."""
     import regex  # takes 0.1 s, only needed for cards
 
     try:
@@ -339,8 +340,8 @@ def _match(pattern: str, name: str) -> Any:
 def bag_parts(files: Iterable[str]) -> set[str]:
     """Return the files that are not recordings themselves but parts of bag folders.
 
-    In a folder with storage files, `metadata.yaml` represents the bag. Other files of that name do not belong
-    to a bag.
+    In a folder with storage files, `metadata.yaml` represents the bag. In other folders, a file of that name
+    does not belong to a bag.
     """
     paths = [PurePosixPath(name) for name in files]
     storage_files = {path for path in paths if storage_suffix(path.name) in STORAGE_SUFFIXES}
@@ -402,8 +403,8 @@ def condition_recording(
 def find_contact(acceleration: Samples) -> int:
     """Return the index of the first sample of contact in a recording of one tap.
 
-    It is the first sample at which any channel changes by more than a tenth of its largest change between two
-    samples. Differences, unlike levels, do not depend on the resting level of a channel.
+    This is the first sample at which any channel changes by more than a tenth of its largest change between
+    consecutive samples. Differences, unlike levels, do not depend on the resting level of a channel.
 
     Parameters
     ----------
@@ -450,7 +451,9 @@ def _check_names(entries: Sequence[Entry], root: Path) -> None:
         if (first := entry_by_id.setdefault(entry.recording_id, entry)) is not entry:
             files = ", ".join((*first.paths, *entry.paths))
             raise reader_error(
-                root, f"recording id {entry.recording_id!r} occurs twice ({files})", "unique ids"
+                root,
+                f"recording id {entry.recording_id!r} occurs twice ({files})",
+                "unique ids: rename one of them",
             )
 
 
@@ -459,7 +462,7 @@ def _match_files(
 ) -> Iterator[tuple[tuple[str, ...], Groups]]:
     """Yield the files of each recording (one, or one per axis, then companions) and their groups.
 
-    Ignored files can only be companions.
+    Ignored files are used only as companions.
     """
     recordings: dict[str, tuple[list[str], Groups]] = {}
     # In natural order, 2 comes before 10.
@@ -484,7 +487,7 @@ def _match_files(
 
 
 def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[str, ...]]:
-    """Return the relative names that the file of each auxiliary signal may have, with groups filled in."""
+    """Return the possible relative names of the file of each auxiliary signal, with groups filled in."""
     return {
         signal: tuple(
             normalize_name(re.sub(r"\{(\w+)\}", lambda match: groups.get(match[1], match[0]), template))
@@ -552,7 +555,8 @@ def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]
         raise reader_error(path, "the file is missing", "one file per channel, as in the card") from error
     except KeyError as error:
         raise reader_error(
-            path, f"no column {label_column!r}", "the column that label_column names"
+            path, f"no column {label_column!r}", "the column given by the key label_column"
         ) from error
     except (ValueError, TypeError, OverflowError, OSError) as error:
-        raise reader_error(path, "not a table", f"numbers and a column of labels ({error})") from error
+        problem = f"cannot be read as a table ({error})"
+        raise reader_error(path, problem, "columns of numbers and one column of labels") from error

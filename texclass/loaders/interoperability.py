@@ -1,4 +1,4 @@
-"""Conversion of recordings from MNE and xarray, and to collections of aeon and sktime."""
+"""Convert recordings from MNE and xarray, and to collections of aeon and sktime."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -14,7 +14,7 @@ from texclass.recording import Phases, Recording, Samples
 
 
 def is_mne_or_xarray(data: Any) -> bool:
-    """Return whether an object is from MNE or xarray, by its attributes."""
+    """Return whether an object has the attributes of an MNE or xarray object."""
     return (hasattr(data, "get_data") and hasattr(data, "info")) or hasattr(data, "dims")
 
 
@@ -25,10 +25,10 @@ def recordings_of(data: Any, *, fs: float | None = None, unit: str | None = None
     ----------
     data : mne.io.Raw, mne.Epochs or xarray.DataArray
         Acceleration. In `Raw`, every channel is an axis: pick the channels of the accelerometer first. Each
-        of the `Epochs` is a recording of movement, and its event is the surface. A `DataArray` has the
-        dimension `time` and at most one more, the axes. Its sampling rate is the attribute `fs` or follows
-        from the coordinate `time`; its unit is the attribute `unit` or `units`. The attributes `surface`,
-        `operator`, `session`, `repetition` and `native_fs` are kept.
+        epoch of `Epochs` is a recording of movement whose surface is the name of its event. A `DataArray` has
+        the dimension `time` and at most one other dimension, the axes. Its sampling rate is the attribute
+        `fs` or follows from the coordinate `time`; its unit is the attribute `unit` or `units`. The
+        attributes `surface`, `operator`, `session`, `repetition` and `native_fs` are kept.
     fs : float, optional
         Sampling rate in Hz, if the object does not state it.
     unit : str, optional
@@ -108,7 +108,8 @@ def _read_mne(data: Any) -> Iterator[tuple[ReadSignals, str, dict[str, Any]]]:
 def _read_xarray(data: Any, fs: float | None) -> Iterator[tuple[ReadSignals, str, dict[str, Any]]]:
     name, other_dims = str(data.name or "recording"), [dim for dim in data.dims if dim != "time"]
     if "time" not in data.dims or len(other_dims) > 1:
-        raise reader_error(name, f"its dimensions are {data.dims}", "`time` and at most one more, the axes")
+        expected = "`time` and at most one other dimension, the axes"
+        raise reader_error(name, f"its dimensions are {data.dims}", expected)
     samples = np.asarray(data.transpose("time", *other_dims), dtype=np.float64)
     axes = tuple(
         str(axis) for dim in other_dims if dim in data.coords for axis in data.coords[dim].to_numpy()

@@ -21,7 +21,7 @@ HEADERS = {
     "session": ("session",),
     "repetition": ("repetition",),
 }
-"""Conventional column names of each group, used when no card names the columns; case does not matter."""
+"""Conventional column names of each group, used if no card defines the columns; case is ignored."""
 
 
 def find_label_columns(path: Path, file: str) -> LabelTable:
@@ -37,7 +37,8 @@ def find_label_columns(path: Path, file: str) -> LabelTable:
     Raises
     ------
     CardError
-        If the table is unreadable, or has no column, or several, for the file or the surface.
+        If the table is unreadable, has no column for the file or the surface, or has several columns for one
+        group.
     """
     header = _rows(path)[0][1]
     group_columns: dict[str, str] = {}
@@ -99,8 +100,8 @@ class Labels:
         Raises
         ------
         CardError
-            If the file is unreadable or lacks a column, a row has a blank label or another number of cells
-            than the header, or two rows have the same recording.
+            If the file is unreadable or lacks a column, a row has a blank label or does not have as many
+            cells as the header, or two rows have the same recording.
         """
         (_, header), *rows = _rows(path)
         if missing := sorted(set(table.columns.values()) - set(header)):
@@ -110,7 +111,8 @@ class Labels:
         for line, cells in rows:
             if len(cells) != len(header):
                 raise CardError(
-                    f"{path}: row {line} has {counted(len(cells), 'cell')}. Expected {len(header)}"
+                    f"{path}: row {line} has {counted(len(cells), 'cell')}. Expected {len(header)}, as in "
+                    "the header"
                 )
             row = dict(zip(header, cells, strict=True))
             groups = {group: row[column] for group, column in table.columns.items()}
@@ -132,7 +134,7 @@ class Labels:
     def groups_of(self, recording_id: str, files: Sequence[str], folder: str) -> Mapping[str, str]:
         """Return the groups of a recording.
 
-        The row is found by the id of the recording, or by the name of a file, with or without path and
+        Rows are matched by the id of the recording, or by the name of a file, with or without path and
         suffix.
 
         Parameters
@@ -142,7 +144,7 @@ class Labels:
         files : sequence of str
             Files of the recording, relative to the folder of the dataset.
         folder : str
-            Name of that folder; paths in the table may start with it.
+            Name of the folder of the dataset; paths in the table may start with it.
 
         Raises
         ------
@@ -172,19 +174,20 @@ class Labels:
         if len(names) > len(files) or any(self.rows[name] != self.rows[names[0]] for name in names):
             row_list = ", ".join(f"{name!r} (row {self.lines[name]})" for name in names)
             raise CardError(
-                f"{self.path}: {row_list} all match {recording_id!r} ({', '.join(files)}). Expected one row"
+                f"{self.path}: {row_list} all match {recording_id!r} ({', '.join(files)}). Expected one row "
+                "per recording"
             )
         for name in names:
             if (other := self.recording_ids.setdefault(name, recording_id)) != recording_id:
                 raise CardError(
                     f"{self.path}: {name!r} matches both {other!r} and {recording_id!r}. "
-                    "Expected the path of the file within the folder"
+                    "Expected a path within the folder of the dataset instead of a file name"
                 )
         return self.rows[names[0]]
 
     @cached_property
     def _names_by_stem(self) -> dict[str, list[str]]:
-        """Names with the suffix of a recording file, by the name without suffix."""
+        """Names in the table that have the suffix of a recording file, by the name without suffix."""
         stems: dict[str, list[str]] = {}
         for name in self.rows:
             path = PurePosixPath(name)
@@ -194,7 +197,7 @@ class Labels:
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Return line number and cells of the rows that are not blank; the first one is the header."""
+    """Return line number and cells of all rows that are not blank; the first row is the header."""
     try:
         data = path.read_bytes()
         is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))

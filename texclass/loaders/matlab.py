@@ -1,9 +1,9 @@
-"""Arrays of numbers in MATLAB files of versions 5 to 7.2, also in structs; objects are not read.
+"""Read numeric arrays, also those in structs, from MATLAB files of versions 5 to 7.2; objects are not read.
 
-A file is a sequence of elements: a tag with type and size (in eight or four bytes), and data padded to eight
-bytes (MathWorks, "MAT-File Format"). This module exists because scipy stops at variables of object classes
-(datetime, table), and because scipy up to 1.17 uses the type of numbers as an unchecked index in compiled
-code, so that one changed byte ends the process.
+A file is a sequence of elements. Each element is a tag with type and size (eight or four bytes), followed by
+data padded to a multiple of eight bytes (MathWorks, "MAT-File Format"). This module exists for two reasons:
+scipy stops at variables of object classes (datetime, table), and scipy up to 1.17 uses the type of numbers as
+an unchecked index in compiled code, so one corrupt byte can crash the process.
 """
 
 import math
@@ -35,7 +35,7 @@ Bytes = NDArray[np.uint8]
 
 
 class StoredArray(NamedTuple):
-    """Array, or other object, in a file."""
+    """Array or other object stored in a file."""
 
     name: str
     kind: str
@@ -56,7 +56,7 @@ def matlab_5_arrays(path: Path) -> Iterator[StoredArray]:
     zlib.error
         If a compressed variable is damaged.
     RecordingError
-        If a variable announces more values than its size allows.
+        If a variable announces more values than the size of the file allows.
     """
     data: Bytes = np.memmap(path, np.uint8, "r")
     order, at = "<" if bytes(data[126:128]) == b"IM" else ">", 128  # after the header
@@ -64,12 +64,13 @@ def matlab_5_arrays(path: Path) -> Iterator[StoredArray]:
         kind, size = struct.unpack_from(f"{order}2I", data.data, at)
         stored = data[at + 8 : at + 8 + size]
         if len(stored) < size or kind not in {_MATRIX, _COMPRESSED}:
-            raise ValueError(f"the variable at byte {at} has type {kind} and {len(stored)} of {size} bytes")
+            problem = f"type {kind}, {len(stored)} of {size} bytes"
+            raise ValueError(f"the variable at byte {at} is damaged or truncated: {problem}")
         at += 8 + size
         read_all = (
             partial(_inflate, stored, order, path) if kind == _COMPRESSED else partial(np.asarray, stored)
         )
-        # Flags, dimensions and name of an array need some hundred bytes.
+        # Flags, dimensions and name of an array take up a few hundred bytes.
         head = _inflate(stored, order, path, 4096) if kind == _COMPRESSED else stored
         yield from _find_arrays(head, read_all, order)
 
@@ -80,11 +81,11 @@ def _inflate(stored: Bytes, order: str, path: Path, max_bytes: int = 0) -> Bytes
     tag = inflater.decompress(stored.data, 8)
     kind, size = struct.unpack(f"{order}2I", tag)
     if kind != _MATRIX:
-        raise ValueError(f"a compressed element is of type {kind}")
+        raise ValueError(f"a compressed element has type {kind}. Expected {_MATRIX}, an array")
     check_announced_size(size // 8, path)
     inflated = inflater.decompress(inflater.unconsumed_tail, min(max_bytes, size) or size)
     if not max_bytes and len(inflated) < size:
-        raise ValueError(f"a compressed variable has {len(inflated)} of {size} bytes")
+        raise ValueError(f"a compressed variable is truncated: {len(inflated)} of {size} bytes")
     return np.frombuffer(inflated, np.uint8)
 
 
@@ -130,13 +131,15 @@ def _fields(data: Bytes, at: int, order: str, name: str, depth: int) -> Iterator
     _, start, size, at = _element(data, order, at)
     n_fields = size // length if length > 0 else 0
     if depth > MAX_DEPTH or n_fields > MAX_MEMBERS:
-        raise ValueError(f"structs are {depth} deep, one with {n_fields} fields. Expected at most "
-                         f"{MAX_DEPTH} and {MAX_MEMBERS}")  # fmt: skip
+        raise ValueError(
+            f"a struct at nesting level {depth} has {n_fields} fields. Expected at most {MAX_DEPTH} levels "
+            f"and {MAX_MEMBERS} fields per struct"
+        )
     for i in range(n_fields):
         field = _text(data[start + i * length : start + (i + 1) * length])
         kind, begin, size, at = _element(data, order, at)
         if kind != _MATRIX:
-            raise ValueError(f"{name}.{field} is an element of type {kind}")
+            raise ValueError(f"{name}.{field} is an element of type {kind}. Expected {_MATRIX}, an array")
         if size:
             stored = data[begin : begin + size]
             yield from _find_arrays(stored, partial(np.asarray, stored), order, f"{name}.{field}", depth + 1)
@@ -149,7 +152,7 @@ def _numbers(data: Bytes, at: int, order: str, name: str, shape: tuple[int, ...]
         raise ValueError(f"the numbers of {name} are of type {kind}. Expected one of {sorted(_TYPES)}")
     values = data[start : start + size]
     if size != math.prod(shape) * np.dtype(_TYPES[kind]).itemsize:
-        raise ValueError(f"{name} has shape {shape}, but {size} bytes")
+        raise ValueError(f"{name} has shape {shape}, which does not match its size of {size} bytes")
     return values.view(f"{order}{_TYPES[kind]}").astype(np.float64).reshape(shape, order="F")
 
 

@@ -1,4 +1,4 @@
-"""Datasets opened by name, dataset card or folder, and single recordings by name."""
+"""Open datasets by name, dataset card or folder, and load single recordings by name."""
 
 import difflib
 import os
@@ -59,16 +59,17 @@ def open_dataset(
     name_or_path : str or Path
         Name of a shipped dataset, path of a dataset card (TOML), or a folder with one subfolder per surface.
     fs : float, optional
-        Sampling rate in Hz of files that do not state it. Must agree with a card.
+        Sampling rate in Hz of files that do not state it. It must agree with the card, if there is one.
     unit : str, optional
-        Unit of the acceleration in files that do not state it. Must agree with a card.
+        Unit of the acceleration in files that do not state it. It must agree with the card, if there is one.
     resample : float, optional
         Resample all recordings to this rate in Hz (band-limited).
     labels : str or Path, optional
         Table (CSV) with a column `file` and a column `surface` for a folder of any layout, optionally with
-        `operator`, `session` and `repetition`. A card has [labels] instead.
+        `operator`, `session` and `repetition`. A dataset card has the table [labels] instead.
     tap_spacing : float, optional
-        Distance in s below which impulses are one tap and its rebounds (default: that of the card, or 0.08).
+        Time in s between impulses below which they are one tap and its rebounds (default: the value of the
+        card, or 0.08).
     skip_bad : bool
         Let `Dataset.attempt` return the error of an invalid recording instead of raising it (default False).
     **reading : optional
@@ -131,14 +132,14 @@ def find_recording(
     Returns
     -------
     Recording
-        With the labels of the dataset, if it is from one.
+        Recording, with the labels of the dataset if it belongs to one.
 
     Raises
     ------
     RecordingError
-        If the dataset has no recording of that id, or as `load_recording`.
+        If the dataset has no recording with that id, or if `load_recording` raises it.
     FileNotFoundError, CardError
-        As `open_dataset`.
+        If `open_dataset` raises it.
 
     Examples
     --------
@@ -259,7 +260,7 @@ def _open_folder(
 def _labelled_files(
     files: Sequence[Path], root: Path, labels: str | Path | None
 ) -> tuple[list[Path], LabelTable | None]:
-    """Return the files whose surface is stated by a table or a subfolder, and the columns of the table."""
+    """Return the files whose surface follows from a table or a subfolder, and the columns of the table."""
     if labels is None:
         return [path for path in files if path.parent != root], None
     table = Path(labels).expanduser().absolute()
@@ -283,7 +284,7 @@ def _first_unit_and_rate(
 
 
 def _folder_patterns(exports: Sequence[Export], *, is_labelled: bool) -> tuple[str, ...]:
-    """Return the patterns of exports, one file per axis, one file per recording, and bag folders."""
+    """Return the file name patterns of exports, files per axis, files per recording, and bag folders."""
     suffixes = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in formats())})"
     surface = "" if is_labelled else "(?P<surface>[^/]+)/"
     export_patterns = (export_pattern(exports, is_labelled=is_labelled),) if exports else ()
@@ -296,7 +297,7 @@ def _folder_patterns(exports: Sequence[Export], *, is_labelled: bool) -> tuple[s
 
 
 def recording_files(folder: Path) -> list[Path]:
-    """Return one file per recording, or per axis, in a folder and its subfolders."""
+    """Return the files of recordings (one each, or one per axis) in a folder and its subfolders."""
     all_files = data_files(folder)
     candidates = list(filter(_is_recording, all_files))
     secondary = bag_parts(map(str, candidates))

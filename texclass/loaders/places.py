@@ -1,4 +1,4 @@
-"""Folders with the recordings of cards, download of published recordings, and hashes of files."""
+"""Find the recordings of dataset cards, download published recordings, and compute hashes of files."""
 
 import hashlib
 import io
@@ -18,13 +18,13 @@ from texclass.loaders.cards import CardError, Convert, StoredCard, read_card
 
 
 class DataNotFoundError(FileNotFoundError):
-    """Missing recordings of a card; the message names the source and the folder to put them in."""
+    """The recordings of a card are missing; the message names their source and the expected folder."""
 
 
 def data_roots(card_path: Path | None = None) -> tuple[Path, ...]:
     """Return the folders that may contain a card's folder, in order of preference.
 
-    They are $TEXCLASS_DATA if it is set, the user's data folder, and the folder of the card itself.
+    These are $TEXCLASS_DATA if it is set, the user's data folder, and the folder of the card itself.
     """
     environment_root = os.environ.get("TEXCLASS_DATA")
     roots = [Path(environment_root).expanduser()] if environment_root else []
@@ -35,7 +35,7 @@ def data_roots(card_path: Path | None = None) -> tuple[Path, ...]:
 def find_folder(card: StoredCard) -> Path:
     """Return the folder with the recordings of a card.
 
-    A card without the key `folder` is in the same folder as its recordings.
+    The recordings of a card without the key `folder` are in the folder of the card itself.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def find_folder(card: StoredCard) -> Path:
     for candidate in candidates:
         if candidate.is_dir():
             return candidate
-    advice = f"Get them from {card.source or 'their owner'} and put them there"
+    advice = f"Get them from {card.source or 'their owner'} and put them into this folder"
     if card.download:
         name = card.name if card.name in shipped.names("datasets") else card.path
         advice = f"Download them with `texclass datasets get {name}`"
@@ -59,7 +59,7 @@ def find_folder(card: StoredCard) -> Path:
 
 
 def is_outside(path: Path, roots: Iterable[Path]) -> bool:
-    """Return whether a path is outside all of some folders; symbolic links are not followed."""
+    """Return whether a path is outside all of the given folders; symbolic links are not followed."""
     absolute = Path(os.path.abspath(path))
     return not any(absolute.is_relative_to(os.path.abspath(root)) for root in roots)
 
@@ -69,8 +69,8 @@ def fetch_recordings(
 ) -> Path:
     """Download the published recordings of a card into the data folder.
 
-    Files that are already there are kept, so an interrupted download continues when it is started again, and
-    a complete one needs no network.
+    Files that already exist are kept, so an interrupted download can be continued by calling the function
+    again. If all files exist, no network is needed.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def fetch_recordings(
         Name of a shipped card, or path of a card with the table `[download]`. A file NAME.sha256 in the same
         folder lists the files.
     progress : callable, optional
-        Function of the number of finished files, the number of all files, and the name of the card.
+        Callback `progress(n_done, n_total, name)`: numbers of finished and of all files, name of the card.
 
     Returns
     -------
@@ -88,16 +88,18 @@ def fetch_recordings(
     Raises
     ------
     CardError
-        If the card has no `[download]`, or its list of files is invalid.
+        If the card has no table `[download]`, or its list of files is invalid.
     ValueError
-        If the SHA-256 of a file differs from the list, or that of all converted files from the card.
+        If the SHA-256 of a file differs from the list, or the SHA-256 of all converted files differs from the
+        card.
     OSError
         If a file cannot be downloaded or written.
     """
     card = read_card(name_or_path)
     if not isinstance(card, StoredCard) or card.download is None:
         advice = f"Get them from {card.source}" if card.source else "Ask their owner"
-        raise CardError(f"{card.path}: cannot download its recordings, the card has no [download]. {advice}")
+        problem = "cannot download its recordings, because the card has no table [download]"
+        raise CardError(f"{card.path}: {problem}. {advice}")
     download, root = card.download, data_roots()[0] / card.folder
     partial_root = root if root.is_dir() else root.with_name(f"{root.name}.unfinished")
     files = _read_checksums(card.path.with_suffix(".sha256"), partial_root)
@@ -116,8 +118,8 @@ def fetch_recordings(
         raise
     if sha256 != download.sha256:
         raise ValueError(
-            f"{partial_root}: the SHA-256 over {len(files)} files is {sha256}. Expected {download.sha256} as "
-            "in the card: remove the folder and download it again"
+            f"{partial_root}: the SHA-256 of the {len(files)} files is {sha256}. Expected {download.sha256}, "
+            "as in the card. Remove the folder and download the recordings again"
         )
     if partial_root != root:
         try:
@@ -133,7 +135,8 @@ def fetch_recordings(
 def _read_checksums(path: Path, root: Path) -> dict[str, list[tuple[str, str]]]:
     """Return the published files (name, SHA-256) from which each file of the dataset is converted.
 
-    A line has the SHA-256, the published name and, if it differs, the name in the dataset, separated by tabs.
+    Each line contains the SHA-256, the published name and, if it differs, the name in the dataset, separated
+    by tabs.
     """
     files: dict[str, list[tuple[str, str]]] = {}
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
@@ -142,14 +145,14 @@ def _read_checksums(path: Path, root: Path) -> dict[str, list[tuple[str, str]]]:
         if not (re.fullmatch("[0-9a-f]{64}", sha256) and len(names) in {1, 2} and is_inside):
             raise CardError(
                 f"{path}: line {number} is {line!r:.99}. Expected SHA-256, published file and "
-                "file in the dataset"
+                "file in the dataset, separated by tabs"
             )
         files.setdefault(names[-1], []).append((names[0], sha256))
     return files
 
 
 def _fetch_file(url: str, source: str, sha256: str, folder: Path) -> Path:
-    """Return a published file, after downloading it if it is not in the folder."""
+    """Return the path of a published file in a folder; download it first if it is missing."""
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
@@ -165,7 +168,7 @@ def _fetch_file(url: str, source: str, sha256: str, folder: Path) -> Path:
 
 
 def convert_files(paths: list[Path], convert: Convert, fs: float) -> bytes:
-    """Convert published files to a file of the dataset.
+    """Convert published files to one file of the dataset.
 
     Parameters
     ----------
@@ -174,8 +177,8 @@ def convert_files(paths: list[Path], convert: Convert, fs: float) -> bytes:
     convert : {"", "frames", "rounded", "counts", "sheets"}
         "" copies the file. "frames" writes columns 5 to 26 of a table, row by row, as WAV: 22 samples per
         frame (BioTac). "rounded" rounds a table to five decimals. "counts" takes the first six of ten
-        unnamed columns at 50 Hz, where the last column is the time in ms. "sheets" joins workbooks of one
-        column each to a table.
+        unnamed columns at 50 Hz, where the last column is the time in ms. "sheets" joins workbooks with one
+        column each into a table.
     fs : float
         Sampling rate in Hz of a WAV file.
 
@@ -214,12 +217,12 @@ def convert_files(paths: list[Path], convert: Convert, fs: float) -> bytes:
 
 
 def digest_files(root: Path, names: Iterable[str], settings: str) -> str:
-    """Return the SHA-256 hex digest of settings and of names and contents of files."""
+    """Return the SHA-256 hex digest of settings and of the names and contents of files."""
     return combine_digests(file_digests(root, names), settings)
 
 
 def combine_digests(digests: Mapping[str, str], settings: str) -> str:
-    """Return the SHA-256 hex digest of settings and of names and digests of files."""
+    """Return the SHA-256 hex digest of settings and of the names and digests of files."""
     digest = hashlib.sha256(settings.encode())
     for name, file_digest in digests.items():
         digest.update(f"\0{name}\0{file_digest}".encode())
@@ -229,8 +232,8 @@ def combine_digests(digests: Mapping[str, str], settings: str) -> str:
 def file_digests(root: Path, names: Iterable[str]) -> dict[str, str]:
     """Return the SHA-256 hex digest of each file, sorted by name.
 
-    Reading gigabytes takes seconds, so digests are cached by name, size and modification time. A change that
-    keeps size and modification time is not detected.
+    Digests are cached by name, size and modification time, because reading gigabytes takes seconds. A change
+    that preserves size and modification time is not detected.
     """
     names = sorted(set(names))
     states = hashlib.sha256(str(root.resolve()).encode())

@@ -1,4 +1,4 @@
-"""Conversion of signals to recordings, with errors for invalid input and flags for implausible input."""
+"""Convert signals to recordings, with errors for invalid input and flags for implausible input."""
 
 import math
 import re
@@ -13,7 +13,7 @@ from texclass.loaders.timestamps import resample as band_limited
 from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, UNITS, Recording, Samples
 
 CLIPPED_SHARE = 1e-3
-"""Share of clipped samples above which a recording is flagged."""
+"""Fraction of clipped samples at or above which a recording is flagged."""
 
 
 def build_recording(
@@ -35,8 +35,8 @@ def build_recording(
     signals : ReadSignals
         Signals of the files.
     fs : float or None
-        Sampling rate in Hz from the user or the card. With `resample` it only applies to files that state no
-        rate.
+        Sampling rate in Hz from the user or the card. With `resample`, it applies only to files that do not
+        state a rate.
     unit : str or None
         Unit from the user or the card. The unit in the files must agree, unless `scale` converts it.
     source, flags, **attributes
@@ -46,7 +46,7 @@ def build_recording(
     resample : float, optional
         Target sampling rate in Hz. The files may then have different rates.
     rate_of : str
-        File from which `fs` was taken; "" if the user or the card states it.
+        File from which `fs` was read; "" if it is set by the user or the card.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def build_recording(
 
 
 def resolve_rate(file_fs: float | None, user_fs: float | None, where: object, rate_of: str = "") -> float:
-    """Return the sampling rate from the file or from the user or card; both must agree.
+    """Return the sampling rate from the file, or from the user or card; if both exist, they must agree.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def resolve_rate(file_fs: float | None, user_fs: float | None, where: object, ra
     where : str or Path
         File named in the messages.
     rate_of : str
-        Other file from which `user_fs` was taken, if neither user nor card state it.
+        Other file from which `user_fs` was read; "" if it is set by the user or the card.
 
     Raises
     ------
@@ -95,7 +95,9 @@ def resolve_rate(file_fs: float | None, user_fs: float | None, where: object, ra
     """
     if file_fs is None and user_fs is None:
         raise reader_error(
-            where, "fs is missing, the input does not state it", "--fs HZ, or --time-column for time stamps"
+            where,
+            "fs is missing, because the input states no sampling rate",
+            "--fs HZ, or --time-column COLUMN if there are time stamps",
         )
     if file_fs is not None and user_fs is not None and not math.isclose(file_fs, user_fs, rel_tol=1e-9):
         raise rate_conflict_error(where, f"{file_fs:g} Hz", user_fs, rate_of)
@@ -107,7 +109,7 @@ def resolve_rate(file_fs: float | None, user_fs: float | None, where: object, ra
 
 
 def resolve_unit(file_unit: str | None, user_unit: str | None, where: object) -> str:
-    """Return the unit of the acceleration from the file or from the user or card; both must agree.
+    """Return the unit of the acceleration from the file, or from the user or card; both must agree.
 
     Parameters
     ----------
@@ -125,11 +127,11 @@ def resolve_unit(file_unit: str | None, user_unit: str | None, where: object) ->
     """
     if (unit := file_unit if user_unit is None else user_unit) is None:
         raise reader_error(
-            where, "unit is missing, the input does not state it", f"--unit with one of {', '.join(UNITS)}"
+            where, "unit is missing, because the input states none", f"--unit with one of {', '.join(UNITS)}"
         )
     if file_unit not in (None, unit):
         problem = f"its unit is {file_unit!r}, but {unit!r} was given or is the unit of another file"
-        raise reader_error(where, problem, "one unit (`scale` in a card converts values)")
+        raise reader_error(where, problem, "the same unit; to convert values, set `scale` in a card")
     return unit
 
 
@@ -160,13 +162,12 @@ def acceleration_flags(acceleration: Samples, channels: Sequence[str], where: st
         raise reader_error(where, f"contains {len(columns)} sample", "at least 2")
     if not (largest := np.abs(columns).max()) <= 1e30:  # larger values come from damaged files
         raise reader_error(
-            where, f"contains a value of {largest:.3g}", "at most 1e+30: the file may be damaged"
+            where, f"contains a value of {largest:.3g}", "at most 1e+30. The file may be damaged"
         )
     constant = np.ptp(columns, axis=0) == 0
     if constant.all():
-        raise reader_error(
-            where, f"acceleration is constant, {columns[0].tolist()}", "at least one varying channel"
-        )
+        problem = f"the acceleration is constant, {columns[0].tolist()}"
+        raise reader_error(where, problem, "at least one varying channel")
     constant_flags = [
         f"constant: channel {name}"
         for name, is_constant in zip(channels, constant, strict=True)
@@ -179,11 +180,11 @@ def acceleration_flags(acceleration: Samples, channels: Sequence[str], where: st
 
 
 def clipped_share(signal: Samples) -> float:
-    """Return the share of samples in clipped runs.
+    """Return the fraction of samples in clipped runs.
 
-    A clipped run is at least 3 equal samples at the largest or smallest value, entered or left by a step of
-    more than two quantisation steps. Slow waves reach their crest in single quantisation steps and do not
-    count.
+    A clipped run consists of at least 3 equal samples at the largest or smallest value. The signal enters or
+    leaves the run by more than two quantisation steps. Crests of slow waves are reached in single
+    quantisation steps and therefore do not count.
 
     Parameters
     ----------
@@ -193,7 +194,7 @@ def clipped_share(signal: Samples) -> float:
     Returns
     -------
     share : float
-        Share from 0 to 1.
+        Fraction from 0 to 1.
 
     Examples
     --------
@@ -223,7 +224,7 @@ def clipped_share(signal: Samples) -> float:
 def plausibility_flags(
     signals: Mapping[str, Samples], fs: float, unit: str, scale: float = 1.0, flags: Iterable[str] = ()
 ) -> tuple[str, ...]:
-    """Return flags on implausible signals: a level at rest that is not gravity, and clipped signals.
+    """Return flags for implausible signals: clipping, and a level at rest that differs from gravity.
 
     Parameters
     ----------
@@ -262,7 +263,7 @@ def plausibility_flags(
                 f"{problem}. If the data are in {likely_unit}, set --unit {likely_unit} (`unit` in a card)"
             )
         elif level_in_g[unit] > 0.35:  # too high for a signal without gravity
-            new_flags.append(f"{problem}. Check unit, scale and columns")
+            new_flags.append(f"{problem}. Check unit, scale and columns of the acceleration")
     return tuple(new_flags)
 
 
@@ -272,8 +273,8 @@ def similar_label_notes(surfaces: Iterable[str]) -> list[str]:
     for surface in sorted(set(surfaces)):
         groups.setdefault(" ".join(surface.casefold().split()), []).append(surface)
     return [
-        f"surfaces {' and '.join(map(repr, names))} differ only in case or blanks: rename them if they are "
-        "one surface"
+        f"surfaces {' and '.join(map(repr, names))} differ only in case or blanks: rename one of them if "
+        "they are the same surface"
         for names in groups.values()
         if len(names) > 1
     ]
@@ -282,8 +283,8 @@ def similar_label_notes(surfaces: Iterable[str]) -> list[str]:
 def folder_level_notes(file_parts: Iterable[Sequence[str]]) -> list[str]:
     """Return a note if the first level of folders looks like sessions rather than surfaces.
 
-    This is the case if all folders of the first level contain the same, more numerous, folders, or if their
-    names are those of sessions: session 1, session 2.
+    This is the case if all folders of the first level contain the same subfolders and there are more of these
+    than folders, or if the folders are named like sessions ("session 1", "session 2").
 
     Parameters
     ----------
@@ -302,6 +303,6 @@ def folder_level_notes(file_parts: Iterable[Sequence[str]]) -> list[str]:
         return []
     labels, inner = (", ".join(sorted(names)[:4]) for names in (subfolders, common))
     return [
-        f"the labels are {labels}, and each of these folders contains {inner}: if those are the surfaces, "
+        f"the labels are {labels}, and each of these folders contains {inner}. If the latter are surfaces, "
         "write a card with files = '(?P<session>[^/]+)/(?P<surface>[^/]+)/.+'"
     ]

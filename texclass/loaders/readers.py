@@ -1,7 +1,7 @@
-"""Registry of file formats, and the settings, results, limits and errors that all readers share.
+"""Registry of file formats, and the settings, results, limits and errors shared by all readers.
 
 A reader is a module with two functions: `names(path, settings)` returns the names of the columns or arrays of
-a file, and `read(path, wanted, settings)` returns the wanted ones as `ReadSignals`.
+a file, and `read(path, wanted, settings)` returns the columns named in `wanted` as `ReadSignals`.
 """
 
 import re
@@ -17,12 +17,12 @@ from texclass import shipped
 from texclass.recording import UNITS, RecordingError, Samples
 
 MAX_VALUES = 1_000_000_000
-"""Largest number of values in one recording (8 GB); three axes of 3 hours at 10 kHz are a third of it. The
-header of a file is checked before its values are read."""
+"""Largest number of values in one recording (8 GB), three times as many as 3 hours of three axes at 10 kHz.
+The header of a file is checked before its values are read."""
 MAX_EXPANSION = 1000
 """Largest ratio of the size after decompression to the size of the file, for data over 64 MB."""
 RATES_HZ = (1e-3, 1e8)
-"""Lowest and highest sampling rate: vibration is sampled faster, hand-held sensors slower."""
+"""Lowest and highest valid sampling rate in Hz; real sensors stay well within this range."""
 TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0, "min": 60e9, "h": 3600e9, "days": 86400e9}
 """Duration in nanoseconds of each unit accepted by --time-unit and by the card key `time_unit`."""
 COMMENT_PATTERN = r"""[^\s\d"']{1,8}"""
@@ -78,7 +78,7 @@ FORMATS: Mapping[str, Format] = {
     ".xlsx": Format("Excel", "texclass.loaders.workbooks", _TEXT.settings[1:], extra="formats"),
     ".tdms": Format("TDMS", "texclass.loaders.tdms", rate="`wf_increment`", extra="formats"),
 }
-"""Format by suffix in lower case; the case of a file's suffix does not matter."""
+"""Format by lower-case suffix; the case of the suffix of a file is ignored."""
 
 
 def formats() -> dict[str, Format]:
@@ -129,7 +129,8 @@ class ReaderSettings:
     fs : float, optional
         Sampling rate in Hz. Time stamps must agree with it.
     unit : str, optional
-        Unit of the acceleration. "counts" keeps the codes of integer audio; otherwise full scale is 1.
+        Unit of the acceleration. "counts" keeps the integer values of audio; with other units, full scale
+        is 1.
     column : str or sequence of str, optional
         Column(s) of the acceleration, by name or number from 1 (default: conventional names).
     delimiter : str, optional
@@ -150,7 +151,7 @@ class ReaderSettings:
     drop_incomplete : bool
         Drop lines of a text file that lack a number in a column (default False: raise an error).
     rate_of : str
-        File from which `fs` was taken; "" if the user or the card states it.
+        File from which `fs` was read; "" if it is set by the user or the card.
     """
 
     fs: float | None = None
@@ -168,7 +169,7 @@ class ReaderSettings:
 
     @property
     def card_keys(self) -> dict[str, Any]:
-        """Options that are set and are keys of the same name in a dataset card."""
+        """Options that are set and have the same name as a key of dataset cards."""
         other_names = ("fs", "unit", "column", "resample", "rate_of")
         names = (field.name for field in fields(self) if field.name not in other_names)
         values = {name: getattr(self, name) for name in names}
@@ -195,7 +196,7 @@ class ReaderSettings:
             if rate is not None and not low <= rate <= high:
                 raise reader_error(where, f"{name} is {rate:g} Hz", f"a rate from {low:g} to {high:g} Hz")
         if self.delimiter is not None and (len(self.delimiter) != 1 or self.delimiter in '"\r\n'):
-            raise reader_error(where, f"delimiter is {self.delimiter!r}", "one character, no quote")
+            raise reader_error(where, f"delimiter is {self.delimiter!r}", "one character other than a quote")
         if self.time_unit not in (None, *TIME_UNITS):
             raise reader_error(
                 where, f"unknown time unit {self.time_unit!r}", f"one of {', '.join(TIME_UNITS)}"
@@ -204,7 +205,7 @@ class ReaderSettings:
             raise reader_error(where, f"skip_rows is {self.skip_rows}", "a number of lines of at least 0")
         if self.comment is not None and not re.fullmatch(COMMENT_PATTERN, self.comment):
             raise reader_error(
-                where, f"comment is {self.comment!r}", "1 to 8 characters, no blank, digit or quote"
+                where, f"comment is {self.comment!r}", "1 to 8 characters without blanks, digits and quotes"
             )
 
 
@@ -229,7 +230,9 @@ def check_size(n_values: int, where: object) -> None:
     """Raise an error if a file announces more than `MAX_VALUES` values, before they are read."""
     if n_values > MAX_VALUES:
         raise reader_error(
-            where, f"announces {n_values} values", f"at most {MAX_VALUES} per recording: split the file"
+            where,
+            f"its header announces {n_values} values",
+            f"at most {MAX_VALUES} per recording: split the file",
         )
 
 
@@ -237,26 +240,27 @@ def check_announced_size(n_values: int, path: Path) -> None:
     """Raise an error if a file announces more values than `MAX_VALUES` or than its size allows."""
     check_size(n_values, path)
     if 8 * n_values > max(1 << 26, MAX_EXPANSION * (size := path.stat().st_size)):
-        raise reader_error(
-            path, f"announces {n_values} values in {size} bytes", f"at most {MAX_EXPANSION} times the size"
-        )
+        problem = f"its header announces {n_values} values, but the file has {size} bytes"
+        expected = f"at most {MAX_EXPANSION} times as many bytes after decompression"
+        raise reader_error(path, problem, expected)
 
 
 def as_samples(array: Any, name: str, path: Path) -> Samples:
-    """Return a stored array as samples of shape (n,) or (n, c): real numbers, time along the first axis.
+    """Convert a stored array to samples of shape (n,) or (n, c): real numbers, time along the first axis.
 
-    Axes of length 1 are dropped; of two axes the longer one is time.
+    Axes of length 1 are dropped. If two axes remain, the longer one is time.
 
     Raises
     ------
     RecordingError
-        If it does not contain real numbers or has more than two axes.
+        If the array does not contain real numbers or has more than two axes.
     """
     array = np.asarray(array)
     if array.dtype.kind not in "iuf":
         raise reader_error(path, f"{name} contains {array.dtype} values", "real numbers")
     check_size(array.size, path)
-    with np.errstate(over="ignore", invalid="ignore"):  # wider floats may become infinite: an error later
+    # Wider floats may become infinite, which is an error later.
+    with np.errstate(over="ignore", invalid="ignore"):
         samples = np.atleast_1d(np.squeeze(array)).astype(np.float64, copy=False)
     if samples.ndim > 2:
         raise reader_error(path, f"{name} has shape {array.shape}", "(n,) or (n, channels)")
@@ -275,38 +279,38 @@ def wrap_library_errors(path: Path, kind: str) -> Iterator[None]:
 
 
 def storage_suffix(name: str) -> str:
-    """Return the suffix of a bag's storage file without that of compression: ".bag", ".mcap", ".db3"."""
+    """Return the suffix (".bag", ".mcap", ".db3") of a bag's storage file, ignoring ".zstd"."""
     return PurePosixPath(name.lower().removesuffix(".zstd")).suffix
 
 
 def reader_error(where: object, problem: str, expected: str) -> RecordingError:
-    """Return the error of a file: what is wrong, and what was expected."""
+    """Return an error whose message contains the file, the problem and what was expected."""
     return RecordingError(f"{where}: {problem}. Expected {expected}")
 
 
 def rate_conflict_error(where: object, file_rate: str, fs: float, rate_of: str) -> RecordingError:
-    """Return the error of a file whose sampling rate contradicts `fs`, the rate of the file `rate_of`."""
+    """Return the error for a file whose sampling rate contradicts `fs`, which was read from `rate_of`."""
     if rate_of:
         other, hint = f"{fs:g} Hz in {rate_of}", "resample all files"
     else:
         other, hint = f"{fs:g} Hz was given", "omit --fs, or resample"
     return RecordingError(
-        f"{where}: fs is {file_rate}, but {other}. Expected one rate: {hint} with --resample HZ "
+        f"{where}: fs is {file_rate}, but {other}. Expected the same rate: {hint} with --resample HZ "
         "(`resample_hz` in a card)"
     )
 
 
 def quote_names(names: Sequence[str], max_names: int = 8) -> str:
-    """Return names in quotes for a message; only the first ones if there are many."""
+    """Return names in quotes for a message; if there are many, only the first `max_names`."""
     text = ", ".join(repr(name) for name in list(names)[:max_names])
     return f"{text} and {len(names) - max_names} more" if len(names) > max_names else text or "none"
 
 
 def as_column_names(names: str | Sequence[str] | None) -> tuple[str, ...]:
-    """Return one column, several columns or None as a tuple."""
+    """Convert one column name, several column names or None to a tuple."""
     return (names,) if isinstance(names, str) else tuple(names or ())
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a file is a bag, by its name."""
+    """Return whether the name of a file is that of a bag."""
     return path.suffix.lower() in BAG_SUFFIXES or path.name == BAG_METADATA

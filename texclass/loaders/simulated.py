@@ -16,7 +16,7 @@ from texclass.recording import AUXILIARY_UNITS, Recording
 from texclass.simulate.recipe import Recipe
 
 SIGNALS = ("acceleration", *AUXILIARY_UNITS)
-"""Fields of `Recording` that a cached file stores as arrays."""
+"""Fields of `Recording` that are stored as arrays in a cached file."""
 ATTRIBUTES = (
     "fs",
     "unit",
@@ -28,13 +28,13 @@ ATTRIBUTES = (
     "channels",
     "flags",
 )
-"""Fields of `Recording` that a cached file stores as JSON."""
+"""Fields of `Recording` that are stored as JSON in a cached file."""
 
 
 def load_simulated(recipe: Recipe, cache: Path, entry: Entry) -> Recording:
-    """Return a simulated recording, from the cache if it is there; both are identical to the last bit.
+    """Return a simulated recording, from the cache if possible; both are identical to the last bit.
 
-    The true phases are removed, so that they must be found as in a measured recording.
+    The true phases are removed, so that they are detected as in a measured recording.
 
     Parameters
     ----------
@@ -75,12 +75,12 @@ def open_simulated(recipe: Recipe, **attributes: Any) -> Dataset:
 
 
 def open_gestures(recipe: Recipe, gesture: str) -> Dataset:
-    """Return a dataset with one gesture per recording, with the surfaces and operators of a recipe.
+    """Return a dataset with one gesture per recording and the surfaces and operators of a recipe.
 
     Parameters
     ----------
     recipe : Recipe
-        Settings of the simulation; the duration is that of the gesture.
+        Settings of the simulation; its duration is ignored, because each gesture has its own duration.
     gesture : str
         One of `texclass.simulate.GESTURES`.
     """
@@ -115,9 +115,10 @@ def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
     Parameters
     ----------
     folder : str or Path
-        Folder to write; created if it does not exist.
+        Folder to write into; created if it does not exist.
     first : int
-        Number of the first recording of each surface (default 1); 7 continues after the first six.
+        Number of the first recording of each surface (default 1). With 7, the recordings are numbered 7 to
+        12 and continue the first six.
 
     Returns
     -------
@@ -145,7 +146,7 @@ def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
             text = "%.6g\n" * len(along_tool) % tuple(along_tool)
             path = Path(folder) / name / f"{name}_{k:02d}.txt"
             if path.exists() and path.read_bytes() != text.encode():
-                raise ValueError(f"{path} exists with other content. Expected a new or empty folder")
+                raise ValueError(f"{path} exists with different content. Expected a new or empty folder")
             write_atomic(path, text)
             paths.append(path)
     return tuple(paths)
@@ -170,5 +171,5 @@ def read_cached(path: Path) -> Recording | None:
         attributes = json.loads(str(arrays.pop("facts")))
         attributes |= {name: tuple(attributes[name]) for name in ("channels", "flags")}
         return Recording(**attributes, **arrays)
-    except Exception:  # whatever the damage is, the recording is simulated again
+    except Exception:  # whatever the damage, the recording is simulated again
         return None

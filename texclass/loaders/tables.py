@@ -1,4 +1,4 @@
-"""Reader of text files (.txt, CSV, TSV, LabVIEW) with one value per line or columns, and of Parquet.
+"""Read text files (.txt, CSV, TSV, LabVIEW) with one value per line or columns, and Parquet files.
 
 `text_layout` finds the first row, the delimiter and the names of the columns. Numbers may have decimal
 commas, and a column of time stamps may contain dates.
@@ -59,7 +59,7 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
     Raises
     ------
     RecordingError
-        If a column is missing, a cell or line is not a number, or a line has another number of cells.
+        If a column is missing, a cell or line is not a number, or lines differ in the number of cells.
     """
     if path.suffix.lower() == ".parquet":
         return _read_parquet(path, wanted)
@@ -73,13 +73,13 @@ def _map_file(path: Path) -> pa.Buffer:
 
 
 def read_text(data: pa.Buffer, where: str, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
-    """Read columns of a text, as `read` does; `where` is the file, see `find_layout`."""
+    """Read columns from the content of a text file; `where` is its name, see `find_layout`."""
     layout = find_layout(data, where, settings)
     is_one = len(layout.names) == 1
     hint = f" (is {layout.delimiter!r} the delimiter? --delimiter, `delimiter` in a card)" if is_one else ""
     require_columns(wanted, layout.names, where, hint=hint)
     check_size(data.size // 2, where)
-    # A column is one of dates if its first cell is a date, with or without a time zone.
+    # A column contains dates if its first cell is a date, with or without a time zone.
     first = dict(zip(layout.names, layout.first, strict=False))
     dates = {name: DATE.fullmatch(cell) for name, cell in first.items()}
     types = {name: pa.timestamp("ns", "UTC" if date[1] else None) for name, date in dates.items() if date}
@@ -88,7 +88,7 @@ def read_text(data: pa.Buffer, where: str, wanted: tuple[str, ...], settings: Re
     rows, n_comments = _rows(data, layout, is_decoded=bool(settings.drop_incomplete))
     flags = [*layout.flags]
     if n_comments:
-        flags.append(f"comments: {counted(n_comments, 'line')} between the rows skipped")
+        flags.append(f"comments: {counted(n_comments, 'comment line')} between the rows skipped")
     problem: Exception | None = None
     for decimal in ".,":
         try:
@@ -114,10 +114,10 @@ def read_text(data: pa.Buffer, where: str, wanted: tuple[str, ...], settings: Re
 
 
 def _rows(data: pa.Buffer, layout: TextLayout, *, is_decoded: bool) -> tuple[pa.Buffer, int]:
-    """Return the rows of a text in a form that pyarrow reads, and the number of skipped comments.
+    """Return the rows of a text in a form that pyarrow can read, and the number of skipped comment lines.
 
-    If pyarrow can read the file itself, it is not copied to memory, unless `is_decoded`, because pyarrow
-    cannot skip lines that are not UTF-8.
+    If pyarrow can read the file as it is, the file is not copied to memory. With `is_decoded`, it is always
+    decoded, because pyarrow cannot skip lines that are not UTF-8.
     """
     any_mark = b"|".join(re.escape(mark.encode()) for mark in layout.comments)
     if not is_decoded and layout.encoding != "utf-16" and layout.is_plain and layout.delimiter != " ":
@@ -149,7 +149,7 @@ def _cells(
     *,
     is_strict: bool = True,
 ) -> pa.Table:
-    """Read columns of some types; lines with another number of cells are an error, or skipped."""
+    """Read columns of the given types; lines with a different number of cells are an error, or skipped."""
     empty_names = tuple(f"empty {i}" for i in range(len(layout.names), layout.width))
     return arrow_csv.read_csv(
         pa.BufferReader(rows),
@@ -170,7 +170,7 @@ def _cells(
 def _complete(
     rows: pa.Buffer, layout: TextLayout, types: dict[str, pa.DataType], decimal: str
 ) -> tuple[pa.Table, int]:
-    """Return the rows with a number or date in each column, and the number of other lines."""
+    """Return the rows with a number or date in each column, and the number of dropped lines."""
     texts = _cells(rows, layout, dict.fromkeys(types, pa.string()), decimal, is_strict=False)
     number = r"^\s*[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?\s*$"
     is_complete = np.ones(len(texts), bool)
@@ -192,7 +192,7 @@ def _complete(
 def _bad_line(
     data: pa.Buffer, where: str, layout: TextLayout, wanted: tuple[str, ...], problem: str
 ) -> RecordingError:
-    """Return the error of the first invalid line, with the options that skip it."""
+    """Return the error for the first invalid line; its message lists the options that skip the line."""
     is_one = layout.width == 1
     expected = "one number per line" if is_one else "a number in every cell"
     for number, line in enumerate(open_text(data, layout.encoding, errors="replace"), start=1):
@@ -207,7 +207,7 @@ def _bad_line(
             continue
         reason = f", column {column!r} is not a number" if column and not is_one else ""
         if len(cells) != layout.width and not is_one:
-            reason = f", it has {counted(len(cells), 'cell')}, the other lines have {layout.width}"
+            reason = f" with {counted(len(cells), 'cell')}, but the other lines have {layout.width}"
         options = ["--drop-incomplete drops such lines (`drop_incomplete` in a card)"]
         if not any(map(is_number, cells)) and any(cell.lower() not in MISSING for cell in cells):
             skips = f"--skip-rows {number} skips this line and those above it (`skip_rows` in a card)"
@@ -221,7 +221,7 @@ def _bad_line(
 
 
 def _array(column: pa.ChunkedArray) -> NDArray[Any]:
-    """Return numbers or dates as an array, without `to_numpy` of pyarrow, which imports pandas."""
+    """Convert numbers or dates to an array without `to_numpy` of pyarrow, which would import pandas."""
     kind: str = "f8"
     if pa.types.is_timestamp(column.type):
         kind, column = "M8[ns]", column.cast(pa.int64())
@@ -244,7 +244,7 @@ def _read_parquet(path: Path, wanted: tuple[str, ...]) -> ReadSignals:
 
 
 def _parquet(path: Path) -> tuple[parquet.ParquetFile, tuple[str, ...]]:
-    """Open a Parquet file, and return it with the names of its columns."""
+    """Open a Parquet file; return it and the names of its columns."""
     with wrap_library_errors(path, "Parquet"):
         file = parquet.ParquetFile(path)
         return file, tuple(file.schema_arrow.names)

@@ -1,4 +1,4 @@
-"""Reader of LabVIEW files (.tdms)."""
+"""Read LabVIEW files (.tdms)."""
 
 import logging
 import math
@@ -40,7 +40,7 @@ def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
 
 
 def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
-    """Read channels; the property `wf_increment` states the sampling rate.
+    """Read channels; the sampling rate is read from the property `wf_increment`.
 
     If a file ends within a segment, all channels are cut to the shortest one.
 
@@ -91,7 +91,7 @@ def _rate(channels: dict[str, Any], path: Path) -> float | None:
 
 
 def _is_whole(path: Path) -> bool:
-    """Return whether a file ends at the end of a segment; npTDMS does not report truncated segments."""
+    """Return whether the last segment of a file is complete; npTDMS does not report truncated segments."""
     at, lead_in = 0, 28  # bytes of the lead-in, which contains the length of the rest of the segment
     with path.open("rb") as file:
         while at < (size := path.stat().st_size):

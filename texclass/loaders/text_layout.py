@@ -1,7 +1,8 @@
-"""Layout of a text table: encoding, delimiter, comments, first row, names and units of columns.
+"""Find the layout of a text table: encoding, delimiter, comments, first row, names and units of columns.
 
-The last of the first 200 lines show which columns contain numbers. A row has numbers in all of these columns.
-The column names are in the last matching line above the first row; a line of units may be in between.
+Of the first 200 lines, the last three with numbers determine which columns are numeric. A row has numbers in
+all of these columns. The column names are in the last matching line above the first row; a line of units may
+be in between.
 """
 
 import codecs
@@ -22,13 +23,13 @@ from texclass.recording import RecordingError
 from texclass.reporting.wording import counted
 
 MAX_LINE = 1 << 20
-"""Largest number of characters in a line; the names of 10,000 columns need a tenth."""
+"""Largest number of characters in a line; the names of 10,000 columns need about a tenth of it."""
 MAX_COLUMNS = 10_000
 """Largest number of columns."""
 MISSING = ("", "na", "n/a", "null", "none", "-")
 """Cells without a value."""
 DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d(?::?\d\d){0,2}(?:\.\d+)?(Z|[+-]\d\d:?\d*)?")
-"""Date and time in a notation that pyarrow reads; the group is the time zone."""
+"""Date and time in a notation that pyarrow can parse; the group is the time zone."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class TextLayout:
     Attributes
     ----------
     names : tuple of str
-        Names of the columns, without empty columns at the end.
+        Names of the columns, without trailing empty columns.
     delimiter : str
         Column delimiter, one character.
     width : int
@@ -48,15 +49,15 @@ class TextLayout:
     first : tuple of str
         Cells of the first row.
     encoding : str
-        Encoding, by its name in Python.
+        Name of the encoding in Python.
     comments : tuple of str
         Characters that start comment lines.
     is_plain : bool
         Whether lines end with a line feed only.
     fs : float or None
-        Sampling rate in Hz in the lines above the names, if there is one.
+        Sampling rate in Hz stated in the lines above the rows, if there is one.
     flags : tuple of str
-        Assumptions, for the user.
+        Assumptions reported to the user.
     """
 
     names: tuple[str, ...]
@@ -82,7 +83,7 @@ class _Row:
 
     @property
     def n_filled(self) -> int:
-        """Number of cells without empty cells at the end."""
+        """Number of cells without trailing empty cells."""
         return max((i for i, cell in enumerate(self.cells, 1) if cell), default=0)
 
     @property
@@ -93,7 +94,7 @@ class _Row:
 def open_text(
     data: pa.Buffer, encoding: str, *, errors: str = "strict", newline: str | None = None
 ) -> io.TextIOWrapper:
-    """Return bytes as an open text file."""
+    """Open bytes as a text file."""
     return io.TextIOWrapper(pa.BufferReader(data), encoding, errors, newline)
 
 
@@ -112,7 +113,7 @@ def find_layout(data: pa.Buffer, where: str, settings: ReaderSettings) -> TextLa
     Returns
     -------
     TextLayout
-        Layout by the first 200 lines.
+        Layout, derived from the first 200 lines.
 
     Raises
     ------
@@ -144,7 +145,7 @@ def find_layout(data: pa.Buffer, where: str, settings: ReaderSettings) -> TextLa
     if widest := max((len(row.cells) for row in rows if len(row.cells) > MAX_COLUMNS), default=0):
         raise reader_error(where, f"its first lines have {widest} columns", f"at most {MAX_COLUMNS}")
     layout = _find_names(rows, where, labview, is_whole=is_whole, is_txt=is_txt)
-    flags = ("encoding: not UTF-8, read as Windows-1252",) if encoding == "cp1252" else ()
+    flags = ("encoding: the text is not UTF-8, read as Windows-1252",) if encoding == "cp1252" else ()
     return replace(
         layout,
         delimiter=delimiter or ",",
@@ -166,7 +167,7 @@ def is_number(cell: str) -> bool:
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line without surrounding blanks."""
+    """Split a line into cells without surrounding blanks."""
     if delimiter == " ":
         line = line.replace("\t", " ").strip()
     try:
@@ -177,7 +178,7 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 
 def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], bool]:
-    """Return the encoding of a text, its first lines after the skipped ones, and whether these are all."""
+    """Return the encoding, the first lines after the skipped ones, and whether the text has no more lines."""
     is_wide = data[:4].to_pybytes().startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     for codec in ("utf-16" if is_wide else "utf-8-sig", "cp1252"):
         try:
@@ -194,7 +195,7 @@ def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], 
 
 
 def _first_lines(file: io.TextIOWrapper, where: str, n_skipped: int) -> tuple[list[str], bool]:
-    """Return at most 200 lines (fewer after 256 k characters), and whether these are all."""
+    """Return up to 200 lines (fewer above 256 k characters), and whether the file has no more lines."""
     lines, n_characters = list[str](), 0
     for _ in islice(iter(lambda: file.readline(MAX_LINE), ""), n_skipped):
         pass
@@ -213,7 +214,7 @@ def _starts_with(line: str, marks: Sequence[str]) -> bool:
 
 
 def _delimiter(lines: Sequence[str], *, is_txt: bool) -> str:
-    """Return the delimiter in most of the last lines with digits; "" without one."""
+    """Return the delimiter that occurs in most of the last lines with digits; "" if there is none."""
     last = ([line for line in lines if any(map(str.isdigit, line))] or list(lines))[-5:]
     # Commas may be decimal points and blanks may be part of a text, so they are tried last.
     for mark in "\t;|":
@@ -229,7 +230,7 @@ def _delimiter(lines: Sequence[str], *, is_txt: bool) -> str:
 
 
 def _rows(lines: Sequence[str], begin: int, delimiter: str, comments: tuple[str, ...]) -> Iterator[_Row]:
-    """Yield the lines that are not blank as rows, comments without their comment characters."""
+    """Yield the non-blank lines as rows; comment characters are removed."""
     last = begin
     while last < len(lines):
         first, last = last, last + 1
@@ -248,15 +249,15 @@ def _rows(lines: Sequence[str], begin: int, delimiter: str, comments: tuple[str,
 def _find_names(
     rows: list[_Row], where: str, labview: dict[str, list[str]], *, is_whole: bool, is_txt: bool
 ) -> TextLayout:
-    """Return the layout with names, units and the first row."""
+    """Return a layout with the names and units of the columns and the first row."""
     lines = [row for row in rows if not row.is_comment]
     reference = [row for row in lines if row.has_number][-3:]  # these lines are rows
     if not reference:
         if not is_whole:
             raise reader_error(
                 where,
-                f"there are no numbers in the first {len(rows)} lines",
-                "rows of numbers, or --skip-rows N to skip the lines above them (`skip_rows` in a card)",
+                f"the first {len(rows)} lines contain no numbers",
+                "rows of numbers. To skip the lines above them, pass --skip-rows N (`skip_rows` in a card)",
             )
         cells = lines[0].cells if lines else ()
         return TextLayout(_unique(cells), ",", len(cells), lines[0].last if lines else 0)
@@ -280,15 +281,14 @@ def _find_names(
     header = _header(above, body, width, n_filled, is_labview=bool(labview))
     n_ignored = len(above) - (header is not None)
     if n_ignored:
-        flags.append(
-            f"header: {counted(n_ignored, 'line')} above the rows ignored, {above[0].cells[0]!r:.40} first"
-        )
+        first = f"starting with {above[0].cells[0]!r:.40}"
+        flags.append(f"header: {counted(n_ignored, 'line')} above the rows ignored, {first}")
     names = list(header.cells[: header.n_filled] if header else ())
     fs, rate_text = _stated_rate(above)
     if labview:
         names, units, fs = _labview_columns(names, labview)
     elif header is None and _is_empatica(body):
-        fs, rate_text = float(body[1].cells[0]), "start time, then rate, as in files of Empatica"
+        fs, rate_text = float(body[1].cells[0]), "start time, then rate, as in Empatica files"
         body = body[2:]
     if fs and not labview:
         flags.append(f"rate: {fs:g} Hz, from the lines above the rows: {rate_text!r:.50}")
@@ -301,7 +301,7 @@ def _find_names(
 
 
 def _column_names(names: list[str], units: Sequence[str], body: Sequence[_Row], n_filled: int) -> list[str]:
-    """Return a name for each column, with its unit; an unnamed column of row numbers is `ROW_NUMBER`."""
+    """Return a name with unit for each column; an unnamed column of row numbers is named `ROW_NUMBER`."""
     if len(names) == n_filled - 1 and _counts(body):
         names, units = [ROW_NUMBER, *names], ["", *units]
     elif names and not names[0] and _counts(body):
@@ -321,7 +321,7 @@ def _numbered_names(body: Sequence[_Row], n_filled: int) -> list[str]:
 
 
 def _stated_rate(above: Sequence[_Row]) -> tuple[float | None, str]:
-    """Return the sampling rate in Hz in the lines above the rows, and the text that states it."""
+    """Return the sampling rate in Hz stated in the lines above the rows, and the text that states it."""
     rate = re.compile(
         r"\b(?:(?:sampl\w*|update|measurement|acquisition)[ _-]*(?:rate|frequency)|abtastrate|"
         r"data[ _-]rate(?=[^\d\n]{0,12}[\d.,]+\s*k?hz))\b([^\d\n]{0,12})(\d+(?:[.,]\d+)?)\s*(k?hz\b)?",
@@ -353,7 +353,7 @@ def _is_numeric(cells: Sequence[str]) -> bool:
 
 
 def _fits(row: _Row, width: int, numeric: Sequence[int]) -> bool:
-    """Return whether a line is a row: numbers or missing values in the columns of numbers."""
+    """Return whether a line is a row, with numbers or missing values in all numeric columns."""
     if len(row.cells) != width:
         return False
     cells = [row.cells[i] for i in numeric]
@@ -392,7 +392,7 @@ def _are_units(row: _Row) -> bool:
 def _header(
     above: Sequence[_Row], body: Sequence[_Row], width: int, n_filled: int, *, is_labview: bool
 ) -> _Row | None:
-    """Return the line of column names: the last one with a name per column, otherwise such a comment."""
+    """Return the last line with a name per column; if there is none, the last such comment line."""
 
     def names_all(row: _Row) -> bool:
         if not (any(map(str.isalpha, "".join(row.cells))) or _is_counted([row, *body], is_txt=False)):
@@ -429,7 +429,7 @@ def _labview_columns(
 
 
 def _unique(names: Sequence[str]) -> tuple[str, ...]:
-    """Return unique names; blank and repeated names get the number of the column."""
+    """Make names unique by adding the column number to blank and repeated names."""
     full_names = [name or f"c{i}" for i, name in enumerate(names, 1)]
     counts = Counter(full_names)
     return tuple(name if counts[name] == 1 else f"{name}#{i}" for i, name in enumerate(full_names, 1))

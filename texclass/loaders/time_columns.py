@@ -1,4 +1,4 @@
-"""Resampling by a column of time stamps: unit of the column, and uniform sampling rate."""
+"""Resample signals with a column of time stamps: infer its unit, and convert to a uniform sampling rate."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -12,11 +12,11 @@ from texclass.loaders.timestamps import TIMESTAMPS, to_uniform_rate, typical_ste
 from texclass.recording import RecordingError, Samples
 
 FAST_HZ = 50e3
-"""Sampling rate above which the unit in a column name is doubted, if the recording is shorter than 0.1 s."""
+"""Sampling rate in Hz above which the unit in a column name is not trusted for recordings below 0.1 s."""
 
 
 def is_increasing(times: NDArray[np.generic]) -> bool:
-    """Return whether a column increases like time stamps, with at most 1 % of steps backwards."""
+    """Return whether a column increases like time stamps, with at most 1 % of backward steps."""
     steps = _numbers(times)
     return len(steps) > 1 and bool(steps[-1] > steps[0]) and float(np.mean(np.diff(steps) < 0)) <= 0.01
 
@@ -31,7 +31,7 @@ def resample_by_time_column(
     unit: str | None = None,
     rate_of: str = "",
 ) -> tuple[Samples, float, tuple[str, ...]]:
-    """Resample to a uniform rate by a column of time stamps.
+    """Resample signals to a uniform rate, given their time stamps.
 
     Parameters
     ----------
@@ -42,14 +42,14 @@ def resample_by_time_column(
     name : str
         Name of the column.
     user_fs : float or None
-        Sampling rate in Hz that the user states.
+        Sampling rate in Hz set by the user.
     where : str
         File, for messages.
     unit : str, optional
         Unit of numbers, one of `TIME_UNITS` (default: the unit in the name, such as "time (ms)" or "t_us";
-        otherwise the one that agrees with `user_fs`, or that follows from range and step).
+        otherwise the unit that agrees with `user_fs` or is inferred from range and step).
     rate_of : str
-        File from which `user_fs` was taken; "" if the user states it.
+        File from which `user_fs` was read; "" if it is set by the user.
 
     Returns
     -------
@@ -100,10 +100,10 @@ def resample_by_time_column(
 
 
 def _new_rows(samples: Samples) -> NDArray[np.bool_]:
-    """Return which rows are new samples; in a merged log, rows of other sensors repeat the latest values.
+    """Return which rows contain new samples; in a merged log, rows of other sensors repeat the last values.
 
-    A sensor at rest repeats values too, but has few levels. Rows are only dropped if nearly all rows with a
-    change are different, because then a repetition is not a coincidence.
+    A sensor at rest also repeats values, but has few levels. Repeated rows are dropped only if nearly all
+    other rows are distinct, because then a repetition is unlikely to be a coincidence.
     """
     is_new = np.append(True, np.any(samples[1:] != samples[:-1], axis=1))
     n_new = np.count_nonzero(is_new)
@@ -113,7 +113,7 @@ def _new_rows(samples: Samples) -> NDArray[np.bool_]:
 
 
 def _numbers(times: NDArray[np.generic]) -> Samples:
-    """Return dates in ns after the first one, and numbers unchanged."""
+    """Convert dates to ns since the first date; return numbers unchanged."""
     dates: Any = times
     return np.asarray(dates - dates[:1] if times.dtype.kind in "Mm" else times).astype(np.float64)
 
@@ -144,7 +144,7 @@ def _unit(numbers: Samples, name: str, user_fs: float | None, where: str) -> str
         if rates[name_unit] > FAST_HZ and is_short and user_fs is None and plausible:
             raise _ambiguous_unit_error(where, name, rates, (name_unit, *plausible))
         if user_fs and name_unit not in matching and matching:
-            suffix = f", {user_fs:g} Hz was given"
+            suffix = f", but {user_fs:g} Hz was given"
             raise _ambiguous_unit_error(where, name, rates, (name_unit, *matching), suffix)
         return name_unit
     if matching:
@@ -166,6 +166,6 @@ def _ambiguous_unit_error(
 ) -> RecordingError:
     options = " or ".join(f"{rates[unit]:.6g} Hz if in {unit}" for unit in units)
     return RecordingError(
-        f"{where}: fs is {options} by its column {name!r}{suffix}. Expected one unit: set --time-unit "
-        "(`time_unit` in a card)"
+        f"{where}: the unit of its column {name!r} is ambiguous: fs is {options}{suffix}. Set the unit with "
+        "--time-unit (`time_unit` in a card)"
     )

@@ -1,7 +1,7 @@
-"""Conversion of samples with time stamps to a uniform sampling rate, with a flag for every correction.
+"""Convert samples with time stamps to a uniform sampling rate, with a flag for every correction.
 
-Time stamps jump when a clock is set, repeat when a message is sent twice or the clock is coarse, arrive late,
-out of order and in bursts, and are missing where messages were lost.
+Time stamps jump when a clock is set. They repeat when a message is sent twice or the clock is coarse.
+Messages arrive late, out of order or in bursts, and some are lost.
 """
 
 from dataclasses import dataclass
@@ -19,41 +19,46 @@ Timestamps = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class TimestampSettings:
-    """Thresholds of the corrections of time stamps.
+    """Thresholds for the correction of time stamps.
 
     Attributes
     ----------
     max_overtaking : int
-        A message overtaken by at most this many others is out of order; otherwise the clock was set.
+        A message overtaken by at most this many messages is out of order; otherwise the clock was set.
     clock_jump_s : float
-        A step of the time stamps that exceeds that of the times of receipt by this time in s is a clock jump.
+        Difference in s by which a step of the time stamps exceeds the step of the times of receipt at a clock
+        jump.
     rate_block, min_blocks : int
-        Messages per measurement of the rate, and consecutive measurements that make a segment of one rate.
+        Messages per rate measurement, and smallest number of consecutive measurements in a segment with one
+        rate.
     other_rate : float
         Relative difference of typical steps above which the rate has changed.
     level_window : int
-        Messages before and after a gap that decide whether samples are missing or only late.
+        Number of messages before and after a gap used to decide whether samples are missing or only late.
     step_tolerance : float
-        Relative deviation from the median step. If half of the steps deviate more, messages come in bursts.
+        Relative deviation from the median step. If more than half of the steps deviate more, messages arrive
+        in bursts.
     max_gap, max_gap_s : int, float
-        Longest gap that is interpolated, in samples or, if that is longer, in s. Longer gaps divide the
+        Longest gap that is interpolated, in samples and in s (the longer one counts). Longer gaps divide the
         recording.
     same_rate : float
-        Relative difference below which two rates are equal; crystal oscillators differ by 1e-4.
+        Relative difference below which two rates are considered equal; crystal oscillators differ by 1e-4.
     near_rate, near_rate_jittering : float
-        Relative difference below which signals are resampled to the stated rate; a larger difference is an
-        error. The second applies if the jitter exceeds `max_jitter`, where the stated rate is more accurate.
+        Relative difference between measured and stated rate up to which signals are resampled to the stated
+        rate; a larger difference is an error. The second applies if the jitter exceeds `max_jitter`, because
+        the stated rate is then more accurate.
     reported_jitter, even_jitter, max_jitter : float
-        Root-mean-square deviation from evenly spaced time stamps, in periods: reported above the first,
-        ignored below the second, and above the third time stamps do not show when a sample was taken.
+        Root-mean-square deviation from evenly spaced time stamps, in periods. Jitter is reported above the
+        first value and ignored below the second. Above the third, time stamps are too inaccurate to locate
+        single samples.
     max_resolution : float
-        Resolution of time stamps in periods above which they do not show when a sample was taken either, such
-        as whole milliseconds at 100 Hz.
+        Resolution of time stamps in periods above which they are too coarse to locate single samples, such as
+        whole milliseconds at 100 Hz.
     coarse_clock : float
-        Share of changed values at equal time stamps, relative to that at different ones, above which equal
-        time stamps come from a coarse clock rather than from messages sent twice.
+        Fraction of values that change at equal time stamps, divided by the fraction that change at different
+        ones. Above this ratio, equal time stamps come from a coarse clock, not from messages sent twice.
     shared_ticks : float
-        Share of ticks with several samples above which a clock is coarse.
+        Fraction of ticks with several samples above which a clock is coarse.
     """
 
     max_overtaking: int = 3
@@ -101,9 +106,9 @@ def _locate_samples(
     t : ndarray of shape (n_used,)
         Corrected times in s.
     index : ndarray of shape (n_used,)
-        Sample number of each message from 0; numbers of lost messages are missing.
+        Sample number of each message, counted from 0; the numbers of lost messages are left out.
     flags : list of str
-        Corrections.
+        Descriptions of the corrections.
     """
     is_duplicate = _find_duplicates(stamps_ns, received_ns, repeats)
     messages = np.flatnonzero(~is_duplicate)
@@ -114,7 +119,8 @@ def _locate_samples(
     first, last, rate_flag = _one_rate(t)
     messages, t = messages[first:last], t[first:last]
     if len(t) < 2 or not t[-1] > t[0] or not np.isfinite(t[-1]):
-        raise reader_error(where, f"{len(t)} messages at one time", "at least two different time stamps")
+        problem = f"all {len(t)} messages have the same time stamp"
+        raise reader_error(where, problem, "at least two different time stamps")
     period = _period(t)
     n_lost = _count_lost(t, period)
     first, last, gap_flag = _longest_segment(
@@ -128,9 +134,9 @@ def _locate_samples(
         )
     if index[-1] >= 2 * len(t) + TIMESTAMPS.max_gap:
         raise RecordingError(
-            f"{where}: {n_lost.sum()} of {index[-1] + 1} samples are missing by its time stamps. "
-            "Expected at most half. Export the accelerometer alone if rows of several sensors are merged, or "
-            "ignore the time stamps with --time-column none and --fs HZ (`time_column`, `fs_hz` in a card)"
+            f"{where}: according to its time stamps, {n_lost.sum()} of {index[-1] + 1} samples are missing. "
+            "Expected at most half. If rows of several sensors are merged, export the accelerometer alone. "
+            "To ignore the time stamps, pass --time-column none and --fs HZ (card: `time_column`, `fs_hz`)"
         )
     n_duplicates, n_gaps = int(is_duplicate.sum()), np.count_nonzero(n_lost)
     flags = {
@@ -148,7 +154,7 @@ def _locate_samples(
 
 
 def _period(t: Samples) -> float:
-    """Return the sampling period in s, without the influence of gaps and bursts."""
+    """Return the sampling period in s, unaffected by gaps and bursts."""
     step, window = np.diff(t), TIMESTAMPS.level_window
     typical, mean = float(np.median(step)), float(t[-1] - t[0]) / len(step)
     # With gaps, few steps are longer than the mean; with bursts, many are.
@@ -164,10 +170,10 @@ def _period(t: Samples) -> float:
 def _find_duplicates(
     stamps_ns: Timestamps, received_ns: Timestamps, repeats: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which messages have the time stamp and the values of the previous one.
+    """Return which messages repeat the time stamp and the values of the previous message.
 
-    If values change at equal time stamps about as often as at others, the clock is coarse and equal values
-    come from a sensor at rest. Then only messages that were also received together are duplicates.
+    If values change at equal time stamps about as often as at different ones, the clock is coarse, and equal
+    values come from a sensor at rest. Then only messages that were also received together are duplicates.
     """
     equal = np.diff(stamps_ns, prepend=stamps_ns[:1] - 1) == 0
     is_duplicate: NDArray[np.bool_] = equal & repeats
@@ -181,7 +187,7 @@ def _find_duplicates(
 
 
 def _spread_ticks(t: Samples) -> tuple[Samples, str]:
-    """Space the samples at one tick of a coarse clock evenly; only whole ticks count as missing."""
+    """Distribute the samples of each tick of a coarse clock evenly; only whole ticks count as missing."""
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0)
     if len(first) < 4:
         return t, ""
@@ -200,7 +206,7 @@ def _spread_ticks(t: Samples) -> tuple[Samples, str]:
 
 
 def _one_rate(t: Samples) -> tuple[int, int, str]:
-    """Return the longest half-open range of messages at one rate, and a flag if the rate changes."""
+    """Return the longest half-open range of messages with one rate, and a flag if the rate changes."""
     n_blocks = len(t) // TIMESTAMPS.rate_block
     if n_blocks < 2 * TIMESTAMPS.min_blocks:
         return 0, len(t), ""
@@ -226,12 +232,12 @@ def _one_rate(t: Samples) -> tuple[int, int, str]:
 
 
 def _seconds(stamps_ns: Timestamps) -> Samples:
-    """Return the time in s after the first time stamp; differences in damaged files may exceed 64 bits."""
+    """Return the time in s since the first time stamp; differences in damaged files may exceed 64 bits."""
     return (stamps_ns.astype(np.longdouble) - np.longdouble(stamps_ns[0])).astype(np.float64) / 1e9
 
 
 def _bridge_clock_jumps(t: Samples, received: Samples) -> tuple[Samples, str]:
-    """Replace the steps at which a clock was set by the steps of the times of receipt."""
+    """Replace the steps at which a clock was set with the steps of the times of receipt."""
     if len(t) < 3:
         return t, ""
     step, received_step = np.diff(t), np.diff(received)
@@ -253,7 +259,7 @@ def _bridge_clock_jumps(t: Samples, received: Samples) -> tuple[Samples, str]:
 
 
 def typical_step(step: Samples) -> float:
-    """Return the mean of the steps near their median; 2.5 ms for steps of 2 and 3 ms."""
+    """Return the mean of the steps near their median, such as 2.5 ms for steps of 2 and 3 ms."""
     typical = float(np.median(step))
     near = step[np.abs(step - typical) <= 0.6 * typical]
     return float(near.mean()) if len(near) else typical
@@ -262,9 +268,9 @@ def typical_step(step: Samples) -> float:
 def _count_lost(t: Samples, period: float) -> NDArray[np.int64]:
     """Return the number of missing messages before each message.
 
-    The delay of message i is l[i] = t[i] - i T. A loss increases the delay of all later messages. A late
-    message increases only its own delay. The number of missing messages is therefore the increase of the
-    minimum of l in windows before and after a gap, in periods T.
+    The delay of message i is l[i] = t[i] - i T, where T is the period. A loss increases the delay of all
+    later messages, whereas a late message increases only its own delay. The number of missing messages is
+    therefore the increase of the minimum of l, in periods, from a window before a gap to one after it.
     """
     n_lost = np.zeros(len(t), np.int64)
     gaps = np.flatnonzero(np.diff(t) > 1.5 * period) + 1
@@ -294,7 +300,7 @@ def _longest_segment(n_lost: NDArray[np.int64], max_gap: int, period: float) -> 
 
 
 def nominal_rate(rate: float) -> float:
-    """Return the rate in Hz with fewest digits near a measured one: 100 for 99.98; 104.2 is unchanged."""
+    """Round a measured rate in Hz to the fewest digits within 0.1 %: 99.98 to 100; 104.2 is unchanged."""
     for digits in range(1, 6):
         if abs((rounded := float(f"{rate:.{digits}g}")) - rate) <= TIMESTAMPS.same_rate * rate:
             return rounded
@@ -352,8 +358,9 @@ def to_uniform_rate(
 ) -> tuple[Samples, float, float, tuple[str, ...]]:
     """Convert the samples of messages to a uniform sampling rate.
 
-    Header time stamps are the times of the samples, so samples are interpolated (monotone cubic) at uniform
-    times if the jitter matters. Times of receipt are not, so samples are taken as evenly spaced.
+    Header time stamps are the times at which samples were taken. If their jitter matters, samples are
+    interpolated (monotone cubic) at uniform times. Times of receipt are delayed, so samples are assumed to be
+    evenly spaced.
 
     Parameters
     ----------
@@ -364,7 +371,7 @@ def to_uniform_rate(
     received_ns : ndarray of shape (n,)
         Times of receipt in ns, in the order of the messages.
     user_fs : float or None
-        Sampling rate in Hz that the user states (None: the nominal rate nearest to the measured one).
+        Sampling rate in Hz set by the user (None: nominal rate nearest to the measured rate).
     by_header : bool
         Whether the time stamps are from message headers.
     where : str
@@ -372,7 +379,7 @@ def to_uniform_rate(
     by : str
         Description of the time stamps, for messages.
     rate_of : str
-        File from which `user_fs` was taken; "" if the user states it.
+        File from which `user_fs` was read; "" if it is set by the user.
 
     Returns
     -------
@@ -405,7 +412,7 @@ def to_uniform_rate(
     by = by or ("header time stamps" if by_header else "times of receipt")
     is_rough = jitter > limits.max_jitter
     if abs(measured - fs) > (limits.near_rate_jittering if is_rough else limits.near_rate) * fs:
-        raise rate_conflict_error(where, f"{measured:.6g} Hz by its {by}", fs, rate_of)
+        raise rate_conflict_error(where, f"{measured:.6g} Hz according to its {by}", fs, rate_of)
     is_informative = limits.even_jitter < jitter <= limits.max_jitter and resolution <= limits.max_resolution
     at_stamps = is_informative and by_header and per_message == 1
     uniform = _interpolate_on_grid(samples[messages], index, offset if at_stamps else None)
@@ -417,9 +424,7 @@ def to_uniform_rate(
         rate_flag += f", used as {fs:g} Hz"
     flags.append(rate_flag)
     if jitter > limits.reported_jitter:
-        method = (
-            "samples interpolated at their time stamps" if at_stamps else "samples taken as evenly spaced"
-        )
+        method = "samples interpolated at their time stamps" if at_stamps else "samples assumed evenly spaced"
         flags.append(f"jitter: {100 * jitter:.2g} % of a period (rms), {method}")
     return uniform, fs, float(used[0]) / 1e9, tuple(flags)
 
@@ -439,7 +444,7 @@ def _interpolate_on_grid(samples: Samples, index: NDArray[np.int64], offset: Sam
     grid = np.arange(index[-1] + 1, dtype=np.float64)
     if len(position) < 2:
         return flat
-    with np.errstate(all="ignore"):  # damaged numbers may become infinite: an error later
+    with np.errstate(all="ignore"):  # damaged numbers may become infinite, which is an error later
         from scipy.interpolate import PchipInterpolator
 
         return np.asarray(PchipInterpolator(position, flat, axis=0)(np.clip(grid, position[0], position[-1])))

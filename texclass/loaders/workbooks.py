@@ -1,4 +1,4 @@
-"""Reader of Excel workbooks (.xlsx), which reads a sheet as a text table."""
+"""Read Excel workbooks (.xlsx); each sheet is converted to a text table."""
 
 import csv
 import io
@@ -34,10 +34,10 @@ MAX_EXPANSION = 100
 MAX_ROWS = 1 << 20
 """Largest number of rows of a sheet, as in Excel."""
 MAX_CELLS = 1 << 24
-"""Largest number of cells of a sheet, blank ones included: 8 columns of 3.5 minutes at 10 kHz. A file of a
+"""Largest number of cells of a sheet, including blank cells: 8 columns of 3.5 minutes at 10 kHz. A file of a
 few kilobytes can announce 1000 times as many."""
 MIN_ROWS = 2
-"""Smallest number of rows with a number in a sheet with a table."""
+"""Smallest number of rows with a number in a sheet that counts as a table."""
 
 
 class Sheet(NamedTuple):
@@ -67,7 +67,7 @@ def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
 
 
 def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
-    """Read columns of one sheet, with the stored values of formulas.
+    """Read columns of one sheet; for formulas, the stored results are read.
 
     Raises
     ------
@@ -87,9 +87,8 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
         n_others = counted(len(sheets) - 1, "other sheet")
         other = next(names for _, names in sheets if names != columns)
         example = next((name for name in other if not is_time(name)), other[0])
-        flags = (
-            f"sheet: {sheet.title!r:.40} is read, {n_others} ignored; --column {example!r:.60} selects one",
-        )
+        hint = f"to select another, pass --column, e.g. {example!r:.60}"
+        flags = (f"sheet: {sheet.title!r:.40} is read, {n_others} ignored; {hint}",)
     selected = {name: signals.signals[column] for name, column in inner_names.items()}
     return replace(signals, signals=selected, flags=(*flags, *signals.flags))
 
@@ -101,7 +100,7 @@ def _sheets(path: Path) -> tuple[Sheet, ...]:
 
 @lru_cache(maxsize=1)  # `names` and `read` are called one after the other
 def _read_sheets(path: Path, modified: int, size: int) -> tuple[Sheet, ...]:
-    """Return the sheets with a table."""
+    """Return the sheets that contain a table."""
     max_size = max(1 << 26, MAX_EXPANSION * size)
     sheets = list[Sheet]()
     with wrap_library_errors(path, "Excel"):
@@ -117,7 +116,8 @@ def _read_sheets(path: Path, modified: int, size: int) -> tuple[Sheet, ...]:
                     data = pa.py_buffer(text.encode("utf-8", "replace"))
                     sheets.append(Sheet(sheet.title, where, prefix, data))
     if not sheets:
-        expected = f"a sheet with at least {MIN_ROWS} (formulas need stored values: save the file in Excel)"
+        hint = "to store the results of formulas, save the file in Excel"
+        expected = f"a sheet with at least {MIN_ROWS} rows; {hint}"
         raise reader_error(path, "no sheet has rows of numbers", expected)
     return tuple(sheets)
 
@@ -127,9 +127,8 @@ def _check_archive(path: Path, max_size: int) -> None:
     with zipfile.ZipFile(path) as archive:
         expanded = sum(member.file_size for member in archive.infolist())
         if expanded > max_size:
-            raise reader_error(
-                path, f"expands to {expanded} bytes", f"64 MB, or {MAX_EXPANSION} times its size"
-            )
+            expected = f"at most 64 MB, or {MAX_EXPANSION} times the size of the file"
+            raise reader_error(path, f"expands to {expanded} bytes", expected)
         for member in archive.infolist():
             with archive.open(member) as content:
                 _check_prolog(content, f"{path} ({member.filename:.80})")
@@ -151,7 +150,7 @@ def _check_prolog(content: IO[bytes], where: str) -> None:
 
 
 def _text(rows: Iterable[Sequence[Any]], where: str, max_characters: int) -> str:
-    """Return rows as comma-separated lines without blank columns; "" if the sheet has no table.
+    """Convert rows to comma-separated lines without blank columns; return "" if the sheet has no table.
 
     Parameters
     ----------
@@ -172,7 +171,8 @@ def _text(rows: Iterable[Sequence[Any]], where: str, max_characters: int) -> str
     for number, row in enumerate(rows, 1):
         n_cells += len(row)
         if number > MAX_ROWS or n_cells > MAX_CELLS or text.tell() > max_characters:
-            expected = f"at most {MAX_ROWS} rows, {MAX_CELLS} cells and {max_characters} characters: split it"
+            limits = f"{MAX_ROWS} rows, {MAX_CELLS} cells and {max_characters} characters"
+            expected = f"at most {limits}: split the sheet"
             raise reader_error(where, f"has at least {number} rows and {n_cells} cells", expected)
         cells = [_cell(value) for value in row] if any(value is not None for value in row) else []
         filled = [i for i, cell in enumerate(cells) if cell]
@@ -188,7 +188,7 @@ def _text(rows: Iterable[Sequence[Any]], where: str, max_characters: int) -> str
 
 
 def _align_columns(text: str, columns: Sequence[int]) -> str:
-    """Return the lines of a text with only some columns, each line with all of these columns."""
+    """Keep only the given columns of a text, and fill missing cells with blanks."""
     aligned = io.StringIO()
     writer = csv.writer(aligned, lineterminator="\n")
     for row in csv.reader(io.StringIO(text)):
