@@ -1,4 +1,4 @@
-"""Tests of models, filters, transforms and features, ours and those of other libraries, on extreme inputs."""
+"""Test models, filters, transforms and features of texclass and of other libraries on extreme inputs."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Battery of extreme inputs: every subject on every input, with one table of outcomes."""
+"""Run the battery of extreme inputs: test every subject on every input, and collect a table of outcomes."""
 
 import math
 import platform
@@ -32,11 +32,11 @@ PLACES = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StabilityResult(Result, kind="stability"):
-    """Outcomes of the battery, the result of `run_stability`.
+    """Outcomes of the battery of extreme inputs; returned by `run_stability`.
 
-    `data` contains `versions` of Python, texclass and every tested library, the `seed` of the random inputs,
-    the hash of the `battery` of inputs, whether the run was `quick`, the run time in `seconds`, the `skipped`
-    subjects with reasons, and the `summary` of the outcomes.
+    `data` contains the `versions` of Python, texclass and every tested library, the `seed` of the random
+    inputs, the hash of the inputs (`battery`), whether the run was `quick`, the run time in `seconds`, the
+    `skipped` subjects with reasons, and the `summary` of the outcomes.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class StabilityResult(Result, kind="stability"):
 
     @property
     def stem(self) -> str:
-        """Stem of the file names."""
+        """Start of the file names."""
         return "stability"
 
     @property
@@ -71,7 +71,7 @@ class StabilityResult(Result, kind="stability"):
         return self.ours[self.ours["mark"].isin(FAILURES)]
 
     def document(self) -> Document:
-        """Return the report."""
+        """Return the outcomes as a document."""
         return stability_document(self.data)
 
 
@@ -89,17 +89,18 @@ def run_stability(
     Parameters
     ----------
     quick : bool
-        Use a small group of the battery (default False).
+        Whether to use only a small part of the inputs (default False).
     only : {"models", "filters", "transforms", "features", "baselines"}, optional
-        Test one group only.
+        Group of subjects to test (default: all groups).
     baselines : mapping of str to str, optional
-        Other libraries: name -> "module:function" that returns its subjects.
+        Other libraries to test: name -> "module:function", where the function returns its subjects.
     skipped : sequence of str
-        Libraries that are not tested, with reasons.
+        Libraries that are not tested, with reasons, for the result.
     jobs : int
         Number of processes with one thread each (default 2).
     progress : callable, optional
-        Called with (done, total, what) from several threads.
+        Function called with (done, total, name) from several threads; `name` is the library and group under
+        test.
 
     Returns
     -------
@@ -142,7 +143,7 @@ def run_stability(
 
 
 def summary(cells: pd.DataFrame) -> dict[str, Any]:
-    """Return counts by subject and family, and all notable outcomes, as plain JSON values."""
+    """Return counts of outcomes by subject and family, and all notable outcomes, as plain JSON values."""
     limit = cells["limit"].astype(float)
     share = cells["error"].astype(float) / limit.where(limit > 0)
     share = share.where(~cells["mark"].isin(FAILURES))
@@ -177,7 +178,7 @@ def summary(cells: pd.DataFrame) -> dict[str, Any]:
 
 
 def _groups(cells: pd.DataFrame, columns: list[str]) -> list[tuple[dict[str, Any], pd.DataFrame]]:
-    """Return groups of rows with equal values in some columns, with these values, in order of appearance."""
+    """Group rows by their values in some columns; return (values, rows) in order of appearance."""
     groups = cells.groupby(columns, sort=False)
     return [(dict(zip(columns, key, strict=True)), group) for key, group in groups]
 

@@ -1,7 +1,7 @@
-"""Evaluation of one subject on one input by the same rules for texclass and other libraries, and checks.
+"""Evaluate one subject on one input, by the same rules for texclass and other libraries.
 
-A subject is a generator of findings about its result. Checks that several subjects share are in the second
-half.
+The trial of a subject is a generator of findings about its result. The second half of this module contains
+checks that several subjects share.
 """
 
 import re
@@ -25,15 +25,15 @@ _FLOATING_POINT = re.compile(
     r"(invalid value|divide by zero|overflow|underflow) encountered|Mean of empty slice|Degrees of freedom"
 )
 _UNDEFINED = re.compile(r"\bnan\b|undefined|constant|too short|singular|not converge|ill.condition", re.I)
-"""Words of a warning that mark the result of a library as undefined."""
+"""Words in a warning of a library which state that its result is undefined."""
 _COLOURS_AND_FOLDERS = re.compile(r"\x1b\[[0-9;]*m|(?:\.{1,2}/|/)(?:[\w.+-]+/)+(?=[\w.+-])")
-"""Colours, and folders of file names, which differ between machines."""
+"""Escape codes of colours, and folders of file names. Both differ between machines."""
 OMEGA: Samples = (np.arange(256) + 0.5) * np.pi / 256
 """Angular frequencies in rad per sample at which spectra are compared."""
 MAX_EXCESS_ENERGY = 1e-6
-"""Largest residual energy above the optimum of a method, relative to the optimum."""
+"""Largest accepted excess of the residual energy over the optimum of a method, relative to the optimum."""
 MAX_RESPONSE_ERROR = 1e-9
-"""Largest error of a response, relative to its largest magnitude."""
+"""Largest accepted error of a response, relative to its largest magnitude."""
 
 
 class Mark(StrEnum):
@@ -59,11 +59,11 @@ class Mark(StrEnum):
 OURS = "texclass"
 """Library of the subjects of texclass."""
 FAILURES = (Mark.SILENT, Mark.WRONG, Mark.CRASH, Mark.HANG)
-"""Failures: NaN or infinity without a reason, a wrong result, a crash, no result within the time limit."""
+"""Failures: NaN or infinity without a reason, a wrong result, a crash, or no result within the time limit."""
 
 
 class Check(NamedTuple):
-    """Check of one invariant or reference: description, measured error and largest acceptable error.
+    """Check of one invariant, or comparison with one reference: description, error and limit of the error.
 
     Examples
     --------
@@ -77,17 +77,18 @@ class Check(NamedTuple):
 
     @property
     def ratio_to_limit(self) -> float:
-        """Ratio of error to limit; infinite without a finite error, or if a limit of 0 is exceeded."""
+        """Ratio of error to limit. It is infinite if the error is not finite, or exceeds a limit of 0."""
         if self.error == 0:
             return 0.0
         return self.error / self.limit if np.isfinite(self.error) and self.limit > 0 else np.inf
 
 
 CaseSource = Callable[[bool], Iterable[Case]]
-"""Function that returns the inputs of a subject; its argument is True for a quick run."""
+"""Function that returns the inputs of a subject. Its argument is True for a quick run."""
 Findings = Generator[Any, None, Any]
-"""Findings about a result: a `Check`, or a reason (str) why the subject has no result for this input; other
-values are ignored. The code before the first `yield` is the code under test: its exceptions are outcomes."""
+"""Findings about a result: `Check` objects, and reasons (str) why the subject has no result for this input.
+Values of other types are ignored. The code before the first `yield` is the code under test, so its exceptions
+count as outcomes."""
 Trial = Callable[[Any, Case], Findings]
 
 
@@ -103,7 +104,7 @@ class Subject(NamedTuple):
     cases
         Function that returns the inputs.
     trial
-        Generator function of (signal, case) that yields findings about the result.
+        Generator function that takes (signal, case) and yields findings about the result.
     library
         Package of the function: "texclass", or the name of another library.
 
@@ -128,7 +129,7 @@ class Subject(NamedTuple):
 def register(
     subjects: list[Subject], group: str, variants: str | Mapping[str, Mapping[str, Any]], cases: CaseSource
 ) -> Callable[[Callable[..., Findings]], Callable[..., Findings]]:
-    """Return a decorator that adds a trial to `subjects`, once or once per variant with its arguments."""
+    """Return a decorator that adds a trial to `subjects`: once, or once for each variant of its arguments."""
 
     def add(trial: Callable[..., Findings]) -> Callable[..., Findings]:
         for name, arguments in ({variants: {}} if isinstance(variants, str) else variants).items():
@@ -141,12 +142,12 @@ def register(
 def evaluate(subject: Subject, case: Case) -> dict[str, Any]:
     """Run a subject on an input and return the outcome.
 
-    - A deliberate exception (`is_deliberate`) is a clear error, and `UndefinedFeatureError` is a documented
-      NaN with a reason. Both are wrong if the input is `required`.
-    - Any other exception is a crash.
-    - A result is wrong if one of its checks fails, or if the subject modified the input. If its numbers are
-      not finite, it is a silent NaN, unless the library gives a reason or a warning.
-    - A correct result with a floating-point warning of NumPy is `WARNED`.
+    - A deliberate exception (`is_deliberate`) counts as a clear error, and `UndefinedFeatureError` as a
+      documented NaN with a reason. Both count as wrong if the input is `required`.
+    - Any other exception counts as a crash.
+    - A result is wrong if one of its checks fails, or if the subject modified the input. A result that is not
+      finite is a silent NaN, unless the library gives a reason or a warning.
+    - A correct result with a floating-point warning of NumPy gets the mark `WARNED`.
 
     Parameters
     ----------
@@ -158,7 +159,7 @@ def evaluate(subject: Subject, case: Case) -> dict[str, Any]:
     Returns
     -------
     dict
-        Row of `outcome_row` with the check that is closest to its limit, or exceeds it most.
+        Row of `outcome_row`. Its check is the one with the largest ratio of error to limit.
 
     Examples
     --------
@@ -189,7 +190,7 @@ def evaluate(subject: Subject, case: Case) -> dict[str, Any]:
                 condition(f"a result of the expected form ({type(error).__name__}: {error})", False)
             )
     checks = [finding for finding in findings if isinstance(finding, Check)]
-    # Among equals the first is used, which checks finite numbers.
+    # `max` returns the first of several equal checks, which is the check for finite numbers.
     worst = max(checks, key=lambda check: check.ratio_to_limit, default=None)
     reasons = [finding for finding in findings if isinstance(finding, str)]
     texts = [str(warning.message) for warning in caught]
@@ -198,7 +199,7 @@ def evaluate(subject: Subject, case: Case) -> dict[str, Any]:
 
 
 def cell_names(subject: Subject, case: Case) -> dict[str, str]:
-    """Return the names of a subject and an input: library, group, subject, family and case."""
+    """Return the names that identify a subject and an input: library, group, subject, family and case."""
     names = (subject.library, subject.group, subject.name, case.family, case.name)
     return dict(zip(("library", "group", "subject", "family", "case"), names, strict=True))
 
@@ -213,10 +214,10 @@ def outcome_row(names: Mapping[str, str], mark: Mark, reason: str, **measured: A
     mark : Mark
         Outcome of the subject on the input.
     reason : str
-        Reason of the outcome. Colours and folders, which differ between machines, are removed.
+        Reason of the outcome. Colour codes and folders are removed, because they differ between machines.
     **measured
-        Description (what), error and limit of the decisive check ("" and None without a check), and the run
-        time of the subject (seconds).
+        Description (`what`), `error` and `limit` of the decisive check, and run time of the subject
+        (`seconds`). Without a check, the description is "", and error and limit are None.
     """
     reason = " ".join(_COLOURS_AND_FOLDERS.sub("", reason).split())[:300]
     row = {**names, "mark": mark, "reason": reason, "error": None, "limit": None, "what": "", "seconds": 0.0}
@@ -237,12 +238,12 @@ def exception_outcome(error: Exception, subject: Subject, case: Case) -> tuple[M
 
 
 def is_deliberate(error: Exception, library: str) -> bool:
-    """Whether an exception was raised deliberately, with a message that explains the problem.
+    """Return whether an exception was raised deliberately, with a message that explains the problem.
 
     The exception must be a `ValueError`, `TypeError`, `NotImplementedError`, `RuntimeError`,
     `ArithmeticError`, `AssertionError` or a class of the library. Its innermost frame must be a `raise` or
-    `assert` (assumed for compiled code, where it is not visible), or its message must contain "not
-    supported". The message must have at least ten characters.
+    `assert` statement, or its message must contain "not supported". Compiled code is assumed to raise
+    deliberately, because its statements are not visible. The message must have at least ten characters.
     """
     accidents = (ZeroDivisionError, OverflowError, RecursionError)
     kinds = (ValueError, TypeError, NotImplementedError, RuntimeError, ArithmeticError, AssertionError)
@@ -259,7 +260,7 @@ def is_deliberate(error: Exception, library: str) -> bool:
 def result_outcome(
     worst: Check | None, reasons: list[str], texts: list[str], unchecked: str, *, required: bool
 ) -> tuple[Mark, str]:
-    """Return the mark and the reason of a result from its worst check, its reasons and its warnings."""
+    """Return the mark and the reason of a result, given its worst check, its reasons and its warnings."""
     numeric = [text for text in texts if _FLOATING_POINT.search(text)]
     reasons = [*reasons, *(text for text in texts if text not in numeric and _UNDEFINED.search(text))]
     if worst is not None and worst.ratio_to_limit > 1:
@@ -296,7 +297,7 @@ def finite(what: str, values: ArrayLike) -> Check:
 
 
 def close(what: str, value: ArrayLike, reference: ArrayLike, limit: float, *, scale: float = 0.0) -> Check:
-    """Check the largest difference relative to the largest reference (or to `scale`, if that is larger)."""
+    """Check the largest difference, relative to the largest reference (or to `scale`, if it is larger)."""
     actual, expected = np.asarray(value, dtype=np.float64), np.asarray(reference, dtype=np.float64)
     if actual.shape != expected.shape:
         return Check(f"{what}: shape {actual.shape} for {expected.shape}", np.inf, limit)
@@ -311,9 +312,10 @@ def stable(k: Samples) -> Check:
 
 
 def stable_coefficients(a: Samples) -> Iterator[Check]:
-    """Check that 1, a_1 ... a_p are finite and a stable filter, by a 60-digit step-down recursion.
+    """Check that the coefficients 1, a_1 ... a_p are finite and the filter is stable.
 
-    Orders above 128 are checked for finite numbers only, because the recursion would take minutes.
+    Stability is checked by a step-down recursion with 60 digits. Above order 128, this would take minutes, so
+    only finite numbers are checked.
     """
     yield finite("coefficients", a)
     if a.size <= 129 and np.all(np.isfinite(a)):
@@ -321,27 +323,27 @@ def stable_coefficients(a: Samples) -> Iterator[Check]:
 
 
 def stable_sections(denominators: Samples) -> Check:
-    """Check the stability of second-order sections by a_1 and a_2 of 1 + a_1 z^-1 + a_2 z^-2."""
+    """Check that second-order sections with denominators 1 + a_1 z^-1 + a_2 z^-2 are stable."""
     a_1, a_2 = denominators[:, -2], denominators[:, -1]
     is_stable = (np.abs(a_2) < 1) & (np.abs(a_1) < 1 + a_2)
     return Check("sections that are not stable", float(np.sum(~is_stable)), 0.0)
 
 
 def excess_energy(method: str, energy: float, optimum: float, limit: float = MAX_EXCESS_ENERGY) -> Check:
-    """Check the residual energy of a predictor against the optimum, relative to it.
+    """Check the excess of a predictor's residual energy over the optimum, relative to the optimum.
 
-    Both are relative to the energy of the signal. 1e-20 times the limit is the rounding of the samples.
+    Both energies are relative to the energy of the signal. An excess of 1e-20 times the limit is accepted as
+    rounding of the samples.
     """
     error = max((energy - optimum) / (optimum + 1e-20), 0.0) if np.isfinite(energy) else np.inf
     return Check(f"residual energy above {method}", float(error), limit)
 
 
 def line_spectrum(k: Samples, lsf: Samples, back: Samples | None) -> Iterator[Check]:
-    """Check that frequencies increase in (0, pi), and that the conversion back gives a stable model.
+    """Check that frequencies increase in (0, pi), and that the inverse conversion gives a stable model.
 
-    The model from the conversion back must also have the same spectrum.
-
-    `back` contains the reflection coefficients of the conversion back, or None if the filter is unstable.
+    The model from the inverse conversion must also have the same spectrum. `back` contains its reflection
+    coefficients, or None if its filter is unstable.
     """
     yield finite("frequencies", lsf)
     edges = np.concatenate([[0.0], lsf, [np.pi]])
@@ -357,12 +359,12 @@ def line_spectrum(k: Samples, lsf: Samples, back: Samples | None) -> Iterator[Ch
 
 
 def spectrum_db(k: Samples) -> Samples:
-    """Return the power spectrum of a model at unit gain at the frequencies `OMEGA`, in dB."""
+    """Return the power spectrum of a model with unit gain at the frequencies `OMEGA`, in dB."""
     return vibration.Autoregression(k, np.asarray(1.0)).log_spectrum_db(OMEGA)
 
 
 def response(what: str, out: Samples, k: Samples, excitation: Samples) -> Check:
-    """Check the output of a model against 60-digit arithmetic."""
+    """Check the output of a model filter against 60-digit arithmetic."""
     return close(
         f"{what}, against 60 digits", out, references.all_pole_response(k, excitation), MAX_RESPONSE_ERROR
     )

@@ -14,7 +14,7 @@ SEED = 0
 N = 2048
 """Number of samples of inputs for models, except in the family "length"."""
 LONG = 8192
-"""Number of samples of inputs for features: most features need frames of some tenths of a second."""
+"""Number of samples of inputs for features. Most features need frames of a few tenths of a second."""
 ORDERS = (1, 2, 10, 18, 50, 100, 128, 256, 400, 1000)
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0, 10_000.0, 22_050.0, 44_100.0, 50_000.0)
 FAMILIES = {
@@ -35,7 +35,7 @@ FAMILIES = {
     "order": "signals of order/2, order - 1, order and order + 1 samples",
     "stream": "10^8 samples piece by piece; 5 10^6 at once",
 }
-"""Families of inputs with a description, in the order of the columns of the report."""
+"""Family of inputs -> description, in the order of the columns of the report."""
 VALUES = ("plain", "silent", "impulse", "sine", "poles", "oversampled", "gain", "offset", "clipped")
 FORMS = ("dtype", "layout", "broken")
 GAINS = (1e-160, 1e-100, 1e-30, 1e-3, 1e3, 1e30, 1e100, 1e150)
@@ -43,12 +43,12 @@ GAINS = (1e-160, 1e-100, 1e-30, 1e-3, 1e3, 1e30, 1e100, 1e150)
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One input of the battery, with the order of a model if it has one.
+    """One input of the battery, with a model order for subjects that need it.
 
     Attributes
     ----------
     name
-        Name, unique apart from the order.
+        Name, unique among inputs of the same order.
     family
         Family, a key of `FAMILIES`.
     x
@@ -56,11 +56,11 @@ class Case:
     fs
         Sampling rate in Hz.
     order
-        Order of the model, or 0.
+        Order of the model, or 0 if the subject has no model order.
     required
-        Whether the input is ordinary, so that an exception is a failure.
+        Whether the input is ordinary, so that an exception counts as a failure.
     gain
-        Factor by which the samples differ from those of `plain`.
+        Factor between the samples and those of `plain`.
     """
 
     name: str
@@ -72,13 +72,13 @@ class Case:
     gain: float = 1.0
 
     def at_order(self, order: int) -> "Case":
-        """Return the case with an order, which becomes part of its name."""
+        """Return the case with a model order, which becomes part of its name."""
         return replace(self, order=order, name=f"{self.name}, p = {order}")
 
 
 @cache
 def noise(n: int = N, seed: int = SEED) -> NDArray[np.float64]:
-    """Return white Gaussian noise of unit variance, read-only."""
+    """Return read-only white Gaussian noise of unit variance."""
     x = np.random.default_rng([SEED, seed]).standard_normal(n)
     x.flags.writeable = False
     return x
@@ -86,7 +86,7 @@ def noise(n: int = N, seed: int = SEED) -> NDArray[np.float64]:
 
 @cache
 def plain(n: int = N) -> NDArray[np.float64]:
-    """Return coloured noise similar to that of surfaces (two resonances, sloping spectrum), read-only."""
+    """Return read-only coloured noise that resembles a surface (two resonances, sloping spectrum)."""
     poles = np.array([0.95 * np.exp(0.2j), 0.9 * np.exp(0.7j), 0.5])
     a = np.real(np.poly(np.concatenate([poles, poles[:2].conj()])))
     x: NDArray[np.float64] = scipy.signal.lfilter([1.0], a, noise(n + 200, 1))[200:]
@@ -95,7 +95,7 @@ def plain(n: int = N) -> NDArray[np.float64]:
 
 
 def low_passed(factor: int, n: int = N) -> NDArray[np.float64]:
-    """Return noise that is oversampled by `factor`: it has no content above 1/`factor` of the band."""
+    """Return noise that is oversampled by `factor`, with no content above 1/`factor` of the band."""
     spectrum = np.fft.rfft(noise(n))
     spectrum[spectrum.size // factor :] = 0
     return np.fft.irfft(spectrum)
@@ -162,7 +162,7 @@ def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
             "column of a table": np.tile(noisy[:, np.newaxis], 3)[:, 1],
             "read-only": noisy,
         },
-        "broken": {  # within the first 200 samples, because some subjects use no more
+        "broken": {  # faults are in the first 200 samples, because some subjects use only these
             "one NaN": broken(np.nan, 150, 151),
             "NaN at the start": broken(np.nan, 0, 1),
             "gap of 100 NaN": broken(np.nan, 90, 190),
@@ -175,7 +175,7 @@ def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
 
 @cache
 def inputs(n: int = N) -> tuple[Case, ...]:
-    """Return all inputs of length `n`, a multiple of 4, without orders."""
+    """Return all inputs of length `n` (a multiple of 4), without model orders."""
     ordinary = ("plain", "layout", "float32", "big-endian float64")
     gains = {f"gain {g:g}": g for g in GAINS}
     return tuple(
@@ -186,7 +186,7 @@ def inputs(n: int = N) -> tuple[Case, ...]:
 
 
 def cases_of(*families: str, quick: bool = False, n: int = N) -> tuple[Case, ...]:
-    """Return the inputs of some families. A quick run uses every third of each, starting with the first."""
+    """Return the inputs of some families. A quick run uses every third input of each, including the first."""
     if not quick:
         return tuple(case for case in inputs(n) if case.family in families)
     return tuple(c for family in families for c in [c for c in inputs(n) if c.family == family][::3])
@@ -198,7 +198,7 @@ def battery(quick: bool, *, longest: int = 600, with_rates: bool = True, n: int 
     Parameters
     ----------
     quick : bool
-        Whether to return a small part of them.
+        Whether to return only a small part of the inputs.
     longest : int
         Largest length in the family "length" (default 600); 0 omits this family.
     with_rates : bool
@@ -211,7 +211,7 @@ def battery(quick: bool, *, longest: int = 600, with_rates: bool = True, n: int 
 
 
 def lengths(quick: bool, longest: int = 600) -> tuple[Case, ...]:
-    """Return the first n samples of plain noise for every n from 0 to `longest` (quick: for some n)."""
+    """Return the first n samples of plain noise for every n from 0 to `longest` (quick run: for some n)."""
     quick_sizes = (0, 1, 2, 3, 8, 11, 32, 64, 129, 543, 544, 600)
     sizes = quick_sizes if quick else range(longest + 1)
     return tuple(Case(f"{n} samples", "length", plain()[:n]) for n in sizes if n <= longest)
@@ -223,7 +223,7 @@ def rates(quick: bool, n: int = N) -> tuple[Case, ...]:
 
 
 def short_signals(quick: bool) -> tuple[Case, ...]:
-    """Return signals of n samples for models of the orders n - 1, n, n + 1 and 2 n."""
+    """Return signals of n samples for models of orders n - 1, n, n + 1 and 2 n."""
     return tuple(
         Case(f"{n} samples", "order", noise()[:n]).at_order(p)
         for p in ((2, 18) if quick else ORDERS)
@@ -234,8 +234,8 @@ def short_signals(quick: bool) -> tuple[Case, ...]:
 def with_orders(cases: Iterable[Case], quick: bool, largest: int = 1000) -> tuple[Case, ...]:
     """Return each case at each order up to `largest`.
 
-    Dtypes, layouts, lengths and broken inputs have the order 10 only. A quick run uses the orders 2 and 18,
-    and 400 for plain signals.
+    Inputs of the families "dtype", "layout", "length" and "broken" are used at order 10 only. A quick run
+    uses orders 2 and 18, and also 400 for plain signals.
     """
     default = (2, 18) if quick else ORDERS
     orders = dict.fromkeys((*FORMS, "length"), (10,)) | {"plain": (2, 18, 400) if quick else ORDERS}

@@ -1,6 +1,6 @@
-"""Evaluation of subjects in a separate process, so that a crash or a hang does not end the run.
+"""Evaluate subjects in a separate process, so that a crash or a hang does not end the run.
 
-The process is restarted after each crash, so it imports only this module and the subjects.
+The process is restarted after each crash. To start quickly, it imports only this module and the subjects.
 """
 
 import importlib
@@ -21,18 +21,18 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class Limits:
-    """Time limits of a subject, and its largest number of crashes.
+    """Limits of the run time and of the number of crashes of a subject.
 
     Attributes
     ----------
     cell_s
-        Time limit in s of one subject on one input, in which some libraries are called up to ten times.
+        Time limit in s for one subject on one input. Some libraries are called up to ten times within it.
     start_s
-        Time limit in s of the imports, and of the first input of each subject, which may compile code.
+        Time limit in s for the imports, and for the first input of each subject, which may compile code.
     stream_s
-        Minimum time limit in s of a stream of 10^8 samples.
+        Minimum time limit in s for a stream of 10^8 samples.
     failures
-        Number of crashes and hangs of a subject after which its other inputs are skipped.
+        Number of crashes and hangs of a subject after which its remaining inputs are skipped.
 
     Examples
     --------
@@ -67,13 +67,13 @@ def supervise(
     group : str
         Group of the subjects to evaluate.
     quick : bool
-        Use a small part of the battery.
+        Whether to use only a small part of the inputs.
     limits : Limits
-        Time limits, and largest number of crashes.
+        Limits of the run time and of the number of crashes.
     progress : callable, optional
-        Called with (done, total, what).
+        Callback `progress(n_done, n_total, name)`; `name` is the library and group under test.
     skipped : list of str, optional
-        List to which a line is appended for each subject that is abandoned.
+        List to which a line is appended for each subject whose remaining inputs are skipped.
 
     Returns
     -------
@@ -96,7 +96,10 @@ def supervise(
         try:
             cells = worker.start(limits.start_s)
         except (TimeoutError, EOFError) as error:
-            raise ValueError(f"{location} must be importable: {worker.end(error)}") from error
+            raise ValueError(
+                f"{location} cannot be imported: {worker.end(error)}. Expected the 'module:name' of a list "
+                "of subjects, or of a function that returns one"
+            ) from error
         previous = ""
         for number, names in enumerate(cells):
             subject = names["subject"]
@@ -124,7 +127,7 @@ def supervise(
 
 
 class Worker:
-    """Process with one thread that evaluates subjects on demand; its printed output goes to a file."""
+    """Process with one thread that evaluates subjects on demand. Its printed output goes to a file."""
 
     def __init__(self, location: str, group: str, quick: bool, output: TextIO) -> None:
         self._task, self._printed = (location, group, quick), output
@@ -142,7 +145,7 @@ class Worker:
         self._pipe, other_end = context.Pipe()
         self._process = context.Process(target=serve, args=(other_end, self._printed.name, *self._task))
         self._process.start()
-        other_end.close()  # only the process has it open, so the pipe ends when the process ends
+        other_end.close()  # only the process keeps this end open, so the pipe closes when the process ends
         cells: list[dict[str, str]] = self._receive(limit_s)
         return cells
 
@@ -153,13 +156,16 @@ class Worker:
         return row
 
     def _receive(self, limit_s: float) -> Any:
-        """Return the next message of the process; TimeoutError if it is late, EOFError if it ended."""
+        """Return the next message of the process.
+
+        Raise TimeoutError if there is none within the limit, and EOFError if the process has ended.
+        """
         if not self._pipe.poll(limit_s):
             raise TimeoutError(f"no answer within {limit_s:g} s")
         return self._pipe.recv()
 
     def end(self, error: Exception) -> str:
-        """End the process after an error; return a description with the last line of its output."""
+        """End the process after an error, and return a description with the last line of its output."""
         self._process.kill()
         self._process.join()
         lines = self._printed.read().strip().splitlines()
@@ -169,7 +175,7 @@ class Worker:
 
 
 def serve(pipe: Any, output: str, location: str, group: str, quick: bool) -> None:
-    """Evaluate the pairs whose numbers arrive through the pipe, in one thread, until it is closed."""
+    """Evaluate pairs of subject and input, whose numbers arrive through the pipe, until the pipe closes."""
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
     file = os.open(output, os.O_WRONLY | os.O_APPEND)

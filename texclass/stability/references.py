@@ -1,6 +1,7 @@
 """Reference computations in 60-digit arithmetic (mpmath), fractions, fixed point or 80-bit floats.
 
-Without mpmath, references that need it raise `NoReferenceError`, and their checks are reported as not made.
+If mpmath is not installed, references that need it raise `NoReferenceError`, and their checks are reported as
+"not checked".
 """
 
 from fractions import Fraction
@@ -14,19 +15,19 @@ from texclass.recording import Samples
 
 DIGITS = 60
 BITS = 256
-"""Binary digits after the point of fixed-point references (77 decimal digits)."""
+"""Number of binary digits after the point in fixed-point references (77 decimal digits)."""
 MAX_FIXED_POINT_ORDER = 128
-"""Largest order that is fitted in fixed point; higher orders use 80-bit floats."""
+"""Largest order whose reference uses fixed point. References of higher orders use 80-bit floats."""
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether `numpy.longdouble` has a mantissa of 64 bits on this machine."""
 
 
 class NoReferenceError(Exception):
-    """Raised if a reference cannot be computed. Checks that need it, and later ones, are not made."""
+    """Raised if a reference cannot be computed. This check and all later checks of the trial are not made."""
 
 
 def multiprecision() -> Any:
-    """Return the context of mpmath with at least `DIGITS` digits.
+    """Return the mpmath context, with a precision of at least `DIGITS` digits.
 
     Raises
     ------
@@ -42,12 +43,12 @@ def multiprecision() -> Any:
 
 
 def scale_to_unit(x: Samples) -> Samples:
-    """Return the signal divided by a power of two, which is exact and prevents under- and overflow."""
+    """Divide the signal by a power of two, which is exact and prevents underflow and overflow."""
     return np.ldexp(x, -int(np.frexp(np.max(np.abs(x), initial=0.0))[1]))
 
 
 def moving_average(x: Samples, n: int) -> Samples:
-    """Return the centred moving average over `n` samples, truncated at the ends, with a single rounding."""
+    """Return the centred moving average over `n` samples, truncated at the ends and rounded only once."""
     sums = [Fraction(0), *accumulate(map(Fraction, x.tolist()))]
     edges = [(max(i - n // 2, 0), min(i - n // 2 + n, x.size)) for i in range(x.size)]
     return np.array([float((sums[last] - sums[first]) / (last - first)) for first, last in edges])
@@ -57,11 +58,11 @@ def moving_average(x: Samples, n: int) -> Samples:
 
 
 def burg_energies(x: Samples, order: int, padding: int = 0) -> list[float]:
-    """Return the residual energies of Burg's optimum at the orders 0 ... p, relative to order 0.
+    """Return the smallest residual energies of Burg's method at orders 0 ... p, relative to order 0.
 
-    They are computed in 77-digit fixed point up to `MAX_FIXED_POINT_ORDER`, and in 80-bit floats beyond. The
-    list ends where the residual is 0. With a `padding` of p zeros on both sides, the result is the optimum of
-    the autocorrelation method.
+    They are computed in 77-digit fixed point up to order `MAX_FIXED_POINT_ORDER`, and in 80-bit floats for
+    higher orders. The list ends where the residual is 0. With a `padding` of p zeros on both sides, the
+    result is the optimum of the autocorrelation method.
     """
     fitted = next((p for p in (18, MAX_FIXED_POINT_ORDER) if order <= p), order)
     # More zeros than necessary do not change the result.
@@ -90,7 +91,7 @@ def _burg(samples: bytes, order: int) -> list[float]:
 
 
 def lattice_energies(x: Samples, k: Samples, padding: int = 0) -> Samples:
-    """Return the residual energies of reflection coefficients at the orders 0 ... p, relative to order 0.
+    """Return the residual energies of reflection coefficients at orders 0 ... p, relative to order 0.
 
     They are computed in 80-bit floats. With a `padding` of p zeros on both sides, they are the energies of
     the autocorrelation method.
@@ -110,7 +111,7 @@ def direct_energy(x: Samples, a: Samples, padding: int = 0) -> float:
     return float((f @ f + b @ b) / (2 * padded @ padded))
 
 
-# Models, from their reflection coefficients, in 60 digits ---------------------------------------------------
+# Models with given reflection coefficients, in 60 digits ----------------------------------------------------
 
 
 def digits(x: Any) -> Any:
@@ -119,7 +120,7 @@ def digits(x: Any) -> Any:
 
 
 def coefficients(k: Samples) -> Any:
-    """Return the direct-form coefficients 1, a_1 ... a_p of reflection coefficients as mpmath numbers."""
+    """Convert reflection coefficients to direct-form coefficients 1, a_1 ... a_p as mpmath numbers."""
     a = digits([1.0])
     for step in digits(k):
         longer = np.append(a, 0)
@@ -128,7 +129,7 @@ def coefficients(k: Samples) -> Any:
 
 
 def step_down(a: Samples) -> Samples:
-    """Return the reflection coefficients of direct-form coefficients; NaN below the first |k| >= 1."""
+    """Convert direct-form to reflection coefficients, with NaN from the first |k| >= 1 down to order 1."""
     with multiprecision().workdps(DIGITS + a.size // 2):
         current, k = digits(a), np.full(a.size - 1, np.nan)
         for m in range(a.size - 1, 0, -1):
@@ -141,7 +142,7 @@ def step_down(a: Samples) -> Samples:
 
 
 def log_spectrum_db(k: Samples, omega: Samples) -> Samples:
-    """Return the log spectrum -20 log10 |A(e^jw)| of reflection coefficients in dB."""
+    """Return the log spectrum -20 log10 |A(e^jw)| of the model with reflection coefficients `k` in dB."""
     mp = multiprecision()
     delay = np.array([mp.expj(-w) for w in digits(omega)])
     forward = backward = np.ones_like(delay)
@@ -152,7 +153,7 @@ def log_spectrum_db(k: Samples, omega: Samples) -> Samples:
 
 
 def line_spectrum_error(k: Samples, lsf: Samples) -> float:
-    """Return the largest relative error of line spectral frequencies (a Newton step to the root)."""
+    """Return the largest relative error of line spectral frequencies, estimated by a Newton step."""
     mp = multiprecision()
     with mp.workdps(DIGITS + 20 * k.size):  # roots close to 1 or -1 cause cancellation
         a, w = np.append(coefficients(k), 0), digits(lsf)
@@ -173,7 +174,7 @@ def cepstrum(k: Samples, n: int) -> Samples:
 
 
 def all_pole_response(k: Samples, excitation: Samples) -> Samples:
-    """Filter an excitation by 1/A of reflection coefficients with a lattice, starting at rest."""
+    """Filter an excitation by 1/A with a lattice of reflection coefficients that starts at rest."""
     steps, out = digits(k), []
     b = digits(np.zeros(k.size + 1))
     for e in digits(excitation):
@@ -190,7 +191,7 @@ def all_pole_response(k: Samples, excitation: Samples) -> Samples:
 
 
 def _filter_settled(sos: Samples, x: Any) -> Any:
-    """Filter mpmath numbers by sections that start in the steady state of the first sample."""
+    """Filter mpmath numbers by sections that start in the steady state for the first sample."""
     level = x[0]
     for b0, b1, b2, _, a1, a2 in digits(sos):
         gain = (b0 + b1 + b2) / (1 + a1 + a2)
@@ -205,7 +206,7 @@ def _filter_settled(sos: Samples, x: Any) -> Any:
 
 
 def causal(sos: Samples, x: Samples) -> Samples:
-    """Filter `x` by second-order sections that start in the steady state of the first sample."""
+    """Filter `x` by second-order sections that start in the steady state for the first sample."""
     return np.asarray(_filter_settled(sos, digits(x)), dtype=np.float64)
 
 
@@ -219,7 +220,7 @@ def zero_phase(sos: Samples, x: Samples, padding: int) -> Samples:
 
 
 def butterworth_gain(kind: str, cutoff_hz: float, fs: float, order: int, f_hz: Samples) -> Samples:
-    """Return the magnitude response of a bilinear Butterworth filter, 1 / sqrt(1 + w^(2 order))."""
+    """Return the magnitude response 1 / sqrt(1 + w^(2 order)) of a bilinear-transform Butterworth filter."""
     mp = multiprecision()
     edge, *w = (mp.tan(mp.pi * f / mp.mpf(fs)) for f in digits([cutoff_hz, *f_hz]))
     power = 2 * order if kind == "lowpass" else -2 * order

@@ -1,4 +1,4 @@
-"""Report of the battery of extreme inputs: counts, heat maps, and examples of all failures."""
+"""Create the report of the tests on extreme inputs: counts, heat maps, and examples of all failures."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -27,7 +27,7 @@ METHOD = (
 
 
 def stability_document(data: Mapping[str, Any]) -> Document:
-    """Return the report of the `data` of a `StabilityResult` or its JSON file."""
+    """Create the report from the `data` of a `StabilityResult` or of its JSON file."""
     tallies = pd.DataFrame(data["tallies"])
     marks = pd.DataFrame(list(tallies["marks"]), index=tallies.index).reindex(columns=list(Mark))
     tallies = tallies.drop(columns="marks").join(marks.fillna(0).astype(int))
@@ -93,7 +93,7 @@ def _blocks(data: Mapping[str, Any], tallies: pd.DataFrame) -> Iterator[Any]:
 
 
 def count_table(tallies: pd.DataFrame, by: str, title: str) -> Table:
-    """Return the table of outcome counts with one row per library or subject."""
+    """Return a table of outcome counts with one row per library or subject."""
     counts = tallies.groupby(by, sort=False)[["cells", *Mark, "failures"]].sum()
     share = (100 * counts.pop("failures") / counts["cells"]).map("{:.1f}".format)
     counts = counts.loc[:, counts.any()].map(lambda n: f"{n:,}" if n else None)
@@ -102,7 +102,7 @@ def count_table(tallies: pd.DataFrame, by: str, title: str) -> Table:
 
 
 def heat_map(tallies: pd.DataFrame, name: str, title: str) -> HeatMap:
-    """Return the heat map of subjects by families of inputs."""
+    """Return a heat map with one row per subject and one column per family of inputs."""
     present = set(tallies["family"])
     families = [family for family in FAMILIES if family in present] + sorted(present - set(FAMILIES))
     rows: dict[str, list[Shade]] = {}
@@ -117,7 +117,7 @@ def heat_map(tallies: pd.DataFrame, name: str, title: str) -> HeatMap:
 
 
 def shade(tally: Mapping[Any, Any] | None) -> Shade:
-    """Return symbol, colour and tooltip for the outcomes of a subject on a family."""
+    """Return symbol, colour and tooltip for the outcomes of a subject on a family of inputs."""
     if tally is None:
         return Shade(description="not tested")
     n = tally["cells"]

@@ -1,4 +1,4 @@
-"""Subjects of the battery: each registered feature, and all features together like another library."""
+"""Subjects of the battery: each registered feature, and all features together, tested like a library."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,11 +19,11 @@ from texclass.stability.checks import Check, Findings, Subject, Trial, largest
 from texclass.stability.inputs import LONG, Case, battery, noise, plain, to_float64
 
 LAW_GAINS = (1e-6, 1e-3, 1.0, 1e3, 1e6)
-"""Gains from which the gain law of an output is inferred, if its library does not declare one."""
+"""Gains from which the gain law of an output is inferred if its library declares no gain law."""
 cases = partial(battery, n=LONG)
 """Inputs of features."""
 Extract = Callable[[Any, Case], tuple[dict[str, Any], dict[str, str]]]
-"""Function of samples and case that returns outputs by name, and reasons of undefined outputs."""
+"""Function that takes samples and case, and returns outputs by name and the reasons for undefined outputs."""
 
 
 def subjects() -> list[Subject]:
@@ -48,10 +48,10 @@ def subjects() -> list[Subject]:
 
 
 def make_views(x: Any, fs: float, phase: Phase = "movement") -> Views:
-    """Return views of the samples as movement, friction and taps with the impact after a quarter of each tap.
+    """Return views of the samples as movement, friction and taps.
 
-    There are four taps for `LONG` inputs, otherwise one. The speed of the movement is 1 m/s. A pair consists
-    of the samples and their reversal.
+    There are four taps if the input has at least `LONG` samples, otherwise one. The impact is after a quarter
+    of each tap. The speed of the movement is 1 m/s. A pair consists of the samples and the reversed samples.
     """
     if phase == "pair":
         first, second = make_views(x, fs), make_views(x[::-1], fs)
@@ -64,7 +64,7 @@ def make_views(x: Any, fs: float, phase: Phase = "movement") -> Views:
 
 
 def feature_trial(member: Member) -> Trial:
-    """Return the trial of one feature: the trial of a library with its outputs, and its own references."""
+    """Return the trial of one feature: the checks of `library_trial`, and comparisons with references."""
     feature = member.feature
 
     def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
@@ -87,7 +87,7 @@ def feature_trial(member: Member) -> Trial:
 
 
 def _check_references(name: str, signal: Samples, values: list[float]) -> Findings:
-    """Check features for which references of high precision are available."""
+    """Check the features for which references of high precision exist."""
     wide = signal.astype(np.longdouble)
     match name:
         case "friction":
@@ -99,28 +99,28 @@ def _check_references(name: str, signal: Samples, values: list[float]) -> Findin
         case "variance":
             square = float(wide.var())
             if 1e-290 < square < 1e290:
-                rounding = (1e-13 * largest(signal)) ** 2 / square  # due to an offset
+                rounding = (1e-13 * largest(signal)) ** 2 / square  # rounding caused by an offset
                 yield checks.close("variance, in 80-bit floats", values[0], square, 1e-13 + rounding)
         case "lpc_coefficients":
             yield from checks.stable_coefficients(np.append(1.0, -np.array(values)))
 
 
 def library_trial(extract: Extract, laws: Mapping[Any, Gain] | None = None) -> Trial:
-    """Return the trial of a library of features with all its outputs.
+    """Return a trial that checks all outputs of a feature library.
 
     Parameters
     ----------
     extract : callable
-        Function under test.
+        Function under test, which returns outputs and reasons.
     laws : mapping of str to Gain, optional
         Declared gain law of each output (default: inferred by `infer_gain_laws`).
 
     Returns
     -------
     callable
-        Generator function that yields findings and returns the values.
+        Generator function that yields findings and returns the output values.
     """
-    # Our features compute in single precision, other libraries in the precision of their input.
+    # Our features are computed in single precision, those of other libraries in the precision of the input.
     limit, copy_limit = (1e-4, 1e-4) if laws is None else (1e-5, 0.0)
 
     def numbers(x: Any, case: Case) -> pd.Series:
@@ -138,18 +138,18 @@ def library_trial(extract: Extract, laws: Mapping[Any, Gain] | None = None) -> T
         yield outputs
         values, expected, signal = to_series(outputs), noise_outputs(1.0, case.fs), to_float64(x)
         yield from complete(values, reasons, expected)
-        # Other families are excluded: symmetric signals are sensitive to small changes, and relative to the
-        # vibration on a large offset, 1e-13 of the samples is a large change.
+        # Other families are excluded. Symmetric signals are sensitive to small changes. With a large offset,
+        # 1e-13 of the samples is a large change relative to the vibration.
         if case.family in ("plain", "poles", "oversampled", "gain", "rate"):
             changed = numbers(signal * (1 + 1e-13 * noise(signal.size, 6)), case)
             yield same_values("change when samples change by 1e-13", changed, values, 1e-3, expected)
         if case.family in ("dtype", "layout"):
             yield same_values("as of the float64 copy", values, numbers(signal, case), copy_limit)
         if laws is not None:
-            # A factor of 1.1 rounds every sample: by 1e-10 for an offset of 1e6, which is 1e-7 of its noise.
+            # Multiplying by 1.1 rounds every sample: by 1e-10 at an offset of 1e6, or 1e-7 of the noise.
             louder, tolerance = numbers(1.1 * signal, case), 1e-3 if case.family == "offset" else limit
             yield checks.condition("a value at gain 1.1", np.isfinite(louder).all())
-            # Outputs of one feature share a scale: 0 may be computed as 1e-17.
+            # Outputs of one feature share a scale, because an output of 0 may be computed as 1e-17.
             shared = 1e-7 * louder.abs().max()
             yield check_gain_law(
                 "the declared gain law, at gain 1.1", louder, values, laws, 1.1, tolerance, shared
@@ -174,7 +174,7 @@ def to_series(outputs: dict[str, Any]) -> pd.Series:
 
 
 def complete(values: pd.Series, reasons: Mapping[str, str], expected: pd.Series) -> Findings:
-    """Check that all outputs of plain noise exist, and are finite or have a reason."""
+    """Check that the outputs are those of plain noise, and that each is finite or has a reason."""
     n_differ = values.index.symmetric_difference(expected.index).size
     yield Check(f"as many columns as for noise ({n_differ} differ)", float(n_differ), 0.0)
     unexplained = values.index[~np.isfinite(values)].difference(list(reasons), sort=False)
@@ -189,7 +189,10 @@ def complete(values: pd.Series, reasons: Mapping[str, str], expected: pd.Series)
 def same_values(
     what: str, values: pd.Series, reference: pd.Series, limit: float, scale: pd.Series | None = None
 ) -> Check:
-    """Check the largest relative difference of outputs that are finite in both; `scale` is a minimum size."""
+    """Check the largest relative difference between outputs that are finite in both series.
+
+    `scale` is a minimum for the size to which differences are relative.
+    """
     table = pd.concat({"value": values, "reference": reference, "scale": scale}, axis=1)
     table = table[np.isfinite(table["value"]) & np.isfinite(table["reference"])]
     size = table.abs().replace(np.inf, 0.0).max(axis=1)
@@ -197,7 +200,7 @@ def same_values(
 
 
 def infer_gain_laws(outputs: Sequence[pd.Series]) -> dict[Any, Gain]:
-    """Return the gain laws that the outputs for noise follow at all `LAW_GAINS`."""
+    """Return the gain law of each output that follows one for noise at all `LAW_GAINS`."""
     decades, laws = np.diff(np.log10(LAW_GAINS)), {}
     for name, y in pd.concat(outputs, axis=1).T.dropna(axis=1).items():
         if not np.all(np.isfinite(y)):
@@ -222,10 +225,10 @@ def check_gain_law(
     limit: float,
     min_size: float | None = None,
 ) -> Check:
-    """Check that outputs follow their gain law. Values outside the range of float64 are ignored.
+    """Check that outputs follow their gain laws. Values outside the range of float64 are ignored.
 
-    Errors are relative to the expected output, or to `min_size` if that is larger (default: the shift of the
-    law).
+    Errors are relative to the expected output, or to `min_size` if it is larger (default: the shift of the
+    gain law).
     """
     errors = {}
     for name, law in laws.items():
@@ -238,6 +241,6 @@ def check_gain_law(
 
 
 def _worst(what: str, errors: pd.Series, limit: float) -> Check:
-    """Check the largest error of several outputs; the description names an output that exceeds the limit."""
+    """Check the largest error of several outputs, and name the output if the error exceeds the limit."""
     worst = float(errors.fillna(0.0).max()) if len(errors) else 0.0
     return Check(f"{what} ({errors.idxmax()})" if worst > limit else what, worst, limit)

@@ -30,7 +30,7 @@ TAP = vibration.TapModel(-1500.0, 80.0, 300.0)
 
 
 def signals_at_orders(quick: bool, largest: int) -> tuple[Case, ...]:
-    """Return the battery at each order, and signals with about as many samples as the order."""
+    """Return the battery at each model order, and signals with about as many samples as the order."""
     return (
         *inputs.with_orders(inputs.battery(quick, with_rates=False), quick, largest),
         *inputs.short_signals(quick),
@@ -38,7 +38,7 @@ def signals_at_orders(quick: bool, largest: int) -> tuple[Case, ...]:
 
 
 def model_cases(quick: bool, largest: int) -> tuple[Case, ...]:
-    """Return signals for models at each order, and sets of coefficients with equal |k| or |k| close to 1."""
+    """Return signals at each model order, and sets of coefficients with equal |k| or |k| close to 1."""
 
     def coefficient_sets(p: int) -> dict[str, Samples]:
         return {
@@ -57,7 +57,7 @@ def model_cases(quick: bool, largest: int) -> tuple[Case, ...]:
 def _synthetic_cases(
     what: str, synthesize: Callable[[float], Any], rates_hz: Any, quick: bool
 ) -> Iterator[Case]:
-    """Yield synthesized signals of a model with known parameters at several sampling rates and gains."""
+    """Yield signals synthesised from a model with known parameters, at several sampling rates and gains."""
     for fs in rates_hz[:: 3 if quick else 1]:
         for gain in (1e-160, 1.0, 1e150):
             name = f"{what} at {fs:g} Hz, gain {gain:g}"
@@ -107,16 +107,16 @@ def _fit(x: Any, case: Case, *, method: Any) -> Findings:
         m = min(p, energies.size - 1)
         n_samples = signal.size - m if is_burg else signal.size
         measured = rms * np.sqrt(energies[m] * signal.size / n_samples)
-        floor = 1e-8 * rms  # residuals below 1e-14 of the signal are only checked to be small
+        floor = 1e-8 * rms  # residuals below 1e-14 of the signal must only be small
         yield checks.close("residual as the samples give it", model.residual[m], measured, 1e-6, scale=floor)
 
 
-@model_subject(  # O(n p^2): no order above 128
+@model_subject(  # no orders above 128, because the cost is O(n p^2)
     "fit, modified covariance",
     lambda quick: [case for case in signals_at_orders(quick, 18 if quick else 128) if case.order <= 128],
 )
 def _fit_modified_covariance(x: Any, case: Case) -> Findings:
-    """Check that the model is stable and its residual at most that of Burg's method, or is Burg's fit."""
+    """Check that the model is stable with a residual no larger than Burg's, or is Burg's fit."""
     model = vibration.fit(x, case.order, method="modified_covariance")
     yield checks.finite("gain", model.gain)
     signal = to_float64(x)
@@ -133,7 +133,7 @@ def _fit_modified_covariance(x: Any, case: Case) -> Findings:
 
 
 def _reflection(x: Samples, case: Case, model: vibration.Autoregression, method: Any) -> Iterator[Check]:
-    """Check that k is finite and stable, and does not depend on gain, dtype and layout."""
+    """Check that k is finite, stable, and independent of gain, dtype and layout."""
     yield checks.finite("reflection coefficients", model.reflection)
     yield checks.stable(model.reflection)
     louder = vibration.fit(np.ldexp(references.scale_to_unit(x), 40), case.order, method=method)
@@ -146,10 +146,10 @@ def _reflection(x: Samples, case: Case, model: vibration.Autoregression, method:
 
 @model_subject("from_autocorrelation", partial(signals_at_orders, largest=400))
 def _from_lags(x: Any, case: Case) -> Findings:
-    """Check the Yule-Walker equations up to the order that was solved."""
+    """Check that the Yule-Walker equations hold up to the fitted order."""
     samples = references.scale_to_unit(to_float64(x))
     if samples.size == 0:
-        raise ValueError("from_autocorrelation must get at least one sample in this battery, got none")
+        raise ValueError("cannot compute an autocorrelation: expected at least one sample, got none")
     r = autocorrelation(samples[np.newaxis], case.order)[0] if np.all(np.isfinite(samples)) else samples
     model = from_autocorrelation(r)
     yield checks.finite("gain", model.gain)
@@ -184,13 +184,13 @@ def _select_order(x: Any, case: Case) -> Findings:
 
 
 def case_reflection(x: Any, case: Case) -> Samples:
-    """Return the reflection coefficients of a case: its samples, or those of Burg's fit to its signal."""
+    """Return the reflection coefficients of a case: its samples, or the result of Burg's method for them."""
     has_coefficients = case.name.startswith(("k =", "all k ="))
     return to_float64(x) if has_coefficients else vibration.fit(to_float64(x), case.order).reflection
 
 
 def unit_model(k: Samples) -> vibration.Autoregression:
-    """Return the model of reflection coefficients at unit gain."""
+    """Return the model with given reflection coefficients and unit gain."""
     return vibration.Autoregression(k, np.asarray(1.0))
 
 
@@ -216,7 +216,7 @@ def _lattice_synthesis(x: Any, case: Case) -> Findings:
     blocks = [lattice.process(block) for block in np.split(EXCITATION, [50, 51, 51])]
     single = np.asarray(vibration.LatticeSynthesis(model, level=1.0, dtype=np.float32).process(EXCITATION))
     yield checks.finite("synthesis", out)
-    size = float(np.linalg.norm(EXCITATION))  # rotations: no state exceeds the energy that went in
+    size = float(np.linalg.norm(EXCITATION))  # rotations: no state has more energy than the input
     yield checks.condition("bounded in float64", np.max(np.abs(out)) <= level * size)
     yield checks.condition("bounded in float32", np.max(np.abs(single)) <= size)
     yield checks.close("blocks = whole", np.concatenate(blocks), out, 0.0)
@@ -228,7 +228,7 @@ def _lattice_synthesis(x: Any, case: Case) -> Findings:
 
 @model_subject("lattice inverse filter", lambda quick: model_cases(quick, 128 if quick else 400))
 def _lattice_inverse(x: Any, case: Case) -> Findings:
-    """Check that the inverse of the synthesis loses no more digits than the prediction gain."""
+    """Check that inverting the synthesis loses no more digits than the prediction gain implies."""
     k = case_reflection(x, case)
     model = unit_model(k)
     level = None if np.isfinite(model.level) else 1.0
@@ -254,7 +254,7 @@ def _log_spectrum(x: Any, case: Case) -> Findings:
 
 @model_subject("poles", partial(model_cases, largest=256))
 def _poles(x: Any, case: Case) -> Findings:
-    """Check that the poles lie inside the unit circle, and that their product has the model's spectrum."""
+    """Check that the poles are inside the unit circle, and that their product has the model's spectrum."""
     k = case_reflection(x, case)
     poles = unit_model(k).poles()
     yield checks.finite("poles", np.abs(poles))
@@ -319,7 +319,7 @@ def _matrix_pencil(x: Any, case: Case) -> Findings:
 
 @model_subject("Prony as published", partial(_segments, longest=60))
 def _prony(x: Any, case: Case) -> Findings:
-    """Check error and stability that the filter reports; as published, it may be unstable."""
+    """Check the reported error and stability; filters of the published method may be unstable."""
     segment = x[:SEGMENT]
     size = float(np.max(np.abs(to_float64(segment)), initial=0.0)) or 1.0
     resolution = size / 512 if np.isfinite(size) and np.any(segment) else 1.0
@@ -339,7 +339,7 @@ def _prony(x: Any, case: Case) -> Findings:
 
 
 @model_subject(
-    {  # Okamura's fit is approximate: a spectral peak, and a line through some peaks of the envelope
+    {  # Okamura's fit is approximate: it uses a spectral peak, and a line through some peaks of the envelope
         "tap model, Okamura": {"fit": vibration.fit_okamura, "limit": 0.1},
         "tap model, maximum likelihood": {"fit": vibration.fit_tap_model, "limit": 1e-6},
     },
@@ -361,7 +361,7 @@ def _tap(x: Any, case: Case, *, fit: Callable[..., vibration.TapModel], limit: f
 
 @model_subject("major frequencies", inputs.battery)
 def _major_frequencies(x: Any, case: Case) -> Findings:
-    """Compare amplitudes with the Fourier transform at each frequency, in 80-bit floats."""
+    """Compare amplitudes with the Fourier transform at each frequency, computed in 80-bit floats."""
     lines = vibration.fit_major_frequencies(x, case.fs)
     for name in ("frequency_hz", "amplitude", "phase"):
         yield checks.finite(name, getattr(lines, name))
@@ -392,7 +392,7 @@ SCORES = {
     "log_spectral_distance": 0.0,
     "band_energy_distance": 0.0,
 }
-"""Score -> value of a signal against itself."""
+"""Score -> its value for a signal compared with itself."""
 
 
 @model_subject(

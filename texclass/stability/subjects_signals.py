@@ -23,7 +23,7 @@ SUBJECTS: list[Subject] = []
 filters = partial(register, SUBJECTS, "filters")
 transforms = partial(register, SUBJECTS, "transforms")
 SHORT = 400
-"""Number of samples that are filtered, limited by the run time of 60-digit arithmetic."""
+"""Number of samples to filter, limited by the run time of 60-digit arithmetic."""
 BANDS: dict[Any, Any] = {"lowpass": 100.0, "highpass": 20.0, "bandpass": (50.0, 200.0)}
 BLOCK = 1_000_000
 STREAM_MODEL = Autoregression(np.linspace(0.9, -0.5, 18), np.asarray(1.0))
@@ -32,7 +32,7 @@ STREAM_MODEL = Autoregression(np.linspace(0.9, -0.5, 18), np.asarray(1.0))
 
 
 def _designs(quick: bool) -> list[Case]:
-    """Return cut-offs from 1e-5 to 0.4999 of fs, orders 1 to 16, and invalid parameters."""
+    """Return designs with cut-offs from 1e-5 fs to 0.4999 fs and orders 1 to 16, and invalid designs."""
     shares = (1e-5, 1e-4, 1e-3, 0.01, 0.1, 0.4, 0.4999)
 
     def design(name: str, family: str, share: float, fs: float, order: int, kind: str = "lowpass") -> Case:
@@ -54,7 +54,7 @@ def _designs(quick: bool) -> list[Case]:
 
 @filters("butterworth", _designs)
 def _butterworth(x: Samples, case: Case) -> Findings:
-    """Check the stability, and the closed form of the Butterworth response around the cut-off."""
+    """Check the stability, and compare the response around the cut-off with its closed form."""
     share, kind = float(x[0]), "highpass" if x[1] else "lowpass"
     sos = signals.butterworth(kind, share * case.fs, case.fs, order=case.order)  # type: ignore[arg-type]
     yield checks.finite("sections", sos)
@@ -62,8 +62,8 @@ def _butterworth(x: Samples, case: Case) -> Findings:
     f = np.array([0.5, 0.9, 1.0, 1.1, 2.0]) * share * case.fs
     f = f[f < case.fs / 2]
     right = references.butterworth_gain(kind, share * case.fs, case.fs, case.order, f)
-    # A pole at the distance 2 pi share from z = 1 is rounded by 1e-16, which enters second-order sections
-    # squared.
+    # A pole at the distance 2 pi share from z = 1 is rounded by 1e-16. In second-order sections, the relative
+    # error of the response grows with the inverse square of this distance.
     limit = 1e-12 + 1e-15 * case.order / min(share, 0.5 - share) ** 2
     yield checks.close(
         "response, against 60 digits", references.sections_gain(sos, f / case.fs), right, limit
@@ -71,12 +71,12 @@ def _butterworth(x: Samples, case: Case) -> Findings:
 
 
 def _sections(kind: Any, fs: float) -> Samples:
-    """Return the filter of a kind; its band is lower if fs is low."""
+    """Return the filter of a kind. Its band is lower if fs is low."""
     return signals.butterworth(kind, np.multiply(BANDS[kind], min(1.0, fs / 1000)).tolist(), fs)
 
 
 def _has_reference(case: Case) -> bool:
-    """Whether a 60-digit reference is computed: for lengths up to 40 and every twentieth longer one."""
+    """Return whether to compute a 60-digit reference: for lengths up to 40, and for multiples of 20."""
     n = len(case.x)
     return case.family != "length" or n <= 40 or n % 20 == 0
 
@@ -152,7 +152,7 @@ def _stream_cases(quick: bool) -> list[Case]:
     _stream_cases,
 )
 def _stream(x: Samples, case: Case, *, start: Callable[[], Callable[[Samples], Any]]) -> Findings:
-    """Check that nothing drifts: the last block equals the output of a new filter after its transient."""
+    """Check for drift: the last block must equal the output of a new filter after its transient."""
     process, last = start(), x
     for _ in range(case.order // BLOCK):
         last = np.asarray(process(x))
@@ -167,7 +167,7 @@ def _stream(x: Samples, case: Case, *, start: Callable[[], Callable[[Samples], A
 
 @transforms("dft321", battery)
 def _dft321(x: Any, case: Case) -> Findings:
-    """Check that the energy of each bin is the sum over all axes, in 80-bit floats."""
+    """Check in 80-bit floats that the energy of each bin is the sum of the energies of all axes."""
     axes = np.stack([x, x[::-1], np.roll(x, 3)], axis=1)
     out = signals.dft321(axes)
     yield checks.finite("output", out)
@@ -211,7 +211,7 @@ def _remove_hand_motion(x: Any, case: Case) -> Findings:
     yield checks.close("output, against exact sums", out, right, 4e-15, scale=largest(signal))
 
 
-# Transforms that features share: comparison with 80-bit floats where feasible, and independence of gain -----
+# Transforms that features share: comparison with 80-bit floats if feasible, and independence of gain --------
 
 
 def _spectrum(x: Any, fs: float) -> Any:
@@ -261,7 +261,7 @@ SHARED: dict[str, tuple[Callable[[PhaseView], Any], Callable[[Any, float], Any] 
     "band_passed": (lambda v: movement_filters.band_passed(v, _cutoff(v), 2 * _cutoff(v), v.fs), None),
     "details": (lambda v: np.concatenate(movement_filters.details(v, _cutoff(v), "coif3", 3)), None),
 }
-"""Transforms that several features use, each with a reference in 80-bit floats, or None."""
+"""Transform that several features use -> function, and its reference in 80-bit floats (or None)."""
 
 
 @transforms({f"shared, {name}": {"name": name} for name in SHARED}, battery)
