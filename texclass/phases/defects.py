@@ -10,27 +10,31 @@ from numpy.typing import NDArray
 from texclass.recording import Recording, Samples
 
 HELD_S = 0.005
-"""Shortest padding in s: all channels keep their value for this time at an end of the recording."""
+"""Shortest padding in s. All channels must keep their value for this time at the start or end of the
+recording."""
 MIN_HELD = 8
 """Shortest padding in samples."""
 STEP_RATIO = 8.0
-"""A step from padding to data (as of gravity) is this many times the spread of the first data samples."""
+"""Smallest step from padding to data (for example due to gravity), relative to the spread of the first data
+samples."""
 GLITCH_RATIO = 6.0
-"""A glitch deviates from the median of its neighbours by more than this many times their range."""
+"""Smallest deviation of a glitch from the median of its neighbours, relative to the range of the
+neighbours."""
 N_NEIGHBOURS = 4
-"""Neighbours of a sample on each side."""
+"""Number of neighbours of a sample on each side."""
 FADE_DB = 2.5
-"""Smallest rise of the level in dB per doubling of time during a fade-in; a linear fade has 6 dB."""
+"""Smallest rise of the level in dB per doubling of time during a fade-in. In a linear fade, it is 6 dB."""
 MAX_FADE_DB, TOTAL_FADE_DB = 25.0, 12.0
 """Largest rise in dB per doubling of time, and smallest rise of the whole fade."""
 FADE_FASTER_DB = 6.0
-"""A fade slows down: a rise that exceeds the previous one by more than this (dB) is a tap."""
+"""Largest increase in dB from one rise of a fade to the next. A fade slows down, so a larger increase is a
+tap."""
 MAX_FADE_S = 0.6
 """Longest fade-in in s."""
 BLOCK = 1 << 13
-"""Rows per block, so that a block fits into the cache of the processor."""
+"""Number of rows per block, so that a block fits into the cache of the processor."""
 GLITCHES: WeakKeyDictionary[Recording, NDArray[np.intp]] = WeakKeyDictionary()
-"""Glitches of recordings whose phases were searched, for the lifetime of the recordings."""
+"""Glitches that the search for phases detected, for the lifetime of each recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +44,9 @@ class Data:
     Attributes
     ----------
     first, stop : int
-        Half-open range [first, stop) of samples with data; outside, the values are padding.
+        Half-open range [first, stop) of samples with data. The samples outside this range are padding.
     rest : ndarray of shape (n_channels,)
-        Level at which the data start; it replaces the padding before.
+        Level at which the data start. It replaces the padding at the start.
     """
 
     first: int
@@ -53,8 +57,8 @@ class Data:
 def find_data(axes: Samples, fs: float) -> Data:
     """Return the range of samples without padding at the ends.
 
-    Padding consists of zeros, or of a first or last value that is repeated. It does not contain the noise of
-    the sensor, and a step from padding to the level at rest is not an impulse.
+    Padding consists of zeros or of the repeated first or last value. It must be excluded, because it does not
+    contain the noise of the sensor, and because a step from padding to the level at rest is not an impulse.
 
     Parameters
     ----------
@@ -93,7 +97,7 @@ def find_data(axes: Samples, fs: float) -> Data:
 
 
 def _n_held(axes: Samples) -> int:
-    """Return how many samples from the first on have the same value."""
+    """Return how many samples at the start have the value of the first sample."""
     start, size = 1, 64
     while start < len(axes):
         differs = (axes[start : start + size] != axes[0]).any(axis=1)
@@ -105,7 +109,7 @@ def _n_held(axes: Samples) -> int:
 
 
 def get_glitches(recording: Recording, stop: int) -> NDArray[np.intp]:
-    """Return the glitches before sample `stop`, from the search for phases if there was one.
+    """Return the glitches before sample `stop`, from the search for phases if it has already been done.
 
     Examples
     --------
@@ -121,17 +125,17 @@ def get_glitches(recording: Recording, stop: int) -> NDArray[np.intp]:
 
 
 def find_glitches(axes: Samples, stop: int | None = None) -> NDArray[np.intp]:
-    """Return the indices of single samples far away from their neighbours.
+    """Return the indices of glitches: single samples that deviate strongly from their neighbours.
 
-    A contact moves the tool for more than one sample, and the tool rings afterwards. Flipped bits, loose
-    contacts and lost words affect single samples.
+    In contrast to a glitch, a contact of the tool lasts more than one sample, and the tool rings afterwards.
+    Glitches are caused by bit errors, loose connections and lost data words.
 
     Parameters
     ----------
     axes : ndarray of shape (n, n_channels)
         Samples.
     stop : int, optional
-        Only glitches before this sample are required; some later ones may be missing.
+        Sample up to which all glitches must be found (default: all samples). Later glitches may be missing.
 
     Returns
     -------
@@ -148,7 +152,7 @@ def find_glitches(axes: Samples, stop: int | None = None) -> NDArray[np.intp]:
     n, n_channels = axes.shape
     if n < 2 * N_NEIGHBOURS + 1 or stop == 0:
         return np.zeros(0, dtype=np.intp)
-    candidates, unit = list[NDArray[np.intp]](), 64  # comparing 64 rows at once is much faster
+    candidates, unit = list[NDArray[np.intp]](), 64  # comparing 64 rows at a time is much faster
     n_rows = min(BLOCK, -(-n // unit) * unit)
     jumps, smaller_jumps = np.empty((n_rows + 1) * n_channels), np.empty(n_rows * n_channels)
     ones, threshold = np.ones(n_rows), np.empty((unit, n_channels))
@@ -170,7 +174,7 @@ def find_glitches(axes: Samples, stop: int | None = None) -> NDArray[np.intp]:
     samples, channels = np.divmod(np.concatenate(candidates), n_channels)
     first = np.minimum(np.maximum(samples - N_NEIGHBOURS, 0), n - 2 * N_NEIGHBOURS - 1)
     neighbours = axes[first[:, None] + np.arange(2 * N_NEIGHBOURS + 1), channels[:, None]]
-    row, column = np.arange(len(samples)), samples - first  # replace the sample itself by the previous one
+    row, column = np.arange(len(samples)), samples - first  # the sample itself is replaced by its predecessor
     neighbours[row, column] = neighbours[row, column - 1]
     neighbours.sort(axis=1)
     deviation = np.abs(axes[samples, channels] - neighbours[:, N_NEIGHBOURS])
@@ -179,7 +183,7 @@ def find_glitches(axes: Samples, stop: int | None = None) -> NDArray[np.intp]:
 
 
 def interpolate_glitches(axes: Samples, glitches: NDArray[np.intp]) -> Samples:
-    """Return samples with each glitch replaced by the mean of its neighbours.
+    """Return the samples with each glitch replaced by the mean of its two neighbours.
 
     Parameters
     ----------
@@ -202,14 +206,14 @@ def interpolate_glitches(axes: Samples, glitches: NDArray[np.intp]) -> Samples:
 
 
 def fade_length(power: Callable[[int, int], float], n_bins: int, bin_s: float) -> int:
-    """Return the number of bins of a fade-in at the start; 0 if there is none.
+    """Return the number of bins of a fade-in at the start, or 0 if there is none.
 
-    In a fade-in, the level rises with each doubling of time: by 6 dB in a linear one.
+    In a fade-in, the level rises with each doubling of time; in a linear fade, it rises by 6 dB.
 
     Parameters
     ----------
     power : callable
-        Mean power of the bins [start, stop).
+        Function ``power(start, stop)`` that returns the mean power of the bins [start, stop).
     n_bins : int
         Number of bins.
     bin_s : float

@@ -1,4 +1,4 @@
-"""Hand motion before a tap, and recordings of a single tap."""
+"""Detection of hand motion before a tap, and of recordings that contain a single tap."""
 
 import numpy as np
 from scipy import ndimage
@@ -8,19 +8,21 @@ from texclass.recording import Recording, Samples, Tap
 
 
 def find_hand_start(axes: Samples, fs: float) -> int:
-    """Return the sample at which the hand starts to accelerate towards an impact after the last sample.
+    """Return the sample at which the hand starts to accelerate towards the impact.
+
+    The impact follows the last sample.
 
     Parameters
     ----------
     axes : ndarray of shape (n_samples, n_channels)
-        Acceleration before the impact, from the earliest possible start of the hand.
+        Acceleration before the impact, starting at the earliest possible start of the hand motion.
     fs : float
         Sampling rate in Hz.
 
     Returns
     -------
     int
-        Index; the number of samples if the hand does not move.
+        Index of the sample, or the number of samples if the hand does not move.
 
     Examples
     --------
@@ -43,7 +45,7 @@ def find_hand_start(axes: Samples, fs: float) -> int:
 
 
 def find_single_tap(recording: Recording) -> Tap | None:
-    """Return the tap of a short recording that starts or ends at rest; None if it does neither."""
+    """Return the tap of a short recording, or None if the recording neither starts nor ends at rest."""
     axes = recording.acceleration.reshape(recording.n_samples, -1)
     n_start, n_end = max(3, len(axes) // 50), len(axes) // 10
     if n_end < 3:

@@ -1,7 +1,7 @@
-"""Power of the acceleration above hand motion, in one pass over a recording.
+"""Power of the acceleration above the frequencies of hand motion, computed in one pass over a recording.
 
-`scipy.signal.sosfilt` and sums of its output, against which it is tested, take three times as long: their
-whole-array temporaries do not fit into the cache of the processor.
+This takes a third of the time of `scipy.signal.sosfilt` and sums of its output, whose temporary arrays do not
+fit into the cache of the processor. The tests compare both.
 """
 
 import numpy as np
@@ -14,29 +14,31 @@ from texclass.recording import Samples
 def high_pass_power(
     axes: Samples, rest: Samples, first: int, sos: Samples, step: int, bin_size: int
 ) -> tuple[Samples, Samples, float]:
-    """Filter acceleration forwards only, so that nothing rings before an impact, and return its power.
+    """Return the power of the high-passed acceleration.
+
+    The filter only runs forwards, so that it does not ring before an impact.
 
     Parameters
     ----------
     axes : ndarray of shape (n_samples, n_channels)
         Acceleration.
     rest : ndarray of shape (n_channels,)
-        Level at rest; it replaces the samples before `first`.
+        Level at rest, which replaces the samples before `first`.
     first : int
         First sample with data.
     sos : ndarray of shape (n_sections, 6)
         Second-order sections of the high-pass filter.
     step, bin_size : int
-        Samples averaged to a row before the filter; rows per bin.
+        Number of samples that are averaged to one row before filtering, and number of rows per bin.
 
     Returns
     -------
     power : ndarray of shape (n_rows,)
-        Squares after the filter, summed over channels.
+        Squared acceleration after filtering, summed over channels.
     means : ndarray of shape (n_channels, n_bins)
-        Means of the bins before the filter, relative to rest.
+        Means of the bins before filtering, relative to rest.
     correlation : float
-        Autocorrelation after the filter at a lag of one row, from -1 to 1.
+        Autocorrelation after filtering at a lag of one row, from -1 to 1.
     """
     n, n_channels = axes.shape
     n_rows = -(-n // step)

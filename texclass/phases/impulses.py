@@ -1,7 +1,7 @@
-"""Impulses that rise and decay, and movement with lasting vibration, from levels over time.
+"""Detection of impulses (which rise and decay) and movement (lasting vibration) in levels over time.
 
-This is the core of the search for phases. For a recording it reads the levels of all bins, for a live stream
-those of the current contact. It looks back a few hundredths of a second, and ahead until an impulse has
+This is the core of the search for phases. Its input is the levels of all bins of a recording, or of the
+current contact in a live stream. It looks back a few hundredths of a second, and ahead until an impulse has
 decayed.
 """
 
@@ -19,17 +19,18 @@ from texclass.recording import Samples
 
 @dataclass(frozen=True)
 class Levels:
-    """Power relative to the noise, per bin; 0 where there are no data.
+    """Power of each bin relative to the noise; 0 where there are no data.
 
     Attributes
     ----------
     broadband : ndarray of shape (n_bins,)
-        Power above hand motion in all bands.
+        Power at all frequencies above hand motion.
     combined : ndarray of shape (n_bins,)
         The larger of `broadband` and the power in the band in which soft contacts ring.
     strokes : ndarray of shape (n_bins,)
-        As `combined` where all bands exceed the noise, so that hand motion does not count; `broadband`
-        elsewhere. Reduced by a quarter if the noise is intermittent.
+        Level for the detection of strokes: similar to `combined` where `broadband` exceeds the noise, and
+        equal to `broadband` elsewhere, so that hand motion is ignored. It is reduced if the noise is
+        intermittent.
     bin_s : float
         Duration of a bin in s.
     min_bins : int
@@ -49,27 +50,27 @@ class Levels:
     min_bins: int = 1
 
     def n_bins(self, seconds: float) -> int:
-        """Return a duration in bins, at least one."""
+        """Return the number of bins of a duration, at least 1."""
         return max(1, round(seconds / self.bin_s))
 
 
 @dataclass(frozen=True)
 class Impulse:
-    """An impulse, in bins.
+    """An impulse, with times in bins.
 
     Attributes
     ----------
     start, peak, end, decay_end : int
-        Bins in which it starts to rise, is strongest, ends (30 dB below its peak, in the noise, or at the
-        next impulse), and has decayed.
+        Bins in which the impulse starts to rise, has its peak, ends, and has decayed completely. It ends 30
+        dB below its peak, in the noise, or at the next impulse.
     width : int
-        Bins from the start until it is 10 dB below its peak.
+        Number of bins from the start until the level is 10 dB below the peak.
     combined_db, broadband_db : float
-        Level of the peak over the noise, with and without the soft band.
+        Level of the peak above the noise, with and without the soft band.
     prominence_db : float
-        Level of the peak over the larger of the levels before and after the impulse.
+        Level of the peak above the higher of the levels before and after the impulse.
     fall_db : float
-        Level of the peak over the level after the impulse.
+        Level of the peak above the level after the impulse.
 
     Examples
     --------
@@ -95,7 +96,7 @@ class Impulse:
 
 
 def decibels(ratio: Samples) -> Samples:
-    """Return power ratios in dB, 0 below the noise."""
+    """Return power ratios in dB; ratios below 1 give 0 dB."""
     return np.asarray(10.0 * np.log10(np.maximum(ratio, 1.0)))
 
 
@@ -104,8 +105,8 @@ def find_impulses(levels: Levels, settings: PhaseSettings) -> list[Impulse]:
 
     1. Smooth the levels and convert them to dB.
     2. Find candidate peaks: local maxima above the level before them.
-    3. Measure each candidate from the last to the first, because an impulse ends where the next one starts.
-    4. Keep those that decay by at least `prominence_db`.
+    3. Measure the candidates from the last to the first, because an impulse ends where the next one starts.
+    4. Keep the impulses that decay by at least `prominence_db`.
 
     Parameters
     ----------
@@ -142,16 +143,16 @@ def find_impulses(levels: Levels, settings: PhaseSettings) -> list[Impulse]:
 
 @dataclass(frozen=True, eq=False)
 class SmoothLevels:
-    """Levels in dB over the noise, shape (n_bins,), smoothed for several purposes.
+    """Levels in dB above the noise, smoothed over different times.
 
     Attributes
     ----------
-    sharp, broadband : ndarray
-        Short average that locates peaks, with and without the soft band.
-    calm : ndarray
-        Longer average that follows the decay.
+    sharp, broadband : ndarray of shape (n_bins,)
+        Short averages, with and without the soft band, in which peaks are located.
+    calm : ndarray of shape (n_bins,)
+        Longer average, in which decays are measured.
     n_bins : callable
-        Converts seconds to bins.
+        Function that converts seconds to a number of bins.
     """
 
     sharp: Samples
@@ -175,26 +176,27 @@ class SmoothLevels:
 
 
 def rise_over_past(smooth: SmoothLevels, settings: PhaseSettings) -> Samples:
-    """Return by how much (dB) each bin, or a bin shortly before it, exceeds the maximum of the past.
+    """Return by how many dB each bin, or a bin shortly before, exceeds the maximum of the preceding window.
 
-    The past is a window of `look_back_s` that ends `rise_s` earlier. The level of all bands counts only if
-    that past is at rest: hand motion in the soft band must not hide a loud tap.
+    The preceding window has the length `look_back_s` and ends `rise_s` before the bin. The rise of the
+    broadband level is also used if the preceding window is at rest in all bands, so that hand motion in the
+    soft band does not hide a loud tap.
     """
     n_past, n_rise = smooth.n_bins(settings.look_back_s), smooth.n_bins(settings.rise_s)
     rise = np.zeros(len(smooth.sharp))
     for level, highest_past_db in ((smooth.sharp, np.inf), (smooth.broadband, settings.prominence_db)):
         past = _delayed(_trailing_max(level, n_past), n_rise + 1 - n_past % 2)
-        past[: n_rise + n_past // 2] = 0.0  # less than half of the window exists
+        past[: n_rise + n_past // 2] = 0.0  # at the start, less than half of the window contains data
         above = np.where(past < highest_past_db, level - past, 0.0)
         rise = np.maximum(rise, _trailing_max(above, n_past))
     return rise
 
 
 def candidate_peaks(smooth: SmoothLevels, rise_db: Samples, settings: PhaseSettings) -> list[int]:
-    """Return the bins of hits: local maxima that rise over the past and are as loud as a tap.
+    """Return the bins of hits: local maxima that exceed the preceding window and are as loud as a tap.
 
-    Among hits within `tap_spacing_s`, the strongest is selected. It is compared only with hits: a later
-    rebound that is stronger by up to `rebound_db` does not rise over the first hit, and must not hide it.
+    Among hits within `tap_spacing_s`, the strongest is selected. Peaks that are not hits are ignored if they
+    are stronger by at most `rebound_db`, so that a later rebound does not hide the first hit.
     """
     spacing, rise = (2 * smooth.n_bins(seconds) - 1 for seconds in (settings.tap_spacing_s, settings.rise_s))
     loud_db = 10 * np.log10(settings.tap_ratio)
@@ -207,7 +209,7 @@ def candidate_peaks(smooth: SmoothLevels, rise_db: Samples, settings: PhaseSetti
 
 
 def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings: PhaseSettings) -> Impulse:
-    """Measure the impulse with its peak in bin `peak`; the next impulse starts in bin `stop`."""
+    """Return the impulse whose peak is in bin `peak`. The next impulse starts in bin `stop`."""
     sharp, broadband, n_bins = smooth.sharp, smooth.broadband, smooth.n_bins
     quiet_db = 10 * np.log10(settings.active_ratio)
     peak_db = float(sharp[peak])
@@ -215,7 +217,7 @@ def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings
     hit = first_hit(smooth, peak, settings)
     onset = max(0, hit - n_bins(settings.look_back_s))
     rise, hit_db = sharp[onset:hit], float(sharp[hit])
-    # In the tail of another impulse, the level may never be 20 dB lower.
+    # In the tail of another impulse, the level before the hit may not be `onset_db` lower.
     lowest_db = float(rise.min(initial=hit_db))
     onset_db = max(quiet_db, hit_db - settings.onset_db, lowest_db + (hit_db - lowest_db) / 3)
     below = np.flatnonzero(rise < onset_db)
@@ -237,8 +239,9 @@ def measure(smooth: SmoothLevels, peak: int, stop: int, rise_db: float, settings
 def first_hit(smooth: SmoothLevels, peak: int, settings: PhaseSettings) -> int:
     """Return the bin of the first hit of a tap whose strongest hit is in bin `peak`.
 
-    The first hit is less than `tap_spacing_s` earlier, and weaker by at most `rebound_db`. It rises by
-    `prominence_db` within `rise_s`, unlike the tail of an earlier tap, and falls by `rebound_db` after it.
+    The first hit is less than `tap_spacing_s` earlier than the strongest one, and weaker by at most
+    `rebound_db`. The level rises by `prominence_db` within `rise_s` before it, unlike in the tail of an
+    earlier tap, and falls by `rebound_db` after it.
     """
     sharp, n_rise = smooth.sharp, smooth.n_bins(settings.rise_s)
     earliest = max(0, peak - smooth.n_bins(settings.tap_spacing_s) + 1)
@@ -255,10 +258,10 @@ def first_hit(smooth: SmoothLevels, peak: int, settings: PhaseSettings) -> int:
 
 
 def find_decay_end(smooth: SmoothLevels, peak: int, stop: int, settings: PhaseSettings) -> tuple[int, float]:
-    """Return the bin in which an impulse has decayed, and the lowest level (dB) until then.
+    """Return the bin in which an impulse has decayed, and the lowest level (dB) up to this bin.
 
-    An impulse has decayed when the level is at rest or stops falling, and after a tail that falls without a
-    rise.
+    The decay ends when the level is at rest or stops falling. A tail that continues to fall without rising is
+    part of the decay.
     """
     n_bins, quiet_db = smooth.n_bins, 10 * np.log10(settings.active_ratio)
     start = min(peak + n_bins(settings.calm_s / 2), len(smooth.calm) - 1)
@@ -276,11 +279,11 @@ def find_decay_end(smooth: SmoothLevels, peak: int, stop: int, settings: PhaseSe
 def find_movement(
     levels: Levels, impulses: Sequence[Impulse], settings: PhaseSettings
 ) -> tuple[int, int] | None:
-    """Return the bins [first, last) of lasting vibration, pauses included; None if there is none.
+    """Return the bins [first, last) of lasting vibration including pauses, or None if there is none.
 
-    1. Remove impulses: they leave most of a window quiet.
-    2. Find the windows in which at least the fraction `share` is active.
-    3. Extend both ends over connected vibration, up to an impulse far stronger than the strokes.
+    1. Remove impulses that are followed by quiet.
+    2. Find the windows in which at least the fraction `share` of the time is active.
+    3. Extend both ends over adjacent vibration, up to an impulse that is much stronger than the strokes.
     """
     size = max(levels.min_bins, levels.n_bins(0.005))
     window = max(1, round(levels.n_bins(settings.window_s) / size))
@@ -310,8 +313,9 @@ def split_taps_and_movement(
 ) -> tuple[list[Impulse], tuple[int, int] | None]:
     """Return the taps among the impulses, and the bins of the movement (None without movement).
 
-    Impulses inside the movement belong to the texture. So do impulses connected with its start, or within a
-    pause after it, unless they are far stronger than the strokes.
+    Impulses inside the movement belong to the texture. Impulses adjacent to its start belong to the texture
+    unless they are much stronger than the strokes. Impulses that follow its end within a pause also belong to
+    the texture.
 
     Parameters
     ----------
@@ -322,17 +326,17 @@ def split_taps_and_movement(
     settings : PhaseSettings
         Thresholds and durations.
     begins : int, optional
-        First bin of the data, if they start with vibration. If it fills a third of the time up to lasting
-        strokes, the movement starts there.
+        First bin of the data, if the data start with vibration. If vibration fills a sufficient part of the
+        time before the lasting strokes, the movement starts in this bin.
     opening : sequence of Impulse
-        Impulses at the start of the data; they are not taps, and their decay is not movement.
+        Impulses at the start of the data. They are not taps, and their decay is not movement.
 
     Returns
     -------
     taps : list of Impulse
         Taps in order of time.
     movement : tuple of int or None
-        First bin, and the one after the last.
+        First bin of the movement, and the bin after its last one.
 
     Examples
     --------
@@ -369,7 +373,7 @@ def split_taps_and_movement(
 def _is_echo(
     levels: Levels, impulses: Sequence[Impulse], span: tuple[int, int], settings: PhaseSettings
 ) -> bool:
-    """Return whether short, weak vibration is an echo of impulses, or noise before or between them."""
+    """Return whether short and weak vibration is an echo of impulses, or noise before or between them."""
     n_bins = span[1] - span[0]
     strongest_db = 0.0
     for impulse in impulses:
@@ -383,7 +387,7 @@ def _is_echo(
 
 
 def select_taps(impulses: Sequence[Impulse], levels: Levels, settings: PhaseSettings) -> list[Impulse]:
-    """Return the impulses without weak ones, which come from a tool that is lifted, set down or pulled.
+    """Remove weak impulses, which occur when the tool is lifted, set down or pulled.
 
     Examples
     --------
@@ -415,7 +419,7 @@ def select_taps(impulses: Sequence[Impulse], levels: Levels, settings: PhaseSett
 
 
 def bin_means(x: Samples, size: int) -> Samples:
-    """Return the means of bins of `size` samples along the last axis; the last bin may be shorter.
+    """Return the means of bins of `size` samples along the last axis. The last bin may be shorter.
 
     Examples
     --------
@@ -431,12 +435,12 @@ def bin_means(x: Samples, size: int) -> Samples:
 
 
 def moving_mean(level: Samples, n: int) -> Samples:
-    """Return the centred mean over `n` bins of a non-negative level; the end values are repeated."""
+    """Return the centred moving average over `n` bins of a non-negative level. End values are repeated."""
     return np.asarray(np.maximum(ndimage.uniform_filter1d(level, max(1, n), mode="nearest"), 0.0))
 
 
 def remove_impulses(strokes: Samples, impulses: Sequence[Impulse], min_db: float) -> Samples:
-    """Return a level that is 0 during impulses of at least `min_db` and their decay."""
+    """Return the level with all impulses of at least `min_db`, including their decay, set to 0."""
     rest = strokes.copy()
     for impulse in impulses:
         if impulse.broadband_db >= min_db:
@@ -445,9 +449,10 @@ def remove_impulses(strokes: Samples, impulses: Sequence[Impulse], min_db: float
 
 
 def _end_of_fall(level: Samples, n: int, stall_db: float) -> int:
-    """Return where a falling level (dB) stops: in the valley before the next rise; its length if it does not.
+    """Return the bin in which a falling level (dB) stops falling: the valley before the next rise.
 
-    The maximum of the next `2 n` bins is used, so that a beat of two modes does not count as a stop.
+    If the level does not stop falling, its length is returned. The maximum of the next `2 n` bins is used, so
+    that a beat between two modes does not count as a stop.
     """
     upper = ndimage.maximum_filter1d(level, 2 * n, origin=-n, mode="nearest")
     stall = _first(upper[:-n] - upper[n:] < stall_db, len(level))
@@ -456,7 +461,7 @@ def _end_of_fall(level: Samples, n: int, stall_db: float) -> int:
 
 
 def _tail_length(level: Samples, quiet_db: float, rise_db: float, *, is_last: bool) -> int:
-    """Return how long a tail decays: to rest, to the valley before a rise, or to the next impulse."""
+    """Return how many bins a tail decays: to rest, to the valley before a rise, or to the next impulse."""
     if not level.size:
         return 0
     n = len(level)
@@ -470,12 +475,12 @@ def _tail_length(level: Samples, quiet_db: float, rise_db: float, *, is_last: bo
 
 
 def _maximum(x: Samples, n: int) -> Samples:
-    """Return the maximum of the n bins around each bin."""
+    """Return the maximum over the n bins around each bin."""
     return ndimage.maximum_filter1d(x, n, mode="constant")
 
 
 def _trailing_max(x: Samples, n: int) -> Samples:
-    """Return the maximum of each bin and the n - 1 before it; values before the start count as 0."""
+    """Return the maximum over each bin and the n - 1 bins before it. Bins before the start count as 0."""
     return ndimage.maximum_filter1d(x, n, origin=(n - 1) // 2, mode="constant")
 
 
@@ -484,13 +489,13 @@ def _delayed(x: Samples, n: int) -> Samples:
 
 
 def _first(condition: NDArray[np.bool_], default: int) -> int:
-    """Return the index of the first true element, or a default."""
+    """Return the index of the first true element, or `default` if there is none."""
     index = int(condition.argmax()) if len(condition) else 0
     return index if len(condition) and condition[index] else default
 
 
 def _outermost(is_active: NDArray[np.bool_], start: int, gap: int) -> int:
-    """Return the last active element from `start` on before a gap of `gap` elements."""
+    """Return the last active element at or after `start` before a gap of more than `gap` elements."""
     (indices,) = np.nonzero(is_active[start:])
     if not len(indices):
         return start

@@ -1,4 +1,4 @@
-"""Phases of a recording: taps (hand acceleration, impact, decay), onset of sliding, and movement."""
+"""Segmentation of a recording into taps (hand motion, impact, decay), onset of sliding and movement."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from texclass.phases.vibration_track import Track, track
 from texclass.recording import Phases, Recording, Samples, Tap
 
 AT_REST_M_S2 = 0.06
-"""RMS vibration of a resting sensor over all axes in m/s^2: about 6 mg."""
+"""Largest RMS vibration of a sensor at rest over all axes, in m/s^2 (about 6 mg)."""
 NO_TAPS = "no taps: no impulse is prominent enough"
 NOTHING = "neither taps nor movement: nothing exceeds the noise"
 NEVER_QUIET = "no quiet window, so the noise is unknown: the whole recording counts as movement"
@@ -27,33 +27,36 @@ STARTS_MOVING = "the recording starts during movement: no onset of sliding"
 def find_phases(recording: Recording, settings: PhaseSettings | None = None) -> Phases:
     """Find taps, the onset of sliding and the movement of a recording.
 
-    1. Remove gravity, tremor and hand motion, and divide by the noise at rest, per bin (`track`).
-    2. Find impulses: levels that rise by at least 10 dB and decay (`find_impulses`).
-    3. Find the movement: other vibration above the noise (`split_taps_and_movement`).
-    4. Impulses inside the movement belong to the texture; the others are taps, unless they are much weaker
-       than the strongest one (a tool that is lifted).
+    Padding (zeros or held values), fades and single-sample glitches are excluded first. Then:
 
-    Zero padding, held values, fades and single-sample glitches are excluded first.
+    1. Remove gravity, tremor and hand motion, and divide the power of each bin by the noise at rest
+    (`track`).
+    2. Find impulses: levels that rise by at least 10 dB and decay (`find_impulses`).
+    3. Find the movement: the remaining vibration above the noise (`split_taps_and_movement`).
+    4. Classify the impulses. Impulses inside the movement belong to the texture. The other impulses are taps,
+       unless they are much weaker than the strongest one (for example when the tool is lifted).
 
     Parameters
     ----------
     recording : Recording
-        Any number of axes, any unit, sampling rates from about 1 kHz; declared phases are returned unchanged.
+        Recording with any number of axes and any unit, at a sampling rate of about 1 kHz or more. If its
+        phases are declared, they are returned unchanged.
     settings : PhaseSettings, optional
-        Thresholds and durations (default: those of the recording).
+        Thresholds and durations (default: the settings of the recording).
 
     Returns
     -------
     Phases
-        Half-open ranges of samples. A tap starts where the hand starts to accelerate, and ends when its
+        Half-open ranges of samples. A tap starts where the hand starts to accelerate. It ends where its
         vibration is in the noise or 30 dB below its peak. The movement reaches from the onset of sliding to
-        where the tool rests (to the end, if it rests for less than 0.3 s), pauses at turning points included.
-        `notes` list missing phases and assumptions: no quiet window, a start during movement, nothing at all.
+        the point where the tool rests, and includes pauses at turning points. If the tool rests for less than
+        0.3 s, the movement reaches to the end of the recording. `notes` list missing phases and assumptions,
+        for example that there is no quiet window.
 
     Notes
     -----
-    `strese2015` names the phases (Figs. 4 and 7) but gives no algorithm; this one is ours. Its computing time
-    is linear in the length of the recording.
+    `strese2015` defines the phases (Figs. 4 and 7) but does not describe an algorithm. This algorithm is our
+    own. Its computing time is linear in the length of the recording.
 
     Examples
     --------
@@ -93,7 +96,9 @@ def find_phases(recording: Recording, settings: PhaseSettings | None = None) -> 
 
 
 def find_impact(power: Samples, noise: float) -> int | None:
-    """Return the first sample above the noise and within 25 dB of the peak; None if there is no clear one.
+    """Return the first sample above the noise and within 25 dB of the peak.
+
+    The result is None if the peak does not clearly exceed the noise.
 
     Parameters
     ----------
@@ -113,7 +118,7 @@ def find_impact(power: Samples, noise: float) -> int | None:
 
 
 def _short(recording: Recording) -> Phases:
-    """Return the phases of a recording too short for a stroke: a single tap, or only movement."""
+    """Return the phases of a recording that is too short for a stroke: a single tap, or only movement."""
     tap = find_single_tap(recording)
     if tap is not None:
         return Phases((tap,), notes=(SINGLE_TAP,))
@@ -123,10 +128,10 @@ def _short(recording: Recording) -> Phases:
 
 
 def _impulses(vibration: Track, settings: PhaseSettings) -> tuple[list[Impulse], list[Impulse]]:
-    """Return the impulses that can be measured, and those at the start of the data.
+    """Return the complete impulses, and the impulses at the start of the data.
 
-    An impulse that is cut off by the start of the data cannot be measured. The kink at the start or end of a
-    fade of gravity is not an impact.
+    An impulse that is cut off by the start of the data cannot be measured. If the recording is faded in or
+    out, the kink of gravity at the edge of the fade is not an impact.
     """
     n_bins, (first, stop), (full_first, full_stop) = vibration.levels.n_bins, vibration.data, vibration.full
     opening = first + n_bins(settings.opening_s)
@@ -143,7 +148,7 @@ def _impulses(vibration: Track, settings: PhaseSettings) -> tuple[list[Impulse],
 
 
 def _opens_in_movement(vibration: Track, opening: list[Impulse], settings: PhaseSettings) -> bool:
-    """Return whether the data start with vibration other than the decay of an impulse."""
+    """Return whether the data start with vibration that is not the decay of an impulse."""
     levels, first = vibration.levels, vibration.data[0]
     stop = first + levels.n_bins(2 * settings.opening_s)
     level = remove_impulses(levels.strokes[:stop], opening, 0.0)[first:]
@@ -153,7 +158,7 @@ def _opens_in_movement(vibration: Track, opening: list[Impulse], settings: Phase
 def _may_be_strokes(
     impulses: list[Impulse], vibration: Track, span: tuple[int, int], settings: PhaseSettings
 ) -> bool:
-    """Return whether the impulses are few and weak enough to come from faint strokes."""
+    """Return whether the impulses are so few and weak that faint strokes may have caused them."""
     strongest = max((i.broadband_db for i in impulses), default=0.0)
     is_weak = len(impulses) < settings.min_impulses and strongest < settings.certain_db
     return is_weak and _is_faint(vibration, (0, span[1]), settings)
@@ -173,10 +178,10 @@ def _movement(
     taps: list[Impulse],
     settings: PhaseSettings,
 ) -> tuple[int, int]:
-    """Return the movement in samples; it reaches to the end of the data unless the tool rests there.
+    """Return the movement in samples. It reaches to the end of the data unless the tool rests there.
 
-    If strokes barely exceed the noise, a rest after them may be fainter strokes, and a short rest before them
-    too if there are no taps.
+    If the strokes barely exceed the noise, even fainter strokes look like rest. Therefore a longer rest is
+    then required at the end, and a short rest before the strokes counts as movement if there are no taps.
     """
     (first, last), n_bins, size = span, vibration.levels.n_bins, vibration.bin_samples
     is_faint = _is_faint(vibration, span, settings)
@@ -213,7 +218,10 @@ def _impact(vibration: Track, impulse: Impulse, settings: PhaseSettings) -> int:
 
 
 def _is_at_rest(recording: Recording, vibration: Track) -> bool:
-    """Return whether a signal of steady level is noise: weak for an acceleration, white in other units."""
+    """Return whether a signal of steady level is noise.
+
+    An acceleration is noise if it is weak. In other units, a signal is noise if it is white.
+    """
     if recording.unit == "m/s^2":
         return float(vibration.power.mean()) < AT_REST_M_S2**2
     return abs(vibration.correlation) <= 0.25

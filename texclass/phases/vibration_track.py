@@ -16,9 +16,9 @@ from texclass.signals import butterworth
 Span = tuple[int, int]
 """Half-open range [first, stop) of bins."""
 MIN_LEVEL_SAMPLES = 20
-"""Smallest number of samples from which a level is reliable."""
+"""Smallest number of samples that give a reliable level."""
 NO_POWER = 1e-14
-"""Power relative to the strongest bin; less is rounding error."""
+"""Smallest noise relative to the power of the strongest bin. A smaller power is a rounding error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,17 +30,18 @@ class Track:
     axes : ndarray of shape (n_samples, n_channels)
         Acceleration without glitches.
     power : ndarray of shape (n_rows,)
-        Squared acceleration above hand motion, summed over channels; `step` samples per row.
+        Squared acceleration above hand motion, summed over channels. Each row is an average of `step`
+        samples.
     levels : Levels
         Power relative to the noise, per bin.
     noise : float
         Mean of `power` at rest.
     is_steady : bool
-        Whether the level of the quietest window is steady, so that it counts as quiet.
+        Whether the level of the quietest window is steady, so that this window counts as quiet.
     data, full : tuple of int
-        Bins with data; among these, the bins outside fade-in and fade-out.
+        Range of the bins with data, and range of the bins between fade-in and fade-out.
     step, bin_size : int
-        Samples per row, rows per bin.
+        Number of samples per row, and number of rows per bin.
     correlation : float
         Autocorrelation of the vibration at a lag of one row, from -1 to 1.
     """
@@ -58,12 +59,12 @@ class Track:
 
     @property
     def bin_samples(self) -> int:
-        """Samples of the recording per bin."""
+        """Number of samples of the recording per bin."""
         return self.bin_size * self.step
 
 
 def track(recording: Recording, settings: PhaseSettings) -> Track:
-    """Return the vibration level of a recording above gravity, tremor and hand motion, relative to the noise.
+    """Return the vibration of a recording above tremor and hand motion, relative to the noise.
 
     1. Exclude padding and glitches, and remove hand motion.
     2. Average the power over bins, in all bands and in the soft band.
@@ -98,9 +99,9 @@ def track(recording: Recording, settings: PhaseSettings) -> Track:
         broadband[usable], n_quiet, bin_size * axes.shape[1], settings
     )
     noise = max(noise, NO_POWER * float(broadband.max()))
-    # Not of `axes`: an interpolated glitch lies between two steps of the converter.
+    # `axes` cannot be used here, because interpolated glitches lie between two steps of the converter.
     if not np.ptp(samples[:200], axis=0).all() or _quantisation_noise(samples[:200]) > noise:
-        noise = max(noise, _quantisation_noise(samples[:50_000]))  # more samples, smaller steps
+        noise = max(noise, _quantisation_noise(samples[:50_000]))  # more samples show smaller steps
     levels = replace(
         _levels(broadband, soft, noise, usable, bin_s, settings),
         min_bins=-(-MIN_LEVEL_SAMPLES // bin_samples),
@@ -113,10 +114,10 @@ def track(recording: Recording, settings: PhaseSettings) -> Track:
 def _levels(
     broadband: Samples, soft: Samples, noise: float, usable: slice, bin_s: float, settings: PhaseSettings
 ) -> Levels:
-    """Return power relative to the noise; the soft band is scaled separately.
+    """Return the power relative to the noise. The soft band is scaled separately.
 
-    A bin of the soft band that exceeds the level which noise reaches once in 100,000 bins is an impulse, even
-    if weak.
+    A bin of the soft band counts as an impulse, even if it is weak, when it exceeds the level that noise
+    reaches only once in 100,000 bins.
     """
     broadband = broadband / noise if noise > 0 else np.zeros_like(broadband)
     soft = moving_mean(soft, round(settings.soft_s / bin_s))
@@ -144,7 +145,10 @@ def _soft_filter(band_hz: tuple[float, float], rate: float) -> Samples:
 
 
 def _without_fades(axes: Samples, broadband: Samples, data: Span, bin_samples: int, bin_s: float) -> Span:
-    """Return the bins of `data` between fade-in and fade-out, detected in the vibration or in gravity."""
+    """Return the bins of `data` between fade-in and fade-out.
+
+    Fades are detected in the vibration and in the unfiltered signal, which contains gravity.
+    """
 
     def fade_bins(axes: Samples, level: Samples) -> int:
         def raw_power(start: int, stop: int) -> float:
@@ -163,10 +167,11 @@ def noise_floor(
 ) -> tuple[float, bool, bool]:
     """Return the noise level, whether the quietest `n` bins are steady, and if the noise is intermittent.
 
-    The noise is averaged over the quietest window and over all windows up to 4 dB above the current estimate,
-    four times. The range is narrow unless vibration is far above it, because intermittent noise may be
-    strokes. The level of intermittent noise is that of its loudest windows, and a steady start is noise: an
-    automatic gain reduces it later.
+    The estimate starts with the quietest window. In four iterations, it is replaced by the average over all
+    windows up to 4 dB above it. An upper limit relative to the quietest window applies, because louder
+    "noise" may consist of strokes. The limit is higher if the recording also contains much stronger
+    vibration. The level of intermittent noise is the level of its loudest windows. A steady start of a
+    recording counts as noise, because an automatic gain control may reduce the noise later.
     """
     n = min(n, len(level))
     means = moving_mean(level, n)[n // 2 : len(level) - (n - 1) // 2]
@@ -194,13 +199,13 @@ def noise_floor(
 
 
 def _is_steady(level: Samples, tolerance: float) -> bool:
-    """Return whether the fifths of a level differ by at most a ratio."""
+    """Return whether the means of five equal parts of a level differ by at most the ratio `tolerance`."""
     fifths = [part.mean() for part in np.array_split(level, min(5, len(level)))]
     return bool(max(fifths) <= tolerance * min(fifths))
 
 
 def _quantisation_noise(axes: Samples) -> float:
-    """Return the noise power of the converter, q^2 / 12 of its smallest step q, summed over channels."""
+    """Return the quantisation noise q^2 / 12, where q is the smallest step, summed over channels."""
     steps = np.abs(np.diff(np.ascontiguousarray(axes.T)))
     steps[steps == 0] = np.inf
     smallest = steps.min(axis=1, initial=np.inf)
