@@ -74,7 +74,7 @@ def test_a_model_of_one_recording_per_surface_detects_no_unknown_surfaces_and_wa
 
 
 def test_a_classifier_that_needs_several_recordings_is_not_trained_on_one():
-    with pytest.raises(ValueError, match=r"lda needs at least 2 recordings .* train the pipeline surfaces"):
+    with pytest.raises(ValueError, match=r"lda needs at least 2 recordings .* use the pipeline 'surfaces'"):
         train(surfaces(1), pipeline(), classifier="lda")
     with pytest.raises(ValueError, match="2 folds need at least 2 of each"):
         train(surfaces(1), pipeline(), protocol="recording")

@@ -55,7 +55,7 @@ def test_columns_of_standard_input_are_chosen_by_number(raw):
     "options", [{"time_column": "1"}, {"delimiter": ";", "raw_channels": 3}, {"delimiter": ""}]
 )
 def test_options_of_files_raise_an_error_for_standard_input(options):
-    with pytest.raises(ValueError, match=r"standard input.*(Expected --fs instead|Expected one character)"):
+    with pytest.raises(ValueError, match=r"standard input.*(Use --fs instead|Expected one character)"):
         open_source("-", fs=FS, unit="g", file=_text(SIGNAL), **options)
 
 

@@ -35,7 +35,7 @@ class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type
 
     The selection equals that of `sklearn.feature_selection.SequentialFeatureSelector` with stratified folds,
     including ties. The scores of Gaussian naive Bayes, of the nearest class mean and of the nearest neighbour
-    are sums over columns, and linear discriminants need only the class means and one covariance. With these
+    are sums over columns. Linear discriminants need only the class means and one covariance. With these
     classifiers each inner fold is prepared once, and a candidate is fitted only where rounding could change a
     prediction: two classes score alike, or columns are collinear or constant. Any other classifier is fitted
     to every candidate.

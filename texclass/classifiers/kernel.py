@@ -8,7 +8,7 @@ import numpy as np
 from texclass.recording import Samples
 
 BATCH = 2048
-"""Rows of the kernel matrix that are computed at a time; limits the memory that prediction needs."""
+"""Number of rows of the kernel matrix that are computed at a time, which limits the memory."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,10 +78,10 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     over the windows of a recording.
 
     With `max_kb`, only m of the n samples are used as prototypes, at least one of each class. The
-    coefficients minimise the squares of Y - K_nm alpha, weighted by W, plus ridge alpha' K_mm alpha (subset
-    of regressors, Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 8.3.1).
-    Standardised samples and the whitening are rounded to 16 bits before K is computed, then alpha to 32 bits,
-    so the export is lossless.
+    coefficients minimise the squares of Y - K_nm alpha, weighted by W, plus ridge alpha' K_mm alpha. This is
+    the method "subset of regressors" (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006,
+    section 8.3.1). Standardised samples and the whitening are rounded to 16 bits before K is computed, then
+    alpha to 32 bits, so the export is lossless.
 
     Examples
     --------

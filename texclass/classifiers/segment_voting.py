@@ -1,9 +1,9 @@
 """Segment voting: classify every segment of a movement, then average the decisions.
 
-Segments multiply the training samples and show how much a surface varies; a segment in which the tool lifts
-off or slips is outvoted. Features also vary with the speed, force and brightness of a stroke, which cannot be
-estimated from a few recordings. This variation is similar for all surfaces. It is therefore estimated from
-simulation, and can be passed to the segment classifier (`stroke_variations`).
+Segments increase the number of training samples and show how much a surface varies. A segment in which the
+tool lifts off or slips is outvoted. Features also vary with the speed, force and brightness of a stroke,
+which cannot be estimated from a few recordings. This variation is similar for all surfaces. It is therefore
+estimated from simulation, and can be passed to the segment classifier (`stroke_variations`).
 """
 
 import csv
@@ -262,8 +262,9 @@ def stroke_variations(column_names: Sequence[str]) -> Samples:
     Returns
     -------
     ndarray of shape (n_variations, n_columns)
-        Principal variations V for strokes that are 10 % quicker, 1.3 times as strong, or 1.5 dB per octave
-        brighter: V' V / n_variations is the covariance. The variation of other columns is 0.
+        Principal variations V for strokes that are 10 % faster, have 1.3 times the amplitude, or have 1.5 dB
+        per octave more at high frequencies. V' V / n_variations is the covariance. The variation of other
+        columns is 0.
     """
     by_name = _simulated_variations()
     zeros = np.zeros_like(next(iter(by_name.values())))

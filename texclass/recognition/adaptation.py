@@ -48,7 +48,7 @@ class AdaptationLimits:
     min_surfaces : float
         Minimum effective number of surfaces, 1 / sum shares^2, of references without labels.
     max_scale : float
-        Largest factor by which a column is scaled; the smallest is its inverse.
+        Largest factor by which a column is scaled; the smallest factor is its inverse.
     noise_factor : float
         Factor of the variance expected by chance, which is subtracted from the mean square of the changes.
     significance : float
@@ -291,7 +291,7 @@ def moments_map(
     *,
     with_scale: bool = True,
 ) -> AffineMap:
-    """Return scale and shift that match the mean and variance of each column to a mixture of surfaces.
+    """Return the scale and shift that match mean and variance of each column to a mixture of surfaces.
 
     Scale and shift are shrunk towards the identity (`_shrinkage`), because part of the changes is due to
     chance. The variance expected by chance is within_std^2 / n for the mean of n recordings. For the
@@ -308,7 +308,8 @@ def moments_map(
     class_moments : ClassMoments
         Moments of the training features.
     n_recordings : int
-        Number of recordings of the rows: windows of one recording are correlated.
+        Number of recordings that the rows belong to. Windows of one recording are correlated, so each
+        recording counts once.
     with_scale : bool
         Whether columns are scaled as well as shifted (default True).
     """

@@ -86,7 +86,7 @@ class Answer:
 
 
 class Prediction(NamedTuple):
-    """Answer for one recording, or the problem that prevents one; and its true surface if known.
+    """Answer for one recording, or the problem that prevented an answer; with the true surface if known.
 
     Examples
     --------
@@ -103,7 +103,7 @@ class Prediction(NamedTuple):
 def average_answers(answers: Sequence[Answer], recording_id: str) -> Answer:
     """Combine the answers for the windows of a recording by averaging their probabilities.
 
-    The recording is unknown if at least half of its windows are. The answer has no prediction sets.
+    The recording is unknown if at least half of its windows are unknown. The answer has no prediction sets.
 
     Parameters
     ----------
@@ -207,11 +207,11 @@ class Evidence:
         W = V / (1 + r max(V - 1, 0)), V = sum_k g^(n-k) w_k,
 
     where p_k are the calibrated probabilities of window k under a flat prior, w_k is the fraction of window k
-    that does not overlap the previous window, g is the decay per window, and r is the correlation between
-    windows. Windows of one contact have similar speed, force and position, so they are correlated (design
-    effect of cluster sampling). For independent windows (r = 0), this is Bayes' rule; any number of
-    correlated windows counts as at most 1/r independent ones. Finally, a probability of `lapse` is
-    distributed evenly over all surfaces.
+    that does not overlap the previous window, g is the decay per window. The correlation between windows is
+    r. Windows of one contact have similar speed, force and position, so they are correlated (design effect of
+    cluster sampling). For independent windows (r = 0), this is Bayes' rule; any number of correlated windows
+    counts as at most 1/r independent ones. Finally, a probability of `lapse` is distributed evenly over all
+    surfaces.
 
     Parameters
     ----------

@@ -118,8 +118,8 @@ class Exploration:
     """Combined answers of several gestures on one surface, and the recommended next gesture.
 
     The probability of surface m is log P(m) = sum_g w(n_g) mean_i log p_gi(m) + constant. Here p_gi are the
-    calibrated probabilities of repetition i of gesture g, and w(n) = n / (1 + r_g (n - 1)) is the effective
-    number of independent repetitions, because repetitions by one operator are correlated (r_g).
+    calibrated probabilities of repetition i of gesture g. Repetitions by one operator have the correlation
+    r_g, so w(n) = n / (1 + r_g (n - 1)) is their effective number.
 
     The expected gain of a gesture is the mutual information of surface and answer (`information_bits`) times
     w(n + 1) - w(n). The recommended gesture has the highest gain per second.

@@ -386,7 +386,7 @@ class Model:
         """Predict the surface of a recording from the mean probabilities of its windows.
 
         Windows of one stroke are correlated, so their probabilities are averaged rather than multiplied. The
-        recording is unknown if at least half of its windows are. If the model was trained on whole
+        recording is unknown if at least half of its windows are unknown. If the model was trained on whole
         recordings, or the recording is shorter than one window, the recording is classified as a whole.
         """
         windows = self.cut(recording) if self.manifest.window_s is not None else ()

@@ -73,8 +73,8 @@ class Manifest(StrictModel):
     surfaces : tuple of str
         Surfaces of the training set, sorted.
     pipeline : mapping
-        name, hash, feature_set, row, classifier; shortage (if recordings were too few to select on); budget
-        (limits of latency and size).
+        name, hash, feature_set, row, classifier; shortage (if there were too few recordings for a selection);
+        budget (limits of latency and size).
     features : tuple of str
         Names of the features.
     phases : tuple of str

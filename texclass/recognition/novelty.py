@@ -151,10 +151,10 @@ def conservative_rate(false_alarms: float, n_held_out: int, growth: float = 1.0)
     """Return a rate that is low enough to keep the requested one with few held-out recordings.
 
     A conformal threshold keeps its rate of false alarms on average over many training sets. For a single
-    training set with few held-out recordings, the rate may be twice as large. If the threshold is the k-th
-    largest score, the rate is kept for 95 % of training sets, where k is the largest number with
-    P[Binomial(n, rate) < k] <= 5 % (tolerance limit). If n is too small for any k (below 59 at 5 %), the
-    largest score is the threshold. As a consequence, fewer unknown surfaces are detected.
+    training set with few held-out recordings, the rate may be twice as large. The tolerance limit is a
+    threshold that keeps the rate for 95 % of training sets. It is the k-th largest score, with the largest k
+    for which P[Binomial(n, rate) < k] <= 5 %. If n is too small for any k (below 59 at 5 %), the largest
+    score is the threshold. As a consequence, fewer unknown surfaces are detected.
 
     Parameters
     ----------

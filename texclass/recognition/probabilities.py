@@ -184,7 +184,10 @@ def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
 
     mean, n, contact = running_log_posterior(p, contacts)
     if n.max(initial=0) < 2:
-        raise ValueError("cannot estimate the correlation between windows: no contact has two windows")
+        raise ValueError(
+            "cannot estimate the correlation between windows: no contact has two windows. Use longer "
+            "recordings or shorter windows"
+        )
     rows, n_windows = np.arange(len(n)), np.bincount(contact)
     lapse, n_classes = 1 / (len(n_windows) + 2), p.shape[1]
 

@@ -256,7 +256,7 @@ def _select(
 def _fit_best(
     pairs: Sequence[tuple[Candidate, HeldOutPredictions]], holdout: Holdout, clusters: NDArray[Any]
 ) -> tuple[Candidate, HeldOutPredictions, Entry, Entry]:
-    """Fit the best candidate that can be saved; return it as `_select` does, with its expected accuracy."""
+    """Fit the best candidate that can be saved; return it with predictions, model arguments and accuracy."""
     remaining = list(pairs)
     while remaining:
         best, estimate = 0, dict[str, Any]()
@@ -447,7 +447,7 @@ def _recordings_entries(dataset: Dataset, meter: CostMeter, table: FeatureTable,
     if other_rates := {recording.fs for recording in meter.recordings} - {example.fs}:
         raise RecordingError(
             f"{dataset.name}: sampling rates differ ({example.fs:g} and {other_rates.pop():g} Hz). Expected "
-            "one rate; pass --resample"
+            "one rate: convert the recordings with --resample HZ"
         )
     movements = [r.phases.movement for r in meter.recordings if r.phases and r.phases.movement]
     members = [member for _, part in plan.parts for member in part.members]

@@ -202,7 +202,7 @@ def _open_storage(path: Path) -> Iterator[tuple[Path, str]]:
                 while data := stream.read(1 << 20):
                     file.write(data)
                     if file.tell() > max_bytes:
-                        raise ValueError(f"the decompressed bag is more than {MAX_EXPANSION} times larger")
+                        raise ValueError(f"the bag is more than {MAX_EXPANSION} times larger than the file")
             yield target, suffix
     except RecordingError:
         raise

@@ -51,7 +51,8 @@ class SteadyNoise:
         Number of blocks over which the level must be steady.
     max_ratio
         Largest ratio between the powers of these blocks. Strokes of a robot have a ratio of at least 1.32
-        within 4 s (800 windows), a hum has 1.1, white noise 1.1 at 10 kHz and 1.2 to 1.4 at 1 kHz.
+        within 4 s (800 windows). Hum has a ratio of 1.1, and white noise 1.1 at 10 kHz and 1.2 to 1.4 at 1
+        kHz.
     min_samples
         Smallest number of samples in a block. The power of shorter blocks fluctuates too much.
     max_correlation

@@ -50,7 +50,7 @@ class OnlineSettings:
         Length of a window in seconds (default: as in training; 5 s if the training recordings were longer
         than 30 s).
     hop_s
-        Time between the ends of two windows in seconds (default: half a window).
+        Time between the ends of consecutive windows in seconds (default: half a window).
     evidence
         Rule that combines the windows of a contact; see `Evidence`.
     confidence, forget_s

@@ -37,8 +37,9 @@ class RateSettings:
     check_s
         Duration (s) over which the measured rate is compared with the stated one.
     change_s, change_ratio, step_tolerance
-        The rate has changed if, over `change_s`, the median step of the time stamps differs by more than the
-        fraction `change_ratio`, and nine steps in ten agree with it within the fraction `step_tolerance`.
+        Two conditions must hold over `change_s` (s) for a change of the rate. The median step of the time
+        stamps differs from the period by more than the fraction `change_ratio`. In addition, 90 % of the
+        steps agree with the median within the fraction `step_tolerance`.
     """
 
     measure_s: float = 1.0

@@ -73,8 +73,8 @@ def open_source(
     paced : bool
         Whether to play a file in real time (default False).
     raw_channels : int, optional
-        Number of channels of standard input in little-endian float32, interleaved. By default, it is text
-        with one sample per line, and channels separated by commas, blanks or semicolons.
+        Number of channels of standard input in little-endian float32, interleaved. By default, standard input
+        is text with one sample per line, and channels separated by commas, blanks or semicolons.
     file : BinaryIO, optional
         Stream that replaces standard input; the caller closes it.
     model : Model, optional

@@ -29,7 +29,7 @@ AuxiliarySignal = Literal["turn_rate", "friction"]
 
 
 class Member(NamedTuple):
-    """A recording of a card or folder, not yet loaded, with its surface if that is stated."""
+    """A recording of a card or folder that is not yet loaded, with its surface if it is known."""
 
     name: str
     load: Callable[[], Recording]
@@ -127,9 +127,10 @@ class TrainingFiles(StrictModel):
     unit
         Unit of the acceleration in the files.
     scale, phases, remove_resting_level, delimiter, skip_rows, comment, drop_incomplete
-        As in a dataset card. The scale belongs to the unit: it is not applied to files in another unit.
+        Settings of the dataset card. The scale belongs to the unit: it is not applied to files in another
+        unit.
     turn_rate_scale
-        As in a dataset card. It is not applied to turn rates in ROS messages, which are in rad/s.
+        Setting of the dataset card. It is not applied to turn rates in ROS messages, which are in rad/s.
     acceleration, auxiliary
         Names of the columns of the acceleration, and of each auxiliary signal.
     axes

@@ -111,7 +111,7 @@ def once(
 
 
 def graph_of(feature: str) -> Callable[[Builder], Builder]:
-    """Register the decorated function as the graph of a feature; see the module.
+    """Register the decorated function as the builder of the graph of a feature; see the module docstring.
 
     Parameters
     ----------

@@ -96,10 +96,10 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     Raises
     ------
     ParityError
-        If a label, a verdict or a probability differs by more than rounding explains. Rounding explains a
-        difference between labels with equal probabilities, between neighbours at equal distances, at a
-        novelty score equal to a held-out one, and where a relative change of the features by 1e-13 has the
-        same effect.
+        If a label, a verdict or a probability differs by more than rounding explains. Rounding explains
+        differences between labels with equal probabilities, between neighbours at equal distances, and at a
+        novelty score equal to a held-out one. It also explains differences that a relative change of the
+        features by 1e-13 can cause.
     OnnxExportError
         If onnxruntime cannot run the graph.
 
@@ -112,7 +112,7 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     expected, outputs = reference(model, X), run(graph, X)
     tolerance = TOLERANCE + _sensitivity(model, X, expected["probabilities"], np.random.default_rng(seed))
     tolerance[expected["tied"]] = np.inf
-    # Decisions of a kernel are up to 1: the tolerance for novelty scores below 1e-3 is that for 1e-3.
+    # Kernel decisions are at most about 1: scores below 1e-3 have the same tolerance as a score of 1e-3.
     score_tolerance = TOLERANCE * np.maximum(np.abs(expected["novelty_score"]), 1e-3)
     names = [f"row {i} ({kind})" for i, kind in enumerate(kinds)]
     difference = check_same(

@@ -88,7 +88,7 @@ def window_length(model: Model, window_s: float | None = None) -> int:
     if seconds is None:
         raise OnnxExportError(
             "the model was trained on whole recordings. Train it on windows (texclass train --window "
-            "SECONDS), or state their length (texclass export --window SECONDS)"
+            "SECONDS), or pass their length (texclass export --window SECONDS)"
         )
     if not 0 < seconds < math.inf:
         raise OnnxExportError(f"the window must have a positive length, got {seconds!r} s")
