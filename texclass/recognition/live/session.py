@@ -213,8 +213,8 @@ class Session:
             limit = f"{self._repair.max_step:.3g} {block.unit}"
             updates += self._limit(
                 block.t_s,
-                f"glitch: {n_glitches} samples left out, steps above {limit} (far beyond those of the "
-                "training set)",
+                f"glitch: {n_glitches} samples left out, because steps above {limit} are far larger than "
+                "those in the training set",
             )
         for n_missing, samples in segments:
             if n_missing:
@@ -235,8 +235,8 @@ class Session:
             return []
         return self._limit(
             t_s,
-            f"surface: the last windows indicate {verdict.surface}, not {verdict.previous_surface}: evidence "
-            "restarts",
+            f"surface: the last windows indicate {verdict.surface}, not {verdict.previous_surface}: the "
+            "evidence restarts",
         )
 
     def _interrupt(self, n_lost: int) -> tuple[Update, ...]:
@@ -265,7 +265,7 @@ class Session:
         updates: list[Update | Notice] = []
         if self.recogniser is not None:
             updates += self.recogniser.finish()
-            updates += self._limit(block.t_s, f"restart: the stream now has {block.fs:g} Hz, {block.unit}")
+            updates += self._limit(block.t_s, f"restart: the stream now is in {block.unit}, {block.fs:g} Hz")
         self._fs_and_unit = (block.fs, block.unit)
         self.recogniser = OnlineRecogniser(
             self.model, fs=block.fs, unit=block.unit, raw=self.raw, settings=self.settings

@@ -457,7 +457,10 @@ def resampled(source: BlockSource, rate: float) -> BlockSource:
                 if block.fs not in (fs, rate):
                     flags = (*flags, f"resampled (band-limited) from {block.fs:g} Hz to {rate:g} Hz")
                 if fs not in (0.0, block.fs):
-                    flags = (*flags, f"restart: the source now has {block.fs:g} Hz, {fs:g} Hz before")
+                    flags = (
+                        *flags,
+                        f"restart: the source rate changed from {fs:g} to {block.fs:g} Hz",
+                    )
                     n_lost = max(n_lost, 1)
                 n_lost += resampler.n_pending if resampler else 0
                 resampler, start_s, fs = Resampler(block.fs, rate), block.t_s, block.fs

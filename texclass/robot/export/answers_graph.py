@@ -30,8 +30,8 @@ of the columns in order; NaN marks undefined features. Outputs: label, string (n
 probabilities, float64 (n, n_surfaces), calibrated, in the order of texclass.surfaces; p_known, float64 (n,),
 conformal p-value of "the surface is one of these"; unknown, bool (n,), p_known <= texclass.false_alarms, or
 all features are undefined. A row with infinite features, or with undefined features that are not imputed, has
-the label "", NaN, and is unknown. The program must compute the features; texclass.self_check contains rows
-with their answers.
+the label "", NaN as probabilities and p_known, and is unknown. The program must compute the features;
+texclass.self_check contains rows with their answers.
 """
 
 
