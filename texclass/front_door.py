@@ -93,7 +93,7 @@ def benchmark(
     unit: str | None = None,
     **options: Any,
 ) -> "BenchmarkResult":
-    """Evaluate all rows and classifiers of a pipeline on a dataset.
+    """Evaluate every row and classifier of a pipeline on a dataset.
 
     Parameters
     ----------

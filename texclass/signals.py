@@ -181,9 +181,8 @@ def moving_average(x: ArrayLike, n: int) -> Samples:
     size = samples.size
     n = min(n, 2 * size)
     n_left, n_right = n // 2, n - n // 2
-    offset = np.median(
-        samples[:: -(-size // 1000)]
-    )  # a large offset costs precision in the running sum of scipy
+    # A large offset reduces the precision of the running sum in scipy.
+    offset = np.median(samples[:: -(-size // 1000)])
     average = scipy.ndimage.uniform_filter1d(samples - offset, n, mode="constant")
     ends = np.r_[: min(n_left, size), max(n_left, size - n_right + 1) : size]
     average[ends] *= n / (np.minimum(ends + n_right, size) - np.maximum(ends - n_left, 0))

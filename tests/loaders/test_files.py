@@ -101,7 +101,7 @@ def test_columns_are_chosen_by_name_and_auxiliary_signals_too(tmp_path, axes, wr
 
 def test_missing_files_and_unknown_formats_are_errors(tmp_path):
     (tmp_path / "r.docx").write_text("hello")
-    formats = r"suffix is '.docx'. Expected one of .txt, .csv"
+    formats = r"unknown suffix '.docx'. Expected one of .txt, .csv"
     for name, message in (("absent.wav", "cannot be opened"), (".", "is not a file"), ("r.docx", formats)):
         with pytest.raises(RecordingError, match=message):
             load_recording(tmp_path / name, fs=FS, unit="g")
@@ -322,7 +322,7 @@ def test_a_unit_in_column_names_is_used_and_must_not_be_contradicted(tmp_path, a
         note.startswith(f"unit {unit}, from the messages or column names of ") for note in dataset.notes
     )
     table(path, [axes], "acc_x [mg],acc_y [g],acc_z [g]")
-    with pytest.raises(RecordingError, match=r"its columns are in g and mg. Expected one unit"):
+    with pytest.raises(RecordingError, match=r"its columns have the units g and mg. Expected the same unit"):
         load_recording(path, fs=FS)
 
 

@@ -423,7 +423,7 @@ def test_a_unit_row_holds_for_names_that_contain_its_letters(tmp_path, names):
 
 def test_a_unit_row_that_contradicts_the_names_is_refused(tmp_path):
     path = write(tmp_path, ".csv", text(above="x (mg),y (mg),z (mg)\ng,g,g\n"))
-    with pytest.raises(RecordingError, match="its columns are in g and mg"):
+    with pytest.raises(RecordingError, match="its columns have the units g and mg"):
         load_recording(path, fs=100)
 
 

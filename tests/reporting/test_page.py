@@ -218,7 +218,7 @@ def test_every_kind_of_result_but_a_study_has_an_example_here():
         ('{"kind": ["benchmark"], "version": 1}', r"kind \"\['benchmark'\]\""),
         ('{"kind": "bench", "version": 1}', "kind 'bench', version '1'.* benchmark .version 1."),
         ('{"kind": "benchmark", "version": 0}', "version '0'.* benchmark .version 1."),
-        ('{"kind": "benchmark", "version": 1, "rows": [NaN]}', "a number is NaN. Expected"),
+        ('{"kind": "benchmark", "version": 1, "rows": [NaN]}', "contains the number NaN. Expected"),
         ('{"kind": "benchmark", "version": 1}', "damaged result .KeyError"),
         ('{"kind": "study", "version": 1}', "a study has no document"),
     ],
@@ -256,7 +256,7 @@ def test_binary_files_and_output_over_results_are_rejected(tmp_path):
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match=r"x\.json"):
         read_document(path)
-    with pytest.raises(ValueError, match="another file for the page"):
+    with pytest.raises(ValueError, match="one of the results. Choose another --output"):
         write_page([path], path)
     with pytest.raises(ValueError, match="documents is empty"):
         write_page([], tmp_path / "page.html")

@@ -34,7 +34,7 @@ from texclass.loaders.readers import (
 )
 
 _TEXT = "char"
-"""Class of text arrays, which are ignored without a flag."""
+"""Class of text arrays; they are ignored, and no flag reports them."""
 
 
 def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
@@ -65,7 +65,7 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
     if len(set(stored_rates.values())) > 1 and settings.fs not in stored_rates.values():
         rate_list = ", ".join(f"{name} = {rate:g}" for name, rate in stored_rates.items())
         raise reader_error(
-            path, f"it contains several sampling rates: {rate_list}", "one rate, or --fs to select one"
+            path, f"it contains several sampling rates: {rate_list}", "one rate; pass --fs to select one"
         )
     names_of_fs = (name for name, rate in stored_rates.items() if rate == settings.fs)
     rate_name = next(names_of_fs, next(iter(stored_rates), None))
@@ -148,7 +148,7 @@ def _separator(path: Path) -> str:
 
 
 def _arrays(path: Path) -> Iterator[StoredArray]:
-    """Yield the arrays of a file; the values of each can be read until the next one is requested."""
+    """Yield the arrays of a file; read the values of an array before requesting the next one."""
     if path.suffix.lower() in {".npy", ".npz"}:
         yield from _npy_arrays(path)
     elif path.suffix.lower() != ".mat" or h5py.is_hdf5(path):
@@ -222,7 +222,7 @@ def _hdf5_rates(node: Any, prefix: str) -> Iterator[StoredArray]:
 
 
 def _hdf5_class(dataset: h5py.Dataset, matlab_class: str) -> str:
-    """Return the class of a dataset; "" if it contains real numbers."""
+    """Return the class of an HDF5 dataset; "" if it contains real numbers."""
     if matlab_class and matlab_class not in NUMERIC:
         return matlab_class
     if "MATLAB_empty" in dataset.attrs:
@@ -233,14 +233,14 @@ def _hdf5_class(dataset: h5py.Dataset, matlab_class: str) -> str:
 
 
 def _read_dataset(dataset: h5py.Dataset, name: str, path: Path) -> Any:
-    """Return the values of a dataset that is stored in this file."""
+    """Return the values of an HDF5 dataset, which must be stored in the file itself."""
     if dataset.external or dataset.is_virtual:
-        raise reader_error(path, f"{name} is stored in another file", "all data in one file")
+        raise reader_error(path, f"the dataset {name} is stored in another file", "all data in one file")
     check_announced_size(dataset.size, path)
     # HDF5 up to 2.0 crashes on a chunk that contains only its 4-byte checksum.
     if dataset.fletcher32 and dataset.id.chunk_iter(lambda chunk: chunk.size <= 4 or None):
         raise reader_error(path, f"{name} has a chunk without data", "data and a checksum in each chunk")
-    # h5py converts in blocks, so that a 4-byte and an 8-byte copy are never in memory together.
+    # h5py converts in blocks, so the data are never in memory as both float32 and float64.
     return dataset.astype(np.float64)[()]
 
 
@@ -259,7 +259,7 @@ def _matlab_4_values(path: Path, name: str) -> Any:
 
 @contextmanager
 def _warnings_as_errors() -> Iterator[None]:
-    """Convert warnings of scipy on byte orders and overflows to errors; ignore repeated names."""
+    """Convert scipy warnings about byte orders and overflows to errors; ignore those about repeated names."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         warnings.simplefilter("error", RuntimeWarning)

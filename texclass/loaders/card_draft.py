@@ -1,4 +1,4 @@
-"""Drafts of dataset cards for folders of recordings, with open questions as comments."""
+"""Draft dataset cards for folders of recordings, with open questions as comments."""
 
 import json
 import os
@@ -26,12 +26,12 @@ from texclass.loaders.filesets import match_name
 from texclass.loaders.labels import Labels, find_label_columns, is_label_table
 from texclass.loaders.open import recording_files
 from texclass.loaders.plausibility import folder_level_notes
-from texclass.loaders.readers import ReaderSettings, ReadSignals, as_column_names, quote_names
+from texclass.loaders.readers import ReaderSettings, ReadSignals, as_column_names, formats, quote_names
 from texclass.recording import AUXILIARY_UNITS, RecordingError, Samples
 from texclass.reporting.wording import counted
 
 QUESTION = "# QUESTION: "
-"""Start of a comment line about a fact that the files do not state."""
+"""Start of a comment line with a question that the files do not answer."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,10 @@ def draft_card(
     if table:
         columns = find_label_columns(table, Path(os.path.relpath(table.resolve(), root.resolve())).as_posix())
     if not names:
-        raise RecordingError(f"{root} contains no file of a known format. Expected one file per recording")
+        raise RecordingError(
+            f"{root} contains no file of a known format. Expected one file per recording, with one of the "
+            f"suffixes {', '.join(formats())}"
+        )
     exports = find_exports(path.relative_to(root).as_posix() for path in data_files(root))
     if table and columns:
         layout = _label_layout(names, Labels.read(table, columns), root, exports)
@@ -204,7 +207,7 @@ def _name_layout(names: Sequence[str]) -> _Layout:
     repetition = r"[A-Za-z]*(?P<repetition>\d+)"
     names_in_subfolders = [name for name in names if "/" in name]
     questions: list[str] = []
-    # Patterns of names without axis and suffix, the most specific one first; the last one matches all names.
+    # Patterns of names without axis and suffix, from the most specific one to one that matches all names.
     if names_in_subfolders:
         heads, names = _folder_patterns(names_in_subfolders), names_in_subfolders
         stems = [rf"(?:[^/]*[_\- ])?{session}{repetition}", r"[^/]*?(?P<repetition>\d+)", r"[^/]+?"]
@@ -221,10 +224,11 @@ def _name_layout(names: Sequence[str]) -> _Layout:
         if len(layout.groups) > len(names) / 2 and (len(layout.surfaces) > 1 or names_in_subfolders):
             break
     if len(layout.surfaces) < 2:
-        questions.append("there is only one surface. Which part of a file's path is the surface?")
+        questions.append("there is only one surface. Which part of the file paths is the surface?")
     elif min(layout.surfaces.values()) < 2:
         questions.append(
-            "some surfaces have only one recording. Does the group `surface` in `files` match the surface?"
+            "some surfaces have only one recording. Does the group `surface` in `files` match the surface "
+            "and nothing else?"
         )
     return _Layout(layout.pattern, layout.groups, tuple(questions))
 
@@ -277,7 +281,7 @@ def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
     acceleration = first_signals.signals[ACCELERATION]
     gravity = _gravity_at_rest(acceleration)
     if unit or first_signals.unit:
-        source = "given" if unit else "from the column names or the messages"
+        source = "given" if unit else "from the column names or the message type"
         unit = unit or first_signals.unit
     elif gravity:
         unit, level = gravity
@@ -327,7 +331,7 @@ def _channels(
     except RecordingError:
         acceleration = candidates[:3]
         questions = [
-            f"which columns are the acceleration? {quote_names(acceleration)} is a guess; the columns are "
+            f"which columns are the acceleration? {quote_names(acceleration)} are a guess; the columns are "
             f"{quote_names(names)}. If each row is a recording, set `format = 'rows'`."
         ]
     return {ACCELERATION: acceleration, **channels}, questions

@@ -38,7 +38,7 @@ Texts = Annotated[
     BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value),
     Field(min_length=1, description="text or a list of text"),
 ]
-"""One string or several."""
+"""One or several strings."""
 
 
 def _as_column_texts(value: Any) -> Any:
@@ -63,7 +63,7 @@ Columns = Annotated[
 
 
 class CardError(ValueError):
-    """Invalid dataset card; the message names the file, the key and what was expected."""
+    """Invalid dataset card; the message contains the file, the key and what was expected."""
 
 
 class Card(StrictModel):
@@ -74,7 +74,7 @@ class Card(StrictModel):
     title
         Title of the dataset (default: the name of the card).
     source
-        Where to get the recordings.
+        Where the recordings can be obtained.
     licence
         Terms of use.
     citation

@@ -125,7 +125,8 @@ def acceleration_unit(names: Sequence[str], path: Path) -> str | None:
         )
     units = {_BRACKETED.get(unit.lower()) for name in names for unit in _UNIT.findall(name)} - {None}
     if len(units) > 1:
-        raise reader_error(path, f"its columns are in {' and '.join(sorted(map(str, units)))}", "one unit")
+        problem = f"its columns have the units {' and '.join(sorted(map(str, units)))}"
+        raise reader_error(path, problem, "the same unit for all axes")
     return next(iter(units), None)
 
 
@@ -232,7 +233,7 @@ def turn_rate_factor(names: Sequence[str], path: Path) -> float:
     if units <= {"deg/s", "°/s", "dps"}:
         return math.pi / 180
     raise reader_error(
-        path, f"its columns are in {', '.join(sorted(units))}", "a turn rate in rad/s or deg/s"
+        path, f"its columns have the unit {', '.join(sorted(units))}", "a turn rate in rad/s or deg/s"
     )
 
 

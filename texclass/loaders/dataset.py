@@ -1,4 +1,4 @@
-"""Datasets: labels of all recordings in memory, signals loaded one recording at a time."""
+"""Datasets: labels of all recordings are in memory; signals are loaded one recording at a time."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -126,7 +126,7 @@ class Dataset(Sequence[Recording]):
         return (self.load(entry) for entry in self.entries)
 
     def attempt(self, entry: Entry) -> Recording | RecordingError:
-        """Return the recording of an entry; with `skip_bad`, return the error of an invalid one."""
+        """Return the recording of an entry, or with `skip_bad` the error if the recording is invalid."""
         try:
             return self.load(entry)
         except RecordingError as error:
@@ -135,7 +135,7 @@ class Dataset(Sequence[Recording]):
             return error
 
     def with_phase_settings(self, changes: Mapping[str, Any], *, override: bool = True) -> "Dataset":
-        """Return a dataset with other segmentation settings.
+        """Return a copy of the dataset with changed segmentation settings.
 
         Parameters
         ----------
@@ -171,7 +171,7 @@ class Dataset(Sequence[Recording]):
 
     @property
     def surfaces(self) -> tuple[str, ...]:
-        """Distinct labels, sorted."""
+        """Distinct surface labels, sorted."""
         return tuple(sorted({entry.surface for entry in self.entries}))
 
     def __repr__(self) -> str:

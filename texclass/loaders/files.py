@@ -217,7 +217,7 @@ def _reader(path: Path) -> ModuleType:
         raise reader_error(path, "is empty (0 bytes)", "at least two samples")
     suffix = ".mcap" if path.name == BAG_METADATA else path.suffix.lower()
     if (kind := formats().get(suffix)) is None:
-        raise reader_error(path, f"suffix is {path.suffix!r}", f"one of {', '.join(formats())}")
+        raise reader_error(path, f"unknown suffix {path.suffix!r}", f"one of {', '.join(formats())}")
     try:
         if suffix in FORMATS:
             return importlib.import_module(kind.module)
@@ -315,7 +315,7 @@ def read_signals(
     """
     if unknown := set(roles) - {ACCELERATION, *AUXILIARY_UNITS}:
         raise RecordingError(
-            f"unknown signals {sorted(unknown)}. Expected some of {', '.join(AUXILIARY_UNITS)}"
+            f"unknown signals {sorted(unknown)}. Expected {', '.join((ACCELERATION, *AUXILIARY_UNITS))}"
         )
     parts = {axis: _read_file(path, roles, settings, companions or {}) for axis, path in axes.items()}
     axis, first = next(iter(parts.items()))
@@ -332,10 +332,11 @@ def read_signals(
         )
     rates = [part.fs for part in parts.values()]
     if len(set(rates)) > 1:
-        raise reader_error(where, f"its axes have the rates {rates} Hz", "one rate")
+        raise reader_error(where, f"its axes have the rates {rates} Hz", "the same rate for all axes")
     units = {part.unit: None for part in parts.values() if part.unit is not None}
     if len(units) > 1:
-        raise reader_error(where, f"its axes are in {' and '.join(sorted(units))}", "one unit")
+        problem = f"its axes have the units {' and '.join(sorted(units))}"
+        raise reader_error(where, problem, "the same unit for all axes")
     n = min(lengths.values())
     acceleration = make_read_only(
         np.column_stack([part.signals[ACCELERATION][:n] for part in parts.values()])
@@ -382,7 +383,8 @@ def _stack_columns(read: ReadSignals, names: Sequence[str], path: Path) -> Sampl
     columns = [read.signals[name] for name in names]
     if len({len(column) for column in columns}) > 1:
         lengths = ", ".join(f"{name!r} has {len(read.signals[name])}" for name in names)
-        raise reader_error(path, f"its columns differ in length: {lengths} samples", "one length")
+        problem = f"its columns differ in length: {lengths} samples"
+        raise reader_error(path, problem, "the same length for all columns")
     return make_read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
 
 

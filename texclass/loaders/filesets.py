@@ -220,7 +220,7 @@ def _unmatched_file_notes(reading: FileReading, used: set[str], unmatched: set[s
 
 
 def load_row(card: RowCard, where: str, samples: Mapping[str, Samples], entry: Entry) -> Recording:
-    """Return the recording in a row.
+    """Return the recording stored in one row.
 
     Parameters
     ----------
@@ -338,7 +338,7 @@ def _match(pattern: str, name: str) -> Any:
 
 
 def bag_parts(files: Iterable[str]) -> set[str]:
-    """Return the files that are not recordings themselves but parts of bag folders.
+    """Return the files that are not recordings themselves, but belong to bag folders.
 
     In a folder with storage files, `metadata.yaml` represents the bag. In other folders, a file of that name
     does not belong to a bag.
@@ -541,7 +541,7 @@ def _entries(
 
 
 def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]:
-    """Return the labels and the values, of shape (n_recordings, n_samples), of the file of a channel."""
+    """Read the file of one channel: labels, and values of shape (n_recordings, n_samples)."""
     import pandas as pd
 
     try:

@@ -63,7 +63,7 @@ def open_dataset(
     unit : str, optional
         Unit of the acceleration in files that do not state it. It must agree with the card, if there is one.
     resample : float, optional
-        Resample all recordings to this rate in Hz (band-limited).
+        Target sampling rate in Hz of a band-limited resampling of all recordings.
     labels : str or Path, optional
         Table (CSV) with a column `file` and a column `surface` for a folder of any layout, optionally with
         `operator`, `session` and `repetition`. A dataset card has the table [labels] instead.
@@ -212,7 +212,7 @@ def _open_folder(
         raise RecordingError(
             f"{root_as_typed} contains no recordings. Expected {layout} of {', '.join(formats())}{hint}"
         )
-    # The folder of an export names the recording; the files in it have the same names in all exports.
+    # The name of an export's folder identifies the recording; its files have the same names in all exports.
     export_files = {root / export.acceleration for export in exports}
     path_parts = [(path.parent if path in export_files else path).relative_to(root).parts for path in files]
     notes = [] if labels else folder_level_notes(path_parts)

@@ -112,7 +112,7 @@ def fetch_recordings(
             write_atomic(partial_root / name, convert_files(paths, download.convert, card.fs_hz))
         sha256 = digest_files(partial_root, files, "")
     except OSError:
-        if partial_root != root and root.is_dir():  # another process has finished and removed these files
+        if partial_root != root and root.is_dir():  # another process has finished the download
             shutil.rmtree(partial_root, ignore_errors=True)
             return fetch_recordings(name_or_path, progress)
         raise

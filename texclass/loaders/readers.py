@@ -222,12 +222,12 @@ def require_columns(wanted: Sequence[str], names: Sequence[str], where: object, 
             problem = f"no column {name!r}" if count == 0 else f"{count} columns are named {name!r}"
             raise RecordingError(
                 f"{where}: {problem}; the columns are {quote_names(names)}. "
-                f"Expected a unique name, or a number from 1 to {len(names)}{hint}"
+                f"Expected a name that occurs once, or a column number from 1 to {len(names)}{hint}"
             )
 
 
 def check_size(n_values: int, where: object) -> None:
-    """Raise an error if a file announces more than `MAX_VALUES` values, before they are read."""
+    """Raise an error if the header of a file announces more than `MAX_VALUES` values."""
     if n_values > MAX_VALUES:
         raise reader_error(
             where,
@@ -237,7 +237,7 @@ def check_size(n_values: int, where: object) -> None:
 
 
 def check_announced_size(n_values: int, path: Path) -> None:
-    """Raise an error if a file announces more values than `MAX_VALUES` or than its size allows."""
+    """Raise an error if a file header announces more values than `MAX_VALUES` or than its size allows."""
     check_size(n_values, path)
     if 8 * n_values > max(1 << 26, MAX_EXPANSION * (size := path.stat().st_size)):
         problem = f"its header announces {n_values} values, but the file has {size} bytes"
@@ -269,7 +269,7 @@ def as_samples(array: Any, name: str, path: Path) -> Samples:
 
 @contextmanager
 def wrap_library_errors(path: Path, kind: str) -> Iterator[None]:
-    """Convert any exception of a library that reads a damaged file to a `RecordingError`."""
+    """Convert any exception that a library raises for a damaged file to a `RecordingError`."""
     try:
         yield
     except RecordingError:

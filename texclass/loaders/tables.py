@@ -67,7 +67,7 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
 
 
 def _map_file(path: Path) -> pa.Buffer:
-    """Return the memory-mapped content of a file."""
+    """Return the content of a file as a memory map."""
     with pa.memory_map(str(path)) as file:
         return file.read_buffer()
 

@@ -127,7 +127,7 @@ def read_result(path: str | Path, number: Callable[[str], float] | None = None) 
     if result_class is None or version != result_class.version:
         kinds = ", ".join(f"{name} (version {one.version})" for name, one in sorted(RESULTS.items()))
         raise ValueError(
-            f"{path} contains no result of a known kind and version (kind {str(kind)[:40]!r}, version "
+            f"{path}: contains no result of a known kind and version (kind {str(kind)[:40]!r}, version "
             f"{str(version)[:40]!r}). Expected one of {kinds}. Run the command that wrote the file again"
         )
     return result_class(data)
