@@ -1,4 +1,4 @@
-"""Own scikit-learn classifiers: kernel discriminant analysis, and voting over the segments of a movement."""
+"""Classifiers with the scikit-learn API: kernel discriminant, and voting over the segments of a movement."""
 
 import lazy_loader
 

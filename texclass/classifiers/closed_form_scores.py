@@ -32,7 +32,7 @@ COLLINEAR = 1e-6
 
 
 def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -> Scores | None:
-    """Return a function for the class scores of any subset of columns of a fold; None without a closed form.
+    """Return a function for the class scores of any subset of columns; None if there is no closed form.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Fitting of classifiers: constant columns, readable errors, and no warnings about expected cases."""
+"""Fitting of classifiers, with support for constant columns, readable errors and no expected warnings."""
 
 import warnings
 from collections.abc import Iterator

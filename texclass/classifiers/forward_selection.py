@@ -177,7 +177,7 @@ class SubsetScore:
     def adding(
         self, selected: Sequence[int], candidates: Sequence[int], decimals: int | None = 12
     ) -> Samples:
-        """Return the score of `selected` with each of the candidates added, shape (n_candidates,).
+        """Return the scores of `selected` plus one candidate each, shape (n_candidates,).
 
         Means of the same numbers in another order differ by rounding, so the scores are rounded to
         `decimals`. With None, they equal those of `sklearn.model_selection.cross_val_score`.
@@ -232,7 +232,7 @@ def _fittable(estimator: Any, labels: Labels) -> Any:
 
 
 def _log_likelihood(log_p: Samples, classes: Labels, truth: Labels) -> Samples:
-    """Return the mean log probability of the true class; log `TINY` for a class that was not trained.
+    """Return the mean log probability of the true class; log `TINY` for a class without training samples.
 
     `log_p` has shape (..., n_test, n_classes).
     """

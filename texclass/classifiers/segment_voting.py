@@ -223,7 +223,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
 
 
 def with_segment_columns(classifier: Any, columns: Sequence[str]) -> Any:
-    """Return a clone of a segment-voting classifier with its columns set; return others unchanged.
+    """Return a clone of a segment-voting classifier with its columns set; other classifiers are unchanged.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ MAP_KINDS = ("affine", "shift", "none")
 def adapt(
     model: Model, references: Iterable[Recording], *, use_labels: bool = True, resample: bool = False
 ) -> Model:
-    """Return a model that is adapted to another sensor by reference recordings.
+    """Adapt a model to another sensor with reference recordings.
 
     Each feature is scaled and shifted before all other steps; the training recordings are not needed. If the
     surfaces of references are unknown, their shares are estimated together with the map (expectation

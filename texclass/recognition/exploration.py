@@ -53,7 +53,7 @@ class GestureStatistics(NamedTuple):
 
     @classmethod
     def from_model(cls, model: Model, seconds: float | None = None) -> "GestureStatistics":
-        """Return the statistics of a gesture on the held-out recordings of its model.
+        """Return the statistics of a gesture, from the held-out recordings of its model.
 
         Parameters
         ----------

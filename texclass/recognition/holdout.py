@@ -113,7 +113,7 @@ def rule_of_succession(share: float, n: int) -> float:
 
 
 def later_accuracy(interval: Mapping[str, float], n_classes: int) -> dict[str, float]:
-    """Return the range of accuracies to expect for later recordings, `low` and `high`.
+    """Return the expected range of the accuracy on later recordings, `low` and `high`.
 
     Recordings of one session resemble each other. In some datasets, later recordings were classified as
     accurately as held-out ones. In others, the accuracy above chance level fell to the fraction

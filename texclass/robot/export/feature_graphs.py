@@ -1,4 +1,4 @@
-"""Graphs of features of the movement."""
+"""ONNX graphs of the features of a movement."""
 
 from typing import Any
 

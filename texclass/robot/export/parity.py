@@ -47,7 +47,7 @@ class Parity:
     rows
         Kind of rows -> number of rows; see `check_rows`.
     n_predicted, n_surfaces : int
-        Number of surfaces that were predicted at least once, and of all surfaces.
+        Number of surfaces that were predicted at least once, and total number of surfaces.
     n_unknown : int
         Number of rows with the answer "unknown".
     n_ties : int
@@ -167,7 +167,7 @@ def check_same(
     Raises
     ------
     ParityError
-        With the first difference, and their number.
+        If they differ; the message contains the first difference and the number of differences.
     """
     is_defined = expected["label"] != UNDEFINED
     p, expected_p = outputs["probabilities"], expected["probabilities"]

@@ -102,7 +102,7 @@ def check_graphs(model: Model) -> None:
     Raises
     ------
     OnnxExportError
-        With the names of features that have no graph.
+        If features have no graph; the message names them.
     """
     parts = [part for _, part in model.plan.parts]
     if missing := tuple(dict.fromkeys(name for part in parts for name in features_without_graph(part))):

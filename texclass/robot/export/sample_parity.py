@@ -39,7 +39,7 @@ class SampleParity:
     n_windows, n_unknown : int
         Number of windows, and number of windows with the answer "unknown".
     n_predicted, n_surfaces : int
-        Number of surfaces that were predicted at least once, and of all surfaces.
+        Number of surfaces that were predicted at least once, and total number of surfaces.
     n_close : int
         Number of windows whose label or verdict is decided by less than `margin`.
     difference : float
