@@ -135,9 +135,9 @@ def test_truncate_equals_the_fit_of_the_lower_order():
 def test_direct_form_raises_where_rounding_changes_the_filter():
     for good, atol in ((fit(_process()[0], 6), 1e-12), (Autoregression(np.full(10, 0.9), 1.0), 1e-6)):
         assert_allclose(from_direct_form(good.direct_form(), 1.0).reflection, good.reflection, atol=atol)
-    with pytest.raises(ValueError, match="use the lattice"):
+    with pytest.raises(ValueError, match="Use the lattice"):
         Autoregression(np.full(400, 0.9), 1.0).direct_form()
-    with pytest.raises(ValueError, match="use the lattice"):
+    with pytest.raises(ValueError, match="Use the lattice"):
         fit(low_passed(20, 20_000), 100).direct_form()
 
 

@@ -326,8 +326,8 @@ def split_taps_and_movement(
     settings : PhaseSettings
         Thresholds and durations.
     begins : int, optional
-        First bin of the data, if the data start with vibration. If vibration fills a sufficient part of the
-        time before the lasting strokes, the movement starts in this bin.
+        First bin of the data, if the data start with vibration. If vibration fills a third of the time
+        before the lasting strokes, the movement starts in this bin.
     opening : sequence of Impulse
         Impulses at the start of the data. They are not taps, and their decay is not movement.
 

@@ -51,7 +51,7 @@ def record_rising_speed(
     Parameters
     ----------
     surface, operator, fs, seed, sensor
-        As in `record_freehand`. The grip and the pose of the operator are used without variation.
+        See `record_freehand`. The grip and the pose of the operator are not varied.
     duration_s : float
         Duration in s (default 10). The plate does not move in the first 0.3 s.
     speed_mm_s : (float, float)
@@ -62,7 +62,7 @@ def record_rising_speed(
     Returns
     -------
     Recording
-        Simulated recording, as of `record_freehand`.
+        Simulated recording, with the same signals as from `record_freehand`.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def record_rising_force(
     Returns
     -------
     Recording
-        Simulated recording, as of `record_freehand`.
+        Simulated recording, with the same signals as from `record_freehand`.
 
     Examples
     --------
@@ -143,7 +143,7 @@ def record_rising_taps(
     Returns
     -------
     Recording
-        Simulated recording, as of `record_freehand`.
+        Simulated recording, with the same signals as from `record_freehand`.
 
     Examples
     --------
@@ -199,7 +199,7 @@ def record_gesture(
     Returns
     -------
     Recording
-        Simulated recording, as of `record_freehand`.
+        Simulated recording, with the same signals as from `record_freehand`.
 
     Raises
     ------
@@ -209,7 +209,8 @@ def record_gesture(
     References
     ----------
     Fishel, Loeb: Bayesian exploration for intelligent identification of textures, Frontiers in Neurorobotics
-    6:4, 2012: single gestures, of which the next is selected from the results so far.
+    6:4, 2012. There, single gestures are performed, and the next gesture is selected from the previous
+    results.
 
     Examples
     --------

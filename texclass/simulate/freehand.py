@@ -32,7 +32,7 @@ def record_freehand(
     recording_id: str | None = None,
     repetition: int | None = None,
 ) -> Recording:
-    """Simulate one freehand recording. Equal arguments give equal samples.
+    """Simulate one freehand recording. The same arguments always give the same samples.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ def record_freehand(
         Whether the recording begins with 3 to 6 taps (default True). Otherwise the tip rests on the surface
         from the start.
     snr_db : float, optional
-        Ratio of the vibration of the strokes to white noise that is added to every axis, in dB (default: no
-        noise is added).
+        Signal-to-noise ratio in dB: level of the vibration during the strokes relative to white noise that is
+        added to each axis (default: no noise is added).
     tool : Tool, optional
         Masses and structural mode of the tool (default `Tool()`).
     sensor : Sensor, optional
@@ -122,7 +122,7 @@ def record_freehand(
 
 
 def generators(seed: Seed) -> Generators:
-    """Return independent generators of hand, profile and electronics, so that one does not affect another."""
+    """Return independent random generators of hand, profile and electronics."""
     hand_rng, profile_rng, sensor_rng = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
     return hand_rng, profile_rng, sensor_rng
 
@@ -156,7 +156,7 @@ def perform(
         noise = float(np.sqrt(vibration.var(axis=0).mean()) * 10.0 ** (-snr_db / 20.0))
     _rotate_to_sensor(motion.acceleration, person, fs, pose_rng)
     acceleration = sensor.read(motion.acceleration, fs, sensor_rng, extra_noise=noise)
-    # like the speed from a position tracker with a bandwidth of 20 Hz, without the vibration of the tip
+    # A position tracker with a bandwidth of 20 Hz would measure this speed, without the vibration of the tip.
     speed = lowpass(motion.speed, 20.0, fs, order=2)
     _planar_speed_mm_s(speed, path.lateral_m_s, hand.CONTROL_RATE / fs)
     return Recording(

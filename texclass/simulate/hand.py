@@ -1,4 +1,4 @@
-"""Model of the hand that moves the tool: habits of operators, and the paths of their gestures."""
+"""Model of the hand that moves the tool: habits of the operators, and paths of their gestures."""
 
 import functools
 from dataclasses import dataclass, replace
@@ -8,12 +8,12 @@ import numpy as np
 from texclass.recording import Samples
 
 CONTROL_RATE = 1000.0
-"""Knots of the hand's path per second, in Hz: far above the bandwidth of a hand."""
+"""Rate of the knots of the hand's path in Hz, which is far above the bandwidth of a hand."""
 
 
 @dataclass(frozen=True)
 class Operator:
-    """Habits of a person. The values of one recording vary around them, see `vary`.
+    """Habits of a person. In each recording, the values vary around these typical values; see `vary`.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Height profiles of surfaces under the tip: one line per stroke, with similar neighbouring lines."""
+"""Height profiles of surfaces under the tip. Each stroke follows one line; neighbouring lines are similar."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from texclass.recording import Samples
 from texclass.simulate.surfaces import Bumps, Grating, Surface
 
 N_POINTS, STEP_MM = 2**14, 0.016
-"""Points of a line, and their distance in mm before it is adjusted to the period of a grating."""
+"""Number of points of a line, and their distance in mm before it is adjusted to the period of a grating."""
 
 
 def synthesize_profile(

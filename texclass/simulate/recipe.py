@@ -1,4 +1,4 @@
-"""Recipes of simulated datasets, whose recordings can be simulated in any order and by any process."""
+"""Recipes of simulated datasets. Their recordings can be simulated in any order and in any process."""
 
 import hashlib
 from typing import Self

@@ -1,6 +1,6 @@
-"""Models of simulated surfaces, and a catalogue of everyday ones.
+"""Models of simulated surfaces, and a catalogue of everyday surfaces.
 
-The catalogue is drawn at random from categories that overlap in every single property.
+The surfaces of the catalogue are drawn at random from categories that overlap in each property.
 """
 
 import functools
@@ -132,7 +132,7 @@ class Surface:
 
 # Median and standard deviation of the logarithm of each property for every category, and probabilities of
 # gratings and bumps. The heights are those of the centre of a spherical tip, not of a profilometer: the tip
-# moves along the crests, and the cusps between two crests give a spectrum that falls with the fourth power.
+# moves over the crests, and the cusps between two crests lead to a spectrum that falls with the fourth power.
 # The contact stiffness covers 4 kN/m (foam) to 200 kN/m, which is limited by the compliance of the tip.
 _PROPERTIES = (
     "rms_um", "slope", "corner_mm", "stiffness_n_m", "dissipation_s_m", "kinetic_friction",

@@ -1,4 +1,4 @@
-"""Simulation in time of the tool in the hand (contact, friction, one structural mode), and its electronics.
+"""Time-domain simulation of the tool in the hand (contact, friction, structural mode) and its electronics.
 
 The tip (mass m) is coupled to the hand by a spring and a damper along the normal (z) and along the stroke
 (x):
@@ -174,7 +174,7 @@ class Sensor:
         offset = 1e-3 * self.offset_mg * STANDARD_GRAVITY * rng.standard_normal(3)
         read = rng.standard_normal(acceleration.shape, dtype=np.float32) * noise
         read += acceleration
-        for i, level in enumerate(offset):  # axis by axis takes half the time
+        for i, level in enumerate(offset):  # one axis at a time takes half the time
             read[:, i] += level
         limit = self.range_g * STANDARD_GRAVITY
         np.clip(read, -limit, limit, out=read)
@@ -186,8 +186,8 @@ class Sensor:
     def read_bridge(self, lateral_force_n: Samples, fs: float, rng: np.random.Generator) -> Samples:
         """Return the voltage of the bridge for the lateral force of the grip in N.
 
-        The characteristic is odd and saturates, and the zero drifts. Gain and balance change with every grip,
-        because the two FSRs of a tool always differ.
+        The characteristic is odd and saturates, and the zero drifts. Gain and zero change with every grip,
+        because the two FSRs of a tool are never identical.
         """
         gain = 0.6 * np.exp(0.08 * rng.standard_normal())  # 1/N
         smooth = lateral_force_n.copy()

@@ -1,4 +1,4 @@
-"""Models of one vibration signal: fit, parameters, synthesis and scores."""
+"""Models of a single vibration signal: fitting, parameters, synthesis and scores."""
 
 import lazy_loader
 

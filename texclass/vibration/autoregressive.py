@@ -2,8 +2,8 @@
 
 A(z) = 1 + sum_i a_i z^-i. The last coefficient a_m of the model of order m is its reflection coefficient k_m.
 A model is stored as reflection coefficients and gain: it is stable if all |k_m| < 1. The fits compute the k_m
-directly, never the a_i. Each frame is first divided by a power of two, so that no gain under- or overflows
-and k does not depend on the unit of the signal.
+directly, never the a_i. Each frame is first divided by a power of two. This prevents under- and
+overflow, and k does not depend on the unit of the signal.
 """
 
 import sys
@@ -23,9 +23,9 @@ Method = Literal["autocorrelation", "burg", "modified_covariance"]
 Variance = Literal["residual", "yule_walker"]
 
 DIRECT_FORM_ERROR = 1e-6
-"""Largest error of a reflection coefficient that is accepted from rounded direct-form coefficients."""
+"""Largest accepted error of a reflection coefficient due to the rounding of direct-form coefficients."""
 MIN_NUMBA_WORK = 1e7
-"""Samples times order above which loading numba takes less time than working without it."""
+"""Product of samples and order above which numba saves more time than its import takes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,25 +35,25 @@ class Autoregression:
     Parameters
     ----------
     reflection : array_like of shape (..., p)
-        Reflection coefficients k_1 ... k_p, each |k| < 1; p may be 0.
+        Reflection coefficients k_1 ... k_p with |k| < 1. The order p may be 0.
     gain : array_like of shape (...)
         Standard deviation of the innovation, in the unit of the signal, at least 0.
     residual : array_like of shape (..., p + 1), optional
         Standard deviation of the prediction residual of the orders 0 ... p, in the unit of the signal
         (default: gain / prod_{i > m} sqrt(1 - k_i^2)).
     fitted_order : array_like of int, shape (...), optional
-        Highest order that could be fitted to the signal (default p); beyond it k = 0.
+        Highest order that could be fitted to the signal (default p). All higher k are 0.
     is_fallback : array_like of bool, shape (...), optional
-        Whether Burg's method replaced the requested method, because that was unstable (default False).
+        Whether Burg's method was used because the requested method was unstable (default False).
 
     Raises
     ------
     ValueError
-        If a |k| is not below 1, a gain is negative or not finite, or the shapes do not match.
+        If any |k| is 1 or more, a gain is negative or not finite, or the shapes do not match.
 
     Notes
     -----
-    The arrays are copied and read-only. A gain of 0 is the model of silence: its log spectrum is -inf.
+    The arrays are copied and read-only. A model with a gain of 0 describes silence: its log spectrum is -inf.
 
     Examples
     --------
@@ -103,23 +103,23 @@ class Autoregression:
 
     @property
     def is_clipped(self) -> NDArray[np.bool_]:
-        """Whether a |k| of 1 was clipped to the last number below 1, shape (...)."""
+        """Whether a |k| of 1 was clipped to the largest number below 1, shape (...)."""
         return np.asarray(np.abs(self.reflection).max(axis=-1, initial=0.0) == MAX_REFLECTION)
 
     @property
     def log_gain(self) -> Samples:
-        """ln(gain), -inf for silence, shape (...)."""
+        """Natural logarithm of the gain, shape (...); -inf for silence."""
         with np.errstate(divide="ignore"):
             return np.asarray(np.log(self.gain))
 
     @property
     def level(self) -> Samples:
-        """RMS of the process, gain / prod sqrt(1 - k^2), in the unit of the signal, shape (...)."""
+        """RMS of the process, gain / prod sqrt(1 - k^2), in the unit of the signal; shape (...)."""
         return residual_levels(self.reflection, self.gain)[..., 0]
 
     @property
     def prediction_gain_db(self) -> Samples:
-        """Ratio of the powers of process and innovation, -10 sum log10(1 - k^2), in dB, shape (...)."""
+        """Power of the process relative to the innovation, -10 sum log10(1 - k^2), in dB; shape (...)."""
         return np.asarray(-20.0 / np.log(10.0) * log_cosines(self.reflection).sum(axis=-1))
 
     @property
@@ -145,7 +145,7 @@ class Autoregression:
     def direct_form(self) -> Samples:
         """Return the direct-form coefficients 1, a_1 ... a_p.
 
-        a_i^(m) = a_i^(m-1) + k_m a_{m-i}^(m-1), and a_m^(m) = k_m.
+        The recursion is a_i^(m) = a_i^(m-1) + k_m a_{m-i}^(m-1) with a_m^(m) = k_m.
 
         Returns
         -------
@@ -154,9 +154,9 @@ class Autoregression:
         Raises
         ------
         ValueError
-            If a k computed back from the rounded coefficients differs by more than `DIRECT_FORM_ERROR`, or by
-            more than half of 1 - |k|: such coefficients describe another, possibly unstable filter. Use the
-            lattice (`LatticeSynthesis`) instead.
+            If a k recomputed from the rounded coefficients differs by more than `DIRECT_FORM_ERROR`, or by
+            more than half of 1 - |k|. Such coefficients describe a different and possibly unstable filter.
+            Use the lattice (`LatticeSynthesis`) instead.
         """
         from texclass.vibration import recursions
 
@@ -169,7 +169,7 @@ class Autoregression:
             raise ValueError(
                 f"rounding of the direct form of order {self.order} changes a reflection coefficient of "
                 f"frame {worst} by {relative_error[worst]:.2g} times the tolerance, which is the smaller of "
-                f"{DIRECT_FORM_ERROR:g} and (1 - |k|) / 2: use the lattice (LatticeSynthesis)"
+                f"{DIRECT_FORM_ERROR:g} and (1 - |k|) / 2. Use the lattice (LatticeSynthesis) instead"
             )
         return np.asarray(a.reshape(*self.gain.shape, self.order + 1))
 
@@ -177,9 +177,9 @@ class Autoregression:
         """Return the p poles (the zeros of z^p A(z)) in the z-plane, shape (..., p), in no particular order.
 
         They are the eigenvalues of the Hessenberg matrix H_ij = -k_{i-1} k_j c_i ... c_{j-1}, H_{j+1,j} = c_j
-        with c = sqrt(1 - k^2) and k_0 = 1. The matrix has the norm 1, so that the poles are accurate even
-        where the coefficients a_i are not. A pole that rounding moves to the unit circle or beyond is
-        returned at the radius 1 - 2^-52.
+        with c = sqrt(1 - k^2) and k_0 = 1. The matrix has norm 1, so the poles are accurate even if the
+        coefficients a_i are not. If rounding moves a pole to the unit circle or beyond, its radius is set to
+        1 - 2^-52.
         """
         k, p = self.reflection, self.order
         c = np.sqrt((1 - k) * (1 + k))
@@ -199,8 +199,8 @@ class Autoregression:
         """Return the first n cepstral coefficients of the spectrum of the model.
 
         ln |H(e^jw)| = c_0 + sum_i c_i cos(i w) with H = gain / A, c_0 = ln(gain) and c_i = (1/i) sum_j p_j^i
-        over the poles p_j. Sums of powers stay accurate where poles lie close together, and there is no
-        aliasing.
+        over the poles p_j. Sums of powers are accurate even if poles lie close together, and they do not
+        suffer from aliasing.
 
         Parameters
         ----------
@@ -235,7 +235,7 @@ class Autoregression:
         Returns
         -------
         ndarray of shape (..., n_frequencies)
-            -inf for silence.
+            Log spectrum in dB; -inf for silence.
         """
         from texclass.vibration import recursions
 
@@ -255,12 +255,13 @@ def fit(
     x : array_like of shape (n,) or (n_frames, n)
         Signal or frames, of any unit and real dtype. The mean is not removed, and no window is applied.
     order : int
-        Order p, at least 1. It may reach or exceed n, see Notes.
+        Order p, at least 1. It may equal or exceed n; see Notes.
     method : {"burg", "autocorrelation", "modified_covariance"}
         Method of estimation (default "burg"), see Notes.
     variance : {"residual", "yule_walker"}
-        The gain is the RMS of the residual (default), or ``rms(x) * prod sqrt(1 - k^2)``, which gives the
-        model the power of the signal. Both are equal for the autocorrelation method.
+        Definition of the gain. "residual" (default) is the RMS of the residual. "yule_walker" is
+        ``rms(x) * prod sqrt(1 - k^2)``, so that the model has the power of the signal. Both are equal for the
+        autocorrelation method.
 
     Returns
     -------
@@ -279,26 +280,30 @@ def fit(
 
     - Burg's method minimises the forward and backward residuals order by order. The model is always stable,
       and no window is needed.
-    - The autocorrelation method solves the Yule-Walker equations of the biased autocorrelation. It is stable
-      and the fastest method, but the ends of the signal smear the spectrum.
-    - The modified covariance method minimises both residuals over all coefficients at once. It has no bias on
-      sinusoids and costs O(n p^2). Burg's result replaces it, marked by `is_fallback`, if the model is
-      unstable, if it is underdetermined (2 (n - p) <= p, or Burg's recursion ends before order p), or if
-      rounding spoils the conversion from coefficients to k (its residual exceeds Burg's).
+    - The autocorrelation method solves the Yule-Walker equations of the biased autocorrelation. It is always
+      stable
+      and the fastest method, but the truncation of the signal at its ends smears the spectrum.
+    - The modified covariance method minimises both residuals over all coefficients at once. It is unbiased
+      for sinusoids and takes O(n p^2) operations. Burg's result is used instead, and `is_fallback` is set, in
+      three cases: the model is unstable; the problem is underdetermined (2 (n - p) <= p, or Burg's recursion
+      ends before order p); or the conversion from coefficients to k is inaccurate (the residual exceeds
+      Burg's).
 
     Special cases:
 
-    - Silence: k = 0 and gain 0 with every method; `fitted_order` is 0 (p for modified covariance).
-    - A constant, Burg's method: k_1 = -(1 - 2^-53), `is_clipped` is True, all other k = 0, and the gain is
-      1.1e-16 times the constant (1.5e-8 times with "yule_walker"). Autocorrelation method: k_1 = -(n-1)/n,
-      because the signal steps to 0 at its ends.
-    - Burg's recursion ends where the residual is rounding noise (below 9e-16 of the signal) or has no sample
-      left (order n and more). `fitted_order` is the last order, and k = 0 beyond. The autocorrelation method
-      has no such end.
+    - Silence: k = 0 and gain = 0 with every method. `fitted_order` is 0 (p for the modified covariance
+      method).
+    - Constant signal: with Burg's method, k_1 = -(1 - 2^-53), `is_clipped` is True, all other k are 0, and
+      the gain is
+      1.1e-16 times the constant (1.5e-8 times with "yule_walker"). With the autocorrelation method,
+      k_1 = -(n-1)/n, because the signal steps to 0 at its ends.
+    - Early end of Burg's recursion: it ends if the residual is rounding noise (below 9e-16 of the signal) or
+      no sample is left (order n and above). `fitted_order` is the last order, and all higher k are 0. The
+      recursion of the autocorrelation method does not end early.
 
-    Burg's residual energy is summed again at each order, because an update by (1 - k^2) loses all digits for
-    sinusoids and oversampled signals. Where Levinson's recursion would magnify the rounding of the
-    autocorrelation by more than 1e8, the same k are computed from the zero-padded signal.
+    Burg's residual energy is summed anew at each order, because an update by (1 - k^2) would lose all digits
+    for sinusoids and oversampled signals. If Levinson's recursion would magnify the rounding errors of the
+    autocorrelation by more than 1e8, the same k are computed from the zero-padded signal instead.
 
     References
     ----------
@@ -331,8 +336,8 @@ def fit(
         # The residual of this method is the smallest possible. If it exceeds Burg's, rounding spoiled k.
         max_residual = 1.001 * deviation[row, -1] + MIN_RELATIVE_RESIDUAL * deviation[row, 0]
         is_stable = np.isfinite(gain) and np.all(np.abs(candidate) < 1)
-        # If Burg's recursion ends before the last order, the solution is not unique, and rounding would
-        # choose.
+        # If Burg's recursion ends before the last order, the solution is not unique and would depend on
+        # rounding.
         is_unique = fitted[row] in {0, order}
         if is_unique and is_stable and recursions.residual(each, candidate) <= max_residual:
             k[row], fitted[row] = candidate, order
@@ -355,13 +360,14 @@ def from_autocorrelation(r: ArrayLike) -> Autoregression:
     Parameters
     ----------
     r : array_like of shape (..., p + 1)
-        Autocorrelation from lag 0 on, in the squared unit of the signal. r_0 may be 0 only if all lags are 0.
+        Autocorrelation from lag 0, in the squared unit of the signal. r_0 may only be 0 if all lags are 0.
 
     Returns
     -------
     Autoregression
-        The recursion ends before the first |k| that is not below 1 (the sequence is not positive definite, or
-        rounding spoiled it). `fitted_order` is the last order, and k = 0 beyond.
+        Model. The recursion ends before the first |k| of 1 or more, which occurs if the sequence is not
+        positive definite or is affected by rounding. `fitted_order` is the last order, and all higher k are
+        0.
 
     Raises
     ------
@@ -397,7 +403,7 @@ def from_direct_form(a: ArrayLike, gain: ArrayLike) -> Autoregression:
     Parameters
     ----------
     a : array_like of shape (..., p + 1)
-        Coefficients of A(z); the first is 1.
+        Coefficients of A(z). The first coefficient must be 1.
     gain : array_like of shape (...)
         Standard deviation of the innovation, in the unit of the signal.
 
@@ -435,7 +441,7 @@ def autocorrelation(frames: Samples, n_lags: int) -> Samples:
 
 
 def _autocorrelation(frames: Samples, order: int) -> tuple[Samples, Samples, NDArray[np.int64]]:
-    """Return k, the residual deviations of the orders 0 ... p, and the fitted order of each frame."""
+    """Return k, the standard deviations of the residuals of the orders 0 ... p, and the fitted order."""
     from texclass.vibration import recursions
 
     r = autocorrelation(frames, order)
@@ -456,9 +462,9 @@ def _autocorrelation(frames: Samples, order: int) -> tuple[Samples, Samples, NDA
 def _modified_covariance(x: Samples, order: int) -> tuple[Samples, float]:
     """Minimise |x[t] + sum_i a_i x[t-i]|^2 + |x[t-p] + sum_i a_i x[t-p+i]|^2 over t = p ... n-1.
 
-    The results are 1, a_1 ... a_p and the RMS of the residual, which is NaN if there are too few equations.
-    The equations are reduced block by block to a triangular matrix (QR), which does not square their
-    condition.
+    Returns the coefficients 1, a_1 ... a_p and the RMS of the residual, which is NaN if there are too few
+    equations. The equations are reduced block by block to a triangular matrix (QR), because normal equations
+    would square the condition number.
     """
     a = np.eye(1, order + 1)[0]
     if 2 * (x.size - order) <= order:
@@ -488,10 +494,10 @@ def _scaled(x: ArrayLike) -> tuple[Samples, NDArray[np.int64], tuple[int, ...]]:
 
 
 def _burg(frames: Samples, order: int) -> tuple[Samples, Samples, NDArray[np.int64]]:
-    """Fit each row by Burg's method as `recursions.burg` does, without padding.
+    """Fit each row by Burg's method, like `recursions.burg` without padding.
 
-    Below `MIN_NUMBA_WORK` the computation runs in numpy. This is fast enough, and a prediction by `texclass
-    predict` then does not wait a second for numba to load.
+    Below `MIN_NUMBA_WORK`, the computation runs in numpy. This is fast enough, and `texclass predict` does
+    not have to import numba, which takes a second.
     """
     if "numba" in sys.modules or frames.size * order > MIN_NUMBA_WORK:
         from texclass.vibration import recursions

@@ -16,12 +16,12 @@ from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil
 
 @dataclass(frozen=True)
 class OkamuraSettings:
-    """Thresholds of `fit_okamura`, which the paper does not state.
+    """Thresholds of `fit_okamura`. The paper does not state them.
 
     Attributes
     ----------
     min_samples
-        Smallest number of initial samples of a tap whose spectrum is computed.
+        Smallest number of samples at the start of a tap whose spectrum is computed.
     min_peak_to_noise
         Smallest ratio of a spectral peak to the largest magnitude expected from noise alone.
     min_peak_distance
@@ -50,8 +50,8 @@ class TapModel:
     Attributes
     ----------
     amplitude_slope : float
-        Amplitude per impact velocity A: (m/s^2) / (m/s) = 1/s for accelerations in m/s^2. It has the sign of
-        the first half wave.
+        Amplitude A per impact velocity, in (m/s^2) / (m/s) = 1/s for accelerations in m/s^2. It has the sign
+        of the first half-wave.
     decay_per_s : float
         Decay rate B > 0 in 1/s.
     frequency_hz : float
@@ -98,8 +98,9 @@ def fit_okamura(
     1. Frequency: maximum of the interpolated magnitude spectrum of each tap, averaged over the taps. For a
        complete decay it lies at sqrt(w^2 - B^2), below w.
     2. Decay: least-squares line log |peak| = log E - B t through the positive and negative peaks of each tap,
-       weighted with their heights; the mean over the taps. The envelope has one peak per half period, starts
-       at the largest, and ends before the first peak that is below `peak_floor` or not below its predecessor.
+       weighted by their heights, and averaged over the taps. The envelope has one peak per half period,
+       starts at the largest, and ends before the first peak that is below `peak_floor` or not below its
+       predecessor.
     3. Amplitude slope: regression of the amplitudes on the velocities through the origin, because A v has no
        offset. The amplitude of a tap is E sqrt(1 + (B/w)^2), because exp(-B t) sin(w t) has its peaks where
        sin(w t) = w / sqrt(w^2 + B^2).
@@ -107,9 +108,9 @@ def fit_okamura(
     Parameters
     ----------
     taps : sequence of array_like, each of shape (n_samples,)
-        Taps from the impact on, without offset, all in one unit. Lengths may differ.
+        Taps that start at the impact, without offset, all in the same unit. Lengths may differ.
     velocity : array_like of shape (n_taps,)
-        Impact velocities in m/s, not all zero. Use ones if they are unknown.
+        Impact velocities in m/s, not all zero. Pass ones if they are unknown.
     fs : float
         Sampling rate in Hz.
     settings : OkamuraSettings
@@ -127,10 +128,10 @@ def fit_okamura(
 
     Notes
     -----
-    The accuracy is limited by the noise on the few peaks. For the materials of Table I, in recordings of 0.05
-    and 0.5 s with white noise 30 dB below the largest peak, f is within 10 % of the undamped frequency
-    (20 % for rubber, whose taps have few periods) and B is within 10 %. With noise 20 dB below, B is within
-    30 %. `fit_tap_model` uses all samples and is more accurate.
+    The accuracy is limited, because only a few noisy peaks are used. For the materials of Table I, in
+    recordings of 0.05 and 0.5 s with white noise 30 dB below the largest peak, f is within 10 % of the
+    undamped frequency (20 % for rubber, whose taps have few periods) and B is within 10 %. With noise 20 dB
+    below the largest peak, B is within 30 %. `fit_tap_model` uses all samples and is more accurate.
 
     References
     ----------
@@ -155,7 +156,7 @@ def fit_okamura(
         slope, level = np.polyfit(position / fs, np.log(np.abs(height)), 1, w=np.abs(height))
         if not (slope < 0 and level < np.log(np.abs(height).max()) + settings.max_onset_excess):
             raise ValueError(
-                f"tap {i} must be a decaying sinusoid, but its peaks do not exceed the noise: leave it out"
+                f"tap {i} must be a decaying sinusoid, but its peaks do not exceed the noise. Omit this tap"
             )
         B[i], E[i] = -slope, np.sign(height[0]) * np.exp(level)
     E *= np.sqrt(1 + (B / (2 * np.pi * frequency_hz)) ** 2)
@@ -187,7 +188,7 @@ def _falling_peaks(x: Samples, half_period: float, settings: OkamuraSettings) ->
 
 
 def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> TapModel:
-    """Fit the tap model to all taps at once by maximum likelihood (white Gaussian noise of one level).
+    """Fit the tap model to all taps jointly by maximum likelihood (white Gaussian noise of constant level).
 
     The fit minimises sum_i |x_i - A v_i exp(-B t) sin(w t)|^2 over B and w. The slope A is eliminated: for
     fixed B and w it is the projection of the taps on the shape (variable projection). The search starts from
@@ -197,9 +198,10 @@ def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> 
     Parameters
     ----------
     taps : sequence of array_like, each of shape (n_samples,)
-        Taps from the impact on, without offset, at least 4 samples each, all in one unit. Lengths may differ.
+        Taps of at least 4 samples that start at the impact, without offset, all in the same unit. Lengths may
+        differ.
     velocity : array_like of shape (n_taps,)
-        Impact velocities in m/s, not all zero. Use ones if they are unknown.
+        Impact velocities in m/s, not all zero. Pass ones if they are unknown.
     fs : float
         Sampling rate in Hz.
 
@@ -255,7 +257,7 @@ def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> 
 def checked_taps(
     taps: Sequence[ArrayLike], velocity: ArrayLike, at_least: int = 1
 ) -> tuple[list[Samples], Samples, int]:
-    """Return the taps in one common scale, the velocities and the exponent of the scale, after checks."""
+    """Check the taps and velocities; return the taps in a common scale, the velocities and the exponent."""
     v = one_channel(velocity, "velocity")
     if v.size != len(taps) or not np.any(v):
         raise ValueError(f"velocity must contain one value per tap ({len(taps)}), not all zero, got {v}")
@@ -289,7 +291,7 @@ def _ringing(x: Samples, name: str, settings: OkamuraSettings) -> int:
         ratios.append(magnitude[1:].max(initial=0.0) / max(noise_peak, 1e-300))
     if x.size >= settings.min_samples and max(ratios) < settings.min_peak_to_noise:
         raise ValueError(
-            f"{name} must have a spectral peak above the noise: leave it out, or use fit_tap_model"
+            f"{name} must have a spectral peak above the noise. Omit this tap, or use fit_tap_model"
         )
     return next(size for size, ratio in zip(sizes, ratios, strict=True) if ratio >= 0.7 * max(ratios))
 
@@ -310,7 +312,8 @@ def _starts(taps: list[Samples], v: Samples, fs: float) -> list[Samples]:
     strongest = max(taps, key=lambda tap: float(tap @ tap))
     omega = 2 * np.pi * _spectral_peak_hz(strongest, 1.0)
     starts = [np.array([1 / strongest.size, omega]), np.array([10 / strongest.size, omega])]
-    # For short decays in long recordings: the best of a grid of spectral peaks of the beginnings of all taps.
+    # For short decays in long recordings: the best points of a grid over spectral peaks at the start of the
+    # taps.
     problem = TapShapes(taps, v / np.max(np.abs(v)))
     grid = []
     size = strongest.size
@@ -326,7 +329,7 @@ def _starts(taps: list[Samples], v: Samples, fs: float) -> list[Samples]:
         published = fit_okamura(taps, v, fs)
         starts.append(np.array([published.decay_per_s, 2 * np.pi * published.frequency_hz]) / fs)
     except ValueError:
-        pass  # without clear peaks the other starting values must do
+        pass  # without clear peaks, only the other starting values are used
     for order in (2, None):
         modes = fit_matrix_pencil(strongest, 1.0, order=order)
         for f, B in zip(modes.frequency_hz[:2], modes.decay_per_s[:2], strict=True):
@@ -337,16 +340,16 @@ def _starts(taps: list[Samples], v: Samples, fs: float) -> list[Samples]:
 class TapShapes:
     """Residuals of decaying sinusoids to taps, for `scipy.optimize.least_squares`.
 
-    The parameters are B / fs, w / fs and, if the taps do not begin with the impact, the onset of each tap in
-    samples. The amplitudes are eliminated: for fixed parameters they are projections.
+    The parameters are B / fs, w / fs and, if the taps do not start at the impact, the onset of each tap in
+    samples. The amplitudes are eliminated, because for fixed parameters they are linear projections.
 
     Parameters
     ----------
     taps : list of ndarray of shape (n_samples,)
-        Taps in one unit.
+        Taps in the same unit.
     share : ndarray of shape (n_taps,), optional
-        Relative amplitudes of the taps; one common factor is fitted. By default, one amplitude is fitted per
-        tap.
+        Relative amplitudes of the taps. If given, only a common factor is fitted. By default, one amplitude
+        is fitted per tap.
     """
 
     def __init__(self, taps: list[Samples], share: Samples | None = None) -> None:
@@ -369,7 +372,7 @@ class TapShapes:
             return t, envelope * np.sin(p[1] * t), envelope * np.cos(p[1] * t)
 
     def amplitudes(self, phi: Samples) -> Samples:
-        """Return the amplitude a = phi x / phi phi of each tap, or the common one."""
+        """Return the amplitude a = phi x / phi phi of each tap, or the common amplitude."""
         energy = self.sums(phi * phi)
         return np.asarray(self.sums(phi * self.x) / np.where(energy > 0, energy, 1.0))
 

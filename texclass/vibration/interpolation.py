@@ -1,10 +1,10 @@
-"""Interpolation between autoregressive models that always gives a stable model.
+"""Interpolation between autoregressive models. The result is always a stable model.
 
 Line spectral frequencies and log gains are mixed linearly::
 
     theta = sum_i w_i theta_i,    ln gain = sum_i w_i ln gain_i,    w_i >= 0, sum_i w_i = 1
 
-The mean of increasing sequences increases, and every increasing sequence in (0, pi) is a stable model.
+The mean of increasing sequences is increasing, and every increasing sequence in (0, pi) is a stable model.
 """
 
 from collections.abc import Sequence
@@ -22,17 +22,17 @@ Models = Sequence[Autoregression] | Autoregression
 
 
 class ModelBlend:
-    """Weighted mixture of several models of one order, whose line spectra are computed once.
+    """Weighted mixture of several models of the same order. The line spectra are computed only once.
 
     Parameters
     ----------
     models : sequence of Autoregression of leading shape (), or one of leading shape (n_models,)
-        Models of one order, at least 1, and one unit.
+        Models of the same order, at least 1, and the same unit.
     loudness : {"gain", "level"}
         Quantity whose logarithm is mixed: the gain (default, as in the papers), or the RMS level of the
-        vibration. Two models with sharp resonances at different frequencies have no resonance halfway, and
-        the gain does not compensate for it: between two tones in noise (60 dB, order 6) the middle is 49 dB
-        too quiet. Mixing the level avoids this.
+        vibration. If two models have sharp resonances at different frequencies, their mixture has no sharp
+        resonance, and the gain does not compensate for it. For example, the middle between two tones in noise
+        (60 dB, order 6) is 49 dB too quiet. Mixing the level avoids this.
 
     Attributes
     ----------
@@ -44,13 +44,15 @@ class ModelBlend:
     Raises
     ------
     ValueError
-        If there is no model, orders differ or are 0, a model is a stack, or a level is not finite.
+        If there is no model, the orders differ or are 0, a model is a stack, or a gain or level is not
+        finite.
 
     Notes
     -----
-    Frequencies that come closer than `line_spectrum.MIN_GAP` are moved apart, also those of the models, so
-    that the mixture is continuous up to its ends. A model of silence (gain 0) has no spectrum: it reduces the
-    amplitude linearly by its weight and does not affect the frequencies.
+    Frequencies that are closer than `line_spectrum.MIN_GAP` are moved apart. This also applies to the
+    frequencies of the models, so that the mixture is continuous up to weights of 0 and 1. A model of silence
+    (gain 0) has no spectrum. It reduces the amplitude linearly with its weight and does not affect the
+    frequencies.
 
     References
     ----------
@@ -71,7 +73,8 @@ class ModelBlend:
         n_axes = 2 if isinstance(models, Autoregression) else 1
         if len(set(shapes)) != 1 or len(shapes[0]) != n_axes or 0 in shapes[0]:
             raise ValueError(
-                f"models must be single models of one order p >= 1, got reflection of the shapes {shapes}"
+                "models must be single AR models of the same order p >= 1, got reflection coefficients of "
+                f"shapes {shapes}"
             )
         k = np.concatenate([np.atleast_2d(m.reflection) for m in rows])
         self.amplitude = np.concatenate([np.atleast_1d(getattr(m, loudness)) for m in rows])
@@ -86,7 +89,7 @@ class ModelBlend:
         Parameters
         ----------
         weights : array_like of shape (..., n_models)
-            Weights of at least 0 with the sum 1. Extrapolation is not possible.
+            Non-negative weights whose sum is 1. Extrapolation is not possible.
 
         Returns
         -------
@@ -111,7 +114,7 @@ class ModelBlend:
         share = np.sum(w, axis=-1, where=is_audible, keepdims=True)
         v = np.where(share > 0, np.where(is_audible, w, 0.0) / np.where(share > 0, share, 1.0), w)
         mean = np.prod(np.where(is_audible, self.amplitude, 1.0) ** v, axis=-1)
-        mixed = np.einsum("...i,ij->...j", v, self.frequencies)  # one row and many rows give identical bits
+        mixed = np.einsum("...i,ij->...j", v, self.frequencies)  # same bits for one row and many rows
         theta = line_spectrum.spread(mixed)
         k, amplitude = line_spectrum.to_reflection(theta), np.asarray(share[..., 0] * mean)
         if self.loudness == "level":  # gain = level prod sqrt(1 - k^2)
@@ -122,14 +125,14 @@ class ModelBlend:
 def interpolate(
     a: Autoregression, b: Autoregression, weight: ArrayLike, *, loudness: Loudness = "gain"
 ) -> Autoregression:
-    """Interpolate between two models of one order.
+    """Interpolate between two models of the same order.
 
     Line spectral frequencies and log gain are interpolated linearly: theta = (1 - w) theta_a + w theta_b.
 
     Parameters
     ----------
     a, b : Autoregression
-        Models of leading shape (), of one order and unit.
+        Models of leading shape (), of the same order and unit.
     weight : array_like of shape (...)
         Weight of `b` in [0, 1]: 0 gives `a`, 1 gives `b`.
     loudness : {"gain", "level"}

@@ -26,24 +26,25 @@ from texclass.vibration.autoregressive import Autoregression
 Real = NDArray[np.floating[Any]]
 
 MIN_INTERLEAVED_ORDER = 6
-"""Order from which four samples are processed at a time, which is twice as fast."""
+"""Order at and above which four samples are processed at a time, which is twice as fast."""
 CHUNK_SAMPLES = 4096
-"""Samples that are inverse filtered at a time, so that they stay in the cache: three times as fast."""
+"""Number of samples that are inverse filtered at a time. They stay in the cache, which is three times as
+fast."""
 
 
 class Lattice:
-    """Base class of both directions: parameters, and the filter state between calls.
+    """Base class of synthesis and inverse filter, with the parameters and the filter state between calls.
 
     Parameters
     ----------
     model : Autoregression
         Model of one signal: leading shape ().
     level : float, optional
-        RMS of the signal in its unit (default: level of the model). Needed if gain / prod c exceeds the range
-        of a float, as for 1000 coefficients k = 0.9.
+        RMS of the signal in its unit (default: level of the model). Required if gain / prod c exceeds the
+        range of a float, for example with 1000 coefficients k = 0.9.
     dtype : float64 or float32
-        Type of the arithmetic and the result (default float64). float32 adds an error of 1e-7 per stage and
-        sample, and a pole closer than that to the unit circle acts like one at that distance.
+        Type of the arithmetic and of the result (default float64). float32 adds an error of 1e-7 per stage
+        and sample. A pole that is closer than 1e-7 to the unit circle acts like a pole at this distance.
 
     Raises
     ------
@@ -74,7 +75,7 @@ class Lattice:
         self._b = np.zeros(self.order + 1, dtype=self.dtype)
 
     def process(self, x: ArrayLike) -> Real:
-        """Filter the next block. Consecutive blocks give exactly the samples that one call would return.
+        """Filter the next block. Consecutive blocks give exactly the same samples as a single call.
 
         Parameters
         ----------
@@ -140,7 +141,7 @@ class Lattice:
         if not is_valid.all():
             raise ValueError(
                 f"level must be 0 or lie between {info.tiny:.2g} and {info.max:.2g} for {self.dtype}, got "
-                f"{level[~is_valid][0]:g}: pass a level, or scale the signal"
+                f"{level[~is_valid][0]:g}. Pass a level, or scale the signal"
             )
 
     def _checked(self, x: ArrayLike) -> Real:
@@ -177,10 +178,10 @@ class LatticeSynthesis(Lattice):
 
 
 class LatticeInverse(Lattice):
-    """Inverse filter of `LatticeSynthesis`, also for changing parameters; parameters as for `Lattice`.
+    """Inverse filter of `LatticeSynthesis`, also for varying parameters; parameters as for `Lattice`.
 
-    The level must be positive. If the model fits the signal, the result is white with unit variance; times
-    the gain it is the prediction error.
+    The level must be positive. If the model fits the signal, the result is white with unit variance.
+    Multiplied by the gain, it is the prediction error.
 
     Examples
     --------
@@ -240,12 +241,12 @@ def whiten(model: Autoregression, x: ArrayLike) -> Samples:
     model : Autoregression
         Model of one signal.
     x : array_like of shape (n,)
-        Signal in the unit of the model. The signal before the first sample is taken as 0.
+        Signal in the unit of the model. It is assumed to be 0 before the first sample.
 
     Returns
     -------
     ndarray of shape (n,)
-        Excitation, without unit.
+        Dimensionless excitation.
 
     Examples
     --------
@@ -334,7 +335,7 @@ def synthesis_loop(x: Real, k: Real, c: Real, b: Real) -> None:
 
 @njit(cache=True, error_model="numpy")
 def synthesis_loop_varying(x: Real, k: Real, c: Real, b: Real) -> None:
-    """Do the same as `synthesis_loop` with different parameters (n, p) at each sample."""
+    """Run `synthesis_loop` with different parameters (n, p) at each sample."""
     p = k.shape[1]
     for t in range(x.size):
         f = x[t]
@@ -360,7 +361,7 @@ def inverse_loop(x: Real, k: Real, c: Real, b: Real) -> None:
 
 @njit(cache=True, error_model="numpy")
 def inverse_loop_varying(x: Real, k: Real, c: Real, b: Real) -> None:
-    """Do the same as `inverse_loop` with different parameters (n, p) at each sample."""
+    """Run `inverse_loop` with different parameters (n, p) at each sample."""
     for t in range(x.size):
         f = x[t]
         up = f

@@ -1,7 +1,7 @@
 """Conversion between line spectral frequencies and reflection coefficients of an AR model, at any order.
 
-Sign convention: A(z) = 1 + a_1 z^-1 + ... + a_p z^-p, and k_m is the last coefficient of the model of order
-m, so the model of order 1 is A = 1 + k_1 z^-1. With A~(z) = z^-p A(1/z), as in `abdulali2016` section 4.1,
+Sign convention: A(z) = 1 + a_1 z^-1 + ... + a_p z^-p. The last coefficient of the model of order m is k_m, so
+the model of order 1 is A = 1 + k_1 z^-1. With A~(z) = z^-p A(1/z), as in `abdulali2016` section 4.1,
 
     P = A + z^-1 A~,    Q = A - z^-1 A~,    A = (P + Q) / 2.
 
@@ -9,21 +9,22 @@ Apart from z = 1 and -1, the roots of P and Q lie on the unit circle and interla
 the upper half-plane are the line spectral frequencies: the first, third, ... belong to P, the second, fourth,
 ... to Q.
 
-No polynomial is formed. P and Q are characteristic polynomials of a product of two reflections with the
-blocks [[-k_j, s_j], [s_j, k_j]], s_j^2 = 1 - k_j^2: one reflection has the odd j, the other the even j, where
-k_0 = 1 and k_{p+1} = 1 for P, -1 for Q (Ammar, Gragg, Reichel, "On the eigenproblem for orthogonal matrices",
-1986). A product of two reflections rotates by twice the angle between their subspaces. Therefore cos(theta/2)
-and sin(theta/2) are the singular values of bidiagonal matrices whose squared entries are products of two of
+The conversion never computes the coefficients of these polynomials. P and Q are the characteristic
+polynomials of products of two reflections with the blocks [[-k_j, s_j], [s_j, k_j]], where s_j^2 = 1 - k_j^2.
+One reflection has the blocks with odd j, and the other has the blocks with even j. Here k_0 = 1, and k_{p+1}
+is 1 for P and -1 for Q (Ammar, Gragg, Reichel, "On the eigenproblem for orthogonal matrices", 1986). A
+product of two reflections rotates by twice the angle between their subspaces. Therefore cos(theta/2) and
+sin(theta/2) are the singular values of bidiagonal matrices whose squared entries are products of two of
 
     u_j = (1 + k_j)/2,    v_j = (1 - k_j)/2,
 
-which float64 represents to full relative accuracy. The conversion back is the inverse problem of the same two
-matrices.
+which float64 represents to full relative accuracy. The conversion from frequencies to reflection coefficients
+solves the inverse problem for the same two matrices.
 
 A **path** is the sequence g_0, g_1, ... of squared entries of a bidiagonal matrix, alternately from the
 diagonal and the off-diagonal. An odd number of entries describes a square matrix, an even number a matrix
 with one more column than rows. Every quantity is a sum, product or quotient of positive numbers, so even the
-smallest keeps its relative accuracy.
+smallest quantities keep their relative accuracy.
 """
 
 import numpy as np
@@ -33,7 +34,8 @@ from texclass.recording import Samples
 from texclass.vibration.reflection import MAX_REFLECTION, MIN_ANGLE
 
 MIN_GAP = 1e-12
-"""Smallest gap between frequencies in rad: far above rounding, far below perceptible resonances."""
+"""Smallest gap between frequencies in rad. It is far above rounding errors, and far too small for the
+resonances to be perceptible."""
 
 
 def from_reflection(k: ArrayLike) -> Samples:
@@ -47,8 +49,8 @@ def from_reflection(k: ArrayLike) -> Samples:
     Returns
     -------
     ndarray of shape (..., p)
-        Frequencies in rad per sample, strictly increasing, in (0, pi). Even indices belong to P, odd ones to
-        Q.
+        Frequencies in rad per sample, strictly increasing, in (0, pi). Frequencies with even indices belong
+        to P, and those with odd indices to Q.
 
     Raises
     ------
@@ -57,9 +59,10 @@ def from_reflection(k: ArrayLike) -> Samples:
 
     Notes
     -----
-    The relative accuracy is about 1e-15, also close to 0 (3e-14 for the lowest frequency of p = 400 with all
-    k = -0.3). Roots of P and Q that are closer than the rounding are returned in their order, at least one
-    float64 apart; `conditioning` detects them. Frequencies below 1e-60 rad are returned as 1e-60.
+    The relative accuracy is about 1e-15, even close to 0. (It is 3e-14 for the lowest frequency if p = 400
+    and all k are -0.3.) If roots of P and Q are closer than the rounding error, they are returned in the
+    correct order, as different numbers; `conditioning` detects this case. Frequencies below 1e-60 rad are
+    returned as 1e-60.
 
     Examples
     --------
@@ -90,7 +93,7 @@ def _upper_angles(k: Samples, last: float) -> Samples:
 
 
 def _separate(lsf: Samples) -> None:
-    """Restore in place the strict order of frequencies that are closer than the rounding."""
+    """Restore in place the strict order of frequencies that are closer than the rounding error."""
     np.maximum(lsf, MIN_ANGLE, out=lsf)
     is_ordered = np.all(np.diff(lsf) > 0, axis=1) & (lsf[:, -1] < np.pi)
     for row in (lsf[i] for i in np.flatnonzero(~is_ordered)):
@@ -112,16 +115,18 @@ def to_reflection(lsf: ArrayLike) -> Samples:
     Returns
     -------
     ndarray of shape (..., p)
-        Coefficients with |k| < 1: every strictly increasing sequence is a stable model.
+        Reflection coefficients with |k| < 1. Every strictly increasing sequence of frequencies gives a stable
+        model.
 
     Raises
     ------
     ValueError
-        If there is no frequency, or the frequencies are not in (0, pi) or not strictly increasing.
+        If there is no frequency, a frequency is not in (0, pi), or the frequencies are not strictly
+        increasing.
 
     Notes
     -----
-    `conditioning` returns how strongly the rounding of the frequencies affects k.
+    `conditioning` quantifies how strongly the rounding of the frequencies affects k.
 
     Examples
     --------
@@ -157,11 +162,11 @@ def conditioning(lsf: ArrayLike) -> Samples:
     Returns
     -------
     ndarray of shape (...)
-        max_i ulp(lsf_i) / (lsf_i - lsf_{i-1}), including the gap to pi. Rounding the frequencies to float64
-        makes the height of the sharpest resonance uncertain by 20 log10(1 + conditioning) dB; computing them
-        adds about ten times that. A value of 1 or more means a pair that float64 cannot distinguish, or a
-        frequency below 1e-60 rad: the spectrum is correct away from that resonance, but k is only one of many
-        models with this spectrum.
+        max_i ulp(lsf_i) / (lsf_i - lsf_{i-1}), including the gap to pi. Because the frequencies are rounded
+        to float64, the height of the sharpest resonance is uncertain by 20 log10(1 + conditioning) dB. The
+        computation of the frequencies adds about ten times this uncertainty. A value of 1 or more indicates
+        two frequencies that float64 cannot distinguish, or a frequency below 1e-60 rad. The spectrum is then
+        correct except at that resonance, but many models have this spectrum, and k is only one of them.
 
     Raises
     ------
@@ -184,30 +189,31 @@ def conditioning(lsf: ArrayLike) -> Samples:
 def spread(lsf: ArrayLike, min_gap: float = MIN_GAP) -> Samples:
     """Return the nearest valid line spectral frequencies: increasing, in (0, pi), at least a gap apart.
 
-    minimise sum_i (theta_i - lsf_i)^2 subject to theta_{i+1} - theta_i >= min_gap, and the same gap to 0 and
-    pi.
+    The result minimises sum_i (theta_i - lsf_i)^2 subject to theta_{i+1} - theta_i >= min_gap, with the same
+    gap to 0 and pi.
 
     Parameters
     ----------
     lsf : array_like of shape (..., p)
-        Finite numbers in rad per sample in any order, for instance the result of a regression.
+        Finite numbers in rad per sample in any order, for example predictions of a regression.
     min_gap : float
-        Smallest gap in rad, between 0 and pi / (p + 1) (default `MIN_GAP`). The closer two frequencies, the
-        sharper the resonance between them.
+        Smallest gap in rad, between 0 and pi / (p + 1) (default `MIN_GAP`). The closer two frequencies are,
+        the sharper is the resonance between them.
 
     Returns
     -------
     ndarray of shape (..., p)
-        Strictly increasing frequencies, so a stable model. Rows that are valid already are not changed.
+        Strictly increasing frequencies, which give a stable model. Rows that are already valid are not
+        changed.
 
     Raises
     ------
     ValueError
-        If there is no frequency, one is not finite, or the gap is out of range.
+        If there is no frequency, a frequency is not finite, or the gap is out of range.
 
     Notes
     -----
-    With g the gap, the sequence theta_i - i g must not decrease and must lie in [0, pi - (p + 1) g]. It is
+    Let g be the gap. The sequence theta_i - i g must not decrease and must lie in [0, pi - (p + 1) g]. It is
     computed by isotonic regression and clipping.
 
     Examples
@@ -255,8 +261,8 @@ def _checked_lsf(lsf: ArrayLike) -> Samples:
 def squared_singular_values(path: Samples) -> Samples:
     """Return the squares of the non-zero singular values of the bidiagonal matrix of each path.
 
-    LAPACK does not transform a bidiagonal matrix and computes the singular values by the dqds algorithm,
-    which preserves the relative accuracy of the smallest one.
+    The matrix is already bidiagonal, so LAPACK skips the reduction and computes the singular values by the
+    dqds algorithm, which preserves the relative accuracy of the smallest one.
 
     Parameters
     ----------
@@ -273,7 +279,7 @@ def squared_singular_values(path: Samples) -> Samples:
     Fernando, Parlett, "Accurate singular values and differential qd algorithms", 1994.
     """
     n = path.shape[1]
-    size = n // 2 + 1  # with an extra column the matrix is square, and its last singular value is 0
+    size = n // 2 + 1  # an extra column makes the matrix square and adds a singular value of 0
     entries, i = np.sqrt(path), np.arange(n)
     B = np.zeros((len(path), size, size))
     B[:, i // 2, (i + 1) // 2] = entries

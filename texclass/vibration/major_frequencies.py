@@ -12,7 +12,7 @@ from texclass.vibration.decaying_modes import Sinusoids
 
 BEAT_BOUNDS_HZ = (50.0, 100.0, 150.0, 250.0, 500.0)
 BEAT_THRESHOLDS_HZ = (6.0, 7.0, 9.0, 9.0, 15.0, 80.0)
-"""Smallest distance of two frequencies up to each bound, and above the last; `oeztuerk2018`, Table 3.2."""
+"""Smallest distance of two frequencies up to each bound and above the last one; `oeztuerk2018`, Table 3.2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +106,12 @@ def fit_major_frequencies(
     n_frequencies : int
         Largest number of lines (default 13). The thesis compares 2 to 30 and recommends 12 to 14.
     upper_hz : float
-        Highest frequency in Hz (default 1400, the end of Table 3.2 and of the perceptible range).
+        Highest frequency in Hz (default 1400, the upper end of Table 3.2 and of the perceptible range).
 
     Returns
     -------
     MajorFrequencies
-        Fewer than `n_frequencies` lines if the band has no more, or all others are 0.
+        Model with at most `n_frequencies` lines; fewer if the band does not contain more lines above 0.
 
     Raises
     ------
@@ -121,8 +121,8 @@ def fit_major_frequencies(
 
     Notes
     -----
-    Table 3.2 states one threshold per interval, but not for two frequencies in different intervals. We use
-    that of the lower frequency, which is the smaller one.
+    Table 3.2 states one threshold per interval, but none for two frequencies in different intervals. We use
+    the threshold of the lower frequency, which is smaller.
 
     References
     ----------
@@ -159,7 +159,7 @@ def interpolate(slow: MajorFrequencies, fast: MajorFrequencies, weight: float) -
     Parameters
     ----------
     slow, fast : MajorFrequencies
-        Models in one unit.
+        Models in the same unit.
     weight : float
         Weight of `fast` between 0 and 1: 0 gives `slow`, 1 gives `fast`.
 

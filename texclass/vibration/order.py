@@ -1,4 +1,4 @@
-"""Selection of the order of an autoregressive model from one fit, which contains all lower orders."""
+"""Selection of the order of an autoregressive model. One fit contains the models of all lower orders."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -22,9 +22,9 @@ class OrderSelection:
     Parameters
     ----------
     order : int
-        Selected order, one for all frames.
+        Selected order, the same for all frames.
     is_met : bool
-        Whether the error is at most `max_error`; True without such a limit.
+        Whether the error is at most `max_error`; True if there is no limit.
     values : ndarray of shape (max_order + 1,)
         Criterion at the orders 0 ... max_order.
     model : Autoregression
@@ -57,7 +57,8 @@ def select_order(
     Parameters
     ----------
     x : array_like of shape (n,) or (n_frames, n)
-        Signal or frames in any unit. Frames get one common order: their criteria are averaged.
+        Signal or frames in any unit. All frames have the same order, which is selected by the
+        mean of their criteria.
     max_order : int
         Largest order, at least 1.
     criterion : {"spectral_error", "aicc"}
@@ -65,8 +66,8 @@ def select_order(
         error is within 5 % of the range from order 0 to the best, as in figure 3.2 of the paper. "aicc"
         selects the order with the smallest AICc.
     max_error : float, optional
-        Largest spectral error. The smallest order with at most this error is selected. If there is none, the
-        order with the smallest error is selected and `is_met` is False.
+        Largest spectral error. The smallest order with at most this error is selected. If no order reaches
+        it, the order with the smallest error is selected, and `is_met` is False.
     method : {"burg", "autocorrelation"}
         Method of the fit (default "burg"). With these methods, a fit contains the fits of all lower orders.
 

@@ -8,7 +8,7 @@ import numpy as np
 from texclass.recording import Samples
 
 MAX_REFLECTION = float(np.nextafter(1.0, 0.0))
-"""Largest |k| that is returned: the last float64 below 1."""
+"""Largest |k| that is returned: the largest float64 below 1."""
 MIN_RELATIVE_RESIDUAL = 4 * float(np.finfo(np.float64).eps)
 """RMS of the residual, relative to the signal, below which it is rounding noise and the recursion ends."""
 MIN_ANGLE = 1e-60
@@ -16,7 +16,7 @@ MIN_ANGLE = 1e-60
 
 
 def log_cosines(k: Samples) -> Samples:
-    """Return ln sqrt(1 - k^2), to full precision next to |k| = 1."""
+    """Return ln sqrt(1 - k^2) with full precision even if |k| is close to 1."""
     return np.asarray((np.log1p(k) + np.log1p(-k)) / 2)
 
 

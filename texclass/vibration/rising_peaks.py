@@ -31,7 +31,7 @@ class Segmentation:
         Segment i contains the samples bounds[i] ... bounds[i + 1] - 1. The first bound is 0, the last
         n_samples.
     n_peaks : ndarray of shape (n_segments,)
-        Number of maxima of the magnitude in each segment; 0 only for a signal without maxima.
+        Number of maxima of the magnitude in each segment. It is only 0 if the signal has no maxima.
 
     Examples
     --------
@@ -90,11 +90,11 @@ def segment_rising_peaks(
     Parameters
     ----------
     x : array_like of shape (n_samples,)
-        Zero-mean (band-passed) signal, at least 1 sample, in any unit.
+        Zero-mean (band-passed) signal of at least 1 sample, in any unit.
     dead_band : float
         Dead band d, at least 0, in the unit of `x`. The paper uses two bits of its sensor, 0.3066 m/s^2.
     threshold : float
-        Factor alpha, at least 0 (default 1.0, as published). With 0, only the dead band matters.
+        Factor alpha, at least 0 (default 1.0, as published). With 0, only the dead band is used.
     decay : float
         Decay beta per peak, at least 0 (default 0.05, as published).
 

@@ -25,7 +25,7 @@ def rms_spectral_error(recorded: ArrayLike, synthesized: ArrayLike) -> float:
     Parameters
     ----------
     recorded, synthesized : array_like of shape (n_samples,)
-        Signals in one unit and at one sampling rate. Lengths may differ.
+        Signals in the same unit and at the same sampling rate. Lengths may differ.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def goodness_of_fit(
     Parameters
     ----------
     recorded, synthesized : array_like of shape (n_samples,)
-        Signals at one sampling rate and of one length. A gain does not change the result.
+        Signals of the same sampling rate and length. A gain does not change the result.
     window : int
         Samples per window (default 500).
     n_hamming : int
@@ -121,7 +121,7 @@ def mean_absolute_difference(recorded: ArrayLike, synthesized: ArrayLike) -> flo
     Parameters
     ----------
     recorded, synthesized : array_like of shape (n_samples,)
-        Signals of one length and unit.
+        Signals of the same length and unit.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def log_spectral_distance(
     Parameters
     ----------
     recorded, synthesized : array_like of shape (n_samples,)
-        Signals in one unit and at one sampling rate. Lengths may differ.
+        Signals in the same unit and at the same sampling rate. Lengths may differ.
     n_segment : int, optional
         Samples per segment (default 256, or the length of the shorter signal).
 
@@ -194,7 +194,7 @@ def log_spectral_distance(
     if not P.any():
         raise ValueError(
             "recorded must not be zero inside all segments, but it has power only where the Hann windows are "
-            "0: pass a longer recording"
+            "0. Pass a longer recording"
         )
     return float(root_mean_square(_decibel_difference(P, P_g, float(P.max()))))
 
@@ -211,8 +211,8 @@ def band_energy_distance(recorded: ArrayLike, synthesized: ArrayLike, fs: float)
     Parameters
     ----------
     recorded, synthesized : array_like of shape (n_samples,)
-        Signals in one unit and at one sampling rate. Lengths may differ. The means are removed, and a Hann
-        window is applied.
+        Signals in the same unit and at the same sampling rate. Lengths may differ. The means are removed, and
+        a Hann window is applied.
     fs : float
         Sampling rate in Hz. Bands that end above fs/2 are ignored.
 
@@ -255,7 +255,9 @@ def _scale_pair(recorded: ArrayLike, synthesized: ArrayLike, at_least: int = 1) 
 
 def _same_length(a: Samples, b: Samples) -> None:
     if a.size != b.size:
-        raise ValueError(f"recorded and synthesized must have one length, got {a.size} and {b.size} samples")
+        raise ValueError(
+            f"recorded and synthesized must have the same length, got {a.size} and {b.size} samples"
+        )
 
 
 def _not_silent(level: float, where: str) -> None:
