@@ -1,4 +1,4 @@
-"""Values of recordings on six perceptual scales, and their ranks among reference surfaces."""
+"""Rate recordings on six perceptual scales, and rank them among reference surfaces."""
 
 from collections.abc import Iterable
 from itertools import product
@@ -21,9 +21,9 @@ from texclass.reporting.blocks import Block, Heading
 from texclass.reporting.wording import digits
 
 PLACEHOLDER_FS = 1.0
-"""Sampling rate in Hz that loaders set if it is unknown."""
+"""Sampling rate in Hz that loaders use if the true rate is unknown."""
 LOW, HIGH = 3.0, 7.0
-"""Below and above these values a surface is described by the name of that end of the scale."""
+"""Values below and above which a surface is described by the name of the low or high end of a scale."""
 
 
 def describe(
@@ -41,7 +41,8 @@ def describe(
     Parameters
     ----------
     recordings : Recording, str, Path or sequence of these
-        Recordings, files or "DATASET:RECORDING". A dataset is a sequence of recordings.
+        Recordings, files, or names of the form "DATASET:RECORDING". A dataset counts as a sequence of
+        recordings.
     references : Dataset, str or Path
         Labelled recordings, or an argument of `open_dataset` (default: the 24 simulated surfaces, which are
         simulated once and cached). Each surface is represented by the median of its recordings.
@@ -52,7 +53,7 @@ def describe(
     n_jobs : int
         Number of processes for the references (default 1).
     progress : callable, optional
-        Called with the number of finished recordings, the number of recordings, and a label.
+        Callback `progress(n_done, n_total, label)`, which counts recordings.
     **reading
         Other arguments of `load_recording`.
 
@@ -63,8 +64,9 @@ def describe(
 
         - `recording` and `scale`;
         - `value`: value on the scale, see `texclass.haptics.scales`;
-        - `feature_value`, `unit` and `feature`: value, unit and column of the measured feature;
-        - `n_below` and `n_references`: number of reference surfaces with a lower feature value, and in total;
+        - `feature_value`, `unit` and `feature`: value, unit and name of the measured feature;
+        - `n_below`: number of reference surfaces with a lower feature value;
+        - `n_references`: total number of reference surfaces;
         - `nearest`: the next lower and the next higher reference surface;
         - `reason`: reason for a missing value, or "".
 
@@ -115,7 +117,7 @@ def describe(
 
 
 def _rank(feature_value: float, ranked: "pd.Series[float]") -> dict[str, Any]:
-    """Return the number of reference surfaces below a value, their total number, and the nearest of them."""
+    """Return the number of references below a value, their total number, and the nearest references."""
     if np.isnan(feature_value) or ranked.empty:
         return {"n_below": None, "n_references": None, "nearest": ()}
     n_below = int((ranked < feature_value).sum())
@@ -124,7 +126,7 @@ def _rank(feature_value: float, ranked: "pd.Series[float]") -> dict[str, Any]:
 
 
 def _missing_value_reason(scale: Scale, recording: Recording) -> str:
-    """Return the reason why a recording has no value between 0 and 10, or ""."""
+    """Return the reason why a recording has no value on a scale, or "" if it has one."""
     if scale.unit == "Hz" and recording.fs == PLACEHOLDER_FS:
         return "the sampling rate is missing. Pass fs"
     if scale.unit.startswith("log10") and recording.unit != "m/s^2":
@@ -137,7 +139,7 @@ def _missing_value_reason(scale: Scale, recording: Recording) -> str:
 def _reference_features(dataset: Dataset, n_jobs: int, progress: Progress | None) -> pd.DataFrame:
     """Return the median features of each reference surface.
 
-    A surface has ridges if at least half of its recordings have them.
+    A surface has ridges if ridges are detected in at least half of its recordings.
     """
     table = cached_table(dataset, load_feature_set("scales"), n_jobs=n_jobs, progress=progress)
     surfaces = table.frame.groupby("surface")[list(COLUMNS)]
@@ -147,7 +149,7 @@ def _reference_features(dataset: Dataset, n_jobs: int, progress: Progress | None
 
 
 def description_document(description: pd.DataFrame) -> Document:
-    """Return a report of the result of `describe`, with one table per recording.
+    """Return a report with one table per recording.
 
     Parameters
     ----------

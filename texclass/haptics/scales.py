@@ -1,4 +1,4 @@
-"""Six perceptual scales, each a monotone function of one measured feature of the set `scales`.
+"""Define six perceptual scales, each a monotonic function of one feature of the feature set `scales`.
 
 | scale | low end | feature | related property of simulated surfaces |
 |---|---|---|---|
@@ -9,15 +9,16 @@
 | fine | coarse | ridges per mm; otherwise frequency of the grain | period of the ridges, inverted |
 | regular | irregular | prominence of the ridges; otherwise of the autocorrelation | presence of ridges |
 
-Ridges are detected over the position of the tool, which requires its recorded speed. Without a speed, on a
-movement that is too short, and for `fine` without ridges, the scale uses a feature over time, which ranks
-surfaces less well (`reports/studies/scales`).
+Ridges are detected over the position of the tool, which requires its recorded speed. If the speed is not
+recorded or the movement is too short, and for `fine` on surfaces without ridges, the scale uses a feature
+computed over time instead of position. This feature ranks surfaces less well (`reports/studies/scales`).
 
-0 and 10 are the 5th and the 95th percentile of simulated everyday surfaces
-(`texclass.simulate.surface_catalogue`), explored freehand with the simulated tool; for ridges per mm, of the
-surfaces with ridges. Values can lie beyond 0 and 10. Frequencies and levels are compared by their logarithms.
+The values 0 and 10 are the 5th and 95th percentiles over simulated everyday surfaces
+(`texclass.simulate.surface_catalogue`), explored freehand with the simulated tool. For ridges per mm, only
+surfaces with ridges count. Values below 0 and above 10 are possible. Frequencies and levels are
+logarithmic.
 
-Speed, force and tool change the values. Compare values only for the same tool and usual strokes.
+Speed, force and tool change the values. Compare values only for the same tool and similar strokes.
 """
 
 from collections.abc import Mapping
@@ -35,13 +36,13 @@ class Scale(NamedTuple):
     Attributes
     ----------
     low_end : str
-        Name of the lower end, at 0. The name of the scale is that of the upper end, at 10.
+        Name of the lower end (0). The upper end (10) has the name of the scale.
     column : str
         Column of the feature in the set `scales`.
     at_0, at_10 : float
-        Values of the feature at 0 and at 10.
+        Feature values that correspond to 0 and 10.
     unit : str
-        Unit of the feature. With log10(m/s^2), `at_0` and `at_10` hold for recordings in m/s^2.
+        Unit of the feature. If it is log10(m/s^2), `at_0` and `at_10` apply to recordings in m/s^2 only.
 
     Examples
     --------
@@ -57,13 +58,13 @@ class Scale(NamedTuple):
     unit: str
 
     def value(self, feature: float) -> float:
-        """Return the value on the scale of a feature value."""
+        """Convert a feature value to a value on the scale."""
         if self.unit in ("Hz", "1/mm"):
             return float(10 * np.log(feature / self.at_0) / np.log(self.at_10 / self.at_0))
         return 10 * (feature - self.at_0) / (self.at_10 - self.at_0)
 
     def feature_value(self, value: float) -> float:
-        """Return the feature value of a value on the scale; the inverse of `value`."""
+        """Convert a value on the scale to a feature value (inverse of `value`)."""
         if self.unit in ("Hz", "1/mm"):
             return float(self.at_0 * (self.at_10 / self.at_0) ** (value / 10))
         return self.at_0 + (self.at_10 - self.at_0) * value / 10
@@ -82,19 +83,19 @@ SPATIAL_SCALES = {
     "fine": Scale("coarse", "ridge_density", 0.2, 1.45, "1/mm"),
     "regular": Scale("irregular", "ridge_prominence", 2.2, 9.0, "dB"),
 }
-"""Scales that replace those of `SCALES` where their feature is defined."""
+"""Scales that replace the scales of the same name in `SCALES` if their feature is defined."""
 COLUMNS = tuple(scale.column for scale in (*SCALES.values(), *SPATIAL_SCALES.values()))
 
 
 def select_scale(name: str, features: Mapping[Any, Any]) -> Scale:
-    """Return the scale that applies to one recording: the spatial one where its feature is defined.
+    """Select the scale for one recording: the spatial scale if its feature is defined, else the default.
 
     Parameters
     ----------
     name : str
         Name of the scale.
     features : mapping of str to float
-        Column of the set `scales` -> value, NaN where it is undefined.
+        Column of the feature set `scales` -> value; NaN if the feature is undefined.
 
     Returns
     -------
@@ -114,18 +115,19 @@ def select_scale(name: str, features: Mapping[Any, Any]) -> Scale:
 def scale_values(features: "pd.DataFrame") -> "pd.DataFrame":
     """Return the values of recordings on the six scales.
 
-    10 (m - m_0) / (m_10 - m_0), with m the feature of `select_scale`, or its logarithm if it is a frequency.
+    The value is 10 (m - m_0) / (m_10 - m_0), where m is the feature of `select_scale`, or its logarithm if
+    the feature is a frequency.
 
     Parameters
     ----------
     features : DataFrame of shape (n_recordings, n_columns)
-        Result of `texclass.extract(recordings, "scales")` for recordings in m/s^2. The columns of ridges are
+        Result of `texclass.extract(recordings, "scales")` for recordings in m/s^2. The ridge columns are
         optional.
 
     Returns
     -------
     DataFrame of shape (n_recordings, 6)
-        Values; NaN where the feature is undefined (`hard` needs a tap, `sticky` a friction channel).
+        Values; NaN if the feature is undefined (`hard` requires a tap, `sticky` a friction channel).
 
     Examples
     --------

@@ -74,7 +74,7 @@ def test_silence_stays_silent_and_files_of_other_programs_have_an_arbitrary_unit
         ({"fs": np.nan}, "fs must be"),
         ({"unit": "stone"}, "stone"),
         ({"encoding": "mp3"}, "mp3"),
-        ({"shift_hz": 100.0}, "needs encoding 'audible'"),
+        ({"shift_hz": 100.0}, "requires encoding 'audible'"),
         ({"encoding": "audible", "shift_hz": -1.0}, "shift_hz"),
         ({"encoding": "audible", "fs": 5.0}, "Use encoding 'float32'"),
         ({"path": "a.flac"}, ".wav"),

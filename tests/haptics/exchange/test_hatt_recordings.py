@@ -111,7 +111,7 @@ def test_the_published_layout_is_read(tmp_path):
     [
         ("fs_hz = 2000\n", r"Models_oak\.xml: SampleRate is 1000 Hz, but the card has fs_hz = 2000"),
         ("files = '(?P<surface>z.*)'\n", "models contains no models. Expected file names like"),
-        ("files = '(?P<surface>Models)_.*'\n", "are both named 'Models'. Expected one file per surface"),
+        ("files = '(?P<surface>Models)_.*'\n", "both define surface 'Models'. Expected one file per surface"),
     ],
 )
 def test_files_that_do_not_fit_the_card_are_named(two, tmp_path, text, message):

@@ -50,8 +50,10 @@ def test_tap_libraries_and_textures_are_not_confused(path, tmp_path):
     taps = save_texture(library, tmp_path / "taps.texture")
     assert load_taps(taps) == library
     assert (describe(taps)["fs"], describe(taps)["unit"]) == (None, "g")
-    assert_refused(taps, "contains 'okamura2001'. Expected one of abdulali2016")
-    with pytest.raises(ValueError, match=r"contains 'hum'. Expected one of okamura2001"):
+    assert_refused(taps, "contains an object of the family 'okamura2001'. Expected one of abdulali2016")
+    with pytest.raises(
+        ValueError, match=r"contains an object of the family 'hum'. Expected one of okamura2001"
+    ):
         load_taps(path)
 
 
@@ -62,8 +64,8 @@ def test_tap_libraries_and_textures_are_not_confused(path, tmp_path):
         ({"family": "os.system"}, "one of"),
         ({"unit": "furlong"}, "unit is 'furlong'. Expected one of m/s"),
         ({"parameters/fs": "fast"}, "fs is 'fast'. Expected"),
-        ({"parameters/fs": 500.0}, r"declares .*1000.0.*, the data have .*500.0.*. Expected the same"),
-        ({"parameters/tones": 3}, "array 'tones' belongs to no parameter"),
+        ({"parameters/fs": 500.0}, r"1000.0.* in the header but .*500.0.* in the data"),
+        ({"parameters/tones": 3}, "array 'tones' does not belong to a parameter"),
         ({"name": "bell\x07"}, "printable"),
         ({"name": "x" * 300}, "printable"),
         ({"parameters": []}, "table"),
@@ -80,7 +82,7 @@ def test_duplicate_keys_are_refused(path):
     for old, new in (('"fs":1000.0', '"fs":1000.0,"fs":1000.0'), ('"note"', '"name":"hum","note"')):
         assert old in text
         path.write_bytes(save(arrays, {"texclass": text.replace(old, new, 1)}))
-        assert_refused(path, "each key once")
+        assert_refused(path, "not written by texclass")
 
 
 def test_invalid_arrays_are_refused(path, forge):
@@ -88,7 +90,7 @@ def test_invalid_arrays_are_refused(path, forge):
     cases = [({"tones": np.array([[50.0, value]])}, "finite") for value in (np.nan, np.inf, -np.inf)]
     cases += [({"more": array}, "damaged") for array in (np.ones(2, np.float32), np.ones((1,) * 5))]
     cases += [
-        ({"more": np.ones(2)}, "'more' belongs to no parameter"),
+        ({"more": np.ones(2)}, "'more' does not belong to a parameter"),
         ({"tones": np.ones(2)}, r"tones must have shape.*got \(2,\)"),
     ]
     for arrays, match in cases:
@@ -172,7 +174,7 @@ def test_damaged_and_hostile_files_are_refused(tmp_path, data, match):
 def test_files_of_the_first_version_get_instructions(tmp_path):
     with zipfile.ZipFile(tmp_path / "old.texture", "w") as archive:
         archive.writestr("texture.json", "{}")
-    assert_refused(tmp_path / "old.texture", "written by texclass 0.1. .*save it, or plan the scene again")
+    assert_refused(tmp_path / "old.texture", "written by texclass 0.1. .*or plan the scene again")
 
 
 def test_large_files_are_refused(path, monkeypatch):

@@ -139,7 +139,7 @@ def test_invalid_scenes_textures_and_paths_are_rejected(tmp_path):
         with pytest.raises(ValueError, match=r"Expected|must"):
             PlannedScene.restore(parameters | change, arrays)
     write_texture(tmp_path, "loud")
-    with pytest.raises(ValueError, match=r"contains 'hatt'. Expected one of scene"):
+    with pytest.raises(ValueError, match=r"contains an object of the family 'hatt'. Expected one of scene"):
         load_scene(tmp_path / "loud.texture")
     (tmp_path / "path.csv").write_text("time,x,y,force,surface\n0,0,0,1,ice\n1,50,0,1,ice\n")
     with pytest.raises(ValueError, match=r"surface must be one of a, got 'ice'"):

@@ -82,15 +82,15 @@ def test_invalid_meshes_are_refused():
         ({"speed": [0.0, np.nan, 0.0, 100.0]}, "finite"),
         ({"force": [0.0, 0.0, -4.0, 4.0]}, "at least 0"),
         ({"force": [0.0, 0.0]}, "shape"),
-        ({"triangles": [[0, 1, 4]]}, "4 nodes.*got 4"),
+        ({"triangles": [[0, 1, 4]]}, "from 0 to 3, got 4"),
         ({"triangles": [[0, 1, 1]]}, "area"),
         ({"triangles": [[0, 1, 1.5]]}, "got 1.5"),
-        ({"triangles": np.zeros((0, 3))}, "n in 1"),
+        ({"triangles": np.zeros((0, 3))}, "n between 1"),
     ):
         with pytest.raises(ValueError, match=message):
             Mesh(**(SQUARE | change))
     for speed, force in (([0.0], [1.0]), ([1.0], [0.0]), ([np.inf], [1.0]), ([], [])):
-        with pytest.raises(ValueError, match="largest above 0"):
+        with pytest.raises(ValueError, match="with positive maxima"):
             triangulate(speed, force)
 
 

@@ -126,7 +126,7 @@ def test_tap_and_friction_take_three_bytes_per_mode_and_one_byte_and_leave_the_v
             assert texture.mu == pytest.approx(mu or 0.0, abs=0.005)
             assert texture.tap.n_modes == (new_tap is tap)
             np.testing.assert_allclose(texture.tap.frequency_hz, changed.tap.frequency_hz)
-    with pytest.raises(ValueError, match=r"0 to 2\.55"):
+    with pytest.raises(ValueError, match=r"between 0 and 2\.55"):
         plain.with_contact(mu=3.0)
 
 
@@ -210,11 +210,11 @@ def test_damaged_files_and_invalid_sources_are_refused(tmp_path):
     data = bytearray(path.read_bytes())
     data[9] ^= 4
     path.write_bytes(data)
-    with pytest.raises(ValueError, match=r"hum\.texture: data are damaged"):
+    with pytest.raises(ValueError, match=r"hum\.texture: the data are damaged"):
         load_texture(path)
     for source, n_bytes, arguments, message in (
         (np.zeros(8000), 64, {"fs": FS}, "silent"),
-        (_vibration(), 7, {"fs": FS}, "8 to 512"),
+        (_vibration(), 7, {"fs": FS}, "between 8 and 512"),
         (_vibration(), 64, {}, "fs is missing"),
         (_vibration(), 64, {"fs": 999.5}, "integer"),
         (_vibration()[:100], 64, {"fs": FS}, "at least 0.125 s"),
@@ -235,4 +235,4 @@ def test_the_command_line_packs_a_recording(command, tmp_path):
     assert load_texture(target).fs == 8000
     code, _, err = command(*arguments[:-2], "--unit", "m/s^2", "--bytes", 3)
     assert code == 1
-    assert "8 to 512" in err
+    assert "between 8 and 512" in err

@@ -65,13 +65,13 @@ COARSE = pytest.mark.parametrize("texture", [90.0], indirect=True, ids=["coarse"
 @COARSE
 def test_scales_that_a_texture_lacks_and_targets_out_of_reach_are_refused(texture):
     for source, targets, message in (
-        (texture, {"soft": 3.0}, "one or more of hard, rough"),
+        (texture, {"soft": 3.0}, "one or more of the scales hard, rough"),
         (texture, {}, "got none"),
         (texture, {"rough": 90.0}, "30 dB"),
-        (texture, {"sticky": 90.0}, "0 to 2.55"),
+        (texture, {"sticky": 90.0}, "between 0 and 2.55"),
         (texture, {"hard": 60.0}, "8 to 5000 Hz"),
-        (texture.with_contact(tap=NO_MODES), {"hard": 3.0}, "has no tap"),
-        (texture.with_contact(mu=0.0), {"sticky": 3.0}, "has no friction"),
+        (texture.with_contact(tap=NO_MODES), {"hard": 3.0}, "requires a texture with a tap"),
+        (texture.with_contact(mu=0.0), {"sticky": 3.0}, "requires a texture with friction"),
     ):
         with pytest.raises(ValueError, match=message):
             retouch(source, **targets)

@@ -47,7 +47,7 @@ def test_invalid_models_are_refused():
     for change, message in (
         ({"rows": np.ones((1, 1, 1))}, "reflection coefficients must be below 1.*got 1"),
         ({"power": [[-1.0]]}, "at least 0"),
-        ({"axes": ([0.0], [1.0])}, "above 0"),
+        ({"axes": ([0.0], [1.0])}, "be positive"),
         ({"axes": ([2.0, 1.0], [1.0])}, "must increase"),
         ({"axes": ([1.0, 2.0], [1.0])}, "rows must have shape"),
         ({"axes": ([1.0],)}, "speed and force"),

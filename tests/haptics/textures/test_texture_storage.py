@@ -57,9 +57,12 @@ def test_values_of_a_wrong_type_are_refused():
         ({"range": [1.0]}, r"range\.1"),
         ({"range": [1.0, 10**400]}, r"range\.1 is 1000.*Expected a valid number"),
         ({"range": [1.0, float("inf")]}, "finite"),
-        ({"partials": []}, "array 'partials.0.shape' belongs to no parameter"),
-        ({"partials": [{"hz": 1.0, "shape": [1.0]}, {"hz": 1.0, "shape": None}]}, "belongs to no parameter"),
-        ({"partials": 7}, "belongs to no parameter"),
+        ({"partials": []}, "array 'partials.0.shape' does not belong to a parameter"),
+        (
+            {"partials": [{"hz": 1.0, "shape": [1.0]}, {"hz": 1.0, "shape": None}]},
+            "does not belong to a parameter",
+        ),
+        ({"partials": 7}, "does not belong to a parameter"),
         ({"places": {"a": "x"}}, r"places\.a is 'x'"),
         ({"places": {"a": "3"}}, "numbers instead of strings or booleans"),
         ({"range": [True, 2.5]}, "numbers instead of strings or booleans"),
@@ -72,7 +75,7 @@ def test_missing_unknown_and_invalid_arrays_are_refused():
     arrays: dict[str, Any] = CHIME.arrays()
     for change, message in (
         ({"partials.0.shape": np.ones((2, 2))}, r"partials\.0: shape must have 1 axis"),
-        ({"more": np.ones(2)}, "'more' belongs to no parameter"),
+        ({"more": np.ones(2)}, "'more' does not belong to a parameter"),
     ):
         with pytest.raises(ValueError, match=message):
             Chime.restore(CHIME.parameters(), arrays | change)

@@ -1,10 +1,11 @@
-"""Haptic patterns for Apple's Core Haptics (.ahap): write surfaces, read and play patterns.
+"""Write surfaces as haptic patterns for Apple's Core Haptics (.ahap), and read and play patterns.
 
-A pattern contains transient events (taps), continuous events (up to 30 s), and parameter curves that change
-the intensity (0 to 1, as a factor) and the sharpness (-1 to 1, added) of everything that plays. The times of
-the points of a curve are relative to the start of the curve. Players accept at most 16 points per curve, so
-longer curves are split; each one begins where the previous one ends. Intensity has no unit and sharpness is
-not a frequency: only the level relative to the loudest moment and a rough measure of the spectrum are kept.
+A pattern contains transient events (taps), continuous events (up to 30 s), and parameter curves. Curves
+change the intensity (0 to 1, multiplied) and the sharpness (-1 to 1, added) of all events. The times of curve
+points are relative to the start of the curve. Players accept at most 16 points per curve, so longer curves
+are split; each part begins where the previous part ends. Intensity has no unit, and sharpness is not a
+frequency. A pattern therefore preserves only the level relative to the loudest moment and a rough measure of
+the spectrum.
 """
 
 import itertools
@@ -24,31 +25,31 @@ from texclass.recording import Samples
 
 MAX_FILE_BYTES = 4 << 20
 MAX_POINTS = 16
-"""Largest number of points of a curve."""
+"""Largest number of points per curve."""
 SHARPNESS_HZ = (80.0, 230.0)
-"""Frequencies for sharpness 0 and 1, about the range of the actuator of a phone (our choice; Apple gives
-none)."""
+"""Frequencies in Hz for sharpness 0 and 1: approximately the range of a phone actuator. Apple publishes no
+values."""
 TRANSIENT_S = 0.02
-"""Duration of a rendered transient in s (our choice)."""
+"""Duration of a rendered transient in s. Apple publishes no value."""
 FS = 8000.0
 """Default sampling rate of rendered patterns in Hz."""
 MAX_EVENTS_S = 6000.0
-"""Largest total duration of the events that are rendered in s."""
+"""Largest total duration of rendered events in s."""
 Control = Literal["HapticIntensityControl", "HapticSharpnessControl"]
 Seconds = Annotated[float, Field(ge=0, le=1e6)]
 Content = dict[str, Any]
-"""A part of a file by its keys; `Pattern` checks the whole file."""
+"""Part of a file as a dictionary; `Pattern` validates the whole file."""
 
 
 class Parameter(ExternalModel):
-    """One number of an event."""
+    """One parameter of an event: its identifier and value."""
 
     ParameterID: str
     ParameterValue: float
 
 
 class HapticEvent(ExternalModel):
-    """A tap, or a vibration with a duration, from a given time on."""
+    """A tap or a continuous vibration that starts at a given time."""
 
     Time: Seconds
     EventType: Literal["HapticTransient", "HapticContinuous", "AudioContinuous", "AudioCustom"]
@@ -58,7 +59,7 @@ class HapticEvent(ExternalModel):
     @model_validator(mode="after")
     def _check_duration(self) -> "HapticEvent":
         if self.EventType == "HapticContinuous" and not self.EventDuration:
-            raise ValueError("a continuous event must have an EventDuration above 0 s")
+            raise ValueError("a continuous event must have a positive EventDuration")
         return self
 
     @property
@@ -73,7 +74,7 @@ class HapticEvent(ExternalModel):
 
 
 class Point(ExternalModel):
-    """A point of a curve: time in s since the start of the curve, and a value that is clamped to -1 ... 1."""
+    """A point of a curve: time in s from the start of the curve, and a value that is clamped to [-1, 1]."""
 
     Time: Seconds
     ParameterValue: Annotated[
@@ -82,7 +83,7 @@ class Point(ExternalModel):
 
 
 class Curve(ExternalModel):
-    """Course of a parameter, linear between points."""
+    """Time course of a parameter, piecewise linear between points."""
 
     ParameterID: str
     Time: Seconds
@@ -92,7 +93,7 @@ class Curve(ExternalModel):
     def _check_times(self) -> "Curve":
         times = [point.Time for point in self.ParameterCurveControlPoints]
         if any(b < a for a, b in itertools.pairwise(times)):
-            raise ValueError(f"the times of the points of a curve must increase, got {times[:4]}...")
+            raise ValueError(f"the times of curve points must increase, got {times[:4]}...")
         return self
 
 
@@ -112,7 +113,7 @@ class Pattern(ExternalModel):
 
 
 def read_ahap(path: str | Path) -> Pattern:
-    """Return the pattern of a file; as in players, values are clamped and unknown keys are ignored.
+    """Read the pattern of a file. As in players, values are clamped and unknown keys are ignored.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ def read_ahap(path: str | Path) -> Pattern:
     Raises
     ------
     ValueError
-        If the file is too large, is not JSON, or has a value that is not valid.
+        If the file is too large or is not JSON, or a value is invalid.
     OSError
         If the file cannot be read.
 
@@ -139,10 +140,10 @@ def read_ahap(path: str | Path) -> Pattern:
 
 
 def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
-    """Write a surface as .ahap; return a description of the losses by topic.
+    """Write a surface to an .ahap file, and return a description of the losses by topic.
 
-    Taps are written as transients. Any other vibration is written as one continuous event, whose intensity
-    follows the RMS and whose sharpness follows the spectral centroid.
+    Taps are written as transients. Other vibrations are written as one continuous event: its intensity
+    follows the RMS, and its sharpness follows the spectral centroid.
 
     Parameters
     ----------
@@ -154,7 +155,7 @@ def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
     Raises
     ------
     ValueError
-        If the path has another suffix.
+        If the path does not end in `.ahap`.
 
     Examples
     --------
@@ -182,7 +183,7 @@ def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
 
 
 def _convert_taps(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]:
-    """Return one transient per tap, the peak for intensity 1, and the losses."""
+    """Return one transient per tap, the peak that corresponds to intensity 1, and the losses."""
     full = float(rendition.taps[:, 1].max()) or 1.0
     items = [
         _event("HapticTransient", time, peak / full, _sharpness(frequency))
@@ -193,7 +194,7 @@ def _convert_taps(rendition: Rendition) -> tuple[list[Content], float, dict[str,
 
 
 def _convert_stroke(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]:
-    """Return a continuous event and its curves, the RMS for intensity 1, and the losses."""
+    """Return a continuous event and its curves, the RMS that corresponds to intensity 1, and the losses."""
     x, fs = rendition.samples, rendition.fs
     seconds = x.size / fs
     step = max(0.02, seconds / (60 * (MAX_POINTS - 1)))  # one point per 20 ms, in at most 60 curves
@@ -225,7 +226,9 @@ def _curves(name: Control, times: Samples, values: Samples) -> list[Content]:
     """Return curves of at most `MAX_POINTS` points each, through times in s (n,) and values (n,)."""
     curves = []
     for first in range(0, max(times.size - 1, 1), MAX_POINTS - 1):
-        part = slice(first, first + MAX_POINTS)  # the last point of a curve is the first of the next
+        part = slice(
+            first, first + MAX_POINTS
+        )  # the last point of a curve is the first point of the next curve
         start = float(times[first])
         points = [
             {"Time": round(t - start, 6), "ParameterValue": round(value, 4)}
@@ -250,10 +253,11 @@ def _sharpness(frequency_hz: float) -> float:
 
 
 def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
-    """Render a pattern on a simple actuator; return samples (n_samples,) in units of intensity 1.
+    """Render a pattern for a simple actuator, as samples (n_samples,) relative to intensity 1.
 
-    A continuous event is a sine whose frequency follows the sharpness (`SHARPNESS_HZ`). A transient is a sine
-    that decays within 20 ms. Both are our choice, because the output of real phones is not published.
+    A continuous event is a sine wave whose frequency follows the sharpness (`SHARPNESS_HZ`). A transient is a
+    sine wave that decays within 20 ms. Both are assumptions, because the output of real phones is not
+    published.
 
     Parameters
     ----------
@@ -278,9 +282,13 @@ def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
     events = [event for event in events if event.EventType.startswith("Haptic")]
     seconds = max((event.Time + event.seconds for event in events), default=0.0)
     if seconds > 20 * LONGEST_S:
-        raise ValueError(f"the pattern must last at most {20 * LONGEST_S:g} s, got {seconds:g} s")
+        raise ValueError(
+            f"the duration of the pattern must be at most {20 * LONGEST_S:g} s, got {seconds:g} s"
+        )
     if (total := sum(event.seconds for event in events)) > MAX_EVENTS_S:
-        raise ValueError(f"the events must last at most {MAX_EVENTS_S:g} s in total, got {total:g} s")
+        raise ValueError(
+            f"the total duration of the events must be at most {MAX_EVENTS_S:g} s, got {total:g} s"
+        )
     out = np.zeros(max(round(seconds * fs), 1))
     t = np.arange(out.size) / fs
     curves = [item.ParameterCurve for item in pattern.Pattern if item.ParameterCurve]
@@ -299,7 +307,7 @@ def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
 
 
 def _sample_curves(curves: Sequence[Curve], name: Control, default: float, t: Samples) -> Samples:
-    """Return a parameter at times (n,), from the latest curve that has started; its last value is held."""
+    """Return a parameter at times (n,) from the curve that started last; its final value is held."""
     values = np.full(t.size, default)
     selected = (curve for curve in curves if curve.ParameterID == name)
     for curve in sorted(selected, key=lambda curve: curve.Time):

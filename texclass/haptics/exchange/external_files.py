@@ -1,4 +1,4 @@
-"""Reading of files from other programs: bounded size, checked values, unknown keys ignored."""
+"""Read files from other programs: limit their size, validate known keys and ignore unknown ones."""
 
 import os
 from pathlib import Path
@@ -13,7 +13,7 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def read_limited(path: Path, limit: int) -> bytes:
-    """Return the bytes of a file that may be damaged or hostile.
+    """Read a file that may be damaged or malicious.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def read_limited(path: Path, limit: int) -> bytes:
     Raises
     ------
     ValueError
-        If the path is not a regular file (a pipe or a device may never end), or the file is too large.
+        If the path is not a regular file (reading a pipe or device may never end), or the file is too large.
     OSError
         If the file cannot be read.
     """
@@ -39,20 +39,20 @@ def read_limited(path: Path, limit: int) -> bytes:
 
 
 def check_printable(name: str) -> str:
-    """Return the name of a surface, or raise a ValueError if a terminal cannot show it."""
+    """Return the name of a surface, or raise a ValueError if it is not printable."""
     if len(name) > 200 or not name.isprintable():
-        raise ValueError(f"{name!r:.80} must be printable text of at most 200 characters")
+        raise ValueError(f"the name must be printable text of at most 200 characters, got {name!r:.80}")
     return name
 
 
 class ExternalModel(StrictModel):
-    """Base class of the parts of a file: known keys are checked, unknown keys are ignored, as in players."""
+    """Base class of the parts of a file: known keys are validated, unknown keys are ignored as in players."""
 
     model_config = ConfigDict(extra="ignore")
 
 
 def read_external(model: type[M], path: str | Path, max_bytes: int) -> M:
-    """Return the contents of a JSON file as a model.
+    """Read a JSON file into a model.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def read_external(model: type[M], path: str | Path, max_bytes: int) -> M:
     Raises
     ------
     ValueError
-        If the file is too large, is not JSON, is nested too deeply, or has a value that is not valid.
+        If the file is too large, not JSON or nested too deeply, or a value is invalid.
     OSError
         If the file cannot be read.
     """
@@ -75,5 +75,7 @@ def read_external(model: type[M], path: str | Path, max_bytes: int) -> M:
     try:
         content = from_json(data, allow_inf_nan=False)
     except ValueError as error:
-        raise ValueError(f"{path} is not valid JSON ({error}). Expected a {path.suffix} file") from error
+        raise ValueError(
+            f"{path} is not valid JSON ({error}). Expected the JSON content of a {path.suffix} file"
+        ) from error
     return validate(model, content, path)

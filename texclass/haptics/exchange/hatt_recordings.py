@@ -1,4 +1,4 @@
-"""Datasets from folders of HaTT models: each texture is rendered at random speeds and forces."""
+"""Create datasets from folders of HaTT models by rendering each texture at random speeds and forces."""
 
 from functools import partial
 from pathlib import Path
@@ -17,11 +17,11 @@ from texclass.recording import Recording, RecordingError, Samples
 from texclass.simulate.hand import CONTROL_RATE, smooth_noise
 
 RANGE_FRACTIONS = (0.1, 0.9)
-"""Range of speed and force of the recordings, as fractions of the largest values of the models."""
+"""Range of speed and force in the recordings, as fractions of the largest values of the models."""
 
 
 def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
-    """Return the dataset of a card for a folder of models; recordings are rendered when they are read.
+    """Open a folder of models as a dataset; recordings are rendered when they are read.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
     Raises
     ------
     RecordingError
-        If no file matches, or two files have the same surface.
+        If no file matches, or two files have the same surface name.
     """
     files: dict[str, str] = {}
     for path in data_files(root):
@@ -44,7 +44,8 @@ def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
             surface = match[0]["surface"]
             if other := files.get(surface):
                 raise RecordingError(
-                    f"{root}: {other} and {name} are both named {surface!r}. Expected one file per surface"
+                    f"{root}: {other} and {name} both define surface {surface!r}. "
+                    "Expected one file per surface"
                 )
             files[surface] = name
     if not files:
@@ -62,7 +63,7 @@ def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
 
 
 def render_recording(card: ModelsCard, root: Path, entry: Entry) -> Recording:
-    """Render one recording of a texture; file, card and entry determine it.
+    """Render one recording of a texture; the result depends only on the file, the card and the entry.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def render_recording(card: ModelsCard, root: Path, entry: Entry) -> Recording:
     if texture.fs != card.fs_hz:
         raise RecordingError(
             f"{path}: SampleRate is {texture.fs:g} Hz, but the card has fs_hz = {card.fs_hz:g}. "
-            "Expected the same value"
+            "Change fs_hz in the card"
         )
     rng = np.random.default_rng([card.seed, *entry.recording_id.encode()])
     n = max(2, round(card.duration_s * texture.fs))
@@ -108,9 +109,9 @@ def render_recording(card: ModelsCard, root: Path, entry: Entry) -> Recording:
 
 
 def random_walk(n: int, fs: float, rng: Generator) -> Samples:
-    """Return a smooth random walk (n,) between `RANGE_FRACTIONS`.
+    """Return a smooth random signal (n,) between the two `RANGE_FRACTIONS`.
 
-    The sum of a slow and a fast noise of equal power is transformed to a uniform distribution.
+    Slow and fast noise of equal power are added, and the sum is mapped to a uniform distribution.
     """
     from scipy.special import ndtr
 

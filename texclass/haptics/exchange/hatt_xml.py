@@ -1,10 +1,10 @@
-"""Textures of the Penn Haptic Texture Toolkit (HaTT): read, write, and convert from other families.
+"""Read and write textures of the Penn Haptic Texture Toolkit (HaTT), and convert other families to HaTT.
 
-The layout was confirmed on the one hundred published textures at 1000 Hz, and on the toolkit's own writer
-(its MATLAB script that resamples models), stylesheet and C++ renderer in public copies of the toolkit (files:
-github.com/Student-in-job/Penn_Toolkit; original: repository.upenn.edu/meam_papers/299). Its licence is for
-non-profit research and forbids redistribution. This package contains no part of it; tests write their own
-files.
+The file layout was verified with the one hundred published textures at 1000 Hz, and with source files in
+public copies of the toolkit: the MATLAB writer, the stylesheet and the C++ renderer (files:
+github.com/Student-in-job/Penn_Toolkit; original: repository.upenn.edu/meam_papers/299). The licence of the
+toolkit permits non-profit research and forbids redistribution. This package contains no part of the toolkit;
+the tests write their own files.
 
     modelSet (texture="0")
       material, AccelUnits (m/s^2), SpeedUnits (mm/s), ForceUnits (N), SampleRate (Hz), mu,
@@ -18,9 +18,9 @@ files.
 
 The rendered signal is y = -sum_i a_i y[t-i] + gain (e + sum_i c_i e[t-i]) with noise e of variance `var`.
 Line spectra, `var` and `gain` are interpolated with barycentric coordinates. If numMACoeff is 0 or missing,
-the toolkit ignores the gain. The published models have 14 to 20 AR coefficients, two fewer MA coefficients,
-nodes at rest with `var` 0, and triangles that fill the rectangle from rest to maxSpeed and maxForce. The
-toolkit starts its search for the triangle at the sixteenth.
+the toolkit ignores the gain. The published models have 14 to 20 AR coefficients and two fewer MA
+coefficients. Nodes at zero speed or force have `var` 0. The triangles fill the rectangle from zero to
+maxSpeed and maxForce. The toolkit starts its search for the triangle at the sixteenth triangle.
 """
 
 import math
@@ -43,13 +43,13 @@ from texclass.vibration import Autoregression, line_spectrum
 from texclass.vibration.autoregressive import from_autocorrelation, from_direct_form
 
 MAX_FILE_BYTES = 8 << 20
-"""Largest size of a file in bytes; the published textures have 120,000."""
+"""Largest size of a file in bytes; the published textures have about 120,000 bytes."""
 MAX_ELEMENTS, MAX_DEPTH = 300_000, 16
 MAX_MODELS = 10_000
 _UNITS = {"AccelUnits": "m/s^2", "SpeedUnits": "mm/s", "ForceUnits": "N"}
 _TOLERANCE = 2e-6
-"""Largest difference of coefficients and line spectra in rad; the published line spectra have six
-decimals."""
+"""Largest accepted difference between coefficients and line spectra in rad; the published line spectra have
+six decimals."""
 FS = 1000.0
 """Sampling rate of the toolkit in Hz."""
 ORDER = 20
@@ -57,10 +57,10 @@ ORDER = 20
 
 
 def read_hatt(path: str | Path) -> HattTexture:
-    """Return the texture of a HaTT file.
+    """Read the texture in a HaTT file.
 
-    The line spectra are those of ARlsf and MAlsf, which the toolkit renders. If they are rounded to six
-    decimals, they are computed from ARcoeff and MAcoeff instead, with which they must agree.
+    The line spectra are read from ARlsf and MAlsf, as in the toolkit's renderer, and must agree with ARcoeff
+    and MAcoeff. If they are rounded to six decimals, they are recomputed from ARcoeff and MAcoeff.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ def read_hatt(path: str | Path) -> HattTexture:
     Raises
     ------
     ValueError
-        If the XML is not well formed, declares a document type (entities are never expanded), has wrong
-        counts, units or triangles, contains NaN, or has a model that is not stable (or an MA part that is
-        not minimum-phase).
+        If the XML is not well formed or declares a document type (entities are never expanded); if counts,
+        units or triangles are wrong or a number is NaN; or if an AR part is unstable or an MA part is not
+        minimum-phase.
     OSError
         If the file cannot be read.
 
@@ -97,7 +97,7 @@ def read_hatt(path: str | Path) -> HattTexture:
 
 
 class _BoundedTree(ElementTree.TreeBuilder):
-    """Tree builder that refuses document types and too many elements or levels (a risk for the memory)."""
+    """Tree builder that rejects document types, and elements or levels that could exhaust the memory."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -114,7 +114,9 @@ class _BoundedTree(ElementTree.TreeBuilder):
         return super().end(tag)
 
     def doctype(self, name: str, *_: str | None) -> None:
-        raise ValueError(f"the file declares {name!r:.40}. Expected no document type and no entities")
+        raise ValueError(
+            f"the file declares the document type {name!r:.40}. Remove the declaration and all entities"
+        )
 
 
 def _texture(root: Element) -> HattTexture:
@@ -132,17 +134,17 @@ def _texture(root: Element) -> HattTexture:
     speed, force = (_numbers(_child(root, tag), n) for tag in ("speedList", "forceList"))
     if not 0 < n <= MAX_MODELS or len(models) != n or len(triangles) != n_triangles:
         raise ValueError(
-            f"numMod is {n} and numTri {n_triangles}, but there are {len(models)} models "
-            f"and {len(triangles)} triangles. Expected the same numbers, and 1 to {MAX_MODELS} models"
+            f"numMod is {n} and numTri is {n_triangles}, but the file contains {len(models)} models "
+            f"and {len(triangles)} triangles. Expected equal numbers, and 1 to {MAX_MODELS} models"
         )
     corners = np.array([_numbers(triangle, 3) for triangle in triangles]).reshape(-1, 3)
-    # the order of the models may differ from that of the lists
+    # the models may be in a different order than speedList and forceList
     models_by_point = {(_number(m, "speedMod"), _number(m, "forceMod")): m for m in models}
     points = list(zip(speed.tolist(), force.tolist(), strict=True))
     if len(models_by_point) != n or set(points) != set(models_by_point):
         raise ValueError(
-            "speedMod and forceMod of the models differ from speedList and forceList. "
-            "Expected the same values, without duplicates"
+            "speedMod and forceMod of the models differ from speedList and forceList, or contain duplicates. "
+            "Expected equal values, without duplicates"
         )
     p, q = _count(root, "numARCoeff"), _count(root, "numMACoeff")
     models = [models_by_point[point] for point in points]
@@ -180,7 +182,7 @@ def _frequencies(model: Element, part: str, order: int) -> Samples:
             if lsf is None or np.array_equal(np.round(lsf, 6), lsf):
                 return line_spectrum.spread(exact)
         if lsf is None or np.any(np.diff(lsf) < 0) or lsf[0] < 0 or lsf[-1] > math.pi:
-            raise ValueError(f"{part}lsf must increase from 0 to pi, so that the model is stable")
+            raise ValueError(f"{part}lsf must increase from 0 to pi; otherwise the model is unstable")
         return line_spectrum.spread(lsf)
     except ValueError as error:
         raise ValueError(f"model {model.findtext('modNum', '?')!r:.20}: {part}: {error}") from error
@@ -233,9 +235,9 @@ def _parse(element: Element) -> float:
 
 
 def write_hatt(texture: HattTexture, path: str | Path) -> Path:
-    """Write a texture as HaTT XML with full precision; the write is atomic.
+    """Write a texture as HaTT XML with full precision, atomically.
 
-    The toolkit renders at 1000 Hz whatever the SampleRate: fit models at that rate for it.
+    The toolkit ignores SampleRate and always renders at 1000 Hz. Fit models for the toolkit at this rate.
 
     Parameters
     ----------
@@ -247,8 +249,8 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
     Raises
     ------
     ValueError
-        If the path has another suffix, the name is not printable, or the order is so high that the direct
-        form (ARcoeff) does not describe the model any more.
+        If the path does not end in `.xml`, the name is not printable, or the order is so high that the direct
+        form (ARcoeff) is numerically inaccurate.
 
     Examples
     --------
@@ -287,7 +289,7 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
             k = line_spectrum.to_reflection(lsf) if lsf.size else lsf
             _add(model, f"{part}coeff", Autoregression(k, np.array(1.0)).direct_form())
             _add(model, f"{part}lsf", lsf)
-        # without an MA part the toolkit ignores the gain
+        # the toolkit ignores the gain if there is no MA part
         gain, has_ma = float(texture.gain[i]), bool(texture.ma_order)
         _add(model, "var", float(texture.variance[i]) * (1.0 if has_ma else gain**2))
         _add(model, "gain", gain if has_ma else 1.0)
@@ -302,7 +304,7 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
 def _add(
     parent: Element, tag: str, value: str | float | Samples, array: dict[str, str] | None = None
 ) -> None:
-    """Append an element with text, a number, or the numbers of an array, each in a <value>."""
+    """Append an element that contains text, a number, or one <value> for each number of an array."""
     if isinstance(value, np.ndarray):
         child = ElementTree.SubElement(parent, tag, array or {})
         for number in value.tolist():
@@ -322,21 +324,21 @@ def to_hatt(
 ) -> HattTexture:
     """Convert a texture with AR models to a HaTT texture.
 
-    Models with a higher order or sampling rate are fitted again to their own spectrum below fs / 2. For
-    anisotropic textures, strokes along +x are used. Textures that do not depend on the force get their models
-    at 1 N: the vibration is weaker below and constant above.
+    Models with a higher order or sampling rate are refitted to their own spectrum below fs / 2. For
+    anisotropic textures, strokes along +x are used. If a texture does not depend on the force, its models are
+    placed at 1 N; the converted vibration is weaker below this force and constant above it.
 
     Parameters
     ----------
     texture : Texture
         Texture with AR models: hatt (only its unit changes), abdulali2016, oeztuerk2018-lpc or packed.
     unit : str
-        Unit of its vibration: m/s^2 (default), g or mg.
+        Unit of the vibration: m/s^2 (default), g or mg.
     speeds, forces : sequence of float, optional
-        Speeds (mm/s) and forces (N) of the models, above 0 (default: six uniform steps up to the largest
-        values of the texture; for LPC textures, their own speeds).
+        Positive speeds (mm/s) and forces (N) of the models (default: six uniform steps up to the largest
+        values of the texture; for LPC textures, the speeds of the texture).
     fs : float
-        Sampling rate in Hz (default 1000), at most that of the texture.
+        Sampling rate in Hz (default 1000), at most the sampling rate of the texture.
     order : int
         Largest order of the models (default 20).
 
@@ -364,13 +366,13 @@ def to_hatt(
     if isinstance(texture, LpcTexture):
         own = texture.speeds, texture.forces
     elif isinstance(texture, PackedTexture) and texture.speeds.size == 1:
-        own = texture.model.axes  # below these the vibration fades out, above them it is constant
+        own = texture.model.axes  # the vibration fades out below these values and is constant above them
     grid = [np.array(axis, dtype=np.float64) for axis in (speeds or own[0], forces or own[1])]
     if not all(np.all(np.isfinite(axis) & (axis > 0)) for axis in grid):
         raise ValueError(f"speeds and forces must be positive, got {grid[0].tolist()} and {grid[1].tolist()}")
     if not 0 < fs <= texture.fs:
         raise ValueError(
-            f"fs must be positive and at most {texture.fs:g} Hz (that of the texture), got {fs:g}"
+            f"fs must be positive and at most {texture.fs:g} Hz (as in the texture), got {fs:g} Hz"
         )
     speed, force = (axis.ravel() for axis in np.meshgrid(*grid, indexing="ij"))
     model = texture.autoregressions(speed, force)

@@ -1,4 +1,4 @@
-"""MPEG haptics (ISO/IEC 23090-31) as .hjif: the contents of a file, reading and playing.
+"""Define the contents of MPEG haptics files (ISO/IEC 23090-31, .hjif), read them and play them.
 
     haptics
       perceptions   a modality: Vibrotactile, Vibrotactile Texture (over distance), Friction
@@ -6,9 +6,9 @@
           bands     Transient (taps), VectorialWave (oscillators), WaveletWave (any signal), Curve
             effects a start position, and keyframes or a stream of wavelet coefficients
 
-Positions are in ticks of time. If `unit_exponent` gives a length, they are in ticks of distance: 1000 ticks
-of distance correspond to one second of time (for -3: one metre; frequencies are then cycles per metre). Gains
-are in m/s^2, so that a player with a calibrated actuator can display the true level.
+Positions are ticks of time. If `unit_exponent` defines a length, they are ticks of distance, and 1000 ticks
+of distance are played like one second of time (for -3: one metre, with frequencies in cycles per metre).
+Gains are in m/s^2, which lets a player with a calibrated actuator reproduce the true level.
 """
 
 import base64
@@ -37,9 +37,9 @@ FS = 8000.0
 MAX_HZ = 10_000.0
 """Largest frequency of a band in Hz."""
 MAX_BANDS = {1: 7, 2: 63}
-"""Largest number of bands of a channel, by level; the schema allows more than the reference software."""
+"""Largest number of bands per channel, by level; the schema allows more than the reference software."""
 MAX_CHANNELS = {1: 127, 2: 65535}
-"""Largest number of channels of a perception, by level."""
+"""Largest number of channels per perception, by level."""
 _INT = 2**31 - 1
 
 Count = Field(ge=0, le=_INT)
@@ -47,7 +47,7 @@ Count = Field(ge=0, le=_INT)
 
 @dataclass(frozen=True)
 class PlayLimits:
-    """Limits of playing: a small file can request any amount of memory, and hours of output.
+    """Limits of playing. Without them, a small file could request hours of output and any amount of memory.
 
     Attributes
     ----------
@@ -56,9 +56,9 @@ class PlayLimits:
     max_channels_s, max_effects_s : float
         Largest total duration of all channels, and of all effects, in s.
     max_coded_samples : int
-        Largest total number of samples of all wavelet blocks, which decode in a minute or two.
+        Largest total number of samples of all wavelet blocks; decoding them takes one to two minutes.
     max_effects : int
-        Largest number of effects of a channel.
+        Largest number of effects per channel.
     max_depth : int
         Largest depth of nested compositions or references.
     """
@@ -75,18 +75,18 @@ LIMITS = PlayLimits()
 
 
 class HjifPart(ExternalModel):
-    """Base class of the parts of a .hjif file: optional keys may be absent, but not null."""
+    """Base class of the parts of a .hjif file. Optional keys may be missing, but must not be null."""
 
     @model_validator(mode="after")
     def _refuse_null(self) -> Self:
         for name in self.model_fields_set:
             if getattr(self, name) is None:
-                raise ValueError(f"{name} is null. Expected a value, or no key")
+                raise ValueError(f"{name} must not be null. Define a value, or remove the key")
         return self
 
 
 class Keyframe(HjifPart):
-    """A point of an effect: position in ticks from its start, amplitude, and frequency in whole Hz."""
+    """A point of an effect: position in ticks from the start of the effect, amplitude, and integer Hz."""
 
     relative_position: int | None = Count
     amplitude_modulation: float | None = Field(default=None, ge=-1, le=1)
@@ -113,14 +113,14 @@ class Effect(HjifPart):
     @model_validator(mode="after")
     def _check(self) -> "Effect":
         if self.effect_type == "Reference" and self.id is None:
-            raise ValueError("a reference must have the id of an effect of the library, got no id")
+            raise ValueError("a reference must contain the id of a library effect, got no id")
         if self.wavelet_stream is not None:
             _decode_stream(self)
         return self
 
 
 class Band(HjifPart):
-    """Effects of one kind with limits of frequency in whole Hz; for wavelets the upper one is their rate."""
+    """Effects of one kind, with frequency limits in integer Hz. The upper limit of wavelets is their rate."""
 
     band_type: Literal["WaveletWave", "VectorialWave", "Curve", "Transient"]
     lower_frequency_limit: int = Field(ge=0, le=MAX_HZ)
@@ -131,40 +131,44 @@ class Band(HjifPart):
 
     @property
     def tail_s(self) -> float:
-        """Duration of an effect after its last keyframe in s."""
+        """Duration in s of an effect after its last keyframe."""
         block_s = (self.block_length or 0) / TICKS if self.band_type == "WaveletWave" else 0.0
         return TRANSIENT_S if self.band_type == "Transient" else block_s
 
     @property
     def block_samples(self) -> int:
-        """Number of samples of each effect of a wavelet band, 0 for other bands; ValueError if not valid."""
+        """Samples per effect of a wavelet band, 0 for other bands; raises ValueError if invalid."""
         if self.band_type != "WaveletWave":
             return 0
         n = int(self.tail_s * self.upper_frequency_limit)
         if n < 16 or n & (n - 1) or n > 1 << 16:
-            raise ValueError(f"a wavelet block must have a power of two, 16 to {1 << 16}, samples, got {n}")
+            raise ValueError(
+                f"the samples of a wavelet block must be a power of two from 16 to {1 << 16}, got {n}"
+            )
         return n
 
     @model_validator(mode="after")
     def _check(self) -> "Band":
         if self.upper_frequency_limit < self.lower_frequency_limit:
             raise ValueError(
-                f"the upper frequency limit {self.upper_frequency_limit} Hz is below its lower one, "
-                f"{self.lower_frequency_limit} Hz. Expected at least that"
+                f"upper_frequency_limit must be at least lower_frequency_limit "
+                f"({self.lower_frequency_limit} Hz), got {self.upper_frequency_limit} Hz"
             )
         if self.curve_type is not None and self.band_type != "Curve":
-            raise ValueError(f"a {self.band_type} band has a curve type. Expected one in Curve bands only")
+            raise ValueError(
+                f"a {self.band_type} band must not have a curve_type, which is for Curve bands only"
+            )
         if self.band_type == "Curve" and any(map(_lacks_amplitude, self.effects)):
-            raise ValueError("each curve must have keyframes with amplitude_modulation")
+            raise ValueError("each curve effect must have keyframes with amplitude_modulation")
         if self.band_type == "WaveletWave":
             length = self.block_length
             if length is None or length & (length - 1):
-                raise ValueError(f"block_length is {length}. Expected a power of two")
+                raise ValueError(f"block_length must be a power of two, got {length}")
             if any(effect.keyframes for effect in self.effects):
-                raise ValueError("an effect of a wavelet band has keyframes. Expected a stream")
+                raise ValueError("an effect of a wavelet band must have a wavelet_stream, got keyframes")
             basis = (effect for effect in self.effects if effect.effect_type == "Basis")
             if any(effect.wavelet_stream is None for effect in basis):
-                raise ValueError("an effect of a wavelet band lacks its wavelet_stream. Expected one")
+                raise ValueError("an effect of a wavelet band must have a wavelet_stream, got none")
         return self
 
 
@@ -175,7 +179,7 @@ def _lacks_amplitude(effect: Effect) -> bool:
 
 
 class Vector(HjifPart):
-    """A direction, or a position among actuators."""
+    """A direction, or a position in the array of actuators."""
 
     X: int = Field(ge=-127, le=127)
     Y: int = Field(ge=-127, le=127)
@@ -183,7 +187,7 @@ class Vector(HjifPart):
 
 
 class Channel(HjifPart):
-    """Output of one actuator: the sum of its bands, of magnitude 1 at most, times the gain."""
+    """Output of one actuator: the sum of its bands, with a magnitude of at most 1, times the gain."""
 
     id: int = Count
     description: str
@@ -198,19 +202,19 @@ class Channel(HjifPart):
 
     @property
     def declared_s(self) -> float:
-        """Duration in s as declared by the channel; 0 if there is none."""
+        """Duration in s that the channel declares; 0 if it declares none."""
         return (self.sample_count or 0) / self.frequency_sampling if self.frequency_sampling else 0.0
 
     @model_validator(mode="after")
     def _check(self) -> "Channel":
         vector = self.direction
         if vector is not None and not 0.98 <= math.hypot(vector.X, vector.Y, vector.Z) / 127 <= 1.02:
-            raise ValueError("direction must be a unit vector, of length 127")
+            raise ValueError("direction must be a unit vector, scaled to length 127")
         return self
 
 
 class Device(HjifPart):
-    """An actuator for which the file was authored."""
+    """An actuator for which the effects were designed."""
 
     id: int = Field(ge=1, le=_INT)
     name: str
@@ -235,7 +239,7 @@ class Perception(HjifPart):
 
     @property
     def library(self) -> dict[int | None, Effect]:
-        """Effects that references use, by id."""
+        """Effects that references can use, by id."""
         return {effect.id: effect for effect in self.effect_library}
 
     @model_validator(mode="after")
@@ -257,7 +261,7 @@ class Perception(HjifPart):
 
 
 class Avatar(HjifPart):
-    """A body, or a part of one, that feels the effects."""
+    """A body, or part of a body, to which the effects are applied."""
 
     id: int = Field(ge=1, le=_INT)
     lod: int = Count
@@ -265,7 +269,7 @@ class Avatar(HjifPart):
 
 
 class Sync(HjifPart):
-    """A point of the timeline."""
+    """A synchronization point on the timeline."""
 
     timestamp: int = Count
 
@@ -289,7 +293,9 @@ class Haptics(HjifPart):
         _check_unique("perception", [perception.id for perception in self.perceptions])
         is_simple = self.profile == "Simple Parametric"
         if is_simple and self.timescale != TICKS:
-            raise ValueError(f"timescale must be {TICKS} for Simple Parametric, got {self.timescale}")
+            raise ValueError(
+                f"timescale must be {TICKS} for the profile Simple Parametric, got {self.timescale}"
+            )
         avatar_ids = {0, *(avatar.id for avatar in self.avatars)}
         for perception in self.perceptions:
             if perception.avatar_id not in avatar_ids:
@@ -302,17 +308,19 @@ class Haptics(HjifPart):
             if n_channels > MAX_CHANNELS[self.level] or n_bands > MAX_BANDS[self.level]:
                 raise ValueError(
                     f"a perception of level {self.level} must have at most "
-                    f"{MAX_CHANNELS[self.level]} channels of {MAX_BANDS[self.level]} bands, "
+                    f"{MAX_CHANNELS[self.level]} channels with {MAX_BANDS[self.level]} bands each, "
                     f"got {n_channels} channels of {n_bands} bands"
                 )
             band_types = {band.band_type for channel in perception.channels for band in channel.bands}
             if is_simple and "WaveletWave" in band_types:
-                raise ValueError("wavelet bands need the profile Main. Expected none for Simple Parametric")
+                raise ValueError(
+                    "wavelet bands require the profile Main. Change the profile, or remove the wavelet bands"
+                )
         return self
 
 
 def read_hjif(path: str | Path) -> Haptics:
-    """Return the contents of a .hjif file, checked as strictly as in the reference software.
+    """Read a .hjif file and validate it as strictly as the reference software.
 
     Parameters
     ----------
@@ -322,7 +330,7 @@ def read_hjif(path: str | Path) -> Haptics:
     Raises
     ------
     ValueError
-        If the file is too large, is not JSON, is nested too deeply, or has a value that is not valid.
+        If the file is too large, not JSON or nested too deeply, or a value is invalid.
     OSError
         If the file cannot be read.
 
@@ -343,7 +351,7 @@ def read_hjif(path: str | Path) -> Haptics:
 
 
 def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
-    """Play a file in the same way as the reference software.
+    """Render the channels of a file in the same way as the reference software.
 
     Effects over distance are played at 1000 ticks per second, like effects over time.
 
@@ -352,17 +360,17 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
     haptics : Haptics
         Contents of a file, as returned by `read_hjif`.
     fs : float
-        Sampling rate in Hz (default 8000). Wavelet bands hold each of their samples until the next one.
+        Sampling rate in Hz (default 8000). Each sample of a wavelet band is held until the next sample.
 
     Returns
     -------
     ndarray of shape (n_samples, n_channels)
-        Channels of all perceptions, in the order of the file; vibrations in m/s^2.
+        Channels of all perceptions, in file order; vibrations are in m/s^2.
 
     Raises
     ------
     ValueError
-        If duration, effects, channels or samples exceed `LIMITS`.
+        If the duration, or the number of effects, channels or samples, exceeds `LIMITS`.
 
     Examples
     --------
@@ -386,12 +394,14 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
             n_coded += sum(band.block_samples for *_, band in effects)
             channels.append((10.0**perception.perception_unit_exponent * channel.gain, effects))
     if seconds > LIMITS.max_seconds:
-        raise ValueError(f"the file must last at most {LIMITS.max_seconds:g} s, got {seconds:g} s")
+        raise ValueError(
+            f"the duration of the file must be at most {LIMITS.max_seconds:g} s, got {seconds:g} s"
+        )
     if len(channels) * seconds > LIMITS.max_channels_s or total_effects_s > LIMITS.max_effects_s:
         raise ValueError(
-            f"the file must have at most {LIMITS.max_channels_s:g} s of channels and "
-            f"{LIMITS.max_effects_s:g} s of effects in total, got {len(channels)} channels of {seconds:g} s "
-            f"and effects of {total_effects_s:g} s"
+            f"the total duration must be at most {LIMITS.max_channels_s:g} s for channels and "
+            f"{LIMITS.max_effects_s:g} s for effects, got {len(channels)} channels of {seconds:g} s each "
+            f"and {total_effects_s:g} s of effects"
         )
     if n_coded > LIMITS.max_coded_samples:
         raise ValueError(
@@ -406,29 +416,31 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
 
 
 def basis_effects(channel: Channel, perception: Perception) -> list[tuple[int, Effect, Band]]:
-    """Return start (in ticks), basis effect and band of everything that a channel plays.
+    """Return start (in ticks), basis effect and band of all effects that a channel plays.
 
     Raises
     ------
     ValueError
-        If there are more effects than `LIMITS` allows, or compositions and references without end.
+        If the effects are more numerous or nested more deeply than `LIMITS` allows.
     """
     library = perception.library
     expanded = (
         (start, effect, band) for band in channel.bands for start, effect in _expand(band.effects, library)
     )
-    # a few effects can refer to each other so often that the expansion never ends
+    # the expansion of a few effects that refer to each other can be endless
     first = [*islice(expanded, 2 * LIMITS.max_effects + 1)]
     basis = [item for item in first if item[1].effect_type == "Basis"]
     if len(basis) > LIMITS.max_effects or len(first) > 2 * LIMITS.max_effects:
-        raise ValueError(f"a channel must have at most {LIMITS.max_effects} effects, got more")
+        raise ValueError(
+            f"a channel must have at most {LIMITS.max_effects} effects (with references expanded), got more"
+        )
     return basis
 
 
 def _expand(
     effects: Iterable[Effect], library: Mapping[int | None, Effect], start: int = 0, depth: int = 0
 ) -> Iterator[tuple[int, Effect]]:
-    """Yield start (in ticks) and effect of each effect, followed by the effects inside it or referred to."""
+    """Yield the start (in ticks) and each effect, followed by the effects it contains or refers to."""
     if depth > LIMITS.max_depth:
         raise ValueError(f"effects must be nested at most {LIMITS.max_depth} deep, got more")
     for effect in effects:
@@ -442,7 +454,7 @@ def _expand(
 
 
 def _play_effect(out: Samples, start: float, effect: Effect, band: Band, fs: float, timescale: int) -> None:
-    """Add an effect that starts at a time (s) to samples (n,)."""
+    """Add an effect that starts at time `start` (s) to the samples `out` (n,)."""
     duration = effect.last_tick / timescale + band.tail_s
     first = max(math.ceil(start * fs - 1e-9), 0)
     t = np.arange(first, min(first + math.ceil(duration * fs) + 2, out.size)) / fs - start
@@ -468,7 +480,7 @@ def _play_effect(out: Samples, start: float, effect: Effect, band: Band, fs: flo
 
 
 def _points(effect: Effect, key: str, timescale: int) -> tuple[Samples, Samples]:
-    """Return increasing times (s) and values of the keyframes that have a value."""
+    """Return increasing times (s) and values of the keyframes that define `key`."""
     by_time = {
         (frame.relative_position or 0) / timescale: getattr(frame, key)
         for frame in effect.keyframes
@@ -496,7 +508,7 @@ def _oscillation(effect: Effect, t: Samples, timescale: int) -> Samples:
     times, frequency = _points(effect, "frequency_modulation", timescale)
     if not times.size:
         times, frequency = np.zeros(1), np.zeros(1)
-    # cycles at the keyframes; the first frequency is held before them; between them the phase is a parabola
+    # cycles at the keyframes; the phase is parabolic between them, and the first frequency is held before
     cycles = np.concatenate([[0.0], np.cumsum(np.diff(times) * (frequency[1:] + frequency[:-1]) / 2)])
     cycles += times[0] * frequency[0]
     frequency_at_t = np.interp(t, times, frequency)
@@ -519,7 +531,7 @@ def _decode_stream(effect: Effect) -> bytes:
     try:
         return base64.b64decode(text + "=" * (-len(text) % 4), validate=True)
     except (binascii.Error, ValueError) as error:
-        raise ValueError(f"wavelet_stream is not base64 ({error}). Expected base64") from None
+        raise ValueError(f"wavelet_stream must be base64 ({error})") from None
 
 
 def _check_unique(kind: str, ids: Sequence[int | None]) -> None:
@@ -530,7 +542,8 @@ def _check_unique(kind: str, ids: Sequence[int | None]) -> None:
 def _resolve(effect: Effect, library: Mapping[int | None, Effect]) -> Effect:
     if effect.id not in library:
         raise ValueError(
-            f"a reference uses effect {effect.id}. Expected one of the library, {sorted(map(str, library))}"
+            f"reference to unknown effect {effect.id}. "
+            f"Expected an id of the library, {sorted(map(str, library))}"
         )
     return library[effect.id]
 

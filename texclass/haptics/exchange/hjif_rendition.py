@@ -1,7 +1,7 @@
-"""Conversion of surfaces to MPEG haptics (.hjif) and back.
+"""Convert surfaces to MPEG haptics (.hjif) and back.
 
-All files have 1000 ticks per second, because the public reference software reads some durations as
-milliseconds whatever the timescale of the file.
+All files have 1000 ticks per second, because the public reference software interprets some durations as
+milliseconds regardless of the timescale of the file.
 """
 
 import base64
@@ -34,27 +34,27 @@ from texclass.recording import UNITS, Samples
 from texclass.validation import check_positive
 
 RATE = 8000
-"""Samples of wavelet bands per 1000 ticks. Players use 8000 per second and hold each sample until the next,
-so that a lower rate would be played as steps, with images above half of it."""
+"""Samples of wavelet bands per 1000 ticks. Players run at 8000 samples per second and hold each sample until
+the next. A lower rate would be played as steps, with spectral images above half of that rate."""
 BLOCK = 512
-"""Samples of a wavelet block of 64 ticks: a power of two, as players require."""
+"""Samples per wavelet block (64 ticks); players require a power of two."""
 HEADROOM = 1.01
-"""Ratio of the gain to the largest sample: 16-bit players may wrap at 1, and rounding can exceed it a
-little."""
+"""Ratio of the gain to the largest sample. Rounding can slightly exceed 1, at which 16-bit players may wrap
+around."""
 _DESCRIPTION = re.compile(r"(.*) at ([\d.]+(?:e[+-]\d\d)?) mm/s(?:, ([\d.]+(?:e[+-]\d\d)?) N)?, (\S+)")
-"""Description of a vibration: `Rendition.caption`, then the unit."""
+"""Description of a vibration: `Rendition.caption` followed by the unit."""
 
 Content = dict[str, Any]
-"""A part of a file by its keys; `Haptics` checks the whole file."""
+"""Part of a file as a dictionary; `Haptics` validates the whole file."""
 
 
 def write_hjif(
     rendition: Rendition, path: str | Path, *, planes: int = wavelet_stream.PLANES
 ) -> dict[str, str]:
-    """Write a surface as .hjif; return a description of the losses by topic.
+    """Write a surface to a .hjif file, and return a description of the losses by topic.
 
-    Taps are written as transients, vibrations of a few lines as vectorial waves, spatial textures as a
-    vibrotactile texture over distance, and other vibrations as wavelet bands. A coefficient of friction is
+    Taps are written as transients, vibrations of a few spectral lines as vectorial waves, spatial textures as
+    a vibrotactile texture over distance, and other vibrations as wavelet bands. The friction coefficient is
     written as a second perception.
 
     Parameters
@@ -69,12 +69,12 @@ def write_hjif(
     Returns
     -------
     dict of str to str
-        Losses by topic: speed, force, level, band and others.
+        Losses by topic, for example speed, force, level and band.
 
     Raises
     ------
     ValueError
-        If the path has another suffix, or `planes` is not 1 to 15.
+        If the path does not end in `.hjif`, or `planes` is not between 1 and 15.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def write_hjif(
     """
     path = check_suffix(path, ".hjif")
     if not 1 <= planes <= wavelet_stream.MAX_PLANES:
-        raise ValueError(f"planes must be 1 to {wavelet_stream.MAX_PLANES}, got {planes}")
+        raise ValueError(f"planes must be between 1 and {wavelet_stream.MAX_PLANES}, got {planes}")
     haptics, losses = build_hjif(rendition, planes)
     write_atomic(path, haptics.model_dump_json(exclude_none=True))
     return losses
@@ -96,7 +96,7 @@ def build_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tup
     """Return the contents of the file that `write_hjif` writes, and the losses."""
     is_spatial, losses = bool(rendition.pitch_mm), dict(rendition.losses)
     exponent, rate = -3, rendition.fs
-    if is_spatial:  # samples per 1000 ticks of 10^exponent m
+    if is_spatial:  # rate in samples per 1000 ticks, each of 10^exponent m
         rate = 1000 / rendition.pitch_mm
         while rate > RATE and exponent > -6:
             exponent, rate = exponent - 1, rate / 10
@@ -154,14 +154,14 @@ def _transients(taps: Samples) -> Content:
 
 
 def _oscillators(rendition: Rendition) -> Content:
-    """Return a channel with a band for each of the strongest lines."""
+    """Return a channel with one band for each of the strongest lines."""
     strongest = np.argsort(-rendition.lines[:, 1], kind="stable")[: MAX_BANDS[2]]
     lines = rendition.lines[np.sort(strongest)]
     gain = HEADROOM * float(lines[:, 1].sum())  # so that their sum never exceeds 1
     end = max(round(TICKS * rendition.samples.size / rendition.fs), 1)
     bands = []
     for frequency, amplitude, phase in lines.tolist():
-        # the waves of the format are sines; a cosine is a quarter of a cycle ahead
+        # the format uses sine waves; a cosine leads a sine by a quarter of a cycle
         shift = min((phase + math.pi / 2) % (2 * math.pi), 6.28318)
         frames = [_keyframe(tick, amplitude / gain, frequency) for tick in (0, end)]
         effect = _effect(0, phase=shift, base_signal="Sine", keyframes=frames)
@@ -170,24 +170,24 @@ def _oscillators(rendition: Rendition) -> Content:
 
 
 def _wavelets(x: Samples, rate: float, planes: int) -> Content:
-    """Return a channel of wavelets for samples (n,) at a rate (per 1000 ticks), with its rate and length."""
+    """Return a wavelet channel for samples (n,) at `rate` per 1000 ticks, and the rate and length it has."""
     own = max(min(round(rate), RATE), 1)
     count = max(round(x.size * own / rate), 1)
-    x = signal.resample(x, max(round(x.size * RATE / rate), 1))  # band-limited: nothing above rate / 2
+    x = signal.resample(x, max(round(x.size * RATE / rate), 1))  # band-limited to rate / 2
     blocks = np.pad(x, (0, -x.size % BLOCK)).reshape(-1, BLOCK)
     coefficients = np.array([wavelet_stream.transform(block) for block in blocks])
     largest = float(np.abs(coefficients).max()) / wavelet_stream.MAX_COEFFICIENT
     gain = HEADROOM * max(float(np.abs(x).max()), largest) or 1.0
     length = BLOCK * TICKS // RATE
     streams = [base64.b64encode(wavelet_stream.encode(row / gain, planes)).decode() for row in coefficients]
-    # players decode a final = as further bits
+    # players decode a trailing = as data bits
     effects = [_effect(i * length, wavelet_stream=stream.rstrip("=")) for i, stream in enumerate(streams)]
     band = _band("WaveletWave", (0, RATE), effects) | {"block_length": length}
     return {"gain": gain, "bands": [band], "frequency_sampling": own, "sample_count": count}
 
 
 def _constant(value: float) -> Content:
-    """Return a channel of a constant above 0."""
+    """Return a channel with a constant positive value."""
     gain = max(value, 1.0)
     frames = [{"relative_position": tick, "amplitude_modulation": value / gain} for tick in (0, TICKS)]
     band = _band("Curve", (0, 0), [_effect(0, keyframes=frames)]) | {"curve_type": "Linear"}
@@ -204,7 +204,7 @@ def _effect(tick: int, **more: Any) -> Content:
 
 
 def _limits(frequency_hz: Samples) -> tuple[int, int]:
-    """Return whole numbers in Hz around frequencies (n,)."""
+    """Return the integer frequency limits in Hz that enclose frequencies (n,)."""
     return max(int(frequency_hz.min()) - 1, 0), min(int(frequency_hz.max()) + 2, int(MAX_HZ))
 
 
@@ -235,7 +235,7 @@ def to_rendition(haptics: Haptics) -> Rendition:
     Raises
     ------
     ValueError
-        If there is no vibration, or as `play_hjif`.
+        If the file contains no vibration; also as `play_hjif`.
 
     Examples
     --------
@@ -263,7 +263,7 @@ def to_rendition(haptics: Haptics) -> Rendition:
     lines = _lines(effects if kinds == {"VectorialWave"} else [], gain)
     fs = float(max(channel.bands[0].upper_frequency_limit, 40)) if kinds == {"WaveletWave"} else FS
     if kinds == {"WaveletWave"} and 40 <= (own := channel.frequency_sampling or 0) < fs:
-        fs = float(own)  # the coded signal is band-limited to half of the rate of the channel
+        fs = float(own)  # the coded signal is band-limited to half the rate of the channel
     x = play_hjif(_select(haptics, vibration), fs)[:, 0]
     mu = [float(np.median(play_hjif(_select(haptics, one), 100.0)[:, 0])) for one in frictions]
     pitch = 0.0
@@ -289,7 +289,7 @@ def _taps(effects: list[tuple[int, Effect]], gain: float, timescale: int) -> Sam
 
 
 def _lines(effects: list[tuple[int, Effect]], gain: float) -> Samples:
-    """Return frequency (Hz), amplitude and phase of cosines, shape (n, 3); no rows if one of them changes."""
+    """Return frequency (Hz), amplitude and phase of cosines, shape (n, 3); no rows if any of them varies."""
     rows = []
     for tick, effect in effects:
         levels = {frame.amplitude_modulation for frame in effect.keyframes} - {None}

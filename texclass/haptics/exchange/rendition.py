@@ -1,11 +1,11 @@
-"""Renditions: a surface played at one speed and force, for formats of other devices, and conversion back.
+"""Play surfaces at one speed and force for formats of other devices, and convert played files back.
 
-Other formats do not contain the speed or force of a hand. A texture is therefore played once at a fixed speed
-and force, and the losses are described. A played file is converted back as follows:
+Other formats do not depend on the speed or force of a hand. A texture is therefore played once at a fixed
+speed and force (a rendition), and the losses are described. A file is converted back as follows:
 
 | contents | texture |
 |---|---|
-| transients | taps; their decay is that of the player, estimated from the duration of a transient |
+| transients | taps, with a decay estimated from the duration of a transient in the player |
 | constant waves | major frequencies |
 | any other vibration, over time or distance | an AR model, with the friction of the file |
 """
@@ -25,19 +25,19 @@ from texclass.validation import check_positive
 from texclass.vibration import MajorFrequencies, TapModel, autoregressive, line_spectrum
 
 LONGEST_S = 30.0
-"""Longest rendition in s: the longest event of AHAP."""
+"""Longest rendition in s; the longest event that AHAP allows."""
 SETTLING_S = 0.5
-"""Time in s that is rendered before and discarded, until motion and filters have settled."""
+"""Time in s that is rendered first and discarded while motion and filters settle."""
 TAP_M_S, TAP_EVERY_S, TAP_FS = 0.1, 0.25, 8000.0
-"""Impact velocity of taps in m/s, time between the taps of two materials in s, and sampling rate in Hz."""
+"""Impact velocity of taps in m/s, time between the taps of two surfaces in s, and sampling rate in Hz."""
 ORDER = 30
-"""Largest order of AR models of played vibrations; at most a tenth of the number of samples is used."""
+"""Largest order of AR models of played vibrations; the order is also at most a tenth of the sample count."""
 MAX_MAGNITUDE = 1e100
-"""Bound of samples that can be converted."""
+"""Largest magnitude of samples that can be converted."""
 TRANSIENT_S = 0.022
-"""Duration of a transient in the reference software of MPEG: two cycles of a sine, in s."""
+"""Duration in s of a transient in the MPEG reference software (two cycles of a sine wave)."""
 DECAY_PER_S = np.log(100.0) / TRANSIENT_S
-"""Decay rate in 1/s with which a tap has faded to a hundredth at the end of a transient."""
+"""Decay rate in 1/s that attenuates a tap to 1 % at the end of a transient."""
 
 
 class Playable(Protocol):
@@ -60,7 +60,7 @@ class Playable(Protocol):
         """Increasing forces in N that bound the range of the model."""
 
     def renderer(self, *, seed: int = 0) -> Renderer:
-        """Return a renderer at rest."""
+        """Return a renderer without motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Rendition:
     name : str
         Name of the surface.
     unit : str
-        Unit of the samples: m/s^2 if the unit of the texture can be converted.
+        Unit of the samples; m/s^2 if the unit of the texture can be converted to it.
     fs : float
         Sampling rate in Hz.
     samples : ndarray of shape (n_samples,)
@@ -80,16 +80,15 @@ class Rendition:
     speed, force : float
         Speed in mm/s and force in N; for taps, the impact velocity in mm/s and 0.
     lines : ndarray of shape (n_lines, 3)
-        Frequency (Hz), amplitude and phase (rad) of the cosines of which the vibration consists (default:
-        none).
+        Frequency (Hz), amplitude and phase (rad) of the cosines that make up the vibration (default: none).
     taps : ndarray of shape (n_taps, 3)
         Time (s), peak and frequency (Hz) of each tap (default: none).
     friction : float
-        Coefficient of kinetic friction; 0 if there is none.
+        Kinetic friction coefficient; 0 if unknown.
     pitch_mm : float
         Distance between samples of spatial textures in mm; 0 for vibrations over time.
     losses : mapping of str to str
-        Information that is lost at one speed and force, by topic.
+        Information lost by the rendition, by topic.
 
     Examples
     --------
@@ -126,25 +125,26 @@ def play_texture(
     seconds: float = 2.0,
     seed: int = 0,
 ) -> Rendition:
-    """Play a texture at one speed and force, to write it in another format.
+    """Play a texture at one speed and force for writing it in another format.
 
     Parameters
     ----------
     texture : Texture or surface of a planned scene
         Texture to play.
     unit : str
-        Unit of its vibration (default "m/s^2"); g and mg are converted to m/s^2.
+        Unit of the vibration (default "m/s^2"); g and mg are converted to m/s^2.
     speed, force : float, optional
         Speed in mm/s and force in N (default: geometric mean of the range of the texture).
     seconds : float
-        Duration in s (default 2), at most `LONGEST_S`. Spatial textures are played once along their line.
+        Duration in s (default 2), at most `LONGEST_S`. It does not apply to spatial textures, which are
+        played once along their line.
     seed : int
-        Seed of the noise.
+        Seed of the noise (default 0).
 
     Raises
     ------
     ValueError
-        If speed, force or duration is not positive, or the duration is too long.
+        If speed, force or duration is not positive, or the duration exceeds `LONGEST_S`.
 
     Examples
     --------
@@ -165,7 +165,7 @@ def play_texture(
     if length_mm:
         seconds = length_mm / v
     if seconds > LONGEST_S:
-        raise ValueError(f"the rendition must last at most {LONGEST_S:g} s, got {seconds:g} s")
+        raise ValueError(f"the duration must be at most {LONGEST_S:g} s, got {seconds:g} s")
     x = factor * _render(texture, v, f, seconds, seed)
     by_speed = _describe_range(texture, x / factor, [(end, f) for end in speed_range], seed)
     by_force = _describe_range(texture, x / factor, [(v, end) for end in force_range], seed)
@@ -174,7 +174,7 @@ def play_texture(
     if getattr(texture, "tap", None) is not None and texture.tap.n_modes:  # type: ignore[attr-defined]
         losses["taps"] = "omitted: a stroke is played"
     lines = np.zeros((0, 3))
-    if isinstance(texture, FrequencyTexture):  # it consists of the major frequencies at this speed
+    if isinstance(texture, FrequencyTexture):  # the vibration consists of the major frequencies at this speed
         model = texture.at(v)
         lines = np.column_stack([model.frequency_hz, factor * model.amplitude, model.phase])
         lines = lines[(lines[:, 1] > 0) & (lines[:, 0] < texture.fs / 2)]
@@ -188,7 +188,7 @@ def play_texture(
 
 
 def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
-    """Play the taps of a library, one material after another, to write them in another format.
+    """Play the taps of a library, one surface after another, for writing them in another format.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
     Raises
     ------
     ValueError
-        If the velocity is not positive, or the taps of all materials last longer than `LONGEST_S`.
+        If the velocity is not positive, or the taps of all surfaces together are longer than `LONGEST_S`.
 
     Examples
     --------
@@ -212,7 +212,7 @@ def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
     n = round(TAP_EVERY_S * TAP_FS)
     if len(taps) * TAP_EVERY_S > LONGEST_S:
         raise ValueError(
-            f"the library must have at most {LONGEST_S / TAP_EVERY_S:g} materials, got {len(taps)}"
+            f"the library must contain at most {LONGEST_S / TAP_EVERY_S:g} surfaces, got {len(taps)}"
         )
     factor = ACCELERATION_UNITS.get(taps.unit, 1.0)
     models = taps.models
@@ -229,12 +229,12 @@ def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
 
 
 def to_texture(rendition: Rendition) -> tuple[Serializable, dict[str, str]]:
-    """Fit a texture or a tap library to a rendition; return it and a description of the losses.
+    """Fit a texture or a tap library to a rendition, and return it with a description of the losses.
 
     Parameters
     ----------
     rendition : Rendition
-        Result of `to_rendition` for a file.
+        Result of `to_rendition`.
 
     Raises
     ------
@@ -270,8 +270,8 @@ def to_texture(rendition: Rendition) -> tuple[Serializable, dict[str, str]]:
     order = min(ORDER, x.size // 10)
     if order < 1 or not 0 < np.abs(x).max() < MAX_MAGNITUDE or np.all(x == x[0]):
         raise ValueError(
-            f"the rendition must have at least ten samples, not silent, below "
-            f"{MAX_MAGNITUDE:g} in magnitude, got {x.size} samples"
+            f"the rendition must have at least ten samples, which must not be silent or exceed a magnitude "
+            f"of {MAX_MAGNITUDE:g}, got {x.size} samples"
         )
     model = autoregressive.fit(x - x.mean(), order)
     lsf = line_spectrum.spread(line_spectrum.from_reflection(model.reflection))
@@ -291,14 +291,14 @@ def level_db(x: Samples) -> float:
 
 
 def describe_level_change(output: Samples, reference: Samples) -> str:
-    """Return, as text, by how many dB the RMS of an output (n,) differs from a reference (m,)."""
+    """Return as text the level difference in dB between an output (n,) and a reference (m,)."""
     if not np.any(reference):
         return "silence"
     return f"{level_db(output) - level_db(reference):+.2f} dB"
 
 
 def _range_note(value: float, bounds: tuple[float, float]) -> str:
-    """Return text if a value lies outside the range of a texture, else an empty string."""
+    """Return a note if a value is outside the range of a texture, else an empty string."""
     is_inside = bounds[0] == bounds[1] or bounds[0] * (1 - 1e-9) <= value <= bounds[1] * (1 + 1e-9)
     return "" if is_inside else f", outside the range of the texture, {bounds[0]:.4g} to {bounds[1]:.4g}"
 
@@ -308,14 +308,14 @@ def _render(texture: Playable, speed: float, force: float, seconds: float, seed:
     n_settling, n = round(SETTLING_S * texture.fs), max(round(seconds * texture.fs), 1)
     if length_mm := getattr(
         texture, "length_mm", 0.0
-    ):  # whole periods, so that it starts at the first feature
+    ):  # whole periods, so that the vibration starts at the first feature
         n_settling = round(np.ceil(SETTLING_S * speed / length_mm) * length_mm / speed * texture.fs)
     direction = getattr(texture, "direction", (1.0, 0.0))
     return constant_stroke(texture, speed, force, n, n_settling=n_settling, direction=direction, seed=seed)
 
 
 def _describe_range(texture: Playable, x: Samples, ends: list[tuple[float, float]], seed: int) -> str:
-    """Return, as text, the level at the ends of a range of (speed, force) relative to the level of x."""
+    """Return as text the level at both ends of a range of (speed, force), relative to the level of x."""
     if ends[0] == ends[1]:
         return "the texture has only this value"
     length_mm = float(getattr(texture, "length_mm", 0.0))

@@ -1,8 +1,8 @@
-"""Native texture files (.texture): write, read and describe textures, tap libraries and planned scenes.
+"""Write, read and describe native files (.texture) of textures, tap libraries and planned scenes.
 
-A `.texture` file is a safetensors file of arrays with a JSON header; it cannot execute anything. The header
-contains the family of the object, its unit and its parameters. A SHA-256 checksum of header and arrays
-detects damage, not forgery. A packed texture is stored as its bytes alone.
+A `.texture` file is a safetensors file of arrays with a JSON header; loading it never executes code. The
+header contains the family of the object, its unit and its parameters. A SHA-256 checksum of header and arrays
+detects damage, but not manipulation. A packed texture is stored as its bytes, without a header.
 """
 
 import hashlib
@@ -41,13 +41,13 @@ TEXTURES: dict[str, str | type[Serializable]] = {
     "oeztuerk2018-frequencies": "texclass.haptics.textures.oeztuerk2018:FrequencyTexture",
     "oeztuerk2018-lpc": "texclass.haptics.textures.oeztuerk2018:LpcTexture",
 }
-"""Allow-list of families and their classes; no other class is created from a file."""
+"""Allow-list of families and their classes; only these classes are created from a file."""
 TAPS: dict[str, str | type[Serializable]] = {
     "okamura2001": "texclass.haptics.textures.okamura2001:TapLibrary"
 }
 SUFFIX = ".texture"
 VERSION = 2
-"""Version of the header. Files of version 1 are ZIP archives."""
+"""Version of the file format. Files of version 1 are ZIP archives."""
 MAX_FILE_BYTES, MAX_HEADER_BYTES = 64 << 20, 4 << 20
 _KEY = "texclass"
 
@@ -55,7 +55,7 @@ _KEY = "texclass"
 def save_texture(texture: Serializable, path: str | Path, *, unit: str | None = None) -> Path:
     """Write a texture or a tap library to a file.
 
-    The write is atomic: an existing file is replaced by the complete new one.
+    The write is atomic: an existing file is replaced only after the new file is complete.
 
     Parameters
     ----------
@@ -64,7 +64,8 @@ def save_texture(texture: Serializable, path: str | Path, *, unit: str | None = 
     path : str or Path
         File to write; must end in `.texture`.
     unit : str, optional
-        Unit of the vibration: m/s^2, g, mg, counts, V or arbitrary (default: that of the texture, or m/s^2).
+        Unit of the vibration: m/s^2, g, mg, counts, V or arbitrary (default: the unit of the texture, or
+        m/s^2).
 
     Returns
     -------
@@ -74,7 +75,7 @@ def save_texture(texture: Serializable, path: str | Path, *, unit: str | None = 
     Raises
     ------
     ValueError
-        If the path has another suffix, or the texture contains values that a file cannot store.
+        If the path does not end in `.texture`, or the texture contains values that a file cannot store.
 
     Examples
     --------
@@ -96,7 +97,7 @@ def save_texture(texture: Serializable, path: str | Path, *, unit: str | None = 
 
 
 def load_texture(path: str | Path) -> Texture:
-    """Return the texture of a `.texture` or HaTT `.xml` file; it renders the same samples as before.
+    """Load the texture in a `.texture` or HaTT `.xml` file; it renders the same samples as the saved texture.
 
     Parameters
     ----------
@@ -106,7 +107,7 @@ def load_texture(path: str | Path) -> Texture:
     Raises
     ------
     ValueError
-        If the file is damaged, contains another kind of object, or has a value that is not valid.
+        If the file is damaged, does not contain a texture, or contains an invalid value.
     OSError
         If the file cannot be read.
 
@@ -127,7 +128,7 @@ def load_texture(path: str | Path) -> Texture:
 
 
 def _read_packed(path: Path) -> PackedTexture | None:
-    """Return the packed texture of a file, or None if the file is a container."""
+    """Return the packed texture in a file, or None if the file has another format."""
     data = read_limited(path, MAX_FILE_BYTES)
     if not data or data[0] != MARK:
         return None
@@ -138,7 +139,7 @@ def _read_packed(path: Path) -> PackedTexture | None:
 
 
 def load_taps(path: str | Path) -> "TapLibrary":
-    """Return the tap library of a file.
+    """Load the tap library in a file.
 
     Parameters
     ----------
@@ -204,12 +205,12 @@ def describe(path: str | Path) -> dict[str, Any]:
             "format": f"texclass texture {header.version}",
             "written by": f"texclass {header.texclass}",
         }
-    # shapes by the last part of the name; the number of values where several arrays share it
+    # shape for each last part of an array name; number of values if several arrays share that part
     shapes = dict[str, list[int]]()
     for name, array in arrays.items():
         last = name.rpartition(".")[2]
         shapes[last] = [int(np.prod(shapes[last])) + array.size] if last in shapes else list(array.shape)
-    # arrays with one row per point, triangle, feature or mode
+    # number of rows, which are points, triangles, features or modes
     point_arrays = "speed", "triangles", "speeds", "centres", "u", "position_mm", "frequency_hz"
     return {
         "family": header.family,
@@ -226,12 +227,12 @@ def describe(path: str | Path) -> dict[str, Any]:
 
 
 class Header(StrictModel):
-    """Header of a file.
+    """Header of a `.texture` file.
 
     Attributes
     ----------
     family : str
-        Kind of texture, tap library or scene.
+        Family of the object, for example "hatt" or "taps".
     name : str
         Name of the surface or scene.
     fs : float or None
@@ -239,9 +240,9 @@ class Header(StrictModel):
     unit : str
         Unit of the vibration.
     order, operations : number or None
-        Order of the models and operations per rendered sample, if the family has them.
+        Order of the models and operations per rendered sample; None if the family does not define them.
     parameters : mapping
-        Fields that are not arrays; see `texclass.haptics.textures.contract`.
+        Parameters that are not arrays; see `texclass.haptics.textures.contract`.
     texclass, version
         Version of texclass that wrote the file, and of the format.
     sha256 : str
@@ -263,12 +264,12 @@ class Header(StrictModel):
 
 
 def make_header(stored: Serializable, unit: str, where: object) -> Header:
-    """Return the header of a texture, tap library or scene; `where` is named in messages."""
+    """Return the header of a texture, tap library or scene; `where` appears in error messages."""
     try:
         parameters = json.loads(json.dumps(stored.parameters(), allow_nan=False, sort_keys=True))
     except (TypeError, ValueError, RecursionError) as error:
         raise ValueError(
-            f"{where}: the parameters cannot be written as JSON ({error}). Expected numbers and text"
+            f"{where}: the parameters cannot be written as JSON ({error}). Expected finite numbers and text"
         ) from error
     facts = {key: getattr(stored, key, None) for key in ("fs", "order", "operations")}
     content = {"family": stored.family, "name": getattr(stored, "name", ""), "unit": unit, **facts}
@@ -291,18 +292,18 @@ def write_object(stored: Serializable, path: str | Path, *, unit: str) -> Path:
 
 
 def to_bytes(header: Header, arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """Return the bytes of a file, with its checksum; equal contents give equal bytes."""
+    """Return the bytes of a file, including the checksum; equal contents give equal bytes."""
     complete = header.model_copy(update={"sha256": _digest(header, arrays)})
     return save(dict(arrays), {_KEY: complete.model_dump_json()})
 
 
 def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
-    """Return header and arrays of a file after all checks of the container.
+    """Read and validate header and arrays of a file.
 
     Raises
     ------
     ValueError
-        If the file is damaged, has another version, or has a value that is not valid.
+        If the file is damaged, has another version, or contains an invalid value.
     OSError
         If the file cannot be read.
     """
@@ -310,8 +311,8 @@ def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
     start = read_limited(path, MAX_FILE_BYTES)[:8]
     if start[:2] == b"PK":
         raise ValueError(
-            f"{path} was written by texclass 0.1. Expected version {VERSION}: fit or convert the texture "
-            "again and save it, or plan the scene again (texclass scene plan)"
+            f"{path} was written by texclass 0.1. Expected format version {VERSION}. Fit or convert the "
+            "texture again, or plan the scene again (texclass scene plan)"
         )
     if int.from_bytes(start, "little") > MAX_HEADER_BYTES:
         raise ValueError(
@@ -325,7 +326,7 @@ def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
             for name, part in slices.items():
                 if part.get_dtype() not in ("F64", "I64") or len(part.get_shape()) > 4:
                     raise ValueError(
-                        f"array {name!r:.80} is {part.get_dtype()} with {len(part.get_shape())} axes"
+                        f"array {name!r:.80} has dtype {part.get_dtype()} and {len(part.get_shape())} axes"
                     )
             arrays = {name: file.get_tensor(name) for name in slices}
         content = from_json(text, allow_inf_nan=False)
@@ -333,9 +334,11 @@ def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
         raise ValueError(f"{path} is damaged ({error}). Expected a complete {SUFFIX} file") from error
     header = validate(Header, content, path)
     if text != header.model_dump_json():
-        raise ValueError(f"{path}: the header has another form than texclass writes. Expected each key once")
+        raise ValueError(
+            f"{path}: the header was not written by texclass. Save the object again with texclass"
+        )
     if header.sha256 != _digest(header, arrays):
-        raise ValueError(f"{path} is damaged: its SHA-256 checksum is wrong. Expected unchanged data")
+        raise ValueError(f"{path} is damaged: wrong SHA-256 checksum. Copy or save the file again")
     _check_arrays(arrays, path)
     return header, arrays
 
@@ -353,19 +356,21 @@ def read_object(path: str | Path, families: Mapping[str, str | type[Serializable
     Raises
     ------
     ValueError
-        As `read_container`, if the family is not in the list, or a value is refused by the class.
+        As `read_container`; also if the family is not in the list, or the class rejects a value.
     OSError
         If the file cannot be read.
     """
     header, arrays = read_container(path)
     if header.family not in families:
         names = ", ".join(sorted(families))
-        raise ValueError(f"{path} contains {header.family!r:.80}. Expected one of {names}")
+        raise ValueError(
+            f"{path} contains an object of the family {header.family!r:.80}. Expected one of {names}"
+        )
     cls = families[header.family]
     if isinstance(cls, str):
         cls = pkgutil.resolve_name(cls)
     try:
-        with np.errstate(all="ignore"):  # the class refuses implausible numbers itself
+        with np.errstate(all="ignore"):  # the class itself rejects implausible numbers
             restored = cls.restore(header.parameters, arrays)
     except (
         ValueError,
@@ -381,14 +386,19 @@ def read_object(path: str | Path, families: Mapping[str, str | type[Serializable
     declared = header.name, header.fs
     actual = getattr(restored, "name", ""), getattr(restored, "fs", None)
     if declared != actual:
-        raise ValueError(f"{path}: the header declares {declared}, the data have {actual}. Expected the same")
+        raise ValueError(
+            f"{path}: name and fs are {declared} in the header but {actual} in the data. "
+            "Save the object again"
+        )
     return restored
 
 
 def _check_arrays(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
     for name, array in arrays.items():
         if array.dtype not in (np.float64, np.int64) or not np.isfinite(array).all():
-            raise ValueError(f"{path}: array {name} must be finite float64 or int64, got {array.dtype}")
+            raise ValueError(
+                f"{path}: array {name} must contain finite float64 or int64 values, got {array.dtype}"
+            )
 
 
 def _digest(header: Header, arrays: Mapping[str, NDArray[Any]]) -> str:

@@ -1,9 +1,9 @@
-"""Vibrations as WAV files, for devices or for listening, with unit and peak in a comment.
+"""Write vibrations as WAV files, for haptic devices or for listening, and read them.
 
-The comment (LIST/INFO ICMT) contains, as JSON, the unit, the peak and the exact sampling rate. 32-bit float
-files contain the samples in their unit. 16-bit PCM files contain the samples divided by the peak, so that
-code 32767 is the peak. Audible files are 16-bit PCM at 48 kHz, which any player accepts; their comment also
-contains the gain, 1 / peak.
+A JSON comment (LIST/INFO ICMT) contains the unit, the peak and the exact sampling rate. 32-bit float files
+contain the samples in this unit. 16-bit PCM files contain the samples divided by the peak: code 32767 is the
+peak. Audible files are 16-bit PCM at 48 kHz, which any player accepts. Their comment also contains the gain,
+1 / peak.
 """
 
 import io
@@ -27,19 +27,19 @@ from texclass.validation import StrictModel, validate
 
 Encoding = Literal["float32", "pcm16", "audible"]
 FULL_SCALE = 32767
-"""Code of the peak in 16-bit files."""
+"""Integer code of the peak in 16-bit files."""
 MAX_FS = 1e9
 """Largest sampling rate of a file in Hz."""
 AUDIBLE_FS = 48_000.0
 """Sampling rate of audible files in Hz."""
 AUDIBLE_INPUT_FS, MAX_SHIFT_HZ = (20.0, 1e6), 10_000.0
-"""Range of sampling rates that are converted to 48 kHz, and largest frequency shift, both in Hz."""
+"""Range of sampling rates that can be converted to 48 kHz, and largest frequency shift, all in Hz."""
 _SUBTYPES = {"float32": "FLOAT", "pcm16": "PCM_16", "audible": "PCM_16"}
 
 
 @dataclass(frozen=True, eq=False)
 class Vibration:
-    """A vibration from a WAV file.
+    """A vibration read from a WAV file.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Vibration:
     fs : float
         Sampling rate in Hz.
     unit : str
-        Unit; "arbitrary" (full scale is 1) if the file has no comment of texclass.
+        Unit; "arbitrary" (with full scale 1) if the file contains no texclass comment.
     peak : float
         Largest magnitude before writing, in `unit`.
     shift_hz : float
@@ -80,19 +80,19 @@ def write_wav(
     samples : array_like of shape (n_samples,) or (n_samples, n_channels)
         Vibration in `unit`, at least one sample.
     fs : float
-        Sampling rate in Hz; rounded in the header, exact in the comment.
+        Sampling rate in Hz. The header contains the rounded value, the comment the exact value.
     unit : str
         Unit: m/s^2 (default), g, mg, counts, V or arbitrary.
     encoding : {"float32", "pcm16", "audible"}
-        Format. "pcm16" has a rounding error of at most peak / 65534. "audible" is "pcm16" of the result of
-        `to_audible`.
+        Sample format. "pcm16" has a rounding error of at most peak / 65534. "audible" applies `to_audible`
+        and then "pcm16".
     shift_hz : float
         Frequency shift for "audible" in Hz, see `to_audible`.
 
     Raises
     ------
     ValueError
-        If an argument is not valid.
+        If an argument is invalid.
     OSError
         If the file cannot be written; no partial file remains.
 
@@ -113,17 +113,17 @@ def write_wav(
         )
     if x.ndim not in (1, 2) or not x.size or not np.all(np.isfinite(x)):
         raise ValueError(
-            f"samples must have shape (n,) or (n, n_channels), n >= 1, and finite values, got shape {x.shape}"
+            f"samples must be finite and of shape (n,) or (n, n_channels) with n >= 1, got shape {x.shape}"
         )
     if not 1 <= fs <= MAX_FS:
-        raise ValueError(f"fs must be 1 to {MAX_FS:g} Hz, got {fs}")
+        raise ValueError(f"fs must be between 1 and {MAX_FS:g} Hz, got {fs}")
     if encoding == "audible":
         x, fs = to_audible(x, fs, shift_hz=shift_hz), AUDIBLE_FS
     elif shift_hz:
-        raise ValueError(f"shift_hz needs encoding 'audible', got {shift_hz} Hz with {encoding!r}")
+        raise ValueError(f"shift_hz requires encoding 'audible', got {shift_hz} Hz with {encoding!r}")
     peak = float(np.abs(x).max())
     if peak > float(np.finfo(np.float32).max):
-        raise ValueError(f"the peak must fit into a 32-bit float, got {peak:g}")
+        raise ValueError(f"the peak must be representable as a 32-bit float, got {peak:g}")
     if encoding == "float32":
         codes: NDArray[Any] = x.astype(np.float32)
     else:
@@ -140,7 +140,7 @@ def write_wav(
 
 
 def to_audible(samples: ArrayLike, fs: float, *, shift_hz: float = 0.0) -> Samples:
-    """Return a vibration at 48 kHz, shifted to higher frequencies that small loudspeakers can play.
+    """Resample a vibration to 48 kHz, and shift it to higher frequencies that small loudspeakers can play.
 
     Parameters
     ----------
@@ -149,22 +149,24 @@ def to_audible(samples: ArrayLike, fs: float, *, shift_hz: float = 0.0) -> Sampl
     fs : float
         Sampling rate in Hz.
     shift_hz : float
-        Frequency shift in Hz (default 0), by single-sideband modulation: level and duration stay.
+        Frequency shift in Hz (default 0) by single-sideband modulation, which preserves level and duration.
 
     Returns
     -------
-    ndarray of shape (ceil(n_samples * 48000 / fs),) or (the same, n_channels)
-        Vibration in the unit of the samples.
+    ndarray of shape (m,) or (m, n_channels)
+    Vibration in the unit of the samples, with m = ceil(n_samples * 48000 / fs).
 
     Raises
     ------
     ValueError
-        If the rate is not 20 Hz to 1 MHz, or the shift is not 0 to 10,000 Hz.
+        If `fs` is not between 20 Hz and 1 MHz, or the shift is not between 0 and 10,000 Hz.
     """
     if not AUDIBLE_INPUT_FS[0] <= fs <= AUDIBLE_INPUT_FS[1]:
-        raise ValueError(f"fs must be 20 to 1e6 Hz for audible files, got {fs} Hz. Use encoding 'float32'")
+        raise ValueError(
+            f"fs must be between 20 and 1e6 Hz for audible files, got {fs} Hz. Use encoding 'float32'"
+        )
     if not 0 <= shift_hz <= MAX_SHIFT_HZ:
-        raise ValueError(f"shift_hz must be 0 to {MAX_SHIFT_HZ:g} Hz, got {shift_hz}")
+        raise ValueError(f"shift_hz must be between 0 and {MAX_SHIFT_HZ:g} Hz, got {shift_hz}")
     x = np.asarray(samples, dtype=np.float64)
     x = resample(x, fs, AUDIBLE_FS)
     if not shift_hz:
@@ -175,13 +177,13 @@ def to_audible(samples: ArrayLike, fs: float, *, shift_hz: float = 0.0) -> Sampl
 
 
 def resample(x: Samples, fs: float, new_fs: float) -> Samples:
-    """Return samples (n, ...) at another sampling rate in Hz, band-limited to half of the lower rate."""
+    """Resample samples (n, ...) to another rate in Hz, band-limited to half the lower of the two rates."""
     ratio = Fraction(new_fs / fs).limit_denominator(1000)
     return np.asarray(resample_poly(x, ratio.numerator, ratio.denominator, axis=0))
 
 
 def read_wav(path: str | Path) -> Vibration:
-    """Return the vibration of a WAV file, in physical units if the file has a comment of texclass.
+    """Read a vibration from a WAV file, in physical units if the file contains a texclass comment.
 
     Parameters
     ----------
@@ -191,7 +193,7 @@ def read_wav(path: str | Path) -> Vibration:
     Raises
     ------
     ValueError
-        If the file is not a complete WAV file of float or 16-bit samples, or its comment is not valid.
+        If the file is not a complete WAV file of float or 16-bit samples, or its comment is invalid.
     OSError
         If the file cannot be read.
 
@@ -209,23 +211,27 @@ def read_wav(path: str | Path) -> Vibration:
     with path.open("rb") as file:
         head = file.read(12)
     size, declared_size = path.stat().st_size, int.from_bytes(head[4:8], "little") + 8
-    if head[:4] != b"RIFF" or head[8:] != b"WAVE" or declared_size > size:  # libsndfile reads partial files
+    if (
+        head[:4] != b"RIFF" or head[8:] != b"WAVE" or declared_size > size
+    ):  # libsndfile accepts incomplete files
         raise ValueError(
-            f"{path} is not a complete WAV file: {size} bytes, {declared_size} in the header. "
-            "Expected a RIFF WAVE file"
+            f"{path} is not a complete WAV file: it has {size} bytes, but the header declares "
+            f"{declared_size}. Expected a RIFF WAVE file"
         )
     try:
         with soundfile.SoundFile(path) as file:
             if file.format not in ("WAV", "WAVEX") or file.subtype not in _SUBTYPES.values():
-                raise ValueError(f"{path} is {file.format} {file.subtype}. Expected WAV with FLOAT or PCM_16")
+                raise ValueError(
+                    f"{path} has the format {file.format} {file.subtype}. Expected WAV with FLOAT or PCM_16"
+                )
             codes = file.read(dtype="int16" if file.subtype == "PCM_16" else "float64")
             rate, frames, comment = float(file.samplerate), file.frames, file.comment
     except (soundfile.SoundFileError, RuntimeError) as error:
         raise ValueError(f"{path} cannot be read as WAV ({error}). Expected a WAV file") from error
     if len(codes) < frames or not codes.size or not np.all(np.isfinite(codes)):
         raise ValueError(
-            f"{path} must contain all of its {frames} frames, at least one, with finite samples, "
-            f"got {len(codes)} frames"
+            f"{path} must contain {frames} frames, as declared in its header, and at least one, with finite "
+            f"samples, got {len(codes)} frames"
         )
     if '"texclass"' not in comment:
         x = codes / 32768.0 if codes.dtype == np.int16 else codes
@@ -237,14 +243,14 @@ def read_wav(path: str | Path) -> Vibration:
     note = validate(_Comment, content, f"{path}: comment")
     if not abs(note.fs - rate) <= 0.5:
         raise ValueError(
-            f"{path}: fs in the comment is {note.fs!r:.40}, in the header {rate:g}. Expected the same value"
+            f"{path}: fs is {note.fs!r:.40} in the comment but {rate:g} in the header. Write the file again"
         )
     x = codes * (note.peak / FULL_SCALE) if codes.dtype == np.int16 else codes
     return Vibration(x, note.fs, note.unit, note.peak, note.shift_hz)
 
 
 class _Comment(StrictModel):
-    """Comment of a WAV file that texclass writes."""
+    """JSON comment in WAV files written by texclass."""
 
     texclass: int
     unit: Unit

@@ -1,11 +1,11 @@
-"""Wavelet coding of MPEG haptics: encode a block of samples as a few bytes, and decode it.
+"""Encode and decode blocks of samples with the wavelet coding of MPEG haptics.
 
-1. A block is transformed with biorthogonal wavelets of 9 and 7 taps, mirrored at both ends.
-2. The coefficients are quantised relative to the largest.
-3. Their bit planes are coded from the highest down with zero trees (SPIHT).
-4. Each bit passes an adaptive arithmetic coder of 10 bits with seven contexts.
+1. A block is transformed with biorthogonal 9/7 wavelets, with mirrored boundaries.
+2. The coefficients are quantised relative to the largest coefficient.
+3. The bit planes of the coefficients are coded from the highest to the lowest with zero trees (SPIHT).
+4. Each bit is coded by an adaptive arithmetic coder with 10 bits and seven contexts.
 
-Encoding and decoding use the same traversal of the planes: when decoding, the coder returns the bits.
+Encoding and decoding share the code that traverses the planes. When decoding, the coder returns the bits.
 
 References
 ----------
@@ -35,12 +35,12 @@ MAX_COEFFICIENT = 16.875
 _RANGE = 1024
 """Range of the arithmetic coder: 10 bits."""
 _PLANES_BITS, _LARGEST_BITS = 4, 7
-# pywt pads all four filters with zeros to the same length; without the zeros they are symmetric
+# pywt pads all four filters with zeros to equal length; the filters are symmetric without this padding
 _LOW, _HIGH, _LOW_BACK, _HIGH_BACK = (np.trim_zeros(taps) for taps in pywt.Wavelet("bior4.4").filter_bank)
 
 
 class _Context(IntEnum):
-    """Contexts of the coder: header, sign, single coefficient, set of children or later, refinement."""
+    """Contexts of the coder: header, sign, single coefficient, sets of descendants, refinement."""
 
     HEAD, SIGN, SINGLE, CHILDREN, CHILD, GRANDCHILDREN, REFINE = range(7)
 
@@ -55,7 +55,7 @@ def transform(block: Samples) -> Samples:
 
 
 def inverse(coefficients: Samples) -> Samples:
-    """Return the block (n,) of wavelet coefficients (n,)."""
+    """Return the block (n,) with the wavelet coefficients (n,); inverse of `transform`."""
     rest = np.asarray(coefficients[:COARSEST], dtype=np.float64)
     while rest.size < coefficients.size:
         low, high = np.zeros((2, 2 * rest.size))
@@ -66,7 +66,7 @@ def inverse(coefficients: Samples) -> Samples:
 
 
 def encode(coefficients: Samples, planes: int = PLANES) -> bytes:
-    """Return the stream of coefficients (n,), at most `MAX_COEFFICIENT`; b"" for silence."""
+    """Encode coefficients (n,) of at most `MAX_COEFFICIENT` as a stream; return b"" for silence."""
     largest = float(np.abs(coefficients).max())
     steps = math.ceil(largest * 2**_LARGEST_BITS)
     above_1 = steps >= 2**_LARGEST_BITS
@@ -85,7 +85,7 @@ def encode(coefficients: Samples, planes: int = PLANES) -> bytes:
 
 
 def decode(stream: bytes, n: int) -> Samples:
-    """Return the wavelet coefficients (n,) of a stream; any bytes decode to finite numbers."""
+    """Decode a stream to wavelet coefficients (n,); arbitrary bytes decode to finite numbers."""
     if not stream:
         return np.zeros(n)
     coder = _Coder(np.unpackbits(np.frombuffer(stream, dtype=np.uint8)).tolist())
@@ -106,7 +106,7 @@ def _read_number(coder: "_Coder", n_bits: int) -> int:
 
 
 def _code_planes(values: NDArray[np.int64], top: int, coder: "_Coder") -> NDArray[np.int64]:
-    """Pass the bit planes of integers (n,) to the coder; return the integers that a decoder reconstructs.
+    """Code the bit planes of integers (n,); return the integers that a decoder reconstructs.
 
     The children of coefficient i are 2i and 2i + 1, at the same position one scale finer.
     """
@@ -114,7 +114,9 @@ def _code_planes(values: NDArray[np.int64], top: int, coder: "_Coder") -> NDArra
     max_descendant, max_grandchild = _largest_descendants(size)
     decoded, significant = np.zeros(n, dtype=np.int64), list[int]()
     singles = list(range(2 * COARSEST))
-    sets = [(i, False) for i in range(COARSEST, 2 * COARSEST)]  # root, and whether it starts at grandchildren
+    sets = [
+        (i, False) for i in range(COARSEST, 2 * COARSEST)
+    ]  # root coefficient, and whether the set starts at its grandchildren
 
     def is_significant(i: int, context: int) -> bool:
         if not coder.code(bool(size[i] >= level), context):
@@ -149,7 +151,7 @@ def _code_planes(values: NDArray[np.int64], top: int, coder: "_Coder") -> NDArra
 
 
 def _largest_descendants(size: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the largest magnitude of all descendants, and from grandchildren on, of each coefficient."""
+    """Return for each coefficient the largest magnitude of all descendants, and from grandchildren on."""
     n = size.size
     descendant, grandchild = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     first = n // 4
@@ -163,7 +165,7 @@ def _largest_descendants(size: NDArray[np.int64]) -> tuple[NDArray[np.int64], ND
 
 
 class _Coder:
-    """Adaptive arithmetic coder that writes bits, or reads them from an input of zeros and ones.
+    """Adaptive arithmetic coder that encodes bits, or decodes them from a sequence of zeros and ones.
 
     The interval [low, high) is split in proportion to the frequency of zeros in the context. It is doubled
     whenever it fits into one half, or into the middle half (the bit is then pending until it is determined).
@@ -212,11 +214,11 @@ class _Coder:
         self._pending = 0
 
     def _next(self) -> int:
-        """Return the next bit of the input; zeros follow its end."""
+        """Return the next bit of the input; the input is padded with zeros."""
         source, position = self._source or (), self._position
         self._position += 1
         return source[position] if position < len(source) else 0
 
     def finish(self) -> bytes:
-        """Return the bytes: one more bit selects the middle of the interval, zeros may follow it."""
+        """Return the bytes. One more bit selects the middle of the interval; any zeros may follow."""
         return np.packbits([*self._bits, 1]).tobytes()

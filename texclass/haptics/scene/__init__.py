@@ -1,4 +1,4 @@
-"""Scenes: the cheapest model of each surface within a tolerance, and a real-time renderer for all of them."""
+"""Plan scenes, with the cheapest model of each surface within a tolerance, and render them in real time."""
 
 import lazy_loader
 

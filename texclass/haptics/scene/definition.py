@@ -1,4 +1,4 @@
-"""Scene files (TOML) and hand paths (CSV), with strict validation.
+"""Read and validate scene files (TOML) and hand paths (CSV).
 
 A scene file defines the surfaces, the device, the motion of the hand, the tolerance and the budget.
 """
@@ -31,12 +31,12 @@ COLUMNS = ("time", "x", "y", "force", "surface")
 
 def _check_range(pair: tuple[float, float]) -> tuple[float, float]:
     if not 0 <= pair[0] <= pair[1]:
-        raise ValueError(f"must be two rising numbers of at least 0, got {list(pair)}")
+        raise ValueError(f"must be two increasing, non-negative numbers, got {list(pair)}")
     return pair
 
 
 def _resolve_file(path: Path, info: ValidationInfo) -> Path:
-    """Return a file path relative to the scene file, whose own path is the validation context."""
+    """Resolve a file path relative to the scene file, whose path is the validation context."""
     file = Path(info.context or "").parent / os.path.expanduser(path)  # does not raise for an unknown user
     if not os.path.isfile(file):  # Path.is_file raises if the name is too long
         raise ValueError(f"must be an existing file, got {str(path)!r:.200}")
@@ -93,7 +93,9 @@ class Device(StrictModel):
     @model_validator(mode="after")
     def _check_band(self) -> Self:
         if not self.band_hz[0] < self.band_hz[1] <= self.rate_hz / 2:
-            raise ValueError(f"band_hz must rise and end at most at rate_hz / 2, got {list(self.band_hz)}")
+            raise ValueError(
+                f"band_hz must increase and end at or below rate_hz / 2, got {list(self.band_hz)}"
+            )
         return self
 
 
@@ -107,7 +109,7 @@ class MotionRange(StrictModel):
     forces_n : (float, float)
         Lowest and highest normal force in N, both positive.
     path : Path or None
-        CSV file whose 5th and 95th percentiles give both ranges, see `read_path`.
+        Hand path (CSV, see `read_path`) whose 5th and 95th percentiles of speed and force define both ranges.
 
     Examples
     --------
@@ -137,7 +139,7 @@ class MotionRange(StrictModel):
     def _check_positive(self) -> Self:
         for key in ("speeds_mm_s", "forces_n"):
             if not getattr(self, key)[0] > 0:
-                raise ValueError(f"{key} must begin above 0, got {getattr(self, key)[0]:g}")
+                raise ValueError(f"the lower end of {key} must be positive, got {getattr(self, key)[0]:g}")
         return self
 
 
@@ -148,18 +150,18 @@ class Tolerance(StrictModel):
     ----------
     score : {"log_spectral_db", "band_db", "gfc"}
         "log_spectral_db": RMS difference of the power spectra in dB, over 64 equal subbands.
-        "band_db": the same over third-octave bands.
-        "gfc": goodness of fit of the amplitude spectra, which ignores the level.
+        "band_db": RMS difference of the power spectra in dB, over third-octave bands.
+        "gfc": goodness-of-fit criterion of the amplitude spectra, which ignores the level.
     limit : float
-        Largest score in dB; for "gfc" the smallest score.
+        Largest accepted score in dB; for "gfc", the smallest accepted score.
     aggregate : {"worst", "mean"}
-        Whether the worst test point must be within the limits (default), or the mean.
+        Whether the limits apply to the worst test point (default) or to the mean over the test points.
     level_db : float or None
-        Largest level error in dB. None (default): no separate limit, since the scores in dB include the
-        level. Default 3 for "gfc".
+        Largest accepted level error in dB. The default is 3 for "gfc", and None (no separate limit) for the
+        scores in dB, which include the level.
     slope_db : float
-        Largest error of the level change per doubling of speed or force, in dB, over all test points
-        (default 1.5). It keeps a model from ignoring the speed while its mean error is within the limits.
+        Largest accepted error of the level change per doubling of speed or force, in dB, over all test points
+        (default 1.5). This limit rejects models that ignore the speed although their mean error is small.
 
     Examples
     --------
@@ -194,9 +196,9 @@ class Budget(StrictModel):
     Attributes
     ----------
     microseconds : float
-        Time per sample in us, for all contacts together.
+        Time per sample for all contacts together, in us.
     bytes : int
-        Memory of the renderer.
+        Memory of the renderer in bytes.
     contacts : int
         Number of simultaneous contacts, 1 to 1000.
 
@@ -217,7 +219,7 @@ class RecordingDefinition(StrictModel):
     Attributes
     ----------
     file : Path
-        Recording, in any format that `texclass.load_recording` reads.
+        Recording file in any format that `texclass.load_recording` supports.
     speed : float or str
         Constant speed in mm/s, or the name of the column that contains it.
     force : float or str
@@ -244,7 +246,9 @@ class RecordingDefinition(StrictModel):
 
 
 class SurfaceDefinition(StrictModel):
-    """Table `[surfaces.NAME]`: the source of one surface, exactly one of four.
+    """Table `[surfaces.NAME]`: the source of one surface.
+
+    Define exactly one of `texture`, `simulated`, `recordings` and `dataset`.
 
     Attributes
     ----------
@@ -259,7 +263,7 @@ class SurfaceDefinition(StrictModel):
     surface : str or None
         Surface of the dataset (default: NAME).
     friction : float or None
-        Kinetic friction coefficient, if available; it limits the number of speeds of the model.
+        Kinetic friction coefficient (optional). It limits the number of speed nodes of the model.
 
     Examples
     --------
@@ -281,12 +285,12 @@ class SurfaceDefinition(StrictModel):
         if len(defined) != 1:
             raise ValueError(f"must define exactly one of {', '.join(sources)}, got {defined}")
         if self.surface and not self.dataset:
-            raise ValueError(f"surface requires dataset, got surface {self.surface!r} alone")
+            raise ValueError(f"the key surface requires the key dataset, got only surface = {self.surface!r}")
         return self
 
 
 class SceneDefinition(StrictModel):
-    """Content of a scene file. Paths in the file are relative to it.
+    """Content of a scene file. Relative paths are resolved from the folder of the file.
 
     Attributes
     ----------
@@ -348,13 +352,13 @@ def read_scene(name_or_path: str | Path) -> SceneDefinition:
     Returns
     -------
     SceneDefinition
-        Validated scene; paths are relative to its file.
+        Validated scene, with paths resolved from the folder of the file.
 
     Raises
     ------
     ValueError
-        If the file is not valid TOML, or a key is missing, unknown or has an invalid value. The message
-        names file, key and value.
+        If the file is not valid TOML, a key is missing or unknown, or a value is invalid. The message
+        contains the file, the key and the value.
     FileNotFoundError
         If the file does not exist.
 
@@ -378,8 +382,8 @@ def read_scene(name_or_path: str | Path) -> SceneDefinition:
 def scene_from_texture(file: str | Path) -> SceneDefinition:
     """Return a scene that contains a single texture file.
 
-    The device renders at most 2 kHz, from 20 Hz to 0.45 of its sampling rate, in the unit of the texture. The
-    motion is 40 to 200 mm/s and 0.4 to 2 N, and the tolerance 3 dB.
+    The device has a sampling rate of at most 2 kHz, a band from 20 Hz to 0.45 times this rate, and the unit
+    of the texture. The motion range is 40 to 200 mm/s and 0.4 to 2 N. The tolerance is 3 dB.
 
     Parameters
     ----------
@@ -417,9 +421,7 @@ def scene_from_texture(file: str | Path) -> SceneDefinition:
     path = Path(file)
     facts = describe(path)
     if facts["fs"] is None:
-        raise ValueError(
-            f"{path}: must contain a texture, got {facts['family']!r}, which has no sampling rate"
-        )
+        raise ValueError(f"{path}: expected a texture, got {facts['family']!r}, which has no sampling rate")
     rate = min(float(facts["fs"]), 2000.0)
     band = (min(20.0, 0.1 * rate), 0.45 * rate)
     name = facts["name"] or path.stem
@@ -439,18 +441,18 @@ def scene_from_texture(file: str | Path) -> SceneDefinition:
 
 @dataclass(frozen=True, eq=False)
 class HandPath:
-    """Position and force of one contact over time, at any sampling times.
+    """Position and force of one contact over time; the sampling times need not be uniform.
 
     Attributes
     ----------
     time_s : ndarray of shape (n,)
-        Rising times in s.
+        Strictly increasing times in s.
     position_mm : ndarray of shape (n, 2)
         Position in mm.
     force_n : ndarray of shape (n,)
         Normal force in N.
     surfaces : tuple of (str or None) of length n
-        Surface in contact at each time; None without contact.
+        Touched surface at each time; None if there is no contact.
 
     Examples
     --------
@@ -473,17 +475,19 @@ class HandPath:
             return np.asarray(np.hypot(*np.gradient(self.position_mm, self.time_s, axis=0).T))
 
     def ranges(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Return the 5th and 95th percentile of speed (mm/s) and force (N) during contact.
+        """Return the 5th and 95th percentiles of speed (mm/s) and force (N) during contact.
 
         Raises
         ------
         ValueError
-            If a speed is infinite, or the path has no movement under force.
+            If a speed is infinite, or the path contains no movement with a positive force.
         """
         speed = self.speed_mm_s
         in_contact = (self.force_n > 0) & (speed > 0)
         if not np.isfinite(speed).all():
-            raise ValueError("path must have finite speeds, got infinity. Check the columns time, x and y")
+            raise ValueError(
+                "the speeds of the path must be finite, got infinity. Check the columns time, x and y"
+            )
         if not in_contact.any():
             raise ValueError("path must contain a movement with a positive force, got none")
         (slow, fast), (light, hard) = (
@@ -521,18 +525,18 @@ def read_path(file: str | Path) -> HandPath:
     Parameters
     ----------
     file : str or Path
-        CSV file with the columns time (s), x and y (mm), force (N) and surface. An empty surface means no
-        contact.
+        CSV file with the columns time (s), x and y (mm), force (N) and surface. An empty surface cell means
+        no contact.
 
     Returns
     -------
     HandPath
-        Path with the sampling times of the file.
+        Hand path at the sampling times of the file.
 
     Raises
     ------
     ValueError
-        If columns are missing or unknown, a number is not finite, or the time does not rise.
+        If columns are missing or unknown, a number is not finite, or the times do not increase.
     OSError
         If the file cannot be read.
 
@@ -561,7 +565,7 @@ def read_path(file: str | Path) -> HandPath:
     if len(t) < 2 or not np.isfinite(numbers).all() or np.any(np.diff(t) <= 0):
         row = int(np.argmin(np.isfinite(numbers).all(axis=1))) if len(t) else 0
         raise ValueError(
-            f"{file}: row {row + 2} is invalid. Expected finite numbers, a rising time and at least 2 rows"
+            f"{file}: row {row + 2} is invalid. Expected finite numbers, increasing times and at least 2 rows"
         )
     surfaces = tuple(None if pd.isna(name) else str(name) for name in table["surface"])
     return HandPath(t, np.column_stack([x, y]), force, surfaces)
@@ -575,7 +579,7 @@ def sweep_path(
     seconds: float = 2.0,
     fs: float = 1000.0,
 ) -> HandPath:
-    """Return a path that strokes one surface after the other, each with rising speed.
+    """Return a path that strokes the surfaces one after another, each with increasing speed.
 
     Parameters
     ----------
@@ -584,7 +588,7 @@ def sweep_path(
     speeds_mm_s : (float, float)
         First and last speed on each surface in mm/s.
     forces_n : (float, float)
-        Force at both ends and in the middle of each surface, in N.
+        Force at the beginning and end of each stroke, and force in the middle of the stroke, in N.
     seconds : float
         Duration on each surface in s (default 2).
     fs : float

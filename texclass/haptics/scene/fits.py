@@ -1,7 +1,7 @@
-"""Models of a surface at the nodes of a grid of speeds and forces, and the spectra of these models.
+"""Fit models of a surface at the nodes of a speed-force grid, and compute their spectra.
 
-Two kinds of models are cheap to render: autoregressive models, of which all orders up to the largest are
-evaluated at once, and a few spectral lines. Both can be combined.
+Two kinds of models are cheap to render: autoregressive models and models of a few spectral lines. They can
+be combined. All orders of an autoregressive model, up to the largest, are evaluated at once.
 """
 
 from dataclasses import dataclass
@@ -24,20 +24,21 @@ from texclass.vibration.autoregressive import from_autocorrelation
 from texclass.vibration.major_frequencies import strongest_lines
 
 LARGEST_ORDER = 400
-"""Largest model order, and the order that a plan is compared with; `oeztuerk2018`, figure 3.2."""
+"""Largest model order, and the reference order for the savings of a plan (`oeztuerk2018`, figure 3.2)."""
 LINE_WIDTH = 0.03
-"""Half width of a line relative to its frequency, in addition to two bins of the window; gratings of real
-surfaces are never quite regular."""
+"""Half width of a line relative to its frequency, in addition to two bins of the window. The ridges of real
+surfaces are not perfectly regular."""
 
 Axes = tuple[Samples, Samples]
 """Speeds (mm/s) and forces (N) of the nodes."""
 LineKind = Literal["fixed", "spatial"]
-"""A fixed line keeps its frequency (resonance); a spatial line is proportional to the speed (ridges)."""
+"""A fixed line has a constant frequency (resonance). The frequency of a spatial line is proportional to the
+speed (ridges)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LatticeGrid:
-    """Autoregressive models of all orders at the nodes of a grid, and the lines that they share.
+    """Autoregressive models of all orders at the nodes of a grid, with spectral lines common to all orders.
 
     Attributes
     ----------
@@ -46,7 +47,7 @@ class LatticeGrid:
     reflection : ndarray of shape (n_nodes, p)
         Reflection coefficients of the largest order; the model of order m uses the first m.
     noise_power : ndarray of shape (n_nodes, p + 1)
-        Mean square at which the process of order m has the power of the surface within the band.
+        Mean square of the process of order m that gives it the power of the surface within the band.
     line_power : ndarray of shape (n_nodes, n_lines)
         Power of each line.
     per_mm : ndarray of shape (n_lines,)
@@ -108,9 +109,9 @@ def fit_lattices(
 ) -> LatticeGrid:
     """Fit autoregressive models to the fitting set of a surface, at the nodes of a grid.
 
-    The fit uses the band of the device only. Beyond the band the spectrum is continued smoothly, and within
-    it the spectrum is at least the noise of the device. No order is spent on vibration that the device cannot
-    render or that its noise masks.
+    Only the band of the device is fitted. Outside the band the spectrum is extrapolated smoothly. Within the
+    band it is clipped from below at the noise of the device. Model orders are therefore not spent on
+    vibration that the device cannot render or that its noise masks.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ def fit_lattices(
     """
     noise, line_power = separate_lines(surface.fitting, per_mm, scorer)
     X = node_spectra(noise, axes, scorer)
-    # Beyond the band the spectrum is constant below and falls by 6 dB per octave above.
+    # The spectrum is constant below the band and falls by 6 dB per octave above it.
     f, (low, high) = scorer.frequencies, scorer.device.band_hz
     bins = np.flatnonzero((f >= low) & (f <= high))
     first, last = int(bins[0]), int(bins[-1])
@@ -153,7 +154,7 @@ def fit_lattices(
 def fit_lines(
     surface: SurfaceSpectra, scorer: SpectralScorer, axes: Axes, n_lines: int, kind: LineKind
 ) -> GridModel | None:
-    """Fit the strongest lines that do not beat with each other, each with the power of its neighbourhood.
+    """Fit the strongest lines that are too far apart to beat; each has the power of the bins nearest to it.
 
     Parameters
     ----------
@@ -166,12 +167,12 @@ def fit_lines(
     n_lines : int
         Number of lines.
     kind : {"fixed", "spatial"}
-        Whether frequencies are constant or proportional to the speed.
+        Whether the frequencies are constant ("fixed") or proportional to the speed ("spatial").
 
     Returns
     -------
     GridModel or None
-        None if the band has fewer lines.
+        Fitted model; None if the band contains fewer lines.
     """
     points, is_spatial = surface.fitting, kind == "spatial"
     middle = float(np.exp(np.mean(np.log(points.speed))))
@@ -207,7 +208,7 @@ def _grid_model(axes: Axes, k: Samples, line_power: Samples, total: Samples, **p
 def model_spectra(model: GridModel, points: OperatingPoints, scorer: SpectralScorer) -> Samples:
     """Return the power densities of a model at operating points.
 
-    Lines have the shape of the Hann window that the spectra of the surface were estimated with.
+    Lines have the shape of the Hann window with which the spectra of the surface were estimated.
 
     Parameters
     ----------
@@ -242,7 +243,8 @@ def _mixed_spectra(
     """Return the power densities of lattices with lines, (n_points, n_orders, n_bins).
 
     Each line at `line_hz` (n_points, n_lines) has its share (n_points, n_orders, n_lines) of the power
-    (n_points, n_orders). Noise through the lattice of coefficients k (n_points, p) has the rest.
+    (n_points, n_orders). The remaining power is noise filtered by the lattice of coefficients k (n_points,
+    p).
     """
     shapes = line_shapes(line_hz, scorer)
     spectra = np.einsum("nol,nlf->nof", power[..., np.newaxis] * line_share, shapes)
@@ -277,7 +279,7 @@ def unit_spectra(k: Samples, scorer: SpectralScorer) -> Samples:
 
 
 def line_shapes(hz: Samples, scorer: SpectralScorer) -> Samples:
-    """Return the power densities of lines with unit power, as a Hann window shows them.
+    """Return the power densities of lines with unit power, estimated with a Hann window.
 
     Lines at or above half the sampling rate are not rendered and have no power.
 
@@ -295,18 +297,18 @@ def line_shapes(hz: Samples, scorer: SpectralScorer) -> Samples:
     """
     width = scorer.device.rate_hz / scorer.n_segment
     bins = (scorer.frequencies - hz[..., np.newaxis]) / width
-    # The formula is 0 / 0 one bin from the line.
+    # The closed form is 0 / 0 at a distance of one bin from the line.
     regular = np.where(np.abs(np.abs(bins) - 1) < 1e-6, bins + 1e-5, bins)
     shape = (np.sinc(regular) / (1 - regular**2)) ** 2 / 1.5 / width
     return np.asarray(np.where(hz[..., np.newaxis] < scorer.device.rate_hz / 2, shape, 0.0))
 
 
 def node_spectra(points: OperatingPoints, axes: Axes, scorer: SpectralScorer) -> Samples:
-    """Return the power densities at the nodes: shapes from the nearest points, powers from all points.
+    """Return the power densities at the nodes: shape from the nearest points, power from all points.
 
-    A mean over distant points would blur resonances that move with the speed, whereas reflection coefficients
-    interpolated between two nodes let them move. Powers scatter more and follow simple laws, see
-    `node_powers`.
+    A mean over distant points would blur resonances whose frequency changes with the speed. Interpolating
+    reflection coefficients between two nodes preserves them. Powers scatter more and are fitted to all
+    points, see `node_powers`.
 
     Parameters
     ----------
@@ -329,7 +331,7 @@ def node_spectra(points: OperatingPoints, axes: Axes, scorer: SpectralScorer) ->
     speed, force = points.speed[has_power], points.force[has_power]
     v, f = (grid.ravel()[:, np.newaxis] for grid in np.meshgrid(*axes, indexing="ij"))
     octaves_squared = np.log2(speed / v) ** 2 + np.log2(force / f) ** 2
-    # The weight of a point halves at a distance of 0.24 octaves of speed and force.
+    # The weight of a point is halved at a distance of 0.24 octaves of speed and force.
     closeness = np.exp(-12.0 * (octaves_squared - octaves_squared.min(axis=1, keepdims=True)))
     closeness /= closeness.sum(axis=1, keepdims=True)
     shape = closeness @ (points.spectra[has_power] / power[has_power, np.newaxis])
@@ -340,8 +342,8 @@ def node_spectra(points: OperatingPoints, axes: Axes, scorer: SpectralScorer) ->
 def node_powers(weights: Samples, power: Samples, axes: Axes) -> Samples:
     """Return the maximum-likelihood powers at the nodes, see `fit_gamma_regression`.
 
-    ln power is a linear mixture of the nodes. The prior is a weak tie D'D to the neighbouring nodes, with D
-    the differences between neighbours; it matters only at nodes without points.
+    The log power at a point is interpolated linearly between the nodes. A weak prior D'D, with D the
+    differences between neighbouring nodes, determines the power of nodes without points.
 
     Parameters
     ----------
@@ -364,7 +366,7 @@ def node_powers(weights: Samples, power: Samples, axes: Axes) -> Samples:
 
 
 def spatial_frequencies(points: OperatingPoints, scorer: SpectralScorer, n_max: int) -> Samples:
-    """Return the spatial frequencies of ridges, the most prominent first.
+    """Return the spatial frequencies of ridges, in order of decreasing prominence.
 
     Parameters
     ----------
@@ -381,7 +383,7 @@ def spatial_frequencies(points: OperatingPoints, scorer: SpectralScorer, n_max: 
         Spatial frequencies in 1/mm, at most `n_max`.
     """
     if not len(points) or np.ptp(np.log(points.speed)) < np.log(1.5):
-        return np.zeros(0)  # lines that follow the speed cannot be identified at a single speed
+        return np.zeros(0)  # spatial lines cannot be identified at a single speed
     middle = float(np.exp(np.mean(np.log(points.speed))))
     low, high = scorer.device.band_hz
     s = np.geomspace(max(low, scorer.frequencies[2]) / middle, high / middle, 1000)
@@ -391,16 +393,16 @@ def spatial_frequencies(points: OperatingPoints, scorer: SpectralScorer, n_max: 
         log_ratio = np.log(S + scorer.noise_density) - np.log(noise + scorer.noise_density)
         in_band = (s * v >= low) & (s * v <= high)
         row[in_band] = np.interp(s[in_band] * v, scorer.frequencies, log_ratio)
-    # A frequency must lie in the band at a third of the points.
+    # A frequency must be within the band at one third of the points or more.
     has_points = np.isfinite(prominence).sum(axis=0) >= max(2, len(points) / 3)
     median = np.zeros(s.size)
     median[has_points] = np.nanmedian(prominence[:, has_points], axis=0)
-    # 1.8 dB above the noise in the median over points excludes fixed lines, which align at few speeds.
+    # A median prominence of 1.8 dB over all points excludes fixed lines, which align at few speeds only.
     return s[strongest_lines(median, s * middle, n_max, min_magnitude=np.log(1.5), width=LINE_WIDTH)]
 
 
 def median_spectrum(spectrum: Samples, scorer: SpectralScorer) -> Samples:
-    """Return the running median over 40 Hz of a spectrum (n_bins,): the noise level below its lines."""
+    """Return the running median of a spectrum (n_bins,) over 40 Hz, which is the noise level at its lines."""
     n = max(3, round(40.0 / scorer.frequencies[1]))
     return np.asarray(ndimage.median_filter(spectrum, n, mode="nearest"), dtype=np.float64)
 
@@ -410,8 +412,8 @@ def separate_lines(
 ) -> tuple[OperatingPoints, Samples]:
     """Separate spectra into noise and lines.
 
-    In the neighbourhood of a line the noise is the running median, and the line has the power above it. Where
-    two neighbourhoods overlap, the power belongs to the nearer line.
+    Near a line, the noise is the running median of the spectrum, and the power above the median belongs to
+    the line. Where two lines are close, the power belongs to the nearer one.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Measurements of a planned scene with its renderer: score of rendered spectra, time and memory."""
+"""Measure a planned scene with its renderer: score of the rendered spectra, time and memory."""
 
 import gc
 import time
@@ -23,13 +23,13 @@ class MeasurementSettings:
     Attributes
     ----------
     duration_s : float
-        Duration that is rendered at each operating point in s.
+        Rendered duration at each operating point in s.
     settle_s : float
-        Duration that is rendered before and discarded, in s.
+        Duration in s that is rendered first and discarded.
     n_samples : int
-        Number of timed samples of the whole scene.
+        Number of timed samples for the whole scene.
     n_surface_samples : int
-        Number of timed samples of each surface.
+        Number of timed samples for each surface.
     n_runs : int
         Number of runs. The time of each sample is the minimum over the runs, which excludes interruptions by
         other processes.
@@ -69,10 +69,10 @@ def render_points(model: GridModel, points: OperatingPoints, device: Device) -> 
 
 
 def measure_scene(scene: PlannedScene, definition: SceneDefinition) -> dict[str, Any]:
-    """Measure time per sample and memory of a planned scene, with the number of contacts of the budget.
+    """Measure time per sample and memory of a planned scene for the number of contacts in the budget.
 
-    Each contact moves from surface to surface, so that crossfades are included. Speed and force cover the
-    motion range of the definition. Each call renders one sample.
+    Each contact moves from surface to surface, which includes crossfades. Speed and force cover the motion
+    range of the definition. Each call renders one sample.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def measure_scene(scene: PlannedScene, definition: SceneDefinition) -> dict[str,
 
 
 def time_quantiles(nanoseconds: Samples) -> dict[str, float]:
-    """Return p50, p99, p999 and worst of times, in microseconds."""
+    """Return the quantiles p50, p99 and p999 and the maximum ("worst") of times, in microseconds."""
     quantiles = np.quantile(np.asarray(nanoseconds) / 1000, [0.5, 0.99, 0.999, 1.0])
     return dict(zip(("p50", "p99", "p999", "worst"), quantiles.tolist(), strict=True))
 
@@ -132,14 +132,14 @@ def time_steps(
 ) -> Samples:
     """Measure the time of each sample of all contacts, one call per sample, over a fixed path.
 
-    Call it inside `garbage_collection_off`, as a haptic loop would run.
+    Call this function inside `garbage_collection_off`, as in a haptic loop.
 
     Parameters
     ----------
     renderer : SceneRenderer
-        Renderer; it is reset.
+        Renderer to measure; it is reset first.
     surfaces : sequence of str
-        Surfaces that the contacts move over.
+        Surfaces that the contacts touch one after another.
     speeds, forces : (float, float)
         Range of speed (mm/s) and force (N).
     n_samples : int
@@ -177,7 +177,7 @@ def time_steps(
 
 @contextmanager
 def garbage_collection_off() -> Iterator[None]:
-    """Disable garbage collection, and exclude existing objects from the next collection."""
+    """Disable garbage collection, and exclude existing objects from later collections."""
     was_enabled = gc.isenabled()
     gc.collect()
     gc.freeze()
@@ -232,7 +232,7 @@ def render_path(scene: PlannedScene, path: HandPath, *, seed: int = 0) -> Render
     scene : PlannedScene
         Planned scene.
     path : HandPath
-        Path of the contact; it is resampled to the sampling rate of the scene.
+        Hand path of the contact, which is resampled to the sampling rate of the scene.
     seed : int
         Seed of the noise (default 0).
 
@@ -276,7 +276,7 @@ def render_path(scene: PlannedScene, path: HandPath, *, seed: int = 0) -> Render
 
 
 def default_path(scene: PlannedScene) -> HandPath:
-    """Return a sweep over all surfaces of a scene, within the speeds and forces of their models.
+    """Return a sweep over all surfaces of a scene, within the speed and force ranges of their models.
 
     Parameters
     ----------

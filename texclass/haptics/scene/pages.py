@@ -1,10 +1,10 @@
-"""HTML pages on which a planned scene, or one texture with sliders, can be stroked in a browser.
+"""Write HTML pages on which users stroke a planned scene, or one texture with sliders, in a browser.
 
-`web/kernels.js` has the functions of `render_kernels` and renders the same arrays, see
-`build_kernel_arrays`. A worklet resamples the vibration to the rate of the loudspeaker and limits its
-level. A page with sliders contains the models that `retouch` makes at some values of each scale;
-`web/sliders.js` interpolates between them. At these values the page renders the texture that `texclass
-convert --scale` writes.
+`web/kernels.js` contains the functions of `render_kernels` in JavaScript and renders the same arrays, see
+`build_kernel_arrays`. A worklet resamples the vibration to the sampling rate of the loudspeaker and limits
+its level. A page with sliders contains the models that `retouch` returns at some values of each scale, and
+`web/sliders.js` interpolates between these values. At the values themselves the page renders the same
+texture that `texclass convert --scale` writes.
 """
 
 import base64
@@ -30,20 +30,20 @@ from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
 
 MAX_FS = 44_100.0
-"""Largest sampling rate of a scene in Hz: the worklet only resamples up, to the rate of the loudspeaker."""
+"""Largest sampling rate of a scene in Hz; the worklet can only upsample, to the rate of the loudspeaker."""
 N_CONTACTS = 5
-"""Four pointers, and one contact for keys or a gamepad."""
+"""Number of contacts: four pointers, and one contact for the keyboard or a gamepad."""
 FULL_SCALE_FACTOR = 4.0
-"""Full scale relative to the RMS of the strongest surface at medium speed and force."""
+"""Ratio of full scale to the RMS of the strongest surface at medium speed and force."""
 TAP_M_S_PER_N = 0.1
-"""Impact velocity of a tap per force of the pointer, in m/s per N."""
+"""Impact velocity of a tap per unit of pointer force, in m/s per N."""
 SLIDER_VALUES = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
-"""Values of each scale for which a page contains a model, in addition to the texture's own value. `hard` and
-`sticky` use only the ends: `hard` follows a closed formula, and `sticky` is not audible."""
+"""Values of each scale for which a page contains a model, in addition to the texture's own value. Only the
+two ends are used for `hard`, which has a closed form, and for `sticky`, which is not audible."""
 MIN_DISTANCE = 0.5
-"""Smallest distance of slider values to the texture's own value."""
+"""Smallest distance between a slider value and the texture's own value."""
 MAX_BLEND_ERROR = 0.75
-"""Largest error of any scale halfway between two values of a slider, where the page interpolates."""
+"""Largest accepted error of any scale halfway between two slider values, where the page interpolates."""
 
 
 def scene_page(
@@ -53,21 +53,21 @@ def scene_page(
     title: str = "",
     sliders: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return an HTML page on which a planned scene can be stroked; it needs no network.
+    """Return a self-contained HTML page on which users stroke the surfaces of a planned scene.
 
-    Speed and force of the pointer drive the models in an AudioWorklet. Pressing a surface also taps it.
+    Speed and force of the pointer control the models in an AudioWorklet. Pressing a surface also taps it.
 
     Parameters
     ----------
     scene : PlannedScene
         Scene with a sampling rate of at most 44.1 kHz.
     taps : mapping of str to TapModel or DecayingModes, optional
-        Tap of each surface, in the unit of the scene; `DecayingModes` are those of a tap at 0.1 m/s. For
-        other surfaces a tap is estimated from the strongest resonance of the model.
+        Tap of each surface, in the unit of the scene; `DecayingModes` describe a tap at 0.1 m/s. If a surface
+        is missing, its tap is estimated from the strongest resonance of its model.
     title : str
         Title of the page (default: from the name of the scene).
     sliders : mapping, optional
-        Scales and command of `slider_page`.
+        Perceptual scales and command line, as set by `slider_page`.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def scene_page(
     if scene.fs > MAX_FS:
         raise ValueError(
             f"scene {scene.name}: sampling rate must be at most {MAX_FS:g} Hz for a page, got "
-            f"{scene.fs:g} Hz. Plan it with a lower device.rate_hz"
+            f"{scene.fs:g} Hz. Plan the scene with a lower device.rate_hz"
         )
     folder = files(__package__).joinpath("web")
     script_names = [
@@ -197,13 +197,13 @@ def slider_page(
     texture : Texture
         Texture to change, see `retouch`.
     file : str
-        File name of the texture in the command that the page shows (default "surface.texture").
+        File name of the texture in the displayed command (default "surface.texture").
     unit : str
         Unit of the vibration (default "m/s^2").
     n_bytes : int
         Size of each model in bytes (default 128), see `pack`.
     progress : callable, optional
-        Called with the number of finished scales, the number of scales, and the name of the next one.
+        Callback `progress(n_done, n_total, name)`; `name` is the next scale.
 
     Returns
     -------
@@ -315,7 +315,7 @@ def _display_unit(unit: str) -> str:
 
 
 def _estimate_tap(model: GridModel, scene: PlannedScene, middle: list[float], rms: float) -> TapModel | None:
-    """Return a tap at the strongest resonance of a model; its decay follows from the half-power bandwidth."""
+    """Estimate a tap from the strongest resonance of a model; its half-power bandwidth sets the decay."""
     if model.kind == "silence" or not rms:
         return None
     row = model.at(*([x] for x in middle))[0][0]
@@ -334,10 +334,10 @@ def _estimate_tap(model: GridModel, scene: PlannedScene, middle: list[float], rm
 def _slider_variants(
     texture: Texture, name: str, own_values: dict[str, float], base: PackedTexture, n_bytes: int, unit: str
 ) -> dict[float, PackedTexture]:
-    """Return the texture at values of a scale on both sides of its own value.
+    """Return the texture at several values of a scale, below and above its own value.
 
-    A side ends where a value cannot be reached, or where the interpolation halfway to it would change another
-    scale.
+    Each direction stops before the first value that cannot be reached, or for which interpolating halfway
+    would change another scale.
     """
     own_value = own_values[name]
     variants = {own_value: base}

@@ -1,8 +1,8 @@
-"""Planning of a scene: the cheapest model of each surface within the tolerance.
+"""Plan a scene: select the cheapest model of each surface within the tolerance.
 
 Candidate models are fitted to the fitting set of a surface, from cheap to expensive. A model is selected on
-the selection set, and accepted if it is within the tolerance on the test set. Surfaces that do not differ
-share a model.
+the selection set and accepted if it is within the tolerance on the test set. Surfaces share a model if that
+model is within the tolerance for each of them.
 """
 
 import json
@@ -48,7 +48,7 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Candidate models of a surface, from cheap to expensive.
+    """Settings of the search for the cheapest model of a surface.
 
     Attributes
     ----------
@@ -60,10 +60,10 @@ class SearchSettings:
     reduced_grids : tuple of (int, int)
         Numbers of nodes of the grids for lines and for high orders.
     stages : tuple of range
-        Model orders by stage. The search ends with the first stage that has a model well within the
-        tolerance.
+        Model orders of each stage. The search ends after the first stage with a model well within the
+        tolerance (see `stop_margin`).
     n_lines : tuple of int
-        Numbers of lines without a lattice; `oeztuerk2018`, section 3.2, has 2 to 30.
+        Numbers of lines of models without a lattice; `oeztuerk2018`, section 3.2, uses 2 to 30.
     stop_margin : float
         Fraction of the tolerance at which a stage ends the search.
     """
@@ -135,7 +135,7 @@ class ScenePlan:
     surfaces : tuple of PlannedSurface
         Selected model of each surface.
     scene : PlannedScene
-        Input of the renderer.
+        Planned scene, ready to render.
     measurement : dict
         Time and memory of the renderer, and the budget; see `measure_scene`.
 
@@ -172,7 +172,7 @@ class ScenePlan:
 
     @property
     def recognition_commands(self) -> tuple[str, ...]:
-        """Commands that find the fewest features to separate the surfaces of each dataset."""
+        """Commands that search for the fewest features that distinguish the surfaces of each dataset."""
         surfaces: dict[str, list[str]] = {}
         for name, surface in self.definition.surfaces.items():
             if surface.dataset is not None:
@@ -225,7 +225,7 @@ class ScenePlan:
         }
 
     def document(self) -> Document:
-        """Return a report: a table of the surfaces, reasons, budget, and a figure per surface."""
+        """Return a report with a table of the surfaces, reasons, budget, and one figure per surface."""
         content, tolerance = self._content, self.definition.tolerance
         microseconds = self.measurement["microseconds_per_surface"]
         rows = []
@@ -276,17 +276,18 @@ def plan_scene(
     scene : str, Path or SceneDefinition
         Name of a shipped scene ("example", "twenty"), path of a scene file, or result of `read_scene`.
     progress : callable, optional
-        Called with the number of finished surfaces, the number of surfaces, and "surfaces".
+        Callback `progress(n_done, n_total, "surfaces")`.
 
     Returns
     -------
     ScenePlan
-        Plan, also if the tolerance or the budget is exceeded; see `ScenePlan.is_feasible`.
+        Plan. It is returned even if the tolerance or the budget is exceeded; see `ScenePlan.is_feasible`.
 
     Raises
     ------
     ValueError, OSError
-        As `read_scene`, or if the source of a surface is damaged, too short or in another unit.
+        As `read_scene`, or if the source of a surface is damaged or too short, or its unit cannot be
+        converted.
 
     Examples
     --------
@@ -331,9 +332,9 @@ class Candidates:
     scorer : SpectralScorer
         Score and tolerance.
     motion : MotionRange
-        Range of the nodes.
+        Motion range that the nodes cover.
     grids : list of (LatticeGrid, ndarray of shape (p + 1,))
-        Lattices on different grids, and the tolerance ratio of each order; infinity if the order was not
+        Lattices on different grids, and the tolerance ratio of each order; infinity for orders that were not
         evaluated.
     """
 
@@ -343,7 +344,7 @@ class Candidates:
     grids: list[tuple[LatticeGrid, Samples]]
 
     def cheapest(self, margin: float, max_speeds: int = MAX_SPEEDS) -> GridModel | None:
-        """Return the model with fewest operations, then bytes, whose tolerance ratio is at most `margin`."""
+        """Return the model with fewest operations (then bytes) among those with a ratio up to `margin`."""
         if self.silence_ratio <= margin:
             return GridModel.silence()
         lattice, fs = self._cheapest_lattice(margin, max_speeds), self.scorer.device.rate_hz
@@ -358,7 +359,7 @@ class Candidates:
         return lattice
 
     def most_accurate(self) -> GridModel:
-        """Return the cheapest lattice within 5 % of the best tolerance ratio."""
+        """Return the cheapest lattice whose tolerance ratio is within 5 % of the best one."""
         best_ratio = min(float(ratios[1:].min()) for _, ratios in self.grids)
         model = self._cheapest_lattice(1.05 * best_ratio, MAX_SPEEDS)
         assert model is not None
@@ -384,14 +385,14 @@ class Candidates:
 def fit_candidates(spectra: SurfaceSpectra, scorer: SpectralScorer, motion: MotionRange) -> Candidates:
     """Fit models of all orders on all grids to a surface, and score them on the selection set.
 
-    After the first stage of orders only the reduced grids are used, to limit the time.
+    To limit the time, the stages after the first one use only the reduced grids.
     """
     points = spectra.fitting
     n_observed = [np.unique(np.round(values, 3)).size for values in (points.speed, points.force)]
     all_sizes = product(SEARCH.n_speeds, SEARCH.n_forces)
     sizes = [(n_v, n_f) for n_v, n_f in all_sizes if n_v <= n_observed[0] and n_f <= n_observed[1]]
     reduced_sizes = [size for size in sizes if size in SEARCH.reduced_grids]
-    # Lattices are also combined with the most prominent spatial lines.
+    # Each lattice is fitted without lines, and with the most prominent spatial lines.
     per_mm = spatial_frequencies(points, scorer, 12)
     line_sets = [per_mm[:n] for n in (2, 4, 8, per_mm.size) if 0 < n <= per_mm.size]
     candidates = Candidates(spectra, scorer, motion, [])
@@ -422,13 +423,13 @@ def grid_nodes(spectra: SurfaceSpectra, motion: MotionRange, size: tuple[int, in
     motion : MotionRange
         Motion range of the scene.
     size : (int, int)
-        Number of speeds and of forces.
+        Numbers of speed nodes and force nodes.
 
     Returns
     -------
     (ndarray, ndarray)
-        Speeds (mm/s) and forces (N). An axis with one node, or without overlap, has the geometric mean of the
-        fitting set.
+        Speeds (mm/s) and forces (N). An axis with a single node, or whose ranges do not overlap, consists of
+        the geometric mean of the fitting set.
     """
     axes = []
     ranges = (motion.speeds_mm_s, spectra.fitting.speed), (motion.forces_n, spectra.fitting.force)
@@ -442,9 +443,9 @@ def grid_nodes(spectra: SurfaceSpectra, motion: MotionRange, size: tuple[int, in
 
 
 def extend_to_lowest(model: GridModel, motion: MotionRange) -> GridModel:
-    """Return a model whose only speed or force is at most the lowest of the motion range.
+    """Lower the speed or force of a model with a single node on that axis to the start of the motion range.
 
-    The renderer fades out below the nodes of a model, which must not happen within the motion range.
+    The renderer fades out below the nodes of a model. This must not happen within the motion range.
     """
     lowest = motion.speeds_mm_s[0], motion.forces_n[0]
     axes = (np.minimum(a, low) if a.size == 1 else a for a, low in zip(model.axes, lowest, strict=True))
@@ -458,15 +459,16 @@ def _selection_score(model: GridModel, spectra: SurfaceSpectra, scorer: Spectral
 def select_model(
     spectra: SurfaceSpectra, surface: SurfaceDefinition, definition: SceneDefinition, scorer: SpectralScorer
 ) -> PlannedSurface:
-    """Return the cheapest model of a surface that is within the tolerance on the test set.
+    """Select the cheapest model of a surface that is within the tolerance on the test set.
 
     1. Fit the candidates.
-    2. Take the cheapest candidate within a margin of the tolerance on the selection set.
-    3. Render it and score it on the test set. Narrow the margin until it is within the tolerance.
-    4. If none is, return the most accurate candidate.
+    2. Select the cheapest candidate whose tolerance ratio on the selection set is at most the margin.
+    3. Render this candidate and score it on the test set. Reduce the margin until a candidate is within the
+    tolerance.
+    4. If no candidate is within the tolerance, return the most accurate one.
 
-    A friction coefficient limits the number of speeds first (`oeztuerk2018`, chapter 4), unless that is too
-    few.
+    If the friction coefficient is defined, it limits the number of speed nodes (`oeztuerk2018`, chapter 4).
+    The limit is dropped if no model within it meets the tolerance.
     """
     candidates, limits = fit_candidates(spectra, scorer, definition.motion), [(MAX_SPEEDS, "")]
     if surface.friction is not None:
@@ -498,7 +500,7 @@ def select_model(
 
 
 def _reason(candidates: Candidates, model: GridModel, margin: float, note: str) -> str:
-    """Return the tolerance ratios of the next cheaper candidates."""
+    """Return why a model was selected: the tolerance ratios of cheaper candidates, and the limits applied."""
     if model.kind == "silence":
         return "does not exceed the noise of the device by more than the tolerance"
     if model.kind == "lines":
@@ -522,10 +524,10 @@ def _reason(candidates: Candidates, model: GridModel, margin: float, note: str) 
 
 
 def share_models(surfaces: Sequence[PlannedSurface], scorer: SpectralScorer) -> tuple[PlannedSurface, ...]:
-    """Let surfaces share a model that is within the tolerance for them and needs no more operations.
+    """Share a model between surfaces if it is within the tolerance for them and needs no more operations.
 
-    Greedy set cover: the model that serves most of the remaining surfaces comes first; among equals, the
-    model with the fewest bytes.
+    Greedy set cover: repeatedly select the model that covers most of the remaining surfaces; ties are broken
+    by the smaller memory.
     """
     fs, own = scorer.device.rate_hz, {surface.name: surface for surface in surfaces}
     served: dict[str, dict[str, PlannedSurface]] = {name: {name: surface} for name, surface in own.items()}
@@ -556,7 +558,7 @@ def share_models(surfaces: Sequence[PlannedSurface], scorer: SpectralScorer) -> 
 
 
 def _notes(content: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the reasons, the test set, the saving, the budget, and the recognition commands."""
+    """Yield the notes of the report: reasons, test set, saving, budget, and recognition commands."""
     surfaces, measurement = content["surfaces"], content["measurement"]
     budget, fastest = measurement["budget"], measurement["microseconds"]
     single_run = measurement["microseconds_single_run"]

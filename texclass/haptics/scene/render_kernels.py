@@ -1,7 +1,7 @@
-"""Compiled loop over samples: each contact renders one model, or two during a crossfade.
+"""Compiled sample loop of the renderer: each contact renders one model, or two during a crossfade.
 
-Four arrays contain everything, and the loop allocates nothing. `bank` (numbers) and `index` (counts and
-offsets) describe the models; `state` (numbers) and `status` (integers) describe the contacts.
+All data are in four arrays, and the loop allocates no memory. `bank` (floats) and `index` (counts and
+offsets) describe the models; `state` (floats) and `status` (integers) describe the contacts.
 """
 
 from enum import IntEnum
@@ -15,12 +15,12 @@ from texclass.vibration.reflection import MAX_REFLECTION
 
 
 class Constant(IntEnum):
-    """Positions at the beginning of `bank`.
+    """Indices of the constants at the beginning of `bank`.
 
-    - SMOOTHING: share of the distance that the smoothed speed and force move per sample;
-    - UPDATE_INTERVAL: samples between two updates of the coefficients;
-    - FADE_SAMPLES: samples of a crossfade;
-    - REST_RATIO: the output fades in up to this ratio of the slowest speed;
+    - SMOOTHING: fraction of the remaining difference by which the smoothed speed and force change per sample;
+    - UPDATE_INTERVAL: number of samples between two updates of the coefficients;
+    - FADE_SAMPLES: number of samples of a crossfade;
+    - REST_RATIO: fraction of the slowest speed below which the output fades out linearly;
     - RADIANS_PER_HZ: 2 pi / fs;
     - OUTPUT_LIMIT: largest output of the device.
     """
@@ -31,8 +31,8 @@ class Constant(IntEnum):
 class Column(IntEnum):
     """Columns of `index`: sizes of a model, and offsets of its arrays in `bank`.
 
-    Speeds, forces and power are stored as logarithms. Bounds are the slowest speed, the lowest force and the
-    largest sample.
+    Speeds, forces and powers are stored as logarithms. The bounds are the slowest speed, the lowest force and
+    the largest sample.
     """
 
     N_LINES, ORDER, N_SPEEDS, N_FORCES = range(4)
@@ -42,7 +42,7 @@ class Column(IntEnum):
 class State(IntEnum):
     """Columns of `state`: velocity and force of the next sample, last output, smoothed speed and force.
 
-    From `VOICES` on there are two voices of 3 (order + lines + 1) numbers each.
+    The columns from `VOICES` on contain two voices of 3 (order + lines + 1) numbers each.
     """
 
     VX, VY, INPUT_FORCE, OUTPUT, SPEED, FORCE, VOICES = range(7)
@@ -63,12 +63,12 @@ class Status(IntEnum):
 
 NO_MODEL = -1
 UNSET = -1.0
-"""Loudness of a voice without a first sample; the first sample sets it without smoothing."""
+"""Loudness of a voice before its first sample. The first sample sets the loudness without smoothing."""
 
 
 @njit(cache=True, error_model="numpy")
 def draw_noise(status, contact):  # type: ignore[no-untyped-def]
-    """Return unit-variance white noise within 3.47 deviations: a sum of four 16-bit parts of SplitMix64."""
+    """Draw a sample of unit-variance white noise, at most 3.47: a sum of four 16-bit parts of SplitMix64."""
     z = np.uint64(status[contact, Status.NOISE]) + np.uint64(0x9E3779B97F4A7C15)
     status[contact, Status.NOISE] = np.int64(z)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -83,7 +83,7 @@ def draw_noise(status, contact):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def start_voice(index, state, status, contact, model, voice):  # type: ignore[no-untyped-def]
-    """Initialize a voice in its stationary state: all lattice residuals have unit variance."""
+    """Initialize a voice in its stationary state, in which all lattice residuals have unit variance."""
     p, n = index[model, Column.ORDER], index[model, Column.N_LINES]
     for m in range(p + 1):
         state[contact, voice + m] = draw_noise(status, contact)
@@ -96,8 +96,9 @@ def start_voice(index, state, status, contact, model, voice):  # type: ignore[no
 def render_voice(bank, index, state, status, contact, model, voice, update):  # type: ignore[no-untyped-def]
     """Return the next sample of one voice.
 
-    Array `b` contains the lattice state and the phases; `k` the reflection coefficients, the amplitudes and
-    the gain of the noise; `c` sqrt(1 - k^2), the phase steps and the smoothed loudness.
+    Part `b` of the voice contains the lattice state and the phases. Part `k` contains the reflection
+    coefficients, the amplitudes and the noise gain. Part `c` contains sqrt(1 - k^2), the phase steps and the
+    smoothed loudness.
     """
     row, layout = state[contact], index[model]
     p, n = layout[Column.ORDER], layout[Column.N_LINES]
@@ -155,7 +156,7 @@ def smooth_motion(bank, state, status, contact, vx, vy, force):  # type: ignore[
     row[State.SPEED] += smoothing * (v - row[State.SPEED])
     row[State.FORCE] += smoothing * (f - row[State.FORCE])
     for s in (State.SPEED, State.FORCE):
-        if row[s] < 1e-30:  # subnormal numbers are slow
+        if row[s] < 1e-30:  # avoids subnormal numbers, which are slow
             row[s] = 0.0
 
 
@@ -178,7 +179,7 @@ def start_crossfade(index, state, status, contact):  # type: ignore[no-untyped-d
 
 @njit(cache=True, error_model="numpy")
 def step(bank, index, state, status, contact, vx, vy, force):  # type: ignore[no-untyped-def]
-    """Return the next sample of a contact; NaN without any change if the input is not finite."""
+    """Return the next sample of a contact. If the input is not finite, return NaN and keep the state."""
     if not (np.isfinite(vx) and np.isfinite(vy) and np.isfinite(force)):
         return np.nan
     start_crossfade(index, state, status, contact)
@@ -212,7 +213,7 @@ def step(bank, index, state, status, contact, vx, vy, force):  # type: ignore[no
 
 @njit(cache=True, error_model="numpy")
 def step_all(bank, index, state, status):  # type: ignore[no-untyped-def]
-    """Render one sample of each contact from the motion in its state; return whether all are finite."""
+    """Render one sample of each contact from the motion in `state`; return whether all inputs are finite."""
     is_finite = True
     for c in range(state.shape[0]):
         vx, vy, force = state[c, State.VX], state[c, State.VY], state[c, State.INPUT_FORCE]
@@ -224,7 +225,7 @@ def step_all(bank, index, state, status):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def render_block(bank, index, state, status, velocity, force, models, out):  # type: ignore[no-untyped-def]
-    """Fill `out` (n_contacts, n); `models` has the model of each contact and sample, or shape (0, 0)."""
+    """Fill `out` (n_contacts, n). `models` is the model index per contact and sample, or has shape (0, 0)."""
     for t in range(force.shape[1]):
         for c in range(force.shape[0]):
             if models.size:

@@ -1,4 +1,4 @@
-"""A planned scene, its file format, and a renderer for several contacts without clicks."""
+"""Define planned scenes, their file format, and a click-free renderer for several contacts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ MAX_CONTACTS = 1000
 FADE_S = 0.02
 """Duration of the crossfade when a contact begins, ends or changes its model, in s."""
 SMOOTHING_S = 0.01
-"""Time constant at which the renderer smooths speed and force, in s."""
+"""Time constant of the smoothing of speed and force, in s."""
 REST_RATIO = 0.25
-"""The output fades linearly to silence below this ratio of the slowest speed of a model."""
+"""Fraction of the slowest speed of a model below which the output fades linearly to silence."""
 PEAK_FACTOR = 3.0
-"""Largest rendered sample relative to the largest recorded one (sqrt(2) times more during a crossfade)."""
+"""Limit of rendered samples relative to the largest recorded sample (sqrt(2) times more in a crossfade)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +47,9 @@ class PlannedScene(Serializable):
     contacts : int
         Number of simultaneous contacts.
     model_indices : mapping of str to int
-        Surface -> index of its model. Surfaces that do not differ share a model.
+        Surface -> index of its model. Several surfaces can share a model.
     models : sequence of GridModel
-        Models over the logarithms of speed and force.
+        Models with the axes speed and force and scale "log".
 
     Raises
     ------
@@ -81,16 +81,14 @@ class PlannedScene(Serializable):
         low, high = self.band_hz
         if not (0 <= low < high <= self.fs / 2 and np.isfinite(self.fs)):
             raise ValueError(
-                f"band_hz must rise and end at most at fs / 2, got {self.band_hz} Hz at fs {self.fs} Hz"
+                f"band_hz must increase and end at or below fs / 2, got {self.band_hz} Hz at fs {self.fs} Hz"
             )
         positive(self.largest_output, "largest output")
         if not 1 <= self.contacts <= MAX_CONTACTS:
             raise ValueError(f"contacts must be between 1 and {MAX_CONTACTS}, got {self.contacts!r:.40}")
         indices = list(self.model_indices.values())
         if not indices or any(not 0 <= i < len(self.models) for i in indices):
-            raise ValueError(
-                f"model_indices must map surfaces to one of {len(self.models)} models, got {indices}"
-            )
+            raise ValueError(f"model_indices must be between 0 and {len(self.models) - 1}, got {indices}")
         for model in self.models:
             if (len(model.axes), model.scale) != (2, "log"):
                 raise ValueError(
@@ -115,7 +113,7 @@ class PlannedScene(Serializable):
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample of one contact, mean over the surfaces."""
+        """Mean number of multiplications and additions per sample of one contact, over the surfaces."""
         return float(np.mean([self.model_of(name).operations(self.fs) for name in self.model_indices]))
 
     def save(self, path: str | Path) -> Path:
@@ -183,8 +181,8 @@ def build_kernel_arrays(scene: PlannedScene) -> tuple[Samples, NDArray[np.int64]
 class SceneRenderer:
     """Real-time renderer of a planned scene, one sample per call.
 
-    Every contact is an independent finger or tool. It touches one surface at a time, or none, and has its own
-    noise, so that contacts do not affect each other.
+    Every contact represents one finger or tool, which touches at most one surface at a time. Contacts are
+    independent: each has its own noise.
 
     Parameters
     ----------
@@ -213,8 +211,8 @@ class SceneRenderer:
 
     Notes
     -----
-    The constructor allocates all memory and compiles all functions, so that the first sample is as fast as
-    the others and `step` and `step_all` allocate nothing.
+    The constructor allocates all memory and compiles all functions. The first sample is therefore as fast as
+    all later ones, and `step` and `step_all` allocate no memory.
 
     Examples
     --------
@@ -242,7 +240,7 @@ class SceneRenderer:
         self._arrays = bank, index, self._state, self._status
         self.motion, self.output = self._state[:, : State.OUTPUT], self._state[:, State.OUTPUT]
         self.reset()
-        # Compile, or load the compiled code, before the first sample is due.
+        # Compile the functions, or load the compiled code, before the first sample is due.
         self.step(0, 0.0, 0.0, 0.0)
         self.step_all()
         self.process(np.zeros((n, 1, 2)), np.zeros((n, 1)))
@@ -262,7 +260,7 @@ class SceneRenderer:
         self._status[:, Status.NOISE] = seeds.view(np.int64)
 
     def touch(self, contact: int, surface: str | None) -> None:
-        """Move a contact to a surface, or end it (None), from the next sample on.
+        """Move a contact to another surface from the next sample on, or end the contact (None).
 
         Raises
         ------
@@ -281,7 +279,7 @@ class SceneRenderer:
         speed_x, speed_y : float
             Tangential velocity in mm/s.
         force : float
-            Normal force in N; 0 or less fades to silence.
+            Normal force in N. At 0 or below, the output fades to silence.
 
         Returns
         -------
@@ -303,17 +301,17 @@ class SceneRenderer:
     def step_all(self) -> Samples:
         """Render the next sample of every contact from `motion` into `output`.
 
-        One call gives the same samples as one call of `step` per contact.
+        The samples are the same as with one call of `step` per contact.
 
         Returns
         -------
         ndarray of shape (n_contacts,)
-            The array `output`.
+            The attribute `output`, which the next call overwrites.
 
         Raises
         ------
         ValueError
-            If `motion` contains NaN or infinity; the state of that contact does not change.
+            If `motion` contains NaN or infinity; the state of the affected contacts does not change.
         """
         if not kernels.step_all(*self._arrays):
             raise ValueError(f"motion must be finite, got {self.motion.tolist()}")
@@ -327,7 +325,7 @@ class SceneRenderer:
         *,
         out: Samples | None = None,
     ) -> Samples:
-        """Return the next block of samples of all contacts, identical to the samples of `step`.
+        """Return the next block of samples of all contacts. The samples are identical to those of `step`.
 
         Parameters
         ----------
@@ -336,7 +334,7 @@ class SceneRenderer:
         force : array_like of shape (n_contacts, n)
             Normal force in N.
         surfaces : sequence of shape (n_contacts, n), optional
-            Surface of each contact at each sample (default: surfaces of the last `touch`).
+            Surface of each contact at each sample (default: the surfaces set by `touch`).
         out : ndarray of shape (n_contacts, n), optional
             Output array (default: a new array).
 
@@ -379,7 +377,7 @@ class SceneRenderer:
 
 @dataclass(frozen=True, eq=False)
 class SceneSurface:
-    """One surface of a planned scene, with the interface of a texture.
+    """One surface of a planned scene, with the same interface as a texture.
 
     Parameters
     ----------
@@ -427,7 +425,7 @@ class SceneSurface:
         return self.scene.model_of(self.name).forces
 
     def renderer(self, *, seed: int = 0) -> "SurfaceRenderer":
-        """Return a renderer at rest.
+        """Return a renderer without motion.
 
         Parameters
         ----------
@@ -456,6 +454,6 @@ class SurfaceRenderer:
         return np.asarray(output[0])
 
     def reset(self) -> None:
-        """Return to rest and restart the noise."""
+        """Reset the motion and restart the noise."""
         self._renderer.reset()
         self._renderer.touch(0, self._name)

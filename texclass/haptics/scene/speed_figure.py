@@ -1,4 +1,4 @@
-"""Level and spectrum of a surface and of its model against the speed, as numbers and as a figure."""
+"""Compute and draw level and spectrum over speed, for a surface and its model."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 N_CURVE = 24
-"""Number of speeds of the level curves of the model."""
+"""Number of speeds on each level curve of the model."""
 
 
 def speed_dependence(
     model: GridModel, spectra: SurfaceSpectra, score: Score, scorer: SpectralScorer
 ) -> dict[str, Any]:
-    """Return levels and spectra of a surface and of its model against the speed.
+    """Return levels and spectra of a surface and its model as functions of the speed.
 
     Parameters
     ----------
@@ -51,9 +51,9 @@ def speed_dependence(
         - "unit": unit of the vibration;
         - "test": "speed" (mm/s), "force" (N), "level" and "model_level" of each point of the test set;
         - "fitting": "speed", "force" and "level" of the fitting and selection sets;
-        - "curve": level of the model over "speed" at the lowest, the median and the highest "force";
-        - "spectra": mean densities in dB of "surface" and "model" over "hz", for each third of the points,
-          with their mean "speeds";
+        - "curve": level of the model over "speed" for the lowest, median and highest "force";
+        - "spectra": mean power densities in dB of "surface" and "model" over "hz", for each third of the
+          points in order of speed, with the mean "speeds" of the thirds;
         - "slopes_db": level change of the surface per doubling of speed and of force.
     """
     fitting = _concatenate(spectra.fitting, spectra.selection)
@@ -104,7 +104,7 @@ def speed_dependence(
 
 
 def speed_figure(name: str, dependence: Mapping[str, Any], score: Score) -> Figure:
-    """Return the figure of a surface.
+    """Return the figure of the effect of speed on a surface and its model.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def speed_figure(name: str, dependence: Mapping[str, Any], score: Score) -> Figu
 
 
 def draw_speed(dependence: Mapping[str, Any], width: float) -> "Drawing":
-    """Draw the levels against the speed, and the spectra of surface and model at three speeds."""
+    """Draw the levels over speed, and the spectra of surface and model at three speeds."""
     from matplotlib.figure import Figure as Drawing
 
     is_narrow = width < style.WIDTH / 2

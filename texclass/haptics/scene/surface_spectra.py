@@ -1,7 +1,7 @@
-"""Power spectra of a surface at many speeds and forces, and the score of a model against them.
+"""Estimate power spectra of a surface at many speeds and forces, and score models against them.
 
-The spectra are divided into a fitting set, a selection set and a test set. They are compared within the band
-of the device and above its noise.
+The spectra are divided into a fitting set, a selection set and a test set. Only the part within the band of
+the device and above its noise is compared.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,11 +26,11 @@ from texclass.haptics.textures.contract import constant_stroke
 from texclass.recording import ACCELERATION_UNITS, Recording, Samples
 
 MAX_RESAMPLING_FACTOR = 1000
-"""Largest numerator and denominator of a resampling ratio: limits the length of the polyphase filter."""
+"""Largest numerator and denominator of a resampling ratio; this limits the length of the polyphase filter."""
 MIN_RELATIVE_POWER = 1e-12
-"""Power relative to the largest one (-120 dB) below which spectra are clipped; the device noise can be 0."""
+"""Floor of spectra relative to their largest power (-120 dB), needed because the device noise can be 0."""
 MIN_SLOPE_RATIO = 1.4
-"""Slopes need a ratio of at least this between the largest and the smallest speed or force."""
+"""Smallest ratio between the largest and the smallest speed (or force) for which a slope is computed."""
 
 Window = tuple[Samples, float, float]
 """Vibration at the device's sampling rate, its speed (mm/s) and its force (N)."""
@@ -42,7 +42,7 @@ Score = dict[str, Any]
 - "scores": score of each point, in the unit of the tolerance;
 - "level_errors_db": level of the model minus level of the surface, one per point;
 - "slope_errors_db": error of the level change per doubling of speed and of force;
-- "tolerance_ratio": the largest of these relative to its limit;
+- "tolerance_ratio": the largest of these errors, relative to its limit;
 - "within_tolerance": whether that ratio is at most 1.
 """
 
@@ -56,15 +56,16 @@ class SamplingSettings:
     min_speed_mm_s, min_force_n : float
         Windows of freehand recordings below this speed (mm/s) or force (N) are excluded.
     margin : float
-        Windows are used up to this fraction beyond the motion range of the scene.
+        Windows are used if they exceed the motion range of the scene by at most this fraction.
     duration_s : float
         Duration of the vibration at each speed and force in s.
     settle_s : float
-        Duration that is rendered before and discarded, in s.
+        Duration in s that is rendered first and discarded.
     n_speeds, n_forces : int
-        Size of the grid of the fitting set. The selection set lies between its points and at its corners.
+        Grid size of the fitting set. The selection set consists of the points midway between the grid points,
+        and the corners of the grid.
     n_test_points : int
-        Number of random speeds and forces of the test set.
+        Number of random speed-force pairs in the test set.
     """
 
     min_speed_mm_s: float = 5.0
@@ -82,7 +83,7 @@ SAMPLING = SamplingSettings()
 
 @dataclass(frozen=True)
 class SpectralScorer:
-    """Scores of model spectra against surface spectra, within the band of a device and above its noise.
+    """Score model spectra against surface spectra, within the band of a device and above its noise.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ class SpectralScorer:
     def frequencies(self) -> Samples:
         """Frequencies of the bins in Hz, shape (n_segment + 1,).
 
-        Segments are zero-padded to twice their length, so that the autocorrelation does not wrap around.
+        Segments are zero-padded to twice their length, which prevents circular autocorrelation.
         """
         width = self.device.rate_hz / (2 * self.n_segment)
         return np.asarray(np.arange(self.n_segment + 1) * width, dtype=np.float64)
@@ -135,7 +136,7 @@ class SpectralScorer:
         return self.device.noise_floor**2 / (high - low)
 
     def spectrum(self, x: ArrayLike) -> Samples:
-        """Return the power density of a signal (Welch, Hann window).
+        """Return the power spectral density of a signal (Welch's method, Hann window).
 
         Parameters
         ----------
@@ -169,7 +170,7 @@ class SpectralScorer:
         Returns
         -------
         scores : ndarray of shape (...)
-            Scores in dB, or goodness of fit, see `Tolerance.score`.
+            Scores in dB, or goodness of fit; see `Tolerance.score`.
         level_errors_db : ndarray of shape (...)
             Level of the model minus level of the surface in dB.
         """
@@ -185,14 +186,14 @@ class SpectralScorer:
         return np.asarray(score), np.asarray(mean[1] - mean[0])
 
     def tolerance_ratio(self, scores: Samples, level_errors_db: Samples, slope_errors_db: Samples) -> Samples:
-        """Return the largest error relative to its limit; at most 1 is within the tolerance.
+        """Return the largest ratio of an error to its limit; models with at most 1 are within the tolerance.
 
         Parameters
         ----------
         scores, level_errors_db : ndarray of shape (n_points, ...)
             Result of `errors`.
         slope_errors_db : ndarray of shape (2, ...)
-            Result of `level_slopes` for the level errors.
+            Slopes of the level errors, computed by `level_slopes`.
 
         Returns
         -------
@@ -269,9 +270,9 @@ class OperatingPoints:
         return cls(np.array([scorer.spectrum(x) for x in samples]), np.array(speed), np.array(force))
 
     def average_by_speed(self) -> "OperatingPoints":
-        """Return the means over at most 4 groups of neighbouring speeds, of at least 6 points where possible.
+        """Average the points in at most 4 groups of neighbouring speeds, of at least 6 points if possible.
 
-        The spectrum of a single window of a freehand recording scatters by 4 dB.
+        Averaging is needed because the spectrum of a single window of a freehand recording scatters by 4 dB.
         """
         n = int(np.clip(len(self) // 6, 1, 4))
         groups = np.array_split(np.argsort(self.speed, kind="stable"), n)
@@ -283,8 +284,8 @@ class OperatingPoints:
 def level_slopes(levels_db: Samples, points: OperatingPoints) -> Samples:
     """Return the level change per doubling of the speed and per doubling of the force.
 
-    The slopes are a joint least-squares fit over both logarithms. A slope is 0 if its variable is almost
-    constant, see `MIN_SLOPE_RATIO`.
+    Both slopes are fitted jointly by least squares over the logarithms of speed and force. A slope is 0 if
+    its variable is almost constant, see `MIN_SLOPE_RATIO`.
 
     Parameters
     ----------
@@ -313,11 +314,11 @@ class SurfaceSpectra:
     name : str
         Name of the surface.
     fitting : OperatingPoints
-        Fitting set: models are fitted to it.
+        Fitting set, to which the models are fitted.
     selection : OperatingPoints
-        Selection set: order and grid of a model are selected on it.
+        Selection set, on which order and grid of the model are selected.
     test : OperatingPoints
-        Test set: the selected model is accepted or rejected on it. It is excluded from the fitting.
+        Test set, on which the selected model is accepted or rejected. It is excluded from the fit.
     peak : float
         Largest magnitude of the vibration.
     test_set : str
@@ -335,7 +336,7 @@ class SurfaceSpectra:
 def load_surface_spectra(
     name: str, surface: SurfaceDefinition, scene: SceneDefinition, scorer: SpectralScorer
 ) -> SurfaceSpectra:
-    """Return the spectra of a surface from the source that its definition names.
+    """Compute the spectra of a surface from the source in its definition.
 
     Raises
     ------
@@ -360,7 +361,7 @@ def load_surface_spectra(
 def _sample_source(
     name: str, scene: SceneDefinition, scorer: SpectralScorer, source: VibrationSource
 ) -> SurfaceSpectra:
-    """Sample a source on a grid (fitting), between its nodes and at corners (selection), at random (test)."""
+    """Sample a source on a grid (fitting), at its midpoints and corners (selection) and at random (test)."""
     ranges = scene.motion.speeds_mm_s, scene.motion.forces_n
     grid = [
         np.geomspace(low, high, n if low < high else 1)
@@ -388,7 +389,7 @@ def _build_sets(
 
 
 def split_by_time(name: str, windows: Sequence[Window], scorer: SpectralScorer) -> SurfaceSpectra:
-    """Divide windows of freehand recordings: of each four, 2 for fitting, 1 for selection, 1 for test."""
+    """Divide windows of freehand recordings: of every four, 2 for fitting, 1 for selection, 1 for test."""
     seconds = scorer.n_segment / scorer.device.rate_hz
     if len(windows) < 8:
         raise ValueError(
@@ -403,7 +404,10 @@ def split_by_time(name: str, windows: Sequence[Window], scorer: SpectralScorer) 
 
 
 def split_by_speed(name: str, windows: Sequence[Window], scorer: SpectralScorer) -> SurfaceSpectra:
-    """Divide recordings at constant speeds: every second speed is held out, if there are at least three."""
+    """Divide recordings at constant speeds; every second inner speed is held out.
+
+    With fewer than three speeds, the recordings are divided by time.
+    """
     test_speeds = set(sorted({speed for _, speed, _ in windows})[1:-1:2])
     held_out = [window for window in windows if window[1] in test_speeds] or windows
     begin, middle = (0.0, 0.5) if test_speeds else (0.5, 0.75)
@@ -504,7 +508,7 @@ def _dataset_windows(
     for r in recordings:
         if r.speed is None or r.normal_force is None:
             raise ValueError(
-                f"surfaces.{name}: recordings must contain speed and force, {r.recording_id} does not. "
+                f"surfaces.{name}: recordings must contain speed and force, but {r.recording_id} does not. "
                 "Define both channels in the dataset card"
             )
         windows += _cut_windows(r, r.speed, r.normal_force, scene, scorer)
@@ -569,7 +573,7 @@ def _vibration(recording: Recording, scene: SceneDefinition) -> Samples:
 
 
 def unit_factor(unit: str, device_unit: str, place: object) -> float:
-    """Return the factor from a unit to that of the device; `place` names the source in the message."""
+    """Return the factor that converts a unit to the device unit; `place` is the source in error messages."""
     if unit == device_unit:
         return 1.0
     if unit in ACCELERATION_UNITS and device_unit in ACCELERATION_UNITS:
@@ -581,14 +585,14 @@ def unit_factor(unit: str, device_unit: str, place: object) -> float:
 
 
 def resample(x: Samples, fs: float, rate: float) -> Samples:
-    """Return a signal at another sampling rate, without its mean.
+    """Remove the mean of a signal and resample it to another sampling rate.
 
     Parameters
     ----------
     x : ndarray of shape (n,)
         Signal.
     fs, rate : float
-        Sampling rate of the signal and of the result in Hz.
+        Sampling rates of the signal and of the result in Hz.
 
     Returns
     -------
@@ -598,7 +602,7 @@ def resample(x: Samples, fs: float, rate: float) -> Samples:
     Raises
     ------
     ValueError
-        If the rates have no ratio of whole numbers up to 1000.
+        If the ratio of the rates is not a fraction with numerator and denominator of at most 1000.
     """
     centred = np.asarray(x - x.mean(), dtype=np.float64)
     if fs == rate:
@@ -606,7 +610,7 @@ def resample(x: Samples, fs: float, rate: float) -> Samples:
     up, down = (np.rint(np.array([rate, fs]) / np.gcd(round(rate), round(fs)))).astype(int)
     if max(up, down) > MAX_RESAMPLING_FACTOR or abs(up * fs - down * rate) > 1e-9 * up * fs:
         raise ValueError(
-            f"sampling rates must have a ratio of whole numbers up to {MAX_RESAMPLING_FACTOR}, got {fs:g} Hz "
-            f"and {rate:g} Hz. Change device.rate_hz"
+            "the ratio of the sampling rates must be a fraction of integers up to "
+            f"{MAX_RESAMPLING_FACTOR}, got {fs:g} Hz and {rate:g} Hz. Change device.rate_hz"
         )
     return np.asarray(signal.resample_poly(centred, up, down))

@@ -1,4 +1,4 @@
-"""Textures: models of a surface that can be rendered at any speed and force; one module per paper."""
+"""Define textures: models of a surface that can be rendered at any speed and force. One module per paper."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Base classes of all textures: rendering, cost, and conversion to JSON values and arrays for files."""
+"""Define the base classes of textures: rendering, cost, and conversion to JSON values and arrays."""
 
 import json
 from abc import ABC, abstractmethod
@@ -14,12 +14,12 @@ from texclass.recording import Samples
 from texclass.vibration.autoregressive import Autoregression
 
 NOMINAL_SPEED_MM_S, NOMINAL_FORCE_N = 100.0, 1.0
-"""Speed and force of a typical stroke, for textures that depend on neither (our choice)."""
+"""Speed and force of a typical stroke, for textures that do not depend on them (our choice)."""
 
 
 @runtime_checkable
 class Renderer(Protocol):
-    """Play a texture block by block; the state is kept between calls, so that blocks join without a click.
+    """Render a texture block by block; state is kept between calls, so blocks join without clicks.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Renderer(Protocol):
         velocity : array_like of shape (n, 2)
             Tangential velocity in mm/s.
         force : array_like of shape (n,)
-            Normal force in N; 0 or less means no contact.
+            Normal force in N; values of 0 or less mean no contact.
         position : array_like of shape (n, 2), optional
             Position in mm (default: the integral of the velocity), used by textures with spatial features.
 
@@ -48,20 +48,20 @@ class Renderer(Protocol):
         """
 
     def reset(self) -> None:
-        """Return to rest and restart the random numbers."""
+        """Reset the motion and restart the random numbers."""
 
 
 class Serializable:
     """Convert a dataclass to JSON values and arrays, and back.
 
-    Fields may be numbers, strings, arrays, dataclasses, tuples and mappings of these. Only arguments of the
-    constructor are stored. Reading a file calls the constructor with its checks, so a file cannot contain an
-    object that a program could not create.
+    Fields may be numbers, strings, arrays and dataclasses, and tuples and mappings of these. Only constructor
+    arguments are stored. Files are read by calling the constructor, so the values in a file are validated
+    like the arguments in a program.
 
     Attributes
     ----------
     family : str
-        Name of the kind of object in files.
+        Name of the class of objects in files, for example "hatt".
 
     Examples
     --------
@@ -84,7 +84,7 @@ class Serializable:
     )
 
     def parameters(self) -> dict[str, Any]:
-        """Return the fields as JSON values, with None in the place of each array."""
+        """Return the fields as JSON values; arrays are replaced by None."""
         return {name: _extract_arrays(value, name, {}) for name, value in _arguments(self).items()}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -96,19 +96,19 @@ class Serializable:
 
     @classmethod
     def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """Return the object whose `parameters()` and `arrays()` are given.
+        """Create the object from the results of `parameters()` and `arrays()`.
 
         Raises
         ------
         ValueError
-            If a value is missing or unknown, has the wrong type or shape, or is refused by the constructor.
+            If a value is missing or unknown, has the wrong type or shape, or is rejected by the constructor.
         """
         unused = dict(arrays)
         tree = {name: _insert_arrays(value, name, unused) for name, value in parameters.items()}
         if unused:
             raise ValueError(
-                f"{cls.family}: array {min(unused)!r:.80} belongs to no parameter. "
-                "Expected a parameter that is null for each array"
+                f"{cls.family}: array {min(unused)!r:.80} does not belong to a parameter. "
+                "Expected a parameter with the value null for each array"
             )
         try:
             restored = TypeAdapter(cls).validate_python(tree)
@@ -142,12 +142,13 @@ class Texture(Serializable, ABC):
     fs : float
         Sampling rate of the vibration in Hz.
     speeds, forces : ndarray
-        Increasing speeds (mm/s) and forces (N), above 0, of the recordings; the first and the last bound the
-        range of the texture. One nominal value if the texture does not depend on speed or force.
+        Increasing, positive speeds (mm/s) and forces (N) of the recordings. The first and last values are the
+        limits of the range of the texture. A texture that does not depend on speed or force has one nominal
+        value.
     """
 
     name: str
-    if TYPE_CHECKING:  # read-only here; a field in one family, a property in another
+    if TYPE_CHECKING:  # declared read-only, because they are fields in some families and properties in others
 
         @property
         def fs(self) -> float: ...  # noqa: D102
@@ -163,7 +164,7 @@ class Texture(Serializable, ABC):
 
     @abstractmethod
     def renderer(self, *, seed: int = 0) -> Renderer:
-        """Return a renderer at rest, at the sampling rate of the texture; `seed` sets its noise, if any."""
+        """Return a renderer at the sampling rate of the texture; `seed` is the seed of its noise."""
 
     def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
         """Return the AR models of strokes along +x at speeds (n,) in mm/s and forces (n,) in N.
@@ -175,7 +176,7 @@ class Texture(Serializable, ABC):
         """
         raise ValueError(
             f"texture {self.name!r} must contain AR models, got the family {self.family!r}. "
-            "Write .hjif, .ahap or .wav, which take every texture"
+            "Use .hjif, .ahap or .wav, which support all textures"
         )
 
 
@@ -189,7 +190,7 @@ def constant_stroke(
     direction: ArrayLike = (1.0, 0.0),
     seed: int = 0,
 ) -> Samples:
-    """Return the vibration (n,) of a texture that is stroked at a constant speed (mm/s) and force (N).
+    """Render the vibration (n,) of a texture stroked at a constant speed (mm/s) and force (N).
 
     Parameters
     ----------
@@ -200,11 +201,11 @@ def constant_stroke(
     n : int
         Number of samples to return.
     n_settling : int
-        Number of samples that are rendered before these and discarded (default 0).
+        Number of samples that are rendered first and discarded (default 0).
     direction : array_like of shape (2,)
         Unit vector of the stroke (default +x).
     seed : int
-        Seed of the noise.
+        Seed of the noise (default 0).
     """
     velocity = np.tile(speed * np.asarray(direction), (n_settling + n, 1))
     vibration = texture.renderer(seed=seed).process(velocity, np.full(n_settling + n, force))
@@ -216,7 +217,7 @@ def _arguments(value: Any) -> dict[str, Any]:
 
 
 def _extract_arrays(value: Any, path: str, arrays: dict[str, NDArray[Any]]) -> Any:
-    """Return a value as JSON value and move its arrays into `arrays`, by their path."""
+    """Convert a value to a JSON value, and move its arrays to `arrays`, with their paths as keys."""
     if isinstance(value, np.ndarray):
         arrays[path] = value
         return None
@@ -229,7 +230,7 @@ def _extract_arrays(value: Any, path: str, arrays: dict[str, NDArray[Any]]) -> A
 
 
 def _insert_arrays(value: Any, path: str, arrays: dict[str, NDArray[Any]]) -> Any:
-    """Return a JSON value with its arrays inserted, and remove them from `arrays`."""
+    """Insert the arrays of a JSON value, and remove them from `arrays`."""
     if value is None:
         return arrays.pop(path, None)
     if isinstance(value, Mapping):
@@ -240,19 +241,19 @@ def _insert_arrays(value: Any, path: str, arrays: dict[str, NDArray[Any]]) -> An
 
 
 def _canonical_json(parameters: Mapping[str, Any]) -> str:
-    """Return parameters as JSON with sorted keys; integers are written as floats."""
+    """Return parameters as JSON with sorted keys, with integers written as floats."""
     return json.dumps(json.loads(json.dumps(parameters), parse_int=float), sort_keys=True)
 
 
 def freeze(owner: object, **shapes: tuple[int | str, ...]) -> None:
-    """Replace fields of a frozen dataclass by read-only float64 arrays, after a check of their shapes.
+    """Replace fields of a frozen dataclass by read-only float64 arrays, and validate their shapes.
 
     Parameters
     ----------
     owner : dataclass
         Object whose fields are replaced.
     **shapes : tuple of int or str
-        Shape of each field. A string names a length that must be the same wherever the name occurs.
+        Shape of each field. A string is the name of a length; lengths with the same name must be equal.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Models on a grid of speeds and forces, and interpolation between the nodes."""
+"""Define models on a grid of speeds and forces, and interpolate between the nodes."""
 
 import math
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ from texclass.recording import Samples
 Kind = Literal["silence", "AR", "lines", "AR + lines"]
 Scale = Literal["log", "root"]
 MIN_POWER = 1e-300
-"""Smallest power of a node, so that its logarithm is finite."""
+"""Smallest power of a node, which keeps its logarithm finite."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Multilinear interpolation of values over warped axes; constant beyond the outermost nodes.
+    """Multilinear interpolation of values over warped axes, constant beyond the outermost nodes.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Grid:
     values: Samples
 
     def at_warped(self, points: Samples) -> Samples:
-        """Interpolate at warped points (n, n_axes); return values (n, m), row by row."""
+        """Interpolate at warped points (n, n_axes); return values (n, m)."""
         out = np.zeros((len(points), self.values.shape[1]))
         _mix(self.axes, np.ascontiguousarray(points), self.values, out)
         return out
@@ -43,49 +43,50 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class GridModel:
-    """A vibration model at the nodes of a grid of speeds and forces, interpolated between them.
+    """A vibration model at the nodes of a grid of speeds and forces, with interpolation between the nodes.
 
     The model is an autoregressive process, spectral lines, both, or silence::
 
         x = level (sqrt(1 - sum a_i^2 / 2) noise through the lattice + sum_i a_i cos(phase_i))
 
-    Between the nodes, k and a are linear over w(speed) and w(force), and so is w(power). The warping w is the
-    logarithm or the signed square root:
+    Between the nodes, k, a and w(power) are linear in w(speed) and w(force). The warping w is the logarithm
+    or the signed square root:
 
-    - With logarithms, a power law of speed and force needs no node between the ends.
-    - With square roots, a grid includes rest and, with two axes of velocity, all directions.
+    - With logarithms, a power law of speed and force needs nodes only at the ends.
+    - With square roots, a grid includes zero speed and, with two velocity axes, all directions.
 
-    Since |k| < 1 at all nodes, it is below 1 between them: interpolated models are stable. Beyond the
-    outermost nodes the model of the nearest node is used.
+    Since |k| < 1 at all nodes, |k| < 1 between them as well, and interpolated models are stable. Beyond the
+    outermost nodes, the model at the nearest edge of the grid is used.
 
     Parameters
     ----------
     axes : sequence of array_like of shape (n_nodes,)
         Increasing coordinates of the nodes: speed (mm/s) and force (N), or velocity along x, velocity along
-        y, and force. Above 0 for "log".
+        y, and force. Coordinates must be positive for the scale "log".
     rows : array_like of shape (*n_nodes, order + n_lines)
-        Reflection coefficients, |k| < 1, and amplitudes of lines, at least 0, of a vibration of unit RMS.
+        Reflection coefficients (|k| < 1) and non-negative line amplitudes of a vibration with unit RMS.
     power : array_like of shape n_nodes
         Mean square of the vibration, level^2.
     peak : float
         Largest magnitude of the recorded vibration.
     frequency_hz, per_mm : array_like of shape (n_lines,), optional
-        frequency = frequency_hz + per_mm * speed: resonances have a constant frequency, spatial periods a
-        frequency proportional to the speed. No lines by default.
+        Constant and speed-dependent part of the line frequencies (default: no lines): frequency =
+        frequency_hz + per_mm * speed. Resonances have a constant frequency; the frequency of spatial periods
+        is proportional to the speed.
     scale : {"log", "root"}
         Warping w of the axes and of the power.
 
     Raises
     ------
     ValueError
-        If a shape or a value is not valid.
+        If a shape or a value is invalid.
 
     Notes
     -----
-    A texture that is expensive to evaluate can be sampled at the nodes. For the network of `abdulali2016`,
-    let `k, level = network.models(velocity, force)` at all nodes, in the order of `meshgrid(*axes,
-    indexing="ij")`. Then the grid is `GridModel(axes, k.reshape(*n_nodes, -1), level.reshape(n_nodes) ** 2,
-    frame.peak, scale="root")`.
+    A texture that is expensive to evaluate can be sampled at the nodes. For a texture of
+    `abdulali2016`, compute `k, level = texture.models(velocity, force)` at all nodes, in the order of
+    `meshgrid(*axes, indexing="ij")`. The grid is then `GridModel(axes, k.reshape(*n_nodes, -1),
+    level.reshape(n_nodes) ** 2, frame.peak, scale="root")`.
 
     Examples
     --------
@@ -112,7 +113,7 @@ class GridModel:
                 axis.ndim == 1 and axis.size and np.isfinite(axis).all() and np.all(np.diff(axis) > 0)
             )
             if not is_increasing or (self.scale == "log" and axis[0] <= 0):
-                bound = " and be above 0" if self.scale == "log" else ""
+                bound = " and be positive" if self.scale == "log" else ""
                 raise ValueError(f"the values of an axis must increase{bound}, got {axis}")
             axis.setflags(write=False)
         if len(axes) not in (2, 3):
@@ -129,14 +130,14 @@ class GridModel:
             )
         k, a = self.rows[..., : self.order], self.rows[..., self.order :]
         if np.abs(k).max(initial=0.0) >= 1:
-            raise ValueError(f"reflection coefficients must be below 1 in magnitude, got {np.abs(k).max()}")
+            raise ValueError(f"reflection coefficients must be below 1 in magnitude, got {np.abs(k).max():g}")
         is_valid = a.min(initial=0.0) >= 0 and a.max(initial=0.0) <= 2
         if not is_valid or (a**2).sum(axis=-1).max(initial=0.0) > 2 * (1 + 1e-9):
-            raise ValueError("amplitudes of lines must be at least 0 and the sum of their squares at most 2")
+            raise ValueError("line amplitudes must be non-negative, and the sum of their squares at most 2")
 
     @classmethod
     def silence(cls) -> "GridModel":
-        """Return the model of a surface that the device cannot display perceptibly."""
+        """Return a silent model, for surfaces whose vibration the device cannot render perceptibly."""
         return cls((np.ones(1), np.ones(1)), np.zeros((1, 1, 0)), np.zeros((1, 1)), 0.0)
 
     @property
@@ -178,7 +179,7 @@ class GridModel:
 
     @cached_property
     def nodes(self) -> Grid:
-        """Rows and w(power) over warped axes, as read by the renderers."""
+        """Rows and w(power) over warped axes, as used by the renderers."""
         power = np.maximum(self.power, MIN_POWER) if self.scale == "log" else self.power
         values = np.concatenate([self.rows, warp(power, self.scale)[..., np.newaxis]], axis=-1)
         axes = tuple(warp(axis, self.scale) for axis in self.axes)
@@ -198,16 +199,17 @@ class GridModel:
 def update_interval(fs: float) -> int:
     """Return the number of samples between two updates of the interpolated parameters (1000 per second).
 
-    The level is updated at each sample.
+    The level is updated at every sample.
     """
     return max(1, round(fs / 1000))
 
 
 def operations(order: int, n_lines: int, fs: float) -> float:
-    """Return the multiplications and additions per sample of one contact, updates included.
+    """Return the multiplications and additions per sample of one contact, including updates.
 
-    A lattice of order p needs 6 p per sample and 21 p per update; n lines need 18 n and 12 n. Speed, force,
-    level and noise add 70 unless the model is silent. A logarithm, exponential, root or cosine counts as 10.
+    A lattice of order p needs 6 p operations per sample and 21 p per update; n lines need 18 n and 12 n.
+    Speed, force, level and noise add 70 unless the model is silent. A logarithm, exponential, root or cosine
+    counts as 10 operations.
     """
     if order + n_lines == 0:
         return 0.0
@@ -249,9 +251,9 @@ def interpolate_power(weights: Samples, power: ArrayLike) -> Samples:
 
 
 def fit_gamma_regression(H: Samples, power: Samples, penalty: ArrayLike = 0.0) -> Samples:
-    """Return the theta (n,) of a gamma regression with logarithmic link, E[P] = exp(H theta).
+    """Fit a gamma regression with logarithmic link, E[P] = exp(H theta), and return theta (n,).
 
-    Estimates of a power follow a gamma distribution about its true value. Fisher scoring::
+    Estimates of a power have a gamma distribution around the true value. The fit uses Fisher scoring::
 
         theta <- theta + (H'H + T)^-1 (H' (P / M - 1) - T theta),    M = exp(H theta)
 
@@ -260,7 +262,7 @@ def fit_gamma_regression(H: Samples, power: Samples, penalty: ArrayLike = 0.0) -
     H : ndarray of shape (n_points, n)
         Design matrix.
     power : ndarray of shape (n_points,)
-        Power P, above 0.
+        Power P, positive.
     penalty : array_like of shape (n, n) or ()
         Quadratic penalty T on theta (default 0).
 
@@ -271,7 +273,7 @@ def fit_gamma_regression(H: Samples, power: Samples, penalty: ArrayLike = 0.0) -
     T = np.broadcast_to(penalty, (H.shape[1], H.shape[1]))
     solve = np.linalg.pinv(H.T @ H + T)
     theta = solve @ (H.T @ np.log(power))
-    for _ in range(12):  # it converges to 1e-3 after about 8
+    for _ in range(12):  # about 8 iterations reach 1e-3
         step = np.minimum(power * np.exp(-H @ theta) - 1, 2.0)
         theta = theta + solve @ (H.T @ step - T @ theta)
     return np.asarray(theta)
@@ -279,7 +281,7 @@ def fit_gamma_regression(H: Samples, power: Samples, penalty: ArrayLike = 0.0) -
 
 @njit(cache=True, error_model="numpy")
 def cell(nodes, x):  # type: ignore[no-untyped-def]
-    """Return the nodes below and above x and the weight of the latter, all warped; constant at both ends."""
+    """Return the nodes below and above x, and the weight of the upper node; x is clamped to the nodes."""
     last = nodes.size - 1
     if last == 0 or x <= nodes[0]:
         return 0, 0, 0.0
@@ -293,7 +295,7 @@ def cell(nodes, x):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _mix(axes, points, values, out):  # type: ignore[no-untyped-def]
-    """Add the values at the corners of the cell of each point, weighted by linear interpolation."""
+    """Add to `out` the values at the corners of the cell of each point, weighted by linear interpolation."""
     n = len(axes)
     below, above, fraction = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
     for t in range(len(points)):

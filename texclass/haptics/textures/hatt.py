@@ -1,7 +1,8 @@
-"""Textures of ARMA models at the nodes of a triangulated mesh of speeds and forces (HaTT).
+"""Define HaTT textures: ARMA models at the nodes of a triangulated mesh of speeds and forces.
 
-With white noise e of unit variance the states b_m of the normalised lattice of A are uncorrelated and of unit
-variance, b_m = prod_{j > m} c_j Ã_m / A e, where Ã_m(z) = z^-m A_m(1/z). Expanding the MA part in them,
+With white noise e of unit variance, the states b_m of the normalised lattice of A are uncorrelated and have
+unit variance: b_m = prod_{j > m} c_j Ã_m / A e, where Ã_m(z) = z^-m A_m(1/z). Expanding the MA part in terms
+of Ã_m,
 
     C(z) = sum_m nu_m prod_{j > m} c_j Ã_m(z),    C / A e = sum_m nu_m b_m,
 
@@ -25,17 +26,17 @@ from texclass.signals import positive
 from texclass.vibration import line_spectrum
 
 PEAK_FACTOR = 8.0
-"""Bound of rendered samples, as a multiple of the RMS of the loudest node."""
+"""Limit of rendered samples, as a multiple of the RMS of the loudest node."""
 MAX_ORDER = 1000
 MAX_WORK = 500_000_000
-"""Largest n_nodes (p^2 + q^2), so that the checks of any file end within seconds."""
+"""Largest n_nodes (p^2 + q^2), which limits the time to validate a file to a few seconds."""
 MAX_TRIANGLES = 20_000
-"""Largest number of triangles; all of them are searched for each point."""
+"""Largest number of triangles; all triangles are searched for each point."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh over speed and force. Frozen; its arrays are read-only.
+    """A triangle mesh over speed and force. The mesh is frozen, and its arrays are read-only.
 
     Parameters
     ----------
@@ -44,7 +45,8 @@ class Mesh:
     force : array_like of shape (n_nodes,)
         Force of the nodes in N, at least 0.
     triangles : array_like of shape (n_triangles, 3)
-        Indices of the nodes at the corners, from 0; at least one triangle, each with an area.
+        Indices (from 0) of the nodes at the corners. At least one triangle is required, and each must have a
+        positive area.
 
     Raises
     ------
@@ -60,22 +62,24 @@ class Mesh:
         freeze(self, speed=("n_nodes",), force=("n_nodes",), triangles=("n_triangles", 3))
         for name in ("speed", "force"):
             if np.any(getattr(self, name) < 0):
-                raise ValueError(f"{name} of the nodes must be at least 0, got {getattr(self, name).min()}")
+                raise ValueError(f"{name} of the nodes must be at least 0, got {getattr(self, name).min():g}")
         n, indices = self.speed.size, self.triangles
         if not 0 < len(indices) <= MAX_TRIANGLES:
             raise ValueError(
-                f"triangles must have shape (n, 3), n in 1 ... {MAX_TRIANGLES}, got {indices.shape}"
+                f"triangles must have shape (n, 3) with n between 1 and {MAX_TRIANGLES}, got {indices.shape}"
             )
         is_invalid = ~((indices >= 0) & (indices < n) & (indices == np.floor(indices)))
         if is_invalid.any():
-            raise ValueError(f"triangles must index the {n} nodes from 0, got {indices[is_invalid][0]:g}")
+            raise ValueError(
+                f"triangles must contain node indices from 0 to {n - 1}, got {indices[is_invalid][0]:g}"
+            )
         corners = indices.astype(np.int64)
         corners.setflags(write=False)
         object.__setattr__(self, "triangles", corners)
         flat = np.flatnonzero(~(np.abs(_doubled_areas(self.points[corners])) > 1e-12))
         if flat.size:
             raise ValueError(
-                f"triangles must have an area, got triangle {flat[0]} {corners[flat[0]].tolist()}"
+                f"triangles must have a positive area, got triangle {flat[0]} {corners[flat[0]].tolist()}"
             )
 
     @cached_property
@@ -85,13 +89,13 @@ class Mesh:
 
     @cached_property
     def largest(self) -> tuple[float, float]:
-        """Largest speed (mm/s) and force (N) of the nodes; 1 where all are 0."""
+        """Largest speed (mm/s) and force (N) of the nodes; 1 if all are 0."""
         return float(self.speed.max(initial=0.0)) or 1.0, float(self.force.max(initial=0.0)) or 1.0
 
     def weights(self, speed: ArrayLike, force: ArrayLike) -> tuple[NDArray[np.int64], Samples]:
-        """Return three nodes and their barycentric weights (at least 0, sum 1) at each point.
+        """Return three nodes and their barycentric weights (non-negative, sum 1) at each point.
 
-        Outside all triangles these belong to the nearest point on an edge, in the plane of `points`.
+        Outside all triangles, the nearest point on an edge is used, with distances in the plane of `points`.
 
         Parameters
         ----------
@@ -111,21 +115,21 @@ class Mesh:
 
 
 def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.int64]]:
-    """Triangulate models and a border around them; return the mesh and the index of the model of each node.
+    """Triangulate models and a border around them; return the mesh and the model index of each node.
 
-    The border is the rectangle from rest to the largest speed and force, six nodes per side. Each border node
-    takes the model of the nearest point. The published files have the same border: their renderer never
-    leaves this rectangle.
+    The border is the rectangle from zero to the largest speed and force, with six nodes per side. Each border
+    node uses the model of the nearest point. The published files have the same border, because their renderer
+    only handles points inside the rectangle.
 
     Parameters
     ----------
     speed, force : array_like of shape (n,)
-        Speed (mm/s) and force (N) of the models, at least 0, the largest of each above 0; n at least 1.
+        Speed (mm/s) and force (N) of at least one model; non-negative, and the largest of each positive.
 
     Returns
     -------
     mesh : Mesh
-        Mesh whose first n nodes are the given points.
+        Mesh whose first n nodes are the models.
     source : ndarray of int, shape (n_nodes,)
         Index of the model of each node.
 
@@ -144,7 +148,7 @@ def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.in
     top = points.max(axis=0, initial=0.0)
     if not (np.all(np.isfinite(points) & (points >= 0)) and np.all(top > 0)):
         raise ValueError(
-            f"speeds and forces must be finite and at least 0, the largest above 0, got maxima {top.tolist()}"
+            f"speeds and forces must be finite, at least 0, and with positive maxima, got {top.tolist()}"
         )
     scaled = points / top
     side = np.linspace(0.0, 1.0, 6)
@@ -166,7 +170,7 @@ def _doubled_areas(corners: Samples) -> Samples:
 
 @njit(cache=True, error_model="numpy")
 def _locate(query, points, triangles, nodes, weights):  # type: ignore[no-untyped-def]
-    """Write the nodes and weights at each query point: inside a triangle, or on the nearest edge."""
+    """Write nodes and weights at each query point, inside a triangle or on the nearest edge."""
     for i in range(len(query)):
         (x, y), nearest = query[i], np.inf
         for a, b, c in triangles:
@@ -191,9 +195,9 @@ def _locate(query, points, triangles, nodes, weights):  # type: ignore[no-untype
 
 @dataclass(frozen=True, eq=False)
 class HattTexture(Texture):
-    """ARMA models at nodes of speed and force; between them line spectra, variance and gain are linear.
+    """ARMA models at nodes of speed and force, with linear interpolation of line spectra, variance and gain.
 
-    At each node y = -sum_i a_i y[t-i] + gain (e[t] + sum_i c_i e[t-i]), with white noise e.
+    The vibration at a node is y = -sum_i a_i y[t-i] + gain (e[t] + sum_i c_i e[t-i]), with white noise e.
 
     Parameters
     ----------
@@ -202,7 +206,7 @@ class HattTexture(Texture):
     ar_lsf : array_like of shape (n_nodes, p)
         Line spectral frequencies of A in rad per sample, strictly increasing, in (0, pi).
     ma_lsf : array_like of shape (n_nodes, q)
-        Line spectral frequencies of C, in the same form; q may be 0.
+        Line spectral frequencies of C in rad per sample; q may be 0.
     variance : array_like of shape (n_nodes,)
         Variance of the noise e in (m/s^2)^2, at least 0.
     gain : array_like of shape (n_nodes,)
@@ -212,7 +216,7 @@ class HattTexture(Texture):
     name : str, optional
         Name of the surface.
     mu : float
-        Coefficient of kinetic friction, at least 0 (default 0).
+        Kinetic friction coefficient, at least 0 (default 0).
 
     Raises
     ------
@@ -226,12 +230,12 @@ class HattTexture(Texture):
 
     Notes
     -----
-    Our readings:
+    Where the published description is incomplete:
 
-    - Outside the triangles the nearest point on an edge is used.
-    - At rest and without contact the texture is silent, whatever the models of the nodes.
-    - Parameters reach their new values linearly within 10 ms.
-    - The lattice replaces the direct form, whose output is not bounded while its coefficients change.
+    - Outside the triangles, the nearest point on an edge is used.
+    - At zero speed or force the texture is silent, regardless of the models at the nodes.
+    - Parameters change linearly to their new values within 10 ms.
+    - A lattice replaces the direct form, whose output is unbounded while its coefficients change.
 
     Examples
     --------
@@ -258,7 +262,7 @@ class HattTexture(Texture):
         p, q = self.order, self.ma_order
         if not (1 <= p <= MAX_ORDER and q <= MAX_ORDER):
             raise ValueError(
-                f"the AR order must be 1 to {MAX_ORDER} and the MA order 0 to {MAX_ORDER}, got {p}, {q}"
+                f"the AR order must be 1 to {MAX_ORDER} and the MA order 0 to {MAX_ORDER}, got {p} and {q}"
             )
         if n * (p**2 + q**2) > MAX_WORK:
             raise ValueError(
@@ -275,8 +279,8 @@ class HattTexture(Texture):
                 node, i = narrow[0]
                 raise ValueError(
                     f"{name} of node {node} has a gap of {gaps[node, i]:.3g} rad at position {i}. Expected "
-                    f"values that increase in (0, pi) with gaps of at least {line_spectrum.MIN_GAP:g} rad, "
-                    "so that the model is stable"
+                    "a stable model: increasing values in (0, pi) with gaps of at least "
+                    f"{line_spectrum.MIN_GAP:g} rad"
                 )
         if not np.all(np.isfinite(self.levels)):
             raise ValueError("the RMS of each node must be finite, got infinity")
@@ -295,7 +299,7 @@ class HattTexture(Texture):
         name: str = "",
         mu: float = 0.0,
     ) -> Self:
-        """Return the texture of models at any speeds and forces, triangulated and silent at rest.
+        """Create a texture from models at arbitrary speeds and forces by triangulation.
 
         Parameters
         ----------
@@ -312,7 +316,7 @@ class HattTexture(Texture):
         gain : array_like of shape (n,), optional
             Gain of the MA part (default 1).
         name, mu
-            Name and friction, as for the class.
+            Name and friction coefficient, as for the class.
 
         Raises
         ------
@@ -355,12 +359,12 @@ class HattTexture(Texture):
 
     @property
     def hop(self) -> int:
-        """Number of samples between two updates of the parameters: 10 ms, as in the toolkit."""
+        """Number of samples between two parameter updates: 10 ms, as in the toolkit."""
         return max(1, round(0.01 * self.fs))
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample: lattice, ladder, linear moves and updates."""
+        """Operations per sample: lattice, ladder, linear parameter changes and updates."""
         p, q = max(self.order, self.ma_order), self.ma_order
         return 11.0 * p + 4.0 * (q + 1) + (4.0 * self.order**2 + 7.0 * q**2) / self.hop
 
@@ -372,14 +376,15 @@ class HattTexture(Texture):
             return np.asarray(np.linalg.norm(_filters(self.ar_lsf, self.ma_lsf, level)[1], axis=1))
 
     def at(self, speed: float, force: float) -> tuple[Samples, Samples]:
-        """Return the lattice at a speed (mm/s) and force (N).
+        """Return the lattice parameters at a speed (mm/s) and force (N).
 
         Returns
         -------
         reflection : ndarray of shape (max(p, q),)
-            Reflection coefficients of A, zeros beyond p.
+            Reflection coefficients of A, padded with zeros beyond p.
         taps : ndarray of shape (q + 1,)
-            Weights nu_m in m/s^2; their norm is the RMS. Zeros at rest and without contact.
+            Weights nu_m in m/s^2, whose norm is the RMS of the vibration. All weights are 0 at zero speed or
+            force.
         """
         k, taps = self._parameters(np.array([[speed, 0.0]]), np.array([force]))
         return k[0], taps[0]
@@ -398,7 +403,7 @@ class HattTexture(Texture):
         return _filters(interpolate(self.ar_lsf), interpolate(self.ma_lsf), level)
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer at rest, which is silent at rest and without contact; `seed` sets the noise."""
+        """Return a renderer that is silent without motion or contact; `seed` is the seed of the noise."""
         return MotionRenderer(
             lambda motion: self._parameters(motion[:, :2], motion[:, 2]),
             fs=self.fs,
@@ -415,14 +420,14 @@ def _filters(ar_lsf: Samples, ma_lsf: Samples, level: Samples) -> tuple[Samples,
     p, q = ar_lsf.shape[1], ma_lsf.shape[1]
     k, nu = np.zeros((level.size, max(p, q))), np.zeros((level.size, q + 1))
     k[:, :p] = line_spectrum.to_reflection(ar_lsf)
-    # the same memory layout with and without an MA part, because a second one would be compiled separately
+    # same memory layout with and without an MA part; another layout would be compiled separately
     _ladder(k, line_spectrum.to_reflection(ma_lsf) if q else np.zeros((level.size, 0)), level, nu)
     return k, nu
 
 
 @njit(cache=True, error_model="numpy")
 def _ladder(k, numerator, level, nu):  # type: ignore[no-untyped-def]
-    """Write the taps nu (n, q + 1) of lattices k (n, q or more), MA parts (n, q) and noise levels (n,)."""
+    """Write the taps nu (n, q + 1) for lattices k (n, q or more), MA parts (n, q) and noise levels (n,)."""
     q = numerator.shape[1]
     for row in range(level.size):
         A, rest = _polynomials(k[row], q), _polynomials(numerator[row], q)[q]
@@ -438,7 +443,7 @@ def _ladder(k, numerator, level, nu):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _polynomials(k, q):  # type: ignore[no-untyped-def]
-    """Return A_0 ... A_q of the reflection coefficients k, one per row: a_i + k_m a_{m-i}."""
+    """Return the polynomials A_0 ... A_q of reflection coefficients k, one per row: a_i + k_m a_{m-i}."""
     A = np.zeros((q + 1, q + 1))
     A[0, 0] = 1.0
     for m in range(1, q + 1):

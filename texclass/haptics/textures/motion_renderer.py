@@ -1,11 +1,11 @@
-"""Rendering of textures whose parameters are a function of the motion, and the kernels of one sample.
+"""Render textures whose parameters are functions of the motion, with compiled kernels per sample.
 
 A sample is a weighted sum of the states of a lattice filter plus a sum of oscillators::
 
     y = sum_m nu_m b_m + sum_j a_j cos(phase_j)
 
-with b_m the states of a lattice with reflection coefficients k, driven by white noise. Planned scenes use the
-same kernels `lattice` and `oscillators` (`texclass.haptics.scene.render_kernels`).
+where b_m are the states of a lattice with reflection coefficients k, driven by white noise. Planned scenes
+use the same kernels `lattice` and `oscillators` (`texclass.haptics.scene.render_kernels`).
 """
 
 from collections.abc import Callable
@@ -18,15 +18,15 @@ from texclass.recording import Samples
 from texclass.vibration.lattice import rotate
 
 SHRINK = 1 - 2 * float(np.finfo(np.float64).eps)
-"""Factor on each rotation of the lattice: it removes more than rounding adds, so that states stay bounded."""
+"""Factor applied to each rotation of the lattice. It outweighs rounding errors, which bounds the states."""
 MAX_BLOCK = 4096
-"""Number of samples whose parameters are held in memory at a time."""
+"""Number of samples whose parameters are in memory at a time."""
 
 ParameterMap = Callable[[Samples], tuple[Samples, Samples]]
 
 
 def check_path(velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
-    """Return a path as contiguous float64 arrays.
+    """Validate a path and return it as contiguous float64 arrays.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def check_path(velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]
     Raises
     ------
     ValueError
-        If the shapes do not fit, or a value is NaN or infinite.
+        If the shapes do not match, or a value is NaN or infinite.
     """
     v = np.ascontiguousarray(velocity, dtype=np.float64)
     f = np.ascontiguousarray(force, dtype=np.float64)
@@ -51,7 +51,7 @@ def check_path(velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]
 
 @njit(cache=True, error_model="numpy")
 def _all_finite(velocity: Samples, force: Samples) -> bool:
-    """Return whether all values are finite, ten times faster than NumPy for one sample."""
+    """Return whether all values are finite; ten times faster than NumPy for one sample."""
     for t in range(force.size):
         if not (np.isfinite(velocity[t, 0]) and np.isfinite(velocity[t, 1]) and np.isfinite(force[t])):
             return False
@@ -59,50 +59,51 @@ def _all_finite(velocity: Samples, force: Samples) -> bool:
 
 
 def stack_motion(velocity: Samples, force: Samples) -> Samples:
-    """Return a path as (v_x, v_y, f), shape (n, 3), with negative forces replaced by 0."""
+    """Stack a path as columns (v_x, v_y, f), shape (n, 3), with negative forces replaced by 0."""
     return np.column_stack([velocity, np.maximum(force, 0.0)])
 
 
 class MotionRenderer:
-    """Render a lattice filter and oscillators whose parameters are a function of the motion; see `Renderer`.
+    """Render a lattice filter and oscillators whose parameters are functions of the motion; see `Renderer`.
 
-    1. The motion is smoothed by a low-pass filter of first order (`motion_hz`).
-    2. Every `hop` samples the parameters are computed from the smoothed motion.
-    3. The parameters move linearly, sample by sample, to these values, which they reach at the next update (a
-       change of motion takes effect within one to two hops); or they jump at once (`glide=False`).
+    1. The motion is smoothed by a first-order low-pass filter (`motion_hz`).
+    2. Every `hop` samples, new parameters are computed from the smoothed motion.
+    3. The parameters change linearly and reach the new values at the next update, so a change of motion takes
+       effect within one to two hops. With `glide=False`, they change at once.
 
     Parameters
     ----------
     parameter_map : callable
-        Map from the smoothed motion (n, d) to `stages` (n, order + n_lines) and `taps` (n, n_taps + n_lines).
-        Stages are reflection coefficients k, then phase steps of the lines in rad per sample. Taps are
-        weights nu of the lattice states (a single one is the level), then amplitudes of the lines.
+        Function that maps the smoothed motion (n, d) to `stages` (n, order + n_lines) and `taps` (n, n_taps +
+        n_lines). Stages are the reflection coefficients k, followed by the phase steps of the lines in rad
+        per sample. Taps are the weights nu of the lattice states, followed by the line amplitudes. If n_taps
+        is 1, the weight is the level.
     fs : float
         Sampling rate in Hz.
     hop : int
-        Number of samples between updates, at least 1.
+        Number of samples between parameter updates, at least 1.
     limit : float
-        Bound of the magnitude of the output.
+        Largest magnitude of the output.
     seed : int
         Seed of the noise that drives the lattice.
     order, n_taps : int
         Order and number of taps of the lattice; n_taps is at most order + 1.
     phase : array_like of shape (n_lines,)
-        Phase of the lines at the first sample in rad.
+        Phase of the lines in rad at the first sample.
     motion : callable
-        Map from velocity (n, 2) and force (n,) to the motion (n, d) (default `stack_motion`).
+        Function that maps velocity (n, 2) and force (n,) to the motion (n, d) (default `stack_motion`).
     start : array_like of shape (d,)
-        Initial value of the smoothed motion; NaN starts at the first motion.
+        Initial value of the smoothed motion; NaN means the motion at the first sample.
     motion_hz : float
-        Bandwidth of the smoothing in Hz, so that a jump of the motion cannot click (default: no smoothing).
+        Bandwidth of the smoothing in Hz, which prevents clicks when the motion jumps (default: no smoothing).
     glide : bool
-        Whether the parameters move linearly between updates (default) instead of jumping.
+        Whether the parameters change linearly between updates (default) or in steps.
     factor : callable, optional
-        Map from the smoothed motion to a factor (n,) on the output.
+        Function that maps the smoothed motion to a factor (n,) of the output.
     n_stationary : int
         Number of lattice states that start with the variance of a stationary vibration; the coefficients then
-        start from those of white noise. With 0 (default), the states start at 0 and the coefficients at their
-        first values.
+        start at 0 (white noise). If 0 (default), the states start at 0 and the coefficients at their first
+        values.
 
     Examples
     --------
@@ -151,7 +152,7 @@ class MotionRenderer:
         self.reset()
 
     def reset(self) -> None:
-        """Return to rest, with the random numbers and the phases of the first sample."""
+        """Reset the motion, and restart the random numbers and the phases."""
         seed, n_stationary, phase, start = self._initial
         self._rng = np.random.default_rng(seed)
         for state in (self._stages, self._taps, self._b):
@@ -171,7 +172,7 @@ class MotionRenderer:
         n, index, hop = force.size, self._index, self._hop
         smoothed = self._motion(velocity, force)
         _smooth(smoothed, self._smoothing, self._smoothed)
-        # contiguous, because another memory layout would be compiled at the first sample that has it
+        # contiguous, because another memory layout would trigger a compilation during rendering
         stages, taps = map(np.ascontiguousarray, self._parameter_map(smoothed[-index % hop :: hop]))
         if len(stages) and not self._has_begun:
             self._stages[1], self._has_begun = stages[0], True
@@ -185,7 +186,7 @@ class MotionRenderer:
 
 @njit(cache=True, error_model="numpy")
 def _smooth(motion, smoothing, state):  # type: ignore[no-untyped-def]
-    """Replace the motion by its low-pass filtered course: s += smoothing (x - s)."""
+    """Low-pass filter the motion in place: s += smoothing (x - s)."""
     for t in range(motion.shape[0]):
         for i in range(motion.shape[1]):
             if np.isnan(state[i]):
@@ -196,7 +197,7 @@ def _smooth(motion, smoothing, state):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def lattice(f, k, c, b):  # type: ignore[no-untyped-def]
-    """Pass one noise sample f through a lattice with k and c = sqrt(1 - k^2); return its state b_0."""
+    """Filter one noise sample f with a lattice, given k and c = sqrt(1 - k^2); return the state b_0."""
     for m in range(k.size - 1, -1, -1):
         f, b[m + 1] = rotate(f, b[m], k[m], c[m])
     b[0] = f
@@ -205,7 +206,7 @@ def lattice(f, k, c, b):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def oscillators(x, amplitude, step, phase):  # type: ignore[no-untyped-def]
-    """Return x + sum_j a_j cos(phase_j) and advance the phases; lines with a step of pi are silent."""
+    """Return x + sum_j a_j cos(phase_j) and advance the phases; lines with a phase step of pi are silent."""
     for j in range(phase.size):
         if step[j] < np.pi:
             x += amplitude[j] * np.cos(phase[j])
@@ -218,7 +219,7 @@ def oscillators(x, amplitude, step, phase):  # type: ignore[no-untyped-def]
 def _play(  # type: ignore[no-untyped-def]
     noise, next_stages, next_taps, factor, index, hop, glide, stages, taps, turns, b, phase, limit, out
 ):
-    """Render into `out` while stages and taps move from their first row to their second."""
+    """Render to `out` while stages and taps change linearly from their first row to their second row."""
     p, q, row = turns.shape[1], taps.shape[1] - phase.size, 0
     current_stages, current_taps = stages[1].copy(), taps[1].copy()
     for t in range(noise.size):

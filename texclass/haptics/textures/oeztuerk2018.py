@@ -1,6 +1,7 @@
-"""Textures of oeztuerk2018: LPC models or major frequencies at a few speeds, interpolated between them.
+"""Fit and render textures of `oeztuerk2018`: LPC models or major frequencies at a few speeds.
 
-`speed_intervals` returns the number of speeds that a surface needs, from its friction.
+Models are interpolated between the speeds. `speed_intervals` returns the number of speeds that a surface
+needs according to its friction.
 """
 
 from abc import abstractmethod
@@ -24,31 +25,31 @@ from texclass.vibration.interpolation import Loudness
 from texclass.vibration.major_frequencies import interpolate, match_close_frequencies
 
 ORDER = 400
-"""Order of the LPC models. `oeztuerk2018`, figure 3.2: more coefficients have minimal benefit."""
+"""Default order of LPC models. `oeztuerk2018`, figure 3.2: more coefficients have minimal benefit."""
 N_FREQUENCIES = 13
-"""Number of major frequencies. `oeztuerk2018`, sections 5.3 and 7: 12 to 14 are enough."""
+"""Default number of major frequencies. `oeztuerk2018`, sections 5.3 and 7: 12 to 14 are sufficient."""
 FADE_FRACTION = 0.25
 """Fraction of the lowest recorded speed below which a texture fades linearly to silence (our choice)."""
 PEAK_FACTOR = 3.0
-"""Bound of rendered samples, as a multiple of the recorded peak: it limits Gaussian noise (our choice)."""
+"""Limit of rendered samples, as a multiple of the recorded peak; it clips Gaussian noise (our choice)."""
 N_SUB = 16
-"""Number of LPC models computed between two recorded speeds; between these k is linear."""
+"""Number of LPC models computed per interval of recorded speeds; k is linear between them."""
 BIN_MM_S = 40.0
 """Width of a speed interval in mm/s: `oeztuerk2018`, figure 4.2."""
 FRICTION = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 N_INTERVALS = (7, 5, 4, 3, 2, 2)
-"""Number of intervals at each of these friction coefficients: `oeztuerk2018`, section 4.2."""
+"""Number of speed intervals at each friction coefficient in `FRICTION`; `oeztuerk2018`, section 4.2."""
 EXTREME_FRICTION = 1.2
-"""Friction from which one interval is enough. The thesis calls its seventh value extreme and does not
-print it."""
+"""Friction coefficient from which one interval is sufficient (our choice). The thesis describes its seventh
+value as extreme, without stating it."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpeedTexture(Texture):
     """Models of one surface at a few speeds, with interpolation between them.
 
-    Outside the range of recorded speeds the nearest recording is used (no extrapolation). Below
-    `FADE_FRACTION` of the lowest speed the vibration fades to silence. Both are our readings.
+    Outside the range of recorded speeds, the nearest recording is used (no extrapolation). Below
+    `FADE_FRACTION` times the lowest speed, the vibration fades to silence. Both are our choices.
     """
 
     family: ClassVar[str]
@@ -69,7 +70,7 @@ class SpeedTexture(Texture):
         return np.array([NOMINAL_FORCE_N])
 
     def fractional_index(self, speed: ArrayLike) -> Samples:
-        """Return the fractional index of speeds (mm/s) among the recorded ones, 0 ... n_speeds - 1."""
+        """Return the fractional index, 0 ... n_speeds - 1, of speeds (mm/s) among the recorded speeds."""
         v = np.asarray(speed, dtype=np.float64)
         if not np.all(np.isfinite(v) & (v >= 0)):
             raise ValueError(f"speed must be finite and at least 0 mm/s, got {speed!r}")
@@ -77,10 +78,10 @@ class SpeedTexture(Texture):
 
     @abstractmethod
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
-        """Return the vibration at a constant speed (mm/s), shape (n_samples,); `seed` sets the noise."""
+        """Render n_samples at a constant speed in mm/s; `seed` is the seed of the noise."""
 
     def _make_renderer(self, parameter_map: ParameterMap, seed: int, **options: Any) -> MotionRenderer:
-        """Return a renderer whose motion is (fractional index of the speed, loudness from 0 to 1)."""
+        """Return a renderer with the motion (fractional index of the speed, loudness from 0 to 1)."""
 
         def motion(velocity: Samples, force: Samples) -> Samples:
             speed = np.hypot(velocity[:, 0], velocity[:, 1])
@@ -102,14 +103,14 @@ class SpeedTexture(Texture):
 
 @dataclass(frozen=True, eq=False)
 class LpcTexture(SpeedTexture):
-    """LPC models of one surface at increasing speeds; line spectra and log gain are interpolated linearly.
+    """LPC models of one surface at increasing speeds, with linear interpolation of line spectra and log gain.
 
     Parameters
     ----------
     speeds : array_like of shape (n_speeds,)
-        Recorded speeds in mm/s, two or more, increasing.
+        Recorded speeds in mm/s, at least two, increasing.
     models : Autoregression
-        Models of leading shape (n_speeds,) and equal order, in the unit of the recordings.
+        Models with leading shape (n_speeds,), in the unit of the recordings.
     peak : float
         Largest magnitude of the recordings.
     fs : float
@@ -117,7 +118,7 @@ class LpcTexture(SpeedTexture):
     name : str, optional
         Name of the surface.
     loudness : {"gain", "level"}
-        Quantity that is interpolated besides the line spectra, see `ModelBlend`.
+        Quantity that is interpolated in addition to the line spectra, see `ModelBlend`.
 
     References
     ----------
@@ -141,13 +142,13 @@ class LpcTexture(SpeedTexture):
         k = self.models.reflection
         if k.ndim != 2 or k.shape[0] != self.speeds.size or k.shape[1] < 1:
             raise ValueError(
-                f"models must have reflection coefficients of shape ({self.speeds.size}, order), one row per "
-                f"speed, got {k.shape}"
+                f"models must have reflection coefficients of shape ({self.speeds.size}, order), one row "
+                f"per speed, got {k.shape}"
             )
         with np.errstate(over="ignore"):
             if not np.all(np.isfinite(self.models.level)):
                 raise ValueError(f"levels of the models must be finite, got {self.models.level}")
-        _ = self._blend  # checks `loudness`
+        _ = self._blend  # validates `loudness`
 
     @cached_property
     def _blend(self) -> ModelBlend:
@@ -160,7 +161,7 @@ class LpcTexture(SpeedTexture):
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample: 6 per stage, and 6 per stage at each update of k."""
+        """Operations per sample: 6 per stage, plus 6 per stage at each update of k."""
         return 6.0 * self.order + 6.0 * self.order / self.update_samples
 
     @property
@@ -173,27 +174,27 @@ class LpcTexture(SpeedTexture):
         return self._at_index(self.fractional_index(speed))
 
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
-        """Return the vibration at a constant speed (mm/s), shape (n_samples,)."""
+        """Render n_samples at a constant speed in mm/s."""
         return vibration.synthesize(self.at(speed), n_samples, np.random.default_rng(seed))
 
     @cached_property
     def grid(self) -> tuple[Samples, Samples]:
-        """Reflection coefficients (n_rows, p) and levels (n_rows,), `N_SUB` rows per interval of speed."""
+        """Reflection coefficients (n_rows, p) and levels (n_rows,), with `N_SUB` rows per speed interval."""
         n_rows = (self.speeds.size - 1) * N_SUB + 1
         models = self._at_index(np.arange(n_rows) / N_SUB)
         return np.ascontiguousarray(models.reflection), np.ascontiguousarray(models.level)
 
     def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
-        """Return the models at speeds (n,); they do not depend on the force."""
+        """Return the models at speeds (n,); the forces have no effect."""
         return self.at(speed)
 
     def _at_index(self, index: ArrayLike) -> Autoregression:
-        """Return the models at fractional indices (...), blended from the two nearest speeds."""
+        """Return the models at fractional indices (...), interpolated between the two nearest speeds."""
         distance = np.abs(np.asarray(index)[..., np.newaxis] - np.arange(self.speeds.size))
         return self._blend.at(np.maximum(1 - distance, 0.0))
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer at rest; `seed` sets the noise."""
+        """Return a renderer without motion; `seed` is the seed of the noise."""
         rows, levels = self.grid
         indices = np.arange(levels.size) / N_SUB
         nodes = Grid((indices,), rows)
@@ -218,12 +219,12 @@ class LpcTexture(SpeedTexture):
 
 @dataclass(frozen=True, eq=False)
 class FrequencyTexture(SpeedTexture):
-    """Major frequencies of one surface at increasing speeds; amplitudes are interpolated linearly.
+    """Major frequencies of one surface at increasing speeds, with linear interpolation of amplitudes.
 
     Parameters
     ----------
     speeds : array_like of shape (n_speeds,)
-        Recorded speeds in mm/s, two or more, increasing.
+        Recorded speeds in mm/s, at least two, increasing.
     models : sequence of MajorFrequencies
         One model per speed, in the unit of the recordings.
     peak : float
@@ -233,8 +234,10 @@ class FrequencyTexture(SpeedTexture):
     name : str, optional
         Name of the surface.
 
-    Notes ----- If two lines of neighbouring speeds are closer than the beat threshold (Table 3.2), the line
-    moves from one frequency to the other. A line without such a partner fades out.
+    Notes
+    -----
+    If two lines at neighbouring speeds are closer than the beat threshold (Table 3.2), they form
+    one line whose frequency changes from one to the other. A line without a partner fades out.
 
     References
     ----------
@@ -258,8 +261,8 @@ class FrequencyTexture(SpeedTexture):
         object.__setattr__(self, "models", tuple(self.models))
         if len(self.models) != self.speeds.size or not any(m.frequency_hz.size for m in self.models):
             raise ValueError(
-                f"models must have one entry per speed and at least one frequency, got {len(self.models)} "
-                f"models for speeds {self.speeds}"
+                f"models must have one entry per speed, and at least one frequency in total, got "
+                f"{len(self.models)} models for speeds {self.speeds}"
             )
         with np.errstate(over="ignore"):
             largest = max(float(m.amplitude.sum()) for m in self.models)
@@ -268,26 +271,26 @@ class FrequencyTexture(SpeedTexture):
 
     @cached_property
     def tracks(self) -> tuple[Samples, Samples, Samples]:
-        """Lines tracked over the speeds, see `track_lines`."""
+        """Lines tracked over speed, see `track_lines`."""
         return track_lines(self.models)
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample: 8 per line (a cosine counts as one)."""
+        """Operations per sample: 8 per line (a cosine counts as one operation)."""
         return 8.0 * self.tracks[2].size
 
     def at(self, speed: float) -> MajorFrequencies:
-        """Return the frequencies at a speed (mm/s), interpolated between the two nearest recordings."""
+        """Return the major frequencies at a speed (mm/s), interpolated between the two nearest recordings."""
         index = float(self.fractional_index(speed))
         below = min(int(index), len(self.models) - 2)
         return interpolate(self.models[below], self.models[below + 1], index - below)
 
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
-        """Return the vibration at a constant speed (mm/s), shape (n_samples,); it is deterministic."""
+        """Render n_samples at a constant speed in mm/s. The result is deterministic; `seed` has no effect."""
         return self.at(speed).synthesize(n_samples, self.fs)
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer at rest with continuous phases; it is deterministic."""
+        """Return a deterministic renderer with continuous phases; `seed` has no effect."""
         f, A, phase = self.tracks
         omega, amplitude = 2 * np.pi * np.minimum(f / self.fs, 0.5), np.where(f < self.fs / 2, A, 0.0)
         nodes = Grid((np.arange(float(self.speeds.size)),), np.hstack([omega, amplitude]))
@@ -315,7 +318,7 @@ def fit_lpc(
     Parameters
     ----------
     signals : sequence of array_like, each of shape (n_samples,)
-        One recording per speed, in any common unit; lengths may differ. Means are removed.
+        One recording per speed, all in the same unit; lengths may differ. The means are removed.
     speeds : array_like of shape (n_speeds,)
         Speeds in mm/s, increasing.
     fs : float
@@ -328,12 +331,12 @@ def fit_lpc(
     Raises
     ------
     ValueError
-        If the numbers of recordings and speeds differ, a recording is constant or not finite, the speeds are
-        not positive and increasing, or as `texclass.vibration.fit`.
+        If the numbers of recordings and speeds differ, a recording is constant or not finite, or the speeds
+        are not positive and increasing; also as `texclass.vibration.fit`.
 
     References
     ----------
-    `oeztuerk2018`, section 3.1. The thesis solves the Wiener-Hopf equations by Levinson's recursion; Burg's
+    `oeztuerk2018`, section 3.1. The thesis solves the Wiener-Hopf equations by Levinson's recursion. Burg's
     method needs no window and is more accurate for short recordings.
 
     Examples
@@ -359,7 +362,7 @@ def fit_frequencies(
 ) -> FrequencyTexture:
     """Fit major frequencies to recordings of one surface at two or more speeds.
 
-    The sum of the lines of each recording is scaled to its peak, as in the thesis, because a few lines have
+    The sum of the lines is scaled to the peak of the recording, as in the thesis, because a few lines have
     less power than the recording.
 
     Parameters
@@ -399,7 +402,7 @@ def fit_frequencies(
 def _check_speeds(speeds: ArrayLike) -> Samples:
     v = np.array(one_channel(speeds, "speeds"))
     if v.size < 2 or v[0] <= 0 or np.any(np.diff(v) <= 0):
-        raise ValueError(f"speeds must be two or more, positive and increasing, got {v}")
+        raise ValueError(f"speeds must be at least two positive, increasing values, got {v}")
     v.setflags(write=False)
     return v
 
@@ -407,7 +410,7 @@ def _check_speeds(speeds: ArrayLike) -> Samples:
 def _check_recordings(
     signals: Sequence[ArrayLike], speeds: ArrayLike
 ) -> tuple[Samples, list[Samples], float]:
-    """Return speeds, recordings without their means, and the largest magnitude of the recordings."""
+    """Validate recordings; return speeds, recordings without their means, and the largest magnitude."""
     v = _check_speeds(speeds)
     if len(signals) != v.size:
         raise ValueError(f"signals and speeds must have the same length, got {len(signals)} and {v.size}")
@@ -422,10 +425,10 @@ def _check_recordings(
 
 
 def track_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, Samples]:
-    """Connect each line with its partner at the next speed, with the pairs of `interpolate`.
+    """Connect each line to its partner at the next speed, using the pairs of `interpolate`.
 
-    Where a track has no line, its amplitude is 0 and its frequency that of its nearest line, so that linear
-    interpolation between two speeds equals `interpolate`.
+    At speeds where a track has no line, its amplitude is 0, and its frequency is the frequency of its nearest
+    line. Linear interpolation between two speeds is then identical to `interpolate`.
 
     Parameters
     ----------
@@ -437,9 +440,9 @@ def track_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, S
     frequency_hz, amplitude : ndarray of shape (n_speeds, n_tracks)
         Frequency in Hz and amplitude of each track.
     phase : ndarray of shape (n_tracks,)
-        Phase in rad at the first speed with a line.
+        Phase in rad at the first speed at which the track has a line.
     """
-    tracks: list[dict[int, int]] = []  # of each track: index of the speed -> index of the line
+    tracks: list[dict[int, int]] = []  # for each track: index of the speed -> index of the line
     track_of: dict[int, int] = {}  # at one speed: index of the line -> index of the track
     for i, model in enumerate(models):
         previous, track_of = track_of, {}
@@ -468,19 +471,19 @@ def track_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, S
 
 @dataclass(frozen=True)
 class SpeedIntervals:
-    """Intervals of speed, with one signal for each.
+    """Speed intervals, each of which is represented by one signal.
 
     Attributes
     ----------
     bounds_mm_s : tuple of float
-        n_intervals + 1 increasing bounds in mm/s, from 0 to infinity.
+        Increasing interval bounds in mm/s, n_intervals + 1 values from 0 to infinity.
     """
 
     bounds_mm_s: tuple[float, ...]
 
     @classmethod
     def equal(cls, n: int) -> "SpeedIntervals":
-        """Return n intervals of 40 mm/s; the last one has no upper bound."""
+        """Return n intervals of 40 mm/s; the last interval has no upper bound."""
         return cls((*(i * BIN_MM_S for i in range(n)), np.inf))
 
     @property
@@ -490,7 +493,7 @@ class SpeedIntervals:
 
     @property
     def centres_mm_s(self) -> tuple[float, ...]:
-        """Centre of each interval in mm/s; for the last one, the centre of its first 40 mm/s."""
+        """Centre of each interval in mm/s; for the last interval, the centre of its first 40 mm/s."""
         bounds = [*self.bounds_mm_s[:-1], self.bounds_mm_s[-2] + BIN_MM_S]
         return tuple((a + b) / 2 for a, b in pairwise(bounds))
 
@@ -500,15 +503,16 @@ class SpeedIntervals:
 
 
 def speed_intervals(friction: float) -> SpeedIntervals:
-    """Return the intervals for a friction coefficient: 40 mm/s each, the last one without upper bound.
+    """Return the speed intervals that a surface needs according to its friction coefficient.
 
-    The thesis gives their number at a few coefficients. Between two of them the larger number is used, so
-    that no signal is missing. From `EXTREME_FRICTION` on the number is 1.
+    Each interval is 40 mm/s wide; the last one has no upper bound. The thesis states the number of intervals
+    for a few coefficients. Between two of these coefficients, the larger number is used, so that no signal is
+    missing. From `EXTREME_FRICTION` on, one interval is used.
 
     Parameters
     ----------
     friction : float
-        Coefficient of kinetic friction.
+        Kinetic friction coefficient.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Tap models of okamura2001: fit, library by material, scaling to a device, and a virtual wall.
+"""Fit tap models of `okamura2001`, scale them to a device, and render them in a virtual wall.
 
-The onsets of taps are fitted together with their shape. `scale_to_device` moves a library into the range that
-a device can display. A `VirtualWall` adds the vibration of a tap to the force of a spring, sample by sample.
+The onsets of taps are fitted together with their shape. `scale_to_device` scales a library of taps to the
+range of a device. A `VirtualWall` adds the vibration of a tap to the force of a spring, sample by sample.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,14 +25,14 @@ from texclass.vibration.decaying_sinusoid import (
 )
 
 RISE_START, RISE_END = 0.1, 0.3
-"""Fractions of the peak between which the first rise is extrapolated back to zero (our choice)."""
+"""Fractions of the peak that define the line through the first rise, see `find_onset` (our choice)."""
 MIN_DECAY, MAX_DECAY = 1e-6, 3.0
 """Bounds of B / fs in the fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class AlignedTaps:
-    """Result of a joint fit of the taps of one material.
+    """Result of a joint fit to the taps of one material.
 
     Attributes
     ----------
@@ -41,12 +41,12 @@ class AlignedTaps:
     amplitude : ndarray of shape (n_taps,)
         Amplitude A v of each tap, in the unit of the taps.
     onset : ndarray of shape (n_taps,)
-        Onset of each tap in samples, with fractions; negative if the recording begins after it.
+        Onset of each tap in fractional samples; negative if the recording begins after the onset.
     r_squared : float
-        R^2 of the regression of the amplitudes on the velocities through the origin (figure 4); NaN if there
-        is only one velocity.
+        R^2 of the regression through the origin of the amplitudes on the velocities (figure 4); NaN if all
+        velocities are equal.
     explained_energy : float
-        Fraction of the energy of the taps in the fitted decaying sinusoids, at most 1.
+        Fraction of the energy of the taps that the fitted decaying sinusoids explain, at most 1.
     """
 
     model: TapModel
@@ -57,17 +57,17 @@ class AlignedTaps:
 
 
 def find_onset(tap: ArrayLike) -> float:
-    """Return the onset of a tap in samples: the line through its first rise, extrapolated back to zero.
+    """Return the onset of a tap in samples, where the line through its first rise crosses zero.
 
     Parameters
     ----------
     tap : array_like of shape (n_samples,)
-        Tap, with or without rest (noise about 0) before the impact.
+        Tap, with or without zero-mean noise before the impact.
 
     Raises
     ------
     ValueError
-        If the tap has fewer than 4 samples, is all zero, or contains NaN or infinity.
+        If the tap has fewer than 4 samples, contains only zeros, or contains NaN or infinity.
 
     Examples
     --------
@@ -88,30 +88,30 @@ def find_onset(tap: ArrayLike) -> float:
 
 
 def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> AlignedTaps:
-    """Fit A, B and w to taps of one material with unknown onsets.
+    """Fit A, B and w jointly to taps of one material with unknown onsets.
 
-    Minimises sum_i |x_i(t) - a_i h(t - t_i)|^2 over B, w and the onsets t_i, where h(t) = exp(-B t) sin(w t)
-    for t >= 0 and 0 otherwise. The amplitudes a_i are eliminated (variable projection). A is the slope of the
-    regression of the a_i on the velocities through the origin. The fit starts from `find_onset` and
-    `fit_okamura`.
+    The fit minimises sum_i |x_i(t) - a_i h(t - t_i)|^2 over B, w and the onsets t_i, where h(t) = exp(-B t)
+    sin(w t) for t >= 0 and 0 otherwise. The amplitudes a_i are eliminated by variable projection. A is the
+    slope of the regression through the origin of the a_i on the velocities. The initial values come from
+    `find_onset` and `fit_okamura`.
 
     Parameters
     ----------
     taps : sequence of array_like, each of shape (n_samples,)
-        Taps without offset, with or without rest before the impact. Lengths may differ; any common unit.
+        Taps without offset, with or without noise before the impact. Lengths may differ; units must be equal.
     velocity : array_like of shape (n_taps,)
-        Impact velocities in m/s, not all zero; ones if they are unknown.
+        Impact velocities in m/s, not all zero. Pass ones if they are unknown.
     fs : float
         Sampling rate in Hz.
 
     Raises
     ------
     ValueError
-        As `find_onset` and `fit_tap_model`.
+        As `find_onset` and `fit_okamura`.
 
     References
     ----------
-    `okamura2001`, section II-B, which estimates amplitude, decay and frequency one after the other.
+    `okamura2001`, section II-B, which estimates amplitude, decay and frequency one after another.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
     cut = [tap[min(max(round(t), 0), tap.size - 4) :] for tap, t in zip(x, start, strict=True)]
     try:
         first = fit_okamura(cut, v, fs)
-    except ValueError:  # without peaks, start from the beginning of the strongest tap
+    except ValueError:  # if there are no peaks, start from the beginning of the strongest tap
         strongest = max(cut, key=lambda tap: float(tap @ tap))
         first = fit_tap_model([strongest[:400]], [1.0], fs)
     problem = TapShapes(x)
@@ -170,7 +170,7 @@ def slope_through_origin(velocity: Samples, amplitude: Samples) -> tuple[float, 
 
 
 def _crossing(magnitude: Samples, level: float) -> float:
-    """Return the position, between samples, at which the magnitude first reaches the level."""
+    """Return the fractional sample position at which the magnitude first reaches the level."""
     i = int(np.argmax(magnitude >= level))
     if i == 0:
         return 0.0
@@ -185,8 +185,8 @@ def _crossing(magnitude: Samples, level: float) -> float:
 class TapLibrary(Serializable, Mapping[str, TapModel]):
     """Tap models by material: a(t) = A v exp(-B t) sin(w t) at impact velocity v.
 
-    A library is saved and loaded like a `Texture`, but it is not a texture: a tap is no stroke; it has one
-    velocity and then decays. A `VirtualWall` renders one of its materials.
+    A library is saved and loaded like a `Texture`, but it is not a texture: a tap has a single impact
+    velocity and decays, unlike a stroke. A `VirtualWall` renders one of its materials.
 
     Parameters
     ----------
@@ -195,12 +195,12 @@ class TapLibrary(Serializable, Mapping[str, TapModel]):
     models : sequence of TapModel
         One model per material.
     unit : str
-        Unit of the accelerations (default "m/s^2"; another one if the scale of the sensor is unknown).
+        Unit of the accelerations (default "m/s^2"). Pass another unit if the scale of the sensor is unknown.
 
     Raises
     ------
     ValueError
-        If there is no material, names repeat, or the number of models differs.
+        If there is no material, names are duplicated, or the number of models differs.
 
     Examples
     --------
@@ -220,7 +220,7 @@ class TapLibrary(Serializable, Mapping[str, TapModel]):
         n = len(self.materials)
         if not n or len(set(self.materials)) != n or len(self.models) != n:
             raise ValueError(
-                f"materials must be one or more different names with one model each, got {self.materials} "
+                f"materials must be one or more unique names, with one model each, got {self.materials} "
                 f"and {len(self.models)} models"
             )
 
@@ -246,18 +246,18 @@ def fit_library(
     *,
     unit: str = "m/s^2",
 ) -> tuple[TapLibrary, dict[str, AlignedTaps]]:
-    """Fit one tap model per material; return the library and the details of each fit.
+    """Fit one tap model per material, and return the library and the details of each fit.
 
     Parameters
     ----------
     taps : mapping of str to sequence of array_like, each of shape (n_samples,)
-        Taps of each material at several velocities, with or without rest before the impact.
+        Taps of each material at several velocities, with or without noise before the impact.
     velocity : mapping of str to array_like of shape (n_taps,)
         Impact velocities in m/s.
     fs : float
         Sampling rate in Hz.
     unit : str
-        Unit of the accelerations.
+        Unit of the accelerations (default "m/s^2").
 
     Returns
     -------
@@ -269,7 +269,7 @@ def fit_library(
     Raises
     ------
     ValueError
-        If the materials of the two mappings differ, or as `fit_aligned`.
+        If the materials of the two mappings differ; also as `fit_aligned`.
 
     Examples
     --------
@@ -288,7 +288,7 @@ def fit_library(
 
 
 def tap_peak(model: TapModel) -> Samples:
-    """Return max_t exp(-B t) sin(w t), reached at t = arctan(w / B) / w, where sin = w / sqrt(w^2 + B^2)."""
+    """Return max_t exp(-B t) sin(w t), which is reached at t = arctan(w / B) / w."""
     w, B = 2 * np.pi * model.frequency_hz, model.decay_per_s
     return np.asarray(np.exp(-B * np.arctan2(w, B) / w) * w / np.hypot(w, B))
 
@@ -298,24 +298,26 @@ def tap_peak(model: TapModel) -> Samples:
 
 @dataclass(frozen=True)
 class ForceDevice:
-    """A force-feedback device that displays taps.
+    """A force-feedback device that renders taps.
 
     Attributes
     ----------
     band_hz : (float, float)
-        Frequency range in Hz that is perceived well and not attenuated by the inertia of the device.
+        Frequency range in Hz that users perceive well and that the inertia of the device does not attenuate.
     force_n : (float, float)
-        Smallest perceptible peak force, and largest force of the vibration, in N.
+        Smallest perceptible peak force and largest force of the vibration, in N.
     limit_n : float
-        Largest force of the motors in N, wall and vibration together.
+        Largest force of the motors in N, for wall and vibration together.
     mass_kg : float
-        Mass that the motors shake in kg: force = mass * acceleration.
+        Mass in kg that the motors accelerate: force = mass * acceleration.
     rate_hz : float
         Rate of the control loop in Hz.
 
-    Notes ----- `okamura2001`, section III, shows the response of its device (3GM) only as a curve (figure 6),
-    and no force limit. The defaults are ours: a band from 30 Hz to a little above the peak of human
-    sensitivity at 250 Hz, as in Table II, and the forces of a desktop device.
+    Notes
+    -----
+    `okamura2001`, section III, shows the frequency response of its device (3GM) only as a curve
+    (figure 6) and states no force limit. The defaults are our choice: a band from 30 Hz to slightly above the
+    peak of human sensitivity at 250 Hz, as in Table II, and the forces of a desktop device.
 
     Examples
     --------
@@ -349,32 +351,36 @@ class ForceDevice:
 
 
 def scale_to_device(library: TapLibrary, device: ForceDevice, largest_velocity: float) -> TapLibrary:
-    """Return the library with frequencies, decay rates and slopes that the device can display.
+    """Scale frequencies, decay rates and slopes of a library to the range of a device.
 
-    - Frequencies: if the smallest or the largest is outside the band, it is moved to its bound; the others
-      keep their relative positions on a logarithmic scale, so that materials stay different and in order.
-    - Decay rates scale with the frequency, B' = B w'/w: the number of oscillations and the shape stay.
-    - Slopes: the peak forces at the largest velocity are moved into the force range of the device in the same
-      way; signs stay.
+    - Frequencies: if the lowest or highest frequency is outside the band, it is moved to the limit of the
+      band.
+      The other frequencies keep their relative positions on a logarithmic scale, so materials remain distinct
+      and in order.
+    - Decay rates scale with the frequency, B' = B w'/w, which preserves the shape and the number of
+      oscillations.
+    - Slopes: the peak forces at the largest velocity are scaled to the force range of the device in the same
+      way.
+      Signs are preserved.
 
     Parameters
     ----------
     library : TapLibrary
         Library as measured, in m/s^2.
     device : ForceDevice
-        Device that displays it.
+        Device that renders the taps.
     largest_velocity : float
-        Largest impact velocity in m/s, above 0.
+        Largest impact velocity in m/s, positive.
 
     Returns
     -------
     TapLibrary
-        Scaled library; equal to the argument if it fits already.
+        Scaled library; equal to the argument if no scaling is needed.
 
     Notes
     -----
-    In the paper expert users choose a factor for each material, "while maintaining a difference between
-    materials". This function has the same aims and gives a start for such adjustments.
+    In the paper, expert users choose a factor for each material, "while maintaining a difference between
+    materials". This function has the same purpose, and its result is a starting point for such adjustments.
 
     References
     ----------
@@ -394,7 +400,7 @@ def scale_to_device(library: TapLibrary, device: ForceDevice, largest_velocity: 
     ]
     forces = [device.peak_force(m, v) for m in shaped]
     if min(forces) == 0:
-        raise ValueError(f"amplitude slopes must not be 0, got peak forces {forces} N")
+        raise ValueError(f"amplitude slopes must be nonzero, got peak forces {forces} N")
     gains = _scale_into(forces, device.force_n) / forces
     models = [
         TapModel(float(m.amplitude_slope * g), m.decay_per_s, m.frequency_hz)
@@ -404,7 +410,7 @@ def scale_to_device(library: TapLibrary, device: ForceDevice, largest_velocity: 
 
 
 def _scale_into(values: ArrayLike, bounds: tuple[float, float]) -> Samples:
-    """Return y, ln y = a + b ln x, with the extremes of x clipped to the bounds; x if all are inside."""
+    """Return y with ln y = a + b ln x, which maps the extremes of x into the bounds; x if all are inside."""
     x = np.log(np.asarray(values, dtype=np.float64))
     low, high = np.clip([x.min(), x.max()], *np.log(bounds))
     if low == x.min() and high == x.max():
@@ -421,16 +427,19 @@ class VirtualWall:
     Parameters
     ----------
     tap : TapModel
-        Tap in the range of the device, see `scale_to_device`.
+        Tap scaled to the range of the device, see `scale_to_device`.
     device : ForceDevice
-        Device, with its rate, mass and force limit.
+        Device that renders the wall.
     stiffness_n_mm : float
         Stiffness k in N/mm (default 0.5); the paper uses one value for all materials.
 
-    Notes ----- Inside the wall the force is k x - m A v exp(-B t) sin(w t), positive out of the wall, with
-    depth x, velocity v at the last impact and time t since then. With negative A the vibration first pushes
-    outwards, as an impact does. Outside the wall the vibration fades out within 2 ms (our choice). The sum is
-    clipped at the limit of the device. An impact during the vibration of the previous one adds to it.
+    Notes
+    -----
+    Inside the wall, the force is k x - m A v exp(-B t) sin(w t), positive out of the wall, with
+    depth x, velocity v at the last impact, and time t since this impact. If A is negative, the vibration
+    first pushes outwards, like a real impact. Outside the wall, the vibration fades out within 2 ms (our
+    choice). The sum is clipped at the force limit of the device. The vibrations of consecutive impacts add
+    up.
 
     References
     ----------
@@ -457,16 +466,16 @@ class VirtualWall:
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample: one complex product, spring, gate and sum."""
+        """Operations per sample: one complex product, spring, gate and sum."""
         return 12.0
 
     def renderer(self) -> "WallRenderer":
-        """Return a renderer at rest outside the wall."""
+        """Return a renderer with the tip outside the wall."""
         return WallRenderer(self)
 
 
 class WallRenderer:
-    """Renderer of a virtual wall; the state is kept between calls, so that blocks of any length join.
+    """Renderer of a virtual wall; state is kept between calls, so blocks of any length join without clicks.
 
     Attributes
     ----------
@@ -484,16 +493,16 @@ class WallRenderer:
         self._state = np.zeros(4)
 
     def reset(self) -> None:
-        """Return to rest outside the wall."""
+        """Reset the vibration, and move the tip outside the wall."""
         self._state[:] = 0.0
 
     def process(self, depth_mm: ArrayLike, velocity_mm_s: ArrayLike) -> Samples:
-        """Return the force for the next samples of a path.
+        """Return the forces for the next samples of a path.
 
         Parameters
         ----------
         depth_mm : array_like of shape (n,)
-            Depth of the tip below the surface of the wall in mm; 0 or less is outside.
+            Depth of the tip below the surface of the wall in mm; values of 0 or less are outside.
         velocity_mm_s : array_like of shape (n,)
             Velocity in mm/s, positive into the wall. Only the value at the first sample inside is used;
             negative values are replaced by 0.
@@ -524,7 +533,7 @@ class WallRenderer:
 
 @njit(cache=True, error_model="numpy")
 def _press(x, v, push, re, im, release, k, limit, state, out):  # type: ignore[no-untyped-def]
-    """Multiply the phasor z by its pole at each sample; its imaginary part is the vibration, without jumps.
+    """Render a block: multiply the phasor z by its pole at each sample; its imaginary part is the vibration.
 
     `state` contains z (two values), the gate that closes outside the wall, and whether the tip is inside.
     """

@@ -1,10 +1,14 @@
-"""Textures of about a hundred bytes: quantised reflection coefficients and a law of the level.
+"""Define packed textures of about a hundred bytes: quantised reflection coefficients and a level law.
 
-A file contains, in this order: a mark and a checksum; sampling rate, unit and level; for sources with several
-speeds and forces the slopes of the level and the range of speed and force; codes of the reflection
-coefficients of one spectrum, or of the spectra at the lowest and the highest speed; and optionally the modes
-of a tap and the coefficient of friction. Every code decodes to |k| < 1 or to a decaying mode, so any bytes
-render a stable vibration.
+A file contains, in this order:
+
+1. a magic number and a checksum;
+2. sampling rate, unit and level;
+3. for sources with several speeds and forces, the slopes of the level and the range of speed and force;
+4. codes of the reflection coefficients of one spectrum, or of two spectra at the lowest and highest speed;
+5. optionally, the modes of a tap and the friction coefficient.
+
+Every code decodes to |k| < 1 or to a decaying mode, so the rendered vibration is stable for any bytes.
 """
 
 import zlib
@@ -25,11 +29,11 @@ from texclass.vibration.decaying_modes import DecayingModes
 from texclass.vibration.reflection import log_cosines
 
 MARK = 0xB5
-"""First byte. No safetensors file begins with an odd byte."""
+"""Magic number (first byte). It is odd, and no safetensors file begins with an odd byte."""
 MIN_BYTES, MAX_BYTES = 4, 512
-"""Size of a file in bytes."""
+"""Smallest and largest size of a file in bytes."""
 RATES = (500, 800, 1000, 1250, 1600, 2000, 2200, 2500, 4000, 5000, 8000, 10_000, 16_000, 44_100, 48_000)
-"""Sampling rates in Hz with a code of 4 bits; any other integer takes 17 more bits."""
+"""Sampling rates in Hz that are coded in 4 bits; other integer rates take 17 more bits."""
 
 
 class Quantizer(NamedTuple):
@@ -40,7 +44,7 @@ class Quantizer(NamedTuple):
     bits: int
 
     def encode(self, value: float) -> int:
-        """Return the code of the nearest level."""
+        """Return the code of the nearest quantization level."""
         return int(np.clip(round((value - self.lowest) / self.step), 0, (1 << self.bits) - 1))
 
     def decode(self, code: Any) -> Any:
@@ -49,25 +53,25 @@ class Quantizer(NamedTuple):
 
 
 LEVELS, SLOPES = Quantizer(-120.0, 0.5, 9), Quantizer(-16.0, 0.25, 7)
-"""Level in dB re 1 unit, and its change in dB when speed or force doubles."""
+"""Quantizers of the level in dB re 1 unit, and of its change in dB per doubling of speed or force."""
 ENDS = Quantizer(-8.0, 0.0625, 9)
-"""Lowest and highest speed and force, in octaves re 1 mm/s and 1 N."""
+"""Quantizer of the lowest and highest speed and force, in octaves re 1 mm/s and 1 N."""
 MODES = (
     Quantizer(3.0, 0.04, 8),
     Quantizer(1.0, 0.2, 6),
     Quantizer(-60.0, 2.5, 6),
     Quantizer(0.0, np.pi / 8, 4),
 )
-"""A mode of a tap, 24 bits in all: frequency (octaves re 1 Hz), decay (octaves re 1/s), amplitude (dB re 1
-unit) and phase (rad)."""
+"""Quantizers of a tap mode, 24 bits in total: frequency (octaves re 1 Hz), decay (octaves re 1/s), amplitude
+(dB re 1 unit) and phase (rad)."""
 MAX_MODES = 4
 """Largest number of modes of a tap."""
 MU_STEP, MAX_MU = 0.01, 2.55
-"""Step and largest value of the coefficient of friction: one byte, 0 for no friction."""
+"""Step and largest value of the friction coefficient, which is coded in one byte (0: no friction)."""
 REST_MM_S, LIGHT_N = 5.0, 0.05
-"""Samples of scans below this speed or force are ignored. Renderers fade to silence below them."""
+"""Speed and force below which samples of scans are ignored and renderers fade to silence."""
 PEAK_FACTOR = 6.0
-"""Bound of rendered samples, as a multiple of the largest level (RMS)."""
+"""Limit of rendered samples, as a multiple of the largest level (RMS)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +81,14 @@ class PackedTexture(Texture):
     Parameters
     ----------
     data : array_like of int, shape (n_bytes,)
-        Bytes 0 ... 255, as returned by `pack`.
+        Bytes (0 to 255), as returned by `pack`.
     name : str, optional
         Name of the surface, which is not part of the bytes.
 
     Raises
     ------
     ValueError
-        If the number of bytes is not 4 to 512, or mark or checksum are wrong.
+        If the number of bytes is not between 4 and 512, or the magic number or checksum is wrong.
 
     Examples
     --------
@@ -104,15 +108,15 @@ class PackedTexture(Texture):
         is_bytes = data.ndim == 1 and data.dtype.kind in "iu" and MIN_BYTES <= data.size <= MAX_BYTES
         if not is_bytes or data.min() < 0 or data.max() > 255:
             raise ValueError(
-                f"data must be {MIN_BYTES} to {MAX_BYTES} bytes (0 to 255), got shape {data.shape}"
+                f"data must contain {MIN_BYTES} to {MAX_BYTES} bytes (0 to 255), got shape {data.shape}"
             )
         content = bytes(data.astype(np.uint8))
         if content != add_checksum(content[2:]):
-            raise ValueError("data are damaged: the mark or the checksum is wrong. Pack the texture again")
+            raise ValueError("the data are damaged: wrong magic number or checksum. Pack the texture again")
         frozen = data.astype(np.int64)
         frozen.setflags(write=False)
         object.__setattr__(self, "data", frozen)
-        _ = self._contents  # decoding checks the values
+        _ = self._contents  # decoding validates the values
 
     @classmethod
     def from_bytes(cls, data: bytes, name: str = "") -> Self:
@@ -161,34 +165,34 @@ class PackedTexture(Texture):
 
     @cached_property
     def speeds(self) -> Samples:
-        """Lowest and highest speed in mm/s; the nominal speed if the level does not depend on it."""
+        """Lowest and highest speed in mm/s; the nominal speed if the level does not depend on speed."""
         return self.model.speeds if self._contents["ends"] else np.array([NOMINAL_SPEED_MM_S])
 
     @cached_property
     def forces(self) -> Samples:
-        """Lowest and highest force in N; the nominal force if the level does not depend on it."""
+        """Lowest and highest force in N; the nominal force if the level does not depend on force."""
         return self.model.forces if self._contents["ends"] else np.array([NOMINAL_FORCE_N])
 
     @cached_property
     def tap(self) -> DecayingModes:
-        """Response to a tap as strong as the recorded one; no modes if no tap was recorded."""
+        """Response to a tap, as strong as in the recording; no modes if no tap was recorded."""
         return decode_modes(self._contents["modes"])
 
     @property
     def mu(self) -> float:
-        """Coefficient of kinetic friction (for recordings: V of the friction bridge); 0 if there is none."""
+        """Kinetic friction coefficient (for recordings in the unit of the friction channel); 0 if unknown."""
         return float(self._contents["mu"])
 
     def with_contact(self, *, tap: DecayingModes | None = None, mu: float | None = None) -> Self:
-        """Return the texture with another tap (up to 4 modes) or friction; None keeps the present one.
+        """Return the texture with another tap (up to 4 modes) or friction; None keeps the current value.
 
         Raises
         ------
         ValueError
-            If the friction is not 0 to 2.55.
+            If the friction is not between 0 and 2.55.
         """
         if mu is not None and not 0 <= mu <= MAX_MU:
-            raise ValueError(f"mu must be 0 to {MAX_MU:g}, got {mu}")
+            raise ValueError(f"mu must be between 0 and {MAX_MU:g}, got {mu}")
         modes = encode_modes(self.tap if tap is None else tap)
         contact = encode_contact({"modes": modes, "mu": self.mu if mu is None else mu})
         vibration = self.to_bytes()[2 : 2 + self._contents["size"]]
@@ -210,12 +214,12 @@ class PackedTexture(Texture):
         return Autoregression(k, np.sqrt(power) * np.exp(log_cosines(k).sum(axis=-1)))
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer at rest; see `Texture`."""
+        """Return a renderer without motion; see `Texture`."""
         return grid_renderer(self.model, self.fs, seed=seed)
 
 
 def grid_renderer(model: GridModel, fs: float, *, seed: int = 0) -> MotionRenderer:
-    """Return a renderer at rest of a model over speed and force; it fades to silence without either."""
+    """Return a renderer of a model over speed and force; it fades to silence at low speed or force."""
     slow, light = (axis[0] for axis in model.axes)
 
     def parameter_map(motion: Samples) -> tuple[Samples, Samples]:
@@ -251,7 +255,7 @@ def encode_modes(modes: DecayingModes) -> list[list[int]]:
 
 
 def decode_modes(codes: Sequence[Sequence[int]]) -> DecayingModes:
-    """Return the modes of codes, four codes per mode."""
+    """Return the modes for codes, four codes per mode."""
     values = [[q.decode(c) for c, q in zip(row, MODES, strict=True)] for row in codes]
     f, B, A, phi = np.array(values).reshape(-1, 4).T
     return DecayingModes(2.0**f, 2.0**B, 10 ** (A / 20), phi)
@@ -259,14 +263,14 @@ def decode_modes(codes: Sequence[Sequence[int]]) -> DecayingModes:
 
 @cache
 def bit_allocation(first: int, last: int, order: int) -> tuple[int, ...]:
-    """Return the number of bits of each coefficient, linear from the first to the last."""
+    """Return the number of bits of each coefficient, which changes linearly from `first` to `last`."""
     return tuple(int(b) for b in np.rint(np.linspace(first, last, order)))
 
 
 def decode_reflection(codes: ArrayLike, bits: Sequence[int]) -> Samples:
-    """Return the reflection coefficients of codes (..., order), in uniform steps of arcsin k.
+    """Decode reflection coefficients from codes (..., order), in uniform steps of arcsin k.
 
-    Each is the sine of the middle of a step, so |k| < 1 for any code.
+    Each coefficient is the sine of the middle of a step, so |k| < 1 for any code.
 
     References
     ----------
@@ -276,7 +280,7 @@ def decode_reflection(codes: ArrayLike, bits: Sequence[int]) -> Samples:
 
 
 def encode_header(facts: dict[str, Any], bits: Sequence[int]) -> str:
-    """Return rate, unit, order, bits and law of the level as binary digits."""
+    """Encode rate, unit, order, bits and level law as binary digits."""
     has_range = facts["ends"] is not None
     text = f"{int(has_range)}{UNITS.index(facts['unit']):03b}"
     fs = facts["fs"]
@@ -293,7 +297,7 @@ def _digits(value: float, quantizer: Quantizer) -> str:
 
 
 def encode(facts: dict[str, Any]) -> bytes:
-    """Return the bytes of a file from rate, unit, law of the level, codes of spectra, tap and friction."""
+    """Encode rate, unit, level law, codes of the spectra, tap and friction as the bytes of a file."""
     bits = facts["bits"]
     text = encode_header(facts, bits)
     text += "".join(f"{c:0{b}b}" for codes in facts["codes"] for c, b in zip(codes, bits, strict=True))
@@ -303,7 +307,7 @@ def encode(facts: dict[str, Any]) -> bytes:
 
 
 def encode_contact(facts: dict[str, Any]) -> bytes:
-    """Return the bytes of the tap, three per mode, and of the friction, if any."""
+    """Encode the tap (three bytes per mode) and the friction (at most one byte)."""
     modes = [zip(codes, MODES, strict=True) for codes in facts["modes"]]
     text = ["".join(f"{c:0{q.bits}b}" for c, q in mode) for mode in modes]
     friction = [code] if (code := round(facts["mu"] / MU_STEP)) else []
@@ -311,13 +315,15 @@ def encode_contact(facts: dict[str, Any]) -> bytes:
 
 
 def decode(body: bytes) -> dict[str, Any]:
-    """Return the contents of the bytes after the checksum; any bytes that are long enough can be rendered."""
+    """Decode the bytes after the checksum. Any byte string that is long enough can be rendered."""
     text, position = "".join(f"{byte:08b}" for byte in body), 0
 
     def take(n: int) -> int:
         nonlocal position
         if position + n > len(text):
-            raise ValueError(f"data end within a value after {len(body) + 2} bytes. Expected a whole texture")
+            raise ValueError(
+                f"the data end within a value, after {len(body) + 2} bytes. Expected a complete texture"
+            )
         position += n
         return int(text[position - n : position], 2)
 
@@ -326,8 +332,8 @@ def decode(body: bytes) -> dict[str, Any]:
     order, first, last = take(7), take(3) + 1, take(3) + 1
     if unit >= len(UNITS) or order < 1 or fs < 40:
         raise ValueError(
-            f"data must have a unit code below {len(UNITS)}, an order above 0 and a rate of at least 40 Hz, "
-            f"got {unit}, {order} and {fs}"
+            f"data must have a unit code below {len(UNITS)}, a positive order and a rate of at least 40 Hz, "
+            f"got unit code {unit}, order {order} and rate {fs} Hz"
         )
     contents: dict[str, Any] = {"fs": fs, "unit": UNITS[unit]}
     contents["level_db"] = LEVELS.decode(take(LEVELS.bits))
@@ -335,7 +341,7 @@ def decode(body: bytes) -> dict[str, Any]:
     contents["ends"] = [ENDS.decode(take(ENDS.bits)) for _ in range(4 * has_range)]
     bits = bit_allocation(first, last, order)
     contents["k"] = decode_reflection([[take(b) for b in bits] for _ in range(1 + has_range)], bits)
-    position += -position % 8  # the modes follow at a byte, then at most one byte of friction
+    position += -position % 8  # the modes start at a byte boundary, followed by at most one byte of friction
     contents["size"] = position // 8
     n_modes = min((len(text) - position) // 24, MAX_MODES)
     contents["modes"] = [[take(q.bits) for q in MODES] for _ in range(n_modes)]
@@ -344,5 +350,5 @@ def decode(body: bytes) -> dict[str, Any]:
 
 
 def add_checksum(body: bytes) -> bytes:
-    """Return the mark, the checksum of the body, and the body."""
+    """Return the magic number, the checksum of the body, and the body."""
     return bytes([MARK, zlib.crc32(body) & 0xFF]) + body

@@ -1,4 +1,4 @@
-"""Fit packed textures of a given size to a surface, measure their perceptual scales, and change them."""
+"""Fit packed textures to surfaces, and measure and change their perceptual scales."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -29,12 +29,12 @@ from texclass.vibration.decaying_modes import NO_MODES, DecayingModes
 from texclass.vibration.scores import BAND_EDGES_HZ
 
 MIN_BYTES = 8
-"""Smallest size that `pack` accepts. The file may be smaller if further coefficients do not help."""
+"""Smallest size that `pack` accepts. A file is smaller if more coefficients do not improve it."""
 MAX_ORDER, MAX_BITS = 127, 8
 """Largest order, and largest number of bits per coefficient, that the format can store."""
 FRAME_S, LOWEST_HZ = 0.125, 20.0
-"""Length of a frame with constant speed and force in s; frequency below which hand motion dominates, in
-Hz."""
+"""Length of a frame with nearly constant speed and force in s, and frequency in Hz below which hand motion
+dominates."""
 SAMPLED_MM_S, SAMPLED_N = np.geomspace(40.0, 200.0, 5), np.geomspace(0.4, 2.0, 3)
 """Speeds and forces at which other textures are sampled."""
 
@@ -52,40 +52,41 @@ def pack(
     gain_db: Callable[[Any], Any] | None = None,
     max_hz: float = np.inf,
 ) -> PackedTexture:
-    """Return the packed texture of at most `n_bytes` bytes that is closest to a surface.
+    """Fit a packed texture of at most `n_bytes` bytes to a surface.
 
-    Order and bits of the coefficients are searched. The criterion is the goodness of fit of the amplitudes
-    plus the error of the energies of nine bands (`texclass.vibration.scores`), averaged over the spectra at
-    the lowest and the highest speed. A tap takes three bytes for every 16 bytes, at most twelve; the friction
-    takes one byte.
+    Order and number of bits of the coefficients are searched. The criterion combines the goodness of fit of
+    the amplitudes and the error of the energies in nine bands (`texclass.vibration.scores`), averaged over
+    the spectra at the lowest and highest speed. The tap takes three of every 16 bytes, at most twelve. The
+    friction takes one byte.
 
     Parameters
     ----------
     source : Recording, Scan, Texture or array_like of shape (n_samples,)
         Source of the texture:
 
-        - a recording: its movement (a scan if it has speed and force), the tap of median hardness, and the
-          mean friction up to 2.55;
-        - a scan: spectra and level as a function of speed and force;
-        - a texture: the same, sampled at 15 speeds and forces;
+        - a recording: its movement (used as a scan if speed and force are recorded), the tap of median
+          hardness,
+          and the mean friction up to 2.55;
+        - a scan: spectra and level as functions of speed and force;
+        - a texture: spectra and level, sampled at 15 speeds and forces;
         - a vibration: one spectrum and one level for all speeds.
     n_bytes : int
         Largest size of the file in bytes, 8 to 512 (default 64).
     fs : float, optional
         Sampling rate of a vibration in Hz: an integer up to 131,071.
     unit : str
-        Unit of the vibration (default "m/s^2"); recordings have their own.
+        Unit of the vibration (default "m/s^2"); ignored for recordings, which contain their unit.
     name : str, optional
         Name of the surface (default: the name of the source).
     gain_db : callable, optional
-        Map from frequencies (Hz) to a gain of the spectrum in dB; see `retouch`.
+        Function that maps frequencies (Hz) to gains in dB, which are applied to the spectrum; see `retouch`.
     max_hz : float
-        Largest sampling rate of the result in Hz; frequencies above half of it are removed.
+        Largest sampling rate of the result in Hz; frequencies above half this rate are removed.
 
     Raises
     ------
     ValueError
-        If an argument is not valid, or the source is silent or shorter than a frame of 0.125 s.
+        If an argument is invalid, or the source is silent or shorter than a frame of 0.125 s.
 
     Examples
     --------
@@ -95,10 +96,10 @@ def pack(
     (True, 'noise')
     """
     if not MIN_BYTES <= n_bytes <= packed.MAX_BYTES:
-        raise ValueError(f"n_bytes must be {MIN_BYTES} to {packed.MAX_BYTES}, got {n_bytes}")
+        raise ValueError(f"n_bytes must be between {MIN_BYTES} and {packed.MAX_BYTES}, got {n_bytes}")
     if unit not in UNITS:
         raise ValueError(f"unit must be one of {', '.join(UNITS)}, got {unit!r}")
-    # one mode of the tap for each 16 bytes
+    # one tap mode per 16 bytes
     max_modes, name = min(n_bytes // 16, packed.MAX_MODES), name or str(getattr(source, "name", ""))
     tap = source.tap.strongest(max_modes) if isinstance(source, PackedTexture) else NO_MODES
     mu = float(getattr(source, "mu", 0.0))
@@ -106,7 +107,7 @@ def pack(
         source, fs, unit, tap, mu = _contents_of(source, max_modes)
     frames, rate = _cut_frames(source, fs)
     if rate != round(rate) or not 40 <= min(rate, max_hz) < 1 << 17:
-        raise ValueError(f"fs must be an integer of 40 to 131,071 Hz, got {rate} Hz")
+        raise ValueError(f"fs must be an integer between 40 and 131,071 Hz, got {rate} Hz")
     target = _estimate_target(frames, rate, gain_db, max_hz)
     facts: dict[str, Any] = {"unit": unit, "modes": packed.encode_modes(tap), "mu": min(mu, packed.MAX_MU)}
     facts |= {key: target[key] for key in ("fs", "level_db", "slopes_db", "ends")}
@@ -129,7 +130,7 @@ def pack(
 def _contents_of(
     recording: Recording, max_modes: int
 ) -> tuple[Scan | Samples, float, str, DecayingModes, float]:
-    """Return movement, sampling rate, unit, modes of the tap of median hardness, and friction."""
+    """Return movement, sampling rate, unit, modes of the tap with median hardness, and friction."""
     phases = recording.phases or find_phases(recording)
     begin, end = phases.movement or (0, recording.n_samples)
     combined = combine(recording.acceleration[begin:end])
@@ -139,7 +140,7 @@ def _contents_of(
         movement = Scan.along_line(combined, *tracks, recording.fs)
     mu = 0.0 if recording.friction is None else float(np.abs(recording.friction[begin:end]).mean())
     modes = NO_MODES
-    with suppress(UndefinedFeatureError):  # no tap has a defined hardness
+    with suppress(UndefinedFeatureError):  # the hardness is undefined for all taps
         taps = Views(recording, phases).tap.taps
         hardness = [damping(TapView((tap,), recording.fs)) for tap in taps]
         middle = taps[int(np.argsort(hardness)[(len(taps) - 1) // 2])].impulse
@@ -148,10 +149,10 @@ def _contents_of(
 
 
 def _fit_modes(x: Samples, fs: float, max_modes: int) -> DecayingModes:
-    """Fit modes to a tap (n,) by matching pursuit; each is fitted again twice with the others fixed.
+    """Fit modes to a tap (n,) by matching pursuit; each mode is refitted twice while the others are fixed.
 
-    A mode is Re(s exp((2 pi i f - B) t)). Of all f and B that have a code, the pair with the smallest
-    residual at the best s is selected.
+    A mode is Re(s exp((2 pi i f - B) t)). Among all f and B that can be coded, the pair with the smallest
+    residual at the optimal s is selected.
     """
     f, B = (2.0 ** q.decode(np.arange(1 << q.bits)) for q in packed.MODES[:2])
     t = np.arange(x.size) / fs
@@ -210,13 +211,13 @@ def _estimate_target(
     gain_db: Callable[[Any], Any] | None,
     max_hz: float,
 ) -> dict[str, Any]:
-    """Return the spectra to pack (at the lowest and highest speed, or the mean) and the law of the level."""
+    """Return the spectra to pack (at the lowest and highest speed, or the mean) and the level law."""
     samples, speed, force = (np.array(column) for column in zip(*frames, strict=True))
     n = samples.shape[1]
     window = np.hanning(n + 2)[1:-1]
     centred = (samples - samples.mean(axis=1, keepdims=True)) * window
     f = np.fft.rfftfreq(2 * n, 1 / fs)
-    is_in_band = f <= max_hz / 2  # the factor below keeps power the mean over all frequencies
+    is_in_band = f <= max_hz / 2  # the scaling below keeps the power equal to the mean over all frequencies
     S = np.abs(np.fft.rfft(centred, 2 * n))[:, is_in_band] ** 2 / (window @ window) * is_in_band.mean()
     f = f[is_in_band]
     if gain_db is not None:
@@ -242,7 +243,7 @@ def _estimate_target(
 
 
 def _fit_level_law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
-    """Fit level (dB at the geometric mean), slopes in dB per octave, and ends in octaves."""
+    """Fit the level law: level in dB at the geometric mean, slopes in dB per octave, and ends in octaves."""
     octaves = np.log2([speed, force])
     ends = [float(q) for axis in octaves for q in np.quantile(axis, [0.05, 0.95])]
     ends = [packed.ENDS.decode(packed.ENDS.encode(e)) for e in ends]
@@ -254,7 +255,7 @@ def _fit_level_law(power: Samples, speed: Samples, force: Samples) -> dict[str, 
 
 
 def _allocations(n_bits: int, facts: dict[str, Any], max_order: int) -> list[tuple[int, ...]]:
-    """Return candidates for the bits of each coefficient, non-increasing, that fit into `n_bits` bits."""
+    """Return candidate bit allocations (non-increasing bits per coefficient) that fit into `n_bits` bits."""
     n_nodes = 1 if facts["ends"] is None else 2
     n_contact = 8 * len(packed.encode_contact(facts))
     n_available = n_bits // 8 * 8 - n_contact - 16 - len(packed.encode_header(facts, [1]))
@@ -290,34 +291,34 @@ def _cost(k: Samples, target: dict[str, Any], fs: float) -> float:
 # Change some perceptual scales and keep the others ----------------------------------------------------------
 
 SPECTRAL_SCALES = ("rough", "bumpy", "fine", "regular")
-"""Scales that depend on the spectrum; `hard` depends on the tap and `sticky` on the friction, if there is
-one."""
+"""Scales that depend on the spectrum. The scale `hard` depends on the tap, and `sticky` on the friction."""
 
 
 @dataclass(frozen=True)
 class RetouchSettings:
-    """Settings of the measurement and the change of perceptual scales.
+    """Settings for measuring and changing perceptual scales.
 
     Attributes
     ----------
     nodes_hz : tuple[float, ...]
-        Frequencies of the gains in Hz; between them the gain is linear over log frequency, beyond constant.
+        Frequencies in Hz at which gains are defined. The gain is linear over log frequency between them and
+        constant beyond them.
     sharpness : tuple[float, float, float]
-        Width over which the spectrum is smoothed (nepers of frequency), excess over the smoothed spectrum
-        that counts as 1 (dB), and largest value that counts.
+        Parameters of the basis function that sharpens peaks: smoothing width of the spectrum (nepers of
+        frequency), height above the smoothed spectrum at which the function is 1 (dB), and its largest value.
     max_rate_hz : float
-        Largest sampling rate of the result in Hz: touch perceives vibration up to 1 kHz, and few bytes
-        describe a smaller band better.
+        Largest sampling rate of the result in Hz. Humans perceive vibration up to 1 kHz by touch, and few
+        bytes describe a narrower band more accurately.
     probe_s, speed_mm_s, force_n : float
-        Duration (s), mean speed (mm/s) and force (N) of the stroke to and fro that is measured.
+        Duration (s), mean speed (mm/s) and force (N) of the back-and-forth stroke used for the measurement.
     tap_fs : float
-        Sampling rate of the tap that is measured in Hz.
+        Sampling rate in Hz of the tap used for the measurement.
     max_db : float
         Largest gain in dB.
     tolerance : float
-        Largest error of a scale.
+        Largest accepted error of a scale.
     step : float
-        Fraction of an error by which the next target is moved.
+        Fraction of the error by which the target of the next iteration is moved.
     """
 
     nodes_hz: tuple[float, ...] = (25.0, 60.0, 120.0, 300.0)
@@ -336,22 +337,22 @@ RETOUCH = RetouchSettings()
 
 
 def measure_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
-    """Return the perceptual scales of a texture, see `texclass.haptics.scales`.
+    """Measure the perceptual scales of a texture, see `texclass.haptics.scales`.
 
-    The texture is stroked to and fro for 20 s, with a force of 1 N and a mean speed of 110 mm/s.
+    The texture is stroked back and forth for 20 s, with a force of 1 N and a mean speed of 110 mm/s.
 
     Parameters
     ----------
     texture : Texture
         Texture of a vibration in m/s^2, with a sampling rate above 300 Hz.
     seed : int
-        Seed of its noise (default 0).
+        Seed of the noise (default 0).
 
     Returns
     -------
     dict of str to float
-        Values of `rough`, `bumpy`, `fine` and `regular`; `hard` if the texture has a `tap`, `sticky` if it
-        has friction (`mu`).
+        Values of `rough`, `bumpy`, `fine` and `regular`. The value of `hard` requires a texture with a `tap`,
+        the value of `sticky` a texture with friction (`mu`).
 
     Raises
     ------
@@ -369,9 +370,9 @@ def measure_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
 
 
 def scales_halfway(one: PackedTexture, other: PackedTexture) -> dict[str, float]:
-    """Return the spectral scales of the model halfway between two textures of equal sampling rate.
+    """Measure the spectral scales of the model halfway between two textures of equal sampling rate.
 
-    The mean is taken over arctanh of the reflection coefficients and over the logarithm of the powers.
+    Halfway means the mean of the arctanh of the reflection coefficients, and of the logarithms of the powers.
     """
     models, order = (one.model, other.model), max(one.order, other.order)
     rows = [np.arctanh(np.pad(m.rows, [(0, 0), (0, 0), (0, order - m.order)])) for m in models]
@@ -382,34 +383,36 @@ def scales_halfway(one: PackedTexture, other: PackedTexture) -> dict[str, float]
 
 
 def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targets: float) -> PackedTexture:
-    """Return a texture with new values on some perceptual scales and the same values on the others.
+    """Change a texture on some perceptual scales and preserve its values on the other scales.
 
-    Spectrum: gains around 25, 60, 120 and 300 Hz and a sharpening of the peaks, equal at all speeds and
-    forces. The smallest gains with which a rendered stroke measures the targets are used. Frequencies above 1
-    kHz are removed and their level is compensated below. Tap: a harder tap has a higher frequency and a
-    shorter decay at the same damping ratio, and a proportionally larger amplitude, as for a stiffer spring.
+    Spectrum: the same gains around 25, 60, 120 and 300 Hz and the same sharpening of the peaks are applied at
+    all speeds and forces. The smallest gains for which a rendered stroke reaches the targets are used.
+    Frequencies above 1 kHz are removed, and the level below 1 kHz is raised to compensate.
+
+    Tap: a harder tap has a higher frequency and a shorter decay at the same damping ratio, and a
+    proportionally larger amplitude, as with a stiffer spring.
 
     Parameters
     ----------
     texture : Texture
         Texture as for `measure_scales`.
     n_bytes : int
-        Largest size of the result in bytes (default 128), see `pack`.
+        Largest size of the result in bytes (default 128); see `pack`.
     unit : str
         Unit of the vibration (default "m/s^2").
     **targets : float
-        New value of each scale, usually 0 to 10. `hard` needs a texture with a `tap`, `sticky` one with
-        friction (`mu`).
+        New value of each scale, usually 0 to 10. `hard` requires a texture with a `tap`, and `sticky` a
+        texture with friction (`mu`).
 
     Raises
     ------
     ValueError
-        If there is no target or an unknown scale, if the texture has no tap or friction to change, or if the
-        result would miss a target by more than half a point.
+        If there is no target or a scale is unknown, if the texture has no tap or friction to change, or if a
+        target cannot be reached within half a point.
 
     Examples
     --------
-    Here only the friction changes:
+    Change only the friction:
 
     >>> noise = np.random.default_rng(0).standard_normal(4000)
     >>> texture = pack(noise, n_bytes=32, fs=1000).with_contact(mu=0.4)
@@ -418,11 +421,11 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
     """
     if not targets or not set(targets) <= set(SCALES):
         names = ", ".join(targets) or "none"
-        raise ValueError(f"scales must be one or more of {', '.join(SCALES)}, got {names}")
+        raise ValueError(f"pass one or more of the scales {', '.join(SCALES)}, got {names}")
     tap, mu = _contact(texture)
-    for name, part, is_missing in (("hard", "tap", not tap.n_modes), ("sticky", "friction", not mu)):
+    for name, part, is_missing in (("hard", "a tap", not tap.n_modes), ("sticky", "friction", not mu)):
         if name in targets and is_missing:
-            raise ValueError(f"{name} needs a texture with a {part}, and the texture has no {part}")
+            raise ValueError(f"{name!r} requires a texture with {part}, but the texture has none")
     if "hard" in targets:  # a stiffer spring: a ~ v w sin(w t)
         hard = _contact_scales(tap, mu)["hard"]
         c = SCALES["hard"].feature_value(targets["hard"]) / SCALES["hard"].feature_value(hard)
@@ -436,14 +439,14 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
     hard = _contact_scales(result.tap, mu).get("hard", 0.0)
     if abs(hard - targets.get("hard", hard)) > RETOUCH.tolerance:
         raise ValueError(
-            f"targets {targets} are out of reach: a tap of 8 to 5000 Hz reaches hard {hard:.1f}. "
-            "Use a target closer to it"
+            f"targets {targets} are out of reach: taps of 8 to 5000 Hz reach hard = {hard:.1f} at most. "
+            "Use a target closer to this value"
         )
     return result
 
 
 def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: str) -> PackedTexture:
-    """Return the packed texture with the smallest gains that reach the targets."""
+    """Return a packed texture changed with the smallest gains that reach the targets."""
     x = _probe(texture.renderer(), texture.fs)
     present = _spectral_scales(x, texture.fs)
     wanted = np.array(
@@ -458,7 +461,7 @@ def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: st
         return _spectral_scales(np.fft.irfft(spectrum * 10 ** (basis(f) @ gains / 20)), 2 * f[-1])
 
     gains, aim, smallest_error = np.zeros(len(RETOUCH.nodes_hz) + 1), wanted, np.inf
-    for _ in range(6):  # the aim compensates the changes by packing
+    for _ in range(6):  # the aim compensates for changes caused by packing
         gains = _solve_gains(scales_with, gains, aim)
         shape = partial(lambda gains, f: basis(f) @ gains, gains)
         candidate = pack(texture, n_bytes, unit=unit, gain_db=shape, max_hz=RETOUCH.max_rate_hz)
@@ -473,13 +476,13 @@ def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: st
         reached = ", ".join(f"{name} {value:.1f}" for name, value in pairs)
         raise ValueError(
             f"targets {targets} are out of reach with {RETOUCH.max_db:g} dB and {n_bytes} bytes: "
-            f"the nearest texture has {reached}. Use targets closer to it"
+            f"the nearest texture has {reached}. Use targets closer to these values"
         )
     return nearest
 
 
 def _solve_gains(scales_with: Callable[[Samples], Samples], gains: Samples, aim: Samples) -> Samples:
-    """Return the gains (dB) with which the scales reach the aim, by Newton's method with step control."""
+    """Solve for gains (dB) with which the scales reach the aim, by Newton's method with step control."""
     values = scales_with(gains)
     for _ in range(12):
         if np.abs(values - aim).max() < 0.05:
@@ -494,7 +497,7 @@ def _solve_gains(scales_with: Callable[[Samples], Samples], gains: Samples, aim:
 
 
 def _gain_basis(f: Any, power: Any) -> Callable[[Any], Samples]:
-    """Return a map from frequencies to basis functions of the gain: one per node, and one for the peaks."""
+    """Return the basis functions of the gain over frequency: one per node, and one that sharpens peaks."""
     grid = np.geomspace(10.0, f[-1], 300)
     is_near = np.abs(np.log(f[1:] / grid[:, np.newaxis])) < np.maximum(0.03, 2.0 / grid)[:, np.newaxis]
     db = 10 * np.log10(is_near @ power[1:] / is_near.sum(axis=1) + 1e-300)
@@ -511,7 +514,7 @@ def _gain_basis(f: Any, power: Any) -> Callable[[Any], Samples]:
 
 
 def _probe(renderer: Renderer, fs: float) -> Samples:
-    """Return the vibration of 20 strokes of 1 s to and fro, without the first 0.1 s."""
+    """Render 20 back-and-forth strokes of 1 s, and discard the first 0.1 s."""
     t = np.arange(round((RETOUCH.probe_s + 0.1) * fs)) / fs
     speed = RETOUCH.speed_mm_s * (0.55 + 0.45 * np.pi / 2 * np.abs(np.sin(np.pi * t)))
     velocity = np.column_stack([speed * np.sign(np.sin(np.pi * t) + 1e-12), np.zeros(t.size)])
@@ -520,18 +523,18 @@ def _probe(renderer: Renderer, fs: float) -> Samples:
 
 
 def _spectral_scales(x: Samples, fs: float) -> Samples:
-    """Return the values of `SPECTRAL_SCALES` for a movement in m/s^2."""
+    """Compute the values of `SPECTRAL_SCALES` for a movement in m/s^2."""
     stroke = Recording(x, fs, "m/s^2", "stroke", phases=Phases(movement=(0, x.size)))
     return np.array(list(_scales_of(stroke, SPECTRAL_SCALES, f"texture at {fs:g} Hz").values()))
 
 
 def _contact(texture: Texture) -> tuple[DecayingModes, float]:
-    """Return the tap (without modes if there is none) and the friction (0 if there is none)."""
+    """Return the tap (no modes if the texture has no tap) and the friction (0 if unknown)."""
     return getattr(texture, "tap", NO_MODES), float(getattr(texture, "mu", 0.0))
 
 
 def _contact_scales(tap: DecayingModes, mu: float) -> dict[str, float]:
-    """Return the scales of the tap and of the friction, as far as they exist."""
+    """Return the scale `hard` if there is a tap, and the scale `sticky` if there is friction."""
     values: dict[str, float] = {}
     if tap.n_modes:
         x = np.concatenate([np.zeros(500), tap.synthesize(4000, RETOUCH.tap_fs)])
@@ -548,7 +551,7 @@ def _plan(names: tuple[str, ...]) -> Plan:
 
 
 def _scales_of(recording: Recording, names: tuple[str, ...], source: str) -> dict[str, float]:
-    """Return scales of a recording; all of them must be defined."""
+    """Return scales of a recording, or raise an error if any of them is undefined."""
     plan = _plan(names)
     computed = plan.compute(recording)
     for _, reason in computed.reasons:

@@ -1,10 +1,10 @@
-"""Nine simulated surfaces with a known spectrum at every direction, speed and force.
+"""Simulate nine surfaces whose true spectrum is known at every direction, speed and force.
 
-The recordings of `abdulali2016` are not public. These surfaces replace its S1 ... S9: each vibrates as an
-autoregressive process whose resonances, bandwidths and level vary smoothly with velocity and force; all but
-S4 also vary with the direction (period pi, like a grain). Frequencies and levels are our choice, because the
-paper prints none. Fabric (S4-S6) is broadband and quiet, wood (S7-S9) lower and narrower, plastic (S1-S3) has
-one more resonance; S1 has the widest range of frequencies.
+The recordings of `abdulali2016` are not public. These surfaces replace its surfaces S1 ... S9. The vibration
+is an autoregressive process whose resonances, bandwidths and level vary smoothly with velocity and force. All
+surfaces except S4 also vary with the direction (with period pi, like a grain). Frequencies and levels are our
+choice, because the paper states none. Fabric (S4-S6) is broadband and quiet. Wood (S7-S9) has lower and
+narrower resonances. Plastic (S1-S3) has one more resonance, and S1 has the widest range of frequencies.
 """
 
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ from texclass.vibration.autoregressive import Autoregression, from_direct_form
 SPEED_MM_S, FORCE_N = 90.0, 1.0
 """Nominal speed and force, at which resonances and level have their nominal values (our choice)."""
 SLOW_MM_S = 20.0
-"""Speed below which direction and speed matter less and less."""
+"""Speed in mm/s below which the effects of direction and speed vanish gradually."""
 LIGHT_N = 0.1
-"""Force below which the force matters less and less."""
+"""Force in N below which the effect of the force vanishes gradually."""
 GROWTH = (0.8, 0.5)
-"""Exponents of speed and force in the law of the level."""
+"""Exponents of speed and force in the level law."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,12 @@ class ResonantSurface:
     Parameters
     ----------
     name : str
-        Name as in the paper.
+        Name of the surface in the paper.
     kind : str
-        Group of surfaces.
+        Group of surfaces: plastic, fabric or wood.
     resonances : tuple of tuple of float
-        For each resonance: frequency and half-power bandwidth (Hz) at nominal speed and force; exponents of
-        speed and of force in the frequency; and amplitude of ln(frequency) over directions.
+        For each resonance: frequency and half-power bandwidth (Hz) at nominal speed and force, exponents of
+        speed and force in the frequency, and amplitude of ln(frequency) over directions.
     grain_rad : float
         Direction of the grain in rad.
     level : float
@@ -66,7 +66,7 @@ class ResonantSurface:
         return any(exponents[-1] for exponents in self.resonances) or self.level_anisotropy != 0
 
     def true_spectrum(self, velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples, Samples]:
-        """Return frequencies and bandwidths (n, n_resonances) in Hz and levels (n,) in m/s^2.
+        """Return true frequencies and bandwidths (n, n_resonances) in Hz, and levels (n,) in m/s^2.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class ResonantSurface:
     def vibration(
         self, velocity: ArrayLike, force: ArrayLike, fs: float, rng: np.random.Generator
     ) -> Samples:
-        """Return the vibration (n,) along a path in m/s^2, with sensor noise of 1 % of the nominal level."""
+        """Simulate the vibration (n,) along a path in m/s^2, with sensor noise of 1 % of nominal level."""
         k, level = self.models(velocity, force, fs)
         lattice = LatticeSynthesis(Autoregression(k[0], np.ones(())), level=float(level[0])).settle(rng)
         noise = rng.standard_normal((2, len(level)))

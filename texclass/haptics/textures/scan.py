@@ -1,4 +1,4 @@
-"""Scans: vibration, position, velocity and force of a tool that strokes a surface."""
+"""Define scans: vibration, position, velocity and force of a tool that strokes a surface."""
 
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -13,19 +13,19 @@ from texclass.signals import positive
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Record of a tool that strokes one surface. Frozen; its arrays are read-only float64.
+    """Signals of a tool that strokes one surface. The scan is frozen, and its arrays are read-only float64.
 
     Parameters
     ----------
     acceleration : array_like of shape (n_samples,)
-        Vibration of the tool in m/s^2 (or another unit, which is kept throughout): one axis, or several
-        combined into one.
+        Vibration of the tool in m/s^2 (results of a fit keep other units). Combine several axes into one
+        first.
     position : array_like of shape (n_samples, 2)
         Position of the tip on the surface in mm.
     velocity : array_like of shape (n_samples, 2)
         Tangential velocity in mm/s.
     force : array_like of shape (n_samples,)
-        Normal force in N; pressing is positive.
+        Normal force in N, positive when pressing.
     fs : float
         Sampling rate of all signals in Hz.
     name : str, optional
@@ -34,7 +34,7 @@ class Scan:
     Raises
     ------
     ValueError
-        If a shape does not fit, a value is NaN or infinite, or `fs` is not positive.
+        If the shapes do not match, a value is NaN or infinite, or `fs` is not positive.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class Scan:
 
     @property
     def time_s(self) -> Samples:
-        """Time of each sample since the first in s, shape (n_samples,)."""
+        """Time of each sample in s from the first sample, shape (n_samples,)."""
         return np.arange(len(self)) / self.fs
 
     @property
@@ -82,14 +82,14 @@ class Scan:
     def along_line(
         cls, acceleration: ArrayLike, speed: ArrayLike, force: ArrayLike, fs: float, name: str = ""
     ) -> Self:
-        """Return the scan of a straight stroke along x, from its speed.
+        """Create the scan of a straight stroke along x from its speed.
 
         Parameters
         ----------
         acceleration : array_like of shape (n_samples,)
             Vibration in m/s^2.
         speed, force : array_like of shape (n_samples,) or ()
-            Speed in mm/s and force in N; a single value is constant over the stroke.
+            Speed in mm/s and force in N; a scalar is constant over the stroke.
         fs : float
             Sampling rate in Hz.
         name : str, optional
@@ -104,24 +104,25 @@ class Scan:
 
     @classmethod
     def from_recording(cls, recording: Recording, acceleration: ArrayLike | None = None) -> Self:
-        """Return the scan of a recording with speed and normal force, as a straight stroke.
+        """Create a scan from a recording with speed and normal force, as a straight stroke.
 
         Parameters
         ----------
         recording : Recording
-            Recording with `speed` (mm/s) and `normal_force` (N).
+            Recording with the channels `speed` (mm/s) and `normal_force` (N).
         acceleration : array_like of shape (n_samples,), optional
             Axes combined into one (default: the only axis of the recording).
 
         Raises
         ------
         ValueError
-            If speed or force is missing, or if there are several axes and no `acceleration`.
+            If speed or force is missing, or if the recording has several axes and `acceleration` is not
+            passed.
         """
         a = np.asarray(recording.acceleration if acceleration is None else acceleration)
         where = recording.source or recording.recording_id
         if recording.speed is None or recording.normal_force is None:
-            raise ValueError(f"{where} has no speed or no normal force. Expected a recording with both")
+            raise ValueError(f"{where} has no speed or no normal force. Expected both channels")
         if a.ndim == 2 and a.shape[1] == 1:
             a = a[:, 0]
         if a.ndim != 1:

@@ -1,23 +1,22 @@
 "use strict";
-// Loop over samples: the same functions and arrays as texclass/haptics/scene/render_kernels.py, with the same names
-// (lattice, oscillators: textures/motion_renderer.py).
-// `drawNoise(contact)` is an argument: white noise of unit variance. JavaScript has no fused multiply-add, so samples
-// differ from those of Python by parts in 1e12.
+// Sample loop. Functions and arrays have the same names as in texclass/haptics/scene/render_kernels.py (lattice and
+// oscillators: textures/motion_renderer.py). The argument `drawNoise(contact)` returns white noise of unit variance.
+// JavaScript has no fused multiply-add, so samples differ from the Python samples by a relative error of about 1e-12.
 
 const [SMOOTHING, UPDATE_INTERVAL, FADE_SAMPLES, REST_RATIO, RADIANS_PER_HZ, OUTPUT_LIMIT] = [0, 1, 2, 3, 4, 5];
 const [N_LINES, ORDER, N_SPEEDS, N_FORCES] = [0, 1, 2, 3];
 const [SPEED_OFFSET, FORCE_OFFSET, ROW_OFFSET, POWER_OFFSET, LINE_OFFSET, BOUND_OFFSET] = [4, 5, 6, 7, 8, 9];
 const N_COLUMNS = 10;
-const [SPEED, FORCE, VOICES] = [4, 5, 6];  // columns of `state`; Python keeps input and output in the first four
+const [SPEED, FORCE, VOICES] = [4, 5, 6];  // columns of `state`; in Python the first four contain input and output
 const [MODEL, PREVIOUS, NEXT, FADE_COUNT, UPDATE_COUNT, HAS_MOTION] = [0, 1, 2, 3, 4, 5];  // columns of `status`
 const N_STATUS = 6;
 const NO_MODEL = -1, UNSET = -1.0;
 const MAX_REFLECTION = 1 - 2 ** -53;  // largest magnitude of a reflection coefficient
 
-/** Return white noise of unit variance within 3.47 deviations: the sum of four uniform numbers. */
+/** Return a sample of unit-variance white noise, at most 3.47: a sum of four uniform random numbers. */
 const randomNoise = () => (Math.random() + Math.random() + Math.random() + Math.random() - 2) * Math.sqrt(3);
 
-/** Set `position` to lower node, upper node and weight of the upper node for x; constant beyond both ends. */
+/** Set `position` to [lower node, upper node, weight of the upper node] for x, which is clamped to the nodes. */
 function cell(bank, offset, n, x, position) {
   if (n === 1 || x <= bank[offset]) return position.fill(0);
   position[2] = 0;
@@ -30,7 +29,7 @@ function cell(bank, offset, n, x, position) {
   return position;
 }
 
-/** Filter a noise sample with the lattice at offsets k and c, with its state at offset b; return the output b_0. */
+/** Filter a noise sample with the lattice: coefficients at offsets k and c, state at offset b. Return the output b_0. */
 function lattice(state, x, p, k, c, b) {
   for (let m = p - 1; m >= 0; m--) {  // f_{m-1} = c f_m - k b_{m-1},  b_m = k f_m + c b_{m-1}
     const updated = state[k + m] * x + state[c + m] * state[b + m];
@@ -40,7 +39,7 @@ function lattice(state, x, p, k, c, b) {
   return state[b] = x;
 }
 
-/** Return x plus the oscillators at offsets amplitude, step and phase, and advance their phases. */
+/** Add to x the oscillators at offsets amplitude, step and phase, and advance their phases. */
 function oscillators(state, x, n, amplitude, step, phase) {
   for (let j = 0; j < n; j++) {
     if (state[step + j] < Math.PI) x += state[amplitude + j] * Math.cos(state[phase + j]);

@@ -1,6 +1,6 @@
 "use strict";
-// Page: pointers, keys and gamepads set speed and force of the contacts in the worklet; its vibration drives the plots,
-// the meter, the messages and the vibration motors.
+// Main script. Pointers, keys and gamepads set speed and force of the contacts in the worklet. The worklet returns the
+// vibration, which drives the plots, the meter, the messages and the vibration motors.
 (() => {
   const MM_PER_PX = 25.4 / 96, REST_MS = 60, N_POINTERS = 4, KEYS = N_POINTERS, PLOT_S = 0.15;
   const element = (id) => document.getElementById(id);
@@ -36,7 +36,7 @@
     contacts.forEach((contact, i) => { if (contact) send(i); });
   }
 
-  async function start() {  // browsers start audio only after a user gesture
+  async function start() {  // browsers allow audio only after a user gesture
     firstTouch ||= performance.now();
     await initialization;
     if (context?.state === "suspended") await context.resume();
@@ -56,7 +56,7 @@
     tile.classList.remove("tapped");
     void tile.offsetWidth;  // restarts the animation
     tile.classList.add("tapped");
-    showMessage(modes ? `${name}: tapped` : `${name}: has no tap`);
+    showMessage(modes ? `${name}: tapped` : `${name}: no tap available`);
   }
 
   // Contacts -----------------------------------------------------------------------------------------------
@@ -193,7 +193,7 @@
     analyser.getFloatTimeDomainData(wave);
     const rms = Math.sqrt(wave.reduce((sum, x) => sum + x * x, 0) / wave.length);
     const level = Math.max(20 * Math.log10(rms * volume()), -99), now = performance.now();
-    if (now - vibrationTime > 60) {  // motors have a strength, but no waveform
+    if (now - vibrationTime > 60) {  // the API sets the duration of motor pulses, not the waveform
       vibrationTime = now;
       const strength = Math.min(1, rms);
       if (strength > 0.02) {
@@ -229,7 +229,7 @@
     requestAnimationFrame(update);
   }
 
-  // Tiles: each pixel is a sample of the model at medium speed; neighbouring rows are correlated -------------
+  // Tiles: each pixel is one sample of the model at medium speed; neighbouring rows are correlated -----------
 
   function paint(tile) {
     const { model, speeds, forces } = scene.surfaces[tile.dataset.index], canvas = tile.querySelector("canvas");
@@ -272,7 +272,7 @@
     node?.port.postMessage({ values, offset });
     Object.assign(scene.surfaces[0], { model, tap });
     contacts.forEach((contact, i) => { if (contact) send(i, contact.vx, contact.vy); });
-    if (document.activeElement?.id.startsWith("scale-")) {  // a slider in use also strokes
+    if (document.activeElement?.id.startsWith("scale-")) {  // moving a slider also strokes the surface
       slideEnd = performance.now() + 700;
       start();
     }

@@ -1,9 +1,9 @@
 "use strict";
-// Sliders of a texture. For every scale there are models (or taps) at some values. Between these values they are
-// interpolated, and the changes of several sliders are added to the base model. Reflection coefficients are added as
-// atanh k, so that |k| stays below 1 for all slider positions.
+// Sliders of a texture. Each scale has models (or taps) at a few values, which are interpolated in between. The
+// changes due to several sliders are added to the base model. Reflection coefficients are added as atanh k, which
+// keeps |k| below 1 for all slider positions.
 
-/** Return [i, w]: x lies at fraction w between values[i] and values[i + 1]; constant beyond both ends. */
+/** Return [i, w], where x is at fraction w between values[i] and values[i + 1]; x is clamped to the range of values. */
 function interpolationCell(values, x) {
   const i = Math.max(0, values.findLastIndex((value, j) => value <= x && j < values.length - 1));
   return [i, Math.min(Math.max((x - values[i]) / (values[i + 1] - values[i]), 0), 1)];
@@ -21,7 +21,7 @@ function addChanges(base, scales, sliderValues, rowsOf) {
   return sum;
 }
 
-/** Return the numbers of the model for `sliderValues`, and the offset in `bank` of the model `target`. */
+/** Return the data of the model for `sliderValues`, and the offset in `bank` at which model `target` is stored. */
 function blendModels(bank, index, scales, sliderValues, target) {
   const column = (model, name) => index[model * N_COLUMNS + name];
   const begin = (model) => column(model, SPEED_OFFSET), size = column(0, BOUND_OFFSET) + 3 - begin(0);
@@ -39,7 +39,7 @@ function blendTaps(tap, scales, sliderValues) {
   return tap.map((_, i) => [...sum.slice(4 * i, 4 * i + 3).map(Math.exp), sum[4 * i + 3]]);
 }
 
-/** Connect the sliders of the page: they call `onChange({ values, offset }, target, tap)` after each change. */
+/** Connect the sliders of the page to `onChange({ values, offset }, target, tap)`, which is called after each change. */
 function startSliders({ scales, command, index, surfaces }, bank, onChange) {
   const element = (id) => document.getElementById(id), tap = surfaces[0].tap, last = index.length / N_COLUMNS - 1;
   let target = last;
@@ -51,8 +51,8 @@ function startSliders({ scales, command, index, surfaces }, bank, onChange) {
       if (Math.abs(sliderValues[name] - value) > 0.04) options.push(`--scale ${name}=${sliderValues[name]}`);
     }
     element("command").value = options.length
-      ? `${command} ${options.join(" ")}` : "Move a slider: the surface is unchanged.";
-    target = target === last ? last - 1 : last;  // two models take turns, so that the renderer crossfades
+      ? `${command} ${options.join(" ")}` : "The surface is unchanged. Move a slider to create a command.";
+    target = target === last ? last - 1 : last;  // two models alternate, so that the renderer crossfades
     const model = blendModels(bank, index, scales, sliderValues, target);
     onChange(model, target, tap && blendTaps(tap, scales, sliderValues));
   }
@@ -72,9 +72,9 @@ function startSliders({ scales, command, index, surfaces }, bank, onChange) {
     element("command").select();
     try {
       await navigator.clipboard.writeText(element("command").value);
-      element("status").textContent = "The command is copied.";
+      element("status").textContent = "Command copied.";
     } catch {
-      element("status").textContent = "The command is selected: copy it with Ctrl+C.";
+      element("status").textContent = "Press Ctrl+C to copy the selected command.";
     }
   });
   update();

@@ -1,11 +1,11 @@
 "use strict";
 // Audio worklet: resampling to the rate of the loudspeaker, taps, and a limiter. It is appended to kernels.js.
 
-const HALF_LENGTH = 16, N_PHASES = 128;  // filter coefficients on each side, and filter phases between two samples
+const HALF_LENGTH = 16, N_PHASES = 128;  // filter taps on each side, and number of filter phases between two samples
 const CEILING = 0.5;  // largest output sample, relative to full scale
-const MAX_MODES = 32;  // decaying modes of taps at the same time
+const MAX_MODES = 32;  // largest number of simultaneous decaying modes of taps
 
-/** Return next(): samples of `source`, resampled by a linear-phase filter; `ratio` = old rate / new rate, at most 1. */
+/** Return a function next() that resamples `source` with a linear-phase filter; `ratio` = old rate / new rate <= 1. */
 function createInterpolator(source, ratio) {
   const n = 2 * HALF_LENGTH, table = new Float64Array((N_PHASES + 1) * n), ring = new Float64Array(2 * n);
   const bessel = (x) => {
@@ -34,7 +34,7 @@ function createInterpolator(source, ratio) {
   };
 }
 
-/** Return limit(x): the gain drops at once if x exceeds the ceiling, and recovers within 0.2 s. */
+/** Return a function limit(x): its gain drops at once if x exceeds the ceiling, and recovers within 0.2 s. */
 function createLimiter(fs, ceiling = CEILING) {
   const release = Math.exp(-1 / (0.07 * fs));
   let envelope = 0;
@@ -73,9 +73,9 @@ function createTaps(fs) {
 
 /**
  * Audio processor with two outputs: audio (limited), and vibration relative to `fullScale`.
- * Messages: {contact, model, vx, vy, force}; {tap, velocity}; {gain}; {values, offset}, which replaces numbers of the
- * bank. With a `script` {vx, vy, force, model, noise}, contact 0 follows the script sample by sample, and the
- * vibration at the sampling rate of the models is sent back at its end.
+ * Messages: {contact, model, vx, vy, force}; {tap, velocity}; {gain}; {values, offset}, which overwrites part of
+ * `bank`. With a `script` {vx, vy, force, model, noise}, contact 0 follows the script sample by sample. At the end,
+ * the vibration at the sampling rate of the models is sent back.
  */
 function defineProcessor(Base) {
   return class extends Base {

@@ -1,4 +1,4 @@
-"""Anisotropic textures of `abdulali2016`: input segments, AR models and an RBF network."""
+"""Fit and render anisotropic textures (`abdulali2016`): input segments, AR models and an RBF network."""
 
 import lazy_loader
 

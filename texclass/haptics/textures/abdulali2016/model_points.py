@@ -1,4 +1,4 @@
-"""Conditioning of scans, segmentation of the input, and model points of the segments."""
+"""Condition scans, segment their input, and compute the model points of the segments."""
 
 import heapq
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from texclass.vibration.reflection import log_cosines
 
 Indices = NDArray[np.int64]
 Loudness = Literal["level", "variance"]
-"""Loudness of a point: RMS of its vibration, or variance of the innovation as in the paper."""
+"""Loudness of a model point: RMS of its vibration, or variance of the innovation as in the paper."""
 
 MOTION_HZ = 25.0
 """Cut-off of position, velocity and force in Hz; `abdulali2016`, section 2.2."""
@@ -30,21 +30,20 @@ LINE_MM = 2.0
 VARIATION = 0.08
 """Threshold tau_2 of `abdulali2016`: largest coefficient of variation of speed and force."""
 MIN_INPUT = 0.001
-"""Threshold epsilon of `abdulali2016` in m/s and in N: slower or lighter segments are not merged."""
+"""Threshold epsilon of `abdulali2016` in m/s and N; segments with lower speed or force are not merged."""
 MIN_SEGMENT_S = 0.075
 """Shortest segment in s; `abdulali2016`: 75 samples at 1 kHz."""
 FOOT_SLACK = 0.05
-"""How far the foot of a point may lie outside its line, as a fraction of tau_1. Eq. (2) allows none, but
-sensors jitter (our choice)."""
+"""Largest distance of the projection of a point beyond the ends of its line, as a fraction of tau_1. Eq. (2)
+allows no distance, but positions are noisy (our choice)."""
 MAX_EXPONENT = 2.0
-"""Largest exponent of speed or force in the law of the level: larger ones come from a few outlying
-segments."""
+"""Largest exponent of speed or force in the level law; larger estimates are due to outlying segments."""
 
 
 def smooth_motion(x: ArrayLike, fs: float) -> Samples:
     """Low-pass position, velocity or force with a zero-phase Bessel filter.
 
-    The two passes together attenuate by 6 dB at `MOTION_HZ`.
+    The two passes of the filter together attenuate by 6 dB at `MOTION_HZ`.
 
     Parameters
     ----------
@@ -56,33 +55,35 @@ def smooth_motion(x: ArrayLike, fs: float) -> Samples:
     Raises
     ------
     ValueError
-        If the sampling rate is too low, there is no sample, or a value is not finite.
+        If the sampling rate is too low, `x` is empty, or a value is not finite.
 
     References
     ----------
-    `abdulali2016`, section 2.2, which gives neither the order (2 per pass here) nor the direction.
+    `abdulali2016`, section 2.2, which does not specify the order (here 2 per pass) or the direction.
     """
     if not fs > 2 * MOTION_HZ:
-        raise ValueError(f"fs must be above {2 * MOTION_HZ:g} Hz, twice the band of the motion, got {fs}")
+        raise ValueError(
+            f"fs must be above {2 * MOTION_HZ:g} Hz, twice the bandwidth of the motion, got {fs} Hz"
+        )
     sos = signal.bessel(2, MOTION_HZ, fs=fs, norm="mag", output="sos")
     return zero_phase(np.asarray(sos), x)
 
 
 def limit_vibration(x: ArrayLike, fs: float) -> Samples:
-    """Band-pass an acceleration to `VIBRATION_HZ` with zero phase, without gravity, hand motion and noise.
+    """Band-pass an acceleration to `VIBRATION_HZ` with zero phase to remove gravity, hand motion and noise.
 
     Parameters
     ----------
     x : array_like of shape (n_samples,)
         Acceleration.
     fs : float
-        Sampling rate in Hz. If the upper edge reaches fs/2 (as the printed 1000 Hz at the printed 1 kHz), the
-        sampling itself is the low-pass, and only a high-pass is applied.
+        Sampling rate in Hz. If the upper edge is at or above fs/2 (as with the 1000 Hz and 1 kHz of the
+        paper), only a high-pass filter is applied.
 
     Raises
     ------
     ValueError
-        If the lower edge is not between 0 and fs/2, there is no sample, or a value is not finite.
+        If the lower edge is not between 0 and fs/2, `x` is empty, or a value is not finite.
 
     References
     ----------
@@ -94,7 +95,7 @@ def limit_vibration(x: ArrayLike, fs: float) -> Samples:
 
 
 def condition(scan: Scan) -> Scan:
-    """Return the scan with its motion and its vibration filtered to their bands.
+    """Filter motion and vibration of a scan to their frequency bands.
 
     Parameters
     ----------
@@ -123,33 +124,33 @@ def scan_from_sensors(
     normal: ArrayLike = (0.0, 0.0, 1.0),
     name: str = "",
 ) -> Scan:
-    """Return the conditioned scan of a tool with recorded 3D position and force.
+    """Create a conditioned scan from the recorded 3D position and force of a tool.
 
     Parameters
     ----------
     acceleration : array_like of shape (n_samples,) or (n_samples, 3)
-        Acceleration in m/s^2; several axes are combined into one with the same spectrum (DFT321).
+        Acceleration in m/s^2; three axes are combined into one with the same spectrum (DFT321).
     position : array_like of shape (n_samples, 3)
         Position in mm.
     force : array_like of shape (n_samples, 3)
-        Force in N, of the tool on the surface or the reaction: the component along the normal is used, with
-        the sign for which its mean is positive.
+        Force in N, either of the tool on the surface or the reaction force. The component along the normal
+        is used, with the sign that makes its mean positive.
     fs : float
-        Sampling rate of all signals in Hz; resample them to one rate first.
+        Sampling rate of all signals in Hz; resample them to a common rate first.
     normal : array_like of shape (3,)
-        Normal of the surface, of any length (default z).
+        Normal vector of the surface, of any length (default z).
     name : str, optional
         Name of the surface.
 
     Raises
     ------
     ValueError
-        If a shape does not fit, the normal is 0, or a value is not finite.
+        If the shapes do not match, the normal is zero, or a value is not finite.
 
     Notes
     -----
-    The velocity is the derivative of the smoothed position (central differences), projected on the plane. Its
-    first axis is the projection of the x axis (of the y axis if x is the normal).
+    The velocity is the derivative of the smoothed position (central differences), projected onto the surface.
+    The first axis of the surface is the projection of the x axis (of the y axis if x is the normal).
 
     References
     ----------
@@ -185,15 +186,16 @@ def scan_from_sensors(
 
 @dataclass(frozen=True, eq=False)
 class InputSegments:
-    """Segments of a scan with nearly constant direction, speed and force.
+    """Segments of a scan in which direction, speed and force are nearly constant.
 
     Attributes
     ----------
     lines : ndarray of shape (n_lines + 1,)
-        Phase 1: straight line i consists of samples lines[i] ... lines[i + 1] - 1; lines cover the whole
-        scan.
+        Result of phase 1. Straight line i consists of samples lines[i] ... lines[i + 1] - 1; the lines cover
+        the whole scan.
     start, stop : ndarray of shape (n_segments,)
-        Phase 2: segment i consists of samples start[i] ... stop[i] - 1; samples between segments are unused.
+        Result of phase 2. Segment i consists of samples start[i] ... stop[i] - 1; samples between segments
+        are unused.
     """
 
     lines: Indices
@@ -217,28 +219,28 @@ class InputSegments:
         return np.array([segment.mean(axis=0) for segment in self.cut(x)])
 
     def select(self, mask: NDArray[np.bool_]) -> "InputSegments":
-        """Return the segments of a boolean mask (n_segments,)."""
+        """Return the segments selected by a boolean mask (n_segments,)."""
         return InputSegments(self.lines, self.start[mask], self.stop[mask])
 
 
 def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
-    """Segment a scan by its input: first into straight lines, then into segments of steady speed and force.
+    """Segment a scan into straight lines, and these into segments of steady speed and force.
 
-    Bottom-up: neighbours with the lowest cost of their union are merged until every union costs too much.
-    Phase 1 merges while every point p of a segment from a to b satisfies, with A = p - a, B = b - p, C = b -
-    a,
+    Both phases work bottom-up: the neighbours whose union has the lowest cost are merged until every union
+    exceeds the threshold. In phase 1, every point p of a merged segment from a to b must satisfy, with A = p
+    - a, B = b - p and C = b - a,
 
         h = |A x B| / |C| <= tau_1,    (sqrt(|A|^2 - h^2) + sqrt(|B|^2 - h^2)) / |C| = 1,
 
-    Phase 2 merges within each line while ``(sigma_v / E(V) + sigma_f / E(F)) / 2 <= tau_2``.
+    In phase 2, segments within a line are merged while ``(sigma_v / E(V) + sigma_f / E(F)) / 2 <= tau_2``.
 
     Parameters
     ----------
     scan : Scan
         Conditioned scan, see `condition`.
     variation : float
-        Threshold tau_2 (default 0.08). tau_1 is `LINE_MM`. Segments with a mean speed or force up to
-        `MIN_INPUT` are not merged, and segments shorter than `MIN_SEGMENT_S` are dropped.
+        Threshold tau_2 (default 0.08); tau_1 is `LINE_MM`. Segments with a mean speed or force of at most
+        `MIN_INPUT` are not merged, and segments shorter than `MIN_SEGMENT_S` are discarded.
 
     Raises
     ------
@@ -247,14 +249,14 @@ def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
 
     Notes
     -----
-    Our readings:
+    Our interpretation of the paper:
 
-    - The paper normalises positions to 0 ... 1 and gives tau_1 in mm: we keep positions in mm.
-    - Eq. (2) is printed with |C|^2, which fits no unit. We read |C|, that is, the foot of p lies between a
-      and b, within `FOOT_SLACK` tau_1.
-    - Speed and force of eq. (3) are magnitudes in m/s and N, and so is epsilon (a coefficient of variation
-      has no meaning for values of zero mean).
-    - 75 samples are 75 ms. Above 1 kHz the motion is decimated to about 1 kHz, so that bounds are exact to
+    - The paper normalises positions to 0 ... 1 but specifies tau_1 in mm. We keep positions in mm.
+    - Eq. (2) is printed with |C|^2, which is dimensionally inconsistent. We use |C|: the projection of p lies
+      between a and b, within `FOOT_SLACK` tau_1.
+    - Speed and force in eq. (3) are magnitudes in m/s and N, as is epsilon. A coefficient of variation is
+      meaningless for values of zero mean.
+    - 75 samples are 75 ms. Above 1 kHz the motion is decimated to about 1 kHz, so segment bounds are exact to
       1 ms.
 
     References
@@ -293,7 +295,7 @@ def straight_lines(position: Samples) -> Indices:
 
 
 class ModelPoints(NamedTuple):
-    """Samples of the map from input to vibration, at the mean input of segments or at silent points.
+    """Samples of the mapping from input to vibration, at the mean input of segments or at silent points.
 
     Attributes
     ----------
@@ -305,7 +307,7 @@ class ModelPoints(NamedTuple):
         Loudness output of the network, see `compute_level`. Before the fit of the level law: RMS of the
         vibration (unit of the acceleration), or variance of the innovation (its square).
     weight : ndarray of shape (n_points,)
-        Duration of the signal of each point in s.
+        Duration in s of the signal from which each point was estimated.
     """
 
     u: Samples
@@ -314,7 +316,7 @@ class ModelPoints(NamedTuple):
     weight: Samples
 
     def concatenate(self, others: "ModelPoints") -> "ModelPoints":
-        """Return these points followed by others."""
+        """Return these points followed by the points `others`."""
         pairs: Any = zip(self, others, strict=True)
         return ModelPoints(*map(np.concatenate, pairs))
 
@@ -322,7 +324,7 @@ class ModelPoints(NamedTuple):
 def segment_points(
     scan: Scan, segments: InputSegments, u: Samples, order: int, method: Method, loudness: Loudness
 ) -> ModelPoints:
-    """Return one point per segment: its mean input, the LSF of its AR model, and its loudness.
+    """Compute one point per segment: mean input, LSF of the AR model, and loudness.
 
     Parameters
     ----------
@@ -335,7 +337,7 @@ def segment_points(
     order : int
         Order p of the AR models.
     method : str
-        Method of the fit, as for `vibration.fit`.
+        Fitting method, as for `vibration.fit`.
     loudness : {"level", "variance"}
         RMS of the vibration in the segment, or variance of the innovation (`abdulali2016`).
 
@@ -361,12 +363,12 @@ def segment_points(
 def fit_growth(speed: Samples, force: Samples, level: Samples, weight: Samples) -> tuple[float, float]:
     """Fit the exponents alpha and beta of speed and force in the level, each 0 ... `MAX_EXPONENT`.
 
-    An exponent is 0 if the speed or the force never changes.
+    An exponent is 0 if the speed or the force is constant.
 
     Parameters
     ----------
     speed, force, level : ndarray of shape (n_segments,)
-        Speed in mm/s, force in N and level in the unit of the acceleration; all above 0.
+        Speed in mm/s, force in N and level in the unit of the acceleration; all positive.
     weight : ndarray of shape (n_segments,)
         Weight of each segment in the regression.
     """
@@ -380,23 +382,23 @@ def fit_growth(speed: Samples, force: Samples, level: Samples, weight: Samples) 
 def compute_level(
     kind: Loudness, output: Samples, k: Samples, motion: tuple[Samples, Samples], growth: tuple[float, float]
 ) -> Samples:
-    """Return the RMS of the vibration (n,) from the loudness output of a map.
+    """Compute the RMS of the vibration (n,) from the loudness output of a texture map.
 
     The paper interpolates the variance of the innovation, with zeros at zero speed and force. Between large
-    values and zeros the result is too quiet on average, and it is silent where a network becomes negative.
-    Our default is
+    values and zeros, the result is too quiet on average, and it is silent where the network output is
+    negative. Our default is
 
         ln level = alpha ln v + beta ln f + g(u)
 
-    The network learns g, the deviation from the power law, for example with the direction. This form needs no
-    silent points, and the level is never negative.
+    The network represents g, the deviation from the power law, for example as a function of the direction.
+    This form needs no silent points, and the level is never negative.
 
     Parameters
     ----------
     kind : {"level", "variance"}
         Kind of output: g, or the variance of the innovation (negative values are replaced by 0).
     output : ndarray of shape (n,)
-        Loudness output of the map.
+        Loudness output of the texture map.
     k : ndarray of shape (n, p)
         Reflection coefficients.
     motion : tuple of ndarray of shape (n,)
@@ -412,10 +414,10 @@ def compute_level(
 
 
 def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
-    """Return silent points at zero force: projections of the lower hull of the points, with their LSF.
+    """Create silent points at zero force by projecting the lower hull of the points; they keep their LSF.
 
-    The vertices of the facets of the convex hull whose outward normal points to lower force are projected. If
-    the points have no hull (too few, or in one plane), all of them are projected.
+    The lower hull consists of the facets of the convex hull whose outward normal points to lower force. If
+    the hull is undefined (too few points, or all in one plane), all points are projected.
 
     Parameters
     ----------
@@ -440,9 +442,9 @@ def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
 
 
 def zero_speed_points(points: ModelPoints, scaling: Samples, n: int = 10) -> ModelPoints:
-    """Return n silent points at rest, from zero force to the largest, with the LSF of the nearest point.
+    """Create n silent points at zero speed, from zero to the largest force; LSF are those of nearest points.
 
-    The paper does not give their number.
+    The paper does not specify their number.
 
     References
     ----------
@@ -464,11 +466,11 @@ def mirror_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
 
 @njit(cache=True, error_model="numpy")
 def _merge_bottom_up(is_line, table, start, stop, threshold, limit):  # type: ignore[no-untyped-def]
-    """Return the first samples of the segments of [start, stop), followed by `stop`.
+    """Return the first sample of each merged segment of [start, stop), followed by `stop`.
 
-    `threshold` is the largest cost of a union, `limit` a parameter of the cost. Costs are kept in a heap; a
-    cost is outdated if its segments have changed, which is recognised by their ends. Of equal costs the
-    shorter union comes first, so that pauses and exact lines grow evenly and each sample is visited about
+    `threshold` is the largest cost of a union, and `limit` a parameter of the cost function. Costs are kept
+    in a heap; a heap entry is outdated if the ends of its segments have changed. Among equal costs, the
+    shorter union comes first: pauses and exact lines then grow evenly, and each sample is visited about
     log2(n) times.
     """
     n = (stop - start + 1) // 2  # the initial segments have two samples
@@ -494,7 +496,7 @@ def _merge_bottom_up(is_line, table, start, stop, threshold, limit):  # type: ig
 
 @njit(cache=True, error_model="numpy")
 def _push_union(heap, is_line, table, first, following, i, threshold, limit):  # type: ignore[no-untyped-def]
-    """Push the union of segment i and the following one on the heap, if its cost allows merging."""
+    """Push the union of segment i and the next one onto the heap if its cost is at most the threshold."""
     start, stop = first[i], first[following[following[i]]]
     extra = table, start, stop, limit
     cost = _line_cost(*extra) if is_line else _steady_cost(*extra)
@@ -504,9 +506,9 @@ def _push_union(heap, is_line, table, first, following, i, threshold, limit):  #
 
 @njit(cache=True, error_model="numpy")
 def _line_cost(xy, start, stop, slack):  # type: ignore[no-untyped-def]
-    """Return the largest distance h of points (n, 2) from the line through the first and the last of them.
+    """Return the largest distance h of points (n, 2) from the line through the first and the last point.
 
-    The cost is infinite if the foot of a point lies more than `slack` outside the line.
+    The cost is infinite if the projection of a point lies more than `slack` beyond an end of the line.
     """
     ax, ay = xy[start, 0], xy[start, 1]
     cx, cy = xy[stop - 1, 0] - ax, xy[stop - 1, 1] - ay
@@ -526,7 +528,7 @@ def _line_cost(xy, start, stop, slack):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _steady_cost(sums, start, stop, min_mean):  # type: ignore[no-untyped-def]
-    """Return (sigma_v / E(V) + sigma_f / E(F)) / 2 from cumulative sums; infinite for too small means."""
+    """Return (sigma_v / E(V) + sigma_f / E(F)) / 2 from cumulative sums; infinity if a mean is too small."""
     n, total = stop - start, 0.0
     for j in range(2):
         mean = (sums[stop, j] - sums[start, j]) / n

@@ -1,4 +1,4 @@
-"""Fit of textures to conditioned scans: model points, pooling of spectra, law of the level, and network."""
+"""Fit textures to conditioned scans: model points, pooling of spectra, level law, and network."""
 
 import warnings
 from dataclasses import dataclass
@@ -35,15 +35,15 @@ Solver = Literal["exact", "sparse"]
 Choice = Literal["auto", "none"]
 
 ORDER = 20
-"""Order of the AR models, and of the models that `pool_spectra` compares."""
+"""Order of the AR models, and order of the models that `pool_spectra` compares."""
 FADE_FRACTION = 0.1
-"""Fraction of the lowest speed and force of the segments below which the vibration fades out (our choice)."""
+"""Fraction of the lowest segment speed and force below which the vibration fades out (our choice)."""
 REACHES = (0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 4.0, 100.0)
-"""Candidates of the reach h, in standard deviations of the input; the last one gives a single spectrum."""
+"""Candidate values of the reach h, in standard deviations of the input; the last one averages all spectra."""
 SMOOTHING = np.concatenate([[0.0], np.geomspace(1e-2, 1e4, 13)])
-"""Candidates of the smoothing, in units of phi for a point of mean weight."""
+"""Candidate values of the smoothing, in units of phi for a point of mean weight."""
 SPARSITY = 0.03
-"""Penalty tau as a fraction of the smallest tau that leaves no centre."""
+"""Penalty tau as a fraction of the smallest tau that removes all centres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class ModelledScan:
     frame : Frame
         Normalisation, range and bounds.
     loudness : {"level", "variance"}
-        Kind of the loudness of the points.
+        Loudness measure of the points.
     growth : tuple of float
         Exponents of speed and force in the level, see `compute_level`.
     points, silent : ModelPoints
@@ -67,7 +67,7 @@ class ModelledScan:
     reach : float
         Reach h of the pooling of spectra, in standard deviations of the input; 0 without pooling.
     is_symmetric : bool
-        Whether each segment is also used for the opposite direction.
+        Whether each segment is also used with the opposite direction.
     """
 
     name: str
@@ -89,7 +89,7 @@ class ModelledScan:
         Parameters
         ----------
         solver : {"exact", "sparse"}
-            Interpolation of all points (default), or a network with few centres.
+            "exact" (default) interpolates all points; "sparse" uses few centres.
         sparsity : float
             Sparsity, as for `fit_sparse`.
         **options
@@ -104,7 +104,7 @@ class ModelledScan:
         )
 
     def delaunay(self) -> DelaunayTexture:
-        """Return the texture of a triangulation of the points; ValueError if they do not span the space."""
+        """Return the texture of a triangulation of the points; raise ValueError if they lie in a plane."""
         u, outputs = self._training_data()
         return DelaunayTexture(
             self.name, self.fs, self.frame, u, outputs, loudness=self.loudness, growth=self.growth
@@ -164,21 +164,22 @@ def model_scan(
     order : int
         Order p of the AR models (default 20).
     loudness : {"level", "variance"}
-        RMS of the vibration (default), or variance of the innovation as in the paper.
+        Loudness measure: RMS of the vibration (default), or variance of the innovation as in the paper.
     pooling : {"auto", "none"}
-        Whether segments may share their spectra, see `pool_spectra`; "none" is the method of the paper.
+        "auto" (default) averages spectra of similar segments if this improves predictions, see
+        `pool_spectra`; "none" is the method of the paper.
     mirror : {"auto", "none"}
-        Whether segments may also be used for the opposite direction, see `has_symmetric_spectra`; "none" is
-        the method of the paper.
+        "auto" (default) also uses segments with the opposite direction if the surface is symmetric, see
+        `has_symmetric_spectra`; "none" is the method of the paper.
     method : str
-        Method of the AR fit, as for `vibration.fit`.
+        AR fitting method, as for `vibration.fit`.
     segments : InputSegments, optional
         Segments (default: `segment_adaptively`).
 
     Raises
     ------
     ValueError
-        If there is no segment, or an argument is not valid.
+        If there is no segment, or an argument is invalid.
 
     Examples
     --------
@@ -196,7 +197,7 @@ def model_scan(
             raise ValueError(f"{name} must be one of {get_args(choice)}, got {value!r}")
     cut = segment_adaptively(scan) if segments is None else segments
     inputs = np.column_stack([scan.speed, scan.force] if isotropic else [*scan.velocity.T, scan.force])
-    deviation = inputs.std(axis=0)  # a constant input is only centred
+    deviation = inputs.std(axis=0)  # a constant input is centred, but not scaled
     deviation = np.where(deviation > 1e-9 * np.abs(inputs).max(axis=0), deviation, 1.0)
     scaling = np.stack([inputs.mean(axis=0), deviation])
     points = segment_points(scan, cut, (inputs - scaling[0]) / scaling[1], order, method, loudness)
@@ -224,21 +225,24 @@ def model_scan(
         light=FADE_FRACTION * float(u[:, -1].min()),
         loudest=max(float(np.sqrt(np.mean(x**2))) for x in cut.cut(scan.acceleration)),
         peak=float(np.abs(scan.acceleration).max()),
-        # the sharpest quarter is ignored: models of 75 samples overfit
+        # the sharpest quarter is ignored because models of 75 samples overfit
         gap=float(min(np.quantile(narrowest, 0.25), 0.9 * np.pi / (points.lsf.shape[1] + 1))),
     )
     return ModelledScan(scan.name, scan.fs, cut, frame, loudness, growth, points, silent, reach, use_mirror)
 
 
 def segment_adaptively(scan: Scan) -> InputSegments:
-    """Segment with the printed tau_2, doubled until the segments cover half of the scan.
+    """Segment with tau_2 of the paper, which is doubled until the segments cover half of the scan.
 
-    If the motion is never steady, tau_2 = 0.08 leaves few segments: 0 to 18 % of the recordings of `stylus6`.
+    For unsteady motion, tau_2 = 0.08 leaves few segments: they cover 0 to 18 % of the recordings of
+    `stylus6`.
     """
     variation = VARIATION
     while True:
         segments = segment_input(scan, variation=variation)
-        if segments.n_samples.sum() >= 0.5 * len(scan) or variation >= 0.64:  # above, segments are not steady
+        if (
+            segments.n_samples.sum() >= 0.5 * len(scan) or variation >= 0.64
+        ):  # segments are not steady above this value
             return segments
         variation *= 2
 
@@ -246,14 +250,14 @@ def segment_adaptively(scan: Scan) -> InputSegments:
 def _fit_level_law(
     points: ModelPoints, segments: InputSegments, scan: Scan
 ) -> tuple[ModelPoints, tuple[float, float]]:
-    """Replace the levels by their residuals from the power law, smoothed where that predicts better."""
+    """Replace the levels by their residuals from the power law, smoothed if this improves predictions."""
     lowest = max(1e-6 * float(points.loudness.max()), np.finfo(np.float64).tiny)
     level = np.maximum(points.loudness, lowest)
     speed, force = segments.means(scan.speed), segments.means(scan.force)
     growth = fit_growth(speed, force, level, points.weight)
     residual = np.log(level) - growth[0] * np.log(speed) - growth[1] * np.log(force)
     g = fit_smooth(points.u, residual[:, np.newaxis], points.weight).at(points.u)[:, 0]
-    # smoothing averages logarithms, which lowers the mean power: restore that of all segments
+    # smoothing averages logarithms and thereby lowers the mean power, which is restored here
     relative = level / level.max()
     smoothed = relative * np.exp(g - residual)
     correction = 0.5 * np.log(points.weight @ relative**2 / (points.weight @ smoothed**2))
@@ -261,43 +265,45 @@ def _fit_level_law(
 
 
 def has_symmetric_spectra(points: ModelPoints, scaling: Samples) -> bool:
-    """Return whether the spectra of segments equal those at the opposite velocity, for (v_x, v_y, f_n).
+    """Return whether spectra at opposite velocities are equal, for inputs (v_x, v_y, f_n).
 
-    A grain looks the same in both directions; hairs and scales do not. The network is evaluated at the
-    opposite velocity of each segment. If it predicts the segment about as well as a network without the
-    segment does at its own velocity, the surface is treated as symmetric. The paper does not do this.
+    A grain is the same in both directions; hairs and scales are not. For each segment, the network is
+    evaluated at the opposite velocity. If this prediction is about as accurate as a leave-one-out prediction
+    at the velocity of the segment, the surface is treated as symmetric. This step is not in the paper.
     """
     opposite = fit_exact(points.u, points.lsf).at(mirror_points(points, scaling).u) - points.lsf
     own = predict_left_out(points.u, points.lsf) - points.lsf
     weight = points.weight[:, np.newaxis]
-    # in our simulations 0.85 to 1.6 for a period of pi over directions, 1.8 to 6 for a period of 2 pi
+    # ratio in our simulations: 0.85 to 1.6 for a period of pi over directions, 1.8 to 6 for a period of 2 pi
     return bool(np.sum(weight * opposite**2) <= 1.5 * np.sum(weight * own**2))
 
 
 def pool_spectra(points: ModelPoints) -> tuple[ModelPoints, float]:
-    """Average the spectra of segments with similar inputs, if that improves predictions; not in the paper.
+    """Average the spectra of segments with similar inputs if this improves predictions (not in the paper).
 
-    The spectrum of a segment of 75 ms has a large variance, and a network that interpolates many of them
+    The spectrum of a segment of 75 ms has a large variance, and a network that interpolates many such spectra
     fluctuates. Autocorrelations are additive, so segments with similar inputs can be pooled:
 
         r_i = sum_j n_j exp(-|u_i - u_j|^2 / (2 h^2)) r_j
 
-    with r_j the autocorrelations of the models of the segments at power 1. (Autocorrelations estimated
-    directly from 75 samples include edge effects: in our simulations a noise floor 10 dB too high.) The reach
-    h, and whether to pool at all, is selected by leave-one-out prediction: the criterion is sum_i n_i ln(a^T
-    T_i a) / sum_i n_i, the log power of the error with which the model from the other segments predicts
-    segment i (T_i: Toeplitz matrix of its autocorrelation). Without pooling, that model comes from the
-    network. A mean of autocorrelations is an autocorrelation, so the pooled models are stable.
+    where r_j is the autocorrelation of the model of segment j at power 1. (Autocorrelations estimated
+    directly from 75 samples include edge effects: in our simulations, the noise floor was 10 dB too high.)
+
+    The reach h, and whether to pool at all, is selected by leave-one-out prediction. The criterion is sum_i
+    n_i ln(a^T T_i a) / sum_i n_i: the log power of the error with which the model `a` of the other segments
+    predicts segment i, with T_i the Toeplitz matrix of its autocorrelation. Without pooling, the model is the
+    prediction of the network. A mean of autocorrelations is an autocorrelation, so the pooled models are
+    stable.
 
     Parameters
     ----------
     points : ModelPoints
-        Points of the segments, without silent ones.
+        Points of the segments, without silent points.
 
     Returns
     -------
     points : ModelPoints
-        Points with pooled spectra, or the original ones.
+        Points with pooled spectra, or the original points.
     reach : float
         Reach h; 0 if pooling does not improve the prediction.
     """
@@ -317,7 +323,7 @@ def pool_spectra(points: ModelPoints) -> tuple[ModelPoints, float]:
 
     errors = [_prediction_error(pool(h, include_self=False), T, points.weight) for h in REACHES]
     unpooled = line_spectrum.to_reflection(line_spectrum.spread(predict_left_out(points.u, points.lsf)))
-    # the margin favours no pooling, which blurs real changes
+    # the margin favours the unpooled points, because pooling blurs real changes
     if _prediction_error(unpooled, T, points.weight) <= min(errors) + 0.03:
         return points, 0.0
     reach = REACHES[int(np.argmin(errors))]
@@ -333,7 +339,7 @@ def _prediction_error(k: Samples, T: Samples, weight: Samples) -> float:
 
 
 def to_autocorrelation(k: Samples) -> Samples:
-    """Return r_0 = 1, r_1 ... r_p of models with reflection coefficients (n, p), shape (n, p + 1).
+    """Return the autocorrelations r_0 = 1, r_1 ... r_p of models with reflection coefficients (n, p).
 
     Inverse Levinson recursion: r_m = -k_m E_{m-1} - sum_{i<m} a_i r_{m-i}, with a of order m - 1 and
     E_m = prod_{i<=m} (1 - k_i^2).
@@ -349,7 +355,7 @@ def to_autocorrelation(k: Samples) -> Samples:
 
 
 def fit_exact(u: Samples, f: Samples, smoothing: ArrayLike = 0.0) -> RadialNetwork:
-    """Solve eq. (5): interpolate all points or, with smoothing, approximate them.
+    """Solve eq. (5) for a network that interpolates all points or, with smoothing, approximates them.
 
     ``[[Phi - S, G], [G^T, 0]] [w, d] = [f, 0]`` with S the diagonal matrix of the smoothing. Phi is
     conditionally negative definite for phi(r) = r, so subtracting S regularises it.
@@ -361,11 +367,11 @@ def fit_exact(u: Samples, f: Samples, smoothing: ArrayLike = 0.0) -> RadialNetwo
     f : ndarray of shape (n_points, n_outputs)
         Outputs.
     smoothing : array_like of shape () or (n_points,)
-        Smoothing, at least 0; 0 (default) is the printed system.
+        Smoothing, at least 0; 0 (default) is the system in the paper.
 
     Notes
     -----
-    If the system is singular (points coincide or lie in one plane), the minimum-norm solution is used.
+    If the system is singular because points coincide or lie in one plane, the minimum-norm solution is used.
 
     References
     ----------
@@ -384,15 +390,15 @@ def fit_exact(u: Samples, f: Samples, smoothing: ArrayLike = 0.0) -> RadialNetwo
 
 
 def fit_smooth(u: Samples, f: Samples, weight: Samples) -> RadialNetwork:
-    """Solve eq. (5) with the smoothing of the lowest leave-one-out error; a constant if none beats it.
+    """Solve eq. (5) with the smoothing of lowest leave-one-out error, or return a constant if it is better.
 
     Parameters
     ----------
     u, f : ndarray of shape (n_points, n_inputs), (n_points, n_outputs)
         Normalised inputs and outputs.
     weight : ndarray of shape (n_points,)
-        Duration of the signal of each point in s. Variance of the estimates and smoothing are proportional to
-        1 / weight.
+        Duration in s of the signal of each point. The variance of the estimates, and therefore the smoothing,
+        is proportional to 1 / weight.
     """
     relative = weight.mean() / weight
     errors = [np.mean((f - predict_left_out(u, f, s * relative)) ** 2) for s in SMOOTHING]
@@ -407,8 +413,8 @@ def fit_smooth(u: Samples, f: Samples, weight: Samples) -> RadialNetwork:
 def predict_left_out(u: Samples, f: Samples, smoothing: ArrayLike = 0.0) -> Samples:
     """Return the leave-one-out prediction of the network for each point, shape (n_points, n_outputs).
 
-    The error of point i is w_i / B_ii, with B the inverse of the system of all points, so no fit is repeated.
-    Where the other points do not determine the prediction, it is the mean of the outputs.
+    The error of point i is w_i / B_ii, with B the inverse of the system of all points, so no refit is needed.
+    If the other points do not determine the prediction, the mean of the outputs is used.
     """
     n = len(u)
     inverse = _solve(u, smoothing, np.eye(n + u.shape[1] + 1))[:n, :n]
@@ -419,24 +425,27 @@ def predict_left_out(u: Samples, f: Samples, smoothing: ArrayLike = 0.0) -> Samp
 
 
 def fit_sparse(u: Samples, f: Samples, sparsity: float = SPARSITY) -> RadialNetwork:
-    """Fit a network with few centres: minimise ``1/2 |A x - y|^2 + tau |x|_1``, the objective of SpaRSA.
+    """Fit a network with few centres by minimising ``1/2 |A x - y|^2 + tau |x|_1``, the objective of SpaRSA.
 
     Parameters
     ----------
     u, f : ndarray of shape (n_points, n_inputs), (n_points, n_outputs)
         Normalised inputs and outputs.
     sparsity : float
-        Penalty tau as a fraction of the smallest tau that leaves no centre, between 0 and 1 (default 0.03).
+        Penalty tau as a fraction of the smallest tau that removes all centres, between 0 and 1 (default
+        0.03).
 
     Raises
     ------
     ValueError
         If the sparsity is not between 0 and 1.
 
-    Notes ----- Our readings: all outputs share one set of centres (a centre costs one distance), so |x|_1 is
-    the sum over centres of the norm over outputs, each output scaled to unit deviation. The polynomial is
-    projected out and not penalised. The selected centres are fitted again without penalty under G^T w = 0,
-    the debiasing of SpaRSA.
+    Notes
+    -----
+    Our interpretation of the paper: all outputs share one set of centres, because each centre
+    costs one distance computation. |x|_1 is therefore the sum over centres of the norm over outputs, each
+    scaled to unit deviation. The polynomial is projected out and not penalised. The weights of the selected
+    centres are refitted without penalty under G^T w = 0 (debiasing in SpaRSA).
 
     References
     ----------
@@ -463,7 +472,7 @@ def fit_sparse(u: Samples, f: Samples, sparsity: float = SPARSITY) -> RadialNetw
     if tau > 0:
         lasso = MultiTaskLasso(alpha=tau / len(A), fit_intercept=False, max_iter=5000, tol=1e-3)
         with warnings.catch_warnings():
-            # the selection of centres converges long before the weights
+            # the set of selected centres converges long before the weights
             warnings.simplefilter("ignore", ConvergenceWarning)
             selected = np.flatnonzero(np.any(lasso.fit(A, y).coef_ != 0, axis=0))
     basis = linalg.null_space(g[selected].T)

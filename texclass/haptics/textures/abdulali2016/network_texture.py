@@ -1,4 +1,4 @@
-"""Textures that are a function of direction, speed and force: a network, a triangulation or a grid."""
+"""Define textures as functions of direction, speed and force: a network, a triangulation or a grid."""
 
 from abc import abstractmethod
 from dataclasses import KW_ONLY, dataclass
@@ -26,16 +26,16 @@ from texclass.vibration.autoregressive import Autoregression
 from texclass.vibration.reflection import log_cosines
 
 PEAK_FACTOR = 2.0
-"""Bound of rendered samples, as a multiple of the recorded peak (our choice)."""
+"""Limit of rendered samples, as a multiple of the recorded peak (our choice)."""
 LATTICE_OPERATIONS = 12
-"""Operations per stage and sample: linear change of k, sqrt(1 - k^2), and the rotation."""
+"""Operations per lattice stage and sample: linear change of k, sqrt(1 - k^2), and the rotation."""
 ANISOTROPIC, ISOTROPIC = (17, 17, 8), (24, 10)
 """Number of nodes of a baked texture over v_x, v_y, f_n, and over |v|, f_n."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Normalisation of the inputs of a texture, their range, and bounds of the output.
+    """Normalisation and range of the inputs of a texture, and limits of its output.
 
     Parameters
     ----------
@@ -44,21 +44,21 @@ class Frame:
     mean, deviation : tuple of float
         Mean and standard deviation of each input over the recording (mm/s, N), for normalisation.
     fastest, hardest : float
-        Largest speed (mm/s) and force (N) of a segment; larger inputs are clipped to them.
+        Largest speed (mm/s) and force (N) of a segment; larger inputs are clipped to these values.
     slow, light : float
-        Speed and force below which the level is limited in proportion, down to 0 at rest.
+        Speed (mm/s) and force (N) below which the limit of the level decreases in proportion to them, to 0.
     loudest : float
-        Largest RMS of a segment, the bound of the level of the vibration.
+        Largest RMS of a segment, which is the upper limit of the level.
     peak : float
         Largest recorded sample.
     gap : float
-        Smallest distance of line spectral frequencies in rad: rendered resonances are no sharper than in
-        three quarters of the segments.
+        Smallest distance between line spectral frequencies in rad. Rendered resonances are not sharper than
+        those in three quarters of the segments.
 
     Raises
     ------
     ValueError
-        If a number is negative or not finite, or there are not 2 inputs (isotropic) or 3.
+        If a number is negative or not finite, or the number of inputs is not 2 (isotropic) or 3.
     """
 
     isotropic: bool
@@ -75,11 +75,13 @@ class Frame:
     def __post_init__(self) -> None:
         n = 2 if self.isotropic else 3
         if not len(self.mean) == len(self.deviation) == n:
-            raise ValueError(f"mean and deviation must have {n} inputs, got {len(self.mean)}")
+            raise ValueError(f"mean and deviation must have {n} values, one per input, got {len(self.mean)}")
         sizes = [self.fastest, self.hardest, self.slow, self.light, self.loudest, self.peak, self.gap]
         is_finite = np.isfinite([*sizes, *self.mean, *self.deviation]).all()
         if not is_finite or min(sizes) < 0 or min(self.deviation) <= 0:
-            raise ValueError(f"sizes must be finite and at least 0, and deviations positive, got {self}")
+            raise ValueError(
+                f"all values must be finite and non-negative, and deviations positive, got {self}"
+            )
 
     @property
     def n_inputs(self) -> int:
@@ -97,13 +99,13 @@ class Frame:
         return np.array([max(self.light, self.hardest / 10), self.hardest])
 
     def motion(self, velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
-        """Return speed (n,) and force (n,) of velocities (n, 2) and forces (n,), clipped to the range."""
+        """Return speeds (n,) and forces (n,), clipped to the range, for velocities (n, 2) and forces."""
         speed = np.hypot(*np.asarray(velocity, dtype=np.float64).T)
         clipped_force = np.clip(np.asarray(force, dtype=np.float64), 0.0, self.hardest)
         return np.minimum(speed, self.fastest), clipped_force
 
     def inputs(self, velocity: ArrayLike, force: ArrayLike) -> Samples:
-        """Return normalised inputs (n, n_inputs) of velocities (n, 2) and forces (n,), clipped to range."""
+        """Return normalised inputs (n, n_inputs), clipped to the range, from velocities and forces."""
         v = np.asarray(velocity, dtype=np.float64)
         speed = np.hypot(*v.T)
         clipped_speed, f = self.motion(v, force)
@@ -112,7 +114,7 @@ class Frame:
         return np.asarray((np.column_stack([*columns, f]) - self.mean) / self.deviation)
 
     def cap(self, velocity: ArrayLike, force: ArrayLike) -> Samples:
-        """Return the bound of the level (n,): `loudest`, decreasing to 0 at rest and without contact."""
+        """Return the upper limit of the level (n,): `loudest`, decreasing to 0 at zero speed or force."""
         speed, f = np.hypot(*np.asarray(velocity, dtype=np.float64).T), np.asarray(force, dtype=np.float64)
         slow, light = max(self.slow, 1e-12), max(self.light, 1e-12)
         return np.asarray(self.loudest * (np.clip(speed / slow, 0.0, 1.0) * np.clip(f / light, 0.0, 1.0)))
@@ -120,7 +122,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class RadialNetwork:
-    """Radial basis function network with phi(r) = r, a linear polynomial and several outputs.
+    """Radial basis function network with phi(r) = r, a linear polynomial, and several outputs.
 
     f(u) = sum_j w_j |u - q_j| + d_0 + sum_k d_k u_k                              [abdulali2016, eq. (4)]
 
@@ -131,13 +133,12 @@ class RadialNetwork:
     weights : ndarray of shape (n_centres, n_outputs)
         Weights w.
     polynomial : ndarray of shape (n_inputs + 1, n_outputs)
-        Coefficients d: the constant, then one row per input.
+        Coefficients d: a row for the constant, then one row per input.
 
     Raises
     ------
     ValueError
-        If the shapes do not fit or a value is not finite.
-        If the shapes do not fit or a value is not finite.
+        If the shapes do not match, or a value is not finite.
 
     Examples
     --------
@@ -155,7 +156,7 @@ class RadialNetwork:
         freeze(self, polynomial=(self.centres.shape[1] + 1, self.weights.shape[1]))
 
     def at(self, u: ArrayLike) -> Samples:
-        """Return f at inputs (n, n_inputs), shape (n, n_outputs), row by row."""
+        """Return f (n, n_outputs) at inputs (n, n_inputs)."""
         points = np.ascontiguousarray(u, dtype=np.float64)
         out = np.empty((len(points), self.weights.shape[1]))
         _evaluate(points, self.centres, self.weights, self.polynomial, out)
@@ -163,24 +164,24 @@ class RadialNetwork:
 
 
 class FramedTexture(Texture):
-    """Base class of textures whose range is that of their frame."""
+    """Base class of textures whose speed and force range is defined by a `Frame`."""
 
     frame: Frame
 
     @property
     def speeds(self) -> Samples:
-        """Ends of the range of speeds in mm/s."""
+        """Lowest and highest speed in mm/s."""
         return self.frame.speeds
 
     @property
     def forces(self) -> Samples:
-        """Ends of the range of forces in N."""
+        """Lowest and highest force in N."""
         return self.frame.forces
 
 
 @dataclass(frozen=True, eq=False)
 class MapTexture(FramedTexture):
-    """Base class of textures that map velocity and force to a line spectrum and a loudness of an AR process.
+    """Base class of textures that map velocity and force to the line spectrum and loudness of an AR process.
 
     Parameters
     ----------
@@ -191,18 +192,18 @@ class MapTexture(FramedTexture):
     frame : Frame
         Normalisation, range and bounds.
     loudness : {"level", "variance"}
-        Kind of the last output, see `compute_level`: residual from the law of the level, or variance.
+        Meaning of the last output, see `compute_level`: residual from the level law, or variance.
     growth : tuple of float
-        Exponents of speed and force in the law of the level; for "level" only.
+        Exponents of speed and force in the level law; used for "level" only.
     buffer : int
-        Number of samples between two evaluations of the map (default 16); `abdulali2016`, section 4.2.
+        Number of samples between two evaluations of the mapping (default 16); `abdulali2016`, section 4.2.
     glide : bool
-        Whether parameters change linearly between evaluations (default); in the paper they jump.
+        Whether parameters change linearly between evaluations (default), instead of in steps as in the paper.
 
     Raises
     ------
     ValueError
-        If a value is not valid.
+        If a value is invalid.
     """
 
     name: str
@@ -221,7 +222,7 @@ class MapTexture(FramedTexture):
         if self.loudness not in get_args(Loudness):
             raise ValueError(f"loudness must be one of {get_args(Loudness)}, got {self.loudness!r}")
         if len(self.growth) != 2 or not all(0 <= power <= MAX_EXPONENT for power in self.growth):
-            raise ValueError(f"growth must be two numbers, 0 to {MAX_EXPONENT}, got {self.growth}")
+            raise ValueError(f"growth must be two numbers between 0 and {MAX_EXPONENT}, got {self.growth}")
         largest = np.pi / (self.order + 1)
         if self.frame.gap > largest:
             raise ValueError(f"gap must be at most pi / (p + 1) = {largest:g}, got {self.frame.gap}")
@@ -238,8 +239,8 @@ class MapTexture(FramedTexture):
     def models(self, velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
         """Return reflection coefficients (n, p) and levels (n,) at velocities (n, 2) and forces (n,).
 
-        Frequencies that are out of order or too close are moved by `line_spectrum.spread`. The level is
-        bounded by `Frame.cap`.
+        Line spectral frequencies that are out of order or too close are corrected by `line_spectrum.spread`.
+        The level is limited by `Frame.cap`.
         """
         out = self.outputs_at(self.frame.inputs(velocity, force))
         k = line_spectrum.to_reflection(line_spectrum.spread(out[:, :-1], self.frame.gap))
@@ -252,7 +253,7 @@ class MapTexture(FramedTexture):
         return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer at rest, which smooths the motion with the bandwidth of the recordings."""
+        """Return a renderer that smooths the motion with the bandwidth of the recordings."""
 
         def parameter_map(motion: Samples) -> tuple[Samples, Samples]:
             k, level = self.models(motion[:, :2], motion[:, 2])
@@ -273,7 +274,7 @@ class MapTexture(FramedTexture):
 
 @dataclass(frozen=True, eq=False)
 class NetworkTexture(MapTexture):
-    """Texture of `abdulali2016`: the map is a radial basis function network.
+    """Texture of `abdulali2016`, whose mapping is a radial basis function network.
 
     Parameters
     ----------
@@ -324,16 +325,16 @@ class NetworkTexture(MapTexture):
 
 @dataclass(frozen=True, eq=False)
 class DelaunayTexture(MapTexture):
-    """Baseline: line spectra interpolated in the simplex around the input, as in the HaTT models.
+    """Baseline texture: line spectra interpolated within the simplex around the input, as in HaTT models.
 
-    Outside the triangulation the nearest point is used.
+    The nearest point is used outside the triangulation.
 
     Parameters
     ----------
     name, fs, frame, loudness, growth, buffer, glide
         As for `MapTexture`.
     u : ndarray of shape (n_points, n_inputs)
-        Normalised inputs of the points, which must span the input space.
+        Normalised inputs of the points, which must not lie in one plane (or line, if isotropic).
     outputs : ndarray of shape (n_points, p + 1)
         Line spectral frequencies (rad per sample, increasing) and loudness.
     """
@@ -347,12 +348,12 @@ class DelaunayTexture(MapTexture):
         if self.order < 1:
             raise ValueError(f"outputs must have at least 2 columns, got shape {self.outputs.shape}")
         if np.any(np.diff(self.outputs[:, :-1], axis=1) <= 0):
-            raise ValueError("outputs must have increasing line spectral frequencies")
+            raise ValueError("the line spectral frequencies in outputs must increase")
         try:
             _ = self._interpolators
         except (spatial.QhullError, ValueError) as error:
             raise ValueError(
-                f"the {len(self.u)} points must span the input space, so that they can be triangulated"
+                f"the {len(self.u)} points cannot be triangulated: they must not all lie in one plane (line)"
             ) from error
         super().__post_init__()
 
@@ -368,7 +369,7 @@ class DelaunayTexture(MapTexture):
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample; LSF to k counts 4 p^2, the simplex search nothing."""
+        """Operations per sample; the conversion of LSF to k counts 4 p^2, the simplex search 0."""
         d, p = self.frame.n_inputs, self.order
         return LATTICE_OPERATIONS * p + (2 * d**2 + 2 * (d + 1) * (p + 1) + 4 * p**2) / self.buffer
 
@@ -376,16 +377,16 @@ class DelaunayTexture(MapTexture):
         """Return sum_i b_i f_i with the barycentric coordinates b in the simplex of each input."""
         linear, nearest = self._interpolators
         out = np.asarray(linear(u))
-        is_outside = np.isnan(out).any(axis=1)  # or in a simplex without volume
+        is_outside = np.isnan(out).any(axis=1)  # or in a simplex of zero volume
         out[is_outside] = nearest(u[is_outside])
         return out
 
 
 @dataclass(frozen=True, eq=False)
 class BakedTexture(FramedTexture):
-    """A texture sampled at the nodes of a grid, see `bake`: cheap enough for one sample per call.
+    """A texture sampled at the nodes of a grid (see `bake`), fast enough for one sample per call.
 
-    The motion is smoothed with 25 Hz, and the grid is evaluated at every sample.
+    The motion is low-pass filtered at 25 Hz, and the grid is evaluated at every sample.
 
     Parameters
     ----------
@@ -396,12 +397,13 @@ class BakedTexture(FramedTexture):
     frame : Frame
         Range and bounds.
     grid : GridModel
-        Model over v_x, v_y, f_n, or |v|, f_n, with the scale "root": finer where spectra change faster.
+        Model over (v_x, v_y, f_n) or (|v|, f_n). Its scale must be "root", which is finer at low speeds and
+        forces, where spectra change faster.
 
     Raises
     ------
     ValueError
-        If the grid does not fit the frame.
+        If the grid does not match the frame.
     """
 
     family: ClassVar[str] = "abdulali2016-baked"
@@ -427,7 +429,7 @@ class BakedTexture(FramedTexture):
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample: 2^d corners, sqrt(1 - k^2), and the lattice."""
+        """Operations per sample for 2^d corners of a grid cell, sqrt(1 - k^2), and the lattice."""
         return float(2 ** (self.frame.n_inputs + 1) * (self.order + 1) + 10 * self.order)
 
     def autoregressions(self, speed: Samples, force: Samples) -> Autoregression:
@@ -439,7 +441,7 @@ class BakedTexture(FramedTexture):
         return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer at rest."""
+        """Return a renderer without motion."""
         frame, nodes = self.frame, self.grid.nodes
         bounds = (*np.maximum([frame.fastest, frame.hardest, frame.slow, frame.light], 1e-12), frame.loudest)
 
@@ -471,7 +473,7 @@ def bake(texture: MapTexture, name: str, nodes: tuple[int, ...] | None = None) -
     name : str
         Name of the surface.
     nodes : tuple of int, optional
-        Number of nodes along v_x, v_y, f_n, or |v|, f_n (default `ANISOTROPIC` or `ISOTROPIC`).
+        Number of nodes along (v_x, v_y, f_n) or (|v|, f_n) (default `ANISOTROPIC` or `ISOTROPIC`).
 
     Raises
     ------
@@ -502,7 +504,7 @@ def bake(texture: MapTexture, name: str, nodes: tuple[int, ...] | None = None) -
 
 @njit(cache=True, error_model="numpy")
 def _evaluate(u, q, w, d, out):  # type: ignore[no-untyped-def]
-    """Write f(u) of a network into `out`, row by row."""
+    """Write the output f(u) of a network to `out`, row by row."""
     for t in range(len(u)):
         out[t] = d[0]
         for k in range(u.shape[1]):
@@ -519,7 +521,7 @@ def _evaluate(u, q, w, d, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _clip_and_warp(motion, bounds, points, cap):  # type: ignore[no-untyped-def]
-    """Write the signed roots of inputs clipped to the range, and the bound of the level; see `Frame.cap`."""
+    """Write the signed square roots of the clipped inputs, and the limit of the level (`Frame.cap`)."""
     fastest, hardest, slow, light, loudest = bounds
     n = points.shape[1]
     for t in range(len(motion)):

@@ -1,4 +1,4 @@
-"""Spatial textures of `guruswamy2011`: decaying filters at positions, rendered along strokes."""
+"""Fit and render spatial textures (`guruswamy2011`): decaying filters at positions along a stroke."""
 
 import lazy_loader
 

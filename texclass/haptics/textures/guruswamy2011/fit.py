@@ -1,4 +1,4 @@
-"""Fit of spatial textures to scans: level law, band-pass, segmentation, and one filter per segment."""
+"""Fit spatial textures to scans: level law, band-pass filter, segmentation, and one filter per segment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -25,14 +25,14 @@ from texclass.vibration.rising_peaks import Segmentation, VibrationBand, segment
 LOWER_HZ = 0.122
 """Lower limit of the band in Hz: 500 / 4096 and 1000 / 8192 in `guruswamy2011`, section V-A."""
 PATH_CUTOFF_HZ = 10.0
-"""Low-pass cut-off of force and speed in Hz (f_lowpass). The paper gives none; hand motion is slower
-(ours)."""
+"""Low-pass cut-off of force and speed in Hz (f_lowpass). The paper specifies no value; hand motion is slower
+(our choice)."""
 RESOLUTION = 0.153
-"""One bit of the sensor of the paper in m/s^2 (2 g / 128)."""
+"""Resolution of the sensor used in the paper: one bit in m/s^2 (2 g / 128)."""
 SMOOTHING_HZ = 3.0
-"""Standard deviation in Hz of the Gaussian that smooths the spectrum. The paper gives none (our choice)."""
+"""Standard deviation in Hz of the Gaussian that smooths the spectrum; not in the paper (our choice)."""
 MAX_CUTOFF_FRACTION = 0.9
-"""Fraction of fs/2 above which no upper cut-off is applied: it would only change the phase in the band."""
+"""Fraction of fs/2 above which no upper cut-off is applied, since it would only change the phase."""
 
 Phase = Literal["causal", "zero"]
 
@@ -42,7 +42,7 @@ Phase = Literal["causal", "zero"]
 
 @dataclass(frozen=True, eq=False)
 class LevelFit:
-    """A law of the level, and the scans to which it was fitted.
+    """A level law, and the scans to which it was fitted.
 
     Attributes
     ----------
@@ -51,7 +51,8 @@ class LevelFit:
     speed, force, rms : ndarray of shape (n_scans,)
         Mean speed (mm/s), mean force (N) and RMS acceleration (m/s^2) of the scans.
     r_squared : float
-        Fraction of the variance of the RMS (without the part of a given k_c) that the law explains.
+        Fraction of the variance of the RMS that the law explains; a known force term k_c f is subtracted
+        first.
     """
 
     law: LevelLaw
@@ -62,27 +63,28 @@ class LevelFit:
 
 
 def fit_level_law(scans: Sequence[Scan], k_c: float | None = None) -> LevelFit:
-    """Fit the law of the level to repeated scans of one surface at different speeds.
+    """Fit the level law to repeated scans of one surface at different speeds.
 
-    The relative deviations are minimised by iteratively reweighted least squares, because two scans of one
-    kind differ by some per cent and not by some m/s^2. Weak scans therefore determine a_0.
+    Relative deviations are minimised by iteratively reweighted least squares, because the deviation between
+    repeated scans is proportional to the level. Weak scans therefore determine a_0.
 
     Parameters
     ----------
     scans : sequence of Scan
-        At least 2 scans of different mean speed; without `k_c` at least 3, also of different mean force.
+        At least two scans with different mean speeds. Without `k_c`, at least three, with different mean
+        forces as well.
     k_c : float, optional
-        Force factor from another measurement, as in the paper (default: fitted like the others).
+        Force factor from a separate measurement, as in the paper (default: fitted like the other factors).
 
     Returns
     -------
     LevelFit
-        Fit with factors of at least 0.
+        Fitted law, with non-negative factors.
 
     Raises
     ------
     ValueError
-        If there are too few scans, scans do not differ, or all are silent.
+        If there are too few scans, the scans do not differ, or all are silent.
 
     References
     ----------
@@ -103,8 +105,8 @@ def fit_level_law(scans: Sequence[Scan], k_c: float | None = None) -> LevelFit:
     design = np.column_stack([speed / 1000, *([force] if k_c is None else []), np.ones_like(speed)])
     if np.linalg.matrix_rank(design) < design.shape[1] or not np.any(rms):
         raise ValueError(
-            "scans must differ in speed (and in force, without k_c), be not silent, and be "
-            f"{design.shape[1]} or more, got {speed} mm/s and {force} N with RMS {rms}"
+            "scans must differ in speed (without k_c, also in force), not be silent, and number at least "
+            f"{design.shape[1]}, got {speed} mm/s and {force} N with RMS {rms}"
         )
     weight = np.ones_like(rms)
     for _ in range(5):
@@ -121,8 +123,8 @@ def fit_level_law(scans: Sequence[Scan], k_c: float | None = None) -> LevelFit:
 def scan_level(scan: Scan) -> tuple[float, float, float]:
     """Return mean speed (mm/s), mean force (N) and RMS acceleration (m/s^2) of a scan.
 
-    Only a linear trend is removed from the acceleration: the law describes the whole vibration, and for a
-    fast scan of a few seconds a filter at `LOWER_HZ` would mostly show its own transient.
+    Only a linear trend is removed from the acceleration, because the law describes the whole vibration. In a
+    fast scan of a few seconds, the output of a filter at `LOWER_HZ` would be mostly its own transient.
 
     Examples
     --------
@@ -136,18 +138,18 @@ def scan_level(scan: Scan) -> tuple[float, float, float]:
 
 
 def smooth_path(scan: Scan) -> tuple[Samples, Samples]:
-    """Return speed (mm/s) and force (N) of a scan, low-passed at `PATH_CUTOFF_HZ` and not negative."""
+    """Return non-negative speed (mm/s) and force (N) of a scan, low-passed at `PATH_CUTOFF_HZ`."""
     cutoff = min(PATH_CUTOFF_HZ, 0.4 * scan.fs)
     both = signals.lowpass(np.column_stack([scan.speed, scan.force]), cutoff, scan.fs)
     return np.maximum(both[:, 0], 0.0), np.maximum(both[:, 1], 0.0)
 
 
 def normalise_acceleration(scan: Scan, amplitude: Amplitude) -> Samples:
-    """Return the acceleration (n_samples,) normalised to the constant speed and force of `amplitude`.
+    """Normalise the acceleration (n_samples,) to the constant speed and force of `amplitude`.
 
     Examples
     --------
-    The scan is pressed with twice the reference force:
+    The force of this scan is twice the reference force:
 
     >>> law = LevelLaw(k_v=0.0, k_c=2.0, a_0=0.0)
     >>> scan = Scan.along_line(2 * np.ones(100), speed=20.0, force=1.0, fs=500.0)
@@ -163,7 +165,7 @@ def normalise_acceleration(scan: Scan, amplitude: Amplitude) -> Samples:
 
 @dataclass(frozen=True, eq=False)
 class BandedVibration:
-    """A vibration filtered to its band, and its segmentation.
+    """A band-pass filtered vibration and its segmentation.
 
     Attributes
     ----------
@@ -172,7 +174,8 @@ class BandedVibration:
     band : VibrationBand
         Major frequency and automatic cut-off in Hz.
     cutoff_hz : float
-        Upper cut-off that was applied: that of the band, or fs/2 if it is above `MAX_CUTOFF_FRACTION` fs/2.
+        Applied upper cut-off in Hz: the cut-off of the band, or fs/2 if it exceeds `MAX_CUTOFF_FRACTION`
+        times fs/2.
     segmentation : Segmentation
         Segments of the vibration.
     """
@@ -184,7 +187,7 @@ class BandedVibration:
 
 
 def estimate_band(acceleration: ArrayLike, fs: float) -> VibrationBand:
-    """Return the major frequency and the automatic upper cut-off of a vibration.
+    """Estimate the major frequency and the upper cut-off of a vibration.
 
     Parameters
     ----------
@@ -221,14 +224,14 @@ def extract_profile(
     Parameters
     ----------
     acceleration : array_like of shape (n_samples,)
-        Acceleration normalised to one speed and force; not silent.
+        Acceleration normalised to one speed and force; must not be silent.
     fs : float
         Sampling rate in Hz.
     resolution : float
-        Resolution of the sensor in the unit of the acceleration; the dead band is twice that.
+        Resolution of the sensor in the unit of the acceleration; the dead band is twice this value.
     phase : {"causal", "zero"}
-        "causal" (default): filter forwards and remove the delay at the major frequency (whole samples).
-        "zero": filter forwards and backwards. See the notes.
+        "causal" (default): filter forwards, and remove the delay at the major frequency in whole samples.
+        "zero": filter forwards and backwards. See Notes.
 
     Returns
     -------
@@ -240,10 +243,12 @@ def extract_profile(
     ValueError
         If the acceleration is constant, not finite, or shorter than 8 samples.
 
-    Notes ----- The paper does not specify the direction of the filter. A backward pass rings *before* each
-    onset: peaks then rise in steps, and the rule of rising peaks splits onsets into several segments (25 to
-    50 % more segments on the simulated regular surfaces). A forward pass keeps the decay, its edges are at -3
-    dB as designed instead of -6 dB, and its delay of some samples is known and removed.
+    Notes
+    -----
+    The paper does not specify the direction of the filter. A backward pass rings *before* each
+    onset. The peaks then rise in steps, and the segmentation at rising peaks splits onsets (25 to 50 % more
+    segments on the simulated regular surfaces). A forward pass preserves the decay, and its gain at the band
+    edges is -3 dB as designed, instead of -6 dB. Its delay of a few samples is known and removed.
 
     References
     ----------
@@ -259,7 +264,7 @@ def extract_profile(
     a = np.asarray(acceleration, dtype=np.float64)
     if a.ndim != 1 or a.size < 8 or not np.all(np.isfinite(a)) or np.ptp(a) == 0:
         raise ValueError(
-            "acceleration must be one finite channel of at least 8 samples and not constant, "
+            "acceleration must be one finite, non-constant channel of at least 8 samples, "
             f"got shape {a.shape}"
         )
     band = estimate_band(a, fs)
@@ -290,7 +295,7 @@ MIN_DECAY = float(np.log(1000) / RING_S)
 MAX_POLES = 24
 """Largest order of a filter, which bounds the cost of rendering and fitting."""
 MAX_AMPLITUDE_RATIO = 100.0
-"""Largest ratio of a mode to the peak of the segment. Larger modes nearly cancel, and the fit is rejected."""
+"""Largest ratio of a mode to the peak of the segment. Fits with larger modes, which cancel, are rejected."""
 
 Method = Literal["modes", "sinusoid"]
 
@@ -304,7 +309,7 @@ class Responses:
     start : ndarray of int, shape (n_segments,)
         First sample of each segment.
     modes : tuple of DecayingModes
-        Filter of each segment; one without modes adds nothing.
+        Filter of each segment; a filter without modes has no output.
     """
 
     start: NDArray[np.int64]
@@ -324,8 +329,9 @@ def fit_responses(
 ) -> Responses:
     """Fit one filter to each segment of a profile.
 
-    The decay of earlier filters is subtracted from a segment before it is fitted, so that the sum of all
-    filters equals the profile. If segments are fitted alone, as printed, the sum has additional tails.
+    The tails of earlier filters are subtracted from a segment before the fit, so that the sum of all filters
+    approximates the profile. If segments are fitted separately, as in the paper, the sum has additional
+    tails.
 
     Parameters
     ----------
@@ -369,11 +375,11 @@ def fit_responses(
 
 
 def fit_modes(segment: Samples, fs: float, resolution: float) -> DecayingModes:
-    """Fit decaying modes with approximately the smallest number of poles that reaches the resolution.
+    """Fit decaying modes, with approximately the smallest number of poles that reaches the resolution.
 
-    The number of poles is doubled until the mean absolute error is below the resolution, then reduced by
-    bisection. If no number reaches it, the fit with the smallest error is used. All modes decay by 60 dB
-    within `RING_S`.
+    The number of poles is doubled until the mean absolute error is below the resolution, and then reduced by
+    bisection. If the resolution is not reached, the fit with the smallest error is used. All modes decay by
+    60 dB within `RING_S`.
 
     Parameters
     ----------
@@ -382,12 +388,12 @@ def fit_modes(segment: Samples, fs: float, resolution: float) -> DecayingModes:
     fs : float
         Sampling rate in Hz.
     resolution : float
-        Target of the mean absolute error in the unit of `segment`, above 0.
+        Target of the mean absolute error in the unit of `segment`; positive.
 
     Returns
     -------
     DecayingModes
-        Fitted modes; none for a segment below the resolution.
+        Fitted modes; no modes for a segment below the resolution.
 
     Examples
     --------
@@ -398,7 +404,7 @@ def fit_modes(segment: Samples, fs: float, resolution: float) -> DecayingModes:
     """
     if np.mean(np.abs(segment)) < resolution:
         return NO_MODES
-    x = np.pad(segment, (0, max(0, 8 - segment.size)))  # short segments are zero-padded, as printed
+    x = np.pad(segment, (0, max(0, 8 - segment.size)))  # short segments are zero-padded, as in the paper
     fits: dict[int, tuple[float, DecayingModes]] = {}
 
     def error(order: int) -> float:
@@ -426,8 +432,8 @@ def fit_modes(segment: Samples, fs: float, resolution: float) -> DecayingModes:
 def fit_sinusoid(segment: Samples, fs: float) -> DecayingModes:
     """Fit a(t) = A exp(-beta t) sin(omega t) to a segment by least squares, with A of either sign.
 
-    For each beta and omega, A is the projection of the segment on the shape. Beta and omega are searched on a
-    grid that is narrowed four times around its best point.
+    For each beta and omega, A is the projection of the segment onto the sinusoid. Beta and omega are searched
+    on a grid that is refined four times around its best point.
 
     References
     ----------
@@ -440,7 +446,7 @@ def fit_sinusoid(segment: Samples, fs: float) -> DecayingModes:
     >>> mode.frequency_hz.round().tolist(), mode.decay_per_s.round().tolist()
     ([30.0], [40.0])
     """
-    if segment.size < 2 or not np.any(segment):  # every shape starts at 0
+    if segment.size < 2 or not np.any(segment):  # every sinusoid starts at 0
         return NO_MODES
     t = np.arange(segment.size) / fs
     low = np.log([MIN_DECAY, 0.25 / max(t[-1], 1 / fs)])
@@ -457,7 +463,7 @@ def fit_sinusoid(segment: Samples, fs: float) -> DecayingModes:
 
 
 def _ring_samples(fs: float) -> int:
-    """Return the number of samples in three times `RING_S`, in which a mode decays by 180 dB."""
+    """Return the number of samples in three times `RING_S`, after which a mode has decayed by 180 dB."""
     return int(3 * RING_S * fs)
 
 
@@ -471,7 +477,7 @@ class FittedScan:
     Attributes
     ----------
     scan : Scan
-        Scan.
+        Scan to which the texture was fitted.
     acceleration : ndarray of shape (n_samples,)
         Acceleration normalised to the mean speed and force, without its mean.
     profile : BandedVibration
@@ -503,15 +509,17 @@ def fit_texture(
     Parameters
     ----------
     scan : Scan
-        One stroke, preferably slow and steady: features merge if one begins before the previous has decayed.
+        One stroke, preferably slow and steady. Features merge if one begins before the previous one has
+        decayed.
     law : LevelLaw
-        Law of the level of the surface, from `fit_level_law` (default: no effect of speed and force).
+        Level law of the surface, from `fit_level_law` (default: no effect of speed and force).
     resolution : float
         One bit of the sensor in the unit of the acceleration (default 0.153).
     method : {"modes", "sinusoid"}
-        Filters of the order that each segment needs (default), or one decaying sinusoid each (the baseline).
+        "modes" (default): filters with the order that each segment needs. "sinusoid": one decaying sinusoid
+        per segment (baseline).
     compensated : bool
-        Compensation of the feature rate, see `Amplitude` (default True).
+        Whether to compensate for the feature rate, see `Amplitude` (default True).
     course : {"line", "travelled"}
         Coordinate of the tip, see `SpatialTexture`.
 
@@ -542,7 +550,9 @@ def fit_texture(
     length = scan.distance_mm[-1]
     speed = float(scan.speed.mean())
     if not (length > 0 and speed > 0):
-        raise ValueError(f"scan {scan.name!r} must move, got a path of {length:g} mm at {speed:g} mm/s")
+        raise ValueError(
+            f"scan {scan.name!r} must contain a movement, got a path of {length:g} mm at {speed:g} mm/s"
+        )
     scaling = Amplitude(law, speed, max(float(scan.force.mean()), 0.0), compensated)
     a = normalise_acceleration(scan, scaling)
     profile = extract_profile(a, scan.fs, resolution=resolution)
@@ -552,10 +562,10 @@ def fit_texture(
     if not nonempty:
         raise ValueError(
             f"scan {scan.name!r} never exceeds the resolution, {resolution:g}. Expected a stronger "
-            "vibration, or pass a smaller resolution"
+            "vibration. If the sensor is finer, pass a smaller resolution"
         )
     modes = [responses.modes[i] for i in nonempty]
-    # each filter starts with its segment: half a sample before its first sample, along the path
+    # each filter starts where its segment starts: half a sample before the first sample, along the path
     x, start = scan.distance_mm, responses.start[nonempty]
     position = (x[np.maximum(start - 1, 0)] + x[start]) / 2
     # the line is the first principal axis of the path, from start to end

@@ -1,8 +1,8 @@
-"""Spatial textures: decaying responses at positions along a line, fixed in space, with decay fixed in time.
+"""Define and render spatial textures: responses at fixed positions along a line that decay over time.
 
-The inner loop of the renderer determines which features the tip passes and advances the active modes. A mode
-is a rotating and shrinking phasor z: its contribution is Re z, and its next value is z p (a second-order
-section in coupled form). Active modes are the first rows of a pool that is allocated once.
+The inner loop of the renderer finds the features that the tip passes, and advances the active modes. A mode
+is a rotating and decaying phasor z: it contributes Re z to the output, and its next value is z p (a
+second-order section in coupled form). Active modes are the first rows of a preallocated pool.
 """
 
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from texclass.recording import Samples
 
 Course = Literal["line", "travelled"]
 _RANGES = (("fs", 1e-3, 1e9), ("length_mm", 1e-6, 1e9), ("origin_mm", -1e9, 1e9), ("peak", 1e-100, 1e100))
-"""Ranges of values from files, within which positions are distinct and squares do not overflow."""
+"""Allowed ranges of values, within which positions are distinct and squares do not overflow."""
 
 
 @dataclass(frozen=True)
 class LevelLaw:
-    """RMS acceleration of a tool that strokes a surface: a_RMS = k_v v_t + k_c f + a_0.
+    """RMS acceleration of a tool that strokes a surface (level law): a_RMS = k_v v_t + k_c f + a_0.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class LevelLaw:
     k_c : float
         Force factor in (m/s^2) / N, at least 0.
     a_0 : float
-        Offset in m/s^2, at least 0. Not all three are 0.
+        Offset in m/s^2, at least 0. At least one of the three factors must be positive.
 
     Raises
     ------
@@ -57,7 +57,9 @@ class LevelLaw:
     def __post_init__(self) -> None:
         values = np.array([self.k_v, self.k_c, self.a_0])
         if not (np.all(np.isfinite(values)) and np.all(values >= 0) and np.any(values > 0)):
-            raise ValueError(f"factors must be finite, at least 0, and not all 0, got {self}")
+            raise ValueError(
+                f"factors must be finite and non-negative, and at least one must be positive, got {self}"
+            )
 
     def rms(self, speed: ArrayLike, force: ArrayLike) -> Samples:
         """Return a_RMS (m/s^2) at a speed in mm/s and a force in N."""
@@ -67,25 +69,25 @@ class LevelLaw:
 
 @dataclass(frozen=True)
 class Amplitude:
-    """The factor A_k of eq. (5) as a function of speed and force: 1 at the speed and force of the scan.
+    """Factor A_k of eq. (5) as a function of speed and force; it is 1 at the speed and force of the scan.
 
     Attributes
     ----------
     law : LevelLaw
-        Law of the level.
+        Level law.
     speed : float
-        Speed of the scan in mm/s, above 0.
+        Speed of the scan in mm/s, positive.
     force : float
         Force of the scan in N, at least 0.
     compensated : bool
-        Whether the larger number of features per second of faster strokes is compensated, see `factor`.
+        Whether to compensate for the higher feature rate of faster strokes, see `factor`.
     limit : float
-        Largest factor, above 0 (default 4).
+        Largest factor, positive (default 4).
 
     Raises
     ------
     ValueError
-        If speed, force or limit is not valid, or the level at them is 0.
+        If speed, force or limit is invalid, or the level at this speed and force is 0.
 
     Examples
     --------
@@ -104,8 +106,8 @@ class Amplitude:
         values = np.array([self.speed, self.force, self.limit])
         if not (np.all(np.isfinite(values)) and self.speed > 0 and self.force >= 0 and self.limit > 0):
             raise ValueError(
-                "speed and limit must be positive and force at least 0, got "
-                f"{self.speed} mm/s, {self.limit} and {self.force} N"
+                "speed and limit must be positive and force at least 0, got speed "
+                f"{self.speed} mm/s, limit {self.limit} and force {self.force} N"
             )
         with np.errstate(over="ignore"):
             level = float(self.law.rms(self.speed, self.force))
@@ -118,11 +120,11 @@ class Amplitude:
     def factor(self, speed: ArrayLike, force: ArrayLike) -> Samples:
         """Return A = a_RMS(v, f) / a_RMS(v_0, f_0) sqrt(v_0 / max(v, v_0)), at most `limit`.
 
-        Eq. (2) describes the RMS of the whole vibration. The power of overlapping responses adds up, so a
-        stroke of twice the speed has sqrt(2) times the RMS at equal amplitudes. The root compensates this, so
-        that the rendered vibration satisfies eq. (2). Without `compensated` the root is omitted, which is
-        another reading of the paper. Below the speed of the scan features do not overlap, and the law gives
-        the amplitude.
+        Eq. (2) describes the RMS of the whole vibration. The powers of overlapping responses add up, so at
+        equal amplitudes, a stroke at twice the speed has sqrt(2) times the RMS. The square root compensates
+        for this: the rendered vibration satisfies eq. (2). If `compensated` is False, the square root is
+        omitted, which is another interpretation of the paper. Below the speed of the scan, features do not
+        overlap, and no compensation is needed.
         """
         v = np.asarray(speed, dtype=np.float64)
         A = self.law.rms(v, force) / self.law.rms(self.speed, self.force)
@@ -133,47 +135,49 @@ class Amplitude:
 
 @dataclass(frozen=True, eq=False)
 class SpatialTexture(Texture):
-    """Features along a line; each excites decaying modes when the tip passes it.
+    """Features along a line, each of which excites decaying modes when the tip passes it.
 
-    F(t) = sum_k A_k h_k(t - t_k): t_k is the time at which the tip passes x_k, and A_k depends on speed and
-    force at that time (`Amplitude`). Later changes of speed and force do not affect a response.
+    The vibration is F(t) = sum_k A_k h_k(t - t_k), where t_k is the time at which the tip passes x_k. A_k
+    depends on speed and force at t_k (`Amplitude`); later changes do not affect the response.
 
     Parameters
     ----------
     name : str
         Name of the surface.
     fs : float
-        Sampling rate of the scan and of rendering in Hz. For another rate, resample the scan before the fit.
+        Sampling rate of the scan and of rendering in Hz. To render at another rate, resample the scan before
+        the fit.
     length_mm : float
-        Length of the scanned line in mm, which is repeated.
+        Length of the scanned line in mm; the line is repeated periodically.
     position_mm : array_like of shape (n_features,)
-        Positions x_k in mm, increasing, in [0, length_mm); at least 1.
+        Positions x_k in mm, at least one, increasing, in [0, length_mm).
     feature : array_like of shape (n_modes,)
-        Index of the feature of each mode, not decreasing.
+        Index of the feature of each mode, non-decreasing.
     frequency_hz, decay_per_s, amplitude, phase : array_like of shape (n_modes,)
         Modes, h_k(t) = sum A exp(-B t) cos(2 pi f t + phi), as in `DecayingModes`.
     scaling : Amplitude
-        Law of the level, and speed and force of the scan.
+        Level law, and speed and force of the scan.
     peak : float
         Largest magnitude of the scanned profile in the unit of the amplitudes.
     direction : array_like of shape (2,)
         Unit vector of the line on the surface.
     course : {"line", "travelled"}
-        Coordinate of the tip. "line" (default): position along `direction`, as for grooves; a return stroke
-        passes the same features in reverse order, a perpendicular stroke none. "travelled": length of the
-        path, as for grains; strokes of all directions are alike, and a return stroke passes further features.
+        Coordinate of the tip. "line" (default): position along `direction`, for example for grooves. A return
+        stroke passes the same features in reverse order; a perpendicular stroke passes none. "travelled":
+        length of the path, for example for grains. All directions are equivalent, and a return stroke passes
+        new features.
     origin_mm : float
-        Position along `direction` of x = 0 in mm. Without effect for "travelled".
+        Position of x = 0 along `direction` in mm; ignored for "travelled".
 
     Raises
     ------
     ValueError
-        If a shape or value is not valid.
+        If a shape or value is invalid.
 
     Notes
     -----
-    A feature has the same response in both directions: the response is that of the tool, and a scan in one
-    direction contains no information about the other flank.
+    A feature has the same response in both directions, because the response is a property of the tool, and a
+    scan in one direction contains no information about the other flank.
 
     References
     ----------
@@ -237,24 +241,24 @@ class SpatialTexture(Texture):
 
     @cached_property
     def forces(self) -> Samples:
-        """Half and twice the force of the scan in N; the nominal force if the scan has none."""
+        """Half and twice the force of the scan in N; the nominal force if the force of the scan is 0."""
         return (self.scaling.force or NOMINAL_FORCE_N) * np.array([0.5, 2.0])
 
     @property
     def n_features(self) -> int:
-        """Number of features of the line."""
+        """Number of features on the line."""
         return int(self.position_mm.size)
 
     @property
     def operations(self) -> float:
         """Multiplications and additions per sample at the speed of the scan: ten per active mode."""
-        with np.errstate(over="ignore"):  # modes may hardly decay, or be much larger than the peak
+        with np.errstate(over="ignore"):  # modes may decay very slowly, or be much larger than the peak
             loud = np.maximum(self.amplitude / (SILENCE_RATIO * self.peak), 1.0)
             ring_s = float(np.sum(np.log(loud) / self.decay_per_s))
         return 30.0 + 10.0 * ring_s * self.scaling.speed / self.length_mm
 
     def renderer(self, *, seed: int = 0) -> "SpatialRenderer":
-        """Return a renderer at rest; rendering is deterministic, so `seed` has no effect."""
+        """Return a renderer without active modes; rendering is deterministic, so `seed` has no effect."""
         return SpatialRenderer(self)
 
 
@@ -273,22 +277,22 @@ class SinusoidTexture(SpatialTexture):
 # Rendering --------------------------------------------------------------------------------------------------
 
 MAX_RINGING = 512
-"""Largest number of active modes; the weakest are replaced."""
+"""Largest number of active modes; the weakest mode is replaced first."""
 SILENCE_RATIO = 1e-3
-"""Fraction of the recorded peak below which a mode counts as decayed."""
+"""Fraction of the recorded peak below which a mode is considered decayed."""
 PEAK_FACTOR = 8.0
-"""Bound of the output, as a multiple of the recorded peak."""
+"""Limit of the output, as a multiple of the recorded peak."""
 BACKLASH_MM = 0.1
-"""Distance in mm after a reversal in which no feature is excited: the tip may tremble on a feature."""
+"""Distance in mm after a reversal within which no feature is excited, because the tip may tremble."""
 
 
 class SpatialRenderer:
-    """Render a `SpatialTexture` along any path, sample by sample, without allocations besides the result.
+    """Render a `SpatialTexture` along any path, sample by sample; only the result is allocated.
 
-    The cost of a sample is one step per active mode, whatever the number of features (a binary search when a
-    feature is passed). It is bounded at any speed: at most `MAX_RINGING` modes are active, and at most four
-    features, those nearest to the tip, are excited per sample. A feature that is passed between two samples
-    starts at the later one, as printed. Without contact no feature is excited.
+    The cost of a sample is one step per active mode, plus a binary search if a feature is passed. The cost is
+    bounded at any speed: at most `MAX_RINGING` modes are active, and at most the four features nearest to the
+    tip are excited per sample. A feature that is passed between two samples starts at the later sample, as in
+    the paper. Without contact, no feature is excited.
 
     Parameters
     ----------
@@ -334,8 +338,8 @@ class SpatialRenderer:
         Raises
         ------
         ValueError
-            If the shapes do not fit, or a value is NaN, infinite or beyond 1e9; the state does not change
-            then.
+            If the shapes do not match, or a value is NaN, infinite or above 1e9 in magnitude. In this case
+            the state does not change.
         """
         v, f = _block(velocity), _block(force)
         path = np.empty((0, 2)) if position is None else _block(position)
@@ -350,25 +354,29 @@ class SpatialRenderer:
             v, f, path, out, self._settings, self._law,
             self._position, self._first, self._modes, self._pool, self._counts, self._tip,
         ):  # fmt: skip
-            raise ValueError(f"velocity, force and position must be finite and at most {MAX_INPUT:g}")
+            raise ValueError(
+                f"velocity, force and position must be finite and at most {MAX_INPUT:g} in magnitude"
+            )
         return out
 
     def reset(self) -> None:
-        """Return to rest: no mode is active, and the next sample is the first."""
+        """Remove all active modes; the next sample is treated as the first."""
         self._counts[:] = 0
         self._tip[:] = 0.0
 
 
 def _block(values: ArrayLike) -> Samples:
     array = np.ascontiguousarray(values, dtype=np.float64)
-    return array if array.flags.writeable else array.copy()  # so that one compiled version is enough
+    return (
+        array if array.flags.writeable else array.copy()
+    )  # avoids compiling a second version for read-only arrays
 
 
 Counts = NDArray[np.int64]
 
 
 class Count(IntEnum):
-    """Indices of `counts`: active modes, next feature along x, and whether there was a sample."""
+    """Indices of `counts`: active modes, next feature along x, and whether a sample was rendered."""
 
     RINGING, NEXT, STARTED = range(3)
 
@@ -379,21 +387,21 @@ MAX_INPUT = 1e9
 
 @njit(cache=True, error_model="numpy")
 def locate(s: float, position: Samples, length: float) -> int:
-    """Return the number of features before s on the surface repeated with period `length`."""
+    """Return the number of features before coordinate s on the periodic surface."""
     period = np.floor(s / length)
     return int(period) * position.size + int(np.searchsorted(position, s - period * length))
 
 
 @njit(cache=True, error_model="numpy")
 def feature_position(k: int, position: Samples, length: float) -> float:
-    """Return the coordinate of feature k of the repeated surface."""
+    """Return the coordinate of feature k on the periodic surface."""
     period = k // position.size
     return float(period * length + position[k - period * position.size])
 
 
 @njit(cache=True, error_model="numpy")
 def factor(speed: float, force: float, law: Samples) -> float:
-    """Return A of `Amplitude.factor`; law contains k_v, k_c, a_0, v_0, f_0, compensated, limit."""
+    """Return A as in `Amplitude.factor`; `law` contains k_v, k_c, a_0, v_0, f_0, compensated, limit."""
     level = law[0] * speed / 1000 + law[1] * force + law[2]
     A = level / (law[0] * law[3] / 1000 + law[1] * law[4] + law[2])
     if law[5] != 0 and speed > law[3]:
@@ -403,7 +411,7 @@ def factor(speed: float, force: float, law: Samples) -> float:
 
 @njit(cache=True, error_model="numpy")
 def excite(k: int, A: float, first: Counts, modes: Samples, pool: Samples, counts: Counts) -> None:
-    """Add the modes of a feature to the pool, as real and imaginary parts of z and of its pole.
+    """Add the modes of a feature to the pool, as real and imaginary parts of z and of the pole p.
 
     In a full pool, a stronger mode replaces the weakest one.
     """
@@ -425,7 +433,7 @@ def excite(k: int, A: float, first: Counts, modes: Samples, pool: Samples, count
 
 @njit(cache=True, error_model="numpy")
 def ring(pool: Samples, counts: Counts, silent: float) -> float:
-    """Return the sum of the active modes and advance them; modes below `silent` leave the pool."""
+    """Return the sum of the active modes and advance them; modes below `silent` are removed."""
     total = 0.0
     i = 0
     while i < counts[Count.RINGING]:
@@ -445,7 +453,7 @@ def advance(
     x_now: float, A: float, position: Samples, length: float,
     first: Counts, modes: Samples, pool: Samples, counts: Counts,
 ) -> None:  # fmt: skip
-    """Excite the features between the previous and the present coordinate of the tip."""
+    """Excite the features between the previous and the current coordinate of the tip."""
     n = position.size
     k = counts[Count.NEXT]
     if feature_position(k, position, length) > x_now and feature_position(k - 1, position, length) <= x_now:
@@ -454,7 +462,7 @@ def advance(
     while feature_position(end, position, length) <= x_now:
         end += 1
     if A > 0:
-        # at most four features, those nearest to the tip
+        # at most the four features nearest to the tip
         low, high = (max(k, end - 4), end) if end > k else (end, min(k, end + 4))
         for j in range(low, high):
             excite(j % n, A, first, modes, pool, counts)
@@ -466,11 +474,11 @@ def render(
     velocity: Samples, force: Samples, path: Samples, out: Samples, settings: Samples, law: Samples,
     position: Samples, first: Counts, modes: Samples, pool: Samples, counts: Counts, tip: Samples,
 ) -> bool:  # fmt: skip
-    """Render a block into `out`; return False, without any change, if an input is not finite or too large.
+    """Render a block to `out`. If an input is not finite or too large, return False and change nothing.
 
-    `settings` contains fs, length of the surface, direction x and y, origin along it, is_travelled (0 or 1),
-    backlash, silence level and largest output. `tip` contains the coordinate of the tip, the coordinate with
-    backlash, and the last position. `path` is empty if the velocity is to be integrated.
+    `settings` contains fs, length of the surface, x and y of the direction, origin along the direction,
+    is_travelled (0 or 1), backlash, silence level and largest output. `tip` contains the coordinate of the
+    tip, the coordinate with backlash, and the last position. If `path` is empty, the velocity is integrated.
     """
     fs, length, along_x, along_y, origin, is_travelled, backlash, silent, largest = settings
     has_path = path.shape[0] > 0
