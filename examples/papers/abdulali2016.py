@@ -1,7 +1,7 @@
-"""Abdulali and Jeon, "Data-driven modeling of anisotropic haptic textures" (2016): its figures.
+"""Reproduce the figures of Abdulali and Jeon, "Data-driven modeling of anisotropic haptic textures" (2016).
 
-Run `python examples/papers/abdulali2016.py --out DIR`: 15 minutes, or one minute with `--small`. Real
-recordings are used if they are present (`TEXCLASS_DATA`).
+Run `python examples/papers/abdulali2016.py --out DIR`. It takes 15 minutes, or one minute with `--small`.
+Real recordings are used if they are available (`TEXCLASS_DATA`).
 """
 
 import abdulali2016_study as study
@@ -30,9 +30,9 @@ COLOURS = (OURS, OTHER, THIRD, FOURTH)
 
 
 def main():
-    """Compute the numbers and write the chapter."""
+    """Compute the results and write the report."""
     options = shared.arguments(__doc__)
-    with threadpool_limits(1):  # the matrices are small, so threads would only wait for each other
+    with threadpool_limits(1):  # threads do not speed up operations on small matrices
         numbers = compute(options.seed, options.small)
     document = write(numbers, options.seed, ("S3",) if options.small else ("S3", "S1", "S7"))
     numbers |= {"seed": options.seed, "versions": versions("numpy", "scipy", "scikit-learn", "numba")}
@@ -40,7 +40,7 @@ def main():
 
 
 def compute(seed, small):
-    """Return the numbers of the chapter: simulated and real surfaces, held-out runs, sparsity and times."""
+    """Compute the results: simulated and real surfaces, held-out conditions, sparsity and times."""
     surfaces = (get_surface("S4"),) if small else SURFACES
     orders, rates = ((20,), (FS,)) if small else ((20, 400), (FS, 10_000.0))
     n_seeds, n_steps = (1, 500) if small else (50, 4000)
@@ -64,7 +64,7 @@ def compute(seed, small):
 
 
 def write(numbers, seed, shown):
-    """Return the document of the chapter, with published and our results."""
+    """Return the report with the published results and ours."""
     scan, training = (
         simulate_scan(get_surface("S3"), s, FS, np.random.default_rng(seed)) for s in (10.0, 20.0)
     )

@@ -1,4 +1,4 @@
-"""Simulated hands that stroke the nine surfaces of `texclass.haptics.textures.resonant_surfaces`."""
+"""Simulate hands that stroke the nine surfaces of `texclass.haptics.textures.resonant_surfaces`."""
 
 import numpy as np
 from scipy import signal
@@ -10,17 +10,17 @@ from texclass.haptics.textures.resonant_surfaces import SURFACES, ResonantSurfac
 __all__ = ["SURFACES", "ResonantSurface", "get_surface", "hand_motion", "simulate_constant", "simulate_scan"]
 
 SPEEDS_MM_S, FORCES_N = (25.0, 200.0), (0.3, 2.5)
-"""Range of speeds and forces of the hand, drawn from log-uniform distributions."""
+"""Ranges of the speed (mm/s) and force (N) of the hand, which are drawn from log-uniform distributions."""
 PLATE_MM = 100.0
-"""Side of the plate in mm."""
+"""Side length of the plate in mm."""
 
 
 def hand_motion(duration_s, fs, rng):
-    """Return position (n, 2), velocity (n, 2) and force (n,) of unconstrained stroking on a plate.
+    """Simulate position (n, 2), velocity (n, 2) and force (n,) of unconstrained strokes on a plate.
 
-    Straight strokes in random directions, 0.25 to 0.8 s long, each with its own speed and force, which vary
-    by about 15 %. Velocity and force follow with the bandwidth of a hand (6 and 3 Hz) and fade in and out at
-    the ends.
+    The hand makes straight strokes of 0.25 to 0.8 s in random directions. Each stroke has its own mean speed
+    and force, which vary by about 15 %. Velocity and force have the bandwidth of a hand (6 and 3 Hz) and fade
+    in and out at the ends.
     """
     n = round(duration_s * fs)
     target, position, start = np.empty((n, 3)), np.full(2, PLATE_MM / 2), 0
@@ -41,7 +41,7 @@ def hand_motion(duration_s, fs, rng):
 
 
 def _direction(position, rng):
-    """Return a random direction, towards the centre if the edge of the plate is near."""
+    """Return a random direction; near the edge of the plate, the direction points towards the centre."""
     centre = PLATE_MM / 2 - position
     is_near_edge = np.hypot(*centre) > PLATE_MM / 4
     towards = np.arctan2(centre[1], centre[0])
@@ -54,12 +54,12 @@ def _hand(hz, fs):
 
 
 def simulate_scan(surface, duration_s, fs, rng):
-    """Return a conditioned freehand scan of a surface."""
+    """Simulate a conditioned freehand scan of a surface."""
     return _scan(surface, hand_motion(duration_s, fs, rng), fs, rng)
 
 
 def simulate_constant(surface, duration_s, fs, rng, *, speed=None, force=None, direction=None):
-    """Return a conditioned scan at a constant speed (mm/s), force (N) or direction (rad); others vary."""
+    """Simulate a conditioned scan in which speed (mm/s), force (N) or direction (rad) is constant."""
     n = round(duration_s * fs)
     t = np.arange(n) / fs
     phase, rate = rng.uniform(0, 2 * np.pi, 3), rng.uniform(0.15, 0.3, 3)

@@ -1,4 +1,4 @@
-"""Cross-validation of textures of `abdulali2016`, and their computing times."""
+"""Cross-validate textures of `abdulali2016`, and measure their computing times."""
 
 from time import perf_counter, thread_time_ns
 from typing import NamedTuple
@@ -18,11 +18,11 @@ TRAINING_S, VALIDATION_S, HELD_OUT_S = 20.0, 10.0, 5.0
 WINDOW = 500
 """Length of a window in samples (at 1 kHz); windows overlap by half."""
 SPEED_BAND, SPEED = (60.0, 95.0), 75.0
-"""Mean speeds of held-out segments, and speed of the test, in mm/s."""
+"""Range of mean speeds of the held-out segments, and test speed, in mm/s."""
 FORCE_BAND, FORCE = (0.7, 1.2), 0.9
-"""Mean forces of held-out segments, and force of the test, in N."""
+"""Range of mean forces of the held-out segments, and test force, in N."""
 SECTOR_RAD = np.deg2rad(15.0)
-"""Held-out directions: distance from the direction of the test, or from its opposite, in rad."""
+"""Half width in rad of the held-out sector around the test direction and its opposite."""
 SPARSITIES = (0.3, 0.1, 0.03, 0.01, 0.0)
 
 
@@ -37,7 +37,8 @@ class Score(NamedTuple):
 def fit_as_published(scan, isotropic=False):
     """Fit the texture as in the paper.
 
-    No pooling, the printed thresholds, variance as extra output, sparse network, 16-sample buffer with jumps.
+    Spectra are not pooled, thresholds are those of the paper, the extra output is the variance, the network
+    is sparse, and parameters jump every 16 samples.
     """
     options = {"pooling": "none", "mirror": "none", "loudness": "variance", "method": "autocorrelation"}
     modelled = model_scan(scan, isotropic=isotropic, segments=segment_input(scan), **options)
@@ -45,7 +46,7 @@ def fit_as_published(scan, isotropic=False):
 
 
 def compare(recorded, rendered):
-    """Return the score of a rendered against a recorded vibration; `abdulali2016`, eq. (6), section 4."""
+    """Score a rendered vibration against a recorded one (`abdulali2016`, section 4, eq. (6))."""
     starts = range(0, recorded.size - WINDOW + 1, WINDOW // 2)
     pairs = [(recorded[i : i + WINDOW], rendered[i : i + WINDOW]) for i in starts]
     gfc = np.array([goodness_of_fit(a, b, window=WINDOW) for a, b in pairs])
@@ -61,12 +62,12 @@ def render_along(texture, scan, seed=0):
 
 
 def cross_validate(texture, scan, seed=0):
-    """Return the score of a texture along the motion of a held-out conditioned scan."""
+    """Score a texture along the motion of a held-out conditioned scan."""
     return compare(scan.acceleration, render_along(texture, scan, seed))
 
 
 def study_surface(surface, seed):
-    """Train on 20 s and validate on 10 s of a simulated surface with each method."""
+    """Fit each method to 20 s of a simulated surface, and validate it on 10 s."""
     rng = np.random.default_rng([seed, SURFACES.index(surface)])
     training, validation = (simulate_scan(surface, s, FS, rng) for s in (TRAINING_S, VALIDATION_S))
     second = limit_vibration(surface.vibration(validation.velocity, validation.force, FS, rng), FS)
@@ -76,7 +77,7 @@ def study_surface(surface, seed):
 
 
 def study_scans(training, validation, *, isotropic):
-    """Fit one conditioned scan and score another with each method; None where a method is not applicable."""
+    """Fit each method to one conditioned scan and score it on another; None if a method is not applicable."""
     modelled = model_scan(training, isotropic=isotropic)
     plain = model_scan(training, isotropic=isotropic, pooling="none", mirror="none")
     network, sparse = modelled.network(), plain.network("sparse")
@@ -136,7 +137,7 @@ def study_held_out(surface, seed):
 
 
 def study_sparsity(surface, seed):
-    """Return rows of sparsity, number of centres and GFC of sparse networks; sparsity 0 is the exact one."""
+    """Return rows of sparsity, number of centres and GFC; sparsity 0 is the exact network."""
     rng = np.random.default_rng([seed, SURFACES.index(surface)])
     training, validation = (simulate_scan(surface, s, FS, rng) for s in (TRAINING_S, VALIDATION_S))
 
@@ -149,9 +150,9 @@ def study_sparsity(surface, seed):
 
 
 def study_bound(texture, peak, n_paths, seed):
-    """Render random paths; return the largest sample over the recorded peak, and the fraction at the limit.
+    """Render random paths; return the peak relative to the recorded peak, and the fraction at the limit.
 
-    Each path jumps every 25 samples to another velocity and force, of scales up to 10^4 mm/s and N.
+    Every 25 samples, each path jumps to another velocity and force, with scales up to 10^4 mm/s and N.
     """
     rng = np.random.default_rng(seed)
     largest, n_limited, n = 0.0, 0, 0
@@ -167,7 +168,7 @@ def study_bound(texture, peak, n_paths, seed):
 
 
 def time_fit(fs, order, seed=0):
-    """Time segmentation, fit and baking of 20 s at a rate (Hz) and order; kernels are compiled beforehand."""
+    """Time the segmentation, fit and baking of 20 s at a sampling rate (Hz), after compiling the kernels."""
     scan = simulate_scan(get_surface("S2"), 20.0, fs, np.random.default_rng(seed))
     model_scan(scan.crop(0, len(scan) // 4), order=8)
     start = perf_counter()
@@ -183,7 +184,8 @@ def time_fit(fs, order, seed=0):
 def time_rendering(texture, n_steps=10_000, n_contacts=4, seed=0):
     """Time a loop that renders one sample of each of several contacts, each on its own path.
 
-    Wall-clock time (on a busy machine its tail is that of other programs) and processor time, in µs.
+    Returns wall-clock time and processor time in µs. On a busy machine, other programs cause the longest
+    wall-clock times.
     """
     rng = np.random.default_rng(seed)
     renderers = [texture.renderer(seed=i) for i in range(n_contacts)]

@@ -1,7 +1,7 @@
-"""Guruswamy, Lang and Lee (2011): IIR filter models of haptic vibration textures.
+"""Reproduce Guruswamy, Lang and Lee (2011), IIR filter models of haptic vibration textures.
 
-Compares tables and figures with the published ones: run `python examples/papers/guruswamy2011.py --out DIR`.
-The scans of the paper are not public: simulated objects have its published values as ground truth.
+Run `python examples/papers/guruswamy2011.py --out DIR` to compare tables and figures with the published ones.
+The scans of the paper are not public, so we simulate objects with the published values as ground truth.
 """
 
 import hashlib
@@ -57,7 +57,7 @@ COLUMNS = (
 
 
 def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
-    """Write the chapter into a folder; `small` runs few trials and omits real recordings."""
+    """Write the report to a folder; `small` runs few trials and omits real recordings."""
     numbers, pictures = (
         compute(seed, n_trials=1, n_loose=1, n_paths=5, duration_s=5.0, real=False)
         if small
@@ -99,7 +99,7 @@ def compute(
     duration_s: float = DURATION_S,
     real: bool = True,
 ) -> tuple[dict[str, Any], dict[str, Figure]]:
-    """Compute the numbers of the chapter; return them with the figures, which are drawn later."""
+    """Compute the results of the report, and return them with the figures, which are drawn later."""
     scans = {o.name: repeated_scans(o, stream(seed, 1, i), duration_s) for i, o in enumerate(OBJECTS)}
     fitted = {o.name: fit_texture(scans[o.name][0], o.law) for o in OBJECTS}
     segment = fitted[SHOWN].profile.segmentation.split(fitted[SHOWN].profile.samples)[SEGMENT]
@@ -169,7 +169,7 @@ def hash_of(scans: Mapping[str, list[Scan]]) -> str:
 
 
 def real_recordings() -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, str]]:
-    """Return the results for real recordings; empty if they are missing."""
+    """Return the results for real recordings, or empty results if the recordings are missing."""
     try:
         stylus, lmt = open_dataset("stylus6"), open_dataset("lmt_excerpts")
     except (DataNotFoundError, FileNotFoundError):
@@ -192,12 +192,12 @@ def table(
     """Return a table with rounded numbers."""
     cells = [[rounded(value) for value in row] for row in rows]
     frame = pd.DataFrame(cells)
-    frame.columns = pd.Index(header)  # titles may repeat
+    frame.columns = pd.Index(header)  # duplicate titles are allowed
     return Table(frame, n_words=n_words)
 
 
 def rounded(value: object) -> str:
-    """Return a number with three significant digits; text and integers unchanged."""
+    """Round a number to three significant digits; return text and integers unchanged."""
     if isinstance(value, int | str):
         return str(value)
     number = float(value)  # type: ignore[arg-type]
@@ -320,7 +320,7 @@ def by_order(n: Mapping[str, Any]) -> list[Any]:
 
 
 def levels(n: Mapping[str, Any]) -> list[Any]:
-    """Report the fitted laws of the level and the ground truth."""
+    """Report the fitted level laws and the ground truth."""
     rows = []
     for thing in OBJECTS:
         (law, r_squared), truth = n["laws"][thing.name], thing.law

@@ -1,4 +1,4 @@
-"""Figures 4 to 12 of `guruswamy2011`, of simulated scans, and the recovery of their ground truth."""
+"""Draw figures 4 to 12 of `guruswamy2011` for simulated scans, and the recovery of the ground truth."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -38,7 +38,7 @@ def draw_orders(width: float, segment: Samples, fits: Sequence[Mapping[str, Any]
 
 
 def draw_segmentation(width: float, fitted: FittedScan, segment: int) -> Drawing:
-    """Draw the magnitude around a segment, its peaks and where segments begin (figure 5)."""
+    """Draw the magnitude around a segment, its peaks, and the starts of segments (figure 5)."""
     figure, (axes,) = _panels(1, 1, (width, 3.2))
     bounds, x, fs = fitted.profile.segmentation.bounds, fitted.profile.samples, fitted.scan.fs
     start, stop = bounds[max(segment - 1, 0)], bounds[min(segment + 2, bounds.size - 1)]
@@ -59,7 +59,7 @@ def draw_segmentation(width: float, fitted: FittedScan, segment: int) -> Drawing
 
 
 def draw_spectra(width: float, fitted: Mapping[str, FittedScan]) -> Drawing:
-    """Draw the smoothed power spectra with their cut-offs, ours and published (figures 6 and 7)."""
+    """Draw the smoothed power spectra with our cut-offs and the published ones (figures 6 and 7)."""
     figure, panels = _panels(2, 3, (width, 5.4))
     for axes, (name, each) in zip(panels, fitted.items(), strict=False):
         f, power = signal.periodogram(signal.detrend(each.acceleration), each.scan.fs)
@@ -102,7 +102,7 @@ def draw_textures(width: float, fitted: Mapping[str, FittedScan]) -> Drawing:
 
 
 def draw_laws(width: float, fits: Mapping[str, LevelFit]) -> Drawing:
-    """Draw the RMS over the speed, the part of the force taken off, and the lines (figure 10)."""
+    """Draw RMS minus force term over speed, with the fitted and published lines (figure 10)."""
     figure, panels = _panels(1, len(fits), (width, 3.6))
     for axes, (name, fit) in zip(panels, fits.items(), strict=True):
         v = np.linspace(0, fit.speed.max(), 2)
@@ -132,11 +132,11 @@ def draw_laws(width: float, fits: Mapping[str, LevelFit]) -> Drawing:
 def draw_speeds(width: float, name: str, pairs: Sequence[Mapping[str, Any]]) -> Drawing:
     """Draw scan and texture at three speeds, over space and over time (figures 11 and 12).
 
-    Each has a zero of its own, the scan's above the texture's, and the same scale.
+    The curves have the same scale and different zero lines; the scan is above the texture.
     """
     figure, panels = _panels(2, len(pairs), (width, 5.6), sharey=True)
     loudest = max(float(np.abs(pair["scan"].acceleration).max()) for pair in pairs)
-    step = 5.0 * max(1, round(loudest / 10))  # of the ticks, m/s^2
+    step = 5.0 * max(1, round(loudest / 10))  # tick spacing in m/s^2
     lift = 2 * step + loudest
     density = TABLE_1[name][ROW.index("segments_per_mm")]
     for column, pair in enumerate(pairs):
@@ -162,7 +162,7 @@ def draw_speeds(width: float, name: str, pairs: Sequence[Mapping[str, Any]]) -> 
 
 
 def draw_recovery(width: float, recovered: Mapping[str, Samples]) -> Drawing:
-    """Draw every trial's error, relative to its bound."""
+    """Draw the error of every trial relative to its bound."""
     figure, panels = _panels(1, len(BOUNDS), (width, 3.2), sharey=True)
     for axes, (k, (quantity, bound)) in zip(panels, enumerate(BOUNDS.items()), strict=True):
         for y, errors in enumerate(recovered.values()):

@@ -1,4 +1,4 @@
-"""Measurements of the chapter on `guruswamy2011`: scans, recovery, other speeds, and real recordings."""
+"""Compute the results for `guruswamy2011`: scans, recovery, other speeds, and real recordings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -35,19 +35,19 @@ SPEEDS = (0.5, 4.0)
 SPEED_STEPS = (1.0, 2.0, 4.0)
 """Speeds of figures 11 and 12, relative to the speed of the scan."""
 BOUNDS = {"segments per mm": 0.10, "f_major": 2.0, "k_v": 0.05, "a_0": 0.05}
-"""Required accuracy of the recovery: relative, but in Hz for f_major."""
+"""Required accuracy of the recovery: in Hz for f_major, otherwise relative."""
 PRONY_ORDERS = (11, 16, 106)
-"""Orders of figure 4."""
+"""Filter orders in figure 4."""
 RELATIVE_BIT = 0.17
-"""Resolution relative to the RMS if that of the sensor is unknown: the ratio in the scans of the paper."""
+"""Ratio of resolution to RMS, used if the sensor resolution is unknown; as in the scans of the paper."""
 HIGHEST_HZ = 350.0
-"""Upper limit for `stylus6` in Hz; above it there is a device line at 400 Hz and noise of the converter."""
+"""Upper band limit for `stylus6` in Hz, which excludes a device line at 400 Hz and converter noise."""
 LINES_HZ = (100.0, 200.0, 300.0)
-"""Further lines of the device in Hz, present in all six recordings."""
+"""Other spectral lines of the device in Hz, which are present in all six recordings."""
 
 
 def stream(seed: int, *keys: int) -> np.random.Generator:
-    """Return the random number generator of one part of the study."""
+    """Return the random number generator for one part of the study."""
     return np.random.default_rng([seed, 2011, *keys])
 
 
@@ -57,7 +57,7 @@ def stream(seed: int, *keys: int) -> np.random.Generator:
 def repeated_scans(
     thing: SimulatedObject, rng: np.random.Generator, duration_s: float = DURATION_S
 ) -> list[Scan]:
-    """Scan one section five times: once as published, then with the spread of speed and force by hand."""
+    """Scan a section five times: once at the published speed and force, then with the spread of a hand."""
     section = lay_out(thing, duration_s * thing.speed, rng)
     hand = [(1.0, 1.0), *np.exp(0.12 * rng.standard_normal((N_REPEATED - 1, 2)))]
     return [simulate_scan(thing, section, rng, speed=thing.speed * v, force=thing.force * f) for v, f in hand]
@@ -71,7 +71,7 @@ def level_scans(
     force_spread: float = 0.12,
     n_scans: int = N_LEVELS,
 ) -> list[Scan]:
-    """Scan one section at many speeds; `force_spread` is the standard deviation of the logarithm."""
+    """Scan a section at many speeds; `force_spread` is the standard deviation of the log force."""
     section = lay_out(thing, DURATION_S * thing.speed, rng)
     speeds = thing.speed * np.geomspace(*SPEEDS, n_scans)
     forces = thing.force * np.exp(force_spread * rng.standard_normal(n_scans))
@@ -125,9 +125,9 @@ def published_row(scan: Scan, law: LevelLaw, resolution: float = RESOLUTION) -> 
 
 
 def fit_published(segments: Sequence[Samples], resolution: float) -> list[PronyFilter]:
-    """Fit each segment by Prony's method as published: from order = number of extrema upwards.
+    """Fit each segment by Prony's method as in the paper, from order = number of extrema upwards.
 
-    Some of these filters are unstable; they are used for comparison only.
+    Some of these filters are unstable and are used for comparison only.
     """
     return [fit_prony(np.pad(x, (0, max(0, 2 - x.size))), resolution) for x in segments]
 
@@ -151,7 +151,7 @@ def n_poles(modes: DecayingModes) -> int:
 
 
 def fits_by_order(segment: Samples, fs: float, resolution: float) -> list[dict[str, Any]]:
-    """Fit a segment by a decaying sinusoid, by Prony's method at the orders of the paper, and by modes."""
+    """Fit a segment by a decaying sinusoid, by Prony's method with the orders of the paper, and by modes."""
     fits = [_of_modes("decaying sinusoid", fit_sinusoid(segment, fs), segment, fs)]
     for order in PRONY_ORDERS:
         filter_ = prony(segment, order)
@@ -177,7 +177,7 @@ def _of_modes(method: str, modes: DecayingModes, segment: Samples, fs: float) ->
 
 
 def recover(thing: SimulatedObject, seed: int, *, repeatability: float = 0.01) -> Samples:
-    """Return the errors of one trial in the order of `BOUNDS`: one scan of a section, forty for the law."""
+    """Return the errors of one trial, in the order of `BOUNDS`, from one scan and forty scans for the law."""
     rng = stream(seed, 50, [each.name for each in OBJECTS].index(thing.name))
     law = fit_level_law(level_scans(thing, rng, repeatability=repeatability), thing.law.k_c).law
     section = lay_out(thing, DURATION_S * thing.speed, rng)
@@ -215,11 +215,10 @@ def within_bounds(errors: Samples) -> dict[str, tuple[float, float, int]]:
 def compare_speeds(
     thing: SimulatedObject, rng: np.random.Generator, duration_s: float = DURATION_S
 ) -> tuple[SpatialTexture, list[dict[str, Any]]]:
-    """Fit a texture to a slow scan and render it along scans of the section at other speeds.
+    """Fit a texture to a slow scan, and render it along scans of the same section at other speeds.
 
-    Each comparison within the band of the texture has the keys scan, rendered, fit (GFC), level (ratio of the
-    RMS of the rendered and the scanned vibration) and level_printed (the same without compensation, see
-    `Amplitude`).
+    Each comparison is limited to the band of the texture. Its keys are scan, rendered, fit (GFC), level (RMS
+    ratio of rendered and scanned vibration) and level_printed (level without compensation, see `Amplitude`).
     """
     section = lay_out(thing, duration_s * thing.speed, rng)
     fitted = fit_texture(simulate_scan(thing, section, rng), thing.law)
@@ -238,7 +237,7 @@ def compare_speeds(
 
 
 def limit_band(acceleration: Samples, cutoff_hz: float, fs: float) -> Samples:
-    """Return a recording within the band of a texture."""
+    """Filter a recording to the band of a texture."""
     a: Samples = np.asarray(acceleration - acceleration.mean())
     if cutoff_hz >= fs / 2:
         return a
@@ -261,7 +260,7 @@ def random_paths(
         velocity = fastest * _smooth(rng.standard_normal((n_samples, 2)))
         force = hardest * (_smooth(rng.standard_normal((n_samples, 1)))[:, 0] + rng.uniform(-0.5, 1))
         position = np.cumsum(velocity, axis=0) / texture.fs
-        if i % 4 == 0:  # jumps
+        if i % 4 == 0:  # path with jumps
             position += 100 * np.round(rng.random((n_samples, 1)) - 0.49)
         for part in np.array_split(np.arange(n_samples), 8):
             out = renderer.process(velocity[part], force[part], position[part])
@@ -288,7 +287,7 @@ def _smooth(x: Samples) -> Samples:
 
 
 def clean(scan: Scan) -> Scan:
-    """Return a `stylus6` scan without device lines and without outliers of speed and force."""
+    """Remove device lines, and outliers of speed and force, from a `stylus6` scan."""
     a = signals.lowpass(scan.acceleration - scan.acceleration.mean(), HIGHEST_HZ, scan.fs)
     for line in LINES_HZ:
         a = signal.filtfilt(*signal.iirnotch(line, line / 2.0, scan.fs), a)  # 2 Hz wide

@@ -1,8 +1,8 @@
-"""Published tables of `guruswamy2011`, and simulated objects with these values as ground truth.
+"""Define the published tables of `guruswamy2011`, and simulate objects with these values as ground truth.
 
-Feature density, major frequency, speed, force and k_c are those of Table I and section III; k_v and a_0 those
-of section V-B for the rubber mat and SP80, and similar values for the others. Values that are not published
-(decay rates, modes above the major frequency, differences of features) are our choice.
+Feature density, major frequency, speed, force and k_c are from Table I and section III. For the rubber mat
+and SP80, k_v and a_0 are from section V-B; the other objects have similar values. Values that are not
+published (decay rates, modes above the major frequency, differences between features) are our choice.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ ROW = (
     "force",
 )
 """Values of a scan in Tables I and III: upper cut-off and major frequency (Hz), segments per mm, mean order +
-1, mean absolute difference of the filters to the band-passed and to the recorded profile (mm/s^2), mean speed
+1, mean absolute difference of the filters from the band-passed and the recorded profile (mm/s^2), mean speed
 (mm/s) and force (N).
 """
 TABLE_1 = {
@@ -45,7 +45,7 @@ TABLE_2 = {
     "SP 120 grit": ((1.181, 0.132), (14.43, 2.72)),
     "SP 80 grit": ((1.030, 0.066), (17.71, 3.63)),
 }
-"""Mean and standard deviation over five scans: segments per mm, order."""
+"""Mean and standard deviation over five scans, of segments per mm and of order + 1."""
 
 TABLE_3 = {
     "Rubber mat": (
@@ -87,17 +87,17 @@ class SimulatedObject:
     Attributes
     ----------
     name : str
-        Name as published.
+        Name in the paper.
     pattern : str
-        "regular" or "stochastic", as published.
+        "regular" or "stochastic", as in the paper.
     density_per_mm : float
         Features per mm of path.
     spread : float
-        Standard deviation of the distance of neighbours, relative to its mean.
+        Standard deviation of the distance between neighbouring features, relative to its mean.
     modes : tuple of (float, float, float)
-        Frequency (Hz), decay rate (1/s) and amplitude of each mode; the first has the major frequency.
+        Frequency (Hz), decay rate (1/s) and amplitude of each mode; the first mode has the major frequency.
     law : LevelLaw
-        Law of the level.
+        Level law.
     speed, force : float
         Speed (mm/s) and force (N) of the published scan.
     undulation_per_mm : float
@@ -119,7 +119,7 @@ class SimulatedObject:
 
 
 class Section(NamedTuple):
-    """A section of a surface with the features of all its scans.
+    """A section of a surface, whose features are the same in all its scans.
 
     Attributes
     ----------
@@ -152,10 +152,10 @@ OBJECTS = (
 
 
 def lay_out(thing: SimulatedObject, length_mm: float, rng: np.random.Generator) -> Section:
-    """Draw a random section of a surface with a length in mm, above 0.
+    """Draw a random section of a surface with a positive length in mm.
 
-    Distances of neighbours follow a gamma distribution, so that none is negative; heights spread by 20 %;
-    signs are random or follow the undulation.
+    Distances between neighbouring features follow a gamma distribution, so they are positive. Heights spread
+    by 20 %; signs are random or follow the undulation.
     """
     n = int(np.ceil(1.5 * length_mm * thing.density_per_mm)) + 10
     shape = thing.spread**-2
@@ -184,9 +184,9 @@ def simulate_scan(
 ) -> Scan:
     """Simulate one stroke along a section, from end to end.
 
-    Speed and force vary by 10 %. The vibration is scaled so that its RMS satisfies the law of the object at
-    every speed and force, except for a factor that varies by `repeatability` from scan to scan. Then drift,
-    noise of a third of a bit and the 8 bits of the sensor are added.
+    Speed and force vary by 10 %. The vibration is scaled: its RMS satisfies the level law of the object at
+    every speed and force, except for a factor that varies by `repeatability` between scans. Finally, drift,
+    noise of a third of a bit, and the 8-bit quantization of the sensor are added.
 
     Parameters
     ----------
@@ -195,15 +195,15 @@ def simulate_scan(
     section : Section
         Section of the object, from `lay_out`.
     rng : numpy.random.Generator
-        Random numbers of the hand and the sensor.
+        Random generator for the hand and the sensor.
     speed, force : float, optional
-        Mean speed (mm/s) and force (N), above 0 (default: those of the object).
+        Positive mean speed (mm/s) and force (N) (default: values of the object).
     fs : float
         Sampling rate in Hz.
     repeatability : float
-        Standard deviation of the logarithm of the factor (default 0.01; nothing is published).
+        Standard deviation of the logarithm of the factor (default 0.01; not published).
     quantised : bool
-        Whether the sensor and its drift are simulated.
+        Whether to simulate the sensor and its drift.
 
     Returns
     -------
@@ -228,7 +228,7 @@ def simulate_scan(
 
 
 def _slow_variation(t: Samples, rng: np.random.Generator) -> Samples:
-    """Return a slowly varying factor around 1, as in hand motion."""
+    """Return a factor that varies slowly around 1, as in hand motion."""
     course = np.zeros_like(t)
     for f in (0.17, 0.41, 0.93):
         course += np.sin(2 * np.pi * (f * t + rng.uniform()))
@@ -236,7 +236,7 @@ def _slow_variation(t: Samples, rng: np.random.Generator) -> Samples:
 
 
 def _responses(thing: SimulatedObject, section: Section, t: Samples, x: Samples, fs: float) -> Samples:
-    """Return sum_k m_k h(t - t_k), with the times t_k between samples at which features are passed."""
+    """Return sum_k m_k h(t - t_k), where t_k are the times (between samples) at which features are passed."""
     onset = np.interp(section.position_mm, x, t)
     is_passed = section.position_mm <= x[-1]
     onset, mark = onset[is_passed], section.mark[is_passed]

@@ -1,7 +1,7 @@
-"""Öztürk, "Refined methods for creating tactile signals considering speed dependency" (2018), reproduced.
+"""Reproduce Öztürk, "Refined methods for creating tactile signals considering speed dependency" (2018).
 
-Run `python examples/papers/oeztuerk2018.py --out DIR`. It takes some minutes, with `--small` seconds. Real
-recordings are used if they are available (`TEXCLASS_DATA`).
+Run `python examples/papers/oeztuerk2018.py --out DIR`. It takes a few minutes, or seconds with `--small`.
+Real recordings are used if they are available (`TEXCLASS_DATA`).
 """
 
 import numpy as np
@@ -33,7 +33,7 @@ TABLE_3_1 = (
     (4, 6, 6, 5, 3), (5, 7, 6, 4, 3), (6, 9, 9, 7, 6), (7, 9, 7, 7, 7), (15, 12, 15, 15, 14),
     (60, 30, 80, 30, 30),
 )  # fmt: skip
-"""Published: beat threshold of each person in Hz, in six frequency bands."""
+"""Published beat threshold of each person in Hz, in six frequency bands."""
 TABLE_6_1 = {
     "coarse foam": (0.6, "0-4, 4-8, > 8 cm/s"),
     "fine foam": (0.6, "0-4, 4-8, > 8 cm/s"),
@@ -45,7 +45,7 @@ FIGURE_5_2 = {"coarse foam": 9.4, "granite tile": 10.2, "fine foam": 10.7, "oak"
 
 
 def main():
-    """Compute the numbers, and write the chapter and a sound example."""
+    """Compute the results, and write the report and a sound example."""
     options = shared.arguments(__doc__)
     seed, small = options.seed, options.small
     (excerpts, excerpt_hash), (fabric_recordings, fabric_hash) = (
@@ -72,7 +72,7 @@ def main():
 
 
 def compute(simulated, excerpts, fabrics, curves, seed, small):
-    """Return the numbers for the JSON file; those that need unavailable recordings are empty."""
+    """Compute the results for the JSON file; results that require unavailable recordings are empty."""
     signals = next(iter(simulated.values()))
     seamless = study.seamless_signal(signals[0][:10_000], FS)
     joins = np.arange(10_000, seamless.size, 10_000)
@@ -114,7 +114,7 @@ def compute(simulated, excerpts, fabrics, curves, seed, small):
 
 
 def build_chapter(numbers, curves, excerpts, speeds, wood, seed):
-    """Return the chapter: results of the thesis, and ours."""
+    """Return the report with the results of the thesis and ours."""
     x = next((v for k, v in excerpts.items() if k.startswith("CompressedWood")), speeds[wood][0])[:10_000]
     stone = next((v for k, v in excerpts.items() if k.startswith("Brick")), speeds[wood][-1])[:10_000]
     agreement = "confirmed" if numbers["thresholds_agree"] else "not confirmed"
@@ -501,7 +501,7 @@ def _amplitudes(x):
 
 
 def _panels(n_rows, n_columns, width, height):
-    """Return a figure with a height relative to its width, and its panels in row-major order."""
+    """Return a figure and its panels in row-major order; `height` is relative to `width`."""
     figure = Drawing(figsize=(width, height * width), layout="constrained")
     return figure, list(np.ravel(figure.subplots(n_rows, n_columns, squeeze=False)))
 

@@ -1,4 +1,4 @@
-"""Numbers of the chapter on `oeztuerk2018`: model orders, frequencies, speed intervals, predictions."""
+"""Compute the results for `oeztuerk2018`: model orders, frequencies, speed intervals, predictions."""
 
 import time
 
@@ -23,43 +23,43 @@ from texclass.vibration.scores import band_energy_distance, goodness_of_fit, log
 
 FS = 10_000.0
 LARGEST_ORDER, ERROR_LIMIT = 1000, 0.4
-"""Figure 3.2: the largest order, and the error that an order is selected for."""
+"""Largest order, and target error of the order selection; figure 3.2."""
 N_DFT = 2800
 """Points of the DFT; section 3.1."""
 LINE_COUNTS = tuple(range(2, 31))
 """Numbers of frequencies, 2 to 30; section 3.2."""
 FAIR_FIT, GOOD_FIT = 0.8, 0.9
-"""Goodness of fit: our choice, and "a good match" of `abdulali2016`."""
+"""Required goodness of fit: our choice, and the value of "a good match" in `abdulali2016`."""
 FRICTIONS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 2.0)
 SPEEDS_MM_S = (40.0, 80.0, 120.0, 160.0)
 MEAN_MM_S, FRICTION_SCALE, GAMMA_SHAPE = 150.0, 0.64, 4.0
-"""Our law of speeds: mean 150 mm/s exp(-friction / 0.64), with a gamma distribution of shape 4."""
+"""Parameters of our speed model: gamma distribution of shape 4, mean 150 mm/s exp(-friction / 0.64)."""
 N_SPEEDS = 240
 """Samples per friction coefficient, one every 0.2 s; figure 4.2."""
 SETTLE_S = 0.6
-"""Beginning of a simulated recording that is discarded, in s."""
+"""Duration in s that is discarded at the beginning of a simulated recording."""
 N_SEEDS = 50
 """Number of simulated histograms per friction coefficient."""
 PATH_SAMPLES = 2000
 """Samples of a random path."""
 NOTABLE_SHARE = 0.05
-"""Share of the samples from which a bin is notable; the thesis decides by visual inspection."""
+"""Smallest share of the samples in a notable bin. The thesis uses visual inspection instead."""
 DURATION_S = 10.0
 N_COPIES = 5
-"""Mirrored copies in a seamless signal; section 3.2."""
+"""Number of mirrored copies in a seamless signal; section 3.2."""
 
 
 def order_curves(x, largest=LARGEST_ORDER):
-    """Return the spectral error of all orders on a recording without its mean, and selected orders.
+    """Return the spectral error of all orders for a zero-mean recording, and selected orders.
 
     Returns
     -------
     dict
-        - "same_recording": error of order 0 ... largest, eq. (3.11), on the recording of the fit;
-        - "other_half": error of a model of one half on the other half, mean of both directions;
+        - "same_recording": error of orders 0 ... largest, eq. (3.11), on the recording used for the fit;
+        - "other_half": error of a model of one half on the other half, averaged over both directions;
         - "floor" and "floor_of_half": expected error of the true model;
         - "aicc": order with the smallest AICc;
-        - "small_gain_order": order beyond which the error hardly falls;
+        - "small_gain_order": order beyond which the error hardly decreases;
         - "order_at_limit": first order with an error of at most 0.4, or None.
     """
     small_gain, limited = select_order(x, largest), select_order(x, largest, max_error=ERROR_LIMIT)
@@ -77,7 +77,7 @@ def order_curves(x, largest=LARGEST_ORDER):
 
 
 def error_floor(n_segments):
-    """Return the expected error of the true model, since the RMS over M segments |X| differs from its mean.
+    """Return the expected error of the true model, which is caused by averaging over M segments only.
 
     For a Gaussian process E |X| / |G| = Gamma(M + 1/2) / (Gamma(M) sqrt(M)), so C^2 = 2 - 2 E |X| / |G|.
     """
@@ -85,7 +85,7 @@ def error_floor(n_segments):
 
 
 def frequency_count(x):
-    """Return the number of frequencies that 1 s of a recording needs, and the effect of Table 3.2.
+    """Return the number of frequencies needed for 1 s of a recording, and the effect of Table 3.2.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def frequency_count(x):
         - "gfc": goodness of fit of the spectrum with 2 ... 30 lines;
         - "n_for_0.8", "n_for_0.9": smallest number of lines with this goodness of fit, or None;
         - "n_excluded_as_beating": lines among the 30 strongest that would beat with a stronger one;
-        - "smallest_margin_hz": smallest distance of two selected lines beyond their threshold in Hz.
+        - "smallest_margin_hz": smallest amount by which two selected lines exceed their threshold, in Hz.
     """
     x = x[: round(FS)]
     models = [fit_major_frequencies(x, FS, n_frequencies=n) for n in LINE_COUNTS]
@@ -119,18 +119,19 @@ def frequency_count(x):
 def stroking_speeds(friction, rng):
     """Simulate the speeds (mm/s) of a person on a surface with this friction coefficient, shape (240,).
 
-    The thesis prints only histograms and the number of notable bins, no mean speeds. We chose a law that
-    gives about the same number of bins. It tests the rule for the intervals, not the thesis.
+    The thesis shows only histograms and the number of notable bins, not the mean speeds. We chose a
+    distribution that gives approximately the same number of bins. It tests the rule for the intervals, not
+    the thesis.
     """
     mean = MEAN_MM_S * np.exp(-friction / FRICTION_SCALE)
     return rng.gamma(GAMMA_SHAPE, mean / GAMMA_SHAPE, N_SPEEDS)
 
 
 def intervals_from_speeds(speed, notable_share=NOTABLE_SHARE):
-    """Return the speed intervals for the speeds (mm/s) of people on a surface, one speed per time step.
+    """Return the speed intervals for speeds (mm/s) recorded on a surface at equal time steps.
 
-    As in figure 4.2, the intervals end at the last bin with a notable share of the samples. Faster samples
-    belong to the last interval.
+    As in figure 4.2, the last interval is the last bin with a notable share of the samples. It also includes
+    faster samples.
     """
     share = np.bincount(np.floor(np.asarray(speed) / BIN_MM_S).astype(int)) / len(speed)
     last_bin = np.flatnonzero(share >= notable_share)[-1:]
@@ -140,7 +141,7 @@ def intervals_from_speeds(speed, notable_share=NOTABLE_SHARE):
 def mirror(x):
     """Return a signal followed by its reflection: x_0 ... x_n-1 x_n-1 ... x_0.
 
-    Two copies join at equal samples, without a jump.
+    Adjacent copies join without a jump, because the samples at the joint are equal.
     """
     return np.concatenate([x, x[::-1]])
 
@@ -148,8 +149,8 @@ def mirror(x):
 def seamless_signal(x, fs, duration_s=DURATION_S, peak=None):
     """Return the mirrored signal, repeated to a duration and scaled to a peak.
 
-    With 1 s, 5 mirrored copies give 10 s, as printed. The peak is that of the reference signal;
-    `oeztuerk2018`, end of section 3.2.
+    Five mirrored copies of 1 s result in 10 s, as in the thesis. The peak is the peak of the reference signal
+    (`oeztuerk2018`, end of section 3.2).
     """
     repeated = np.resize(mirror(x), round(duration_s * fs))
     largest = np.abs(repeated).max()
@@ -157,10 +158,10 @@ def seamless_signal(x, fs, duration_s=DURATION_S, peak=None):
 
 
 def interval_signals(texture, friction, duration_s=DURATION_S, peaks=None, seed=0):
-    """Return a seamless signal for each of the speed intervals of a friction coefficient, from slow to fast.
+    """Return a seamless signal for each speed interval of a friction coefficient, from slow to fast.
 
-    Each has the speed at the centre of its interval: a tenth of the duration, mirrored, repeated 5 times and
-    scaled to the peak of its reference, if any; sections 3.2 and 6.1, Table 6.1.
+    The speed of each signal is the centre of its interval. A tenth of the duration is rendered, mirrored,
+    repeated 5 times, and scaled to the peak of its reference, if available; sections 3.2 and 6.1, Table 6.1.
     """
     speeds = speed_intervals(friction).centres_mm_s
     n = max(1, round(duration_s * texture.fs / (2 * N_COPIES)))
@@ -171,7 +172,7 @@ def interval_signals(texture, friction, duration_s=DURATION_S, peaks=None, seed=
 
 
 def count_intervals(friction, seed):
-    """Return the published number of intervals, those of 50 simulated histograms, and the mean speed."""
+    """Return the numbers of intervals, published and in 50 simulated histograms, and the mean speed."""
     samples = [stroking_speeds(friction, np.random.default_rng((seed, i))) for i in range(N_SEEDS)]
     return {
         "published": speed_intervals(friction).n_intervals,
@@ -183,7 +184,7 @@ def count_intervals(friction, seed):
 def simulate_recordings(seed, n_surfaces):
     """Simulate surfaces at `SPEEDS_MM_S` and 1 N: one axis without hand motion, in m/s^2.
 
-    Each speed has its own part of the surface and its own noise.
+    Each speed has a separate part of the surface and separate noise.
     """
     operator = operator_catalogue(1, seed)[0]
     signals = {}
@@ -199,7 +200,7 @@ def simulate_recordings(seed, n_surfaces):
 
 
 def score(recorded, predicted):
-    """Compare two signals of any lengths: spectra, energies of nine bands, lines 20 Hz wide, and level."""
+    """Compare two signals of any length: spectra, energies of nine bands, 20 Hz wide bands, and level."""
     n = min(recorded.size, predicted.size)
     return {
         "log_spectral_db": log_spectral_distance(recorded, predicted, n_segment=512),
@@ -210,7 +211,7 @@ def score(recorded, predicted):
 
 
 def predict_held_out_speeds(signals, speeds, surface, *, order=400, seed=0, n_draws=3):
-    """Fit the slowest and the fastest recording, and predict those in between.
+    """Fit textures to the slowest and fastest recordings, and predict the recordings in between.
 
     The methods are "LPC, log gain" (as in the thesis), "LPC, log level", "LPC, all other speeds" (fitted to
     all recordings except the held-out one, log gain), "frequencies" and "nearest speed". Two references limit
@@ -247,14 +248,14 @@ def predict_held_out_speeds(signals, speeds, surface, *, order=400, seed=0, n_dr
 
 
 def mean_scores(predictions):
-    """Return the mean scores over the predictions, one row per method; for levels the mean magnitude."""
+    """Return the mean scores over the predictions, one row per method; level errors enter as magnitudes."""
     scores = pd.concat([pd.DataFrame(prediction["scores"]).T for prediction in predictions])
     scores["level_db"] = scores["level_db"].abs()
     return scores.groupby(level=0, sort=False).mean()
 
 
 def check_rendering(texture, seed, n_paths):
-    """Render a texture along random paths and along jumps of the speed; measure the time in one block.
+    """Render a texture along random paths and along speed jumps, and measure the time in one block.
 
     Returns
     -------
@@ -287,7 +288,7 @@ def check_rendering(texture, seed, n_paths):
 
 
 def relative_step(texture, seed):
-    """Return the largest step between samples while the speed jumps, relative to that at constant speed."""
+    """Return the largest step between samples during speed jumps, relative to the one at constant speed."""
     n, slow, fast = 2000, float(texture.speeds[0]), float(texture.speeds[-1])
 
     def largest_step(speed):

@@ -1,7 +1,7 @@
-"""Okamura, Cutkosky, Dennerlein (2001): taps as decaying sinusoids, a(t) = A v exp(-B t) sin(w t).
+"""Reproduce Okamura, Cutkosky, Dennerlein (2001): taps as decaying sinusoids, A v exp(-B t) sin(w t).
 
-Compares tables and figures with the published ones: run `python examples/papers/okamura2001.py --out DIR`.
-Neither the recordings nor the ratings are public, so all but the last section is simulated, with the
+Run `python examples/papers/okamura2001.py --out DIR` to compare tables and figures with the published ones.
+The recordings and ratings are not public. All sections except the last one are therefore simulated, with the
 published parameters as ground truth.
 """
 
@@ -47,19 +47,20 @@ from texclass.vibration import TapModel, fit_okamura
 KEY = "okamura2001"
 N_SEEDS, N_TAPS = 50, 24
 VELOCITY_ERRORS = (0.02, 0.06)
-"""Relative errors: a good tracker, and one that gives the published scatter of figure 4 (R^2 = 0.98 for
-rubber)."""
+"""Relative errors of the velocity: for a good tracker, and for the published scatter in figure 4 (R^2 = 0.98
+for rubber)."""
 N_EXPERIMENTS, PUBLISHED_CORRECT, LONG_RUN = 42, 35, 20_000
 TAP_DEPTH_MM, TAP_S = 3.0, 0.12
 CHANNEL = 1
-"""Channel of `taps5`: the second, which the converter clips least."""
+"""Index of the second channel of `taps5`, which is clipped least."""
 DEVICE = ForceDevice()
 CUTOFF_HZ = 100.0
-"""Cut-off (-3 dB) of the response of our device in Hz. Figure 6 shows that of the paper only as a curve."""
+"""Cut-off frequency (-3 dB) of our device in Hz. The paper shows the response of its device only as a curve
+(figure 6)."""
 
 
 def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
-    """Write the chapter into a folder; `small` runs few simulations."""
+    """Write the report to a folder; `small` runs few simulations."""
     n_seeds = 2 if small else N_SEEDS
     taps, digest = ({}, "") if small else real_taps()
     numbers: dict[str, Any] = {
@@ -100,9 +101,9 @@ def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
 
 
 def recover(seed: int, n_seeds: int) -> pd.DataFrame:
-    """Simulate taps with Table I as ground truth and fit them: relative errors of A, B, w, by velocity error.
+    """Fit taps simulated with Table I, and return relative errors of A, B and w for each velocity error.
 
-    The velocities are only used in the last step, the regression of the amplitudes on them.
+    The velocities are used only in the last step, the regression of the amplitudes on the velocities.
     """
     true_v, rows = np.linspace(*VELOCITIES_M_S, N_TAPS), []
     for m, truth in zip(MATERIALS, TABLE_I.table, strict=True):
@@ -119,13 +120,13 @@ def recover(seed: int, n_seeds: int) -> pd.DataFrame:
 
 
 def recover_as_published(seed: int, n_seeds: int) -> dict[str, Samples]:
-    """Fit the same taps, cut at their onsets, by the steps of the paper: relative errors of A, B, w."""
+    """Fit the taps, cut at their onsets, by the steps of the paper; return relative errors of A, B and w."""
     errors: dict[str, list[Samples]] = {m: [] for m in MATERIALS}
     for m, truth in zip(MATERIALS, TABLE_I.table, strict=True):
         for i in range(n_seeds):
             rng = np.random.default_rng((seed, i))
             taps, v = simulate_taps(TABLE_I[m], rng, FS[m], n_taps=N_TAPS, velocity_error=VELOCITY_ERRORS[0])
-            fast = np.flatnonzero(v > v.max() / 2)  # the slowest taps have a single peak above the noise
+            fast = np.flatnonzero(v > v.max() / 2)  # slow taps have only a single peak above the noise
             cut = [taps[k][max(0, round(find_onset(taps[k]))) :] for k in fast]
             model = fit_okamura(cut, v[fast], FS[m])
             values = np.array([model.amplitude_slope, model.decay_per_s, model.frequency_hz])
@@ -306,7 +307,7 @@ def draw_wall(width: float) -> Drawing:
 
 
 def report_scaling(scaled: TapLibrary) -> list[Any]:
-    """Compare the rule for scaling Table I with the choice of the experts."""
+    """Compare our scaling rule with the factors that the experts chose for Table I."""
     libraries = {
         "measured (Table I)": TABLE_I,
         "published for the 3GM (Table II)": TABLE_II,
@@ -339,10 +340,9 @@ def report_scaling(scaled: TapLibrary) -> list[Any]:
 
 
 def response(frequency_hz: np.ndarray) -> np.ndarray:
-    """Return the magnitude of the response of the device, 1 at low frequencies: a second-order low-pass.
+    """Return the magnitude response of the device, a second-order low-pass with gain 1 at low frequencies.
 
-    |H| = 1 / sqrt(1 + (f / f_c)^4), Butterworth: the force that accelerates the mass at the end of an elastic
-    drive.
+    The Butterworth response |H| = 1 / sqrt(1 + (f / f_c)^4) describes a mass at the end of an elastic drive.
     """
     return 1 / np.sqrt(1 + (frequency_hz / CUTOFF_HZ) ** 4)
 
@@ -376,7 +376,7 @@ def draw_device(width: float, libraries: dict[str, TapLibrary]) -> Drawing:
 
 
 def report_ratings(numbers: dict[str, Any], seed: int, n_seeds: int) -> list[Any]:
-    """Report the parameter that matters most to simulated raters, and how often it is recovered."""
+    """Report the parameter to which simulated raters are most sensitive, and how often it is recovered."""
     ratings = {
         m: [simulate_ratings(MOST_SENSITIVE[m], np.random.default_rng((seed, i))) for i in range(n_seeds)]
         for m in MATERIALS
@@ -411,7 +411,7 @@ def report_ratings(numbers: dict[str, Any], seed: int, n_seeds: int) -> list[Any
 
 
 def format_effect(analysis: pd.DataFrame, name: str) -> str:
-    """Return an effect with its F value, marked if it is the largest effect of a single factor."""
+    """Format an effect with its F value; mark the largest main effect."""
     text = f"{analysis.loc[name, 'effect']:+.2f} ({analysis.loc[name, 'F']:.1f})"
     return f"{text}, largest" if name in FACTORS and name == most_sensitive(analysis) else text
 
@@ -511,7 +511,7 @@ def real_taps() -> tuple[dict[str, list[Samples]], str]:
 
 
 def fit_each(taps: list[Samples]) -> list[Any]:
-    """Fit each tap alone, with time in samples and unknown velocity; None if it cannot be fitted."""
+    """Fit each tap separately, with time in samples and unknown velocity; None if the fit fails."""
     fits: list[Any] = []
     for x in taps:
         try:
@@ -522,7 +522,7 @@ def fit_each(taps: list[Samples]) -> list[Any]:
 
 
 def report_real_taps(numbers: dict[str, Any], taps: dict[str, list[Samples]]) -> list[Any]:
-    """Report the energy of real taps that one decaying sinusoid explains."""
+    """Report the fraction of the energy of real taps that one decaying sinusoid explains."""
     numbers["taps5"] = {}
     if not taps:
         return [
@@ -586,7 +586,7 @@ def draw_plates(width: float, taps: Any, fits: Any, explained: dict[str, Samples
 
 
 def decaying(model: TapModel, t: Samples) -> Samples:
-    """Return exp(-B t) sin(w t) from the impact on, and 0 before."""
+    """Return exp(-B t) sin(w t) after the impact and 0 before it."""
     B, w = model.decay_per_s, 2 * np.pi * model.frequency_hz
     return np.where(t >= 0, np.exp(-B * np.maximum(t, 0)) * np.sin(w * t), 0.0)
 

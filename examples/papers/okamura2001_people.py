@@ -1,7 +1,7 @@
-"""Simulated people for `okamura2001`: raters of eight models, and users who identify surfaces.
+"""Simulate people for `okamura2001`: raters of eight models, and users who identify surfaces.
 
-The ratings and answers of the paper are not public. The people here follow given rules, so their results
-validate the analysis and not human perception.
+The ratings and answers of the paper are not public. The simulated people follow fixed rules, so their results
+validate the analysis, not human perception.
 """
 
 from collections.abc import Sequence
@@ -21,40 +21,42 @@ MOST_SENSITIVE = {"rubber": "decay", "wood": "frequency", "aluminum": "amplitude
 """Published factor with the largest effect, section III-B."""
 GROUPS = [group for size in (1, 2, 3) for group in combinations(range(3), size)]
 EFFECTS = tuple(" x ".join(FACTORS[i] for i in group) for group in GROUPS)
-"""Three main effects, three interactions of two factors, and one of all."""
+"""Three main effects, three interactions of two factors, and one interaction of all factors."""
 DESIGN: Samples = np.array([[2 * (i >> j & 1) - 1 for j in range(3)] for i in range(8)], dtype=np.float64)
 """Shape (8, 3): low (-1) or high (1) value of each factor in each run of the 2^3 factorial design."""
 
 
 def runs(low: TapModel, high: TapModel) -> list[TapModel]:
-    """Return the eight models between a low and a high value of each parameter, in the order of `DESIGN`."""
+    """Return the eight combinations of low and high parameters as models, in the order of `DESIGN`."""
     ends = TapLibrary(("low", "high"), (low, high)).table
     return [TapModel(*map(float, row)) for row in np.where(DESIGN > 0, ends[1], ends[0])]
 
 
 def normalized_ratings(ratings: ArrayLike) -> Samples:
-    """Return the ratings of each user with mean 0 and standard deviation 1, shape (n_users, n_runs).
+    """Normalise the ratings (n_users, n_runs) of each user to mean 0 and standard deviation 1.
 
     Raises
     ------
     ValueError
-        If the ratings are not two-dimensional and finite, or a user rates all runs alike.
+        If the ratings are not two-dimensional and finite, or all ratings of a user are equal.
     """
     r = np.asarray(ratings, dtype=np.float64)
     if r.ndim != 2 or not r.size or not np.all(np.isfinite(r)):
         raise ValueError(f"ratings must have shape (n_users, n_runs) and finite values, got shape {r.shape}")
     constant = np.flatnonzero(np.ptp(r, axis=1) == 0)
     if constant.size:
-        raise ValueError(f"ratings of each user must differ, got equal ratings of user {constant[0]}")
+        raise ValueError(
+            f"the ratings of each user must differ, but all ratings of user {constant[0]} are equal"
+        )
     return np.asarray((r - r.mean(axis=1, keepdims=True)) / r.std(axis=1, keepdims=True))
 
 
 def analyse(ratings: ArrayLike) -> pd.DataFrame:
     """Analyse ratings of the eight runs: main effects, interactions and analysis of variance.
 
-    With n users and contrasts c (-1 or 1) the effect is mean(c y) * 2, and its sum of squares 2 n effect^2
-    for 8 n ratings. Users are blocks: normalisation removes their differences and n - 1 degrees of freedom,
-    so the residual has 8 n - 1 - 7 - (n - 1) = 7 (n - 1).
+    With n users and contrasts c (-1 or 1), an effect is 2 mean(c y), and its sum of squares is 2 n effect^2
+    for 8 n ratings. Users are blocks: normalisation removes their differences and n - 1 degrees of freedom.
+    The residual therefore has 8 n - 1 - 7 - (n - 1) = 7 (n - 1) degrees of freedom.
 
     Parameters
     ----------
@@ -64,8 +66,9 @@ def analyse(ratings: ArrayLike) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Rows as `EFFECTS`, with the columns effect (mean rating at the high minus the low level, in standard
-        deviations of a user's ratings), F and p with 1 and 7 (n_users - 1) degrees of freedom.
+        One row per item of `EFFECTS`, with the columns effect (mean rating at the high level minus the low
+        level, in standard deviations of a user's ratings), and F and p with 1 and 7 (n_users - 1) degrees of
+        freedom.
 
     References
     ----------
@@ -100,12 +103,12 @@ def simulate_ratings(
     weak: float = 0.4,
     noise: float = 1.0,
 ) -> Samples:
-    """Simulate ratings from 1 to 10 of the eight runs, shape (n_users, 8), by users sensitive to a factor.
+    """Simulate ratings (n_users, 8) from 1 to 10 of the eight runs by users who are sensitive to one factor.
 
-    Each user has a mean rating (4 to 7) and a spread (0.8 to 1.6). A factor changes the rating by the spread
-    times `strong` or `weak` between the middle and its low or high level, with a random sign. Noise of the
-    same scale is added, and the result is rounded and clipped to 1 ... 10. The paper does not print the
-    number of users; 10 is our choice.
+    Each user has a mean rating (4 to 7) and a spread (0.8 to 1.6). The low or high level of a factor changes
+    the rating by the spread times `strong` or `weak`, with a random sign. Noise of the same scale is added,
+    and the result is rounded and clipped to 1 ... 10. The paper does not state the number of users; 10 is our
+    choice.
     """
     size = np.array([strong if name == factor else weak for name in FACTORS])
     utility = DESIGN @ (size * rng.choice([-1.0, 1.0], 3))
@@ -126,17 +129,17 @@ def simulate_answers(
 ) -> NDArray[np.int64]:
     """Simulate users who identify the surfaces of a library.
 
-    Rule: users perceive ln A, ln B and ln w of each surface with independent Gaussian noise (nepers). They
-    know the true values and use every name once, in the order with the smallest sum of squared distances.
+    Users perceive ln A, ln B and ln w of each surface with independent Gaussian noise (nepers). They know the
+    true values and use every name once, in the order with the smallest sum of squared distances.
 
     Parameters
     ----------
     library : TapLibrary
-        Library as displayed.
+        Library rendered by the device.
     noise : float or sequence of float of length n_experiments
         Standard deviation of each cue in nepers.
     rng : numpy.random.Generator
-        Random numbers of the users.
+        Random generator for the users.
     n_experiments : int
         Number of experiments (default 42: 14 users, 3 times each).
 
@@ -147,7 +150,7 @@ def simulate_answers(
 
     References
     ----------
-    `okamura2001`, section IV, for the test; the rule of the users is our choice.
+    `okamura2001`, section IV, for the test; the decision rule is our choice.
     """
     true = np.log(np.abs(library.table))
     n = len(true)
@@ -171,7 +174,7 @@ def are_all_correct(answers: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def find_noise(library: TapLibrary, correct: float, *, seed: int = 0, n_experiments: int = 20_000) -> float:
-    """Return the noise (nepers) with which simulated users reach a fraction of correct experiments.
+    """Return the noise (nepers) at which simulated users reach a given fraction of correct experiments.
 
     Raises
     ------

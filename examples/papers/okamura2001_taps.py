@@ -1,4 +1,4 @@
-"""Published tap models of `okamura2001`, and simulated taps with them as ground truth."""
+"""Define the published tap models of `okamura2001`, and simulate taps with these models as ground truth."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +15,14 @@ TABLE_I = TapLibrary(
         TapModel(-100_000.0, 1500.0, 1153.0),
     ),
 )
-"""Measured models. B is printed as 40,000 ... 1,500,000 1/s, which contradicts figure 3: we read 40 ...
+"""Measured models. B is printed as 40,000 ... 1,500,000 1/s, which contradicts figure 3: we use 40 ...
 1500 1/s."""
 TABLE_II = TapLibrary(
     MATERIALS, (TapModel(-240.0, 60.0, 30.0), TapModel(-150.0, 80.0, 100.0), TapModel(-300.0, 90.0, 300.0))
 )
-"""Most realistic models on the 3GM. B read as in Table I; the sign of A of rubber is missing in our copy."""
+"""Most realistic models on the 3GM, with B corrected as in Table I. Our copy lacks the sign of A (rubber)."""
 FS = {"rubber": 2500.0, "wood": 25_000.0, "aluminum": 25_000.0}
-"""Sampling rates in Hz. The paper uses about 25 kHz; a tenth is enough for 18 Hz."""
+"""Sampling rates in Hz. The paper uses about 25 kHz; a tenth of this rate is sufficient for 18 Hz."""
 VELOCITIES_M_S = (0.05, 0.4)
 """Range of velocities in figure 4 in m/s."""
 Samples = NDArray[np.float64]
@@ -44,7 +44,7 @@ def simulate_taps(
     model : TapModel
         Ground truth.
     rng : numpy.random.Generator
-        Random numbers of onsets, noise and velocity errors.
+        Random generator for onsets, noise and velocity errors.
     fs : float
         Sampling rate in Hz.
     noise : float
@@ -52,12 +52,12 @@ def simulate_taps(
     velocity_error : float
         Relative standard deviation of the measured velocities.
     n_taps : int
-        Number of taps, with velocities in equal steps.
+        Number of taps, whose velocities are equally spaced.
 
     Returns
     -------
     taps : list of ndarray
-        Taps with 1 to 3 ms of rest and then 5 decay times; the impact is between two samples.
+        Taps of 5 decay times, preceded by 1 to 3 ms of noise; the impact is between two samples.
     velocity : ndarray of shape (n_taps,)
         Measured velocities in m/s.
     """

@@ -1,4 +1,4 @@
-"""What the chapters about papers share: command line, blocks of text, and writing a report."""
+"""Common functions of the scripts that reproduce papers: command line, text blocks, and writing reports."""
 
 import argparse
 import inspect
@@ -17,16 +17,16 @@ ABSENT = "Skipped: the recordings are not on this machine (`TEXCLASS_DATA`)."
 
 
 def arguments(description: str | None) -> argparse.Namespace:
-    """Return the options of a chapter: `out`, `seed` and `small`."""
+    """Parse the command line options `out`, `seed` and `small`."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--out", type=Path, required=True, help="folder for the report, its figures and JSON")
-    parser.add_argument("--seed", type=int, default=0, help="of what is simulated")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the simulations")
     parser.add_argument("--small", action="store_true", help="few repetitions: seconds instead of minutes")
     return parser.parse_args()
 
 
 def write_chapter(document: Document, numbers: dict[str, Any], out: Path, key: str) -> list[Path]:
-    """Print a chapter, and write it with its figures and numbers into a folder."""
+    """Print a report, and write it to a folder with its figures and results."""
     print_document(document)
     written = list(write_document(document, out, key))
     written.append(out / f"{key}.json")
@@ -39,24 +39,24 @@ def write_chapter(document: Document, numbers: dict[str, Any], out: Path, key: s
 
 
 def document(title: str, blocks: Sequence[Any], reproduction: Mapping[str, str] | None = None) -> Document:
-    """Return a document; its paragraphs may be broken and indented like the code around them."""
+    """Return a document; line breaks and indentation in its paragraphs are removed."""
     unwrapped = [" ".join(block.split()) if type(block) is str else block for block in blocks]
     return Document(title, unwrapped, reproduction=reproduction or {})
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
-    """Return a table of rows of texts under their head."""
+    """Return a table with a header and rows of text."""
     return Table(pd.DataFrame([list(row) for row in rows], columns=list(head)))
 
 
 def figure(name: str, draw: Callable[..., Any], *given: Any) -> Figure:
-    """Return what a function draws from what is given and a width; its docstring is title and explanation."""
+    """Return a figure drawn by `draw(*given, width)`, whose docstring contains the title and the caption."""
     title, _, says = (inspect.getdoc(draw) or name).partition("\n\n")
     return Figure(name, title.rstrip("."), " ".join(says.split()), lambda width: draw(*given, width))
 
 
 def recordings(card: str) -> tuple[dict[str, Recording], str]:
-    """Return the recordings of a dataset, by id, and the hash of their files; nothing where it is absent."""
+    """Return the recordings of a dataset by id, and the hash of its files; both empty if it is missing."""
     try:
         dataset = open_dataset(card)
         return {entry.recording_id: dataset.load(entry) for entry in dataset.entries}, dataset.input_hash
