@@ -274,7 +274,7 @@ def test_the_first_line_of_a_table_without_header_is_a_sample(tmp_path, axes):
         for column in (("1", "2", "3"), ("c1", "c2", "c3")):
             recording = load_recording(path, fs=FS, unit="counts", column=column)
             np.testing.assert_array_equal(recording.acceleration, axes)
-    with pytest.raises(RecordingError, match=r"no column '4'.*a number from 1 to 3"):
+    with pytest.raises(RecordingError, match=r"no column '4'.*a column number from 1 to 3"):
         load_recording(path, fs=FS, unit="counts", column="4")
 
 
