@@ -199,7 +199,7 @@ def test_an_exported_kernel_has_the_requested_size_and_stores_its_prototypes_onc
 def test_half_a_megabyte_costs_a_kernel_less_than_three_points_as_documented():
     root = Path(__file__).parents[2]
     page = " ".join((root / "docs" / "onnx.md").read_text(encoding="utf-8").split())
-    assert "With half a megabyte, less than three points of accuracy are lost" in page
+    assert "half a megabyte, the loss of accuracy is less than three percentage points" in page
     study = json.loads((root / "reports" / "studies" / "kernel_size.json").read_text(encoding="utf-8"))
     accuracy = {row["max_kb"]: row["mean"] for row in study["rows"]}
     assert accuracy[None] - accuracy[500] < 0.03
