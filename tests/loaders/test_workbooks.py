@@ -271,7 +271,7 @@ def test_units_of_tdms_that_are_unknown_or_contradict_the_name_are_reported(tmp_
     path = tdms(tmp_path / "a.tdms", {"x": (A[:, 0].copy(), facts)})
     assert "unit: 'lbf' in the file is unknown" in load_recording(path, unit="g").flags
     for name, unit, message in (
-        ("x (mg)", "g", "in g and mg"),
+        ("x (mg)", "g", "units g and mg"),
         ("x", "rad/s", "is not supported for an acceleration"),
     ):
         facts = {"wf_increment": 0.01, "unit_string": unit}
