@@ -97,7 +97,7 @@ WRONG_OPTIONS = {
     "tradeoff --scheduler tcp://nowhere:8786": "--scheduler requires --backend dask",
     "stream m.skops --diagnostics /d": "--diagnostics requires --publish",
     "stream m.skops --gesture-time tap": "--gesture-time must have the form NAME=NUMBER, got 'tap'",
-    "export m.skops": "one of --output and --check",
+    "export m.skops": "pass --output to write an ONNX file, or --check",
     "export m.skops -o m.onnx --window 1": "--window requires --from samples",
     "convert a.texture -o b.texture --scale rough": "--scale must have the form NAME=NUMBER",
     "benchmark --protocol random": "'random' is not one of",

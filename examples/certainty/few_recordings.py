@@ -2,7 +2,8 @@
 Few recordings
 ==============
 
-How many recordings per surface are enough? Train on the first few and test on the last six.
+To find out how many recordings per surface are enough, train on the first few recordings and test on the last
+six.
 """
 
 import matplotlib.pyplot as plt
@@ -32,11 +33,13 @@ plt.show()
 
 # %%
 # Feature subset and classifier are selected inside the training set (nested cross-validation). The pipeline
-# `surfaces`, the default of `texclass train`, has one row, so it can be trained on one recording per surface.
+# `surfaces`, the default of `texclass train`, has only one feature subset and one classifier. It therefore
+# needs no selection, and can be trained on one recording per surface.
 
 # %%
-# The result depends on the recordings that are used for training. The protocol ``few-shot`` trains on several
-# subsets of the first half, tests on the same later recordings, and reports the mean and the worst accuracy.
+# The accuracy depends on which recordings are used for training. The protocol ``few-shot`` uses several
+# training sets from the first half of the recordings, tests each on recordings of the second half, and
+# reports the mean and the worst accuracy.
 
 figure, axis = plt.subplots(figsize=(7, 2.5))
 for n in (1, 3):

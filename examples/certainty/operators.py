@@ -2,8 +2,8 @@
 Another operator
 ================
 
-k-fold over recordings estimates the accuracy for operators in the training set. Leave one operator out to
-estimate the accuracy for a new operator.
+k-fold cross-validation over recordings estimates the accuracy for operators in the training set. To estimate
+the accuracy for a new operator, leave one operator out.
 """
 
 import matplotlib.pyplot as plt
@@ -20,8 +20,8 @@ for protocol in ("recording", "operator"):
     tables[protocol] = result.table.query("classifier == 'lda'").set_index("row")
 
 # %%
-# The confidence interval is over the independent unit: recordings in the first case, four operators in the
-# second.
+# The confidence interval is over independent units: recordings with the first protocol, four operators with
+# the second.
 
 for protocol, table in tables.items():
     print(protocol, table[["clusters", "n_clusters"]].iloc[0].to_dict())

@@ -2,7 +2,7 @@
 Accuracy against latency
 ========================
 
-Each feature costs time. The Pareto front shows the best accuracy for each latency.
+Each feature adds latency. The Pareto front shows the best accuracy that is possible at each latency.
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +13,8 @@ result = tx.trade_off("simulated6", "strese2015", n_folds=3, n_repeats=1, with_c
 front, knee = result.data["front"], result.data["knee"]
 
 # %%
-# Subsets are selected inside each training set. Beyond the *knee point*, more time gains little accuracy.
+# Feature subsets are selected inside each training set. Beyond the *knee point*, additional latency gains
+# little accuracy.
 
 figure, axis = plt.subplots(figsize=(7, 3.5))
 axis.step([p["ms"] for p in front], [100 * p["accuracy"]["mean"] for p in front], "o-", where="post")
@@ -25,5 +26,5 @@ axis.legend()
 plt.show()
 
 # %%
-# A budget selects a point: ``tx.trade_off(..., limits=tx.tradeoff.Limits(max_ms=2),
-# model_file="fast.skops")`` saves the model.
+# To save the best model within a latency budget, call ``tx.trade_off(...,
+# limits=tx.tradeoff.Limits(max_ms=2), model_file="fast.skops")``.

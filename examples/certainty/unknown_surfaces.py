@@ -2,7 +2,7 @@
 Unknown surfaces
 ================
 
-A model reports a surface that was not in its training set as unknown.
+A model reports surfaces that are not in its training set as unknown.
 """
 
 import matplotlib.pyplot as plt
@@ -12,7 +12,7 @@ import texclass as tx
 model = tx.train("simulated6", false_alarms=0.1)
 
 # %%
-# Classify new recordings of the six trained surfaces and of six others.
+# Classify new recordings of the six surfaces in the training set, and of six other surfaces.
 
 surfaces = tx.simulate.surface_catalogue(12, seed=6)
 operators = tx.simulate.operator_catalogue(4, seed=6)
@@ -23,8 +23,8 @@ for i, surface in enumerate(surfaces):
         answers.append((surface.name, i < 6, model.answer(recording)))
 
 # %%
-# `p_known` is the share of held-out recordings of trained surfaces with at least the same novelty score. A
-# recording is `unknown` if `p_known` is at most the accepted rate of false alarms.
+# `p_known` is the p-value of the novelty score: the fraction of held-out recordings with at least the same
+# score. A recording is `unknown` if `p_known` is at most the accepted rate of false alarms.
 
 figure, axis = plt.subplots(figsize=(8, 4))
 for trained, colour, name in ((True, "C0", "trained"), (False, "C1", "not trained")):
@@ -43,8 +43,8 @@ for trained in (True, False):
     print("trained" if trained else "not trained", f"{sum(unknown)} of {len(unknown)} unknown")
 
 # %%
-# Prediction sets contain the true surface of 90 or 95 % of the recordings of trained surfaces. They contain
-# several surfaces if these are hard to separate.
+# For surfaces in the training set, prediction sets contain the true surface in 90 or 95 % of the recordings.
+# A set contains several surfaces if they are hard to distinguish.
 
 for level in (0.9, 0.95):
     sets = [(surface, answer.prediction_sets[level]) for surface, is_trained, answer in answers if is_trained]

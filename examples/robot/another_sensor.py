@@ -2,8 +2,8 @@
 Adapt to another sensor
 =======================
 
-A model is trained with one sensor and used with another of lower bandwidth and twice the gain. It is adapted
-with three labelled recordings, or with unlabelled ones.
+A model is trained with one sensor, and used with another sensor that has a lower bandwidth and twice the
+gain. It is adapted with three labelled recordings, or with 18 unlabelled recordings.
 """
 
 import matplotlib.pyplot as plt
@@ -16,7 +16,7 @@ surfaces, operators = tx.simulate.surface_catalogue(6, seed=6), tx.simulate.oper
 
 
 def record(surface, k, sensor=None, gain=1.0):
-    """Return the strokes of one recording."""
+    """Return a simulated recording of strokes."""
     recording = tx.simulate.record_freehand(
         surface, operators[k % 2], duration_s=3.0, fs=4000.0, seed=k, with_taps=False, sensor=sensor
     )
@@ -24,7 +24,7 @@ def record(surface, k, sensor=None, gain=1.0):
 
 
 def record_all(first, last, **tool):
-    """Return recordings of all surfaces."""
+    """Return the recordings `first` to `last - 1` of all surfaces."""
     return [record(surface, k, **tool) for surface in surfaces for k in range(first, last)]
 
 
@@ -34,7 +34,7 @@ dataset = tx.loaders.Dataset("old", entries, lambda entry: recordings[entry.reco
 model = tx.train(dataset, "texclass", row="Spectrum at several scales", classifier="kernel")
 
 # %%
-# Adapt with three labelled references, or with 18 unlabelled ones.
+# Adapt the model with three labelled reference recordings, or with 18 unlabelled ones.
 
 new = {"sensor": tx.simulate.Sensor(bandwidth_hz=300.0), "gain": 2.0}
 models = {

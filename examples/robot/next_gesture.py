@@ -2,8 +2,8 @@
 Choose the next gesture
 =======================
 
-A tap separates hard from soft surfaces, a stroke rough from smooth ones. Each gesture has its own model. The
-next gesture is the one with the highest expected information gain per second.
+A tap distinguishes hard from soft surfaces, and a stroke distinguishes rough from smooth surfaces. Each
+gesture has its own model. The next gesture is the one with the highest expected information gain per second.
 """
 
 import matplotlib.pyplot as plt
@@ -22,7 +22,7 @@ for name, bits in exploration.expected_bits().items():
     print(f"{name}: {bits:.2f} bits in {gesture.seconds:.1f} s; correlation {gesture.correlation:.2f}")
 
 # %%
-# A simulated operator who is not in the training set makes the recommended gestures, as a robot would.
+# A simulated operator, who is not in the training set, makes the recommended gestures, as a robot would.
 
 operator = tx.simulate.operator_catalogue(recipe.n_operators + 1, recipe.seed)[-1]
 surface = recipe.surfaces[1]

@@ -2,7 +2,7 @@
 Export a model to ONNX
 ======================
 
-An ONNX file classifies features without Python. It is written only if its answers equal those of
+An ONNX model classifies features without Python. The file is written only if its answers equal those of
 scikit-learn.
 """
 
@@ -22,14 +22,14 @@ file = Path(tempfile.mkdtemp()) / "surfaces.onnx"
 exported = tx.robot.export_onnx(model, file)
 
 # %%
-# The metadata describe the input.
+# The metadata describe the input of the model.
 
 session = onnxruntime.InferenceSession(file)
 facts = session.get_modelmeta().custom_metadata_map
 {name: fact[:60] for name, fact in facts.items()}
 
 # %%
-# Your program computes the features; here texclass does.
+# In an application, your program computes the features. Here, texclass computes them.
 
 columns = json.loads(facts["texclass.columns"])
 X = tx.extract(dataset, "texclass")[columns].to_numpy(dtype=np.float64)
@@ -37,7 +37,8 @@ label, probabilities, p_known, unknown = session.run(None, {"features": X})
 print(f"{np.mean(label == dataset.labels):.1%} of the training recordings correct")
 
 # %%
-# A kernel classifier stores training samples. A limit on its size stores fewer of them, in 16 bits.
+# A kernel classifier stores training samples. With a size limit, it stores fewer samples, with 16 bits per
+# value.
 
 for max_kb in (None, 10):
     kernel = tx.train(dataset, row="Movement", classifier="kernel", max_kb=max_kb)
@@ -47,7 +48,7 @@ for max_kb in (None, 10):
     print(f"{max_kb or 'no'} kB: {size} bytes, accuracy {accuracy:.1%} on held-out recordings")
 
 # %%
-# Probabilities, one row per recording and one column per surface:
+# Plot the probabilities, with one row per recording and one column per surface.
 
 figure, axis = plt.subplots(figsize=(6, 4))
 axis.imshow(probabilities, aspect="auto", interpolation="none", cmap="Blues")

@@ -2,8 +2,8 @@
 From samples to the answer in ONNX
 ==================================
 
-One ONNX file contains the whole path of a model of windows: conditioning, spectra, features, classifier and
-novelty detection. It needs only ONNX Runtime.
+One ONNX file contains all steps of a model that is trained on windows: conditioning, spectra, features,
+classifier and novelty detection. To use it, you need only ONNX Runtime.
 """
 
 import json
@@ -23,7 +23,8 @@ exported = tx.robot.export_onnx(model, file, start="samples")
 print(exported.sample_parity)
 
 # %%
-# The metadata describe the window, and contain windows with their answers to check the file.
+# The metadata describe the window. They also contain test windows with their answers, with which `check_onnx`
+# checks the file.
 
 session = onnxruntime.InferenceSession(file)
 facts = session.get_modelmeta().custom_metadata_map
@@ -32,7 +33,7 @@ print(window)
 print(tx.robot.check_onnx(file))
 
 # %%
-# Classify a stroke window by window.
+# Classify a stroke, window by window.
 
 recording = dataset.load(dataset.entries[30])
 start, stop = tx.find_phases(recording).movement

@@ -2,8 +2,8 @@
 Classify a live stream
 ======================
 
-A model classifies while the tool moves. Events (tap, contact, lift-off) and answers are yielded as soon as
-they are available, for blocks of any size.
+A model classifies the surface while the tool moves. `listen` yields events (tap, contact, lift-off) and
+answers as soon as they are available. Samples can arrive in blocks of any size.
 """
 
 import matplotlib.pyplot as plt
@@ -15,7 +15,8 @@ model = tx.train(dataset, row="Movement", classifier="lda", window_s=0.8)
 recording = dataset[58]
 
 # %%
-# The source is a recording here; ``"-"`` is standard input, ``"ros2:/imu"`` a topic.
+# Here, the source is a recording. Other sources are standard input (``"-"``) and ROS 2 topics
+# (``"ros2:/imu"``).
 
 answers = []
 for item in tx.listen(model, recording):
@@ -25,7 +26,7 @@ for item in tx.listen(model, recording):
         answers.append(item)
 
 # %%
-# The evidence of all windows of a contact is combined.
+# Plot the probabilities of the contact, which combine the evidence of all its windows so far.
 
 time = [answer.n_received / recording.fs for answer in answers]
 figure, (above, below) = plt.subplots(2, sharex=True, figsize=(9, 4.5))

@@ -2,7 +2,7 @@
 Train a model and classify
 ==========================
 
-`train` fits a classifier, calibrates its probabilities on held-out recordings, and states its accuracy.
+`train` fits a classifier, calibrates its probabilities and measures its accuracy on held-out recordings.
 """
 
 import tempfile
@@ -18,14 +18,16 @@ model = tx.train(dataset, row="Movement", classifier="lda")
 tx.reporting.print_document(tx.recognition.model_document(model))
 
 # %%
-# Save and load it. The file contains data only; classes that are not on the allow-list are refused.
+# Save and load the model. The file contains no code, and loading fails if it names a class that is not on the
+# allow-list.
 
 file = Path(tempfile.mkdtemp()) / "surfaces.skops"
 model.save(file)
 model = tx.load_model(file)
 
 # %%
-# Each answer has a probability, the second most probable surface, and whether the surface is unknown.
+# Each answer contains the predicted surface, its probability, the second most probable surface, and whether
+# the surface is unknown.
 
 answers = {r.recording_id: model.answer(r) for r in (dataset[0], dataset[40], dataset[70])}
 pd.DataFrame(answer.to_dict() for answer in answers.values())

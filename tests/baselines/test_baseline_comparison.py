@@ -98,7 +98,7 @@ def test_what_was_chosen_inside_the_training_parts_competes_first_and_is_compare
     hits = first["accuracy"]["mean"]
     assert of_baseline(outcome, "mfcc")["difference"]["difference"] == pytest.approx(hits - 1.0)
     text = (
-        "Ours is selected in each training set (nested cross-validation). The best baseline is the highest of"
+        "Ours is selected inside each training set (nested cross-validation). The best baseline is the most"
     )
     assert text in outcome.document().finding.rest
 

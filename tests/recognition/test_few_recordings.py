@@ -98,10 +98,10 @@ def test_the_default_pipeline_is_coarse_for_a_turn_rate_and_surfaces_otherwise()
 def test_the_model_card_states_that_later_recordings_and_other_sessions_were_not_evaluated(few):
     (card,) = model_document(few).blocks
     assert card["Accuracy"].startswith("97.1 % (89.3 to 100.0) of 32 held-out recordings (few: one correct")
-    assert card["Accuracy"].endswith("; later recordings: 54 to 100 %, from other datasets")
+    assert card["Accuracy"].endswith("; expected for later recordings: 54 to 100 % (from other datasets)")
     assert card["Unknown surfaces"].endswith(
-        "from 32 held-out recordings; with so few, unknown surfaces are often missed; later recordings may "
-        "be reported as unknown more often"
+        "from 32 held-out recordings; unknown surfaces are often missed, since there are few held-out "
+        "recordings; later recordings may be reported as unknown more often"
     )
     assert card["Not evaluated"].startswith(
         "later recordings (8 of each surface, held out at random; from 20"

@@ -29,14 +29,15 @@ def figure(report, name):
     ("kind", "said"),
     [
         ("benchmark", ["Pipeline small: 100 recordings of 3 surfaces", "leave one operator out, 2 folds",
-                       "[82.6, 94.5] of the recordings", "best of 3 pairs", "Columns selected by All",
+                       "[82.6, 94.5] of the recordings", "best of 3 pairs", "Columns selected in All",
                        "mfcc.c1 100%", "significantly (corrected p below 0.05)", "exact McNemar test",
                        "not evaluated: no friction signal", "onerror"]),
         ("feature", ["crest", "2 ms per recording alone; 0.5 ms more", "mfcc.c1 -0.50", "R² = 0.20",
                      "1 of 1 results", "declared y(g x) = g y; measured the same", "+5.0"]),
         ("tradeoff", ["89.5", "of the 8 ms of the full set", "1 column of mfcc", "2.2 ms measured",
-                      "deviates from the measured cost of 1 random subset by at most 5 %", "4 ms more"]),
-        ("baselines", ["+5.0 points", "ours is better", "1 times as fast in all", "ours: All",
+                      "deviates from the measured cost of 1 random subset by at most 5 %",
+                      "4 ms for every selection"]),
+        ("baselines", ["+5.0 points", "ours is better", "In total, ours is 1 times as fast", "ours: All",
                    "not installed",
                    "exact McNemar", "60 s"]),
         ("invariance", ["2.5 times", "related work: 0.5", "Trend"]),
@@ -77,7 +78,7 @@ def test_windows_have_their_balance_and_the_vote_of_each_run():
     report = document("benchmark", data)
     assert table(report, 1)["All"] == ["85.0", "90.0 [69.9, 97.2]", "80.0", "100.0 [40.0, 100.0]"]
     for text in everywhere(report):
-        for said in ("800 windows of 100 recordings", "share of windows", "over 8 runs", "majority"):
+        for said in ("800 windows of 100 recordings", "fraction of windows", "over 8 runs", "majority"):
             assert said in text
 
 
@@ -127,17 +128,17 @@ PROBLEMS = {
 @pytest.mark.parametrize(
     ("change", "said", "unsaid"),
     [
-        (lambda d: None, ["Balanced: mean over surfaces."], []),
+        (lambda d: None, ["Balanced: mean recall over surfaces."], []),
         (nothing_published, ["No row of this table has a published accuracy."], ["aper"]),
         (as_balanced, [], ["Further accuracies"]),
         (nothing_computed, ["of the rows could be evaluated", "not evaluated: no taps"], []),
-        (lambda d: d["rows"][0].update(paper={}), ["−10.0 points", "published for Row"], []),
+        (lambda d: d["rows"][0].update(paper={}), ["−10.0 points", "% for Row"], []),
         (lambda d: d.update(nested_cv=NESTED_CV),
          ["70.0 %", "[60.4, 78.1] of the recordings of 3 surfaces classified correctly, with row and",
           "90.0 % by All with LDA: the best of 3 pairs of row and classifier, selected on the test folds",
           "selected: All, LDA (2 of 3 folds); Level, LDA (1 of 3 folds)."], []),
         (lambda d: d.update(PROBLEMS),
-         ["Recordings left out, 1: r1: empty.", "r5: clipped; and 3 more, in the JSON.",
+         ["Recordings left out, 1: r1: empty.", "r5: clipped; and 3 more in the JSON file.",
           "waviness in 3 of 100: too short"], ["100 of 100"]),
         (lambda d: over_operators(d, "Wilson", 3),
          ["95 % confidence interval over 3 operators", "3 operators are too few for their spread"], []),
@@ -194,7 +195,7 @@ def test_every_classifier_is_drawn_and_told_and_every_row_costs():
     assert ranking.table.frame["Classifier"].tolist() == ["LDA", "Naive Bayes", "LDA"]
     costs = figure(report, "row-costs")
     assert (
-        "All, 3.5 ms per recording, is the most accurate; no faster row comes within 5 points"
+        "All, 3.5 ms per recording, is the most accurate row; no faster row has an accuracy within 5 points"
         in costs.summary
     )
     assert [text.get_text() for text in draw_block(costs).axes[0].texts] == ["90.0 %", "50.0 %"]
@@ -297,7 +298,10 @@ def test_who_did_not_finish_is_told_with_the_reason():
     axes = draw_block(figure(document("baselines", data), "time")).axes[0]
     assert {text.get_text() for text in axes.texts} == {"1", "2", "3"}
     del data["contestants"][1]
-    assert "of the baselines finished every fold." in everywhere(document("baselines", data))[0]
+    assert (
+        "of the baselines can be compared with ours on every fold."
+        in everywhere(document("baselines", data))[0]
+    )
 
 
 def test_long_names_of_tools_are_broken_where_the_figure_is_narrow():
@@ -317,15 +321,18 @@ def test_the_features_of_the_study_are_ordered_by_their_worst_condition():
 
 def test_published_figures_are_a_measure_only_of_as_many_surfaces_under_the_same_protocol():
     for changed, why in (
-        ({"protocol": "chronological"}, "protocol `chronological` here, `operator` there"),
-        ({"published_on": {"n_surfaces": 69, "protocols": ["operator"]}}, "3 surfaces here, 69 there"),
-        ({"published_on": None}, "number of surfaces and protocol of the publication are not stated"),
+        ({"protocol": "chronological"}, "protocol `chronological` here, `operator` in the publication"),
+        (
+            {"published_on": {"n_surfaces": 69, "protocols": ["operator"]}},
+            "3 surfaces here, 69 in the publication",
+        ),
+        ({"published_on": None}, "the pipeline does not state the number of surfaces and the protocol"),
     ):
         report = document("benchmark", result("benchmark") | changed)
         for text in everywhere(report):
             assert why in text
             assert "points [" not in text.partition("All rows, with")[0]
-            assert "reach the published" not in text
+            assert "reach their published" not in text
         assert not any(figure(report, "ranking").table.frame["Points"])
 
 
@@ -342,9 +349,9 @@ def test_the_chance_level_is_next_to_every_accuracy_in_text_and_figure():
 def test_what_was_chosen_with_the_tests_in_view_is_named_and_no_figure_is_of_another_run():
     choice = {"accuracy": {"mean": 0.818, "low": 0.777, "high": 0.853}}
     report, _ = everywhere(document("baselines", result("baselines") | {"choice": choice, "n_pairs": 20}))
-    assert "Ours is the highest of 20 pairs of row and classifier, selected on the test folds" in report
+    assert "Ours is the most accurate of 20 pairs of row and classifier, selected on the test folds" in report
     assert "81.8" not in report
-    assert "selected on these folds, optimistic" in everywhere(document("tradeoff"))[0]
+    assert "selected on the test folds, optimistic" in everywhere(document("tradeoff"))[0]
 
 
 def test_the_note_of_a_row_stands_below_the_table_once_the_row_has_an_accuracy():

@@ -396,7 +396,7 @@ def test_training_for_export_omits_features_without_graph_and_reports_the_accura
     export_onnx(model, folder / "surfaces.onnx", start="samples")
     model.save("surfaces.skops")
     _, out, _ = command("model", "surfaces.skops")
-    assert "temporal_roughness: not exportable to ONNX; with them" in " ".join(out.split())
+    assert "temporal_roughness, which cannot be exported to ONNX; accuracy with" in " ".join(out.split())
     nothing = train(surfaces(), pipeline(), **options | {"row": "Spectrum"}, exportable=True)
     assert "not_exportable" not in nothing.manifest.accuracy
 

@@ -50,7 +50,9 @@ def test_a_scene_gets_the_smallest_subset_that_separates_its_surfaces(noises, tm
     paths = result.save(tmp_path)
     assert {path.suffix for path in paths} == {".json", ".md", ".png"}
     assert json.loads(paths[0].read_text()) == json.loads(result.to_json())
-    assert "selected in each training set, for m0, m2" in paths[1].read_text(encoding="utf-8")
+    assert "Accuracy for m0, m2 with the best columns, selected inside each training set" in paths[
+        1
+    ].read_text(encoding="utf-8")
 
 
 def test_curves_are_measured_as_far_as_the_dataset_allows(noises):

@@ -1,4 +1,4 @@
-"""Document of a comparison with baselines: accuracy against time, all tools and classifiers."""
+"""Create the report of a comparison with baselines: accuracy and time of all tools and classifiers."""
 
 from collections.abc import Iterator, Mapping
 from textwrap import fill
@@ -51,10 +51,11 @@ COSTS = {
     "First call, s": "first_s",
 }  # fmt: skip
 COST_NOTE = (
-    "Times are CPU seconds of one thread in a process of its own, compilation left out (first call: two "
-    "recordings, with imports and compilation). Features: one recording, from its movement to values; Fit: "
-    "all that learns, one fold; Total: features of all recordings of a fold, fit, predictions; MB: growth of "
-    "the process at its largest, after the first call."
+    "Times are CPU times of one thread in a separate process, without compilation. Features: features of one "
+    "recording, without segmentation; Fit: fit of scaling, selection and classifier in one fold; Total: "
+    "features of all recordings of a fold, fit and prediction; MB: largest memory growth of the "
+    "process after "
+    "the first call; First call: features of two recordings, with imports and compilation."
 )
 
 
@@ -100,7 +101,7 @@ def _finding(data: Data) -> Finding:
     ours = data["contestants"][0]
     best = best_baseline(data)
     if best is None or best["difference"] is None or not ours["accuracy"]:
-        return Finding("none", "", "", "of the baselines finished every fold.")
+        return Finding("none", "", "", "of the baselines can be compared with ours on every fold.")
     difference = best["difference"]
     conclusion = "no significant difference"
     if difference["low"] > 0 or difference["high"] < 0:
@@ -112,7 +113,7 @@ def _finding(data: Data) -> Finding:
             f"{digits(1 / ratio)} times as fast" if ratio <= 1 else f"{digits(ratio)} times as slow"
             for ratio in ratios
         )
-        cost = f"Ours is {total} in all, and {features} in its features."
+        cost = f"In total, ours is {total}; in feature extraction, it is {features}."
     ours_text, best_text = (
         f"{c['title']}, {classifier_title(c['classifier'])}: {percent(c['accuracy']['mean'])} %"
         for c in (ours, best)
@@ -132,22 +133,22 @@ def _finding(data: Data) -> Finding:
 
 
 def _selection_text(data: Data) -> str:
-    """Return a statement on which accuracies are selected on the test folds."""
+    """Return sentences that state which accuracies are selected on the test folds."""
     n_baselines = sum(bool(not c["ours"] and c["accuracy"]) for c in data["contestants"])
-    baseline = f"The best baseline is the highest of {n_baselines}, selected on the test folds."
+    baseline = f"The best baseline is the most accurate of {n_baselines}, selected on the test folds."
     if data["contestants"][0]["name"] == NESTED_CV_TITLE:
-        return f"Ours is selected in each training set (nested cross-validation). {baseline}"
+        return f"Ours is selected inside each training set (nested cross-validation). {baseline}"
     pairs = f" of {data['n_pairs']} pairs of row and classifier" if data.get("n_pairs") else ""
     if data.get("n_pairs") == 1:
         return baseline
     return (
-        f"Ours is the highest{pairs}, selected on the test folds (optimistic; `--nested-cv` gives an "
+        f"Ours is the most accurate{pairs}, selected on the test folds (optimistic; `--nested-cv` gives an "
         f"unbiased accuracy). {baseline}"
     )
 
 
 def _all_contestants(data: Data) -> Table:
-    """Return a table of all contestants, with the reason if a tool did not finish."""
+    """Return a table of all tools and classifiers, with the reason if a tool did not finish."""
     contestants, messages, rows = data["contestants"], {}, []
     for i, c in enumerate(contestants):
         accuracy, difference = c["accuracy"], c["difference"]
@@ -174,14 +175,15 @@ def _all_contestants(data: Data) -> Table:
 
 def _notes(data: Data) -> Iterator[str]:
     """Yield the notes on the comparison."""
-    yield f"Signals of the baselines: {data['signals']}; scaling is fitted inside each fold."
+    yield f"Input of the baselines: {data['signals']}; scaling is fitted inside each fold."
     if ms := data.get("segmentation_ms"):
-        yield (f"Segmentation takes {digits(ms)} ms per recording; all totals include it.")
+        yield (f"Segmentation takes {digits(ms)} ms per recording, included in all totals.")
     tests = sorted({c["difference"]["test"] for c in data["contestants"] if c["difference"]})
     first = data["contestants"][0]
     yield (
-        f"Ours ahead by: points of {first['title']}, {classifier_title(first['classifier'])}, over the "
-        f"row's, paired on the same folds ({', '.join(tests)}); p is not corrected for the number of rows."
+        f"Ours ahead by: accuracy of {first['title']}, {classifier_title(first['classifier'])}, minus the "
+        f"accuracy of the row, in percentage points, paired on the same folds ({', '.join(tests)}); p is not "
+        "corrected for multiple comparisons."
     )
     if accuracy := first["accuracy"]:
         yield (
@@ -193,7 +195,7 @@ def _notes(data: Data) -> Iterator[str]:
         if c["status"] == "out of time" and c["accuracy"]:
             yield (
                 f"{c['title']}, {classifier_title(c['classifier'])}: {c['message']}; accuracy and difference "
-                f"are those of {c['n_folds']} of {data['n_folds']} folds."
+                f"are computed on {c['n_folds']} of {data['n_folds']} folds."
             )
     yield from map(sentence, [*data.get("notes", ()), *data["dataset"].get("notes", ())])
 
@@ -206,7 +208,7 @@ def _accuracy_against_time(contestants: list[Data], chance: float) -> Figure:
     ranked = list(best.values())
     names = [f"{i}. {_tool(c)}, {classifier_title(c['classifier'])}" for i, c in enumerate(ranked, start=1)]
     rank = next((i for i, c in enumerate(ranked, start=1) if c["ours"]), None)
-    ours = "" if rank is None else f"; the first of ours is number {rank} of {len(ranked)}"
+    ours = "" if rank is None else f"; our most accurate one is number {rank} of {len(ranked)}"
     fastest = min(ranked, key=lambda c: float(c["cost"]["feature_ms"]))
     rows = [
         (name, estimate(c["accuracy"]), digits(c["cost"]["feature_ms"]))
@@ -214,9 +216,11 @@ def _accuracy_against_time(contestants: list[Data], chance: float) -> Figure:
     ]
     return Figure(
         "time",
-        "Accuracy against time of the features; up and left is better",
-        f"The most accurate is {_tool(ranked[0])}, the fastest {_tool(fastest)}{ours}. With 95 % intervals; "
-        f"the best classifier of each tool, numbered by accuracy; chance level {chance:.1f} %.",
+        "Accuracy against time for feature extraction (better towards the upper left)",
+        f"The most accurate tool is {_tool(ranked[0])}, and the fastest is {_tool(fastest)}{ours}. "
+        "Each tool is "
+        f"shown with its best classifier and 95 % confidence interval, numbered by accuracy; chance level "
+        f"{chance:.1f} %.",
         lambda width: _draw(ranked, names, width, chance),
         Table(pd.DataFrame(rows, columns=["Tool", "% [95 %]", "CPU ms"])),
     )

@@ -1,13 +1,13 @@
 """Command line: parse the options, call one function of the package, print its result.
 
-The signature of a command defines its options; types that several commands share are in `parameters`. The
-areas and other packages register modules with commands as entry points `texclass.commands`. Scientific
-packages are imported inside the commands, so that help and errors of options appear at once.
+The signature of a command defines its options; types that several commands share are in `parameters`.
+Subpackages and other packages register modules with commands as entry points `texclass.commands`. Scientific
+packages are imported inside the commands, so that help pages and errors in options appear without delay.
 """
 
 import typer
 
-# Importing a module registers its commands: the help page lists them in this order.
+# Importing a module registers its commands. The help page lists them in this order.
 from texclass import shipped
 from texclass.cli import dataset_commands, evaluation_commands, model_commands, stream_command
 from texclass.cli.app import app, main

@@ -11,7 +11,7 @@ from texclass._version import __version__
 
 app = typer.Typer(
     name="texclass",
-    epilog="Exit codes: 0 success, 1 bad input or a failed check, 2 wrong use of a command or option, "
+    epilog="Exit codes: 0 success, 1 invalid input or a failed check, 2 invalid command or option, "
     "3 stream without an answer, 130 interrupted.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -34,16 +34,16 @@ def texclass(
 
 
 def escape_control_characters(text: str) -> str:
-    """Escape the control characters of a text, so that file names cannot manipulate a terminal."""
+    """Escape the control characters of a text, so that file names cannot control the terminal."""
     return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
 
 
 def main() -> None:
-    """Run the command line; bad input ends with a one-line message and exit code 1."""
+    """Run the command line; print a one-line message and exit with code 1 if the input is invalid."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # characters that the output cannot encode become "?"
             stream.reconfigure(errors="replace")
-    gc.set_threshold(100_000)  # imported modules are never freed, so collect garbage less often
+    gc.set_threshold(100_000)  # imported modules are never freed, so collect less often
     try:
         app(prog_name="texclass")
     except (ValueError, OSError, ImportError) as error:

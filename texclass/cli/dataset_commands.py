@@ -22,11 +22,11 @@ def sample(
         int, Option(min=1, max=995, metavar="N", help="Number of the first recording of each surface.")
     ] = 1,
 ) -> None:
-    """Write a small folder of simulated recordings to try commands on."""
+    """Write a small folder of simulated recordings, to try the commands."""
     from texclass.loaders import write_sample
 
     files = write_sample(folder, first)
-    typer.echo(f"wrote {len(files)} recordings, in m/s^2 at 10000 Hz. Look at one:")
+    typer.echo(f"wrote {len(files)} recordings, in m/s^2 at 10000 Hz. To inspect one:")
     typer.echo(f"texclass inspect {files[0]} --fs 10000 --unit m/s^2")
 
 
@@ -56,7 +56,7 @@ def card(
         Path, p.output_file("--output", "-o", suffixes=[".toml"], help="Dataset card to write (.toml).")
     ] = Path("card.toml"),
 ) -> None:
-    """Draft a dataset card for a folder, with open questions as comments."""
+    """Draft a dataset card for a folder; comments ask for facts that the files do not state."""
     from texclass.atomic_write import write_atomic
     from texclass.loaders import draft_card
     from texclass.loaders.card_draft import QUESTION
@@ -70,7 +70,7 @@ def card(
     write_atomic(output, text)
     lines = text.splitlines()
     print_lines("question:", (line.removeprefix(QUESTION) for line in lines if line.startswith(QUESTION)))
-    typer.echo(f"wrote {output}. Check it, then: texclass benchmark {output}")
+    typer.echo(f"wrote {output}. Check it, then run: texclass benchmark {output}")
 
 
 @app.command(
@@ -103,7 +103,7 @@ def inspect(
         ),
     ] = None,
 ) -> None:
-    """Draw one recording: phases, taps, spectrum and features."""
+    """Plot one recording: phases, taps, spectrum and features."""
     from texclass.loaders import find_recording
 
     reader = p.reader_settings(
@@ -132,7 +132,7 @@ def inspect(
 
 @cards.callback()
 def datasets(context: typer.Context) -> None:
-    """List the dataset cards, or download published recordings with `get`."""
+    """List the shipped dataset cards, or download their published recordings with `get`."""
     if context.invoked_subcommand is None:
         from texclass.cli.listings import datasets_document
         from texclass.reporting import print_document
@@ -149,7 +149,7 @@ def get(
         ),
     ],
 ) -> None:
-    """Download the published recordings of dataset cards."""
+    """Download the published recordings that dataset cards describe."""
     from texclass.loaders import fetch_recordings, read_card
 
     for name in names:

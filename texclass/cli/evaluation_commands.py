@@ -21,12 +21,12 @@ def features(
     name: Annotated[
         str | None,
         Argument(
-            help="Shipped feature set or feature set file (TOML); all features by default.",
+            help="Shipped feature set or feature set file (TOML) (default: all features).",
             autocompletion=p.shipped_names("feature_defs"),
         ),
     ] = None,
 ) -> None:
-    """List all features, or those of a set, with unit and reference."""
+    """List all features, or the features of a set, with unit and reference."""
     from texclass.cli.listings import features_document
     from texclass.reporting import print_document
 
@@ -133,7 +133,8 @@ def benchmark(
     feature: Annotated[
         str | None,
         Option(
-            metavar="FUNCTION", help="Own feature to add to the table: module:function or file.py:function."
+            metavar="FUNCTION",
+            help="Your own feature, compared with the table: module:function or file.py:function.",
         ),
     ] = None,
     window: Annotated[
@@ -163,7 +164,7 @@ def benchmark(
     leave_out: p.LeaveOut = None,
     folds: Annotated[
         int | None,
-        p.evaluation_option(min=2, metavar="N", help="Number of folds (default: that of the pipeline)."),
+        p.evaluation_option(min=2, metavar="N", help="Number of folds (default: as in the pipeline)."),
     ] = None,
     nested_cv: Annotated[
         bool,
@@ -181,7 +182,7 @@ def benchmark(
     ] = False,
     baseline: Annotated[
         list[str] | None,
-        p.baseline_option(metavar="NAME", help="Only this baseline, e.g. mfcc (repeatable)."),
+        p.baseline_option(metavar="NAME", help="Compare only with this baseline, e.g. mfcc (repeatable)."),
     ] = None,
     baselines_python: Annotated[
         Path | None,
@@ -192,11 +193,16 @@ def benchmark(
     baselines_limit: Annotated[
         int | None,
         p.baseline_option(
-            metavar="N", help="Use at most N recordings, of complete surfaces, for texclass too."
+            metavar="N",
+            help="Use at most N recordings, also for texclass; each surface is used completely or "
+            "not at all.",
         ),
     ] = None,
     baselines_timeout: Annotated[
-        float, p.baseline_option(metavar="S", help="Time limit per baseline; folds finished within it count.")
+        float,
+        p.baseline_option(
+            metavar="S", help="Time limit per baseline; only folds that finish in time are used."
+        ),
     ] = 900.0,
     baselines_signals: Annotated[
         Literal["same", "each"],
@@ -218,11 +224,12 @@ def benchmark(
 ) -> None:
     """Evaluate every feature subset and classifier of a pipeline on a dataset.
 
-    Reports accuracy with a 95 % confidence interval, the chance level and, if any, published results.
+    The report contains accuracies with 95 % confidence intervals, the chance level, and published accuracies
+    if the pipeline contains any.
     """
     if confusion and feature:
         raise typer.BadParameter(
-            "--confusion cannot be combined with --feature, which has no confusion matrix"
+            "--confusion cannot be combined with --feature, which computes no confusion matrix"
         )
     if baselines and feature:
         raise typer.BadParameter("use only one of --baselines and --feature")
@@ -294,7 +301,7 @@ def _baseline_settings(
     if names:
         settings = replace(settings, names=tuple(names))
     if python is not None:
-        # Not resolved: the interpreter of a virtual environment is a link.
+        # The path is not resolved, since the interpreter of a virtual environment is a symbolic link.
         settings = replace(settings, python=python.expanduser().absolute())
     return settings
 
@@ -308,16 +315,22 @@ def tradeoff(
     features: p.FeatureSet = "texclass",
     max_ms: p.MaxMs = None,
     max_seconds: Annotated[
-        float | None, Option(metavar="S", help="Budget of movement to record (default: whole recordings).")
+        float | None,
+        Option(metavar="S", help="Budget of movement per recording in s (default: whole recordings)."),
     ] = None,
     max_features: p.MaxFeatures = None,
     surfaces: Annotated[
         str | None,
-        Option(metavar="NAMES", help="Surfaces of a scene, e.g. oak,felt: the fewest features for these."),
+        Option(
+            metavar="NAMES",
+            help="Only these surfaces, e.g. oak,felt; also list the smallest subsets for them.",
+        ),
     ] = None,
     curves: Annotated[
         bool,
-        Option(help="Also measure accuracy over window, training set, sampling rate, bits and model order."),
+        Option(
+            help="Also measure accuracy against signal length, training set size, rate, bits and model order."
+        ),
     ] = True,
     fs: p.SamplingRate = None,
     unit: p.Unit = None,
@@ -344,14 +357,14 @@ def tradeoff(
         p.output_folder(
             "--output",
             "-o",
-            help="Folder for report (Markdown), JSON, figures (PNG) and recogniser (.skops).",
+            help="Folder for the report (Markdown), JSON, figures (PNG) and model (.skops).",
         ),
     ] = Path("reports"),
     json_file: p.JsonFile = None,
 ) -> None:
-    """Measure accuracy against cost, and save a recogniser.
+    """Measure accuracy against cost, and save a model.
 
-    It is the best within the budgets, or without budgets the one at the knee point of the Pareto front.
+    The saved model is the best within the budgets, or the knee point of the Pareto front without budgets.
     """
     p.check_scheduler(backend, scheduler)
     chosen_protocol = p.protocol_name(protocol, shots, train, test, leave_out)
@@ -385,17 +398,22 @@ def tradeoff(
 
 @app.command(rich_help_panel="Evaluation", epilog="Example: texclass stability --quick")
 def stability(
-    quick: Annotated[bool, Option("--quick", help="Run a small part of the battery, half a minute.")] = False,
+    quick: Annotated[
+        bool, Option("--quick", help="Run a small part of the tests, for about half a minute.")
+    ] = False,
     only: Annotated[
         Literal["models", "filters", "transforms", "features", "baselines"] | None,
-        Option(metavar="GROUP", help="One group only: models, filters, transforms, features or baselines."),
+        Option(
+            metavar="GROUP", help="Test only this group: models, filters, transforms, features or baselines."
+        ),
     ] = None,
     output: p.OutputFolder = Path("reports"),
     json_file: p.JsonFile = None,
 ) -> None:
     """Test every model, filter and feature on extreme inputs.
 
-    Installed public libraries get the same inputs. Exit code 1 if a result of texclass is wrong.
+    Installed baseline libraries are tested with the same inputs. The exit code is 1 if a result of texclass
+    is wrong.
     """
     from texclass.baselines import extreme_inputs
     from texclass.stability import run_stability
@@ -408,7 +426,7 @@ def stability(
     print_and_save(result, output, json_file)
     for cell in result.data["failures"]:
         typer.echo(f"{cell['mark']}: {cell['subject']}, {cell['case']} ({cell['family']}): {cell['reason']}")
-    typer.echo(f"texclass: {len(result.failures)} of {len(result.ours)} cells wrong")
+    typer.echo(f"texclass: {len(result.failures)} of {len(result.ours)} results wrong")
     if len(result.failures):
         raise typer.Exit(1)
 
@@ -416,7 +434,8 @@ def stability(
 @app.command(rich_help_panel="Evaluation", epilog="Example: texclass report reports/*.json -o report.html")
 def report(
     results: Annotated[
-        list[Path], Argument(help="JSON files of benchmark, tradeoff, stability or the invariance study.")
+        list[Path],
+        Argument(help="JSON files written by benchmark, tradeoff, stability or the invariance study."),
     ],
     title: Annotated[
         str, Option(metavar="TEXT", help="Title of the page (default: the names of the datasets).")
@@ -425,7 +444,8 @@ def report(
         bool,
         Option(
             "--stale",
-            help="List results whose code, pipeline or features have changed instead of writing a page.",
+            help="Write no page; list results that are out of date because their code or definitions "
+            "changed.",
         ),
     ] = False,
     output: Annotated[
@@ -435,7 +455,7 @@ def report(
         ),
     ] = Path("report.html"),
 ) -> None:
-    """Write results as one self-contained page with tables, figures, datasets and versions."""
+    """Write one self-contained page with the tables, figures, datasets and versions of results."""
     from texclass.cli.result_files import stale_results, write_page
 
     if stale:

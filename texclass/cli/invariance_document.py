@@ -1,4 +1,4 @@
-"""Report of the invariance study: features under different speeds, forces and impacts."""
+"""Create the report of the invariance study: features under different speeds, forces and impacts."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -29,8 +29,8 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
     Parameters
     ----------
     data : mapping
-        JSON of the study: `rows` with feature, set, origin, condition, ratio (deviation between surfaces over
-        deviation within a surface; None where undefined) and trend.
+        JSON of the study: `rows` with feature, set, origin, condition, ratio (standard deviation between
+        surfaces divided by the one within a surface; None if undefined) and trend.
     """
     rows = pd.DataFrame(
         list(data["rows"]), columns=["feature", "set", "origin", "condition", "ratio", "trend"]
@@ -56,8 +56,12 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
         blocks.append(Table(table.rename_axis("From").reset_index(), "Median ratio of the features."))
     blocks.append(
         [
-            "Ratio: deviation between the surfaces' means over the deviation within a surface along its run.",
-            "Trend: mean |Spearman| with the condition (0: none, 1: follows it).",
+            "Ratio: standard deviation between the means of surfaces, divided by the standard "
+            "deviation of one "
+            "surface over the condition.",
+            "Trend: mean absolute Spearman correlation with the condition (0: independent of the "
+            "condition, 1: "
+            "monotonic function of it).",
         ]
     )
     return Document(
@@ -68,11 +72,13 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
             value,
             "times" if value != "none" else "",
             "",
-            "larger are differences between surfaces than changes of one surface over speeds, forces and "
-            f"impacts: median over conditions and the features of {ours} (above 1, surfaces differ more than "
-            "conditions change the value).",
-            f"The same median for {other_medians}." if other_medians else "",
-            "Median ratio of the deviation between surfaces to that within one "
+            "as much variation between surfaces as within one surface over speeds, forces and "
+            "impacts: median over "
+            f"the conditions and the features of {ours} (above 1, a feature depends more on the "
+            "surface than on "
+            "the condition).",
+            f"Medians for other libraries: {other_medians}." if other_medians else "",
+            "Median ratio of the standard deviation between surfaces to the one within a surface "
             f"({'; '.join(filter(None, (ours, other_medians)))}).",
         ),
         reproduction={"Seed": str(data.get("seed", ""))},
@@ -90,8 +96,9 @@ def _ratios(rows: pd.DataFrame, defined: pd.DataFrame, origins: Sequence[str]) -
     )
     return Figure(
         "ratios",
-        "Between-surface over within-surface deviation; right is better",
-        f"By its worst condition the best feature is {_name(*order[0])}, the last {_name(*order[-1])}.",
+        "Standard deviation between surfaces over the one within a surface (higher is better)",
+        f"In its worst condition, the best feature is {_name(*order[0])}, and the worst is "
+        f"{_name(*order[-1])}.",
         lambda width: _draw(defined, order, origins, width),
         Table(table.rename(columns=str.capitalize), n_words=4),
     )

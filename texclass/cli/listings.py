@@ -30,16 +30,18 @@ def datasets_document() -> Document:
 
 
 def features_document(feature_set: str | None = None) -> Document:
-    """Return a table of the features (all, or those of a set): phase, columns, unit, reference, gain law."""
+    """Return a table of all features, or of one set: phase, columns, unit, description."""
     if feature_set is None:
         title, notes = "All features", []
         columns = {name: (feature, feature.columns(name, {})) for name, feature in list_features().items()}
     else:
         members = load_feature_set(feature_set)
         title = f"Features of {members.name}"
-        conditioning = "Movements: mean removed"
+        conditioning = "Conditioning of movements: mean removed"
         if members.remove_hand_motion:
-            conditioning += f"; with gravity in m/s^2, a moving average over {HAND_WINDOW_S:g} s removed"
+            conditioning += (
+                f"; for recordings in m/s^2 with gravity, a moving average over {HAND_WINDOW_S:g} s removed"
+            )
         notes = [f"{members.description}. {conditioning}."]
         columns = {member.name: (member.feature, member.columns) for member in members.members}
     rows = []

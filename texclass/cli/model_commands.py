@@ -27,13 +27,13 @@ def train(
         Option(
             metavar="NAME",
             help="Shipped pipeline or pipeline file (TOML). Default: surfaces; coarse for an inertial unit; "
-            "texclass with a row, classifier or budget.",
+            "texclass if a row, classifier or budget is given.",
             autocompletion=p.shipped_names("pipelines"),
         ),
     ] = None,
     row: Annotated[
         str | None,
-        Option(metavar="NAME", help="Feature subset, by its row of the pipeline (default: the best)."),
+        Option(metavar="NAME", help="Feature subset: name of a row of the pipeline (default: the best)."),
     ] = None,
     classifier: Annotated[
         str | None, Option(metavar="NAME", help="Classifier of the pipeline (default: the best).")
@@ -42,13 +42,17 @@ def train(
     max_features: p.MaxFeatures = None,
     max_kb: Annotated[
         float | None,
-        Option(metavar="KB", help="Budget of an exported kernel: fewer training samples, in fewer bits."),
+        Option(
+            metavar="KB",
+            help="Size limit of an exported kernel classifier: it stores fewer training samples, in 16 bits.",
+        ),
     ] = None,
     window: Annotated[
         float | None, Option(metavar="S", help="Train on windows of this length instead of whole recordings.")
     ] = None,
     false_alarms: Annotated[
-        float, Option(metavar="P", help="Share of known surfaces that may be called unknown.")
+        float,
+        Option(metavar="P", help="Fraction of recordings of known surfaces that may be reported as unknown."),
     ] = 0.05,
     exportable: Annotated[
         bool, Option("--exportable", help="Use only features that `texclass export --from samples` supports.")
@@ -71,7 +75,7 @@ def train(
         p.evaluation_option(
             metavar="NAME",
             help="Evaluation protocol, see `texclass benchmark --help`. Default: chronological for 20 or "
-            "more numbered repetitions per surface, since sensors drift; else that of the pipeline.",
+            "more numbered repetitions per surface, since sensors drift; otherwise as in the pipeline.",
         ),
     ] = None,
     shots: p.Shots = None,
@@ -83,7 +87,7 @@ def train(
 ) -> None:
     """Train a model on all recordings of a dataset.
 
-    Feature subset and classifier are selected by cross-validation, unless they are given.
+    Feature subset and classifier are selected by cross-validation, unless --row and --classifier set them.
     """
     chosen_protocol = p.protocol_name(protocol, shots, train, test, leave_out)
     from texclass.loaders import open_dataset
@@ -141,8 +145,9 @@ def predict(
     files: Annotated[
         list[str],
         Argument(
-            help="Recordings: files, DATASET:RECORDING, dataset cards or folders. Accuracy and confusion "
-            "matrix are reported where the surfaces are known."
+            help="Recordings: files, DATASET:RECORDING, dataset cards or folders. If their surfaces "
+            "are known, "
+            "accuracy and confusion matrix are reported."
         ),
     ],
     fs: p.SamplingRate = None,
@@ -157,7 +162,7 @@ def predict(
     resample: p.Resample = None,
     labels: p.Labels = None,
     skip_bad: Annotated[
-        bool, p.data_option("--skip-bad", help="Exit with code 0 although files were unreadable.")
+        bool, p.data_option("--skip-bad", help="Exit with code 0 even if files are unreadable.")
     ] = False,
     as_lines: p.JsonLines = False,
     json_file: p.JsonFile = None,
@@ -166,7 +171,7 @@ def predict(
         p.output_file("--confusion", suffixes=[".csv", ""], help="Also write the confusion matrix (CSV)."),
     ] = None,
 ) -> None:
-    """Predict the surface of each recording; unreadable files are listed and skipped."""
+    """Predict the surface of each recording; list and skip unreadable files."""
     import json
 
     from texclass import recognition
@@ -216,7 +221,7 @@ def adapt(
     references: Annotated[
         list[str],
         Argument(
-            help="Reference recordings with the other sensor: SURFACE=FILE, files of unknown surfaces, "
+            help="Reference recordings of the other sensor: SURFACE=FILE, FILE if the surface is not known, "
             "DATASET:RECORDING, dataset cards, or folders with one subfolder per surface."
         ),
     ],
@@ -237,7 +242,7 @@ def adapt(
     labels: p.Labels = None,
     output: NewModelFile,
 ) -> None:
-    """Adapt a model to another sensor from a few reference recordings, without training it again."""
+    """Adapt a model to another sensor with a few reference recordings, without retraining."""
     from texclass import recognition
     from texclass.recognition import adaptation
     from texclass.recognition.model_document import describe_adaptation

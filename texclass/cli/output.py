@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def write_json(path: Path | None, text: str) -> None:
-    """Write a result as JSON to the file given by --json, if there is one; `-` is standard output."""
+    """Write a result as JSON to the file of the option --json, if it is given; `-` is standard output."""
     if path == Path("-"):
         typer.echo(text)
     elif path is not None:
@@ -30,7 +30,7 @@ def print_lines(prefix: str, lines: Iterable[object]) -> None:
 def print_and_save(
     result: "Result", folder: Path, json_file: Path | None = None, *, written: Iterable[Path] = ()
 ) -> None:
-    """Print a result, write its JSON and report, and list these files and those in `written`."""
+    """Print a result, write its JSON and report, and list these files and the files in `written`."""
     from texclass.reporting import print_document
 
     print_document(result.document())
@@ -45,7 +45,7 @@ def progress_bar() -> Iterator[Any]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    if not console.is_interactive:  # rich would print an empty line
+    if not console.is_interactive:  # otherwise rich prints an empty line
         yield lambda n_done, n_total, label: None
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

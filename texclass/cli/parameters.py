@@ -34,7 +34,7 @@ def shipped_names(kind: Kind) -> Callable[[str], list[str]]:
 
 
 def output_file(*flags: str, suffixes: Sequence[str], help: str) -> Any:
-    """Return an option for an output file; the suffix determines the format and is checked at the start."""
+    """Return an option for an output file, whose suffix sets the format and is checked before any work."""
 
     def check(path: Path | None) -> Path | None:
         return None if path is None else check_suffix(path, *suffixes)
@@ -43,7 +43,7 @@ def output_file(*flags: str, suffixes: Sequence[str], help: str) -> Any:
 
 
 def check_folder(path: Path | None) -> Path | None:
-    """Raise an error if an output folder is named like a file, as in `-o results.csv`."""
+    """Raise an error if an output folder has the suffix of a file, such as `-o results.csv`."""
     files = {".csv", ".htm", ".html", ".json", ".md", ".parquet", ".pdf", ".png", ".skops", ".txt", ".xlsx"}
     if path is not None and path.suffix.lower() in files and not path.is_dir():
         raise ValueError(f"cannot write {path}: the suffix is {path.suffix!r}. Expected a folder")
@@ -73,7 +73,7 @@ Unit = Annotated[
 Column = Annotated[
     str | None,
     data_option(
-        metavar="COLUMNS", help="Columns of the acceleration by name or number, e.g. ax,ay,az or 2,3,4."
+        metavar="COLUMNS", help="Columns of the acceleration, by name or number, e.g. ax,ay,az or 2,3,4."
     ),
 ]
 Delimiter = Annotated[
@@ -82,7 +82,7 @@ Delimiter = Annotated[
 TimeColumn = Annotated[
     str | None,
     data_option(
-        metavar="COLUMN", help="Column of the time stamps by name or number; 'none' ignores time stamps."
+        metavar="COLUMN", help="Column of the time stamps, by name or number; 'none' ignores time stamps."
     ),
 ]
 TimeUnit = Annotated[
@@ -96,10 +96,10 @@ SkipRows = Annotated[
 ]
 Comment = Annotated[
     str | None,
-    data_option(metavar="TEXT", help="Start of comment lines in text files (default: #, % and //)."),
+    data_option(metavar="TEXT", help="Prefix of comment lines in text files (default: #, % and //)."),
 ]
 DropIncomplete = Annotated[
-    bool, data_option("--drop-incomplete", help="Drop lines of text files that lack a number in a column.")
+    bool, data_option("--drop-incomplete", help="Drop lines of text files in which a column has no number.")
 ]
 Resample = Annotated[float | None, data_option(metavar="HZ", help="Resample all recordings to this rate.")]
 Labels = Annotated[
@@ -113,8 +113,8 @@ TapSpacing = Annotated[
     float | None,
     data_option(
         metavar="S",
-        help="Time below which impulses are one tap and its rebounds (default: that of the card or the "
-        "pipeline, else 0.08).",
+        help="Impulses closer than this time are one tap and its rebounds (default: as in the card or "
+        "pipeline, otherwise 0.08).",
     ),
 ]
 SkipBad = Annotated[
@@ -126,7 +126,7 @@ Protocol = Annotated[
     ProtocolName | None,
     evaluation_option(
         metavar="NAME",
-        help=f"Evaluation protocol: {', '.join(get_args(ProtocolName))} (default: that of the pipeline).",
+        help=f"Evaluation protocol: {', '.join(get_args(ProtocolName))} (default: as in the pipeline).",
     ),
 ]
 Shots = Annotated[
@@ -138,18 +138,22 @@ TrainingSet = Annotated[
     evaluation_option(
         "--train",
         metavar="LABEL=VALUES",
-        help="Training set, e.g. repetition=1-20 or session=a,b (repeatable; all must hold).",
+        help="Training set, e.g. repetition=1-20 or session=a,b (repeatable: all conditions must hold).",
     ),
 ]
 TestSet = Annotated[
     list[str] | None,
     evaluation_option(
-        "--test", metavar="LABEL=VALUES", help="Test set, e.g. repetition=31-40 (repeatable; all must hold)."
+        "--test",
+        metavar="LABEL=VALUES",
+        help="Test set, e.g. repetition=31-40 (repeatable: all conditions must hold).",
     ),
 ]
 LeaveOut = Annotated[
     str | None,
-    evaluation_option(metavar="LABEL", help="Leave one group out: operator, session or repetition."),
+    evaluation_option(
+        metavar="LABEL", help="Leave out one value of a label at a time: operator, session or repetition."
+    ),
 ]
 
 # Features and their cost
@@ -163,22 +167,22 @@ FeatureSet = Annotated[
 ]
 MaxMs = Annotated[
     float | None,
-    Option(metavar="MS", help="Budget of computing time for the features of a recording, on this machine."),
+    Option(metavar="MS", help="Latency budget for the features of one recording, on this machine."),
 ]
 MaxFeatures = Annotated[
-    int | None, Option(metavar="N", help="Budget of feature columns that reach the classifier.")
+    int | None, Option(metavar="N", help="Largest number of feature columns that the classifier uses.")
 ]
 
 # Models and streams
 ModelFile = Annotated[Path, Argument(help="Model file written by `texclass train`.")]
 Confidence = Annotated[
-    float, Option(metavar="P", help="Probability above which the answer of a contact counts as sure.")
+    float, Option(metavar="P", help="Probability from which the answer for a contact is sure.")
 ]
 GestureTime = Annotated[
     list[str] | None,
     Option(
         metavar="GESTURE=S",
-        help="Time that a gesture takes, e.g. tap=0.5 (repeatable; default: its signal and half a second).",
+        help="Duration of a gesture, e.g. tap=0.5 (repeatable; default: its signal length plus 0.5 s).",
     ),
 ]
 
@@ -191,8 +195,8 @@ Scheduler = Annotated[
     str | None,
     running_option(
         metavar="ADDRESS",
-        help="Dask scheduler, e.g. tcp://host:8786 (default: Dask's configuration, or a cluster on this "
-        "machine).",
+        help="Dask scheduler, e.g. tcp://host:8786 (default: from the Dask configuration, otherwise a "
+        "cluster on this machine).",
     ),
 ]
 Seed = Annotated[int, running_option(min=0, metavar="N", help="Seed of the random numbers.")]
@@ -203,7 +207,7 @@ OutputFolder = Annotated[
 ]
 JsonFile = Annotated[
     Path | None,
-    output_file("--json", suffixes=(".json", ""), help="Also write the result as JSON; - prints it."),
+    output_file("--json", suffixes=(".json", ""), help="Also write the result as JSON; '-' prints it."),
 ]
 JsonLines = Annotated[bool, output_option("--jsonl", help="Print one JSON object per line instead of text.")]
 
@@ -242,7 +246,7 @@ def protocol_name(
     test: list[str] | None,
     leave_out: str | None,
 ) -> str | None:
-    """Return the name of the protocol selected by the options; None for the protocol of the pipeline."""
+    """Return the name of the protocol that the options select; None selects that of the pipeline."""
     if bool(train) != bool(test):
         raise typer.BadParameter("--train and --test must be given together")
     if sum(map(bool, (protocol, train, leave_out))) > 1:

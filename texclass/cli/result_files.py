@@ -25,7 +25,7 @@ from texclass.tradeoff import study  # noqa: F401
 
 
 def read_document(path: str | Path) -> Document:
-    """Read the JSON of a result and return its report as a document.
+    """Read the JSON file of a result and return its report as a document.
 
     Parameters
     ----------
@@ -45,27 +45,28 @@ def read_document(path: str | Path) -> Document:
 
 
 def _parse_number(text: str) -> float:
-    """Parse a number of a result; raise an error if it is too large for a figure."""
+    """Parse a number in the JSON of a result; raise an error if it is too large to be plotted."""
     if not abs(float(text)) <= 1e100:
-        raise ValueError(f"contains the number {text:.40}. Expected at most 1e100 in magnitude")
+        raise ValueError(f"numbers must be at most 1e100 in magnitude, got {text:.40}")
     return int(text) if text.removeprefix("-").isdigit() else float(text)
 
 
 @contextmanager
 def damage_as_value_error(files: str) -> Iterator[None]:
-    """Convert errors caused by damaged results to a ValueError that names the files."""
+    """Convert errors that damaged results raise to a ValueError that names the files."""
     try:
         yield
     except (ValueError, TypeError, LookupError, ArithmeticError, AttributeError) as error:
         raise ValueError(
-            f"{files}: damaged result ({type(error).__name__}: {error}). Run the command that wrote it again"
+            f"{files}: the result is damaged ({type(error).__name__}: {error}). Run the command that "
+            "wrote it again"
         ) from error
 
 
 def stale_results(paths: Sequence[str | Path]) -> tuple[dict[Path, str], dict[Path, str]]:
-    """Find stale results: results whose code, pipeline or features have changed since.
+    """Find stale results: their code, pipeline or features have changed since they were computed.
 
-    Changes to comments, docstrings and report modules are ignored.
+    Changes in comments, docstrings and report modules are ignored.
 
     Parameters
     ----------
@@ -105,14 +106,13 @@ _hash_of_code = cache(partial(code_hash, words=False))
 
 
 def _changed_code(result: Result) -> Iterator[str]:
-    """Yield the reason why a result is stale, if its code has changed."""
+    """Yield the reason why the result is stale, if its code has changed."""
     if not result.data.get("code_hash"):
         yield "contains no hash of its code"
         return
     places = result.data.get("code_of", CODE_DEPENDENCIES)
     if invalid := [place for place in places if not place.isidentifier()]:
-        expected = "names of subpackages and modules of texclass"
-        raise ValueError(f"code_of contains {invalid[0]!r}. Expected {expected}")
+        raise ValueError(f"code_of must list subpackages and modules of texclass, got {invalid[0]!r}")
     try:
         is_same = result.data["code_hash"] == _hash_of_code(*places)
     except ValueError:  # a subpackage that no longer exists
@@ -122,7 +122,7 @@ def _changed_code(result: Result) -> Iterator[str]:
 
 
 def _changed_definitions(result: Result) -> Iterator[str]:
-    """Yield one reason why a result is stale for each of its pipelines and feature sets that has changed."""
+    """Yield one reason why the result is stale for each changed pipeline and feature set."""
     loaders: dict[str, Callable[[str], Any]] = {"pipeline": load_pipeline, "feature set": load_feature_set}
     for kind, (name, digest) in result.definitions.items():
         if name and digest:
@@ -134,12 +134,12 @@ def _changed_definitions(result: Result) -> Iterator[str]:
 
 
 def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "") -> Path:
-    """Write a report page of several results, as self-contained HTML or as Markdown.
+    """Write one report page for several results, as self-contained HTML or as Markdown.
 
     Parameters
     ----------
     paths : sequence of str or path
-        JSON files, in the order in which they appear on the page.
+        JSON files, in the order in which the page lists them.
     output : str or path
         Page to write: HTML (.html, .htm), or Markdown without figures (.md). Missing folders are created.
     title : str
@@ -157,7 +157,9 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
     """
     output = Path(output)
     if output.resolve() in [Path(path).resolve() for path in paths]:
-        raise ValueError(f"cannot write {output}: it is one of the results. Choose another --output")
+        raise ValueError(
+            f"cannot write the page to {output}: it is one of the results. Choose another file with --output"
+        )
     check_suffix(output, ".html", ".htm", ".md")
     results = [(Path(path).name, read_document(path)) for path in paths]
     counts = Counter(document.title for _, document in results)

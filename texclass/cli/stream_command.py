@@ -1,4 +1,4 @@
-"""Commands that classify a live stream, and that explore a surface in simulation: stream, explore."""
+"""Commands on live streams: stream (classify) and explore (rehearse active exploration in simulation)."""
 
 import json
 import os
@@ -34,8 +34,8 @@ def stream(
         str,
         Argument(
             help="- (standard input, one sample per line), FILE, DATASET:RECORDING, bag:FILE?topic=/NAME or "
-            "ros2:/TOPIC. Columns: acceleration, then, if the model needs them, 3 of turn rate (rad/s) and 1 "
-            "of friction."
+            "ros2:/TOPIC. Columns: acceleration, followed by turn rate (3 columns, rad/s) and friction (1 "
+            "column) if the model uses them."
         ),
     ] = "-",
     window: Annotated[
@@ -46,19 +46,23 @@ def stream(
     ] = None,
     evidence: Annotated[
         Literal["sequential", "majority"],
-        Option(metavar="RULE", help="Rule that combines the windows of a contact: sequential or majority."),
+        Option(
+            metavar="RULE",
+            help="Rule that combines the windows of a contact: sequential (Bayes) or majority (vote).",
+        ),
     ] = "sequential",
     confidence: p.Confidence = 0.95,
     stop_when_sure: Annotated[
-        bool, Option("--stop-when-sure", help="Skip the remaining windows of a contact once it is sure.")
+        bool,
+        Option("--stop-when-sure", help="Skip the remaining windows of a contact once its answer is sure."),
     ] = False,
     gesture_time: p.GestureTime = None,
     forget: Annotated[
         float | None,
         contact_option(
             metavar="S",
-            help="Time after which evidence fades, for tools that slide on to other surfaces (default: "
-            "never; 4 windows with --always-in-contact).",
+            help="Time constant with which evidence decays, for tools that slide from one surface to another "
+            "(default: no decay; 4 windows with --always-in-contact).",
         ),
     ] = None,
     in_contact: Annotated[
@@ -69,7 +73,9 @@ def stream(
     ] = None,
     always_in_contact: Annotated[
         bool,
-        contact_option("--always-in-contact", help="For wheels and legs: no lift-off, and evidence fades."),
+        contact_option(
+            "--always-in-contact", help="For wheels and legs: detect no lift-off, and let evidence decay."
+        ),
     ] = False,
     fs: p.SamplingRate = None,
     unit: Annotated[
@@ -88,24 +94,30 @@ def stream(
     channels: Annotated[
         int | None,
         p.data_option(
-            metavar="N", help="Standard input is little-endian float32 with N channels instead of text."
+            metavar="N",
+            help="Read standard input as little-endian float32 with N channels, instead of as text.",
         ),
     ] = None,
-    real_time: Annotated[bool, p.data_option("--real-time", help="Play a file in real time.")] = False,
+    real_time: Annotated[
+        bool, p.data_option("--real-time", help="Read a file at the speed at which it was recorded.")
+    ] = False,
     reliability: Annotated[
         str | None,
         p.data_option(
-            metavar="NAME", help="Of a ROS 2 topic: reliable or 'best effort' (default: as published)."
+            metavar="NAME",
+            help="Reliability of a ROS 2 subscription: reliable or 'best effort' (default: as published).",
         ),
     ] = None,
     depth: Annotated[
         int | None,
-        p.data_option(metavar="N", help="Of a ROS 2 topic: queue length in messages (default: 20,000)."),
+        p.data_option(
+            metavar="N", help="Queue length of a ROS 2 subscription in messages (default: 20,000)."
+        ),
     ] = None,
     as_lines: p.JsonLines = False,
     heartbeat: Annotated[
         float,
-        p.output_option(metavar="S", help="With --jsonl: time between two heartbeat lines; 0 writes none."),
+        p.output_option(metavar="S", help="With --jsonl: time between two heartbeat lines; 0 disables them."),
     ] = 5.0,
     json_file: p.JsonFile = None,
     publish: Annotated[
@@ -122,9 +134,9 @@ def stream(
         int | None, p.output_option(metavar="N", help="DDS domain (default: $ROS_DOMAIN_ID, or 0).")
     ] = None,
 ) -> None:
-    """Classify the surface during contact.
+    """Classify a live stream while the tool is in contact with a surface.
 
-    Ctrl-C, SIGTERM or SIGHUP ends the stream with a final answer.
+    Ctrl-C, SIGTERM and SIGHUP end the stream with a final answer.
     """
     if diagnostics and not publish:
         raise typer.BadParameter("--diagnostics requires --publish")
@@ -158,7 +170,7 @@ def stream(
     models = load_gestures(model) if model.is_dir() else {}
     trained = next(iter(models.values())) if models else load_model(model)
     topic: dict[str, Any] = {"reliability": reliability, "depth": depth}
-    if source.startswith("ros2:") or not publish:  # otherwise, the domain applies only to the answers
+    if source.startswith("ros2:") or not publish:  # otherwise --domain applies only to the published answers
         topic["domain"] = domain
     blocks = open_source(
         source,
@@ -186,11 +198,11 @@ def stream(
 
 
 def _run(view: Any, session: Any, blocks: Any, publisher: Any) -> bool:
-    """Show the answers until the stream ends or the user interrupts; return whether there was an answer."""
+    """Show the answers until the stream ends or is interrupted; return whether there was an answer."""
     from texclass.cli.stream_view import show_and_publish
 
     ending = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    # nohup ignores SIGHUP, which must stay ignored
+    # under nohup, SIGHUP is ignored, and must stay ignored
     handled = [number for number in ending if signal.getsignal(number) != signal.SIG_IGN]
     old_handlers = {number: signal.signal(number, signal.default_int_handler) for number in handled}
     try:
@@ -220,7 +232,7 @@ def explore(
     models: Annotated[
         Path | None,
         Argument(
-            help="Folder of models that `texclass explore -o` wrote (default: train on simulated gestures)."
+            help="Folder of models written by `texclass explore -o` (default: train on simulated gestures)."
         ),
     ] = None,
     surface: Annotated[
@@ -232,13 +244,14 @@ def explore(
     seed: p.Seed = 0,
     output: Annotated[
         Path | None,
-        p.output_folder("--output", "-o", help="Folder for the models, which `texclass stream` accepts."),
+        p.output_folder("--output", "-o", help="Folder for the models, for use with `texclass stream`."),
     ] = None,
     as_lines: p.JsonLines = False,
 ) -> None:
     """Rehearse active exploration with a simulated hand.
 
-    It repeats the gesture with the highest expected information gain per second until the surface is sure.
+    Each step makes the gesture with the highest expected information gain per second, until the answer is
+    sure.
     """
     seconds = p.numbers_by_name("--gesture-time", gesture_time)
     from texclass.recognition import load_gestures

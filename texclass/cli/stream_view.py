@@ -1,4 +1,4 @@
-"""Output of `texclass stream`: a live display in a terminal, text lines elsewhere, or JSON lines."""
+"""Views of a stream for `texclass stream`: live display in a terminal, text lines, or JSON lines."""
 
 import json
 import math
@@ -20,7 +20,7 @@ from texclass.reporting.wording import counted
 
 
 class TextView:
-    """Prints events, notices and every verdict that differs from the previous one, one per line.
+    """Print events, notices and each change of the verdict, one per line.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class TextView:
         self.final: tuple[ContactVerdict, float, float] | None = None
         """The last verdict, with start and end of its contact in seconds."""
         self.contacts: dict[int, dict[str, Any]] | None = None
-        """The last answer of each contact, by onset; None if not stored, since a stream may never end."""
+        """The last answer of each contact, by onset. None stores no answers, since a stream may never end."""
         self.n_answers = 0
         self._printed: tuple[object, ...] = ()
 
@@ -52,7 +52,7 @@ class TextView:
         typer.echo(f"listening to {self.source}", err=True)
 
     def on_answer(self, update: WindowAnswer) -> None:
-        """Print the verdict if the contact, the surface or its certainty has changed."""
+        """Print the verdict if the contact, the surface, `sure` or `unknown` has changed."""
         verdict = update.verdict
         if (now := (update.onset, verdict.surface, verdict.sure, verdict.unknown)) != self._printed:
             self._printed = now
@@ -87,15 +87,15 @@ class TextView:
                 self.on_notice(update)
 
     def end(self) -> bool:
-        """Show the final answer, and return whether there is one."""
+        """Show the final answer if there is one, and return whether there is one."""
         if self.final is None:
-            typer.echo("no answer: no contact was long enough", err=True)
+            typer.echo("no answer: no contact was as long as one window", err=True)
             return False
         self.on_end(*self.final)
         return True
 
     def facts(self, update: WindowAnswer) -> dict[str, Any]:
-        """Return the facts of an answer, for JSON; `age_s` is the age of the last sample of its window."""
+        """Return the JSON values of an answer; `age_s` is the age of the last sample of its window."""
         fs = self.session.recogniser.fs if self.session.recogniser else math.nan
         return {
             "t_s": self.seconds(update.n_received),
@@ -114,14 +114,14 @@ class TextView:
 
 
 class JsonView(TextView):
-    """Prints one JSON object per line; its `type` is open, answer, event, notice, heartbeat or final.
+    """Print one JSON object per line, with `type` open, answer, event, notice, heartbeat or final.
 
     Parameters
     ----------
     session, source
         See `TextView`.
     heartbeat_s : float
-        Time between two heartbeats in seconds; 0 prints none.
+        Time between two heartbeats in seconds (default 0: no heartbeats).
     """
 
     def __init__(self, session: Session, source: str, heartbeat_s: float = 0.0) -> None:
@@ -155,13 +155,13 @@ class JsonView(TextView):
         self._print("open", source=self.source)
 
     def on_answer(self, update: WindowAnswer) -> None:
-        """Print an answer: the verdict of its contact, and the answer of its window alone."""
+        """Print an answer: the verdict for its contact, and the answer for its window alone."""
         window = {k: v for k, v in update.answer.to_dict().items() if k not in ("recording", "reasons")}
         compute_ms = round(update.compute_ms, 3)
         self._print("answer", **self.facts(update), window=window, compute_ms=compute_ms)
 
     def on_event(self, event: Event) -> None:
-        """Print an event, with its own time and the time at which it was detected."""
+        """Print an event, with the time at which it occurred and the time at which it was detected."""
         t_s, event_s = self.seconds(event.n_received), self.seconds(event.sample)
         self._print("event", t_s=t_s, kind=event.kind, event_s=event_s, message=event.message)
 
@@ -181,7 +181,7 @@ class JsonView(TextView):
 
 
 class TerminalView(TextView):
-    """Draws a live display in the terminal, at most ten times per second."""
+    """Draw a live display in the terminal, at most ten times a second."""
 
     def __init__(self, session: Session, source: str, console: Console) -> None:
         super().__init__(session, source)
@@ -196,7 +196,7 @@ class TerminalView(TextView):
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Stop drawing; the last display remains on the terminal."""
+        """Stop drawing; the last state stays on the terminal."""
         self._draw()
         self._live.stop()
 
@@ -205,7 +205,7 @@ class TerminalView(TextView):
         self._draw()
 
     def show(self, updates: Iterable[Event | WindowAnswer | Notice]) -> None:
-        """Store the updates of a block, and redraw the display if it is at least 0.1 s old."""
+        """Store the updates of a block, and redraw if the last drawing is at least 0.1 s old."""
         super().show(updates)
         now = time.monotonic()
         if now - self._last_draw >= 0.1:
@@ -213,11 +213,11 @@ class TerminalView(TextView):
             self._draw()
 
     def on_answer(self, update: WindowAnswer) -> None:
-        """Store the computing time of an answer."""
+        """Store the computation time of an answer."""
         self._ms.append(update.compute_ms)
 
     def on_event(self, event: Event) -> None:
-        """Store an event; a lift-off clears the answer, unless it recommends the next gesture."""
+        """Store an event. A lift-off clears the answer, except during active exploration."""
         self._events.append(f"{self.seconds(event.sample):.3f} s {event.kind}")
         has_advice = self.answer is not None and isinstance(self.answer.verdict, ExplorationVerdict)
         if event.kind == "lift-off" and not has_advice:
@@ -258,7 +258,7 @@ class TerminalView(TextView):
 
 
 def view_of(session: Session, source: str, as_lines: bool, heartbeat_s: float) -> TextView:
-    """Return the view of a session: JSON lines on request, a live display in a terminal, or text lines."""
+    """Return the view of a session: JSON lines if `as_lines`, live display in a terminal, else text."""
     if as_lines:
         return JsonView(session, source, heartbeat_s)
     console = Console()
@@ -266,7 +266,7 @@ def view_of(session: Session, source: str, as_lines: bool, heartbeat_s: float) -
 
 
 class Publisher(Protocol):
-    """Publishes answers, like `texclass.robot.AnswerPublisher`."""
+    """Protocol of publishers of answers, such as `texclass.robot.AnswerPublisher`."""
 
     def publish(self, answer: dict[str, Any]) -> None:
         """Publish one answer."""
@@ -304,7 +304,7 @@ def _surfaces(answer: WindowAnswer) -> Table:
 
 def describe_verdict(verdict: ContactVerdict) -> str:
     """Return a verdict as one line of text."""
-    unknown = "unknown surface, most like " if verdict.unknown else ""
+    unknown = "unknown surface, most similar to " if verdict.unknown else ""
     certainty = ", sure" if verdict.sure else f" (or {verdict.runner_up})"
     unit, advice = "window", ""
     if isinstance(verdict, ExplorationVerdict):
@@ -317,6 +317,6 @@ def describe_verdict(verdict: ContactVerdict) -> str:
 
 
 def bar(share: float, length: int) -> str:
-    """Return a bar of `length` characters, filled to a share of it."""
+    """Return a bar of `length` characters, of which a fraction `share` is filled."""
     n = round(min(max(share, 0.0), 1.0) * length)
     return "█" * n + "·" * (length - n)

@@ -1,4 +1,4 @@
-"""Document of a benchmark: accuracies of all rows, confusion matrix, latency, ablation."""
+"""Create the report of a benchmark: accuracies of all rows, confusion matrix, latency, ablation."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 MAX_LISTED = 6
-"""Largest number of recordings, flags or features in a note. The JSON file contains all of them."""
+"""Largest number of recordings, flags or features in a note. The JSON file lists all of them."""
 NEAR = 0.05
-"""Largest difference in accuracy to the best row for a row to be named as a faster alternative."""
+"""A faster row is named as an alternative if its accuracy is at most this much below the best one."""
 Data = Mapping[str, Any]
 
 
@@ -68,9 +68,7 @@ def benchmark_document(data: Data) -> Document:
         f"Pipeline {pipeline['name']}: {dataset_size(data['dataset'])}",
         _finding(data, best)
         if best
-        else Finding(
-            "none", "", "", "of the rows could be evaluated; the table states which features are missing."
-        ),
+        else Finding("none", "", "", "of the rows could be evaluated; the table lists the missing features."),
         dataset_facts(data),
         reproduction_facts(data, f"{pipeline['name']} ({pipeline['hash']}), features {pipeline['features']}"),
         data["versions"],
@@ -118,7 +116,7 @@ def _finding(data: Data, best: Pair) -> Finding:
     if nested := data.get("nested_cv"):
         accuracy = nested["accuracy"]
         sentence_start = (
-            f"{share}, with row and classifier selected in each training set (nested cross-validation)"
+            f"{share}, with row and classifier selected inside each training set (nested cross-validation)"
         )
         comparison = (
             f"{percent(best.accuracy['mean'])} % by {row}: {selection} (optimistic). {comparison}".rstrip()
@@ -131,7 +129,7 @@ def _finding(data: Data, best: Pair) -> Finding:
             protocol = f"`--nested-cv` gives an unbiased accuracy. {protocol}"
         brief = f"{row}; {brief}" if brief else f"{row}."
     if data.get("n_starts"):
-        protocol += f" The worst fold: {percent(accuracy['worst'])} %."
+        protocol += f" Accuracy in the worst fold: {percent(accuracy['worst'])} %."
     remarks = f"{note}95 % confidence interval{cluster_phrase(accuracy)}; {chance}"
     return Finding(
         percent(accuracy["mean"]), "%", interval(accuracy),
@@ -154,16 +152,17 @@ def _compare_with_paper(data: Data, best: Pair) -> tuple[str, str]:
     if best.published is None:
         best = max(published, key=lambda pair: float(pair.published))
         what = (
-            f"for {best.row['name']} with {classifier_title(best.classifier)}, the best published row here, "
-            f"where ours is {percent(best.accuracy['mean'])} %"
+            f"for {best.row['name']} with {classifier_title(best.classifier)}, the most accurate "
+            "published row of "
+            f"this table (ours: {percent(best.accuracy['mean'])} %)"
         )
         is_best = False
     theirs = best.published
     difference, low, high = (points(best.accuracy[key] - theirs) for key in ("mean", "low", "high"))
     return (
-        f"{difference} points [{low}, {high}] against the {100 * theirs:.0f} % published {what}. The "
-        "published accuracy has no interval and is from other recordings.",
-        f"{difference} points against the published {100 * theirs:.0f} %." if is_best else "",
+        f"{difference} points [{low}, {high}] relative to the published {100 * theirs:.0f} % {what}. The "
+        "published accuracy has no confidence interval, and was measured on other recordings.",
+        f"{difference} points relative to the published {100 * theirs:.0f} %." if is_best else "",
     )
 
 
@@ -171,20 +170,20 @@ def differences_to_published(data: Data) -> str:
     """Return why published accuracies are not comparable; an empty string if they are."""
     conditions, n = data.get("published_on"), data["dataset"]["n_surfaces"]
     if not conditions:
-        return "number of surfaces and protocol of the publication are not stated"
+        return "the pipeline does not state the number of surfaces and the protocol of the publication"
     differences = []
     if n != conditions["n_surfaces"]:
-        differences.append(f"{n} surfaces here, {conditions['n_surfaces']} there")
+        differences.append(f"{n} surfaces here, {conditions['n_surfaces']} in the publication")
     if data["protocol"] not in conditions["protocols"]:
         protocols = " or ".join(f"`{name}`" for name in conditions["protocols"])
-        differences.append(f"protocol `{data['protocol']}` here, {protocols} there")
+        differences.append(f"protocol `{data['protocol']}` here, {protocols} in the publication")
     if _test_units(data) == "windows":
-        differences.append("windows here, recordings there")
+        differences.append("windows here, recordings in the publication")
     return "; ".join(differences)
 
 
 def _rows(data: Data, best: Pair | None) -> Table:
-    """Return the accuracy of each row and classifier, next to the published one."""
+    """Return a table with the measured and published accuracies of each row and classifier."""
     names = _classifiers(data) or ["accuracy"]
     published = [name for name in names if any(name in row.get("paper", {}) for row in data["rows"])]
     columns: dict[tuple[str, str], list[str]] = {
@@ -198,7 +197,7 @@ def _rows(data: Data, best: Pair | None) -> Table:
             columns[title, "Paper %"] = ["" if value is None else f"{100 * value:.0f}" for value in theirs]
     columns["Dim", ""] = [str(row["n_features"]) for row in data["rows"]]
     columns["ms", ""] = aligned(row["ms_per_recording"] for row in data["rows"])
-    units, paper = _test_units(data), ", next to the published one" if published else ""
+    units, paper = _test_units(data), ", with published accuracies" if published else ""
     if published and (differences := differences_to_published(data)):
         paper += f" (not comparable: {differences})"
     clusters = cluster_phrase(best.accuracy) if best else ""
@@ -206,7 +205,7 @@ def _rows(data: Data, best: Pair | None) -> Table:
         pd.DataFrame(columns),
         f"Accuracy over {units} in % with 95 % confidence interval{clusters}{paper}; chance level "
         f"{percent(chance_level(data))} %. The best row is bold (selected on the test folds, optimistic). "
-        f"Dim: columns at the classifier; ms: latency per {units[:-1]}, {_latency_scope(data)}, one thread, "
+        f"Dim: number of feature columns; ms: latency per {units[:-1]}, {_latency_scope(data)}, one thread, "
         "shared transforms counted once.",
         bold_rows=[i for i, row in enumerate(data["rows"]) if best is not None and row is best.row],
         messages={
@@ -218,7 +217,7 @@ def _rows(data: Data, best: Pair | None) -> Table:
 
 
 def _further_accuracies(data: Data) -> Table | None:
-    """Return balanced accuracies, worst folds and majority votes of windows; None if there are none."""
+    """Return a table of balanced accuracies, worst folds and majority votes of windows; None if empty."""
     accuracies = [pair.accuracy for pair in list_pairs(data)]
     unit = next((u for u in ("recording", "run") if any(f"per_{u}" in a for a in accuracies)), None)
     is_unbalanced = any(abs(a.get("balanced", a["mean"]) - a["mean"]) > 1e-9 for a in accuracies)
@@ -237,9 +236,9 @@ def _further_accuracies(data: Data) -> Table | None:
         if unit is not None:
             votes = [accuracy.get(f"per_{unit}") for accuracy in accuracies]
             columns[title, f"per {unit}"] = [estimate(v) if v else "" for v in votes]
-    caption = "Further accuracies in %. " + "Balanced: mean over surfaces. " * is_unbalanced
+    caption = "Further accuracies in %. " + "Balanced: mean recall over surfaces. " * is_unbalanced
     caption += (
-        f"Worst: lowest of {data['n_folds']} folds (one start and one part of the test set each). "
+        f"Worst: lowest accuracy of {data['n_folds']} folds (each one start and one part of the test set). "
         if starts
         else ""
     )
@@ -255,7 +254,7 @@ def _ranking(data: Data, best: Pair) -> Figure:
     gaps = [pair.accuracy["mean"] - pair.published for pair in same_classifier if pair.published is not None]
     gaps = gaps if is_comparable else []
     reached = (
-        f"; with {title}, {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach the published accuracy"
+        f"; with {title}, {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach their published accuracy"
     )
     rows = []
     for row, name, ours, theirs in pairs:
@@ -275,7 +274,7 @@ def _ranking(data: Data, best: Pair) -> Figure:
 
 
 def draw_rows(data: Data, classifiers: Sequence[str] | None, width: float) -> "Drawing":
-    """Draw a figure of accuracies with intervals, published accuracies and the chance level.
+    """Draw a figure of accuracies with confidence intervals, published accuracies and the chance level.
 
     Each classifier (default: all) has its own colour and marker.
     """
@@ -288,7 +287,7 @@ def draw_rows(data: Data, classifiers: Sequence[str] | None, width: float) -> "D
 
 
 def plot_benchmark(data: Data, classifiers: Sequence[str] | None, ax: "Axes | None") -> "Axes":
-    """Plot accuracies with intervals on axes with named rows, and a legend; return the axes."""
+    """Plot accuracies with confidence intervals, row names and a legend; return the axes."""
     names = classifiers or _classifiers(data)
     row_names = [row["name"] for row in _rows_of(data, names)]
     ax = axes_or_new(ax, height=1.2 + 0.35 * len(row_names) * (1 + 0.3 * (len(names) - 1)))
@@ -300,12 +299,12 @@ def plot_benchmark(data: Data, classifiers: Sequence[str] | None, ax: "Axes | No
 
 
 def _rows_of(data: Data, classifiers: Sequence[str]) -> list[Data]:
-    """Return the rows that one of the classifiers evaluates."""
+    """Return the rows that were evaluated with at least one of the classifiers."""
     return [row for row in data["rows"] if row["accuracy"].keys() & set(classifiers)]
 
 
 def plot_rows(data: Data, classifiers: Sequence[str], axes: "Axes") -> None:
-    """Plot accuracies with intervals, published accuracies and the chance level, row i at y = i."""
+    """Plot accuracies with intervals, published accuracies and the chance level; row i is at y = i."""
     names, rows = classifiers, _rows_of(data, classifiers)
     lows = []
     for i, (name, (colour, _), shape) in enumerate(zip(names, cycle(LOOKS), cycle("os^v"), strict=False)):
@@ -364,14 +363,14 @@ def draw_example(example: Data, width: float) -> "Drawing":
 
 
 def confusion_heat_map(confusion: Data, units: str = "recordings") -> HeatMap:
-    """Return a confusion matrix as a heat map, with a table of its errors, the most frequent first.
+    """Return a confusion matrix as a heat map, with a table of its errors in descending order of frequency.
 
     Parameters
     ----------
     confusion : mapping
         `row`, `classifier`, `surfaces` and `counts` (rows: true labels), as in `BenchmarkResult.data`.
     units : str
-        Name of the tests: "recordings" (default), "windows" or "tests".
+        Name of the test items: "recordings" (default), "windows" or "tests".
     """
     names, totals = confusion["surfaces"], [sum(counts) for counts in confusion["counts"]]
     errors = [
@@ -417,7 +416,7 @@ def confusion_heat_map(confusion: Data, units: str = "recordings") -> HeatMap:
 
 
 def _costs(data: Data, best: Pair) -> Figure:
-    """Return the latency of each row with its best classifier, the most accurate row first."""
+    """Return a figure of the latency of each row with its best classifier, sorted by accuracy."""
     pair_of_row: dict[str, Pair] = {}
     for pair in sorted(list_pairs(data), key=lambda pair: -float(pair.accuracy["mean"])):
         if pair.row["ms_per_recording"] is not None:
@@ -425,13 +424,13 @@ def _costs(data: Data, best: Pair) -> Figure:
     pairs, unit = list(pair_of_row.values()), _test_units(data)[:-1]
     near = [pair for pair in pairs if pair.accuracy["mean"] >= best.accuracy["mean"] - NEAR]
     fastest = min(near, key=lambda pair: float(pair.row["ms_per_recording"]))
-    alternative = "no faster row comes within"
+    alternative = "no faster row has an accuracy within"
     if fastest.row is not best.row:
-        alternative = f"{_cost_of(fastest, unit)} is the fastest within"
+        alternative = f"{_cost_of(fastest, unit)}, is the fastest row with an accuracy within"
     return Figure(
         "row-costs",
-        f"Latency per {unit} in ms, {_latency_scope(data)}, the most accurate row first",
-        f"{_cost_of(best, unit)}, is the most accurate; {alternative} {100 * NEAR:g} points of it.",
+        f"Latency per {unit} in ms, {_latency_scope(data)}; rows sorted by accuracy",
+        f"{_cost_of(best, unit)}, is the most accurate row; {alternative} {100 * NEAR:g} points of it.",
         lambda width: draw_row_costs(pairs, width),
         Table(
             pd.DataFrame(
@@ -448,7 +447,7 @@ def _costs(data: Data, best: Pair) -> Figure:
 
 
 def _latency_scope(data: Data) -> str:
-    return f"from samples to features ({digits(data['segmentation_ms'])} ms of it segmentation)"
+    return f"from samples to features (including {digits(data['segmentation_ms'])} ms for segmentation)"
 
 
 def _cost_of(pair: Pair, unit: str) -> str:
@@ -475,8 +474,9 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
         cluster = clustered[0].get("clusters", "recording")
         units = "tests" if data.get("n_starts") else _test_units(data)
         yield (
-            f"Accuracy is the share of {units}; its interval is{cluster_phrase(clustered[0])}, because those "
-            f"of one {cluster} are not independent (t, jackknife of the logit)."
+            f"Accuracy is the fraction of {units} classified correctly. Its confidence interval is"
+            f"{cluster_phrase(clustered[0])}, because {units} of one {cluster} are not independent "
+            "(t interval, jackknife of the logit)."
         )
     yield from dict.fromkeys(filter(None, map(caution, clustered)))
     agreement = {n: value for n, value in data.get("rank_agreement", {}).items() if value is not None}
@@ -487,11 +487,14 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
             + (" [{:.2f}, {:.2f}]".format(*bounds[n]) if bounds.get(n) else "")
             for n, v in agreement.items()
         )
-        yield f"Rank correlation of the rows with the published accuracies (Spearman, 95 %): {correlations}."
+        yield (
+            "Rank correlation between measured and published accuracies of the rows (Spearman, 95 "
+            f"%): {correlations}."
+        )
     if best is not None and (columns := best.row.get("selected", {}).get(best.classifier)):
         by_share = sorted(columns.items(), key=lambda item: -item[1])
         shares = ", ".join(f"{column} {share:.0%}" for column, share in by_share)
-        yield f"Columns selected by {best.row['name']}, with the share of folds: {shares}."
+        yield f"Columns selected in {best.row['name']}, with the fraction of folds: {shares}."
     if nested := data.get("nested_cv"):
         folds = Counter((row, name) for row, name in nested["selected"]).most_common()
         n, accuracy = len(nested["selected"]), nested["accuracy"]
@@ -506,24 +509,27 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
         if row["accuracy"] and row.get("note"):
             yield sentence(f"{row['name']}: {row['note']}")
         if row["accuracy"] and row["missing"]:
-            yield f"{row['name']}: without features that the dataset does not allow: {row['missing']}."
+            yield (
+                f"{row['name']}: evaluated without features that the dataset does not allow: "
+                f"{row['missing']}."
+            )
     yield from _problems(data)
     yield from map(sentence, data["dataset"].get("notes", ()))
 
 
 def _problems(data: Data) -> Iterator[str]:
-    """Yield recordings left out, notices of loaders and undefined features, each list shortened."""
+    """Yield lists of recordings left out, loader flags and undefined features, each shortened."""
     n = data["dataset"].get("n_windows", data["dataset"]["n_recordings"])
     undefined = [one for one in data.get("undefined", []) if one["n_recordings"] < n]
     for what, lines in {
         "Recordings left out": [": ".join(item) for item in data.get("left_out", [])],
         "Recordings flagged by the loader": [": ".join(item) for item in data.get("flags", [])],
-        "Features that are undefined in some recordings (replaced by the training median)": [
+        "Features that are undefined in some recordings (replaced by the median of the training set)": [
             f"{one['feature']} in {one['n_recordings']} of {n}: {one['reason']}" for one in undefined
         ],
     }.items():
         if lines:
-            more = f"; and {len(lines) - MAX_LISTED} more, in the JSON" if len(lines) > MAX_LISTED else ""
+            more = f"; and {len(lines) - MAX_LISTED} more in the JSON file" if len(lines) > MAX_LISTED else ""
             yield sentence(f"{what}, {len(lines)}: {'; '.join(lines[:MAX_LISTED])}{more}")
 
 

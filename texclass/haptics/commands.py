@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from texclass.haptics.scene import PlannedScene
 
 TEXTURES, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap")
-"""Suffixes of files with a texture, and of files with its vibration at one speed and force."""
+"""Suffixes of textures, and of files with the vibration of a texture at one speed and force."""
 
 scene = typer.Typer(no_args_is_help=True)
 
@@ -26,11 +26,12 @@ PlannedSceneName = Annotated[
     str,
     Argument(
         metavar="SCENE",
-        help="Planned scene (.texture), or a scene to plan first: TOML, example, twenty.",
+        help="Planned scene (.texture), or a scene to plan first: TOML file, or shipped scene "
+        "(example, twenty).",
     ),
 ]
 Physical = Annotated[
-    bool, Option("--physical", help="Write 32-bit float in the unit of the vibration, for haptic devices.")
+    bool, Option("--physical", help="Write 32-bit floats in the unit of the vibration, for haptic devices.")
 ]
 
 
@@ -44,7 +45,8 @@ def describe(
         str,
         Option(
             metavar="DATASET",
-            help="Surfaces to compare with: shipped dataset, dataset card, or folder that needs no --fs.",
+            help="Dataset that defines the scales: shipped dataset, dataset card, or folder that "
+            "needs no --fs.",
             autocompletion=p.shipped_names("datasets"),
         ),
     ] = "simulated",
@@ -81,7 +83,7 @@ def describe(
 @scene.command(epilog="Example: texclass scene plan example -o example.texture")
 def plan(
     definition: Annotated[
-        str, Argument(metavar="SCENE", help="Scene file (TOML) or shipped scene: example, twenty.")
+        str, Argument(metavar="SCENE", help="Scene file (TOML), or shipped scene (example, twenty).")
     ] = "example",
     output: Annotated[
         Path | None,
@@ -92,12 +94,12 @@ def plan(
     report: Annotated[
         Path | None,
         p.output_folder(
-            "--report", help="Folder for the plan (Markdown) and a figure of the effect of speed."
+            "--report", help="Folder for a report of the plan (Markdown) and a figure of the effect of speed."
         ),
     ] = None,
     json_file: p.JsonFile = None,
 ) -> None:
-    """Select the cheapest model of each surface within the tolerance.
+    """Select the cheapest model within the tolerance for each surface.
 
     The exit code is 1 if a surface is outside the tolerance, or if time or
     memory exceed the budget.
@@ -137,10 +139,10 @@ def render(
         Path, p.output_file("--output", "-o", suffixes=[".wav"], help="WAV file to write.")
     ] = Path("scene.wav"),
 ) -> None:
-    """Render a path over a scene to WAV, sample by sample, and measure the time.
+    """Render a path over a scene to WAV, sample by sample, and measure the time per sample.
 
-    By default the WAV file is for listening: 48 kHz, 16 bit, scaled to full
-    scale. The gain is printed and stored in the file.
+    By default, the WAV file is for listening: 48 kHz, 16 bit, normalised to
+    full scale. The gain is printed and stored in the file.
     """
     from texclass.haptics.exchange import read_wav, write_wav
     from texclass.haptics.scene import default_path, read_path, render_path
@@ -170,16 +172,16 @@ def page(
         Path | None,
         Option(
             metavar="FILE",
-            help="Tap library (.texture) with the names of the surfaces (default: estimated taps).",
+            help="Tap library (.texture) with the same surface names (default: estimated taps).",
         ),
     ] = None,
     output: Annotated[
         Path, p.output_file("--output", "-o", suffixes=[".html"], help="Page to write (.html).")
     ] = Path("scene.html"),
 ) -> None:
-    """Write a self-contained HTML page on which a scene can be stroked, tapped and heard.
+    """Write a self-contained HTML page on which you can stroke, tap and hear a scene.
 
-    Speed and pressure of the pointer drive the models of the plan.
+    Speed and pressure of the pointer control the models of the plan.
     """
     from texclass.haptics.exchange import load_taps
     from texclass.haptics.scene import write_scene_page
@@ -193,7 +195,7 @@ app.add_typer(
     scene,
     name="scene",
     rich_help_panel="Rendering",
-    help="Plan the cheapest models of a scene, and render it.",
+    help="Select the cheapest models for a scene, and render it.",
 )
 
 
@@ -213,7 +215,9 @@ def texture(
     page_file: Annotated[
         Path | None,
         p.output_file(
-            "--page", suffixes=[".html"], help="Also write a page on which it can be stroked and heard."
+            "--page",
+            suffixes=[".html"],
+            help="Also write a page on which you can stroke and hear the texture.",
         ),
     ] = None,
     slider_file: Annotated[
@@ -221,12 +225,12 @@ def texture(
         p.output_file(
             "--sliders",
             suffixes=[".html"],
-            help="Also write a page with a slider per scale of `texclass describe`.",
+            help="Also write a page with one slider per scale of `texclass describe`.",
         ),
     ] = None,
     json_file: p.JsonFile = None,
 ) -> None:
-    """Show family, points, order, sampling rate, unit and bytes of a texture."""
+    """Show the properties of a texture: family, points, order, sampling rate, unit and size in bytes."""
     from texclass.haptics.exchange import describe
     from texclass.reporting import Document, print_document
 
@@ -275,7 +279,7 @@ def convert(
         Path,
         Argument(
             help="Texture, taps or scene (.texture), HaTT model (.xml) or pattern (.hjif, .ahap); with "
-            "--bytes also a recording."
+            "--bytes, a texture or a recording."
         ),
     ],
     *,
@@ -287,15 +291,17 @@ def convert(
         list[str] | None,
         Option(
             metavar="SCALE=VALUE",
-            help="Change a texture on a scale of `texclass describe` (repeatable): rough=8, bumpy=2, fine=5, "
-            "regular=4; hard=7 if it has a tap, sticky=3 if it has friction.",
+            help="Set a texture's value on a scale of `texclass describe` (repeatable): rough=8, "
+            "bumpy=2, fine=5, "
+            "regular=4; hard=7 if the texture has a tap, sticky=3 if it has friction.",
         ),
     ] = None,
     fs: Annotated[
         float | None,
         Option(
             metavar="HZ",
-            help="Sampling rate of the models in .xml (default: 1000), or of a recording that states none.",
+            help="Sampling rate of the models in .xml (default: 1000), or of a recording whose file "
+            "states none.",
         ),
     ] = None,
     unit: Annotated[
@@ -309,11 +315,17 @@ def convert(
     ] = None,
     speed: Annotated[
         float | None,
-        Option(metavar="MM/S", help="Speed of the vibration (default: the middle of the texture's range)."),
+        Option(
+            metavar="MM/S",
+            help="Speed at which the vibration is rendered (default: the middle of the texture's range).",
+        ),
     ] = None,
     force: Annotated[
         float | None,
-        Option(metavar="NEWTON", help="Force of the vibration (default: the middle of the texture's range)."),
+        Option(
+            metavar="NEWTON",
+            help="Force at which the vibration is rendered (default: the middle of the texture's range).",
+        ),
     ] = None,
     duration: Annotated[float, Option(metavar="S", help="Duration of the vibration, at most 30 s.")] = 2.0,
     physical: Physical = False,
@@ -330,10 +342,10 @@ def convert(
 ) -> None:
     """Convert a surface to the format of another device, and list the losses.
 
-    .texture and HaTT .xml hold a texture for all speeds and forces. MPEG haptics
-    (.hjif), Apple patterns (.ahap) and WAV hold its vibration at one speed and
-    force. Patterns can be rendered to WAV, and .hjif can be converted back to a
-    texture, as far as it holds one.
+    .texture and HaTT .xml contain a texture for all speeds and forces. MPEG
+    haptics (.hjif), Apple patterns (.ahap) and WAV contain its vibration at one
+    speed and force. Patterns can be rendered to WAV. A .hjif file can be
+    converted to a texture if it contains one.
     """
     scales = p.numbers_by_name("--scale", scale)
     from texclass.reporting import Document, print_document
@@ -347,7 +359,7 @@ def convert(
         try:
             is_wav = kinds[1] == ".wav"
             losses = _render_pattern(source, output, physical) if is_wav else _read_texture(source, output)
-        except ValueError as error:  # readers of patterns do not name the file
+        except ValueError as error:  # the readers of patterns do not name the file
             raise ValueError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
     elif kinds[0] in TEXTURES and kinds[1] in (*PATTERNS, ".wav"):
         losses = _write_rendition(_rendition(source, surface, speed, force, duration, seed), output, physical)
@@ -355,8 +367,8 @@ def convert(
         losses = _convert_texture(source, output, 1000.0 if fs is None else fs, order)
     else:
         raise ValueError(
-            f"cannot convert {source} to {output.name}. Expected .texture or .xml to each other or to .hjif, "
-            ".ahap or .wav; .hjif or .ahap to .wav; or .hjif to .texture"
+            f"cannot convert {source} to {output.name}. Expected .texture to .xml, .hjif, .ahap or "
+            ".wav; .xml to .texture, .hjif, .ahap or .wav; .hjif to .texture or .wav; or .ahap to .wav"
         )
     typer.echo(f"wrote {output}, {output.stat().st_size} bytes")
     if losses:
@@ -364,7 +376,7 @@ def convert(
 
 
 def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str | None) -> dict[str, str]:
-    """Write a texture or a recording as a small texture of `n_bytes`, and return the losses."""
+    """Write a texture or a recording as a packed texture of `n_bytes`, and return the losses."""
     from texclass.haptics import exchange
     from texclass.haptics.textures import pack
     from texclass.loaders import load_recording
@@ -375,15 +387,15 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
         friction = ""
     else:
         packed = pack(load_recording(source, fs=fs, unit=unit), n_bytes, name=source.stem)
-        validity = "those of the recording"
+        validity = "speeds and forces of the recording"
         taps = "none detected, or too few bytes"
-        friction = ", in the unit of the recording's channel; other devices read it as a coefficient"
+        friction = ", in the unit of the recording's channel; devices interpret it as a friction coefficient"
     if packed.model.speeds.size > 1:
-        conditions = f"{validity}: level as a function of both, two spectra"
+        conditions = f"{validity}: level as a function of speed and force, two spectra"
     else:
-        conditions = "one spectrum and one level for all"
+        conditions = "one spectrum and one level for all speeds and forces"
     if n_modes := packed.tap.n_modes:
-        taps = f"one, neither the hardest nor the softest, as {n_modes} decaying sinusoids"
+        taps = f"one tap of medium hardness, as {n_modes} decaying sinusoids"
     exchange.save_texture(packed, target)
     return {
         "speed and force": conditions,
@@ -452,7 +464,7 @@ def _rendition(
         _check_surface(source, name, names)
         texture = SceneSurface(scene, str(name))
     elif surface is not None:
-        raise ValueError(f"{source} contains a single texture, got --surface {surface!r}. Omit --surface")
+        raise ValueError(f"{source} contains a single texture, but --surface is {surface!r}. Omit --surface")
     else:
         texture = load_texture(source)
     return play_texture(texture, unit=facts["unit"], speed=speed, force=force, seconds=seconds, seed=seed)
@@ -497,11 +509,11 @@ def _render_pattern(source: Path, target: Path, physical: bool) -> dict[str, str
         haptics = read_hjif(source)
         vibrations = [p for p in haptics.perceptions if p.perception_modality.startswith("Vibrotactile")]
         if not vibrations:
-            raise ValueError(f"{source} contains no vibration. Expected a Vibrotactile perception")
+            raise ValueError(f"{source} contains no vibration. Expected at least one Vibrotactile perception")
         samples = play_hjif(haptics.model_copy(update={"perceptions": tuple(vibrations)}))
         write_wav(target, samples[:, 0] if samples.shape[1] == 1 else samples, FS, encoding=encoding)
         n_dropped = len(haptics.perceptions) - len(vibrations)
-        return {"perceptions": f"{n_dropped} other than vibrations"} if n_dropped else {}
+        return {"perceptions": f"{n_dropped} other than vibrations omitted"} if n_dropped else {}
     samples = play_ahap(read_ahap(source), FS)
     write_wav(target, samples, FS, unit="arbitrary", encoding=encoding)
     return {"unit": "AHAP has no unit: 1 is its full intensity"}

@@ -1,4 +1,4 @@
-"""Model cards and predictions as documents."""
+"""Create model cards, and tables of predictions, as documents."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -35,7 +35,7 @@ def model_document(model: Model) -> Document:
         "Accuracy": _accuracy(m.accuracy),
         "Held out": _held_out(m),
         "Not evaluated": "; ".join(m.accuracy.get("not_evaluated", ()))
-        or "nothing that the recordings state",
+        or "none of the conditions that the recordings state",
         "Probabilities": _probabilities(m),
         "Prediction sets": _prediction_sets(model),
         "Unknown surfaces": _unknown(m),
@@ -60,22 +60,23 @@ def _not_exportable(accuracy: Mapping[str, Any]) -> str:
     if "not_exportable" not in accuracy:
         return ""
     names = ", ".join(accuracy["not_exportable"])
-    return f"{names}: not exportable to ONNX; with them, accuracy {100 * accuracy['with_all_features']:.1f} %"
+    accuracy_with_all = f"{100 * accuracy['with_all_features']:.1f} %"
+    return f"{names}, which cannot be exported to ONNX; accuracy with these features: {accuracy_with_all}"
 
 
 def _pipeline(m: Manifest) -> str:
-    """Return row and classifier, the number of candidates, and the budget."""
+    """Return the row, the classifier, the number of candidates and the budget."""
     pipeline = m.pipeline
-    selection = f", best of {m.accuracy['n_candidates']}" if m.accuracy["n_candidates"] > 1 else ""
+    selection = f", best of {m.accuracy['n_candidates']} pairs" if m.accuracy["n_candidates"] > 1 else ""
     shortage = ""
     if "shortage" in pipeline:
-        shortage = f"; {pipeline['shortage']}: too few to select on, thresholds are wider"
+        shortage = f"; {pipeline['shortage']}: too few to select row and classifier, and thresholds are wider"
     budget = f"; within {pipeline['budget']}" if "budget" in pipeline else ""
     return f"{pipeline['name']}: {pipeline['row']} with {pipeline['classifier']}{selection}{shortage}{budget}"
 
 
 def _recordings(m: Manifest) -> str:
-    """Return phases, sampling rate, unit and length of recordings."""
+    """Return the phases, sampling rate, unit and length of the recordings that the model accepts."""
     length = f", movements of at least about {m.shortest_s:.2g} s" if m.shortest_s is not None else ""
     if m.window_s is not None:
         length = f", windows of {m.window_s:g} s"
@@ -83,23 +84,25 @@ def _recordings(m: Manifest) -> str:
 
 
 def _accuracy(accuracy: Mapping[str, Any]) -> str:
-    """Return the accuracy on held-out recordings, and the interval for later ones."""
+    """Return the accuracy on held-out recordings, and the interval for later recordings."""
     if "mean" not in accuracy:
         return "not evaluated: no recording could be held out"
     low, mean, high = (f"{100 * accuracy[name]:.1f}" for name in ("low", "mean", "high"))
     conditions, addition = accuracy.get("not_evaluated"), ""
     if later := accuracy.get("later_recordings"):
         later_low, later_high = 100 * later["low"], 100 * later["high"]
-        addition = f"; later recordings: {later_low:.0f} to {later_high:.0f} %, from other datasets"
+        addition = (
+            f"; expected for later recordings: {later_low:.0f} to {later_high:.0f} % (from other datasets)"
+        )
     elif conditions and conditions[0].startswith(LATER_RECORDINGS):
         addition = "; later recordings: not evaluated"
     return f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['description']}{addition}"
 
 
 def _held_out(m: Manifest) -> str:
-    """Return the protocol, its reason, and the effect of drift."""
+    """Return the protocol, the reason for it, and the effect of drift."""
     factor, folds = m.unknown["drift_factor"], counted(m.accuracy["n_folds"], "fold")
-    drift = f"; drift multiplies distances by {factor:.2g}" * (factor > 1)
+    drift = f"; drift multiplies the distances of the novelty score by {factor:.2g}" * (factor > 1)
     return f"protocol {m.accuracy['protocol']}, {folds} ({m.accuracy['reason']}){drift}"
 
 
@@ -110,7 +113,7 @@ def _unknown(m: Manifest) -> str:
         return "not evaluated: too few recordings were held out"
     notes = ""
     if unknown.get("p_threshold", 1) < unknown["false_alarms"]:
-        notes += "; with so few, unknown surfaces are often missed"
+        notes += "; unknown surfaces are often missed, since there are few held-out recordings"
     if m.accuracy.get("later_recordings"):
         notes += "; later recordings may be reported as unknown more often"
     return (
@@ -126,7 +129,7 @@ def _cost(cost: Mapping[str, float]) -> str:
 
 
 def describe_adaptation(manifest: Manifest) -> str:
-    """Return the references of an adapted model, and the size of the map.
+    """Describe the references and the feature map of an adapted model.
 
     Parameters
     ----------
@@ -137,22 +140,22 @@ def describe_adaptation(manifest: Manifest) -> str:
     n_references = counted(len(manifest.adapted["references"]), "reference")
     labels = "unlabelled"
     if surfaces:
-        labels = f"{len(surfaces)} of {counted(len(set(surfaces)), 'known surface')}"
+        labels = f"{len(surfaces)} labelled, {counted(len(set(surfaces)), 'surface')}"
     low, median, high = manifest.adapted["scale"]
     return (
         f"{n_references}, {labels} ({manifest.adapted['hash'][:12]}), map {manifest.adapted['map']}: "
         f"columns scaled by {median:.2g} ({low:.2g} to {high:.2g}); threshold for unknown surfaces from "
-        f"{manifest.adapted['threshold_from']}; accuracy and calibration are those of the training"
+        f"{manifest.adapted['threshold_from']}; accuracy and calibration were measured before the adaptation"
     )
 
 
 def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
-    """Return predictions as a table, one row per file, with the reasons below.
+    """Return predictions as a table with one row per file, followed by the reasons of the answers.
 
     Parameters
     ----------
     answers : sequence of (str, Answer)
-        File and answer. A file is listed by the name of its recording, unless another file has the same.
+        File and answer. A file is listed by its recording identifier, unless two files have the same one.
 
     Examples
     --------
@@ -188,7 +191,7 @@ def _probabilities(m: Manifest) -> str:
     calibration = m.calibration
     method = f"{calibration['method']} scaling, beta {calibration['beta']:.3g}"
     if "expected_error" not in calibration:
-        return f"{method}; from other datasets"
+        return f"{method}, with beta from other datasets"
     chance = calibration.get("error_by_chance")
     by_chance = f" ({chance:.3f} expected by chance)" if chance else ""
     error = f"{calibration['expected_error']:.3f} on {calibration['n']} held-out {_unit(m)}"
@@ -196,7 +199,7 @@ def _probabilities(m: Manifest) -> str:
 
 
 def _prediction_sets(model: Model) -> str:
-    """Return levels and calibration set of the prediction sets."""
+    """Return the coverage levels and the calibration set of the prediction sets."""
     if not model.set_calibrations:
         return "none"
     calibration = model.set_calibrations["answer"]

@@ -20,23 +20,26 @@ def export(
     ],
     start: Annotated[
         Literal["features", "samples"],
-        Option("--from", help="Input of the ONNX model: features that you compute, or windows of samples."),
+        Option(
+            "--from",
+            help="Input of the ONNX model: features that your program computes, or windows of samples.",
+        ),
     ] = "features",
     window: Annotated[
         float | None,
         Option(metavar="S", help="Length of the windows with --from samples (default: as in training)."),
     ] = None,
     check: Annotated[
-        bool, Option("--check", help="Check the answers of an ONNX file against those stored in it.")
+        bool, Option("--check", help="Compare the answers of an ONNX file with the answers stored in it.")
     ] = False,
     output: Annotated[
         Path | None, p.output_file("--output", "-o", suffixes=[".onnx"], help="ONNX file to write (.onnx).")
     ] = None,
     json_file: p.JsonFile = None,
 ) -> None:
-    """Write a model as ONNX, after checking that its answers equal those of texclass."""
+    """Export a model to ONNX, if the answers of the exported model equal those of texclass."""
     if not check and output is None:
-        raise typer.BadParameter("one of --output and --check is required")
+        raise typer.BadParameter("pass --output to write an ONNX file, or --check to check one")
     if window is not None and start != "samples":
         raise typer.BadParameter("--window requires --from samples")
     import json
@@ -55,5 +58,5 @@ def export(
     if exported.sample_parity is not None:
         typer.echo(str(exported.sample_parity))
     if exported.single_precision:
-        typer.echo(f"in single precision: {', '.join(exported.single_precision)}")
+        typer.echo(f"operators in single precision: {', '.join(exported.single_precision)}")
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")

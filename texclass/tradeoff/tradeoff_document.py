@@ -1,4 +1,4 @@
-"""Report of a trade-off: accuracy against latency, signal length, training recordings, rate and bits."""
+"""Create the report of a trade-off: accuracy against latency, signal length, training set, rate and bits."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -52,21 +52,24 @@ def tradeoff_document(data: Data) -> Document:
     window_s = data["dataset"].get("max_seconds")
     window = f", {window_s:g} s of each" if window_s else ""
     knee, full, half, total = data["knee"], data["full"], data["at_half_cost"], data["total_ms"]
-    difference = f"{points(knee['accuracy']['mean'] - full['mean'])} points against the full set"
+    difference = f"{points(knee['accuracy']['mean'] - full['mean'])} points relative to the full set"
     finding = Finding(
         percent(knee["accuracy"]["mean"]),
         "%",
         interval(knee["accuracy"]),
-        f"of recordings classified correctly at the knee point (selected on these folds, optimistic), with a "
+        "of recordings classified correctly at the knee point (selected on the test folds, "
+        "optimistic), with a "
         f"latency budget of {digits(knee['budget_ms'])} ms ({100 * knee['budget_ms'] / total:.0f} % of the "
-        f"{digits(total)} ms of the full set). Protocol: {data['protocol']}; features are selected in each "
+        f"{digits(total)} ms of the full set). Protocol: {data['protocol']}; features are selected "
+        "inside each "
         f"training set; 95 % confidence interval{cluster_phrase(data)}; "
         f"chance level {percent(chance_level(data))} %.",
-        f"{difference} ({estimate(full)} %); at half the cost of its features "
+        f"{difference} ({estimate(full)} %). At half the cost of its features: "
         f"{points(half['accuracy']['mean'] - full['mean'])} points, and "
-        f"{points(half['plain']['mean'] - full['mean'])} by sequential selection "
-        "that ignores costs and stops at the budget.",
-        f"At the knee point, {digits(knee['budget_ms'])} ms per recording; {difference}, {digits(total)} ms.",
+        f"{points(half['plain']['mean'] - full['mean'])} points with sequential selection that ignores costs "
+        "and stops at the budget.",
+        f"At the knee point, {digits(knee['budget_ms'])} ms per recording; {difference} "
+        f"({digits(total)} ms).",
     )
     return Document(
         f"{data['dataset']['name']}, accuracy against latency",
@@ -95,7 +98,7 @@ def _blocks(data: Data) -> Iterator[Block]:
         scene = ", ".join(data["dataset"].get("surfaces") or ()) or "this scene"
         rows = [(str(n), estimate(accuracy)) for n, accuracy in data["smallest_subsets"]]
         yield Heading("Smallest subsets of columns for these surfaces")
-        caption = f"Accuracy with the best columns, selected in each training set, for {scene}."
+        caption = f"Accuracy for {scene} with the best columns, selected inside each training set."
         yield Table(pd.DataFrame(rows, columns=["Columns", "% [95 %]"]), caption)
     if data.get("curves"):
         yield Heading("Accuracy against other costs")
@@ -107,8 +110,8 @@ def _blocks(data: Data) -> Iterator[Block]:
         "Shared transforms", [Table(pd.DataFrame(parts, columns=["Transform", "ms per recording"]))]
     )
     times = [(classifier_title(c["name"]), c["fit_ms"], c["predict_ms"]) for c in data["classifiers"]]
-    titles = ["Classifier", "fit, all recordings, ms", "predict, one recording, ms"]
-    yield Details("Classifiers", [Table(pd.DataFrame(times, columns=titles), "On all columns.")])
+    titles = ["Classifier", "fit on all recordings, ms", "predict one recording, ms"]
+    yield Details("Classifiers", [Table(pd.DataFrame(times, columns=titles), "Times with all columns.")])
 
 
 def _at(point: Data) -> str:
@@ -116,7 +119,7 @@ def _at(point: Data) -> str:
 
 
 def _front(data: Data) -> Table:
-    """Return the table of accuracy and columns at each budget, and of the full set."""
+    """Return a table with accuracy and number of columns for each budget and for the full set."""
     front = data["front"]
     keys = {"knee point": "knee", "half the cost": "at_half_cost"}
     marks = [", ".join(name for name, key in keys.items() if point == data[key]) for point in front]
@@ -134,8 +137,9 @@ def _front(data: Data) -> Table:
     ]  # fmt: skip
     return Table(
         pd.DataFrame(rows, columns=titles),
-        "Features and columns: mean over folds; ms: latency per recording, one thread, this machine, with "
-        "conditioning; plain: sequential selection that ignores costs. 95 % confidence intervals"
+        "Features and columns: mean over folds; ms: latency per recording, one thread, this machine, "
+        "including "
+        "conditioning; Plain: sequential selection that ignores costs. 95 % confidence intervals"
         f"{cluster_phrase(data)}; chance level {percent(chance_level(data))} %.",
         bold_rows=[i for i, mark in enumerate(marks) if mark.startswith("knee")],
     )
@@ -146,29 +150,29 @@ def _notes(data: Data) -> Iterator[str]:
     file = f"; saved as {selection['file']}" if selection.get("file") else ""
     n_columns = counted(len(selection["columns"]), "column")
     yield (
-        f"Pipeline at the budget ({selection['reason']}): {n_columns} of "
-        f"{', '.join(selection['features'])}; {digits(selection['predicted_ms'])} ms by the cost model, "
-        f"{digits(selection['measured_ms'])} ms measured when pruned; "
+        f"Selected pipeline ({selection['reason']}): {n_columns} of "
+        f"{', '.join(selection['features'])}; latency {digits(selection['predicted_ms'])} ms by the "
+        "cost model, "
+        f"{digits(selection['measured_ms'])} ms measured without the other features; "
         f"{estimate(selection['accuracy'])} %{file}."
     )
-    share = "of every cost" if data.get("whole_path") else "more"
-    yield f"Segmentation takes {digits(data['segmentation_ms'])} ms {share}, for every selection."
+    share = "included in each latency" if data.get("whole_path") else "not included in the latencies"
+    yield f"Segmentation takes {digits(data['segmentation_ms'])} ms for every selection, {share}."
     if machine := data.get("costs_of"):
-        yield f"Latency was measured once on {machine}, and is stored in the cache folder."
+        yield f"Latency was measured once on {machine} and cached."
     if note := data.get("knee_note"):
         yield sentence(f"Knee point: {note}")
     if pairs := data.get("model_check"):
         worst = max(abs(predicted / measured - 1) for predicted, measured in pairs)
         yield (
             f"The cost model deviates from the measured cost of {counted(len(pairs), 'random subset')} by at "
-            "most "
-            f"{100 * worst:.0f} %."
+            f"most {100 * worst:.0f} %."
         )
     yield from map(sentence, [*data.get("notes", ()), *data["dataset"].get("notes", ())])
 
 
 def _curves(curves: Sequence[Data], chance: float) -> Figure:
-    """Return the figure of accuracy against other costs, one panel each, and its table."""
+    """Return a figure of accuracy against other costs, with one panel per cost, and its table."""
     rows = [
         (curve["name"], curve["series"], label, estimate(accuracy))
         for curve in curves
@@ -194,7 +198,7 @@ def _labels(curve: Data) -> list[str]:
 
 
 def _costs(data: Data) -> Figure:
-    """Return the costs of each feature: its share of the full set, alone, and the saving without it."""
+    """Return a figure of feature costs: share of the full set, cost alone, and time saved without it."""
     costs = sorted(data["costs"], key=lambda cost: -cost["share"])
     frame = pd.DataFrame({"Feature": [cost["feature"] for cost in costs]})
     for title, key in {
@@ -206,11 +210,15 @@ def _costs(data: Data) -> Figure:
     return Figure(
         "costs",
         "Cost of features, one recording",
-        f"The full set takes {digits(data['total_ms'])} ms; the most expensive of {len(costs)} features is "
-        f"{costs[0]['feature']} with a share of {digits(costs[0]['share'])} ms.",
+        f"The full set takes {digits(data['total_ms'])} ms. The most expensive of its {len(costs)} "
+        "features is "
+        f"{costs[0]['feature']}, with a share of {digits(costs[0]['share'])} ms.",
         lambda width: draw_costs(costs, set(data["selection"]["features"]), width),
         Table(
-            frame, "ms per recording; share: shared transforms split equally between those that need them."
+            frame,
+            "ms per recording. In the share, the cost of a shared transform is split equally between "
+            "the features "
+            "that use it.",
         ),
     )
 
@@ -249,14 +257,14 @@ def plot_front(data: Data, axes: "Axes") -> None:
 
 
 def limit_accuracy(axes: "Axes", lows: Sequence[float], chance: float) -> None:
-    """Set the limits of the vertical axis in per cent below the smallest value, and draw the chance level."""
+    """Set the limits of the accuracy axis to include the smallest value, and draw the chance level."""
     low, high = per_cent_limits(lows)
     chance_line(axes.axhline, chance, low)
     axes.set_ylim(low, high)
 
 
 def draw_costs(costs: Sequence[Data], selected: Collection[str], width: float) -> "Drawing":
-    """Draw two separate bars for each feature, its share and its cost alone, with one tooltip each."""
+    """Draw two bars for each feature: its share of the full set and its cost alone, each with a tooltip."""
     names = [f"{'● ' if cost['feature'] in selected else ''}{cost['feature']}" for cost in costs]
     figure, axes = row_axes(width, names, "ms (● selected at the budget)")
     for key, colour, offset, label in (
@@ -272,7 +280,7 @@ def draw_costs(costs: Sequence[Data], selected: Collection[str], width: float) -
 
 
 def draw_curves(curves: Sequence[Data], width: float, chance: float) -> "Drawing":
-    """Draw accuracy against other costs, one panel each."""
+    """Draw accuracy against other costs, with one panel per cost."""
     panels: dict[str, list[Data]] = {}
     for curve in curves:
         title = f"{curve['name']}, {curve['unit']}" if curve["unit"] else curve["name"]
@@ -322,7 +330,7 @@ def _line(
     *,
     band: bool = True,
 ) -> None:
-    """Draw accuracies as a line, their intervals as a band, and a tooltip for each point."""
+    """Draw accuracies as a line and their confidence intervals as a band, with a tooltip for each point."""
     mean, low, high = (100 * np.array([a[key] for a in accuracies]) for key in ("mean", "low", "high"))
     if band:
         axes.fill_between(x, low, high, color=colour, alpha=0.12, linewidth=0)
