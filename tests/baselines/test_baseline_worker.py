@@ -145,5 +145,5 @@ def test_a_baseline_that_is_not_there_is_reported_as_not_installed(task, tmp_pat
 
 
 def test_no_such_interpreter_is_a_bad_input(tmp_path):
-    with pytest.raises(ValueError, match=r"nowhere/python.*Expected a Python interpreter"):
+    with pytest.raises(ValueError, match=r"nowhere/python.*Expected the path of a Python interpreter"):
         run_worker(Path("nowhere/python"), tmp_path, "mfcc", tmp_path / "out", 1.0)

@@ -200,7 +200,7 @@ def test_classifiers_that_reject_single_recordings_have_no_accuracy(toy_dataset,
     outcome = run_benchmark(toy_dataset(3, 8), several, protocol="few-shot 1").data["rows"]
     assert list(outcome[0]["accuracy"]) == ["naive_bayes", "euclidean"]  # no lda
     assert not outcome[1]["accuracy"]
-    assert outcome[1]["missing"] == "single recordings are too few for its classifiers"
+    assert outcome[1]["missing"] == "its classifiers need more recordings per surface"
 
 
 def test_the_interval_of_rank_agreement_covers():

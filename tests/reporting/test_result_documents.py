@@ -141,7 +141,7 @@ PROBLEMS = {
          ["Recordings left out, 1: r1: empty.", "r5: clipped; and 3 more in the JSON file.",
           "waviness in 3 of 100: too short"], ["100 of 100"]),
         (lambda d: over_operators(d, "Wilson", 3),
-         ["95 % confidence interval over 3 operators", "3 operators are too few for their spread"], []),
+         ["95 % confidence interval over 3 operators", "3 operators are too few to show their spread"], []),
         (lambda d: over_operators(d, "t", 7, mean=0.97),
          ["Near 0 or 100 % the interval of 7 operators may be too narrow."], []),
     ],

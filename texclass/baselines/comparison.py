@@ -92,7 +92,7 @@ class BaselineComparison(Result, kind="baselines"):
     `time_limit_s` of the baselines; and the `contestants`, ours first. Each contestant has a `status` and a
     `message`, the number of columns (`n_columns`) and of finished folds (`n_folds`), its `accuracy`, its
     `cost` (CPU time of one thread without compilation, memory), and `difference`: the accuracy of our first
-    contestant minus that of this contestant.
+    contestant minus the accuracy of this contestant.
     """
 
     @property
@@ -180,8 +180,8 @@ def compare_with_baselines(
     notes, benchmark = list[str](), result.data
     if not protocol.is_nested:
         notes.append(
-            "the preparation of ours is fitted on all recordings, test folds included, as in the protocol; "
-            "that of the baselines is not"
+            "our preparation is fitted on all recordings, test folds included, as in the protocol; the "
+            "preparation of the baselines is fitted on the training set of each fold"
         )
     notes += _length_notes(lengths)
     return BaselineComparison(
@@ -403,8 +403,8 @@ def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
         share = sum(n < median for n in lengths) / len(lengths)
         yield (
             f"signals have {shortest} to {longest} samples; QUANT and the rockets need signals of equal "
-            "length, the median (of the training set for the rockets, of all recordings for QUANT; here "
-            f"about {median}): longer ones are cut at both ends, shorter ones ({share:.0%}) are padded with "
+            "length: the median of all recordings (QUANT) or of the training set (rockets), here about "
+            f"{median}; longer signals are cut at both ends, shorter signals ({share:.0%}) are padded with "
             "zeros, from which the baseline may learn their length"
         )
 

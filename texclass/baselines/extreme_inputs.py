@@ -28,7 +28,7 @@ from texclass.stability.subjects_signals import SHORT
 LIBRARIES = ("librosa", "scipy", "spectrum", "statsmodels", "pysptk", "tsfel", "tsfresh", "pycatch22")
 """Public libraries to test if they are installed."""
 CORE = ("librosa", "scipy")
-"""Dependencies of texclass. A quick run tests only these, because importing the others takes seconds."""
+"""Dependencies of texclass. A quick run tests only these, because importing other libraries takes seconds."""
 BURG, AUTOCORRELATION = "Burg", "the autocorrelation method"
 MAX_ORDER = 400
 """Largest order passed to public libraries. At higher orders, some of them take minutes."""

@@ -300,7 +300,7 @@ def corrected_resampled_t(
     """Return the 95 % interval and p-value of a mean difference over repeated folds (corrected t-test).
 
     The training sets of folds overlap. Their differences d_1 ... d_J are therefore correlated, and the plain
-    t-test reports too many significant differences. With the corrected variance of the mean,
+    t-test reports too many significant differences. The test uses a corrected variance of the mean:
 
         t = mean d / sqrt((1/J + n_test/n_train) s^2),  J - 1 degrees of freedom,
 

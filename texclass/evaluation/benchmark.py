@@ -377,7 +377,7 @@ def _line(
     features = pipeline.features.restricted_to(row.definition.features)
     shares = {name: zip(row.columns, e.support.tolist(), strict=True) for name, e in evaluations.items()}
     has_selection = row.definition.select is not None
-    problem = "single recordings are too few for its classifiers" if row.columns and not evaluations else None
+    problem = "its classifiers need more recordings per surface" if row.columns and not evaluations else None
     return {
         "name": row.definition.name,
         "n_features": row.n_features,

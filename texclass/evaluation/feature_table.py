@@ -390,7 +390,7 @@ def extract_partitions(
 def _write_partition(
     dataset: Dataset, feature_set: FeatureSet, path: Path, skip_bad: bool
 ) -> tuple[str, int, tuple[LeftOutRecording, ...], tuple[str, ...]]:
-    """Compute and write one file; return its summary only, because sending tables is slow."""
+    """Compute and write one file, and return only a summary, because sending tables is slow."""
     table = extract_table(dataset, feature_set, path, skip_bad=skip_bad)
     return path.name, table.n_recordings, table.left_out, table.notices
 
@@ -523,7 +523,7 @@ def _join(
             return None
     if not pairs:
         raise RecordingError(
-            f"{dataset.name}: no recording can be used. Reason of the first one: {left_out[0].reason}"
+            f"{dataset.name}: no recording can be used. Problem of the first recording: {left_out[0].reason}"
         )
     axes = Counter(tuple(row.axes) for _, row in pairs)
     usual_axes, n_usual = axes.most_common(1)[0]

@@ -82,8 +82,8 @@ def caution(accuracy: Mapping[str, Any]) -> str:
     n, units = accuracy.get("n_clusters") or FEW_CLUSTERS, f"{accuracy.get('clusters')}s"
     method = accuracy.get("interval", "")
     if method.startswith("Wilson over"):
-        why = "agree, so that they have no spread" if n >= MIN_CLUSTERS else "are too few for their spread"
-        return f"{n} {units} {why}: each counts as one test in the interval."
+        why = "have the same accuracy" if n >= MIN_CLUSTERS else "are too few to show their spread"
+        return f"{n} {units} {why}, so each counts as one test in the interval."
     if n < FEW_CLUSTERS and method.startswith("t over") and not 0.1 < accuracy["mean"] < 0.9:
         return f"Near 0 or 100 % the interval of {n} {units} may be too narrow."
     return ""

@@ -119,7 +119,7 @@ def grouped(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
 
 @of_recordings
 def leave_one_out(table: pd.DataFrame, label: str) -> Splits:
-    """Use each group of a label once as the test set, and the others as the training set.
+    """Use the recordings with each value of a label once as the test set, and the rest as the training set.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def few_shot(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Spl
 
 
 def _random_shots(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Splits:
-    """Draw `n_shots` runs of each surface for training, `n_starts` times; test on all others."""
+    """Draw `n_shots` training runs of each surface, `n_starts` times; test on all remaining runs."""
     run_of_row = pd.DataFrame({"surface": table["surface"], "run": runs(table)})
     all_runs = run_of_row.drop_duplicates().sort_values(["surface", "run"])
     _require_each(all_runs["surface"].value_counts(), n_shots + 1, "run", protocol="few-shot")

@@ -128,7 +128,7 @@ def cut_windows(
 
 
 def add_overlapping_windows(dataset: Dataset, overlap: int) -> Dataset:
-    """Return a dataset of short windows with additional training windows that overlap adjacent ones.
+    """Return a dataset with additional training windows that overlap its short windows.
 
     The features of a short window depend strongly on where it starts. Additional windows of the same movement
     with different starts represent this variation in the training set. They are never tested (see

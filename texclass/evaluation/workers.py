@@ -111,8 +111,8 @@ def run_parallel(
         Picklable functions without arguments, such as partials of module-level functions. Each uses one
         thread for linear algebra.
     n_jobs : int
-        Number of processes on this machine (default 1; -1: one per core). A cluster ignores it and uses all
-        its workers.
+        Number of processes on this machine (default 1; -1: one per core). A cluster always uses all its
+        workers.
     progress : callable, optional
         Function called after each result with (done, total, stage).
     stage : str

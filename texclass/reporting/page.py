@@ -98,7 +98,7 @@ def _versions(documents: Sequence[Document]) -> Table | None:
 
 
 def _heads(table: Table) -> list[list[dict[str, Any]]]:
-    """Return the header lines of a table: one, or a line of groups above a line of columns."""
+    """Return the header lines of a table: one line of columns, with a line of groups above it if needed."""
     columns = [tuple(title.replace(" %", "\xa0%") for title in parts) for parts in column_titles(table.frame)]
     bottom = [
         {"text": part, "span": 1, "rows": 1, "column": i} for i, (_, part) in enumerate(columns) if part

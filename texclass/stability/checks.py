@@ -25,7 +25,7 @@ _FLOATING_POINT = re.compile(
     r"(invalid value|divide by zero|overflow|underflow) encountered|Mean of empty slice|Degrees of freedom"
 )
 _UNDEFINED = re.compile(r"\bnan\b|undefined|constant|too short|singular|not converge|ill.condition", re.I)
-"""Words in a warning of a library which state that its result is undefined."""
+"""Words in a warning by which a library states that its result is undefined."""
 _COLOURS_AND_FOLDERS = re.compile(r"\x1b\[[0-9;]*m|(?:\.{1,2}/|/)(?:[\w.+-]+/)+(?=[\w.+-])")
 """Escape codes of colours, and folders of file names. Both differ between machines."""
 OMEGA: Samples = (np.arange(256) + 0.5) * np.pi / 256
@@ -159,7 +159,7 @@ def evaluate(subject: Subject, case: Case) -> dict[str, Any]:
     Returns
     -------
     dict
-        Row of `outcome_row`. Its check is the one with the largest ratio of error to limit.
+        Row of `outcome_row`, with the check that has the largest ratio of error to limit.
 
     Examples
     --------

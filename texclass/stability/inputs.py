@@ -60,7 +60,7 @@ class Case:
     required
         Whether the input is ordinary, so that an exception counts as a failure.
     gain
-        Factor between the samples and those of `plain`.
+        Factor by which the samples are larger than the samples of `plain`.
     """
 
     name: str

@@ -120,7 +120,7 @@ def library_trial(extract: Extract, laws: Mapping[Any, Gain] | None = None) -> T
     callable
         Generator function that yields findings and returns the output values.
     """
-    # Our features are computed in single precision, those of other libraries in the precision of the input.
+    # Our features are computed in single precision. Other libraries use the precision of the input.
     limit, copy_limit = (1e-4, 1e-4) if laws is None else (1e-5, 0.0)
 
     def numbers(x: Any, case: Case) -> pd.Series:
@@ -149,7 +149,7 @@ def library_trial(extract: Extract, laws: Mapping[Any, Gain] | None = None) -> T
             # Multiplying by 1.1 rounds every sample: by 1e-10 at an offset of 1e6, or 1e-7 of the noise.
             louder, tolerance = numbers(1.1 * signal, case), 1e-3 if case.family == "offset" else limit
             yield checks.condition("a value at gain 1.1", np.isfinite(louder).all())
-            # Outputs of one feature share a scale, because an output of 0 may be computed as 1e-17.
+            # Outputs of one feature share a scale, because rounding may turn an output of 0 into 1e-17.
             shared = 1e-7 * louder.abs().max()
             yield check_gain_law(
                 "the declared gain law, at gain 1.1", louder, values, laws, 1.1, tolerance, shared
@@ -200,7 +200,7 @@ def same_values(
 
 
 def infer_gain_laws(outputs: Sequence[pd.Series]) -> dict[Any, Gain]:
-    """Return the gain law of each output that follows one for noise at all `LAW_GAINS`."""
+    """Return a gain law for each output that follows it for noise at all `LAW_GAINS`."""
     decades, laws = np.diff(np.log10(LAW_GAINS)), {}
     for name, y in pd.concat(outputs, axis=1).T.dropna(axis=1).items():
         if not np.all(np.isfinite(y)):

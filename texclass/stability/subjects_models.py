@@ -107,7 +107,7 @@ def _fit(x: Any, case: Case, *, method: Any) -> Findings:
         m = min(p, energies.size - 1)
         n_samples = signal.size - m if is_burg else signal.size
         measured = rms * np.sqrt(energies[m] * signal.size / n_samples)
-        floor = 1e-8 * rms  # residuals below 1e-14 of the signal must only be small
+        floor = 1e-8 * rms  # accept an absolute error of 1e-14 of the RMS level
         yield checks.close("residual as the samples give it", model.residual[m], measured, 1e-6, scale=floor)
 
 

@@ -30,7 +30,7 @@ class Subset(NamedTuple):
 class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type: ignore[misc]
     """Sequential floating selection that maximises the gain of the score per cost.
 
-    Each step adds one column, or all remaining columns of one feature, namely those with the largest
+    Each step adds one column or all remaining columns of one feature, whichever has the largest
     gain / cost^cost_exponent. Columns and features are then removed as long as this does not lower the score.
     The selection ends when no affordable step gains more than `tolerance`.
 
@@ -220,7 +220,7 @@ class _Search:
                 yield current
 
     def backward(self, cost_exponent: float) -> Iterator[Subset]:
-        """Remove one feature after the other from the full set, and yield each subset within the limits.
+        """Remove features from the full set, one per step, and yield each subset within the limits.
 
         Each step removes the feature with the smallest loss of score per saved cost.
         """
