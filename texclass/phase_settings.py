@@ -118,9 +118,9 @@ class PhaseSettings:
         strokes.
     noisy_weight
         Factor for the level of strokes if the noise is intermittent.
-    opening_ratio
-        The level at the start is noise if the levels of its fifths differ by at most this ratio; an automatic
-        gain control lowers it after the first tap.
+    opening_ratio, opening_spread
+        The level at the start is noise if its fifths differ by at most this ratio, and if it exceeds the
+        quietest window by at most this ratio: an automatic gain lowers the noise after the first tap.
 
     Examples
     --------
@@ -159,7 +159,7 @@ class PhaseSettings:
     ring_db: float = 18.0
     strong_db: float = 6.0
     first_gap_s: float = 0.1
-    echo_db: float = 20.0
+    echo_db: float = 22.0
     echo_s: float = 0.7
     between_s: float = 1.2
     soft_db: float = 16.0
@@ -191,10 +191,11 @@ class PhaseSettings:
     steady_ratio: float = 2.5
     steady_samples: float = 60.0
     quiet_spread: float = 1.6
-    noisy_spread: float = 10.0
+    noisy_spread: float = 6.0
     noisy_contrast: float = 1000.0
     noisy_weight: float = 0.75
     opening_ratio: float = 1.5
+    opening_spread: float = 10.0
 
     def __post_init__(self) -> None:
         if not 0 < self.tap_spacing_s < float("inf"):

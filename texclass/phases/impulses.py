@@ -377,9 +377,10 @@ def _is_echo(
     n_bins = span[1] - span[0]
     strongest_db = 0.0
     for impulse in impulses:
-        is_before, is_after = impulse.start < span[0], impulse.start >= span[1]
+        is_before = impulse.start < span[0]
         longest_s = settings.echo_s if is_before else settings.between_s
-        is_tap = is_before or is_after or impulse.fall_db >= settings.clear_db
+        # An impulse of a coarse texture rises less over the vibration before it.
+        is_tap = is_before or impulse.prominence_db >= settings.clear_db
         if is_tap and n_bins < levels.n_bins(longest_s):
             strongest_db = max(strongest_db, impulse.broadband_db)
     rest = remove_impulses(levels.broadband, impulses, settings.lasting_db)[slice(*span)]

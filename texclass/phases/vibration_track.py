@@ -170,8 +170,8 @@ def noise_floor(
     The estimate starts with the quietest window. In four iterations, it is replaced by the average over all
     windows up to 4 dB above it. An upper limit relative to the quietest window applies, because louder
     "noise" may consist of strokes. The limit is higher if the recording also contains much stronger
-    vibration. The level of intermittent noise is the level of its loudest windows. A steady start of a
-    recording counts as noise, because an automatic gain control may reduce the noise later.
+    vibration. A steady start of a recording counts as noise, because an automatic gain control may reduce the
+    noise later.
     """
     n = min(n, len(level))
     means = moving_mean(level, n)[n // 2 : len(level) - (n - 1) // 2]
@@ -188,13 +188,11 @@ def noise_floor(
     opening = level[: 2 * n]
     if (
         is_noisy
-        and noise < opening.mean() <= highest
+        and noise < opening.mean() <= settings.opening_spread * quietest
         and _is_steady(opening, tolerance * settings.opening_ratio)
     ):
         noise = float(opening.mean())
     is_intermittent = noise > settings.quiet_spread * quietest
-    if is_intermittent:
-        noise = max(noise, float(np.quantile(window_levels[window_levels <= highest], 0.95)))
     return noise, _is_steady(window, tolerance * settings.steady_ratio), is_intermittent
 
 
