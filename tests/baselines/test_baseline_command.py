@@ -48,7 +48,7 @@ def test_baselines_are_run_printed_and_reported(run, interpreter, tmp_path):
     ("options", "told"),
     [
         (("--baselines", "--baseline", "weka"), "weka"),
-        (("--baselines", "--baselines-limit", "3"), "limit is 3"),
+        (("--baselines", "--baselines-limit", "3"), "limit must be at least"),
     ],
 )
 def test_bad_options_end_with_one_line(run, options, told):

@@ -187,7 +187,7 @@ def test_several_starts_tell_mean_and_worst_and_count_each_recording_once(toy_da
     assert outcome["n_clusters"] == 3 * 8  # asked of four starts each
     assert np.sum(result.data["confusion"]["counts"]) == 4 * 3 * 8
     text = render_markdown(result.document())
-    assert f"8 folds of 4 starts. The worst fold: {100 * outcome['worst']:.1f} %." in text
+    assert f"Accuracy in the worst fold: {100 * outcome['worst']:.1f} %." in text
     assert re.search(r"Euclidean.* worst", text)
     assert "of 96 tests are misclassified" in text
     assert "1 repetition, several starts, to second half" in text

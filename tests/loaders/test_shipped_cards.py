@@ -49,7 +49,7 @@ def test_biotac_repetitions_are_1_to_40_of_every_surface():
 @pytest.mark.usefixtures("data_root")
 def test_no_resting_level_is_left_in_the_taps():
     dataset = open_dataset("taps5")
-    assert any("sampling rate unknown" in note for note in dataset.notes)
+    assert any("sampling rate is unknown" in note for note in dataset.notes)
     for recording in dataset:
         np.testing.assert_array_equal(np.median(recording.acceleration, axis=0), 0)
         assert recording.phases.taps[0].impact < 22

@@ -31,7 +31,9 @@ def test_nothing_is_selected_below_ten_recordings_per_surface(few):
     assert (few.manifest.accuracy["n_candidates"], len(few.columns)) == (1, 13)
     assert few.manifest.pipeline["classifier"] == "kernel"  # it weights columns itself
     (card,) = model_document(few).blocks
-    assert card["Pipeline"].endswith("8 recordings of a surface: too few to select on, thresholds are wider")
+    assert card["Pipeline"].endswith(
+        "8 recordings of a surface: too few to select row and classifier, and thresholds are wider"
+    )
     accuracy = train(surfaces(LIMITS.few_recordings), pipeline()).manifest.accuracy
     assert accuracy["n_candidates"] == 4
     assert accuracy["low"] <= accuracy["mean"] <= accuracy["high"]
@@ -54,7 +56,9 @@ def test_one_recording_per_surface_trains_a_model_without_an_accuracy(one, tmp_p
     (card,) = model_document(one).blocks
     assert "mean" not in one.manifest.accuracy
     assert card["Accuracy"] == "not evaluated: no recording could be held out"
-    assert card["Pipeline"].endswith("1 recording of a surface: too few to select on, thresholds are wider")
+    assert card["Pipeline"].endswith(
+        "1 recording of a surface: too few to select row and classifier, and thresholds are wider"
+    )
     assert card["Not evaluated"].startswith("accuracy on other recordings")
     assert card["Probabilities"] == "prior temperature scaling, beta 6.24; from other datasets"
     assert card["Unknown surfaces"].endswith("not evaluated: too few recordings were held out")

@@ -113,7 +113,7 @@ def test_a_chronological_split_gives_fewer_false_alarms_if_a_sensor_drifts(drift
     models[None].save(tmp_path / "m.skops")
     (card,) = model_document(load_model(tmp_path / "m.skops")).blocks
     assert card["Held out"].startswith("protocol chronological, 1 fold (at least 20 numbered repetitions")
-    assert ("drift multiplies distances" in card["Held out"]) == (classifier == "lda")
+    assert ("drift multiplies the distances" in card["Held out"]) == (classifier == "lda")
     assert "best of" not in card["Pipeline"]  # there is one candidate
 
 

@@ -191,7 +191,7 @@ def test_a_model_is_adapted_to_files_and_folders_of_another_sensor(run, trained,
     three = [f"{surface}=new/{surface}/{surface}_20.wav" for surface in list(SURFACES)[:3]]
     code, out, err = run("adapt", trained.name, *three, "--resample", "4000", "-o", "adapted.skops")
     assert (code, err) == (0, "")
-    assert "adapted to 3 references, 3 of 3 known surfaces" in out
+    assert "adapted to 3 references, 3 labelled, 3 surfaces" in out
     assert "wrote adapted.skops" in out
     answers = [
         json.loads(line) for line in run("predict", "adapted.skops", *files, "--jsonl")[1].splitlines()

@@ -87,7 +87,9 @@ def test_budgets_lie_between_the_cheapest_feature_and_all_features():
         latency_budgets(costs, 0.5)
     whole = replace(costs, segmentation_ms=5.0)
     assert latency_budgets(whole) == pytest.approx([5 + ms for ms in latency_budgets(costs)])
-    with pytest.raises(ValueError, match=r"at least 6 .the cheapest feature, and 5 for the segmentation"):
+    with pytest.raises(
+        ValueError, match=r"at least 6 ms .the cheapest feature, including 5 ms for the segmentation"
+    ):
         latency_budgets(whole, 5.5)
 
 
