@@ -10,7 +10,7 @@ from texclass.evaluation import find_protocol
 from texclass.loaders import fetch_recordings, open_dataset, read_card
 from texclass.phases import find_phases
 
-PUBLISHED = [name for name in shipped.names("datasets") if getattr(read_card(name), "published", None)]
+PUBLISHED = [name for name in shipped.names("datasets") if getattr(read_card(name), "download", None)]
 
 
 @pytest.mark.parametrize(

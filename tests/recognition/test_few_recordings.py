@@ -60,7 +60,7 @@ def test_one_recording_per_surface_trains_a_model_without_an_accuracy(one, tmp_p
         "1 recording of a surface: too few to select row and classifier, and thresholds are wider"
     )
     assert card["Not evaluated"].startswith("accuracy on other recordings")
-    assert card["Probabilities"] == "prior temperature scaling, beta 6.24; from other datasets"
+    assert card["Probabilities"] == "prior temperature scaling, beta 6.24, with beta from other datasets"
     assert card["Unknown surfaces"].endswith("not evaluated: too few recordings were held out")
     assert one.calibration == prior_calibration(4, 4)
     one.save(tmp_path / "one.skops")

@@ -201,7 +201,7 @@ def test_a_model_is_adapted_to_files_and_folders_of_another_sensor(run, trained,
     assert "3 references" in " ".join(run("model", "adapted.skops")[1].split())
     # Surfaces are the names of subfolders, unless they are ignored by --unlabelled.
     folder = ("adapt", trained.name, "new", "--fs", "8000", "--resample", "4000", "-o", "adapted.skops")
-    assert "16 references, 16 of 4 known surfaces" in run(*folder)[1]
+    assert "16 references, 16 labelled, 4 surfaces" in run(*folder)[1]
     assert "16 references, unlabelled" in run(*folder, "--unlabelled")[1]
     for references, message in (
         (["tin=new/oak/oak_20.wav", *three], "surface 'tin' is not in the model. Expected one"),
