@@ -251,8 +251,7 @@ def ridge_density(view: PhaseView, *, threshold_db: float = 3.3) -> float:
     The value does not depend on the speed of the hand. It is computed in three steps:
 
     1. P(k) is the power spectrum over the path of the tool. It is averaged over half-overlapping Hann frames
-    of
-       0.1024 m, each normalised by its power, and over 3 % of k to both sides.
+       of 0.1024 m, each normalised by its power, and over 3 % of k to both sides.
     2. D(k) is 10 lg P(k) minus the background level, a Gaussian average with standard deviation 0.3 in ln k.
     3. The result is the k between 0.05 and 3 per mm with the largest prominence H, with a resolution of 1 %::
 

@@ -30,7 +30,7 @@ def find_phases(recording: Recording, settings: PhaseSettings | None = None) -> 
     Padding (zeros or held values), fades and single-sample glitches are excluded first. Then:
 
     1. Remove gravity, tremor and hand motion, and divide the power of each bin by the noise at rest
-    (`track`).
+       (`track`).
     2. Find impulses: levels that rise by at least 10 dB and decay (`find_impulses`).
     3. Find the movement: the remaining vibration above the noise (`split_taps_and_movement`).
     4. Classify the impulses. Impulses inside the movement belong to the texture. The other impulses are taps,
