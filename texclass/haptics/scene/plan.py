@@ -464,7 +464,7 @@ def select_model(
     1. Fit the candidates.
     2. Select the cheapest candidate whose tolerance ratio on the selection set is at most the margin.
     3. Render this candidate and score it on the test set. Reduce the margin until a candidate is within the
-    tolerance.
+       tolerance.
     4. If no candidate is within the tolerance, return the most accurate one.
 
     If the friction coefficient is defined, it limits the number of speed nodes (`oeztuerk2018`, chapter 4).
