@@ -43,6 +43,6 @@ plt.show()
 # it to the best row:
 
 study = tx.evaluation.study_feature(
-    dataset, tx.load_pipeline("strese2015"), tx.features.find("kurtosis"), n_folds=4
+    dataset, tx.load_pipeline("strese2015"), tx.features.find_feature("kurtosis"), n_folds=4
 )
 print(tx.reporting.render_markdown(study.document())[:1200])
