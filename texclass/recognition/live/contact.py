@@ -33,7 +33,7 @@ from texclass.recording import Samples, Tap
 from texclass.signals import butterworth, causal
 
 TapSamples = tuple[Samples, tuple[Tap, ...]]
-"""Samples that contain taps, and these taps; sample indices count from the first sample."""
+"""Samples that contain taps, and the taps; their indices count from the first of these samples."""
 Kind = Literal["contact", "stroke", "tap", "lift-off", "break"]
 _ROUNDING_RATIO = 1e-14
 """Power below this fraction of the largest power is rounding error of the filter."""
@@ -50,14 +50,14 @@ class SteadyNoise:
     n_blocks
         Number of blocks over which the level must be steady.
     max_ratio
-        Largest ratio between the powers of these blocks. Strokes of a robot have a ratio of at least 1.32
-        within 4 s (800 windows). Hum has a ratio of 1.1, and white noise 1.1 at 10 kHz and 1.2 to 1.4 at 1
-        kHz.
+        Largest ratio of the highest to the lowest power of these blocks. In 800 windows of 4 s, strokes of a
+        robot had a ratio of at least 1.32. Hum has a ratio of 1.1. White noise has a ratio of 1.1 at 10 kHz,
+        and of 1.2 to 1.4 at 1 kHz.
     min_samples
         Smallest number of samples in a block. The power of shorter blocks fluctuates too much.
     max_correlation
-        Largest correlation between neighbouring samples of white noise. A steady signal in an arbitrary unit
-        counts as noise if its correlation is lower.
+        Largest magnitude of the lag-1 autocorrelation at which a signal counts as white noise. A steady
+        signal at the start of the stream counts as rest if it is white, in any unit.
     """
 
     n_blocks: int = 16
@@ -70,10 +70,10 @@ STEADY = SteadyNoise()
 
 
 class Ring:
-    """Buffer of the last rows of a stream that returns any range of them as a contiguous view.
+    """Ring buffer of the last rows of a stream, of which any range is available as a contiguous view.
 
-    Rows are numbered from the first row of the stream. When the memory is full, the last `capacity` rows are
-    copied to its front.
+    Rows are numbered from the first row of the stream. The memory holds twice `capacity` rows; when it is
+    full, the last `capacity` rows are moved to its front.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class Ring:
         self.capacity = capacity
         self._rows = np.zeros((2 * capacity, n_columns))
         self._front = 0
-        """Number of the first row in memory."""
+        """Number of the row at the front of the memory."""
         self.start = self.stop = 0
         """The buffer contains the rows [start, stop)."""
 
@@ -116,12 +116,12 @@ class Ring:
         self._front = self.start = self.stop = self.stop + n
 
     def view(self, start: int, stop: int) -> Samples:
-        """Return rows [start, stop), shape (stop - start, n_columns); valid until the next push.
+        """Return rows [start, stop) as a view of shape (stop - start, n_columns), valid until the next push.
 
         Raises
         ------
         ValueError
-            If the buffer does not contain them.
+            If the buffer does not contain all of these rows.
         """
         if not self.start <= start <= stop <= self.stop:
             raise ValueError(
@@ -137,10 +137,11 @@ class Ring:
 
 
 class LevelMeter:
-    """Power of the vibration in bins of about 5 ms: mean square after a causal high-pass, sum of all axes.
+    """Meter for the power of the vibration in bins of about 5 ms.
 
-    The result does not depend on the block size: the filter keeps its state between blocks, and bins are
-    counted from the first sample, or from the first one after a break.
+    The power is the mean square after a causal high-pass filter, summed over all axes. The result does not
+    depend on the block size: the filter keeps its state between blocks, and bins are counted from the first
+    sample of the stream, or from the first sample after a break.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ class LevelMeter:
     n_axes : int
         Number of axes of the acceleration.
     memory_s : float
-        Duration of the vibration in memory, in seconds.
+        Duration of the vibration that is kept in memory, in seconds.
 
     Attributes
     ----------
@@ -158,9 +159,9 @@ class LevelMeter:
     bin_size : int
         Number of samples in a bin.
     vibration : Ring
-        Acceleration after the high-pass, shape (n, n_axes).
+        High-pass filtered acceleration, shape (n, n_axes).
     high_pass : ndarray of shape (n_sections, 6)
-        Second-order sections of the filter.
+        Second-order sections of the high-pass filter.
 
     Examples
     --------
@@ -180,10 +181,10 @@ class LevelMeter:
         self._state: Samples | None = None
 
     def push(self, rows: Samples) -> Iterable[tuple[int, float]]:
-        """Filter finite samples (n, n_axes), n a multiple of `bin_size`; return end and power of each bin.
+        """Filter samples, and return the end and the power of each bin.
 
-        The power of a bin of equal samples is 0: zeros and held values contain no information about the
-        noise.
+        The samples (n, n_axes) must be finite, and n a multiple of `bin_size`. If all samples of a bin are
+        equal, its power is 0, because padding contains no information about the noise.
         """
         if not len(rows):
             return []
@@ -198,7 +199,7 @@ class LevelMeter:
         return zip(range(start + size, self.vibration.stop + 1, size), (s / size for s in sums), strict=True)
 
     def power(self, start: int, stop: int) -> Samples:
-        """Return the square of the vibration, summed over axes, of samples [start, stop)."""
+        """Return the squared vibration of samples [start, stop), summed over the axes."""
         vibration = self.vibration.view(start, stop)
         return np.asarray(np.einsum("ij,ij->i", vibration, vibration))
 
@@ -218,7 +219,7 @@ class LevelMeter:
         return start, size, bin_means(self.power(start, stop), size)
 
     def correlation(self, start: int, stop: int) -> float:
-        """Return the correlation between neighbouring samples of [start, stop): about 0 for white noise."""
+        """Return the lag-1 autocorrelation of samples [start, stop), which is about 0 for white noise."""
         v = self.vibration.view(start, stop)
         power = float((v**2).sum())
         return float((v[1:] * v[:-1]).sum()) / power if power > 0 else 0.0
@@ -239,16 +240,16 @@ class Event:
         "contact" (start of a movement), "stroke" (the movement continues after a turning point), "tap",
         "lift-off" or "break" (missing samples).
     sample
-        Index of the sample at which the event occurs: the impact of a tap; for a lift-off, one past the last
-        vibration.
+        Index of the sample at which the event occurs. For a tap, this is the impact; for a lift-off, it is
+        one past the last sample with vibration.
     n_received
         Number of samples received when the event was detected.
     end
-        Index one past the decay of a tap; otherwise equal to `sample`.
+        For a tap, the index one past the end of its decay; otherwise equal to `sample`.
     message
-        Reason, in words.
+        Reason for the event in words, or "".
     width, quality
-        Width and quality of a tap, see `texclass.recording.Tap`.
+        Width and quality of a tap; see `texclass.recording.Tap`.
 
     Examples
     --------
@@ -268,9 +269,9 @@ class Event:
 
 @dataclass(frozen=True, kw_only=True)
 class ContactSettings(PhaseSettings):
-    """Settings of contact detection in a stream, in addition to those of segmentation.
+    """Settings of contact detection in a stream, in addition to the settings of segmentation.
 
-    Durations are in seconds, ratios are ratios of power.
+    Durations are in seconds, and ratios compare powers.
 
     Attributes
     ----------
@@ -289,7 +290,7 @@ class ContactSettings(PhaseSettings):
     drop_ratio
         Ratio by which the level must drop to count as a lift-off, if the stream starts in contact.
     block_s
-        Length of a block. A level that is steady for 16 blocks is noise, not a stroke.
+        Length of a block. A level that is steady for 16 blocks counts as noise, not as a stroke.
 
     Examples
     --------
@@ -320,8 +321,8 @@ class ContactDetector:
     settings : ContactSettings
         Thresholds and durations.
     in_contact : bool, optional
-        Whether the stream starts during a movement. By default, this is detected in the first `quiet_s`: a
-        steady level counts as rest if it is below 6 mg or white noise.
+        Whether the stream starts during a movement. By default, this is detected from the first `quiet_s` of
+        the stream, which count as rest if their level is steady, and they are below 6 mg or white noise.
     unit : str
         Unit of the acceleration.
 
@@ -332,11 +333,11 @@ class ContactDetector:
     onset : int
         First sample of the movement.
     active_stop : int
-        One past the last bin with vibration.
+        Index one past the last sample with vibration.
     floor : float
         Noise floor (power at rest); 0 while it is unknown.
     level : float
-        Mean power of the last `smooth_s`.
+        Mean power over the last `smooth_s`.
     tap_impulses : list of Impulse
         Taps since the last lift-off.
 
@@ -380,11 +381,11 @@ class ContactDetector:
         self._last_tap_end, self._last_tap_peak = 0, -math.inf
         self.tap_impulses: list[Impulse] = []
         self._activity: list[int] = []
-        """Start and end of the current activity; empty if there is none, or it has become a movement."""
+        """Start and end of the current activity; empty if there is none, or if it became a movement."""
 
     @property
     def constants(self) -> dict[str, Any]:
-        """Constants of the table in docs/stream-logic.md, for implementations in other languages."""
+        """Constants used in the table of docs/stream-logic.md, for implementations in other languages."""
         names = ("active_ratio", "off_ratio", "share", "drop_ratio", "pause_s")
         return {
             "bin_samples": self._meter.bin_size,
@@ -402,7 +403,7 @@ class ContactDetector:
 
     @property
     def phase(self) -> Literal["starting", "rest", "active", "moving", "pause"]:
-        """Current state: "active" is vibration that is not yet classified as movement or taps."""
+        """Current state; "active" means vibration that is not yet classified as a movement or taps."""
         if self.is_moving:
             return "moving" if self._n_quiet <= self._n["turn"] else "pause"
         if self._opening_powers or not self.floor:
@@ -423,12 +424,12 @@ class ContactDetector:
         stop : int
             One past the last sample of the bin.
         power : float
-            Mean square of its vibration, as `LevelMeter.push` returns it.
+            Power of the bin, as returned by `LevelMeter.push`.
 
         Returns
         -------
         events : list of Event
-            Events in order of time; usually none.
+            Events in chronological order; usually none.
         """
         self._recent_powers.append(power)
         self.level = sum(self._recent_powers) / len(self._recent_powers)
@@ -537,7 +538,7 @@ class ContactDetector:
     def _detect_steady_noise(self, stop: int, power: float) -> list[Event]:
         """End a contact whose level stays constant, and use this level as the new noise floor.
 
-        A contact that the user has declared (`in_contact`) is never ended in this way.
+        A contact that the user declared with `in_contact` never ends in this way.
         """
         if self._in_contact or power == 0 or not self.is_moving:
             self._block_powers.clear()
@@ -557,7 +558,7 @@ class ContactDetector:
         return self._end_contact(stop, f"constant level for {seconds:.3g} s, used as the new noise floor")
 
     def _classify_activity(self, n_received: int, *, is_over: bool) -> list[Event]:
-        """Return the taps of an activity that is over, or the taps and the onset of a movement."""
+        """Return the taps of an activity that is over, or the taps and the onset if it is a movement."""
         settings, meter = self.settings, self._meter
         margin = round(2 * settings.look_back_s * meter.fs)
         start, size, powers = meter.fine_powers(self._activity[0] - margin, n_received)
@@ -598,7 +599,7 @@ class ContactDetector:
 
 
 class TapMemory:
-    """The taps since the last lift-off, located to the sample as in `texclass.phases`.
+    """Memory of the taps since the last lift-off, with impacts that are located to the sample.
 
     Parameters
     ----------
@@ -626,9 +627,9 @@ class TapMemory:
         Parameters
         ----------
         event : Event
-            Tap as `ContactDetector` reports it.
+            Tap event of a `ContactDetector`.
         floor : float
-            Noise floor (power).
+            Power of the noise floor.
         """
         fs, last_end = self._meter.fs, self._taps[-1].end if self._taps else 0
         # The impact is at most 3 ms before the start of the impulse.
@@ -648,7 +649,7 @@ class TapMemory:
         return replace(event, sample=impact, end=tap.end)
 
     def taps_until(self, onset: int) -> TapSamples | None:
-        """Return the taps before a movement, or None if there are none in memory."""
+        """Return the taps in memory before the onset of a movement, or None if there are none."""
         taps = [tap for tap in self._taps if self._ring.start <= tap.start and tap.end <= onset]
         return self._extract(taps) if taps else None
 

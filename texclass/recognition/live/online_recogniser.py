@@ -35,9 +35,9 @@ from texclass.signals import causal
 from texclass.validation import check_positive
 
 LONGEST_WINDOW_S = 30.0
-"""If the training recordings are longer than this (s), their length is not used as the default window."""
+"""Longest training recordings (s) whose length is used as the default length of a window."""
 LONG_RECORDING_WINDOW_S = 5.0
-"""Default window (s) for such long training recordings, which limits the time to the first answer."""
+"""Default length of a window (s) for longer training recordings. It limits the time to the first answer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +64,8 @@ class OnlineSettings:
         Whether the stream starts during a movement (default: yes for models trained on movements only,
         otherwise detected in the first 0.1 s).
     always_in_contact
-        Whether the tool is in permanent contact, as wheels and legs are: only digital silence is a lift-off,
-        and evidence fades after four windows, or after `forget_s`.
+        Whether the tool is in permanent contact, like a wheel or a leg. Only a vibration of exactly 0 then
+        counts as a lift-off, and evidence fades with the time constant `forget_s` (default: four windows).
     contact
         Thresholds and durations of contact detection.
 
@@ -97,7 +97,7 @@ class WindowAnswer:
     Attributes
     ----------
     start, stop
-        The window has the samples [start, stop) of the stream.
+        The window consists of the samples [start, stop) of the stream.
     n_received
         Number of samples received when the window was classified.
     answer
@@ -107,7 +107,7 @@ class WindowAnswer:
     onset
         First sample of the contact.
     compute_ms
-        Time for features and classifier in milliseconds.
+        Time for computing the features and the answer, in milliseconds.
 
     Examples
     --------
@@ -139,12 +139,12 @@ def scale_of(model: Model, unit: str, raw: bool) -> float:
 
 
 class RecordingBuilder:
-    """Conversion of samples of a stream to recordings like those the model was trained on.
+    """Convert streamed samples to recordings with the channels, scale and conditioning of the training data.
 
     Parameters
     ----------
     model : Model
-        Trained model: its channels, scale and conditioning of files apply.
+        Trained model, which defines the channels, the scale and the conditioning.
     n_columns : int
         Number of columns of the stream: axes of the acceleration, then turn rate and friction if the model
         needs them.
@@ -159,7 +159,7 @@ class RecordingBuilder:
     Raises
     ------
     ValueError
-        If the number of columns is wrong.
+        If the number of columns differs from that in training.
     """
 
     def __init__(self, model: Model, n_columns: int, fs: float, unit: str, raw: bool = True) -> None:
@@ -179,23 +179,23 @@ class RecordingBuilder:
         return np.column_stack([rows[:, : self.n_axes] * self._factor, rows[:, self.n_axes :]])
 
     def build_window(self, samples: Samples, start: int, tap_samples: TapSamples | None = None) -> Recording:
-        """Return a window as a recording: a movement, preceded by the taps of the contact if there are any.
+        """Return a window as a recording: a movement, preceded by taps if there are any.
 
         Parameters
         ----------
         samples : ndarray of shape (n, n_columns)
-            Samples of the window, all of them movement.
+            Samples of the window, which contain movement only.
         start : int
-            Sample of the stream at which the window starts.
+            Index of the first sample of the window in the stream.
         tap_samples : tuple of ndarray and taps, optional
-            Taps before the movement.
+            Samples that contain the taps before the movement, and these taps.
         """
         tap_rows, taps = tap_samples or (samples[:0], ())
         phases = Phases(taps, (len(tap_rows), len(tap_rows) + len(samples)))
         return self._build(tap_rows, samples, phases, f"window at {start / self.fs:.3f} s")
 
     def build_tap(self, tap_samples: TapSamples, start: int) -> Recording:
-        """Return taps, without a movement, as a recording; `start` is their first sample in the stream."""
+        """Return taps as a recording without a movement; `start` is its first sample in the stream."""
         tap_rows, taps = tap_samples
         return self._build(tap_rows, tap_rows[:0], Phases(taps), f"tap at {start / self.fs:.3f} s")
 
@@ -220,18 +220,18 @@ class RecordingBuilder:
 class OnlineRecogniser:
     """Recogniser for a stream of samples.
 
-    Windows end at onset + window + k hop (k = 0, 1, ...). Each is classified once, by the same code as
-    recordings, so that the answers do not depend on the block size. A window that ends in a pause waits until
-    the pause is over; a lift-off discards it. Memory is bounded: the buffer holds about one window and one
-    pause.
+    The windows of a contact end at onset + window + k hop (k = 0, 1, 2 and so on). Each window is classified
+    once, by the same code as a recording, so the answers do not depend on the block size. A window that ends
+    in a pause is classified only after the movement continues; a lift-off discards it. Memory is bounded: the
+    buffer holds about one window and one pause.
 
     Parameters
     ----------
     model : Model
         Trained model, preferably on windows of the same length.
     fs : float, optional
-        Sampling rate of the stream in Hz (default: that of the model). With another rate, answers are
-        "unknown" and give the reason: resample the stream first.
+        Sampling rate of the stream in Hz (default: that of the model). At another rate, all answers are
+        "unknown" and state the reason; resample such a stream first.
     unit : str, optional
         Unit of the acceleration (default: that of the model). Physical units are converted.
     raw : bool
@@ -280,13 +280,13 @@ class OnlineRecogniser:
         Parameters
         ----------
         samples : array_like of shape (n,) or (n, n_columns)
-            Samples, any number of them. Columns are the axes of the acceleration, then turn rate and friction
+            Any number of samples. The columns are the axes of the acceleration, then turn rate and friction
             if the model needs them.
 
         Returns
         -------
         updates : tuple of Event and WindowAnswer
-            Events and answers in order of time.
+            Events and answers in chronological order.
 
         Raises
         ------
@@ -323,7 +323,7 @@ class OnlineRecogniser:
         return tuple(updates)
 
     def interrupt(self, n_missing: int) -> tuple[Update, ...]:
-        """Skip `n_missing` lost samples and return the events; windows never span a break."""
+        """Skip `n_missing` lost samples and return the resulting events; windows never span a break."""
         if not self._is_ready or n_missing < 1:
             return ()
         sample = self._ring.stop
@@ -336,7 +336,7 @@ class OnlineRecogniser:
         return tuple(update for event in events for update in self._handle_event(event))
 
     def finish(self) -> tuple[Update, ...]:
-        """End the stream and return the remaining answers, also for a contact of at least half a window."""
+        """End the stream and return the remaining answers, including one for a last, short contact."""
         if not self._is_ready:
             return ()
         updates: list[Update] = []
@@ -425,7 +425,7 @@ class OnlineRecogniser:
         self._is_ready = True
 
     def _handle_event(self, event: Event) -> list[Update]:
-        """Update windows, taps and evidence after an event, and return it with the answers that it causes."""
+        """Update windows, taps and evidence after an event, and return it with the resulting answers."""
         match event.kind:
             case "contact":
                 self._onset = event.sample
@@ -463,7 +463,7 @@ class OnlineRecogniser:
         return answers
 
     def _classify_short_contact(self, n_received: int, end: int | None = None) -> list[Update]:
-        """Classify a contact that was shorter than a window, but at least half as long."""
+        """Classify a contact that is shorter than a window but at least half as long."""
         if self.evidence.verdict is not None or self._taps_only or not (end or self._contact.is_moving):
             return []
         start = max(self._onset, self._ring.start)
@@ -486,7 +486,7 @@ class OnlineRecogniser:
 
 
 def _create_evidence(model: Model, settings: OnlineSettings, window_s: float, hop_s: float) -> Evidence:
-    """Return the evidence of a contact, with the settings of the user, or the values measured in training."""
+    """Create the evidence of a contact from the settings of the user and the values measured in training."""
     calibration = model.manifest.calibration
     trained_correlation = calibration.get("correlation")
     forget_s = settings.forget_s

@@ -27,14 +27,14 @@ from texclass.recording import ACCELERATION_UNITS, Recording, RecordingError, Sa
 
 @dataclass(frozen=True)
 class Notice:
-    """Notice about a fault of the stream: lost samples, gaps, clock jumps, a wrong rate or unit.
+    """Notice about a fault of the stream, such as lost samples, a clock jump, or a wrong rate or unit.
 
     Attributes
     ----------
     t_s
-        Time stamp of the block in seconds, by the clock of its source.
+        Time stamp of the block in seconds, according to the clock of its source.
     message
-        Fault, in words.
+        Description of the fault.
 
     Examples
     --------
@@ -47,23 +47,23 @@ class Notice:
 
 
 class SampleRepair:
-    """Repair of samples that are not finite, or too far from the last valid one to be caused by a surface.
+    """Repair samples that are not finite, or too far from the last valid one to be caused by a surface.
 
-    Up to `TIMESTAMPS.max_gap` such samples in a row are interpolated linearly, like missing messages. Longer
-    sequences count as lost. The result does not depend on the block size: invalid samples wait for the next
-    valid one.
+    Up to `TIMESTAMPS.max_gap` consecutive invalid samples are interpolated linearly, like missing messages.
+    Longer sequences count as lost. The result does not depend on the block size, because invalid samples are
+    held back until the next valid one arrives.
 
     Parameters
     ----------
     model : Model
-        Trained model: the largest acceleration of its training recordings limits the step between two
+        Trained model. The largest acceleration of its training recordings limits the step between two
         samples.
     n_axes : int
         Number of axes of the acceleration, which are the first columns.
     fs : float
         Sampling rate in Hz.
     scale : float
-        Factor from the values of the stream to the unit of the training recordings.
+        Factor that converts the values of the stream to the unit of the training recordings.
 
     Attributes
     ----------
@@ -95,11 +95,11 @@ class SampleRepair:
         Returns
         -------
         segments : list of (int, ndarray)
-            Number of lost rows before each segment, and its rows.
+            For each segment, the number of rows lost before it, and its rows.
         n_invalid : int
-            Number of rows that are not finite, or exceed the values of any sensor.
+            Number of rows with values that are not finite, or too large for any sensor.
         n_glitches : int
-            Number of rows beyond the largest plausible step.
+            Number of rows that are omitted because they exceed the largest plausible step.
         """
         # No sensor sends NaN or values above 1e15, in any unit.
         invalid = np.asarray(~(np.abs(rows) <= 1e15).all(axis=1))
@@ -133,10 +133,10 @@ class SampleRepair:
 class Session:
     """Recognition in a stream of blocks, with notices about faults.
 
-    - Invalid samples are interpolated, or treated like lost ones; see `SampleRepair`.
-    - A rate or unit other than that of the model causes a notice, and answers are "unknown".
-    - A change of the rate restarts the recognition.
-    - Notices of one kind are limited to one per 5 s; the next one reports the number of omitted notices.
+    - Invalid samples are interpolated or treated like lost samples; see `SampleRepair`.
+    - If the rate or unit differs from that of the model, there is a notice, and all answers are "unknown".
+    - A change of the rate or unit restarts the recognition.
+    - Notices of one kind are limited to one per 5 s; the next one states how many were omitted.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class Session:
     n_lost : int
         Number of lost or invalid samples.
     start_s : float
-        Time stamp of sample 0 in seconds, by the clock of the source.
+        Time stamp of sample 0 in seconds, according to the clock of the source.
 
     Examples
     --------
@@ -170,11 +170,11 @@ class Session:
         self.n_lost, self.start_s = 0, 0.0
         self._sent_s = -math.inf
         self._notice_counts: dict[str, tuple[float, int, str]] = {}
-        """Kind of notice -> time of the last one, number and last message of those omitted since then."""
+        """Kind of notice -> time of the last notice, number of omitted notices, last omitted message."""
 
     @property
     def age_s(self) -> float:
-        """Age of the last sample in seconds, as far as the source measures it; infinite before the first."""
+        """Age of the last sample in seconds, including its delay if known; infinite before the first one."""
         return time.monotonic() - self._sent_s
 
     def run(self, blocks: Iterable[Block]) -> Iterator[Update | Notice]:
@@ -185,12 +185,12 @@ class Session:
             yield from self.finish()
 
     def push(self, block: Block) -> tuple[Update | Notice, ...]:
-        """Process a block and return its events, answers and notices in order of time.
+        """Process a block and return its events, answers and notices in chronological order.
 
         Raises
         ------
         ValueError
-            If the columns differ from those in training.
+            If the number of columns differs from that in training.
         RecordingError
             If the rate of the sensor is too low for the features of the model.
         """
@@ -226,7 +226,7 @@ class Session:
         return tuple(updates)
 
     def _notices_about(self, t_s: float, update: Update) -> list[Notice]:
-        """Return a notice where the noise floor was changed or the evidence was restarted."""
+        """Return a notice if the noise floor has changed or the evidence has restarted."""
         if isinstance(update, Event):
             is_noise = update.kind == "lift-off" and update.message
             return self._limit(t_s, f"noise: {update.message}") if is_noise else []
@@ -244,7 +244,7 @@ class Session:
         return self.recogniser.interrupt(n_lost) if n_lost and self.recogniser else ()
 
     def finish(self) -> tuple[Update | Notice, ...]:
-        """End the stream and return the remaining answers, and a summary of omitted notices."""
+        """End the stream and return a summary of the omitted notices, and the remaining answers."""
         counts = self._notice_counts.values()
         notices = [Notice(t_s, f"{message} ({n} similar)") for t_s, n, message in counts if n]
         self._notice_counts.clear()
@@ -308,24 +308,25 @@ def listen(
     model : Model, str or Path
         Trained model, or path of a model file.
     source : str, Recording, or iterable of Block
-        "-" (standard input), "FILE", "DATASET:RECORDING", "bag:FILE?topic=/name" or "ros2:/topic", see
-        `open_source`; or blocks with samples in the scale and unit of the training recordings.
+        Recording, or name of a source: "-" (standard input), "FILE", "DATASET:RECORDING",
+        "bag:FILE?topic=/name" or "ros2:/topic"; see `open_source`. Alternatively, blocks whose samples have
+        the scale and unit of the training recordings.
     fs, unit, paced, raw_channels : optional
         See `open_source`.
     resample : bool
-        Resample the stream to the rate of the model (default False).
+        Whether to resample the stream to the rate of the model (default False).
     settings : OnlineSettings, optional
-        Settings of the stream.
+        Settings of the recognition.
 
     Yields
     ------
     Update or Notice
-        Events (tap, contact, lift-off), answers and notices in order of time.
+        Events (such as taps, contacts and lift-offs), answers and notices in chronological order.
 
     Raises
     ------
     RecordingError, ValueError
-        If the source cannot be opened, see `open_source`, or a block is invalid, see `Session.push`.
+        If the source cannot be opened (see `open_source`), or a block is invalid (see `Session.push`).
 
     Examples
     --------
