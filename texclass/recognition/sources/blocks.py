@@ -28,18 +28,19 @@ class RateSettings:
     Attributes
     ----------
     measure_s, min_messages
-        If no rate is stated, it is measured over this duration (s), and at least this many messages.
+        Duration (s) and smallest number of messages over which the rate is measured, if none is stated.
     min_ties
-        Number of different messages with the time stamp of their predecessor from which the clock counts as
-        coarse.
+        The clock counts as coarse if at least this many messages have the time stamp of their predecessor,
+        but other samples.
     max_waiting
-        Largest number of messages that wait until the rate is measured.
+        Largest number of messages that are stored until the rate is measured.
     check_s
         Duration (s) over which the measured rate is compared with the stated one.
     change_s, change_ratio, step_tolerance
-        Two conditions must hold over `change_s` (s) for a change of the rate. The median step of the time
-        stamps differs from the period by more than the fraction `change_ratio`. In addition, 90 % of the
-        steps agree with the median within the fraction `step_tolerance`.
+        The rate counts as changed if three conditions hold over `change_s` (s). The median step of the time
+        stamps differs from the period by more than the fraction `change_ratio`. The mean step differs from
+        the median by at most this fraction. At least 90 % of the steps agree with the median within the
+        fraction `step_tolerance`.
     """
 
     measure_s: float = 1.0
@@ -62,7 +63,7 @@ class Block:
     Attributes
     ----------
     t_s : float
-        Time of the first sample in seconds, from its time stamp, or since the start of the source.
+        Time of the first sample in seconds: its time stamp, or the time since the start of the source.
     samples : ndarray of shape (n, n_channels)
         Samples; n is 0 in a block that only reports a fault.
     fs : float
@@ -70,11 +71,11 @@ class Block:
     unit : str
         Unit of the acceleration.
     n_lost : int
-        Number of samples lost before this block, and not interpolated.
+        Number of samples that were lost before this block and are not interpolated.
     flags : tuple of str
-        Faults since the previous block: gaps, duplicates, clock jumps, a wrong rate.
+        Descriptions of faults since the previous block, such as gaps, duplicates or a wrong rate.
     age_s : float
-        Delay of the last sample in seconds, as far as the source measures it.
+        Delay of the last sample in seconds; 0 if the source does not measure it.
     native_fs : float, optional
         Sampling rate of the sensor in Hz, if the samples are resampled.
 
@@ -100,7 +101,7 @@ BlockSource = Generator[Block, None, None]
 
 
 class BlockAssembler:
-    """Conversion of batches of messages with time stamps to blocks.
+    """Convert batches of messages with time stamps to blocks.
 
     - A gap of up to `TIMESTAMPS.max_gap` messages is interpolated; a longer one is counted in
       `Block.n_lost`.
@@ -109,7 +110,7 @@ class BlockAssembler:
     Parameters
     ----------
     fs : float or None
-        Sampling rate in Hz; None measures it from the time stamps first.
+        Sampling rate in Hz. If None, it is measured from the first time stamps.
     unit : str
         Unit of the samples.
 
@@ -158,12 +159,12 @@ class BlockAssembler:
         Returns
         -------
         blocks : list of Block
-            Empty while the rate is being measured.
+            Completed blocks; none while the rate is being measured.
 
         Raises
         ------
         RecordingError
-            If the size of the messages changes, or all have the same time stamp and time of receipt.
+            If the size of the messages changes, or all messages have the same time stamp and time of receipt.
         """
         if self._uses_receipt:
             timestamps_ns = receipt_ns
@@ -209,7 +210,7 @@ class BlockAssembler:
     def _assemble(
         self, t: Samples, receipt: Samples, samples: Samples, start_s: float, fs: float
     ) -> list[Block]:
-        """Return the blocks of messages: one, and one more after each gap too long to interpolate."""
+        """Return the blocks of messages; each gap that is too long to interpolate starts a new block."""
         period = samples.shape[1] / fs
         is_valid, flags = self._check_messages(t, receipt, samples, period)
         t, receipt, samples = t[is_valid], receipt[is_valid], samples[is_valid]
@@ -249,7 +250,7 @@ class BlockAssembler:
         return blocks
 
     def _changed_period(self, step: Samples, period: float) -> float | None:
-        """Return the period of the last messages if it has changed; single lost messages do not change it."""
+        """Return the new period if the period of the last messages has changed, otherwise None."""
         self._steps = np.append(self._steps, step)
         n_recent = int(np.searchsorted(np.cumsum(self._steps[::-1]), RATES.change_s)) + 1
         n = max(RATES.min_messages, n_recent)
@@ -275,10 +276,10 @@ class BlockAssembler:
     def _check_messages(
         self, t: Samples, receipt: Samples, samples: Samples, period: float
     ) -> tuple[NDArray[np.bool_], list[str]]:
-        """Return which messages are valid, in order and no duplicates, and flags for all other messages.
+        """Return a mask of the valid messages, and flags for duplicate, late and non-finite messages.
 
-        If values differ at equal time stamps, the clock is coarse: duplicates are then only messages that
-        were also received together.
+        If messages with equal time stamps have different values, the clock is coarse. Repeated messages then
+        count as duplicates only if they were also received together.
         """
         earlier = np.concatenate(([self._last[0] if self._last else -np.inf], t))
         previous = samples[:1] if self._last is None else self._last[2][None]
@@ -317,7 +318,7 @@ def _period(timestamps: Samples) -> float:
     Raises
     ------
     RecordingError
-        If all are equal.
+        If all time stamps are equal.
     """
     ticks, n = np.unique(timestamps, return_counts=True)
     if len(ticks) < 2:
@@ -336,7 +337,7 @@ def _period(timestamps: Samples) -> float:
 def _steps(
     t: Samples, receipt: Samples, last: tuple[float, float, Samples], period: float
 ) -> tuple[Samples, list[str]]:
-    """Return the steps of the time stamps (or of receipt, where the clock jumps), and a flag for jumps."""
+    """Return the steps of the time stamps (of the times of receipt, where the clock jumps), and any flag."""
     step, receipt_step = np.diff(t, prepend=last[0]), np.diff(receipt, prepend=last[1])
     is_jump = (step < -TIMESTAMPS.max_overtaking * period) | (
         (step > TIMESTAMPS.clock_jump_s) & (step - receipt_step > TIMESTAMPS.clock_jump_s)
@@ -349,7 +350,7 @@ def _steps(
 
 
 def _interpolate_gaps(previous: Samples, samples: Samples, n_missing: NDArray[np.int64]) -> Samples:
-    """Return the samples of messages (n, k, n_channels), with `n_missing` interpolated before each."""
+    """Return the samples of messages (n, k, n_channels), interpolating `n_missing` messages before each."""
     k, n_channels = samples.shape[1:]
     rows = samples.reshape(-1, n_channels)
     if not n_missing.any():
@@ -363,7 +364,8 @@ def _interpolate_gaps(previous: Samples, samples: Samples, n_missing: NDArray[np
 class Resampler:
     """Polyphase resampling of a stream by the factor P / Q: y[m] = sum over k of h[mQ - kP] x[k].
 
-    The result does not depend on the block size. A sample is returned as soon as all its x[k] are available.
+    The result does not depend on the block size. Each output sample is returned as soon as all input samples
+    that it depends on are available.
 
     Parameters
     ----------
@@ -373,12 +375,12 @@ class Resampler:
     Raises
     ------
     ValueError
-        If a rate is not positive, or they differ by more than a factor of 1000.
+        If a rate is not positive, or the rates differ by more than a factor of 1000.
 
     Attributes
     ----------
     n_out : int
-        Number of samples returned so far.
+        Number of output samples returned so far.
 
     Examples
     --------
@@ -409,7 +411,7 @@ class Resampler:
 
     @property
     def n_pending(self) -> int:
-        """Number of samples at the new rate that are still in the filter."""
+        """Number of output samples that are still in the filter."""
         return round(self._n_in * self._p / self._q) - self.n_out
 
     def push(self, x: Samples) -> Samples:
@@ -435,7 +437,7 @@ class Resampler:
 
 
 def resampled(source: BlockSource, rate: float) -> BlockSource:
-    """Return a source resampled to another rate in Hz (band-limited).
+    """Resample a source to another rate in Hz, with a band-limiting filter.
 
     The filter restarts after lost samples and after a change of the rate of the source. Samples that were
     still in the filter then count as lost.

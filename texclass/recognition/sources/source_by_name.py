@@ -26,7 +26,7 @@ ROS2 = "ros2:"
 BLOCK_S = 0.025
 """Default length of a block in seconds."""
 MAX_CHANNELS = 1024
-"""Largest number of channels; a larger one indicates a wrong file format."""
+"""Largest number of channels; a larger number indicates a wrong file format."""
 FILE_OPTIONS = ("column", "delimiter", "time_column", "time_unit", "skip_rows", "comment", "drop_incomplete")
 STDIN = "standard input"
 
@@ -60,10 +60,11 @@ def open_source(
     Parameters
     ----------
     source : str or Recording
-        "-" (standard input), "FILE", "DATASET:RECORDING", "bag:FILE?topic=/name" or "ros2:/topic"; or a
-        recording, which is played like a live source.
+        Name of a source: "-" (standard input), "FILE", "DATASET:RECORDING", "bag:FILE?topic=/name" or
+        "ros2:/topic". Alternatively, a recording, which is played like a live source.
     fs : float, optional
-        Sampling rate in Hz; required for standard input, measured on a topic, compared with that of a file.
+        Sampling rate in Hz. It is required for standard input, measured by default for a topic, and compared
+        with the rate stated in a file.
     unit : str, optional
         Unit of the acceleration; required if neither the source nor the model states it.
     rate : float, optional
@@ -73,7 +74,7 @@ def open_source(
     paced : bool
         Whether to play a file in real time (default False).
     raw_channels : int, optional
-        Number of channels of standard input in little-endian float32, interleaved. By default, standard input
+        Number of interleaved channels, if standard input is little-endian float32. By default, standard input
         is text with one sample per line, and channels separated by commas, blanks or semicolons.
     file : BinaryIO, optional
         Stream that replaces standard input; the caller closes it.
@@ -82,9 +83,10 @@ def open_source(
         them. Files and bags are read and conditioned like its training files; live sources are not
         conditioned.
     **reading : optional
-        Further options. Files: those of `load_recording` (column, delimiter, time_column, time_unit,
-        skip_rows, comment, drop_incomplete). Standard input: column (by number) and delimiter. ROS 2 topics:
-        those of `topic_blocks` (domain, reliability, depth, wait_s, end_s).
+        Further options, which depend on the source. Files accept column, delimiter, time_column, time_unit,
+        skip_rows, comment and drop_incomplete (see `load_recording`). Standard input accepts column (by
+        number) and delimiter. ROS 2 topics accept domain, reliability, depth, wait_s and end_s (see
+        `topic_blocks`).
 
     Returns
     -------
@@ -95,7 +97,7 @@ def open_source(
     ------
     RecordingError
         If the rate or unit is missing or contradicts the source, the file is invalid, or the source lacks a
-        signal that the model needs. While iterating: if the first lines of a text are not numbers.
+        signal that the model needs. The generator raises it if the first lines of a text are not numbers.
     ValueError
         If an option is invalid, or belongs to another kind of source.
 
@@ -132,7 +134,7 @@ def open_source(
 
 
 def _check_options(source: str | Recording, reading: Mapping[str, Any], raw_channels: int | None) -> None:
-    """Raise a ValueError for options that belong to another kind of source."""
+    """Raise a ValueError if an option belongs to another kind of source."""
     is_topic = isinstance(source, str) and source.startswith(ROS2)
     if misplaced := [name for name in reading if (name in FILE_OPTIONS) == is_topic]:
         kind = "files" if is_topic else "ROS 2 topics (ros2:/TOPIC)"
@@ -157,7 +159,7 @@ def _read_stdin(
     column: Any = None,
     delimiter: str | None = None,
 ) -> BlockSource:
-    """Return blocks of standard input, text or float32, with turn rates in rad/s."""
+    """Return the blocks of standard input (text or float32), with turn rates in rad/s."""
     ReaderSettings(fs=fs, unit=unit, delimiter=delimiter).check(STDIN)
     unit = resolve_unit(None, unit or (None if model is None else model.manifest.input.unit), STDIN)
     if fs is None:
@@ -192,7 +194,7 @@ def _play(recording: Recording, signal: Samples, n: int, paced: bool) -> BlockSo
 
 
 def _select_columns(blocks: BlockSource, columns: Sequence[str]) -> BlockSource:
-    """Yield blocks with some of the columns, by number from 1."""
+    """Yield blocks with only the given columns, which are numbered from 1."""
     with closing(blocks):
         for block in blocks:
             n = block.samples.shape[1]
@@ -202,7 +204,7 @@ def _select_columns(blocks: BlockSource, columns: Sequence[str]) -> BlockSource:
 
 
 def _read_text(file: BinaryIO, fs: float, unit: str, n: int, delimiter: str | None) -> BlockSource:
-    """Yield blocks of n lines, without blank lines; a garbled line becomes a sample of NaN.
+    """Yield blocks of n lines; blank lines are skipped, and a garbled line becomes a sample of NaN.
 
     The number of columns is the most common one among the first lines, because the very first line may be
     incomplete or a header.
@@ -236,7 +238,7 @@ def _read_text(file: BinaryIO, fs: float, unit: str, n: int, delimiter: str | No
 
 
 def _lines(file: BinaryIO, delimiter: str | None) -> Iterator[tuple[int, list[float], str]]:
-    """Yield line number, numbers (none if garbled) and first characters of each line that is not blank.
+    """Yield the number of each line that is not blank, its values (none if garbled) and first characters.
 
     If the delimiter is not a comma, a comma is read as a decimal point.
     """

@@ -1,4 +1,4 @@
-"""Input of a trained model: the columns of a stream, and files that are read like the training files."""
+"""Input of a trained model: the columns of a stream, and files to be read like the training files."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -29,7 +29,7 @@ AuxiliarySignal = Literal["turn_rate", "friction"]
 
 
 class Member(NamedTuple):
-    """A recording of a card or folder that is not yet loaded, with its surface if it is known."""
+    """Recording of a dataset card or folder that is not yet loaded, with its surface if known."""
 
     name: str
     load: Callable[[], Recording]
@@ -47,7 +47,7 @@ class InputColumns:
     auxiliary
         Further signals of `Recording`: "turn_rate" (3 columns), then "friction" (1 column).
     friction_features
-        Names of the features that need the friction.
+        Names of the features that need the friction signal.
 
     Examples
     --------
@@ -86,7 +86,7 @@ class InputColumns:
         return np.column_stack(signals)
 
     def missing_signal(self, name: AuxiliarySignal) -> str:
-        """Return the error message for a source that lacks a signal, with the alternative."""
+        """Return the error message for a source that lacks a signal, with a remedy."""
         expected = f"Expected {', '.join(self.names)}, as in training"
         if name == "friction":
             features = ", ".join(self.friction_features)
@@ -123,12 +123,11 @@ class TrainingFiles(StrictModel):
     Attributes
     ----------
     fs
-        Sampling rate in Hz of files that do not state theirs.
+        Sampling rate in Hz of files that do not state it.
     unit
         Unit of the acceleration in the files.
     scale, phases, remove_resting_level, delimiter, skip_rows, comment, drop_incomplete
-        Settings of the dataset card. The scale belongs to the unit: it is not applied to files in another
-        unit.
+        Settings of the dataset card. The scale is not applied to files in another unit.
     turn_rate_scale
         Setting of the dataset card. It is not applied to turn rates in ROS messages, which are in rad/s.
     acceleration, auxiliary
@@ -136,7 +135,7 @@ class TrainingFiles(StrictModel):
     axes
         Names of the channels of the recordings.
     topic
-        Topic to read from bags with several topics.
+        Topic that is read from bags with several topics.
     time_column, time_unit
         Column of the time stamps, and their unit.
     resample
@@ -199,7 +198,7 @@ class TrainingFiles(StrictModel):
         Raises
         ------
         RecordingError, FileNotFoundError, CardError
-            Same as `find_recording`.
+            If `load` or `find_recording` raises it.
         """
         path = Path(name).expanduser()
         is_file = path.suffix.lower() in FORMATS and (path.exists() or ":" not in str(name))
@@ -219,17 +218,17 @@ class TrainingFiles(StrictModel):
         Parameters
         ----------
         names : iterable of str or Path
-            "SURFACE=FILE"; a file of an unknown surface; "DATASET:RECORDING"; a dataset card; or a folder
-            with one subfolder per surface.
+            Each name is "SURFACE=FILE", a file of an unknown surface, "DATASET:RECORDING", a dataset card, or
+            a folder with one subfolder per surface.
         labels : str or Path, optional
-            Table with the surfaces of a folder, see `open_dataset`.
+            Table with the surfaces of a folder; see `open_dataset`.
         **reading : optional
             Options of `find`.
 
         Raises
         ------
         RecordingError, FileNotFoundError, CardError
-            Same as `find` and `open_dataset`.
+            If `find` or `members` raises it.
         """
         recordings: list[Recording] = []
         for name in names:
@@ -251,16 +250,17 @@ class TrainingFiles(StrictModel):
         ----------
         name : str or Path
             Dataset card; folder with one subfolder per surface, or with recordings of unknown surfaces; or a
-            name for `find`.
+            name that `find` accepts.
         labels : str or Path, optional
-            Table with the surfaces of a folder, see `open_dataset`.
+            Table with the surfaces of a folder; see `open_dataset`.
         **reading : optional
             Options of `find`.
 
         Raises
         ------
         RecordingError, FileNotFoundError, CardError
-            Same as `open_dataset`; or if `labels` is given and `name` is not a folder.
+            If `open_dataset` raises it; a RecordingError also if `labels` is given and `name` is not a
+            folder.
         """
         path = Path(name).expanduser()
         if path.is_dir() and not (path / BAG_METADATA).is_file() and not find_export(path):
@@ -297,9 +297,10 @@ class TrainingFiles(StrictModel):
         unit: str | None = None,
         resample: float | None = None,
     ) -> Recording:
-        """Load a file like the training files.
+        """Load a file in the same way as the training files.
 
-        Rate and unit are taken from the file, else from the arguments, else from the training files.
+        The sampling rate and unit are those that the file states, otherwise the arguments, otherwise those of
+        the training files.
 
         If a bag lacks the columns of the training files, the columns of its messages are used instead:
         acceleration and turn rate, or the channels of an array, in the order of the training files.
@@ -372,7 +373,7 @@ class TrainingFiles(StrictModel):
         )
 
     def _roles_in(self, path: Path, settings: ReaderSettings) -> dict[str, tuple[str, ...]]:
-        """Return signal -> columns of a bag: those of the training files, or its own if they are missing."""
+        """Return the columns of a bag for each signal: as in the training files or, if missing, its own."""
         columns = files.column_names(path, settings)
         own_columns = [name for name in columns if not name.startswith("/")]
         auxiliary = {signal: names for signal, names in self.auxiliary.items() if set(names) <= set(columns)}
@@ -388,7 +389,7 @@ class TrainingFiles(StrictModel):
 
 
 def _is_bag(name: str | Path) -> bool:
-    """Return whether a name refers to a bag: "bag:FILE", a file, or a folder of rosbag2."""
+    """Return whether a name refers to a bag: "bag:FILE", a bag file, or a folder of rosbag2."""
     path = Path(name).expanduser()
     is_bag_file = (path.exists() or ":" not in str(name)) and is_bag(path)
     return files.is_bag_name(name) or is_bag_file or (path / BAG_METADATA).is_file()
