@@ -1,9 +1,11 @@
 """Low-level access to ROS bags: their topics, and the bytes of their messages.
 
-The module supports rosbag1, and rosbag2 in MCAP or SQLite, compressed or not, as a file or a folder of
-consecutive files. Bags may be damaged or malicious. The readers of the package rosbags follow the index of a
-bag and trust the sizes in it, so a bag of 1 kB can exhaust the memory. This module therefore reads from the
-first byte to the last, and limits decompression.
+The module supports rosbag1, and rosbag2 in MCAP or SQLite. Bags may be compressed, and may be a single file
+or a folder of consecutive files.
+
+Bags may also be damaged or malicious. The readers of the package rosbags follow the index of a bag and trust
+the sizes in it, so a bag of 1 kB can exhaust the memory. This module therefore reads messages from the first
+byte to the last, and limits decompression.
 """
 
 import bz2
@@ -35,13 +37,13 @@ MAX_BYTES = 1 << 27
 MAX_EXPANSION = 100
 """Largest ratio of the decompressed size of a bag to its file size; 64 MB are always allowed."""
 MAX_TOPICS = 10_000
-"""Largest number of topics of a bag; a larger one indicates a damaged file."""
+"""Largest number of topics of a bag; a larger number indicates a damaged file."""
 _MAGIC1 = b"#ROSBAG V2.0\n"
 _ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 class Connection(NamedTuple):
-    """Topic of a bag, with its message type, serialisation (ROS 1 or CDR) and type definition."""
+    """Topic of a bag, with its message type, serialisation (ROS 1 or CDR) and message definition."""
 
     topic: str
     type_name: str
@@ -50,7 +52,7 @@ class Connection(NamedTuple):
 
     @property
     def type_key(self) -> tuple[str, str, bool]:
-        """Arguments of `type_of`: name and definition of the message type, and `ros1`."""
+        """Arguments for `type_of`: name and definition of the message type, and `ros1`."""
         return self.type_name, self.definition, self.ros1
 
 
@@ -125,12 +127,12 @@ def _zstd() -> zstandard.ZstdDecompressor:
 
 
 def bag_topics(path: Path) -> dict[str, Connection]:
-    """Return topic -> connection of a bag.
+    """Return the connections of a bag by topic.
 
     Parameters
     ----------
     path : Path
-        File, folder, or the metadata.yaml of a folder.
+        File, folder, or `metadata.yaml` of a folder.
 
     Raises
     ------
@@ -148,7 +150,7 @@ def bag_topics(path: Path) -> dict[str, Connection]:
 
 
 def bag_messages(path: Path, connection: Connection) -> Iterator[tuple[int, bytes]]:
-    """Yield time of receipt (nanoseconds) and bytes of the messages of a topic, in the order of the bag.
+    """Yield the time of receipt (ns) and the bytes of each message of a topic, in the order of the bag.
 
     Raises
     ------
@@ -168,7 +170,7 @@ def bag_messages(path: Path, connection: Connection) -> Iterator[tuple[int, byte
 
 
 def _storage_files(path: Path) -> tuple[Path, ...]:
-    """Return the files with the messages of a bag, in order of their numbers."""
+    """Return the files that contain the messages of a bag, sorted by the numbers in their names."""
     folder = path if path.is_dir() else path.parent if path.name == BAG_METADATA else None
     if folder is None:
         return (path,)
@@ -186,7 +188,7 @@ def _storage_files(path: Path) -> tuple[Path, ...]:
 def _open_storage(path: Path) -> Iterator[tuple[Path, str]]:
     """Provide a storage file, decompressed if necessary, and its suffix.
 
-    All errors that the libraries raise for damaged files become a RecordingError.
+    Any error that the libraries raise for a damaged file becomes a RecordingError.
     """
     try:
         suffix = storage_suffix(path.name)
@@ -354,7 +356,7 @@ def _db3_messages(path: Path, topic: str, decompressor: Decompressor) -> Iterato
 
 @contextlib.contextmanager
 def _database(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open a database for reading."""
+    """Open the SQLite database of a bag for reading."""
     # A database that was not closed has its last messages in a write-ahead log, which "immutable" ignores.
     mode = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
     with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?{mode}", uri=True)) as database:

@@ -33,19 +33,19 @@ from texclass.robot.ros_messages import (
 
 
 def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
-    """Return the names of the columns: those of the selected topic, then "/topic/column" of the others.
+    """Return the names of the columns: those of the selected topic, then "/topic/column" of other topics.
 
     Parameters
     ----------
     path : Path
         Bag.
     settings : ReaderSettings
-        Settings of the reader; `topic` selects a topic.
+        Settings of the reader, in which `topic` selects a topic.
 
     Raises
     ------
     RecordingError
-        If the bag cannot be read, or no topic can be selected.
+        If the bag cannot be read, or `select_topic` raises it.
     """
     topics = bag_topics(path)
     connection = select_topic(topics, settings.topic, path)
@@ -64,7 +64,7 @@ def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
 
 
 def readable_topics(path: Path) -> tuple[str, ...]:
-    """Return the topics with a readable message type.
+    """Return the names of the topics with a readable message type.
 
     Raises
     ------
@@ -76,16 +76,16 @@ def readable_topics(path: Path) -> tuple[str, ...]:
 
 
 def read(path: Path, columns: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
-    """Read columns at a uniform sampling rate: the stated one, if the time stamps agree with it.
+    """Read columns at a uniform sampling rate, which is the stated one if the time stamps agree with it.
 
     Parameters
     ----------
     path : Path
         Bag.
     columns : tuple of str
-        Columns to read, see `names`.
+        Columns to read; see `names`.
     settings : ReaderSettings
-        Settings of the reader: topic and sampling rate.
+        Settings of the reader, with topic and sampling rate.
 
     Raises
     ------
@@ -151,7 +151,8 @@ def select_topic(topics: Mapping[str, Connection], name: str | None, path: Path)
     Raises
     ------
     RecordingError
-        If there is no such topic, or several have an acceleration.
+        If there is no such topic, its message type cannot be read, or, without a name, several topics have an
+        acceleration.
     """
     if name is not None:
         connection = topics.get(name) or topics.get(f"/{name}")
@@ -187,7 +188,7 @@ def _channel_names(n: int) -> tuple[str, ...]:
 def _read_messages(
     path: Path, connection: Connection, columns: tuple[str, ...]
 ) -> tuple[Timestamps | None, Timestamps, Samples]:
-    """Return time stamps (None without headers), times of receipt, and samples of shape (n, k, n_columns)."""
+    """Return time stamps (None if there are no headers), times of receipt, and samples (n, k, n_columns)."""
     where = f"{path}?topic={connection.topic}"
     type_ = type_of(*connection.type_key)
     if type_ is not None:
@@ -225,7 +226,7 @@ def _read_messages(
 
 
 def _interpolate(path: Path, topics: Mapping[str, Connection], name: str, t: Samples) -> Samples:
-    """Return a column of another topic at the times t (s), with constant extrapolation."""
+    """Interpolate a column of another topic at the times t (s), with constant extrapolation."""
     topic, _, column = name.rpartition("/")
     if topic not in topics or column not in getattr(type_of(*topics[topic].type_key), "columns", ()):
         raise reader_error(path, f"column {name!r} does not exist", "/topic/column of a bag")

@@ -1,7 +1,8 @@
 """ROS 2 over DDS, without ROS: names, messages, quality of service and publishers (extra `robot`).
 
-ROS 2 adds the prefix `rt/` to a topic, names the type `package::msg::dds_::Type_`, and serialises in CDR
-version 1. With the same conventions, ROS 2 nodes can publish and subscribe.
+ROS 2 adds the prefix `rt/` to the name of a topic, names a message type `package::msg::dds_::Type_`, and
+serialises messages in CDR version 1. A program that follows these conventions can exchange messages with
+ROS 2 nodes.
 """
 
 import json
@@ -29,7 +30,7 @@ Reliability = Literal["reliable", "best effort"]
 DEPTH = 20_000
 """Default queue length in messages: 2 s at 10 kHz. The default of ROS 2 for sensor data, 5, is too short."""
 MAX_DOMAIN = 232
-"""Largest DDS domain: higher ones have no valid port numbers."""
+"""Largest DDS domain; higher numbers have no valid ports."""
 OK, WARN = 0, 1
 """Levels of `diagnostic_msgs/DiagnosticStatus`."""
 
@@ -93,7 +94,7 @@ def message_class(type_name: str) -> Any:
 
 
 def _member(description: Any) -> tuple[Any, Any]:
-    """Return type and default of a field of a message."""
+    """Return the type and the default factory of a field of a message."""
     match description[0].name, description[1]:
         case "BASE", ("string", _):
             return str, str
@@ -114,7 +115,7 @@ def participant(domain: int | None = None) -> DomainParticipant:
     Raises
     ------
     ValueError
-        If the domain is not a number from 0 to 232.
+        If the domain is not an integer from 0 to 232.
     """
     number = str(os.environ.get("ROS_DOMAIN_ID") or 0 if domain is None else domain)
     if not (number.isascii() and number.isdigit() and int(number) <= MAX_DOMAIN):
@@ -127,7 +128,7 @@ def participant(domain: int | None = None) -> DomainParticipant:
 
 
 def quality(reliability: Reliability, depth: int = DEPTH) -> Qos:
-    """Return the quality of service of a topic: volatile, queue of `depth` messages, CDR version 1.
+    """Return the quality of service of a topic: volatile, with a queue of `depth` messages, in CDR version 1.
 
     Parameters
     ----------
@@ -148,12 +149,12 @@ def quality(reliability: Reliability, depth: int = DEPTH) -> Qos:
 
 
 class AnswerPublisher:
-    """Publisher of answers, as JSON (`std_msgs/String`) and as `diagnostic_msgs/DiagnosticArray`.
+    """Publisher of answers as JSON (`std_msgs/String`) and as `diagnostic_msgs/DiagnosticArray`.
 
     Parameters
     ----------
     topic : str
-        Topic of the JSON.
+        Topic of the answers as JSON.
     diagnostics : str or None
         Topic of the diagnostics; None disables them.
     name : str
@@ -196,8 +197,8 @@ class AnswerPublisher:
         Parameters
         ----------
         answer : mapping
-            Content of the JSON. `surface` becomes the message of the diagnostic status, whose level is a
-            warning if `unknown` is true.
+            Content of the JSON message. `surface` becomes the message of the diagnostic status, whose level
+            is a warning if `unknown` is true.
         stamp_ns : int, optional
             Time stamp of the answer in nanoseconds (default: now).
         """
@@ -232,8 +233,8 @@ class ImuPublisher:
     frame : str
         Name of the frame in the headers.
     reliability : str
-        "reliable" serves all subscribers; "best effort" (usual for ROS 2 drivers) serves only subscribers
-        with best effort.
+        "reliable" serves all subscribers; "best effort" (usual for ROS 2 drivers) serves only best-effort
+        subscribers.
     depth : int
         Queue length in messages, for slow subscribers.
     domain : int, optional

@@ -1,6 +1,6 @@
 """Types, columns and units of ROS messages that contain signals, and their decoding (with rosbags).
 
-Bags and DDS use the same serialisation: CDR in ROS 2, a packed form in ROS 1.
+Bags and DDS contain messages in the same serialisation: CDR in ROS 2, a packed form in ROS 1.
 """
 
 import functools
@@ -17,11 +17,11 @@ from texclass.recording import RecordingError, Samples
 
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 MAX_CHANNELS = 1024
-"""Largest number of channels of a message; a larger one indicates a damaged message."""
+"""Largest number of channels of a message; a larger number indicates a damaged message."""
 
 
 class MessageError(ValueError):
-    """Error in the content of a message, with its type."""
+    """Error for a message whose content is invalid; the text names the message type."""
 
 
 @dataclass(frozen=True)
@@ -33,17 +33,17 @@ class MessageType:
     name
         Name "package/msg/Type".
     columns
-        Column -> fields of the message; the value is their norm if there are several.
+        Column -> fields of the message. The value of a column with several fields is their norm.
     acceleration
         Columns of the acceleration; empty if the type has none.
     unit
         Unit of the acceleration.
     factors
-        Column -> factor to the unit of `Recording` (default 1).
+        Column -> factor that converts its values to the unit of `Recording` (default 1).
     covariances
-        Column -> covariance, whose first number is -1 if the sensor does not measure the column.
+        Column -> field of the covariance, whose first number is -1 if the sensor does not measure the column.
     definition
-        Definition in the bag, for types that are not in `TYPES`.
+        Message definition in the bag, for types that are not in `TYPES`.
     """
 
     name: str
@@ -93,21 +93,21 @@ READABLE = (*TYPES, MULTI_ARRAY)
 
 @functools.cache
 def type_of(name: str, definition: str, ros1: bool) -> MessageType | None:
-    """Return one of `TYPES`, or a type with all numeric fields of its definition ("angle.roll").
+    """Return the type with the given name: one of `TYPES`, or one with all numeric fields of the definition.
 
     Parameters
     ----------
     name : str
         Name "package/msg/Type".
     definition : str
-        Definition in the bag; "" if there is none.
+        Message definition in the bag; "" if there is none.
     ros1 : bool
         Whether messages are packed as in ROS 1, not in CDR.
 
     Returns
     -------
     type_ : MessageType or None
-        None if the definition cannot be read, or has no header or no numbers.
+        Message type; None if the definition cannot be read, or has no header or no numbers.
 
     Examples
     --------
@@ -126,7 +126,7 @@ def type_of(name: str, definition: str, ros1: bool) -> MessageType | None:
 
 
 def _numeric_fields(store: Any, name: str) -> tuple[str, ...]:
-    """Return the numeric fields of a message type ("angle.roll"), without its header and arrays."""
+    """Return the numeric fields of a message type, such as "angle.roll", without its header and arrays."""
 
     @functools.cache
     def fields_of(type_name: str) -> tuple[str, ...]:
@@ -149,8 +149,8 @@ def decode_stamped(
     """Decode columns of messages with a header, in the units of `Recording`.
 
     A covariance that starts with -1 declares its columns as not measured [sensor_msgs/Imu]. Some drivers also
-    send it when only the covariance is unknown. The declaration is therefore ignored unless the values are 0
-    or NaN in every message.
+    send such a covariance when only the covariance is unknown. The declaration is therefore ignored unless
+    the values are 0 or NaN in every message.
 
     Parameters
     ----------
@@ -202,7 +202,9 @@ def decode_stamped(
 
 
 def decode_multi_array(raw: bytes, *, ros1: bool) -> Samples:
-    """Decode a `std_msgs/Float64MultiArray`: (samples, channels), or one sample if it has fewer dimensions.
+    """Decode a `std_msgs/Float64MultiArray` with the dimensions (samples, channels).
+
+    An array with fewer dimensions is one sample.
 
     Parameters
     ----------
@@ -214,7 +216,7 @@ def decode_multi_array(raw: bytes, *, ros1: bool) -> Samples:
     Returns
     -------
     samples : ndarray of shape (n, n_channels)
-        Block of samples.
+        Samples of the message.
 
     Raises
     ------

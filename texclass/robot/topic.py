@@ -36,13 +36,13 @@ from texclass.robot.ros_messages import (
 )
 
 SIGNALS = ("sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", MULTI_ARRAY)
-"""Message types that a `Subscriber` decodes."""
+"""Message types that a `Subscriber` can decode."""
 MAX_MESSAGES = 4096
-"""Largest number of messages that are read at once, which bounds the memory."""
+"""Largest number of messages that are read at once; the limit bounds the memory."""
 SILENCE_S = 1.0
 """Time without messages (s) after which an empty block reports the silence."""
 ZERO_TURN_RATE_S = 1.0
-"""Duration of a turn rate of exactly 0 (s) after which a block reports it: real gyroscopes have noise."""
+"""Duration (s) of a turn rate of exactly 0 after which a block reports it, because gyroscopes have noise."""
 
 
 class MessageBatch(NamedTuple):
@@ -51,11 +51,11 @@ class MessageBatch(NamedTuple):
     Attributes
     ----------
     timestamps_ns : ndarray of shape (n,)
-        Time stamps of the headers in nanoseconds; times of sending for messages without one.
+        Time stamps of the headers in nanoseconds, or times of sending for messages without a time stamp.
     sent_ns : ndarray of shape (n,)
-        Times of sending in nanoseconds, by the clock of the publisher.
+        Times of sending in nanoseconds, according to the clock of the publisher.
     samples : ndarray of shape (n, k, n_channels)
-        Messages of k samples each.
+        Samples of the n messages, which have k samples each.
     n_damaged : int
         Number of messages that could not be decoded and are omitted.
     """
@@ -81,7 +81,8 @@ def topic_blocks(
 ) -> BlockSource:
     """Return the acceleration of a ROS 2 topic as blocks, with the turn rate if the model needs it.
 
-    Flags of the blocks report one second of silence, a turn rate of 0 for one second, and several publishers.
+    Flags of the blocks report, for example, one second of silence, a turn rate of exactly 0 for one second,
+    and several publishers of the topic.
 
     Parameters
     ----------
@@ -117,7 +118,7 @@ def topic_blocks(
         If there is no publisher, its message type cannot be read or lacks a signal that the model needs, or
         `unit` is not the unit of the type.
     ValueError
-        If reliability, depth or domain are invalid.
+        If the reliability, depth or domain is invalid.
 
     Examples
     --------
@@ -171,7 +172,7 @@ def topic_blocks(
 def discover(
     topic: str, *, domain: int | None = None, timeout_s: float = 5.0
 ) -> list[tuple[str, Reliability]]:
-    """Wait for a publisher of a ROS 2 topic; return message type and reliability of all its publishers.
+    """Wait for a publisher of a ROS 2 topic; return message type and reliability of each publisher.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ def discover(
     Returns
     -------
     list of (str, {"reliable", "best effort"})
-        Empty if there is no publisher within this time.
+        Message type and reliability of each publisher; empty if there is none within this time.
 
     Examples
     --------
@@ -218,7 +219,8 @@ class Subscriber:
     topic : str
         Name of the topic, such as "/imu/data".
     type_name : str
-        "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped" or "std_msgs/msg/Float64MultiArray".
+        Message type: "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped" or
+        "std_msgs/msg/Float64MultiArray".
     reliability : str
         "best effort" receives from all publishers, without retransmission; "reliable" receives from reliable
         publishers only.
@@ -227,12 +229,12 @@ class Subscriber:
     domain : int, optional
         DDS domain (default: $ROS_DOMAIN_ID, or 0).
     columns : tuple of str, optional
-        Columns of the message (default: its acceleration).
+        Columns to read from each message (default: those of the acceleration).
 
     Raises
     ------
     ValueError
-        If the type or a column does not exist.
+        If the message type cannot be decoded or lacks a column.
 
     Examples
     --------
@@ -278,14 +280,14 @@ class Subscriber:
         return len(self._reader.get_matched_publications())
 
     def publishers(self) -> list[str]:
-        """Return the sorted identifiers (GID) of the publishers, as in `ros2 topic info --verbose`."""
+        """Return the sorted identifiers (GIDs) of the publishers, as in `ros2 topic info --verbose`."""
         handles = self._reader.get_matched_publications()
         endpoints = [self._reader.get_matched_publication_data(handle) for handle in handles]
         return sorted(endpoint.key.hex for endpoint in endpoints if endpoint is not None)
 
     @property
     def n_lost(self) -> int:
-        """Number of lost messages that DDS reports: overwritten in the queue, or lost on the network."""
+        """Number of messages that DDS reports as lost: overwritten in the queue, or lost on the network."""
         return int(self._reader.get_sample_lost_status().total_count)
 
     def status(self) -> str:
@@ -297,7 +299,7 @@ class Subscriber:
         return "no publisher is connected"
 
     def take(self, timeout_s: float = 0.1) -> MessageBatch | None:
-        """Return the messages that have arrived, or wait for the first one.
+        """Return the messages that have arrived; if there are none, wait for the first one.
 
         Parameters
         ----------
@@ -307,7 +309,7 @@ class Subscriber:
         Returns
         -------
         batch : MessageBatch or None
-            None if no message arrived in time.
+            The messages; None if no message arrived in time.
 
         Raises
         ------
@@ -333,7 +335,7 @@ class Subscriber:
 
 
 class _RawMessage:
-    """Data type that stores messages as bytes, because decoding many messages together is faster."""
+    """Data type that keeps a message as bytes, because decoding many messages together is faster."""
 
     __slots__ = ("data", "sample_info")
 
@@ -367,7 +369,8 @@ def decode_messages(
     Returns
     -------
     batch : MessageBatch or None
-        None if all messages are damaged. Messages of another size than the first valid one are omitted.
+        The valid messages; None if all are damaged. Messages that differ in size from the first valid one
+        count as damaged.
 
     Raises
     ------
