@@ -1,7 +1,7 @@
 """ONNX graph of a trained model, from features to label, probabilities, p-value and verdict.
 
-Steps and classifiers are built from their array form (`texclass.recognition.array_form`). Estimators of
-scikit-learn without an array form are converted by skl2onnx.
+The graphs of steps and classifiers are built from their array form (`texclass.recognition.array_form`).
+Estimators of scikit-learn without an array form are converted by skl2onnx.
 """
 
 import warnings
@@ -21,7 +21,7 @@ from texclass.robot.export.graph import OPSETS, Graph, OnnxExportError, Tensor, 
 FEATURES = "features"
 OUTPUTS: tuple[str, ...] = ("label", "probabilities", "p_known", "unknown")
 UNDEFINED = ""
-"""Label of a row that contains an infinite feature, or an undefined feature that no step imputes."""
+"""Label of a row with an infinite feature, or with an undefined feature that no step imputes."""
 DOC = """\
 Surface classification of features with a texclass model.
 
@@ -36,7 +36,7 @@ texclass.self_check contains rows with their answers.
 
 
 def build(model: Model) -> Any:
-    """Return a trained model as an ONNX model, without metadata.
+    """Convert a trained model to an ONNX model, without metadata.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def build(model: Model) -> Any:
     Returns
     -------
     onnx.ModelProto
-        Model with the input "features" and the outputs of `OUTPUTS`.
+        Model with the input "features" and the outputs named in `OUTPUTS`.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def build(model: Model) -> Any:
 
 
 def add_answers(model: Model, features: Tensor, is_invalid: Tensor | None = None) -> list[Any]:
-    """Add the answers of a model to a graph, and return the descriptions of its outputs (`OUTPUTS`).
+    """Add nodes for the answers of a model to a graph, and return the descriptions of its outputs.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def add_answers(model: Model, features: Tensor, is_invalid: Tensor | None = None
     features : Tensor
         Features (n, n_columns) in double precision, in the order of the model's columns.
     is_invalid : Tensor, optional
-        Rows (n,) without a defined answer, in addition to those with undefined features.
+        Mask (n,) of rows without a defined answer, in addition to rows with undefined features.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def add_answers(model: Model, features: Tensor, is_invalid: Tensor | None = None
 
 
 def _reduce_rows(reduction: str, condition: Tensor) -> Tensor:
-    """Add whether any ("ReduceMax") or all ("ReduceMin") elements of each row are true, shape (n,)."""
+    """Add a test whether any ("ReduceMax") or all ("ReduceMin") elements of each row are true, shape (n,)."""
     return condition.cast(np.float64).reduced(reduction, 1, keepdims=False).cast(np.bool_)
 
 
@@ -124,7 +124,7 @@ def add_part(part: ArrayStep, rows: Tensor) -> Tensor:
     Parameters
     ----------
     part : mapping
-        Array form of the step or classifier, see `texclass.recognition.array_form`.
+        Array form of the step or classifier; see `texclass.recognition.array_form`.
     rows : Tensor
         Rows (n, n_features_in) in double precision.
 
@@ -136,7 +136,7 @@ def add_part(part: ArrayStep, rows: Tensor) -> Tensor:
     Raises
     ------
     OnnxExportError
-        If it cannot be exported.
+        If the step or classifier cannot be exported.
     """
     parameters = {name: value for name, value in part.items() if name != "operation"}
     return BUILDERS[part["operation"]](rows, **parameters)
@@ -160,9 +160,10 @@ def _kernel(
     dual: Samples,
     length: float,
 ) -> Tensor:
-    """Add K alpha, where K is the mean over the views of the kernels between rows and prototypes.
+    """Add nodes that compute K alpha, where alpha are the dual coefficients.
 
-    Prototypes are stored once: with a = z W and b = Z W in each view, a b' is (z W W') Z'.
+    K is the kernel between rows and prototypes, averaged over the views. The prototypes are stored only once:
+    with a = z W and b = Z W in each view, a b' is (z W W') Z'.
     """
     graph = rows.graph
     # Standardised prototypes of the first view, exactly if they were stored with 16 bits.
@@ -189,14 +190,14 @@ def _kernel(
 
 
 def _gauss(rows: Tensor, mean: Samples, variance: Samples, prior: Samples, is_averaged: bool) -> Tensor:
-    """Add log posteriors, from sum (x - mean)^2 / variance."""
+    """Add decisions from the posteriors of Gaussian classes, via the sum of (x - mean)^2 / variance."""
     level = np.log(prior) - 0.5 * np.log(2 * np.pi * variance).sum(axis=1)
     joint = level - _squares(rows, mean, np.sqrt(0.5 / variance))
     return _as_decisions(rows.graph.add("Softmax", joint, axis=1), len(prior), is_averaged)
 
 
 def _centroids(rows: Tensor, points: Samples, scale: Samples, prior: Samples) -> Tensor:
-    """Add -|x/s - c/s|^2 + 2 log prior."""
+    """Add the decisions of a nearest-centroid classifier, -|x/s - c/s|^2 + 2 log prior."""
     scores: Tensor = 2 * np.log(prior) - _squares(rows / scale, points / scale)
     if len(points) > 2:
         return scores
@@ -207,7 +208,7 @@ def _centroids(rows: Tensor, points: Samples, scale: Samples, prior: Samples) ->
 def _neighbours(
     rows: Tensor, points: Samples, classes: NDArray[Any], n: int, n_classes: int, is_averaged: bool
 ) -> Tensor:
-    """Add the fractions of the classes among the nearest points: those with the smallest |b|^2 - 2 a b."""
+    """Add the fractions of the classes among the nearest points, which have the smallest |b|^2 - 2 a b."""
     products = rows @ np.ascontiguousarray(-2 * points.T)
     nearness = -(products + np.einsum("ij,ij->i", points, points))
     nearest = rows.graph.largest(nearness, n, axis=1, largest=1, sorted=1)[1]
@@ -220,7 +221,7 @@ def _vote(
 ) -> Tensor:
     """Add the mean decision over the segments, combined with the decision for the whole movement.
 
-    If all segments are equal, one of them suffices.
+    If all segments have equal features, only one of them is evaluated.
     """
     n_segments = 1 if rows.graph.has_equal_segments else columns.shape[1]
     votes = [add_part(segment, rows.take(columns[:, i])) for i in range(n_segments)]
@@ -239,7 +240,7 @@ def _chain(rows: Tensor, steps: Sequence[ArrayStep], classifier: ArrayStep) -> T
 
 
 def _estimator(rows: Tensor, estimator: Any, is_averaged: bool | None = None) -> Tensor:
-    """Add an estimator without array form, converted by skl2onnx."""
+    """Add an estimator that has no array form, converted by skl2onnx."""
     if is_averaged is None:
         if isinstance(estimator, SimpleImputer):
             raise OnnxExportError(
@@ -279,14 +280,14 @@ BUILDERS: Mapping[str, Callable[..., Tensor]] = {
 
 
 def _as_decisions(p: Tensor, n_classes: int, is_averaged: bool) -> Tensor:
-    """Add the decisions for probabilities: logarithms, or probabilities if they are averaged in a vote."""
+    """Add decisions derived from probabilities: their logarithms, or themselves if a vote averages them."""
     if not is_averaged:
         return p.graph.add("Log", p.graph.add("Max", p, MIN_PROBABILITY))
     return _both(p - 0.5) if n_classes == 2 else p
 
 
 def _squares(rows: Tensor, points: Samples, weight: Samples | None = None) -> Tensor:
-    """Add |x_i - c_j|^2 for rows (n, p) and points (m, p), shape (n, m)."""
+    """Add the squared distances between rows (n, p) and points (m, p), shape (n, m)."""
     differences = rows.unsqueeze() - points[None]
     if weight is not None:
         differences = differences * weight[None]
@@ -294,13 +295,16 @@ def _squares(rows: Tensor, points: Samples, weight: Samples | None = None) -> Te
 
 
 def _both(decision: Tensor) -> Tensor:
-    """Return the decisions for both of two classes: minus the last column, and the last column."""
+    """Add the decisions for both of two classes: the negated last column, and the last column."""
     second = decision.take(along(-1))
     return decision.graph.concatenate(-second, second)
 
 
 def _convert(part: Any, rows: Tensor, *choices: dict[str, bool]) -> Tensor:
-    """Add an estimator converted by skl2onnx, with the first accepted options; return its last output."""
+    """Convert an estimator with skl2onnx, with the first accepted options, and add it to the graph.
+
+    Returns the last output of the estimator.
+    """
     from onnx.utils import Extractor
     from skl2onnx import to_onnx
     from skl2onnx.common.data_types import DoubleTensorType

@@ -1,9 +1,9 @@
 """Fourier transforms of the rows of a tensor as products of small matrices, and filters based on them.
 
-The `DFT` operator of ONNX Runtime is slow for lengths that are not powers of two. A length N = N1 N2 is
-therefore factorised (Cooley, Tukey 1965): N2 transforms of length N1, a rotation of each element (twiddle
-factor), and N1 transforms of length N2. The file contains one period of cosine and sine; the matrices are
-built from it when the file is loaded.
+The `DFT` operator of ONNX Runtime is slow for lengths that are not powers of two. A transform of length
+N = N1 N2 is therefore factorised (Cooley, Tukey 1965) into N2 transforms of length N1, a rotation of each
+element (twiddle factor), and N1 transforms of length N2. The ONNX file contains one period of cosine and
+sine; the matrices are built from it when the file is loaded.
 """
 
 from collections.abc import Callable
@@ -64,7 +64,7 @@ def power(rows: Tensor, n: int, n_fft: int, n_bins: int) -> Tensor:
 
 
 def irfft(real: Tensor, imaginary: Tensor, n: int) -> Tensor:
-    """Add the inverse transform, shape (n_rows, n), of n // 2 + 1 bins.
+    """Add the inverse transform of n // 2 + 1 bins, shape (n_rows, n).
 
     The imaginary parts at 0 and at half the sampling rate must be 0.
     """
@@ -91,7 +91,9 @@ def irfft(real: Tensor, imaginary: Tensor, n: int) -> Tensor:
 
 
 def factors(n: int) -> tuple[int, int]:
-    """Return the factors N1 N2 = n with the fewest operations: N1 is about twice N2.
+    """Return the factors N1 and N2 of n for which the transform needs the fewest operations.
+
+    N1 is at least N2, and N1 + 2 N2 is as small as possible.
 
     Examples
     --------
@@ -112,7 +114,7 @@ def _rotate(real: Tensor, imaginary: Tensor, n_rows: int, n_columns: int, n: int
 
 
 def _rotation_matrices(graph: Graph, n_rows: int, n_columns: int, period: int) -> tuple[Tensor, Tensor]:
-    """Add cos and sin of 2 pi r c / period, shape (n_rows, n_columns), from tables of one period."""
+    """Add the matrices cos(2 pi r c / period) and sin(2 pi r c / period) for row r and column c."""
 
     def create() -> tuple[Tensor, Tensor]:
         angle = 2 * np.pi / period * np.arange(period, dtype=np.float64)
@@ -129,7 +131,7 @@ def _constants(graph: Graph, angle: Samples) -> tuple[Tensor, Tensor]:
 
 
 def _block_matrix(graph: Graph, key: tuple[str, int], blocks: Callable[[], list[list[Tensor]]]) -> Tensor:
-    """Add a matrix of blocks, once for each key."""
+    """Add a matrix that consists of blocks, only once for each key."""
 
     def create() -> Tensor:
         return graph.concatenate(*(graph.concatenate(*row) for row in blocks()), axis=0)
@@ -151,7 +153,7 @@ def _spectrum(view: GraphView, n_bins: int) -> tuple[Tensor, Tensor]:
 
 
 def _filter(view: GraphView, response: Samples, n: int) -> Tensor:
-    """Add the inverse transform of the spectrum times a response, with n samples: (n_rows, n)."""
+    """Add the movement filtered with a frequency response and resampled to n samples, shape (n_rows, n)."""
     real, imaginary = _spectrum(view, n // 2 + 1)
     bins = np.arange(n // 2 + 1)
     scale = response * n / _padded_length(view)
@@ -160,7 +162,7 @@ def _filter(view: GraphView, response: Samples, n: int) -> Tensor:
 
 @once
 def low_passed(view: GraphView, cutoff_hz: float) -> tuple[Tensor, int, int]:
-    """Add the low-passed movement; return it with the decimation factor and its length."""
+    """Add the low-pass filtered movement; return it with its decimation factor and number of samples."""
     n_fft, rate = _padded_length(view), cutoff_hz * 10
     factor = next((k for k in (movement_filters.MAX_DECIMATION, 10, 5, 4, 2) if view.fs / k >= rate), 1)
     size = -(-view.n_samples // factor)
@@ -183,7 +185,10 @@ def band_magnitude(view: GraphView, band_hz: tuple[float, float], rate_hz: float
 
 @once
 def band_limited(view: GraphView, band_hz: float) -> tuple[Tensor, int, float]:
-    """Add the band-limited movement; return it with length and rate. See `movement_filters.band_limited`."""
+    """Add the band-limited movement; return it with its number of samples and its rate in Hz.
+
+    See `movement_filters.band_limited`.
+    """
     if view.fs <= 2 * band_hz:
         return view.unit, view.n_samples, view.fs
     n_fft = _padded_length(view)

@@ -2,11 +2,11 @@
 
 A builder is a function that adds the graph of a feature. It receives a `GraphView`, which corresponds to
 `PhaseView`, and the parameters of the feature. It returns a tensor (n, n_outputs) in double precision, with
-NaN in rows where the feature is undefined for the signal. Comparisons use samples in single precision, like
-the feature functions, so that counts are equal; sums are in double precision.
+NaN in rows where the feature is undefined for the signal. Builders compare samples in single precision, as
+the feature functions do, so that counts are equal; they compute sums in double precision.
 
-``@graph_of("name")`` registers the graph of your own feature, anywhere in the module that defines the
-feature.
+The decorator ``@graph_of("name")`` registers a builder for your own feature. Use it anywhere in the module
+that defines the feature.
 """
 
 import importlib
@@ -30,7 +30,7 @@ GRAPHS: dict[str, Builder] = {}
 
 @dataclass(frozen=True, eq=False)
 class GraphView:
-    """Conditioned movements of equal length as tensors; corresponds to `PhaseView`.
+    """Conditioned movements of equal length as a tensor, the counterpart of `PhaseView`.
 
     Attributes
     ----------
@@ -53,12 +53,12 @@ class GraphView:
 
     @cached_property
     def level(self) -> Tensor:
-        """Largest magnitude, shape (n, 1)."""
+        """Largest magnitude of the samples of each movement, shape (n, 1)."""
         return abs(self.samples).reduced("ReduceMax", -1)
 
     @cached_property
     def is_undefined(self) -> Tensor:
-        """Whether all samples are equal, or one is not finite, shape (n, 1), bool."""
+        """Whether all samples of a movement are equal, or one is not finite; boolean, shape (n, 1)."""
         range_ = self.samples.reduced("ReduceMax", -1) - self.samples.reduced("ReduceMin", -1)
         is_not_finite = self.add("IsNaN", self.level * 0.0)
         return self.add("Not", range_ > 0.0) | is_not_finite
@@ -70,7 +70,7 @@ class GraphView:
 
     @cached_property
     def unit(self) -> Tensor:
-        """Values of `unit32` in double precision."""
+        """Samples of `unit32`, cast to double precision."""
         return self.unit32.cast(np.float64)
 
     @cached_property
@@ -83,13 +83,13 @@ class GraphView:
         return self.graph.add(operator, *operands, **attributes)
 
     def running(self, operand: Tensor) -> Tensor:
-        """Add the sums of the first 0, 1, 2 ... elements of each row."""
+        """Add the cumulative sums of each row, starting with 0."""
         return self.add(
             "Pad", self.add("CumSum", operand, np.array(1)), np.array([0, 1, 0, 0], dtype=np.int64)
         )
 
     def moving_average(self, operand: Tensor, size: int, n: int) -> Tensor:
-        """Add the centred moving average over n elements of rows of `size`, truncated at the ends."""
+        """Add the centred moving average over `n` of `size` elements in each row, truncated at the ends."""
         start = np.arange(size) - min(n, 2 * size) // 2
         first, stop = np.maximum(start, 0), np.minimum(start + min(n, 2 * size), size)
         running = self.running(operand)
@@ -100,7 +100,7 @@ class GraphView:
 def once(
     function: Callable[Concatenate[GraphView, Parameters], Cached],
 ) -> Callable[Concatenate[GraphView, Parameters], Cached]:
-    """Cache the tensors that a function adds, so that they are added once per view and arguments."""
+    """Cache the tensors that a function adds, so that it adds them once per view and set of arguments."""
 
     @wraps(function)
     def cached(view: GraphView, /, *args: Parameters.args, **options: Parameters.kwargs) -> Cached:
@@ -141,7 +141,7 @@ def builders() -> Mapping[str, Builder]:
 
 
 def features_without_graph(feature_set: FeatureSet) -> tuple[str, ...]:
-    """Return the names of the members of a set that have no graph, or do not use the movement."""
+    """Return the names of the members of a set that have no graph or do not use the movement phase."""
     graphs = builders()
     return tuple(
         m.name for m in feature_set.members if m.feature.phase != "movement" or m.feature.name not in graphs
@@ -149,7 +149,7 @@ def features_without_graph(feature_set: FeatureSet) -> tuple[str, ...]:
 
 
 def member_graph(view: GraphView, member: Member) -> Tensor:
-    """Add all columns of a member of a feature set, shape (n, n_columns): all are NaN if one is undefined.
+    """Add all columns of a member of a feature set, shape (n, n_columns); if one is undefined, all are NaN.
 
     Parameters
     ----------
@@ -182,6 +182,6 @@ def member_graph(view: GraphView, member: Member) -> Tensor:
 
 @once
 def segments_of(view: GraphView, n_segments: int) -> GraphView:
-    """Return the view of the segments, with n_segments consecutive rows for each movement."""
+    """Divide movements into segments; each movement becomes `n_segments` consecutive rows of the result."""
     size = view.n_samples // n_segments
     return GraphView(view.samples.cut(0, size * n_segments).reshape(-1, size), view.fs, size)
