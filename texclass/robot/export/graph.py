@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 OPSETS: Mapping[str, int] = {"": 18, "ai.onnx.ml": 3}
-"""Operator sets that are supported since onnxruntime 1.15 (2023): robots seldom have the latest version."""
+"""Operator sets supported since onnxruntime 1.15 (2023), because robots seldom have the latest version."""
 
 Cached = TypeVar("Cached")
 
 
 class OnnxExportError(ValueError):
-    """Error for a model that cannot be exported, with the reason.
+    """Error for a model that cannot be exported; the message gives the reason.
 
     Examples
     --------
@@ -24,9 +24,9 @@ class OnnxExportError(ValueError):
 
 
 class Tensor:
-    """Tensor of a graph, with the operators of an array; they add nodes and return their outputs.
+    """Tensor of a graph, with array operators that add nodes to the graph and return their outputs.
 
-    Operands are tensors, numbers or arrays; numbers and arrays become constants.
+    Operands are tensors, numbers or arrays; numbers and arrays become constants of the graph.
 
     Parameters
     ----------
@@ -93,15 +93,15 @@ class Tensor:
         return self.graph.add("Log", self) * (1 / math.log(10))
 
     def mean(self, axis: int = -1) -> "Tensor":
-        """Return the mean over an axis, which remains with length 1."""
+        """Return the mean over an axis, which is kept with length 1."""
         return self.reduced("ReduceMean", axis)
 
     def sum(self, axis: int = -1) -> "Tensor":
-        """Return the sum over an axis, which remains with length 1."""
+        """Return the sum over an axis, which is kept with length 1."""
         return self.reduced("ReduceSum", axis)
 
     def reduced(self, operator: str, *axes: int, keepdims: bool = True) -> "Tensor":
-        """Return a reduction over axes, such as "ReduceMax"."""
+        """Return the tensor reduced over axes by an operator such as "ReduceMax"."""
         return self.graph.add(operator, self, along(*axes), keepdims=int(keepdims))
 
     def cast(self, dtype: type[np.generic]) -> "Tensor":
@@ -111,7 +111,7 @@ class Tensor:
         return self.graph.add("Cast", self, to=helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
 
     def take(self, indices: NDArray[Any], axis: int = 1) -> "Tensor":
-        """Return the elements at some indices along an axis."""
+        """Return the elements at the given indices along an axis."""
         return self.graph.add("Gather", self, indices, axis=axis)
 
     def cut(self, start: int, stop: int, axis: int = -1) -> "Tensor":
@@ -119,7 +119,7 @@ class Tensor:
         return self.graph.add("Slice", self, along(start), along(stop), along(axis))
 
     def reshape(self, *shape: int) -> "Tensor":
-        """Return the tensor with another shape; 0 keeps the length of an axis, -1 is inferred."""
+        """Return the tensor with another shape; 0 keeps the length of an axis, and -1 is inferred."""
         return self.graph.add("Reshape", self, along(*shape))
 
     def unsqueeze(self, axis: int = 1) -> "Tensor":
@@ -132,7 +132,7 @@ class Tensor:
 
 
 Operand = Tensor | float | NDArray[Any]
-"""Tensor or constant; numbers are in double precision."""
+"""Tensor or constant; a number becomes a constant in double precision."""
 
 
 class Graph:
@@ -147,7 +147,7 @@ class Graph:
     Attributes
     ----------
     nodes, constants : list
-        Nodes and constants so far.
+        Nodes and constants added so far.
     """
 
     def __init__(self, *, has_equal_segments: bool = False) -> None:
@@ -179,7 +179,7 @@ class Graph:
         return Tensor(self, output)
 
     def constant(self, value: float | NDArray[Any]) -> Tensor:
-        """Add a constant; numbers are in double precision."""
+        """Add a constant; a number is stored in double precision."""
         values = value if isinstance(value, np.ndarray) else np.array(value, dtype=np.float64)
         if values.size < 64:  # only large constants are worth sharing
             return self._add_constant(values)
@@ -193,7 +193,7 @@ class Graph:
         return Tensor(self, self.constants[-1].name)
 
     def once(self, key: Hashable, create: Callable[[], Cached]) -> Cached:
-        """Return the result of `create`, which is called only for the first use of a key."""
+        """Return the result of `create`, which is called only when a key is first used."""
         if key not in self._cache:
             self._cache[key] = create()
         cached: Cached = self._cache[key]
@@ -213,7 +213,7 @@ class Graph:
         return self.add("Concat", *tensors, axis=axis)
 
     def largest(self, operand: Tensor, n: int, **attributes: Any) -> tuple[Tensor, Tensor]:
-        """Add the n largest elements along an axis; return values and indices."""
+        """Add the `n` largest elements along an axis; return their values and indices."""
         from onnx import helper
 
         names = [self._new("largest"), self._new("indices")]
@@ -222,7 +222,7 @@ class Graph:
         return Tensor(self, names[0]), Tensor(self, names[1])
 
     def embed(self, part: Any, operand: Tensor) -> Tensor:
-        """Add a model with one input and one output, and return its output in double precision."""
+        """Add an ONNX model with one input and one output; return its output in double precision."""
         from onnx import TensorProto, compose
 
         prefixed = compose.add_prefix(part, f"{self._new('part')}/")

@@ -46,13 +46,13 @@ class ExportedModel(NamedTuple):
     path
         ONNX file.
     parity
-        Comparison of the answers with those of the model, from features.
+        Comparison of the answers for features with the answers of the model.
     single_precision
         Operators that compute in single precision; none for the classifiers of shipped pipelines.
     facts
-        Metadata of the file; the keys lack the prefix "texclass.".
+        Metadata of the file; its keys are without the prefix "texclass.".
     sample_parity
-        Comparison of the answers from samples with those of texclass; None if features are the input.
+        Comparison of the answers for samples with the answers of texclass; None if features are the input.
     """
 
     path: Path
@@ -67,21 +67,21 @@ def export_onnx(
 ) -> ExportedModel:
     """Write a model as an ONNX file, after checking that the graph gives the same answers.
 
-    With "features", the input is float64 features (n, n_columns). With "samples", the graph also computes the
-    features of windows, and the input is float32 samples (n, n_channels, n_samples). The outputs are labels,
-    calibrated probabilities, p-values of "the surface is in the training set", and whether the surface is
-    unknown. Graphs compute in double precision.
+    If `start` is "features", the input is float64 features (n, n_columns). If it is "samples", the graph also
+    computes the features of windows, and the input is float32 samples (n, n_channels, n_samples). The outputs
+    are labels, calibrated probabilities, p-values of "the surface is in the training set", and whether the
+    surface is unknown. Graphs compute in double precision.
 
     Parameters
     ----------
     model : Model
-        Trained model; for "samples", its features must have a graph (`texclass train --exportable`).
+        Trained model. For "samples", its features must have a graph (`texclass train --exportable`).
     path : str or Path
         File to write (.onnx).
     start : {"features", "samples"}
         Input of the graph.
     window_s : float, optional
-        Length of the windows in seconds (default: as in training).
+        Length of the windows in seconds, if `start` is "samples" (default: as in training).
 
     Returns
     -------
@@ -133,14 +133,14 @@ def check_installed(action: str, modules: Sequence[str] = REQUIRED_MODULES) -> N
     Parameters
     ----------
     action : str
-        Action that needs them, for the message.
+        Action that requires the modules, for the error message.
     modules : sequence of str
         Names of the modules.
 
     Raises
     ------
     ModuleNotFoundError
-        If the extra `onnx` is not installed.
+        If a module is not installed.
     """
     for name in modules:
         try:
@@ -153,7 +153,7 @@ def check_installed(action: str, modules: Sequence[str] = REQUIRED_MODULES) -> N
 
 
 def _check_samples(model: Model, n_samples: int) -> tuple[SampleParity, dict[str, Any]]:
-    """Compare a graph of windows with texclass; return the result, and further metadata of the file."""
+    """Compare a graph whose input is samples with texclass; return the result, and metadata for the file."""
     from texclass.recognition.live.online_recogniser import OnlineRecogniser, OnlineSettings
 
     channels, recipes = channels_of(model), window_recipes(model)
@@ -173,7 +173,7 @@ def _check_samples(model: Model, n_samples: int) -> tuple[SampleParity, dict[str
 
 
 def check_onnx(path: str | Path) -> str:
-    """Run the self-check of an ONNX file: classify its stored rows and compare with the stored answers.
+    """Run the self-check of an ONNX file: classify its stored rows or windows, and compare the answers.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def check_onnx(path: str | Path) -> str:
     Returns
     -------
     summary : str
-        Number of checks and largest difference, in words.
+        Number of checks and largest difference of a probability, in words.
 
     Raises
     ------
@@ -266,7 +266,7 @@ def facts_of(model: Model, parity: Parity, single: tuple[str, ...]) -> dict[str,
 
 
 def single_precision(graph: Any) -> tuple[str, ...]:
-    """Return the operators of an ONNX model whose parameters or outputs are in single precision, sorted."""
+    """Return the sorted operators of an ONNX model whose attributes or outputs are in single precision."""
     from onnx import AttributeProto, TensorProto, shape_inference
 
     inferred = shape_inference.infer_shapes(graph).graph
