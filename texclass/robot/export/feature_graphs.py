@@ -19,7 +19,7 @@ from texclass.vibration.reflection import MAX_REFLECTION, MIN_RELATIVE_RESIDUAL
 
 @once
 def _signs(view: GraphView, kind: str, lag: int) -> Tensor:
-    """Add +1 where x rises over a lag (or is convex), otherwise -1, in single precision."""
+    """Add +1 where x rises over a lag (or is convex), and -1 elsewhere, in single precision."""
     x, n = view.unit32, view.n_samples
     if kind == "rising":
         is_positive = x.cut(lag, n) > x.cut(0, n - lag)
@@ -30,7 +30,7 @@ def _signs(view: GraphView, kind: str, lag: int) -> Tensor:
 
 
 def _agreement(view: GraphView, kind: str, lags: tuple[int, ...], steps: tuple[int, ...]) -> Tensor:
-    """Add the fraction of equal signs, (1 + mean of their product) / 2."""
+    """Add the fraction of signs that agree with those `step` lags later, (1 + mean of their product) / 2."""
     sums, counts = [], []
     for lag in lags:
         signs, size = _signs(view, kind, lag), view.n_samples - lag * (1 if kind == "rising" else 2)
@@ -47,7 +47,7 @@ graph_of("curvature_agreement")(lambda view, lags, steps: _agreement(view, "conv
 
 @once
 def _mean_step(view: GraphView, lag: int) -> Tensor:
-    """Add mean |x_(t+lag) - x_t|."""
+    """Add the mean of |x_(t+lag) - x_t|."""
     x, n = view.unit, view.n_samples
     return abs(x.cut(lag, n) - x.cut(0, n - lag)).mean()
 
@@ -59,7 +59,10 @@ def _slope_level(view: GraphView, lags: tuple[int, ...]) -> Tensor:
 
 @once
 def _moments(view: GraphView, lag: int) -> tuple[Tensor, Tensor]:
-    """Add the mean square (n, 1) and three shape features (n, 3) of half the second difference."""
+    """Add the mean square (n, 1) and three shape features (n, 3) of half the second difference.
+
+    If the lag is 0, the samples without their mean replace the second difference.
+    """
     x, n = view.unit, view.n_samples
     if lag:
         return _shapes((x.cut(2 * lag, n) + x.cut(0, n - 2 * lag)) * 0.5 - x.cut(lag, n - lag))
@@ -149,7 +152,7 @@ def _density(view: GraphView, periodogram: tuple[Tensor, int, float], edges_hz: 
 
 
 def _levels(view: GraphView, edges_hz: Samples) -> Tensor:
-    """Add the log10 power density between edges."""
+    """Add the log10 power density in the bands between neighbouring edges."""
     middle = (edges_hz[:-1] + edges_hz[1:]) / 2
     density = _density(view, _periodogram(view), edges_hz) / (4 * np.sin(np.pi * middle / view.fs) ** 2)
     return density.log10() + view.log_level * 2.0
@@ -185,7 +188,7 @@ def _band_course(view: GraphView, n_parts: int, octaves: tuple[int, int]) -> Ten
 def _deviations(view: GraphView) -> tuple[Tensor, Tensor]:
     """Add the deviations of octave levels from their mean (n, n_frames, 5), and the variance (n, 1, 5).
 
-    Levels are the log10 power of frames; see `bands.octave_courses`.
+    A level is the log10 power of a frame in an octave; see `bands.octave_courses`.
     """
     size, n_octaves = bands.FRAME, len(bands.OCTAVES)
     n_frames = view.n_samples // size
@@ -219,7 +222,10 @@ def _level_persistence(view: GraphView) -> Tensor:
 
 
 def _residual_level(view: GraphView, levels: Tensor, octaves: Samples, power: float) -> Tensor:
-    """Add levels minus `power` times the regression line at frequencies in octaves from fs/2."""
+    """Add levels minus `power` times the regression line of the slope levels.
+
+    The line is evaluated at the frequencies of the levels, `octaves`, which are relative to fs/2.
+    """
     u = log_frequency(slopes.LAGS)
     d = u - u.mean()
     # line(octaves) = mean level + (octaves - mean u) (d @ levels) / (d @ d)
@@ -270,10 +276,18 @@ def _curvature_residual_level(view: GraphView, lags: tuple[int, ...]) -> Tensor:
 def _power_frames(
     view: GraphView, frame_s: float, hop_s: float, window: str, high_hz: float
 ) -> tuple[Tensor, int, int, Samples]:
-    """Add |X|^2 of windowed frames, (n * n_frames, n_bins); return also n_frames, n_fft and frequencies (Hz).
+    """Add the power spectra |X|^2 of windowed frames; see `texclass.features.spectra.power_frames`.
 
-    See `texclass.features.spectra.power_frames`. Bins at 0 and fs/2 are halved; the result is not scaled to a
-    physical unit.
+    Bins at 0 and fs/2 are halved, and the spectra are not scaled to a physical unit.
+
+    Returns
+    -------
+    spectra : Tensor
+        Power spectra, shape (n * n_frames, n_bins).
+    n_frames, n_fft : int
+        Number of frames of a movement, and length of the transform.
+    frequency : ndarray of shape (n_bins,)
+        Frequencies of the bins in Hz.
     """
     length, hop = (max(1, round(seconds * view.fs)) for seconds in (frame_s, hop_s))
     n_fft = 1 << (length - 1).bit_length()
@@ -297,7 +311,7 @@ def _log_energies(
     frame_s: float,
     hop_s: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Add the log energies of mel filters.
+    """Add the logarithmic energies of mel filters.
 
     Returns
     -------
@@ -322,7 +336,7 @@ def _log_energies(
 
 
 def _cosines(n_filters: int, coefficients: tuple[int, ...]) -> Samples:
-    """Return columns of the matrix of an orthonormal DCT, shape (n_filters, n_coefficients)."""
+    """Return columns of the matrix of an orthonormal cosine transform, shape (n_filters, n_coefficients)."""
     return np.asarray(fft.dct(np.eye(n_filters), axis=0, norm="ortho")[list(coefficients)].T.copy())
 
 
@@ -344,7 +358,7 @@ def _mfcc_deviation(view: GraphView, coefficients: tuple[int, ...], **frames: An
 
 @once
 def _spectral_moments(view: GraphView) -> tuple[Tensor, Tensor]:
-    """Add the means over frames of centroid and spread in Hz, (n, 1) each; see `spectral_moments`."""
+    """Add the spectral centroid and spread in Hz, averaged over frames, each of shape (n, 1)."""
     frame_s = min(LONG_FRAME_S, view.n_samples / view.fs)
     square, n_frames, _, frequency = _power_frames(view, frame_s, frame_s / 2, "hann", np.inf)
     f = frequency - frequency[-1] / 2
@@ -428,7 +442,7 @@ def _log_area_ratios(view: GraphView, order: int, frame_s: float, band_hz: float
     """Add the log-area ratios of the mean model, (n, order); see `autoregression.mean_model`.
 
     For frames that contain only the ringing of a filter, the result differs from that of the feature
-    function, which depends on rounding in single precision.
+    function, because the latter depends on rounding in single precision.
     """
     x, n, fs = band_limited(view, band_hz)
     length = min(n, max(round(frame_s * fs), 4 * order))
@@ -443,7 +457,7 @@ def _log_area_ratios(view: GraphView, order: int, frame_s: float, band_hz: float
 
 
 def _burg(x: Tensor, n: int, order: int) -> list[Tensor]:
-    """Add the log-area ratio ln((1 + k) / (1 - k)) of each order, (n_frames, 1), by Burg's method."""
+    """Add the log-area ratio ln((1 + k) / (1 - k)) of each order by Burg's method, shape (n_frames, 1)."""
     add = x.graph.add
     f, b = x.cut(1, n), x.cut(0, n - 1)
     min_power = (x * x).mean() * (2 * MIN_RELATIVE_RESIDUAL**2)

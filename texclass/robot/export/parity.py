@@ -1,7 +1,7 @@
 """Parity check: an exported graph must give the same labels and probabilities as its model.
 
-Both classify rows of features that are ordinary, extreme, undefined, or close to decision boundaries. A
-difference is an error unless rounding explains it.
+The graph and the model classify the same rows of features, which are ordinary, extreme, undefined, or close
+to decision boundaries. A difference is an error unless rounding explains it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,11 +25,11 @@ TOLERANCE = 1e-9
 
 
 Outputs = dict[str, NDArray[Any]]
-"""Name of an output of a graph -> values, one row per classified row."""
+"""Name of an output of a graph -> its values for all classified rows."""
 
 
 class ParityError(OnnxExportError):
-    """Error for a graph whose answers differ from those of its model; the message has the first difference.
+    """Error for a graph whose answers differ from those of its model; the message gives the first difference.
 
     Examples
     --------
@@ -45,18 +45,18 @@ class Parity:
     Attributes
     ----------
     rows
-        Kind of rows -> number of rows; see `check_rows`.
+        Kind of row -> number of rows; see `check_rows`.
     n_predicted, n_surfaces : int
         Number of surfaces that were predicted at least once, and total number of surfaces.
     n_unknown : int
         Number of rows with the answer "unknown".
     n_ties : int
-        Number of rows where rounding causes a different answer.
+        Number of rows for which rounding causes a different answer.
     difference : float
-        Largest difference of probabilities.
+        Largest difference of a probability.
     tolerance : float
-        Tolerance for the difference, in addition to the sensitivity of the probabilities to a relative change
-        of the features by 1e-13.
+        Largest difference allowed, in addition to the change of the probabilities that a relative change of
+        the features by 1e-13 causes.
     """
 
     rows: dict[str, int]
@@ -91,15 +91,15 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     Returns
     -------
     parity : Parity
-        Number of rows and largest difference.
+        Numbers of rows and largest difference of a probability.
 
     Raises
     ------
     ParityError
-        If a label, a verdict or a probability differs by more than rounding explains. Rounding explains
-        differences between labels with equal probabilities, between neighbours at equal distances, and at a
-        novelty score equal to a held-out one. It also explains differences that a relative change of the
-        features by 1e-13 can cause.
+        If a label, a verdict or a probability differs by more than rounding explains. Rounding can swap
+        labels with equal probabilities and neighbours at equal distances, and can change the p-value of a
+        novelty score that equals a held-out score. It also explains any difference that a relative change of
+        the features by 1e-13 can cause.
     OnnxExportError
         If onnxruntime cannot run the graph.
 
@@ -153,11 +153,11 @@ def check_same(
     X : ndarray of shape (n, n_columns)
         Features of the classified rows.
     outputs, expected : mapping of str to ndarray
-        Outputs of the graph, and those of the model as `reference` returns them.
+        Outputs of the graph, and outputs of the model as returned by `reference`.
     tolerance, score_tolerance : ndarray of shape (n,)
-        Largest differences of probabilities and of novelty scores.
+        Largest differences allowed between probabilities and between novelty scores.
     against, names, stated_tolerance
-        For the message: what the graph is compared with, the name of each row, and the tolerance.
+        Texts for the error message: what the graph is compared with, name of each row, and tolerance.
 
     Returns
     -------
@@ -167,7 +167,7 @@ def check_same(
     Raises
     ------
     ParityError
-        If they differ; the message contains the first difference and the number of differences.
+        If the outputs differ; the message states the first difference and the number of differences.
     """
     is_defined = expected["label"] != UNDEFINED
     p, expected_p = outputs["probabilities"], expected["probabilities"]
@@ -204,13 +204,13 @@ def check_same(
 
 
 def reference(model: Model, X: Samples) -> Outputs:
-    """Return the outputs of a model for rows of features (n, n_columns), in the form of a graph.
+    """Return the answers of a model for rows of features (n, n_columns), named like the outputs of a graph.
 
     Returns
     -------
-    dict of str to ndarray of shape (n, ...)
-        Outputs of a graph; "novelty_score"; and "tied", whether rounding decides which neighbours count. Rows
-        without a defined answer have the label "" and NaN.
+    dict of str to ndarray
+        Arrays with one row per row of features: the outputs of a graph, "novelty_score", and "tied" (whether
+        rounding decides which neighbours count). Rows without a defined answer have the label "" and NaN.
     """
     prepared = model.prepare(X)
     is_defined = np.isfinite(prepared).all(axis=1)
@@ -232,7 +232,7 @@ def reference(model: Model, X: Samples) -> Outputs:
 
 
 def _has_tied_neighbours(classifier: ArrayStep, rows: Samples) -> NDArray[np.bool_]:
-    """Return for which prepared rows the n-th nearest neighbour and the next one are at equal distances."""
+    """Return a mask of prepared rows whose n-th nearest neighbour and the next are at equal distances."""
     is_tied, estimator = np.zeros(len(rows), dtype=bool), classifier.get("estimator")
     if classifier["operation"] == "neighbours":
         n, squares = classifier["n"], np.sort(squared_distances(rows, classifier["points"]), axis=1)
@@ -249,7 +249,7 @@ def _has_tied_neighbours(classifier: ArrayStep, rows: Samples) -> NDArray[np.boo
 
 
 def answer_check(outputs: Outputs, i: int) -> dict[str, Any]:
-    """Return the answer for row i as JSON, for the self-check of a program."""
+    """Return the answer for row `i` in a form that JSON can store, for the self-check of a program."""
     return {
         "label": str(outputs["label"][i]),
         "probabilities": outputs["probabilities"][i].tolist(),
@@ -259,7 +259,7 @@ def answer_check(outputs: Outputs, i: int) -> dict[str, Any]:
 
 
 def _sensitivity(model: Model, X: Samples, p: Samples, rng: np.random.Generator) -> Samples:
-    """Return the change of probabilities, shape (n,), for a relative change of the features by 1e-13."""
+    """Return the largest change of a probability if the features change by a factor of 1 +- 1e-13."""
     changes = np.zeros(len(X))
     for _ in range(3):
         changed_p = reference(model, X * (1 + 1e-13 * rng.choice([-1.0, 1.0], X.shape)))["probabilities"]
@@ -311,15 +311,15 @@ def check_rows(model: Model, seed: int = SEED) -> tuple[Samples, NDArray[np.str_
     Parameters
     ----------
     model : Model
-        Trained model with the ranges of its features; columns that were never defined in training stay
-        undefined.
+        Trained model with the ranges of its features. Columns that were never defined in training are
+        undefined in all rows.
     seed : int
         Seed of the random rows.
 
     Returns
     -------
     X : ndarray of shape (n, n_columns)
-        Rows of features, NaN where undefined.
+        Rows of features, with NaN for undefined features.
     kinds : ndarray of str, shape (n,)
         Kind of each row: "ordinary", "extreme", "undefined" or "boundary".
     """
@@ -356,7 +356,7 @@ def check_rows(model: Model, seed: int = SEED) -> tuple[Samples, NDArray[np.str_
 def stored_rows(model: Model) -> Samples:
     """Return the rows of features that a model stores: training samples or class means.
 
-    The shape is (0, n_columns) if the model stores none, or a step cannot be inverted.
+    The shape is (0, n_columns) if the model stores no rows, or if a step cannot be inverted.
     """
     distance, no_rows = model.novelty.class_distance, np.empty((0, len(model.columns)))
     prepared = _rows_in_classifier(model.classifier)
@@ -381,7 +381,7 @@ def stored_rows(model: Model) -> Samples:
 
 
 def self_checks(model: Model) -> list[dict[str, Any]]:
-    """Return rows of features with their answers as JSON: medians, medians with gaps, and stored rows."""
+    """Return rows of features with their answers, for JSON: medians, medians with gaps, and stored rows."""
     median = model.ranges.median
     with_gaps = np.where(np.arange(len(median)) % 2, median, np.nan)
     stored = stored_rows(model)
@@ -393,7 +393,7 @@ def self_checks(model: Model) -> list[dict[str, Any]]:
 
 
 def to_json(values: Samples) -> list[float | None]:
-    """Return values as a list with None (null in JSON) for NaN."""
+    """Return values as a list in which None (null in JSON) replaces NaN."""
     return [None if np.isnan(value) else value for value in values.tolist()]
 
 
@@ -425,7 +425,7 @@ def _is_unknown(model: Model, X: Samples, p_known: Samples) -> NDArray[np.bool_]
 def _near_boundaries(
     rows: Samples, answer_number: Callable[[Samples], NDArray[np.intp]], rng: np.random.Generator
 ) -> Samples:
-    """Return mixtures of two rows with different answers, close to the decision boundary (by bisection)."""
+    """Return mixtures of two rows with different answers that are close to the boundary (by bisection)."""
     answers, n_pairs = answer_number(rows), 64
     i, j = rng.integers(len(rows), size=(2, 50 * n_pairs))
     pairs = np.flatnonzero(answers[i] != answers[j])[:n_pairs]

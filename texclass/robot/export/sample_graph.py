@@ -1,4 +1,4 @@
-"""ONNX graph of a whole model of windows, from samples to label, probabilities, p-value and verdict."""
+"""ONNX graph of a complete model for windows, from samples to label, probabilities, p-value and verdict."""
 
 import math
 from typing import Any, NamedTuple
@@ -41,7 +41,7 @@ class Windows(NamedTuple):
     channels
         Channels in order: axes of the acceleration, then of the turn rate.
     n_samples
-        Number of samples.
+        Number of samples in a window.
     fs
         Sampling rate in Hz.
     unit
@@ -59,14 +59,14 @@ class Windows(NamedTuple):
 
     @classmethod
     def from_model(cls, model: Model, n_samples: int) -> "Windows":
-        """Return the properties of the windows of a model."""
+        """Return the properties of the windows that a model classifies."""
         manifest = model.manifest
         without_level = manifest.input.remove_resting_level
         return cls(model.plan, channels_of(model), n_samples, manifest.fs, manifest.unit, without_level)
 
 
 def channels_of(model: Model) -> tuple[str, ...]:
-    """Return the channels of a window, in order: axes of the acceleration, then of the turn rate."""
+    """Return the channels of a window in order: axes of the acceleration, then axes of the turn rate."""
     return model.plan.channels or model.manifest.input.axes or ("acceleration",)
 
 
@@ -83,7 +83,7 @@ def window_length(model: Model, window_s: float | None = None) -> int:
     Raises
     ------
     OnnxExportError
-        If the model was trained on whole recordings and no length is stated.
+        If the length is not positive, or the model was trained on whole recordings and no length is stated.
     """
     seconds = window_s or model.manifest.window_s
     if seconds is None:
@@ -113,7 +113,7 @@ def check_graphs(model: Model) -> None:
 
 
 def build_sample_graph(model: Model, n_samples: int, *, with_features: bool = False) -> Any:
-    """Return a trained model as an ONNX model of windows, without metadata.
+    """Convert a trained model to an ONNX model whose input is windows of samples, without metadata.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def build_sample_graph(model: Model, n_samples: int, *, with_features: bool = Fa
     Returns
     -------
     onnx.ModelProto
-        Model with the input "samples", the outputs of `OUTPUTS`, and optionally "features".
+        Model with the input "samples", the outputs named in `OUTPUTS`, and optionally "features".
 
     Raises
     ------
@@ -147,7 +147,7 @@ def build_sample_graph(model: Model, n_samples: int, *, with_features: bool = Fa
 
 
 def window_input(windows: Windows, n: int | str, *, has_equal_segments: bool = False) -> tuple[Tensor, Any]:
-    """Create a graph; return its input (n windows, cast to float64) and the description of this input."""
+    """Create a graph for `n` windows; return its input, cast to float64, and the description of the input."""
     entry = tensor_of(SAMPLES, np.float32, n, len(windows.channels), windows.n_samples)
     return Tensor(Graph(has_equal_segments=has_equal_segments), SAMPLES).cast(np.float64), entry
 
@@ -160,7 +160,7 @@ def recording_of(model: Model, window: Samples) -> Recording:
 
 
 def _has_equal_segments(model: Model, n_samples: int) -> bool:
-    """Return whether the features of all segments are equal, because windows are too short to be divided."""
+    """Return whether windows are too short to be divided, so that all segments have equal features."""
     n_segments = model.classifier["columns"].shape[1] if model.classifier["operation"] == "vote" else 1
     feature_segments = {
         member.parameters.get("n_segments", 1) for _, part in model.plan.parts for member in part.members
@@ -192,9 +192,9 @@ def feature_tensors(windows: Windows, x: Tensor) -> tuple[list[Tensor], list[str
     Returns
     -------
     tensors : list of Tensor
-        One tensor per feature, shape (n, number of its columns).
+        One tensor of shape (n, number of columns) per feature.
     columns : list of str
-        Names of the concatenated columns.
+        Names of the columns of the concatenated tensors.
     """
     plan = windows.plan
     channel_parts = [(prefix.removesuffix("/"), part) for prefix, part in plan.parts if prefix]
@@ -219,7 +219,7 @@ def feature_tensors(windows: Windows, x: Tensor) -> tuple[list[Tensor], list[str
 
 
 def add_features(windows: Windows, x: Tensor) -> Tensor:
-    """Add the features of a plan in the order of its columns, shape (n, n_columns); see `feature_tensors`."""
+    """Add the features of a plan as one tensor (n, n_columns), in the order of the columns of the plan."""
     tensors, columns = feature_tensors(windows, x)
     all_columns = x.graph.concatenate(*tensors) if len(tensors) > 1 else tensors[0]
     order = [columns.index(column) for column in windows.plan.columns]
@@ -259,7 +259,7 @@ def _movements(windows: Windows, x: Tensor, n_axes: int, is_axis: Any = True) ->
 
 
 def _dft321(axes: Tensor, n_axes: int, n: int) -> Tensor:
-    """Combine several zero-mean axes (n_rows, n_axes, n) into one signal (n_rows, n); see `dft321`."""
+    """Combine zero-mean axes (n_rows, n_axes, n) into one signal (n_rows, n) by DFT321; see `dft321`."""
     add, n_bins = axes.graph.add, n // 2 + 1
     bins = np.arange(n_bins)
     real, imaginary = (part.reshape(-1, n_axes, n_bins) for part in rfft(axes.reshape(-1, n), n, n, n_bins))
