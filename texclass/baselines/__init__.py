@@ -1,4 +1,4 @@
-"""Baselines: evaluate other libraries and texclass on the same folds."""
+"""Compare texclass with the feature extractors of other libraries (baselines) on the same folds."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Create the report of a comparison with baselines: accuracy and time of all tools and classifiers."""
+"""Report of a comparison with baselines: accuracy and computing time of all tools and classifiers."""
 
 from collections.abc import Iterator, Mapping
 from textwrap import fill
@@ -133,7 +133,7 @@ def _finding(data: Data) -> Finding:
 
 
 def _selection_text(data: Data) -> str:
-    """Return sentences that state which accuracies are selected on the test folds."""
+    """Return sentences that state which accuracies were selected on the test folds."""
     n_baselines = sum(bool(not c["ours"] and c["accuracy"]) for c in data["contestants"])
     baseline = f"The best baseline is the most accurate of {n_baselines}, selected on the test folds."
     if data["contestants"][0]["name"] == NESTED_CV_TITLE:
@@ -148,7 +148,7 @@ def _selection_text(data: Data) -> str:
 
 
 def _all_contestants(data: Data) -> Table:
-    """Return a table of all tools and classifiers, with the reason if a tool did not finish."""
+    """Return a table of all tools and classifiers. If a tool did not finish, the table states the reason."""
     contestants, messages, rows = data["contestants"], {}, []
     for i, c in enumerate(contestants):
         accuracy, difference = c["accuracy"], c["difference"]
@@ -174,7 +174,6 @@ def _all_contestants(data: Data) -> Table:
 
 
 def _notes(data: Data) -> Iterator[str]:
-    """Yield the notes on the comparison."""
     yield f"Input of the baselines: {data['signals']}; scaling is fitted inside each fold."
     if ms := data.get("segmentation_ms"):
         yield (f"Segmentation takes {digits(ms)} ms per recording, included in all totals.")
@@ -201,7 +200,7 @@ def _notes(data: Data) -> Iterator[str]:
 
 
 def _accuracy_against_time(contestants: list[Data], chance: float) -> Figure:
-    """Return a figure of the best classifier of each tool, numbered by accuracy."""
+    """Return a figure of accuracy against time for the best classifier of each tool, numbered by accuracy."""
     best: dict[str, Data] = {}
     for c in sorted(filter(_has_time, contestants), key=lambda c: -float(c["accuracy"]["mean"])):
         best.setdefault(c["name"], c)

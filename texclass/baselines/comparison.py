@@ -1,4 +1,4 @@
-"""Comparison of our rows with baselines on the same folds: accuracy, cost, paired difference."""
+"""Comparison of texclass with baselines on the same folds: accuracy, cost and paired differences."""
 
 import sys
 import tempfile
@@ -57,8 +57,8 @@ class BaselineSettings:
     time_limit_s
         Time limit of each baseline in s of wall-clock time (default 900).
     signals
-        Input signals of the baselines: "same" (default) for the input signals of our features, "each" for
-        every axis; see `DESCRIPTIONS`.
+        Input signals of the baselines: "same" (default) for the signals from which texclass computes its
+        features, or "each" for every axis; see `DESCRIPTIONS`.
 
     Raises
     ------
@@ -86,18 +86,19 @@ class BaselineSettings:
 
 
 class BaselineComparison(Result, kind="baselines"):
-    """Accuracy and cost of our rows and of baselines on the same folds; returned by `compare_with_baselines`.
+    """Accuracy and cost of texclass and of baselines on the same folds.
 
-    `data` contains facts about `dataset`, `pipeline` and `protocol`; the input `signals` and the
-    `time_limit_s` of the baselines; and the `contestants`, ours first. Each contestant has a `status` and a
-    `message`, the number of columns (`n_columns`) and of finished folds (`n_folds`), its `accuracy`, its
-    `cost` (CPU time of one thread without compilation, memory), and `difference`: the accuracy of our first
-    contestant minus the accuracy of this contestant.
+    `compare_with_baselines` returns this result. `data` contains facts about `dataset`, `pipeline` and
+    `protocol`; the input `signals` and the `time_limit_s` of the baselines; and the `contestants`, beginning
+    with those of texclass. Each contestant has a `status` and a `message`, the number of columns
+    (`n_columns`) and of finished folds (`n_folds`), its `accuracy`, its `cost` (memory, and CPU time of one
+    thread without compilation), and a `difference`: the accuracy of the first contestant minus the accuracy
+    of this contestant.
     """
 
     @property
     def stem(self) -> str:
-        """Start of the file names."""
+        """Prefix of the file names: dataset, pipeline, protocol, and "baselines"."""
         return f"{self.data['dataset']['name']}-{self.data['pipeline']}-{self.data['protocol']}-baselines"
 
     @property
@@ -130,12 +131,13 @@ def compare_with_baselines(
     skip_bad: bool = False,
     progress: Progress | None = None,
 ) -> BaselineComparison:
-    """Evaluate baselines on the folds of a benchmark, and measure our rows with the same clock.
+    """Evaluate baselines on the folds of a benchmark, and measure the cost of texclass in the same way.
 
-    Our contestants are nested cross-validation (if the benchmark ran it), the most accurate row, and the row
-    with the most features. Each contestant runs in its own process with one thread. Baselines run in the
-    interpreter `settings.python` and read signals and folds from files. All fits of a fold use only its
-    training set, except our preparation with the protocol "paper".
+    The contestants of texclass are nested cross-validation (if the benchmark ran it), the most accurate row,
+    and the row with the most features. Each contestant runs in its own process with one thread. The baselines
+    run in the interpreter `settings.python`, and read signals and folds from files. Everything is fitted only
+    on the training set of a fold, except that the protocol "paper" fits the preparation of texclass on all
+    recordings.
 
     Parameters
     ----------
@@ -154,7 +156,7 @@ def compare_with_baselines(
     Raises
     ------
     ValueError
-        If none of our rows could be evaluated, or the interpreter cannot be run.
+        If no row of the pipeline could be evaluated, or the interpreter cannot be run.
     """
     settings = settings or BaselineSettings()
     options = {"channels": pipeline.channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
@@ -218,15 +220,15 @@ def whole_surfaces(dataset: Dataset, limit: int) -> Dataset:
     Parameters
     ----------
     dataset : Dataset
-        Recordings.
+        Dataset to reduce.
     limit : int
-        Largest number of recordings.
+        Maximum number of recordings.
 
     Returns
     -------
     Dataset
-        The same dataset if it is small enough, else a dataset with fewer surfaces, spread evenly over the
-        sorted names.
+        The same dataset if it has at most `limit` recordings. Otherwise, a dataset with fewer surfaces, which
+        are evenly spaced in the sorted list of names.
 
     Raises
     ------
@@ -264,9 +266,9 @@ def _our_contestants(
     protocol: Protocol,
     splits: Sequence[Split],
 ) -> tuple[list[Contestant], float]:
-    """Return our contestants, and the CPU time of the segmentation per recording in s.
+    """Return the contestants of texclass, and the CPU time of the segmentation per recording in s.
 
-    Our contestants are nested cross-validation (if the benchmark ran it), the most accurate row, and the row
+    The contestants are nested cross-validation (if the benchmark ran it), the most accurate row, and the row
     with the most features, combined with its most accurate classifier.
     """
     if result.best is None:
@@ -302,7 +304,7 @@ def _write_signals(
     table: FeatureTable,
     splits: Sequence[Split],
 ) -> tuple[int, ...]:
-    """Write signals and folds for the baselines; return the number of samples of each recording."""
+    """Write signals and folds for the baselines. Return the number of samples of each recording."""
     entries = {entry.recording_id: entry for entry in dataset.entries}
     ordered = [entries[recording_id] for recording_id in table.frame["recording_id"]]
     first = dataset.load(ordered[0])
@@ -322,7 +324,7 @@ def _write_signals(
 
 
 def _nested_contestant(folds: Sequence[Mapping[str, Any]]) -> Contestant:
-    """Return nested cross-validation as a contestant, with costs averaged over folds."""
+    """Return a contestant for nested cross-validation, with costs averaged over folds."""
     costs = ("feature_s", "fit_s", "predict_s", "first_s", "memory_mb")
     return {
         **folds[0],
@@ -336,7 +338,7 @@ def _nested_contestant(folds: Sequence[Mapping[str, Any]]) -> Contestant:
 def _baseline_contestants(
     baseline: Baseline, outcome: Mapping[str, Any], names: NDArray[np.str_]
 ) -> Iterator[Contestant]:
-    """Yield a contestant for each classifier of a baseline, without predictions if the baseline failed."""
+    """Yield a contestant for each classifier of a baseline. It has no predictions if the baseline failed."""
     facts = {"name": baseline.name, "title": baseline.title, "ours": False, "reference": baseline.reference}
     facts |= {"status": outcome["status"], "message": outcome["message"]}
     if not outcome["folds"]:
@@ -365,7 +367,7 @@ def _line(
     splits: Sequence[Split],
     segmentation_s: float,
 ) -> dict[str, Any]:
-    """Return a line of the comparison: accuracy, cost, and the difference from the first contestant."""
+    """Return accuracy and cost of a contestant, and the difference from the first contestant."""
     keys = ("name", "classifier", "title", "ours", "status", "message", "reference", "n_columns")
     line: dict[str, Any] = {key: contestant[key] for key in keys}
     line |= {"n_folds": len(contestant["predicted"]), "accuracy": None, "cost": None, "difference": None}
@@ -397,7 +399,7 @@ def _line(
 
 
 def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
-    """Yield a note on the lengths of the signals, if they differ."""
+    """Yield a note on the lengths of the signals if they differ."""
     shortest, median, longest = min(lengths), int(np.median(lengths)), max(lengths)
     if shortest < longest:
         share = sum(n < median for n in lengths) / len(lengths)
@@ -412,7 +414,7 @@ def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
 def same_signals(
     recording: Recording, separate: tuple[str, ...], *, remove_hand_motion: bool = False
 ) -> Samples:
-    """Return the movement signals from which our features are computed, shape (n_channels, n_samples).
+    """Return the movement signals used for the features of texclass, shape (n_channels, n_samples).
 
     If the recording has no movement, its taps are concatenated. If it has no taps either, the whole recording
     is returned.

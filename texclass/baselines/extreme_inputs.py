@@ -1,6 +1,6 @@
-"""Adapters that run public libraries on the battery of extreme inputs, with the same checks as texclass.
+"""Adapters that test public libraries with extreme inputs, applying the same checks as to texclass.
 
-The adapters call each library as its documentation recommends.
+Each adapter calls a library as its documentation recommends.
 """
 
 import importlib.util
@@ -35,7 +35,7 @@ MAX_ORDER = 400
 
 
 def installed(quick: bool = False) -> tuple[dict[str, str], list[str]]:
-    """Return library -> import path of its subjects, and the libraries that are not tested, with reasons."""
+    """Return the import path of the subjects of each library, and the untested libraries with reasons."""
     skipped = {name: "not installed" for name in LIBRARIES if importlib.util.find_spec(name) is None}
     if quick:
         skipped |= {name: "not in a quick run" for name in LIBRARIES if name not in {*CORE, *skipped}}
@@ -47,7 +47,7 @@ def installed(quick: bool = False) -> tuple[dict[str, str], list[str]]:
 
 
 def spectrum() -> list[Subject]:
-    """Return the subjects of spectrum: Burg, Yule-Walker, LPC, and line spectral frequencies."""
+    """Return the tested functions of spectrum: Burg, Yule-Walker, LPC and line spectral frequencies."""
     import spectrum as library
 
     def lsf(k: Samples) -> tuple[Samples, Samples]:
@@ -63,7 +63,7 @@ def spectrum() -> list[Subject]:
 
 
 def statsmodels() -> list[Subject]:
-    """Return the subjects of statsmodels: Burg and Yule-Walker."""
+    """Return the tested functions of statsmodels: Burg and Yule-Walker."""
     from statsmodels.regression import linear_model as library
 
     def burg(x: Any, p: int) -> Samples:
@@ -79,7 +79,7 @@ def statsmodels() -> list[Subject]:
 
 
 def pysptk() -> list[Subject]:
-    """Return the subjects of pysptk: LPC and line spectral pairs."""
+    """Return the tested functions of pysptk: LPC and line spectral pairs."""
     import pysptk as library
 
     def lpc(x: Any, p: int) -> Samples:
@@ -151,7 +151,7 @@ def _line_spectrum(library: str, name: str, convert: Callable[[Samples], tuple[S
 
 
 def scipy() -> list[Subject]:
-    """Return the subjects of scipy: normal equations by `solve_toeplitz`, filters, moving averages."""
+    """Return the tested functions of SciPy: `solve_toeplitz` for LPC, two filters and a moving average."""
 
     def toeplitz(x: Any, p: int) -> Samples:
         samples = np.asarray(x, dtype=np.float64)
@@ -186,7 +186,7 @@ def _direct_form(x: Any, case: Case) -> Findings:
 
 
 def _filtfilt(x: Any, case: Case) -> Findings:
-    """Compare with the same Butterworth band-pass as second-order sections, computed with 60 digits."""
+    """Compare with the same band-pass, as second-order sections computed with 60 significant digits."""
     band: Any = {"N": 4, "Wn": (50.0, 200.0), "btype": "bandpass", "fs": case.fs}
     b, a = signal.butter(**band)
     out = np.asarray(signal.filtfilt(b, a, x[:SHORT]))
@@ -216,7 +216,7 @@ Named = tuple[dict[str, Any], dict[str, str]]
 
 
 def librosa() -> list[Subject]:
-    """Return the subjects of librosa: Burg's method, and commonly used features."""
+    """Return the tested functions of librosa: Burg's method and commonly used features."""
     import librosa as library
 
     def extract(x: Any, case: Case) -> Named:
@@ -242,7 +242,7 @@ def librosa() -> list[Subject]:
 
 
 def tsfel() -> list[Subject]:
-    """Return the subject of TSFEL: all 156 features, tested on every tenth length."""
+    """Return the test of all 156 TSFEL features. To limit run time, it uses every tenth signal length."""
     import tsfel as library
 
     configuration = library.get_features_by_domain()
@@ -259,7 +259,7 @@ def tsfel() -> list[Subject]:
 
 
 def pycatch22() -> list[Subject]:
-    """Return the subject of pycatch22: catch22 with mean and standard deviation."""
+    """Return the test of pycatch22: the 22 features of catch22, mean and standard deviation."""
     import pycatch22 as library
 
     def extract(x: Any, case: Case) -> Named:
@@ -270,7 +270,7 @@ def pycatch22() -> list[Subject]:
 
 
 def tsfresh() -> list[Subject]:
-    """Return the subject of tsfresh: its efficient set (777 columns), on 512 samples to limit run time."""
+    """Return the test of the 777 efficient tsfresh features, on at most 512 samples to limit run time."""
     import pandas as pd
     from tsfresh.feature_extraction import EfficientFCParameters, extract_features
 
@@ -295,7 +295,7 @@ def tsfresh() -> list[Subject]:
 
 
 def _short_battery(quick: bool) -> list[Case]:
-    """Return the battery with fewer lengths, or only six inputs for a quick run."""
+    """Return the test inputs with fewer signal lengths, or only six inputs for a quick run."""
     if quick:
         return [*cases_of("plain", "silent", "broken", "gain", quick=True)[:6]]
     return [case for case in feature_cases(False) if case.family != "length"] + list(lengths(True))

@@ -1,7 +1,7 @@
-"""Run each contestant in a separate process; baselines use their own interpreter.
+"""Run each contestant in a separate process. Baselines can use another interpreter.
 
-Crashes, memory use and threads of a baseline do not affect this process. Time and memory are measured in the
-same way for all contestants.
+Crashes, memory use and threads of a baseline therefore do not affect this process. Time and memory are
+measured in the same way for all contestants.
 """
 
 import json
@@ -45,7 +45,7 @@ def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s:
     Parameters
     ----------
     python : Path
-        Interpreter with numpy, scikit-learn and the packages of the baseline; texclass is not needed.
+        Interpreter with NumPy, scikit-learn and the packages of the baseline; texclass is not needed.
     task : Path
         Folder written by `baseline_worker.run.write_task`.
     baseline : str
@@ -53,12 +53,12 @@ def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s:
     out : Path
         Empty output folder of the worker.
     time_limit_s : float
-        Limit of the wall-clock time in s. Folds that finish within the limit are part of the outcome.
+        Limit of the wall-clock time in s. Folds that finish within the limit are returned.
 
     Returns
     -------
     dict
-        See `read_outcome`.
+        Outcome of the worker; see `read_outcome`.
 
     Raises
     ------
@@ -139,14 +139,14 @@ def measure_ours(
     *,
     nested: bool,
 ) -> dict[str, Any]:
-    """Evaluate one of our rows and measure its cost, in its own process.
+    """Evaluate a row of the pipeline and measure its cost in a separate process.
 
     Returns
     -------
     dict
-        `predicted` labels of each fold; CPU times in s: `segmentation_s`, `feature_s` and `predict_s` per
-        recording, `fit_s` per fold, and `first_s` for the first call on two recordings; `memory_mb`, the
-        largest increase of the process's memory in MB.
+        `predicted`: labels of each fold; `segmentation_s`, `feature_s`, `predict_s`: CPU times per recording
+        in s; `fit_s`: CPU time per fold in s; `first_s`: CPU time of the first call on two recordings in s;
+        `memory_mb`: peak increase of the memory of the process in MB.
     """
     recording_ids = set(table.frame["recording_id"])
     usable = [entry for entry in dataset.entries if entry.recording_id in recording_ids]

@@ -1,4 +1,4 @@
-"""Worker that evaluates a baseline in another interpreter: reads signals and folds, writes predictions.
+"""Worker that runs in another interpreter and evaluates one baseline on signals and folds read from files.
 
-It does not import texclass. It needs numpy, scikit-learn and the packages of the baseline.
+The worker does not import texclass. It needs NumPy, scikit-learn and the packages of the baseline.
 """

@@ -1,6 +1,6 @@
-"""Baselines: feature extraction by other libraries, each with the classifiers it is combined with.
+"""Definitions of the baselines: feature extractors of other libraries, and the classifiers used with each.
 
-A baseline converts signals to a table of features. Its packages are imported when it runs.
+A baseline converts signals to a table of features. Its packages are imported only when it runs.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,12 +48,13 @@ DISCRIMINANTS = ("lda", "shrinkage_lda", "random_forest")
 
 @dataclass(frozen=True)
 class PerRecording:
-    """Extractor whose features depend on one recording only; the channels are concatenated.
+    """Extractor that computes features from each channel of a recording and concatenates them.
 
     Parameters
     ----------
     describe : callable
-        (samples of one channel, shape (n_samples,); fs in Hz) -> values, shape (n_columns,).
+        Function that takes the samples of one channel, shape (n_samples,), and the sampling rate in Hz. It
+        returns the feature values, shape (n_columns,).
     fs : float
         Sampling rate in Hz.
     """
@@ -64,32 +65,34 @@ class PerRecording:
     """False: features are independent of the training set, so each recording is computed only once."""
 
     def fit(self, signals: Sequence[Signal]) -> Self:
-        """Do nothing."""
+        """Return the extractor unchanged, because its features do not depend on training signals."""
         return self
 
     def transform(self, signals: Sequence[Signal]) -> Table:
-        """Return the features; non-finite values are NaN, which `scaler` replaces by the training median."""
+        """Return the features, with NaN for non-finite values. `scaler` imputes NaN by training medians."""
         table = np.stack(
             [np.concatenate([self.describe(channel, self.fs) for channel in signal]) for signal in signals]
         )
         return np.where(np.isfinite(table), table, np.nan)
 
     def scaler(self) -> Any:
-        """Return median imputation and standardisation."""
+        """Return unfitted steps for median imputation and standardisation."""
         return make_pipeline(SimpleImputer(strategy="median", keep_empty_features=True), StandardScaler())
 
 
 class EqualLength:
-    """Extractor of concatenated aeon transformers, with signals cut or padded to the median training length.
+    """Extractor that concatenates aeon features of signals cut or padded to the median training length.
 
     Parameters
     ----------
     make : callable
-        () -> list of (unfitted transformer, number of signals to fit it on, None for all).
+        Function without arguments that returns a list of pairs: an unfitted transformer, and the number of
+        training signals on which it is fitted (None: all).
     scale : callable
-        (number of columns of each transformer) -> unfitted scaling step before the classifier.
+        Function that takes the number of columns of each transformer and returns the unfitted scaling step
+        that precedes the classifier.
     depends_on_training : bool
-        Whether the features depend on the training signals, apart from their length (default True).
+        Whether the features depend on the training signals, and not only on their length (default True).
     batch : int
         Number of recordings transformed at a time.
     """
@@ -105,7 +108,7 @@ class EqualLength:
         self.depends_on_training = depends_on_training
 
     def fit(self, signals: Sequence[Signal]) -> Self:
-        """Fit the transformers: draw kernels and biases, or define intervals."""
+        """Fit each transformer, which draws kernels and biases or defines intervals."""
         self.n_samples = int(np.median([signal.shape[1] for signal in signals]))
         self.transformers = [t.fit(equal_lengths(signals[:n], self.n_samples)) for t, n in self.make()]
         return self
@@ -121,7 +124,7 @@ class EqualLength:
         return np.concatenate(rows)
 
     def scaler(self) -> Any:
-        """Return the scaling step of aeon's classifier."""
+        """Return the unfitted scaling step that aeon's classifier uses for these features."""
         return self.scale(self.widths)
 
 
@@ -132,7 +135,8 @@ Extractor = PerRecording | EqualLength
 def equal_lengths(signals: Sequence[Signal], n_samples: int) -> NDArray[np.float32]:
     """Return signals as one array of shape (n_recordings, n_channels, n_samples).
 
-    Longer signals are cut equally at both ends; shorter ones are padded with zeros (their mean is zero).
+    Longer signals are cut equally at both ends. Shorter signals are padded with zeros, which is the mean of
+    the signals.
     """
     array = np.zeros((len(signals), signals[0].shape[0], n_samples), dtype=np.float32)
     for row, signal in zip(array, signals, strict=True):
@@ -155,7 +159,7 @@ def cepstra(x: Signal, fs: float) -> Table:
 
 
 def mean_and_deviation(x: Signal, fs: float) -> Table:
-    """Return the mean and the standard deviation over frames of each coefficient."""
+    """Return the mean and the standard deviation of each cepstral coefficient over the frames."""
     coefficients = cepstra(x, fs)
     return np.concatenate([coefficients.mean(axis=1), coefficients.std(axis=1)])
 
@@ -163,8 +167,9 @@ def mean_and_deviation(x: Signal, fs: float) -> Table:
 def tsfel_all(x: Signal, fs: float) -> Table:
     """Return every feature of TSFEL's default configuration, computed on the whole signal.
 
-    TSFEL names columns after frequencies rounded to 0.01 Hz. Lower sampling rates are replaced by
-    `TSFEL_MIN_HZ`, so that the names stay different; the order of frequencies does not change.
+    TSFEL names columns after frequencies rounded to 0.01 Hz. At sampling rates below `TSFEL_MIN_HZ`, several
+    columns would have the same name. `TSFEL_MIN_HZ` is then used instead, which does not change the order of
+    the frequencies.
     """
     import tsfel
 
@@ -196,21 +201,21 @@ def catch22(x: Signal, fs: float) -> Table:
 
 
 def quant() -> list[tuple[Any, int | None]]:
-    """Return QUANT (quantiles over dyadic intervals) with its defaults; needs torch."""
+    """Return QUANT (quantiles over dyadic intervals) with its default parameters. It requires torch."""
     from aeon.transformations.collection.interval_based import QUANTTransformer
 
     return [(QUANTTransformer(), 1)]
 
 
 def minirocket(seed: int) -> list[tuple[Any, int | None]]:
-    """Return MiniRocket with its default 10,000 kernels; biases come from the training signals."""
+    """Return MiniRocket with its default 10,000 kernels. Its biases are drawn from the training signals."""
     from aeon.transformations.collection.convolution_based import MiniRocket
 
     return [(MiniRocket(random_state=seed, n_jobs=1), None)]
 
 
 def hydra_and_multirocket(seed: int) -> list[tuple[Any, int | None]]:
-    """Return Hydra and MultiRocket, as in aeon's `MultiRocketHydraClassifier`; Hydra needs torch."""
+    """Return Hydra and MultiRocket as in aeon's `MultiRocketHydraClassifier`. Hydra requires torch."""
     from aeon.transformations.collection.convolution_based import HydraTransformer, MultiRocket
 
     hydra = HydraTransformer(random_state=seed, n_jobs=1, output_type="numpy")
@@ -218,45 +223,46 @@ def hydra_and_multirocket(seed: int) -> list[tuple[Any, int | None]]:
 
 
 def counts_and_values(widths: list[int]) -> Any:
-    """Return the scaling step of Hydra's counts and MultiRocket's pooled values."""
+    """Return a transformer that scales the counts of Hydra and the pooled values of MultiRocket."""
     counts, rest = slice(0, widths[0]), slice(widths[0], None)
     return ColumnTransformer([("hydra", CountScaler(), counts), ("rocket", StandardScaler(), rest)])
 
 
 class CountScaler(TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Standardise the square roots of sparse counts; a zero stays a zero.
+    """Standardise the square roots of sparse counts, and leave zeros unchanged.
 
-    z = (sqrt(max(x, 0)) - mean) [x > 0] / (deviation + share of zeros^4 + 1e-8). Kernels that rarely have the
-    largest response get a small weight. This is the scaling of Hydra's authors.
+    A count x becomes z = (sqrt(max(x, 0)) - m) [x > 0] / (s + f^4 + 1e-8). Here m and s are the mean and the
+    standard deviation of the square roots in the column, and f is the fraction of zeros. Kernels that rarely
+    have the largest response get a small weight. The authors of Hydra use the same scaling.
     """
 
     def fit(self, X: Table, y: Any = None) -> Self:
-        """Compute mean, deviation and share of zeros of each column."""
+        """Compute the mean and the scale of each column."""
         root = np.sqrt(np.maximum(X, 0))
         self.mean_ = root.mean(axis=0)
         self.deviation_ = root.std(axis=0, ddof=1) + (root == 0).mean(axis=0) ** 4 + 1e-8
         return self
 
     def transform(self, X: Table) -> Table:
-        """Return the scaled roots."""
+        """Return the scaled square roots."""
         root = np.sqrt(np.maximum(X, 0))
         return np.asarray((root - self.mean_) * (root != 0) / self.deviation_, dtype=np.float32)
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """Another library as a baseline.
+    """Feature extractor of another library, used as a baseline.
 
     Attributes
     ----------
     name, title
-        Name on the command line, title in reports.
+        Name on the command line, and title in reports.
     packages
-        Required distributions, the main one first.
+        Names of the required distributions, beginning with the main one.
     make
-        (fs in Hz, seed) -> unfitted extractor.
+        Function that takes the sampling rate in Hz and a seed, and returns an unfitted extractor.
     classifiers
-        Names of its classifiers in `CLASSIFIERS`.
+        Names in `CLASSIFIERS` of the classifiers used with the baseline.
     reference
         Description of its settings.
 

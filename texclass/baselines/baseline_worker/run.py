@@ -1,9 +1,9 @@
-"""Worker: read a task, compute the features of a baseline, fit, predict, and write predictions and costs.
+"""Evaluate a baseline on a task: compute features, fit, predict, and write predictions and costs.
 
 The folder of a task contains `task.json` (fs in Hz, seed), `signal_000000.npy`, ... (one per recording, shape
 (n_channels, n_samples)), and `layout.npz` (`labels`: class indices; `train_0`, `test_0`, ...: row indices of
-each fold). The worker writes to its own folder: `started.json`, `fold_<k>.json` after each fold, and
-`done.json` or `failed.json`.
+each fold). The worker writes `started.json`, `fold_<k>.json` after each fold, and finally `done.json` or
+`failed.json` to a separate output folder.
 """
 
 import json
@@ -37,13 +37,13 @@ class Signals(Sequence[Signal]):
         return len(self.paths)
 
     def __getitem__(self, index: Any) -> Any:
-        """Read one signal, or return the sequence of a slice."""
+        """Read one signal, or return a `Signals` object for a slice."""
         selection: Any = self.paths[index]
         return Signals(selection) if isinstance(index, slice) else np.load(selection)
 
 
 class Task(NamedTuple):
-    """Task of a worker: sampling rate in Hz, seed, signals, class indices, rows of each fold."""
+    """Input of a worker: sampling rate in Hz, seed, signals, class indices, and row indices of each fold."""
 
     fs: float
     seed: int
@@ -52,14 +52,14 @@ class Task(NamedTuple):
     splits: tuple[tuple[Rows, Rows], ...]
 
     def select(self, rows: Rows) -> Signals:
-        """Return the signals of some recordings."""
+        """Return the signals of the recordings with these row indices."""
         return Signals([self.signals.paths[row] for row in rows])
 
 
 def write_task(
     folder: Path, signals: Iterable[Signal], labels: Any, splits: Any, fs: float, seed: int
 ) -> tuple[int, ...]:
-    """Write a task, one signal at a time; return the number of samples of each signal."""
+    """Write the files of a task, one signal at a time. Return the number of samples of each signal."""
     folder.mkdir(parents=True, exist_ok=True)
     lengths = []
     for number, signal in enumerate(signals):
@@ -74,7 +74,7 @@ def write_task(
 
 
 def read_task(folder: Path) -> Task:
-    """Read a task; signals are read on access."""
+    """Read a task. The signals are read later, on access."""
     facts = json.loads((folder / "task.json").read_text(encoding="utf-8"))
     with np.load(folder / "layout.npz") as layout:
         n_folds = sum(name.startswith("train_") for name in layout)
@@ -84,14 +84,14 @@ def read_task(folder: Path) -> Task:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file (atomic write)."""
+    """Write a JSON file atomically."""
     unfinished = path.with_suffix(".unfinished")
     unfinished.write_text(json.dumps(content), encoding="utf-8")
     unfinished.replace(path)
 
 
 def main() -> int:
-    """Evaluate one baseline on one task; an error is written to `failed.json`, not raised."""
+    """Evaluate one baseline on one task. Errors are written to `failed.json` instead of being raised."""
     task_folder, name, out = Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])
     warnings.simplefilter("ignore")
     baseline = BASELINES[name]
@@ -112,7 +112,7 @@ def missing_packages(baseline: Baseline) -> list[str]:
 
 
 def work(baseline: Baseline, task: Task, out: Path) -> None:
-    """Compute features, fit and predict each fold, and write one file per fold."""
+    """Compute the features, then fit, predict and write one file for each fold."""
     if packages := missing_packages(baseline):
         raise ModuleNotFoundError(", ".join(packages))
     extractor = baseline.make(task.fs, task.seed)
@@ -140,7 +140,10 @@ def work(baseline: Baseline, task: Task, out: Path) -> None:
 
 
 def _feature_table(extractor: Extractor, task: Task) -> tuple[Table, float]:
-    """Return the features of all recordings (NaN if no fold uses one), and the mean time of each in s."""
+    """Return the features of all recordings, and the mean CPU time per recording in s.
+
+    Recordings that no fold uses get NaN.
+    """
     rows = np.unique(np.concatenate([rows for split in task.splits for rows in split]))
     extractor.fit(task.select(rows))
     timings = [timed(partial(extractor.transform, [signal])) for signal in task.select(rows)]
@@ -171,17 +174,20 @@ def _version(package: str) -> str | None:
 
 
 def timed(call: Callable[[], Any]) -> tuple[Any, float]:
-    """Return the result of a call, and the CPU time of this process (all threads) in s."""
+    """Return the result of a call, and the CPU time in s that all threads of this process spent on it."""
     start = time.process_time()
     result = call()
     return result, time.process_time() - start
 
 
 def watch_memory() -> Callable[[], float]:
-    """Return a function that returns the peak growth of the process from now on, in MB (2^20 bytes).
+    """Return a function that returns the peak memory growth of this process in MB (2^20 bytes).
 
-    On Linux the peak is reset first. On other systems the peak since the start of the process counts, with
-    imports and compilation, so that the growth can be too low, never too high. On Windows it is 0.
+    The growth is measured from this call on.
+
+    On Linux, the recorded peak is reset first. On other systems, the recorded peak includes imports and
+    compilation before this call, so the growth can be underestimated but not overestimated. On Windows, the
+    growth is always 0.
     """
     try:
         RESET.write_text("5", encoding="ascii")
