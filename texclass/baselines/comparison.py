@@ -38,9 +38,9 @@ DESCRIPTIONS: dict[SignalChoice, str] = {
     "channels separate; mean removed, and hand motion if the feature set removes it)",
     "each": "every axis of accelerometer and gyroscope separately, cut to the movement, mean removed",
 }
-"""Input signals of the baselines."""
+"""Descriptions of the input signals of the baselines."""
 Contestant = Mapping[str, Any]
-"""Contestant: its description, its predictions in each fold, and its cost (see `measure_ours`)."""
+"""Description of a contestant, its predictions in each fold, and its cost (see `measure_ours`)."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from texclass.phases import find_phases
 
 HERE = Path(__file__).parent
 START = "import sys; sys.path.append(sys.argv.pop(1)); from baseline_worker.run import main; sys.exit(main())"
-"""Start code of the worker. Its folder is last on the path, so no file in it hides an installed module."""
+"""Start code of the worker. Its folder is last on the path, so its files cannot hide installed modules."""
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"),
     "NUMBA_THREADING_LAYER": "workqueue",
@@ -36,7 +36,7 @@ ENVIRONMENT = {
     "PYTHONWARNINGS": "ignore",
 }
 N_TIMED = 100
-"""Number of recordings, spread over the dataset, on which the time of our features is measured."""
+"""Number of recordings, spread over the dataset, on which feature times of texclass are measured."""
 
 
 def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s: float) -> dict[str, Any]:

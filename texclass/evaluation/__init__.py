@@ -1,4 +1,4 @@
-"""Evaluate the pipeline in a TOML file on a dataset: protocols, folds, intervals, paired tests and costs."""
+"""Evaluate pipelines from TOML files on datasets: protocols, folds, intervals, paired tests and costs."""
 
 import lazy_loader
 

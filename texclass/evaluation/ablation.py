@@ -1,4 +1,4 @@
-"""Ablation: accuracy gained by adding feature groups to a row, on the same splits."""
+"""Ablation: accuracy gained by adding feature groups to a row of the pipeline, on the same splits."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -38,17 +38,17 @@ def select_base(
     Parameters
     ----------
     pipeline : PipelineDefinition
-        Pipeline with additions. Its settings can name the base row and the classifier. By default, the most
-        accurate ones are selected.
+        Pipeline with additions. Its settings can name the base row and the classifier. By default, the pair
+        with the highest accuracy is selected.
     rows : sequence of MatchedRow
-        Rows of the table.
+        Rows of the benchmark table.
     evaluations : mapping
-        Row -> classifier -> evaluation.
+        Evaluation of each row with each classifier: row name -> classifier name -> evaluation.
 
     Returns
     -------
     tuple or None
-        Row, name of the classifier, description of the selection; None if no base row can be evaluated.
+        Row, name of the classifier, and description of the selection. None if no base row can be evaluated.
     """
     settings = pipeline.gain
     base_names = {row.name for row in pipeline.bases}
@@ -82,15 +82,15 @@ def measure_ablation(
 ) -> dict[str, Any]:
     """Measure the accuracy gained by adding each feature group to a row, on the same splits.
 
-    If the row uses forward selection, the number of selected columns stays the same, so the columns of the
-    group compete with the columns of the row.
+    If the row uses forward selection, the number of selected columns stays the same, and the columns of
+    the group compete with the columns of the row for selection.
 
     Parameters
     ----------
     pipeline : PipelineDefinition
         Pipeline with `additions`.
     table : FeatureTable
-        Features of rows and additions.
+        Feature table with the columns of all rows and additions.
     base : (MatchedRow, str, str)
         Base row, classifier and description from `select_base`.
     protocol : Protocol
@@ -107,10 +107,10 @@ def measure_ablation(
     Returns
     -------
     dict
-        JSON values: `row`, `classifier`, description of their `selection`, whether the row `selects` columns,
-        accuracy and cost of the `base` row, number of repeats and folds, and the `groups`. Each group has the
-        accuracy and cost of the `combined` row, its `comparison` with the base row (see `compare`), its
-        Holm-corrected p-value (`p_corrected`), and the reason why features are `missing`.
+        JSON values: `row` and `classifier`, how they were selected (`selection`), whether the row `selects`
+        columns, accuracy and cost of the `base` row, number of repeats and folds, and the `groups`. Each
+        group has the accuracy and cost of the `combined` row, its `comparison` with the base row (see
+        `compare`), its Holm-corrected p-value (`p_corrected`), and the reason why features are `missing`.
     """
     row, classifier, selection = base
     groups = [MatchedRow.match(group, pipeline.features, table) for group in pipeline.additions]
@@ -161,7 +161,7 @@ def measure_ablation(
 
 
 def _combine(base: MatchedRow, group: MatchedRow) -> MatchedRow:
-    """Return the base row with the columns of a group appended, under the name of the group."""
+    """Append the columns of a group to the base row. Return the new row, which has the name of the group."""
     columns = (*base.columns, *group.columns)
     select = base.definition.select
     features = (*base.definition.features, *group.definition.features)
@@ -200,7 +200,7 @@ def ablation_blocks(ablation: Ablation, seed: int) -> Iterator[Block]:
 
 
 def draw_ablation(groups: list[Ablation], width: float) -> "Drawing":
-    """Plot the gain of each group with its interval; markers of significant gains are filled."""
+    """Plot the gain of each group with its confidence interval. Filled markers denote significant gains."""
     figure, axes = row_axes(width, [f"+ {group['name']}" for group in groups], "gain, points")
     for y, group in enumerate(groups):
         comparison, p = group["comparison"], group["p_corrected"]
@@ -240,7 +240,7 @@ def verdict(ablation: Ablation) -> str:
 
 
 def detectable(groups: list[Ablation]) -> str:
-    """Return the end of a sentence that states the minimum detectable difference and how to lower it."""
+    """Return a clause that states the minimum detectable difference and how to reduce it."""
     comparisons = [group["comparison"] for group in groups]
     comparison = max(comparisons, key=lambda comparison: float(comparison["minimum_detectable"]))
     n, units = comparison["n_clusters"], f"{comparison['clusters']}s"

@@ -1,6 +1,6 @@
-"""Accuracies with confidence intervals over independent units, and comparisons of two pipelines.
+"""Accuracies with confidence intervals over independent units, and paired comparisons of two pipelines.
 
-An independent unit is a recording, a run or an operator.
+An independent unit is a recording, a run, a session or an operator.
 """
 
 from collections import Counter
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 Labels = NDArray[Any]
 Hits = Sequence[Sequence[NDArray[np.bool_]]]
-"""Repeat -> fold -> whether each prediction is correct."""
+"""Whether each prediction is correct, by repeat and fold."""
 MIN_CLUSTERS = 5
-"""Smallest number of clusters for an interval from their spread. With fewer, each counts as one test."""
+"""Smallest number of clusters whose spread determines an interval. With fewer, each counts as one test."""
 MIN_CORRELATION = 0.1
 """Smallest intraclass correlation assumed for the lower limit of an interval over clusters. If one operator
 in ten is far worse than the rest, a small sample may contain no such operator (see `cluster_interval`)."""
@@ -34,7 +34,7 @@ LEVEL = 0.05
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Accuracy, pooled over folds, with its confidence interval.
+    """Accuracy pooled over folds, with its confidence interval.
 
     Attributes
     ----------
@@ -43,18 +43,19 @@ class Accuracy:
     folds
         Accuracy of each fold, for paired comparisons on the same folds.
     balanced
-        Balanced accuracy: mean over surfaces of the share of correct predictions. None if every surface was
+        Balanced accuracy, which is the mean of the accuracies of the surfaces. None if every surface was
         tested equally often, because the balanced accuracy then equals the accuracy.
     bounds
-        95 % confidence interval over clusters (recordings, runs, operators), if a cluster has several tests;
-        see `cluster_interval`.
+        95 % confidence interval over clusters (recordings, runs or operators); see `cluster_interval`. None
+        if each cluster has only one test.
     majority_vote
-        Accuracy per recording (or run) after a majority vote over its predictions. None if each recording has
-        only one prediction.
+        Accuracy of the majority votes over the predictions of each recording (or run). None if each recording
+        has only one prediction.
     n_clusters
         Number of clusters. None if each cluster has only one test.
     has_spread
-        Whether `bounds` are computed from the spread over clusters, which needs at least `MIN_CLUSTERS`.
+        Whether `bounds` are computed from the spread between clusters, which requires at least
+        `MIN_CLUSTERS` clusters.
 
     Examples
     --------
@@ -124,14 +125,15 @@ class Accuracy:
 def wilson_interval(n_hits: float, n_tested: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the Wilson score interval of a proportion.
 
-    (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n), with p = n_hits/n and z the normal quantile.
+    (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n), where p = n_hits/n,
+    n = n_tested, and z is the normal quantile.
 
     Parameters
     ----------
     n_hits : float
-        Number of hits; does not have to be an integer.
+        Number of successes, not necessarily an integer.
     n_tested : int
-        Number of tests.
+        Number of trials.
     confidence : float
         Coverage of the interval (default 0.95).
 
@@ -155,20 +157,21 @@ def wilson_interval(n_hits: float, n_tested: int, confidence: float = 0.95) -> t
 def cluster_interval(hits: ArrayLike, clusters: ArrayLike, confidence: float = 0.95) -> tuple[float, float]:
     """Return the confidence interval of a proportion whose tests are correlated within clusters.
 
-    The logit of the pooled proportion is g = log((s + 1/2)/(n - s + 1/2)), with s hits in n tests. Its
-    standard error e is the jackknife error over the K clusters,
+    The logit of the pooled proportion is g = log((s + 1/2)/(n - s + 1/2)), for s correct
+    predictions in n tests. Its standard error e is the jackknife error over the K clusters,
 
         e^2 = (K - 1)/K sum_k (g_(k) - mean g_(.))^2,
 
     where g_(k) is computed without cluster k. The interval g -+ t e, with the t quantile of K - 1 degrees of
     freedom, is transformed back to proportions. If one operator in ten is far worse than the rest, a sample
-    of few operators may contain no such operator, and its spread is then too small. The standard error for
-    the lower limit is therefore at least its value at an intraclass correlation of r = `MIN_CORRELATION`,
+    of few operators may contain no such operator, so that its spread is too small. For the lower limit, the
+    standard error is therefore at least its value for an intraclass correlation of r = `MIN_CORRELATION`,
 
-        e^2 >= (1 + r (sum_k n_k^2/n - 1))/(n p (1 - p)),  p = (s + 1/2)/(n + 1).
+        e^2 >= (1 + r (sum_k n_k^2/n - 1))/(n p (1 - p)),  p = (s + 1/2)/(n + 1),
 
-    If all clusters have the same proportion, or there are fewer than `MIN_CLUSTERS`, each cluster counts as
-    one test in the Wilson score interval.
+    where n_k is the number of tests in cluster k. If all clusters have the same proportion, or there are
+    fewer than `MIN_CLUSTERS`, the function returns a Wilson score interval in which each cluster counts as
+    one test.
 
     Parameters
     ----------
@@ -187,10 +190,10 @@ def cluster_interval(hits: ArrayLike, clusters: ArrayLike, confidence: float = 0
     Notes
     -----
     In simulations with 5 to 40 clusters and proportions of 0.6 to 0.9 (reports/studies/certainty.md), the
-    coverage is at least 94 % if one operator in ten is far worse (intraclass correlation 0.2). An interval
-    from the spread alone covers 53 to 87 %. The interval is wider in return: 17 instead of 10 percentage
-    points for about 20 tests from each of 12 operators of equal skill. The upper limit is not corrected for
-    operators who are far better.
+    coverage is at least 94 % if one operator in ten is far worse (intraclass correlation 0.2). The coverage
+    of an interval from the spread alone is 53 to 87 %. The price is a wider interval: 17 instead of 10
+    percentage points for about 20 tests from each of 12 operators of equal skill. The upper limit is not
+    corrected for operators who are far better.
 
     Examples
     --------
@@ -223,7 +226,7 @@ def sum_clusters(values: ArrayLike, clusters: ArrayLike) -> tuple[Samples, NDArr
 
 
 def has_spread(sums: Samples, n_tests: NDArray[np.intp]) -> bool:
-    """Return whether there are at least `MIN_CLUSTERS` clusters with different means."""
+    """Return whether there are at least `MIN_CLUSTERS` clusters whose means are not all equal."""
     return len(n_tests) >= MIN_CLUSTERS and bool(np.any(sums * n_tests.sum() != n_tests * sums.sum()))
 
 
@@ -255,12 +258,13 @@ def score(
         over its predictions is also computed.
     independent : sequence of ndarray of shape (n_test,), optional
         Independent unit of each test, for example the operator (default: `clusters`). If a unit has several
-        tests, the confidence interval is over units. Without both arguments, tests count as independent.
+        tests, the confidence interval is computed over units. If neither `clusters` nor `independent` is
+        given, all tests count as independent.
 
     Returns
     -------
     Accuracy
-        Accuracy with its interval.
+        Accuracy with its confidence interval.
     """
     hits = [t == p for t, p in zip(y_true, y_pred, strict=True)]
     all_labels, all_hits = np.concatenate(y_true), np.concatenate(hits)
@@ -299,8 +303,8 @@ def corrected_resampled_t(
 ) -> tuple[tuple[float, float], float]:
     """Return the 95 % interval and p-value of a mean difference over repeated folds (corrected t-test).
 
-    The training sets of folds overlap. Their differences d_1 ... d_J are therefore correlated, and the plain
-    t-test reports too many significant differences. The test uses a corrected variance of the mean:
+    Because the training sets of the folds overlap, the differences d_1, ..., d_J are correlated, and an
+    ordinary t-test finds too many significant differences. This test corrects the variance of the mean:
 
         t = mean d / sqrt((1/J + n_test/n_train) s^2),  J - 1 degrees of freedom,
 
@@ -310,14 +314,14 @@ def corrected_resampled_t(
     Parameters
     ----------
     differences : array_like of shape (J,)
-        Difference of two accuracies in each fold of each repeat.
+        Difference between two accuracies in each fold of each repeat.
     test_train_ratio : float
         Size of the test set divided by the size of the training set, n_test/n_train.
 
     Returns
     -------
     tuple
-        Interval (low, high), and two-sided p-value.
+        Confidence interval (low, high), and two-sided p-value.
 
     Raises
     ------
@@ -356,8 +360,9 @@ def clustered_t(differences: ArrayLike, n_tests: ArrayLike) -> tuple[tuple[float
         t = d / e,  d = sum of differences / sum of tests,  e^2 = (K - 1)/K sum_k (d_(k) - mean d_(.))^2,
 
     where d_(k) is computed without cluster k. The test has K - 1 degrees of freedom. If the clusters have no
-    spread (see `has_spread`), each cluster counts as one test: the half-width of the interval is the upper
-    Wilson limit for 0 hits in K tests, and p is the p-value of a sign test: 2/2^K, or 1 if the signs differ.
+    spread (see `has_spread`), each cluster counts as one test. The half-width of the interval is then the
+    upper Wilson limit for 0 successes in K trials. The p-value is that of a sign test: 2/2^K if all signs
+    agree, otherwise 1.
 
     Parameters
     ----------
@@ -388,16 +393,17 @@ def _t_test(mean: float, error: float, dof: int) -> tuple[tuple[float, float], f
 
 
 def minimum_detectable_difference(interval: tuple[float, float], dof: int) -> float:
-    """Return the difference that a test detects with a power of 80 %, from its 95 % confidence interval.
+    """Return the difference that a test with this 95 % confidence interval detects with a power of 80 %.
 
-    The difference is (t_(1 - LEVEL/2) + t_0.8) e, where the standard error e is derived from the interval.
+    The difference is (t_(1 - LEVEL/2) + t_0.8) e, where t_q is the q quantile of the t distribution, and the
+    standard error e is derived from the interval.
 
     Parameters
     ----------
     interval : tuple of float
         95 % confidence interval of a difference.
     dof : int
-        Degrees of freedom of the t quantile in the interval.
+        Degrees of freedom of the t distribution from which the interval was computed.
     """
     quantile = stdtrit(dof, 1 - LEVEL / 2)
     return float((interval[1] - interval[0]) / 2 * (quantile + stdtrit(dof, 0.8)) / quantile)
@@ -406,8 +412,9 @@ def minimum_detectable_difference(interval: tuple[float, float], dof: int) -> fl
 def exact_mcnemar(n_gained: int, n_lost: int) -> float:
     """Return the two-sided p-value of the exact McNemar test.
 
-    Under the null hypothesis, a recording that only one of two pipelines predicts correctly belongs to either
-    pipeline with probability 1/2.
+    Under the null hypothesis, if exactly one of two pipelines predicts a recording correctly, each pipeline
+    is equally likely to be the correct one. The arguments are the numbers of recordings that only the first
+    or only the second pipeline predicts correctly.
     """
     n_discordant = n_gained + n_lost
     return float(scipy.stats.binomtest(n_gained, n_discordant).pvalue) if n_discordant else 1.0
@@ -417,7 +424,7 @@ def holm(p_values: ArrayLike) -> Samples:
     """Return p-values corrected for multiple comparisons (Holm, 1979), in the order of the input.
 
     The k-th smallest of m p-values (counted from k = 0) is multiplied by m - k. A corrected p-value that is
-    smaller than the previous one is then set to the previous one.
+    smaller than the preceding one is then raised to the preceding one.
     """
     p = np.asarray(p_values, dtype=np.float64)
     order = np.argsort(p)
@@ -436,10 +443,10 @@ def compare(
 ) -> dict[str, Any]:
     """Compare the accuracies of two pipelines on the same tests.
 
-    With repeated random folds, `corrected_resampled_t` tests the differences of all folds and repeats. With
-    one repeat, or with equal differences in all folds, the differences of the independent units are tested.
-    `clustered_t` then computes the interval and the p-value; if each unit has one test, `exact_mcnemar`
-    computes the p-value.
+    With repeated random folds, `corrected_resampled_t` tests the differences of all folds and repeats. If
+    there is only one repeat, or all folds have the same difference, the differences of the independent units
+    are tested instead. `clustered_t` then computes the interval and the p-value. If each unit has only one
+    test, `exact_mcnemar` computes the p-value.
 
     Parameters
     ----------
@@ -447,11 +454,11 @@ def compare(
         Whether each prediction of the first pipeline (`hits`) and of the second (`other`) is correct, by
         repeat and fold.
     splits : sequence of (train, test)
-        Splits of the first repeat; may contain folds that were not tested.
+        Splits of the first repeat. They may include folds that were not tested.
     protocol : Protocol
         Protocol of the splits.
     independent : (str, ndarray of shape (n_recordings,))
-        Independent unit, and the unit of each row; see `Protocol.independent`.
+        Kind of the independent units, and the unit of each row; see `Protocol.independent`.
 
     Returns
     -------

@@ -75,26 +75,25 @@ module or starts a process."""
 REFUSED_PARAMETERS = frozenset(
     {"callback", "importance_getter", "memory", "n_jobs", "pre_dispatch", "verbose"}
 )
-"""Parameters that set a cache, a number of processes or output, or whose values are used as functions or
-objects."""
+"""Refused parameters: they control caching, parallel processes or output, or accept functions or objects."""
 UNBOUNDED = frozenset({"random_state", "subsample", "subsample_for_bin"})
 """Integer parameters without a limit, because large values increase neither run time nor memory."""
 
 
 @dataclass(frozen=True)
 class SizeLimits:
-    """Upper limits of parameters. Larger values are treated as a mistake or an attack.
+    """Upper limits of parameters. Larger values are rejected as a mistake or an attack.
 
     Attributes
     ----------
     integer
-        Largest integer: number of estimators, iterations, components, neighbours, neurons (default 10,000).
+        Largest integer, for example a number of estimators, iterations or neurons (default 10,000).
     models
         Largest number of models, counting all members of nested ensembles (default 10,000).
     weights
         Largest number of weights between the hidden layers of a network (default 10 million: 80 MB).
     nesting
-        Largest depth of nested estimators (default 4).
+        Largest nesting depth of estimators (default 4).
     members, letters
         Largest number of elements in a list (default 1,000) and of characters in a string (default 200).
     """
@@ -111,12 +110,12 @@ LIMITS = SizeLimits()
 
 
 def resolve(path: str) -> "type[BaseEstimator]":
-    """Return the class with this path from the allow-list.
+    """Import the class with this path, if the path is on the allow-list.
 
     Raises
     ------
     ValueError
-        If the path is not on the allow-list.
+        If the path is not on the allow-list, or the installed scikit-learn has no such class.
     """
     if path not in ESTIMATORS:
         name = path.rpartition(".")[2]
@@ -138,7 +137,7 @@ def resolve(path: str) -> "type[BaseEstimator]":
 
 
 def check_parameters(path: str, parameters: Mapping[str, Any]) -> None:
-    """Check names, types and sizes of the parameters of an estimator and its nested estimators.
+    """Check the names, types and sizes of the parameters of an estimator and of its nested estimators.
 
     Raises
     ------
@@ -150,7 +149,7 @@ def check_parameters(path: str, parameters: Mapping[str, Any]) -> None:
 
 
 def _count_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
-    """Check the parameters of an estimator, and return the number of models that it fits."""
+    """Check the parameters of an estimator. Return the number of models that it fits."""
     if depth > LIMITS.nesting:
         raise ValueError(f"{path} is nested {depth} levels deep. Expected at most {LIMITS.nesting}")
     names = [name for name in inspect.signature(resolve(path)).parameters if name not in REFUSED_PARAMETERS]

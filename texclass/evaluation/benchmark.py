@@ -1,7 +1,7 @@
-"""Benchmark: evaluate every row and classifier of a pipeline on a dataset.
+"""Benchmark: evaluate every row of a pipeline with every classifier on a dataset.
 
-The best row of a table is selected on the test folds, so its accuracy is optimistic. `run_nested_cv` computes
-an unbiased accuracy.
+The best row of a benchmark is selected on the test folds, so its accuracy is optimistic. `run_nested_cv`
+computes an unbiased accuracy.
 """
 
 import re
@@ -55,13 +55,13 @@ MIN_TRAINING_RECORDINGS = 2
 
 
 class BenchmarkResult(Result, kind="benchmark"):
-    """Accuracies of a pipeline on a dataset; returned by `run_benchmark`.
+    """Accuracies of a pipeline on a dataset, as returned by `run_benchmark`.
 
-    `data` contains `dataset` (its facts), `pipeline`, `protocol`, `rows` (accuracies by classifier, published
-    accuracies, latency, missing features), `confusion` (confusion matrix of the best row), `ablation` (gain
-    of each feature group), `nested_cv` (nested cross-validation), `example` (a recording and its phases),
-    `left_out` (unusable recordings), `flags` (notices of the loaders), `undefined` (undefined features with
-    reasons), and the settings, hashes and versions that are needed to reproduce the result.
+    `data` contains `dataset` (facts about it), `pipeline`, `protocol`, `rows` (accuracies by classifier,
+    published accuracies, latency, missing features), `confusion` (confusion matrix of the best row),
+    `ablation` (gain of each feature group), `nested_cv` (nested cross-validation), `example` (a recording and
+    its phases), `left_out` (unusable recordings), `flags` (notices of the loaders), `undefined` (undefined
+    features with reasons), and the settings, hashes and versions that are needed to reproduce the result.
 
     Examples
     --------
@@ -79,12 +79,12 @@ class BenchmarkResult(Result, kind="benchmark"):
         return f"<{type(self).__name__}: {title}; best {mean:.1f} %, {' with '.join(self.best)}>"
 
     def _repr_html_(self) -> str:
-        """Return the table for a notebook."""
+        """Return the table as HTML for a notebook."""
         return self.table.to_html(index=False, float_format="{:.3g}".format)
 
     @property
     def stem(self) -> str:
-        """Start of the file names: dataset, pipeline and protocol."""
+        """Prefix of the file names: dataset, pipeline and protocol."""
         protocol = re.sub(r"[^\w.+-]+", "-", self.data["protocol"].replace("->", "to"))
         return f"{self.data['dataset']['name']}-{self.data['pipeline']['name']}-{protocol}"
 
@@ -99,7 +99,7 @@ class BenchmarkResult(Result, kind="benchmark"):
 
     @property
     def table(self) -> pd.DataFrame:
-        """Table with one line per row and classifier: accuracy, interval, published accuracy, latency."""
+        """Accuracy, interval, published accuracy and latency of each row with each classifier."""
         keys = ("mean", "low", "high", "interval", "clusters", "n_clusters", "balanced", "worst")
         lines = [
             {
@@ -115,7 +115,7 @@ class BenchmarkResult(Result, kind="benchmark"):
         return pd.DataFrame(lines)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write JSON, Markdown, figures and the confusion matrix (CSV) into a folder."""
+        """Write JSON, Markdown, figures and the confusion matrix (CSV) into a folder. Return the paths."""
         written = super().save(folder)
         if self.data["confusion"] is None:
             return written
@@ -153,7 +153,7 @@ class BenchmarkResult(Result, kind="benchmark"):
         Returns
         -------
         matplotlib.axes.Axes
-            The axes; accuracies are in per cent.
+            The axes, with accuracies in per cent.
 
         Raises
         ------
@@ -192,7 +192,7 @@ class BenchmarkResult(Result, kind="benchmark"):
 
     @property
     def best(self) -> tuple[str, str] | None:
-        """Row and classifier with the highest accuracy; None if no row could be evaluated."""
+        """Row and classifier with the highest accuracy, or None if no row could be evaluated."""
         best = best_pair(self.data)
         return (best.row["name"], best.classifier) if best else None
 
@@ -208,29 +208,29 @@ def run_benchmark(
     skip_bad: bool = False,
     progress: Progress | None = None,
 ) -> BenchmarkResult:
-    """Evaluate every row and classifier of a pipeline on a dataset by cross-validation.
+    """Evaluate every row of a pipeline with every classifier on a dataset by cross-validation.
 
     Parameters
     ----------
     dataset : Dataset, str or path
         Labelled recordings, or windows from `cut_windows`. Windows of one recording stay in the same fold,
-        and the accuracy of their majority vote is also reported. Alternatively an argument of `open_dataset`:
-        the name of a shipped dataset, the path of a dataset card, or the path of a folder whose files state
-        sampling rate and unit.
+        and the accuracy of their majority vote is also reported. Alternatively, an argument of
+        `open_dataset`: the name of a shipped dataset, the path of a dataset card, or the path of a folder
+        whose files state the sampling rate and the unit.
     pipeline : PipelineDefinition, str or path
-        Pipeline, or an argument of `load_pipeline` (default "strese2015").
+        Pipeline, or its name or path; see `load_pipeline` (default "strese2015").
     protocol : str, optional
         Name of a protocol; see `find_protocol` (default: the protocol of the pipeline).
     n_folds : int, optional
         Number of folds for "recording", "grouped" and "paper" (default: the number in the pipeline).
     nested_cv : bool
-        Whether to run also nested cross-validation, which selects row and classifier inside each training set
-        (default False).
+        Whether to also run nested cross-validation, which selects the row and the classifier inside each
+        training set (default False).
     n_jobs : int
         Number of processes (default 1).
     skip_bad : bool
-        Whether to leave out bad recordings and list them in the result (default: raise an error at the first
-        one).
+        Whether to leave out bad recordings and list them in the result (default False: the first bad
+        recording raises an error).
     progress : callable, optional
         Function called with (done, total, stage).
 
@@ -322,7 +322,7 @@ def _evaluate(
     protocol: Protocol,
     **work: Any,
 ) -> dict[str, dict[str, Evaluation]]:
-    """Evaluate every row that has columns with each of its classifiers: row -> classifier -> evaluation."""
+    """Evaluate every row that has columns: row name -> classifier name -> evaluation."""
     options = {
         "nested": protocol.is_nested,
         "clusters": protocol.clusters(table.frame),
@@ -349,7 +349,7 @@ def _evaluate(
 
 
 def _undefined(table: FeatureTable) -> list[Any]:
-    """Return each undefined feature with its most frequent reason and the number of recordings."""
+    """Return each undefined feature with its most frequent reason and the number of recordings affected."""
     testable = table.frame["recording_id"][is_testable(table.frame)]
     reasons = pd.DataFrame(table.reasons, columns=Reason._fields)
     by_feature = reasons[reasons["recording_id"].isin(testable)].groupby("feature", sort=False)["reason"]
@@ -358,7 +358,7 @@ def _undefined(table: FeatureTable) -> list[Any]:
 
 
 def _evaluate_if_possible(trial: Callable[[], list[Evaluation]]) -> list[Evaluation]:
-    """Return an empty list if a classifier or the selection rejects a surface with a single recording."""
+    """Return evaluations, or an empty list if a surface has too few recordings for the classifiers."""
     try:
         return trial()
     except ValueError:
@@ -372,7 +372,7 @@ def _line(
     evaluations: Mapping[str, Evaluation],
     units: tuple[str, str],
 ) -> dict[str, Any]:
-    """Return a line of the table as JSON values; published accuracies as fractions."""
+    """Return the results of a row as JSON values, with the published accuracies as fractions."""
     # Count all features of the row even if columns are selected, because the selection differs between folds.
     features = pipeline.features.restricted_to(row.definition.features)
     shares = {name: zip(row.columns, e.support.tolist(), strict=True) for name, e in evaluations.items()}
@@ -398,14 +398,14 @@ def _line(
 def rank_agreement(
     lines: Sequence[Mapping[str, Any]], classifier: str
 ) -> tuple[float, tuple[float, float] | None] | None:
-    """Return the Spearman correlation between our and the published accuracies, with its 95 % interval.
+    """Return the Spearman correlation of measured and published accuracies, with its 95 % interval.
 
     The interval over n rows is tanh(atanh(r) -+ 1.96 sqrt((1 + r^2/2)/(n - 3))).
 
     Parameters
     ----------
     lines : sequence of mapping
-        Rows of the result.
+        Rows of a benchmark, as in the `rows` of `BenchmarkResult.data`.
     classifier : str
         Name of the classifier.
 
@@ -413,7 +413,7 @@ def rank_agreement(
     -------
     tuple or None
         Correlation and interval, or None if there are fewer than three rows. The interval is None if there
-        are fewer than four rows or the correlation is perfect.
+        are fewer than four rows, or if the correlation is perfect.
 
     References
     ----------
@@ -463,17 +463,17 @@ def run_nested_cv(
     n_jobs: int = 1,
     progress: Progress | None = None,
 ) -> dict[str, Any] | None:
-    """Run nested cross-validation: select row and classifier inside each training set, test on the test set.
+    """Run nested cross-validation, which selects row and classifier inside each training set.
 
-    If several pairs have the same accuracy inside a training set, the pair with the most columns is selected.
-    If several of these remain, the first is selected.
+    The selected pair of row and classifier is tested on the test set. If several pairs have the highest
+    accuracy inside a training set, the pair with the most columns is selected, or the first of them.
 
     Parameters
     ----------
     rows, table, splits, pipeline, protocol
         Matched rows, feature table, splits, pipeline and protocol of the benchmark.
     evaluations : mapping
-        Row -> classifier -> predictions for the test set of each fold.
+        Predictions for the test set of each fold: row name -> classifier name -> evaluation.
     n_jobs : int
         Number of processes (default 1).
     progress : callable, optional
@@ -483,13 +483,13 @@ def run_nested_cv(
     -------
     dict or None
         JSON values: `accuracy` of the selected pairs on the test sets; row and classifier `selected` in each
-        fold; names of the `inner_protocols`, empty if there is only one pair. None if no row could be
+        fold; names of the `inner_protocols` (empty if there is only one pair). None if no row could be
         evaluated.
 
     Raises
     ------
     ValueError
-        If the training sets have no inner splits; see `inner_splits`.
+        If `inner_splits` cannot split the training sets.
     """
     pairs = [(row, name) for row in rows for name in evaluations.get(row.definition.name, ())]
     if not pairs:
@@ -532,8 +532,8 @@ def inner_splits(
 ) -> list[tuple[str, tuple[Split, ...]]]:
     """Return the inner splits of each training set, with the name of their protocol.
 
-    The inner splits use the protocol of the outer splits if possible, else stratified folds over recordings.
-    For example, a training set of one operator cannot be split by operator.
+    The inner splits use the protocol of the outer splits if possible. Otherwise, they are stratified folds
+    over recordings. For example, a training set of one operator cannot be split by operator.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Create the report of a benchmark: accuracies of all rows, confusion matrix, latency, ablation."""
+"""Report of a benchmark: accuracies of all rows, confusion matrix, latency and ablation."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 MAX_LISTED = 6
-"""Largest number of recordings, flags or features in a note. The JSON file lists all of them."""
+"""Largest number of recordings, notices or features in a note. The JSON file lists all of them."""
 NEAR = 0.05
-"""A faster row is named as an alternative if its accuracy is at most this much below the best one."""
+"""Largest loss of accuracy at which a faster row is named as an alternative to the best row."""
 Data = Mapping[str, Any]
 
 
@@ -103,7 +103,7 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
 
 
 def _finding(data: Data, best: Pair) -> Finding:
-    """Return the accuracy of nested cross-validation if it was run, else the highest of the table."""
+    """Return the accuracy of nested cross-validation if it was run, else the highest accuracy of a row."""
     name, n_pairs = classifier_title(best.classifier), len(list_pairs(data))
     share = f"of the {_test_units(data)} of {data['dataset']['n_surfaces']} surfaces classified correctly"
     folds = f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""
@@ -139,9 +139,9 @@ def _finding(data: Data, best: Pair) -> Finding:
 
 
 def _compare_with_paper(data: Data, best: Pair) -> tuple[str, str]:
-    """Return a comparison with the published accuracy, as sentences and in brief.
+    """Return a comparison with the published accuracy, in full and in short.
 
-    Accuracies are compared only for the same number of surfaces and the same protocol.
+    Accuracies are compared only if the number of surfaces and the protocol are the same.
     """
     what, is_best = "for this row with this classifier", True
     published = [pair for pair in list_pairs(data) if pair.published is not None]
@@ -167,7 +167,7 @@ def _compare_with_paper(data: Data, best: Pair) -> tuple[str, str]:
 
 
 def differences_to_published(data: Data) -> str:
-    """Return why published accuracies are not comparable; an empty string if they are."""
+    """Return the reason why published accuracies are not comparable, or an empty string if they are."""
     conditions, n = data.get("published_on"), data["dataset"]["n_surfaces"]
     if not conditions:
         return "the pipeline does not state the number of surfaces and the protocol of the publication"
@@ -217,7 +217,7 @@ def _rows(data: Data, best: Pair | None) -> Table:
 
 
 def _further_accuracies(data: Data) -> Table | None:
-    """Return a table of balanced accuracies, worst folds and majority votes of windows; None if empty."""
+    """Return a table of balanced accuracies, worst folds and majority votes, or None if there are none."""
     accuracies = [pair.accuracy for pair in list_pairs(data)]
     unit = next((u for u in ("recording", "run") if any(f"per_{u}" in a for a in accuracies)), None)
     is_unbalanced = any(abs(a.get("balanced", a["mean"]) - a["mean"]) > 1e-9 for a in accuracies)
@@ -247,7 +247,7 @@ def _further_accuracies(data: Data) -> Table | None:
 
 
 def _ranking(data: Data, best: Pair) -> Figure:
-    """Return a figure of all rows with every classifier, and the published accuracies."""
+    """Return a figure of the measured and published accuracies of all rows with every classifier."""
     is_comparable, pairs = not differences_to_published(data), list_pairs(data)
     title = classifier_title(best.classifier)
     same_classifier = [pair for pair in pairs if pair.classifier == best.classifier]
@@ -276,7 +276,7 @@ def _ranking(data: Data, best: Pair) -> Figure:
 def draw_rows(data: Data, classifiers: Sequence[str] | None, width: float) -> "Drawing":
     """Draw a figure of accuracies with confidence intervals, published accuracies and the chance level.
 
-    Each classifier (default: all) has its own colour and marker.
+    Each classifier has its own colour and marker. If `classifiers` is None, all are drawn.
     """
     names = classifiers or _classifiers(data)
     row_names = [row["name"] for row in _rows_of(data, names)]
@@ -287,7 +287,7 @@ def draw_rows(data: Data, classifiers: Sequence[str] | None, width: float) -> "D
 
 
 def plot_benchmark(data: Data, classifiers: Sequence[str] | None, ax: "Axes | None") -> "Axes":
-    """Plot accuracies with confidence intervals, row names and a legend; return the axes."""
+    """Plot accuracies with confidence intervals, row names and a legend. Return the axes."""
     names = classifiers or _classifiers(data)
     row_names = [row["name"] for row in _rows_of(data, names)]
     ax = axes_or_new(ax, height=1.2 + 0.35 * len(row_names) * (1 + 0.3 * (len(names) - 1)))
@@ -304,7 +304,7 @@ def _rows_of(data: Data, classifiers: Sequence[str]) -> list[Data]:
 
 
 def plot_rows(data: Data, classifiers: Sequence[str], axes: "Axes") -> None:
-    """Plot accuracies with intervals, published accuracies and the chance level; row i is at y = i."""
+    """Plot accuracies with intervals, published accuracies and the chance level. Row i is at y = i."""
     names, rows = classifiers, _rows_of(data, classifiers)
     lows = []
     for i, (name, (colour, _), shape) in enumerate(zip(names, cycle(LOOKS), cycle("os^v"), strict=False)):
@@ -370,7 +370,7 @@ def confusion_heat_map(confusion: Data, units: str = "recordings") -> HeatMap:
     confusion : mapping
         `row`, `classifier`, `surfaces` and `counts` (rows: true labels), as in `BenchmarkResult.data`.
     units : str
-        Name of the test items: "recordings" (default), "windows" or "tests".
+        Plural noun for the tested items: "recordings" (default), "windows" or "tests".
     """
     names, totals = confusion["surfaces"], [sum(counts) for counts in confusion["counts"]]
     errors = [
@@ -467,7 +467,7 @@ def draw_row_costs(pairs: Sequence[Pair], width: float) -> "Drawing":
 
 
 def _notes(data: Data, best: Pair | None) -> Iterator[str]:
-    """Yield the notes on the table."""
+    """Yield the notes on the table of accuracies."""
     accuracies = [pair.accuracy for pair in list_pairs(data)]
     clustered = [a for a in accuracies if a.get("interval", "").startswith(("t over", "Wilson over"))]
     if clustered:
@@ -518,7 +518,7 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
 
 
 def _problems(data: Data) -> Iterator[str]:
-    """Yield lists of recordings left out, loader flags and undefined features, each shortened."""
+    """Yield shortened lists of omitted recordings, notices of the loaders and undefined features."""
     n = data["dataset"].get("n_windows", data["dataset"]["n_recordings"])
     undefined = [one for one in data.get("undefined", []) if one["n_recordings"] < n]
     for what, lines in {

@@ -16,7 +16,7 @@ from texclass.recording import Recording, RecordingError
 
 
 class CheckpointRow(BaseModel):
-    """Values of one recording (or window), stored until the table is complete.
+    """Values of one recording (or window), stored until the feature table is complete.
 
     Attributes
     ----------
@@ -25,9 +25,9 @@ class CheckpointRow(BaseModel):
     axes : list of str
         Channels of the recording.
     phases : tuple of (int, float, float)
-        Number of taps, duration of the movement in s, duration of the recording in s.
+        Number of taps, duration of the movement in s, and duration of the recording in s.
     reasons : list of (str, str)
-        Undefined features, each with the reason.
+        Undefined features, each with the reason why it is undefined.
     flags : list of str
         Notices of the loader.
     ms : float
@@ -43,7 +43,7 @@ class CheckpointRow(BaseModel):
 
 
 CHECKPOINT = TypeAdapter(list[CheckpointRow])
-"""Content of a checkpoint file."""
+"""Validator of the content of a checkpoint file."""
 
 
 def write_checkpoint(
@@ -83,7 +83,7 @@ def write_checkpoint(
 
 
 def read_checkpoint(path: Path, n_columns: int) -> list[CheckpointRow]:
-    """Read the checkpoint of a recording: one row, or one per window.
+    """Read the checkpoint of a recording. Return one row for the recording, or one row per window.
 
     Raises
     ------

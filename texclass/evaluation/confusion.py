@@ -20,7 +20,7 @@ def write_confusion(
     true, predicted : sequence of str
         Labels of the rows and of the columns.
     counts : sequence of sequence of int
-        Number of predictions, shape (n_true, n_predicted).
+        Numbers of predictions, shape (n_true, n_predicted).
     """
     matrix = pd.DataFrame(counts, index=pd.Index(true, name="true label"), columns=pd.Index(predicted))
     write_atomic(Path(path), matrix.to_csv(lineterminator="\n"))

@@ -1,4 +1,4 @@
-"""Measured cost of features and classifiers in ms per recording, with shared transforms counted once."""
+"""Measured cost of features and classifiers in ms per recording. Shared transforms count once."""
 
 import hashlib
 import json
@@ -33,16 +33,16 @@ from texclass.recording import Recording, Samples
 
 R = TypeVar("R")
 clock = time.thread_time if time.get_clock_info("thread_time").resolution < 1e-5 else time.perf_counter
-"""Clock in s: CPU time of this thread if its resolution is sufficient, else wall-clock time."""
+"""Clock in s: CPU time of this thread if its resolution is sufficient, otherwise wall-clock time."""
 QUARTILE = 0.25
-"""Quantile over repeated measurements. Other processes only slow runs down, so fast runs are reliable."""
+"""Quantile over repeated runs. A low quantile is used because other processes can only slow runs down."""
 N_RECORDINGS, N_REPEATS = 3, 5
 """Number of recordings on which costs are measured, and number of repeats."""
 
 
 @dataclass(frozen=True, eq=False)
 class CostModel:
-    """Cost of any subset of columns, for one dataset on one machine.
+    """Cost of any set of feature columns, measured for one dataset on one machine.
 
     The computation is divided into parts, each of which runs at most once per recording. A part is the
     conditioning of a phase, a transform shared by several features, or the remaining computation of one
@@ -50,25 +50,25 @@ class CostModel:
 
         cost(S) = segmentation + sum_p ms_p [some column of S needs part p].
 
-    This is the cost of the whole computation from recorded samples to features. Shared transforms count once.
-    The cost of an empty set is 0.
+    This is the cost of the whole computation from recorded samples to features, in which a shared transform
+    counts only once. The cost of an empty set is 0.
 
     Attributes
     ----------
     columns : tuple of str
         Columns of the feature table.
     features : tuple of str
-        Feature of each column.
+        Name of the feature to which each column belongs.
     parts : tuple of str
         Names of the parts.
     ms : ndarray of shape (n_parts,)
         Cost of each part in ms per recording.
     needs : ndarray of bool, shape (n_columns, n_parts)
-        Whether a column needs a part.
+        Whether each column needs each part.
     segmentation_ms : float
-        Cost of the segmentation in ms, which is part of the cost of every non-empty set.
+        Cost of the segmentation in ms. It is included in the cost of every non-empty set.
     machine : str
-        Machine and date of the measurement.
+        Machine on which the costs were measured, and date of the measurement.
 
     Examples
     --------
@@ -102,7 +102,7 @@ class CostModel:
         return self.cost_of_indices([self._index[c] for c in columns])
 
     def cost_of_indices(self, indices: Sequence[int] | NDArray[np.intp]) -> float:
-        """Return the cost of columns, selected by index, in ms."""
+        """Return the cost of the columns with these indices in ms."""
         subset = np.asarray(indices, dtype=np.intp)
         features_ms = self.ms[self.needs[subset].any(axis=0)].sum()
         return float(self.segmentation_ms + features_ms) if subset.size else 0.0
@@ -114,7 +114,7 @@ class CostModel:
 
     @property
     def features_ms(self) -> float:
-        """Cost of all columns without segmentation, in ms."""
+        """Cost of all columns in ms, without the segmentation."""
         return self.total - self.segmentation_ms
 
     @property
@@ -125,10 +125,10 @@ class CostModel:
     def by_feature(self) -> pd.DataFrame:
         """Return three costs of each feature in ms: `share`, `alone` and `last`.
 
-        `share` divides the cost of a part equally among the features that need it. This is the Shapley value:
-        the mean marginal cost of the feature over all orders of adding features. The shares add up to
-        `features_ms`. `alone` is the cost of computing only this feature. `last` is the saving if the feature
-        is dropped from the full set.
+        For `share`, the cost of each part is divided equally among the features that need it. This is the
+        Shapley value: the mean marginal cost of a feature over all orders in which features can be added. The
+        sum of `share` over all features is `features_ms`. `alone` is the cost of computing only this feature.
+        `last` is the cost that is saved if only this feature is dropped from the full set.
         """
         users = {f: self.needs[self.features.index(f)] for f in dict.fromkeys(self.features)}
         n_users = np.sum(list(users.values()), axis=0)
@@ -143,7 +143,7 @@ class CostModel:
         return pd.DataFrame(costs, index=pd.Index(users, name="feature"), columns=["share", "alone", "last"])
 
     def restricted_to(self, columns: Sequence[str]) -> "CostModel":
-        """Return the cost model of some columns, in this order."""
+        """Return a cost model with only these columns, in the given order."""
         indices = [self._index[c] for c in columns]
         features = tuple(self.features[i] for i in indices)
         return replace(self, columns=tuple(columns), features=features, needs=self.needs[indices])
@@ -155,16 +155,16 @@ class CostModel:
 
 @dataclass(frozen=True)
 class CostMeter:
-    """Measure the cost of feature sets on a few segmented recordings.
+    """Cost meter that measures feature sets on a few segmented recordings.
 
     Attributes
     ----------
     recordings
-        Recordings with phases.
+        Recordings with their phases.
     channels
         Separate channels; see `FeatureExtractor`.
     segmentation_ms
-        Cost of the segmentation in ms: lower quartile of repeated runs, averaged over recordings.
+        Cost of the segmentation in ms, as the lower quartile of repeated runs, averaged over recordings.
     input_hash
         Hash of the dataset.
     """
@@ -194,7 +194,7 @@ class CostMeter:
         """Return the cost of each plan in ms per recording, without the segmentation.
 
         The cost is the lower quartile of repeated runs, averaged over recordings. The plans are measured
-        alternately, so that changes of the machine's speed affect all of them.
+        alternately, so that changes in the speed of the machine affect all of them.
         """
         runs = np.empty((len(self.recordings), n_repeats, len(plans)))
         with one_thread():
@@ -203,11 +203,11 @@ class CostMeter:
         return tuple(map(float, np.quantile(runs, QUARTILE, axis=1).mean(axis=0)))
 
     def cached_model(self, feature_set: FeatureSet) -> CostModel:
-        """Return the cost model of a feature set, measured once and then read from the cache folder.
+        """Return the cost model of a feature set, which is measured once and then read from the cache folder.
 
-        Stored costs make repeated selections under a budget reproducible. The key consists of machine,
-        dataset, features, code and library versions. To measure again, delete the folder `costs` in the
-        cache.
+        Stored costs make repeated feature selection under a budget reproducible. The cache key depends on the
+        machine, the dataset, the features, the code and the library versions. To measure again, delete the
+        folder `costs` in the cache folder.
         """
         names = [member.name for member in feature_set.members]
         measurement = (platform.node(), self.input_hash, [r.recording_id for r in self.recordings], names)
@@ -229,8 +229,8 @@ class CostMeter:
         """Measure the cost of each part of a feature set.
 
         Each feature is computed separately on fresh views. The cost of a part is the lower quartile of its
-        runs, averaged over recordings. Because quartiles do not add up, all parts are then scaled so that
-        their sum is the measured cost of the full set.
+        runs, averaged over recordings. Because quartiles are not additive, the costs of all parts are then
+        scaled so that their sum is the measured cost of the full set.
         """
         plan = Plan.of(feature_set, self.channels)
         members = [(prefix, member) for prefix, part in plan.parts for member in part.members]
@@ -261,7 +261,7 @@ class CostMeter:
 
 
 def _seconds_of(member: Member, views: Views, prefix: str) -> dict[Hashable, float]:
-    """Compute a feature on fresh views; return the exclusive time of each part in s."""
+    """Compute a feature on fresh views. Return the time in s spent in each part, without nested parts."""
     seconds: dict[Hashable, float] = defaultdict(float)
     nested_s = [0.0]  # stack: for each running computation, the time of those nested in it
 

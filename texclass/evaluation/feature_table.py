@@ -1,7 +1,8 @@
-"""Feature table of a dataset: computed one recording at a time, resumable, and cached.
+"""Feature table of a dataset, which is computed one recording at a time and cached.
 
-The table is one Parquet file, which also contains the reasons for undefined values. While it is computed,
-each finished recording is stored in a checkpoint next to it.
+The table is stored in one Parquet file, which also contains the reasons for undefined values. Until it is
+complete, each finished recording is stored in a checkpoint next to the file, so that an interrupted
+computation can be continued.
 """
 
 import hashlib
@@ -46,7 +47,7 @@ recording) and, if training windows overlap, `is_train_only`."""
 
 
 class PhaseSummary(NamedTuple):
-    """Number of taps in a recording, duration of its movement in s, and duration of the recording in s."""
+    """Number of taps in a recording, and durations of its movement and of the whole recording in s."""
 
     n_taps: int
     movement_s: float
@@ -54,7 +55,7 @@ class PhaseSummary(NamedTuple):
 
 
 class LeftOutRecording(NamedTuple):
-    """Recording that cannot be used, with the reason."""
+    """Recording that cannot be used, and the reason why."""
 
     recording_id: str
     reason: str
@@ -75,15 +76,15 @@ class FeatureTable:
     columns : tuple of str
         Names of the feature columns.
     ms : ndarray of shape (n_recordings,)
-        Computing time of each recording in ms, including the segmentation but not the loading.
+        Computing time of each recording in ms, including segmentation but not loading.
     reasons : tuple of Reason
         Reasons for undefined features.
     flags : tuple of (str, str)
-        Id of a recording and a notice of its loader, for example "clipped: 3.1 % ...".
+        Pairs of a recording id and a notice of its loader, for example a notice that begins with "clipped:".
     left_out : tuple of LeftOutRecording
         Recordings that could not be used.
     key : str
-        Digest of input, feature set, code and version.
+        Digest of the input, the feature set, the code and the version.
     phases : tuple of PhaseSummary
         Phases of each recording.
 
@@ -141,13 +142,13 @@ class FeatureTable:
         return plot_features(self, column, ax)
 
     def match_columns(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the columns with these names, with and without channel prefix, in the order of the table."""
+        """Return the columns that have these names with or without a channel prefix, in table order."""
         wanted = set(names)
         return tuple(c for c in self.columns if c in wanted or c.rpartition("/")[2] in wanted)
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """Notices of the loaders about implausible recordings, each once, with the number of recordings."""
+        """Distinct notices of the loaders about implausible recordings, with the number of recordings."""
         kinds = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")
         flags_by_text: dict[str, list[tuple[str, str]]] = {}
         for name, flag in self.flags:
@@ -161,7 +162,7 @@ class FeatureTable:
 
     @property
     def summary(self) -> str:
-        """One line that summarises the phases of all recordings and the undefined columns."""
+        """One-line summary of the phases of all recordings and of the undefined columns."""
         n = len(self.phases)
         movement_s, total_s = sum(p.movement_s for p in self.phases), sum(p.duration_s for p in self.phases)
         n_with_taps = sum(one.n_taps > 0 for one in self.phases)
@@ -172,7 +173,7 @@ class FeatureTable:
         return f"{phases}; {describe_missing_values(self.frame[list(self.columns)], self.reasons)}"
 
     def reason_of(self, name: str) -> str:
-        """Return the most frequent reason why a feature, or the feature of a column, is undefined."""
+        """Return the most frequent reason why a feature, given by its name or a column, is undefined."""
         names = (name, name.split(".", 1)[0])
         reasons = Counter(r.reason for r in self.reasons if r.feature.rpartition("/")[2] in names)
         return reasons.most_common(1)[0][0]
@@ -192,13 +193,12 @@ def metadata(entries: Sequence[Entry]) -> pd.DataFrame:
 def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) -> FeatureTable:
     """Compute the feature table of a dataset, or read it from the cache folder.
 
-    Each feature set has its own file, so that adding a new feature does not require computing all features
-    again.
+    Each feature set has its own file, so that adding a feature does not require computing all features again.
 
     Parameters
     ----------
     dataset : Dataset
-        Recordings or windows. If several recordings have the same content, only one of them is used.
+        Recordings or windows. If several recordings have the same content, only the first is used.
     *feature_sets : FeatureSet
         Feature sets without common columns.
     **options
@@ -212,7 +212,8 @@ def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) ->
     Raises
     ------
     RecordingError
-        If `extract_table` raises it, or if recordings of different surfaces have the same content.
+        If a recording is bad (or recordings of different surfaces have the same content) and `skip_bad` is
+        False, or no recording can be used.
     """
     dataset, copies = _without_copies(dataset, skip_bad=options.get("skip_bad", False))
     tables = []
@@ -229,7 +230,7 @@ def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) ->
 def _without_copies(dataset: Dataset, *, skip_bad: bool) -> tuple[Dataset, tuple[LeftOutRecording, ...]]:
     """Return a dataset without duplicate recordings, and the recordings that were left out.
 
-    The first of several copies is kept. If the copies have different surfaces, none is kept.
+    The first of several copies is kept. If the copies have different surfaces, none of them is kept.
     """
     left_out: dict[str, LeftOutRecording] = {}
     recording_ids = {parent_id(entry) for entry in dataset.entries}
@@ -271,26 +272,27 @@ def extract_table(
 ) -> FeatureTable:
     """Compute the features of all recordings of a dataset and write them to a Parquet or CSV file.
 
-    Each finished recording is stored in a checkpoint next to `path`. The checkpoint has a key computed from
-    input, feature set, code and version. An interrupted run continues with the missing recordings. If the
-    table is complete, it is only read.
+    Each finished recording is stored in a checkpoint next to `path`, under a key computed from the input, the
+    feature set, the code and the version. An interrupted run continues with the missing recordings. If the
+    table is already complete, it is read and not computed again.
 
     Parameters
     ----------
     dataset : Dataset
-        Recordings or windows. The process that computes the features loads them one at a time.
+        Recordings or windows. Each process that computes features loads them one at a time.
     feature_set : FeatureSet
         Features to compute.
     path : str or path
-        Output file with the suffix .parquet or .csv. A Parquet file contains the key, and a file with another
-        key is replaced. A CSV file cannot contain the key, so the table is also written to the cache.
+        Output file with the suffix .parquet or .csv. A Parquet file contains the key, and a file with a
+        different key is replaced. A CSV file cannot contain the key, so the table is also written to the
+        cache.
     channels : {"combine", "each", "auto", "all"}
         See `FeatureExtractor`.
     n_jobs : int
-        Number of processes (default 1). Each uses one thread for linear algebra.
+        Number of processes (default 1). Each process uses one thread for linear algebra.
     skip_bad : bool
-        Whether to leave out bad recordings and list them in `left_out` (default: raise an error at the first
-        one).
+        Whether to leave out bad recordings and list them in `left_out` (default False: the first bad
+        recording raises an error).
     progress : callable, optional
         Function called with (done, total, "features") at the start and after each recording.
 
@@ -346,8 +348,8 @@ def extract_partitions(
 ) -> pd.DataFrame:
     """Compute the features of a large dataset and write them to a folder of Parquet files.
 
-    One worker computes and writes each file of `size` recordings, so no process holds the whole table.
-    Existing files and the finished recordings of an incomplete file are not computed again.
+    Each file of `size` recordings is computed and written by one worker, so that no process holds the whole
+    table in memory. Existing files and finished recordings of an incomplete file are not computed again.
     ``pd.read_parquet`` and Dask read the folder as one table.
 
     Parameters
@@ -364,7 +366,8 @@ def extract_partitions(
     Returns
     -------
     DataFrame of shape (n_partitions, 3)
-        One row per file: number of `recordings`, recordings `left_out`, and `notices` of the loaders.
+        One row per file, with the number of `recordings`, the recordings `left_out`, and the `notices` of the
+        loaders.
 
     Raises
     ------
@@ -390,7 +393,7 @@ def extract_partitions(
 def _write_partition(
     dataset: Dataset, feature_set: FeatureSet, path: Path, skip_bad: bool
 ) -> tuple[str, int, tuple[LeftOutRecording, ...], tuple[str, ...]]:
-    """Compute and write one file, and return only a summary, because sending tables is slow."""
+    """Compute and write one file. Return only a summary, because transferring tables is slow."""
     table = extract_table(dataset, feature_set, path, skip_bad=skip_bad)
     return path.name, table.n_recordings, table.left_out, table.notices
 
@@ -451,7 +454,7 @@ def read_table(path: str | Path) -> FeatureTable:
 
 
 def write_table(table: FeatureTable, path: Path) -> None:
-    """Write a feature table to a Parquet file (atomic write)."""
+    """Write a feature table to a Parquet file atomically."""
     facts = {
         "key": table.key,
         "columns": table.columns,
@@ -483,7 +486,7 @@ def _plan(dataset: Dataset, feature_set: FeatureSet, channels: Channels, skip_ba
 
 
 def _checkpoints(dataset: Dataset, folder: Path) -> list[tuple[tuple[Entry, ...], Path]]:
-    """Return each recording, or its windows, with the path of its checkpoint."""
+    """Return the entry of each recording (or those of its windows) with the path of its checkpoint."""
     groups = enumerate(group_by_recording(dataset.entries))
     return [(entries, folder / f"{number:06d}.json") for number, entries in groups]
 
@@ -491,7 +494,7 @@ def _checkpoints(dataset: Dataset, folder: Path) -> list[tuple[tuple[Entry, ...]
 def _compute_missing(
     dataset: Dataset, plan: Plan, folder: Path, n_jobs: int, skip_bad: bool, progress: Progress | None
 ) -> tuple[LeftOutRecording, ...]:
-    """Compute every recording without a checkpoint, and return the bad recordings."""
+    """Compute every recording that has no checkpoint. Return the bad recordings."""
     checkpoints = _checkpoints(dataset, folder)
     missing = [(entries, path) for entries, path in checkpoints if not path.is_file()]
     done, total = len(checkpoints) - len(missing), len(checkpoints)
@@ -511,7 +514,7 @@ def _compute_missing(
 def _join(
     dataset: Dataset, plan: Plan, folder: Path, key: str, left_out: tuple[LeftOutRecording, ...]
 ) -> FeatureTable | None:
-    """Join the checkpoints in dataset order; return None if another process removed one in the meantime."""
+    """Join the checkpoints in dataset order. Return None if another process has removed one of them."""
     bad = {item.recording_id for item in left_out}
     pairs: list[tuple[Entry, CheckpointRow]] = []
     for entries, path in _checkpoints(dataset, folder):
@@ -548,7 +551,7 @@ def _join(
 
 
 def _merge(table: FeatureTable, other: FeatureTable) -> FeatureTable:
-    """Return the columns of both tables for their common recordings, in the order of the first."""
+    """Join the columns of two tables for the recordings in both, in the order of the first table."""
     ms = dict(zip(other.frame["recording_id"], other.ms, strict=True))
     is_common = table.frame["recording_id"].isin(list(ms)).to_numpy()
     columns = other.frame[["recording_id", *other.columns]]

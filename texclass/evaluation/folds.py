@@ -1,9 +1,8 @@
-"""Cross-validation loop: fit on the training set of each fold, predict its test set.
+"""Cross-validation loop: fit on the training set of each fold, and predict its test set.
 
 All cross-validation in texclass uses `map_folds`. For each fold, it fits the preparation of the columns on
 the training set and passes a `Fold` to a function, which fits classifiers and evaluates their predictions.
-`evaluate` passes a function that computes accuracies. Feature selection under a budget and novelty detection
-pass their own functions:
+`evaluate` passes a function that computes accuracies. Any other function can be used in the same way:
 
 >>> import numpy as np
 >>> X, y = np.array([[0.0], [0.1], [5.0], [5.1]]), np.array(["cork", "cork", "slate", "slate"])
@@ -47,8 +46,8 @@ class Fold:
     preparation : transformer, optional
         Imputation, scaling and selection (default: none).
     nested : bool
-        Whether to fit the preparation on the training set (default True). If False, the preparation is
-        already fitted on all rows, test sets included.
+        Whether to fit the preparation on the training set (default True). If False, the preparation must
+        already be fitted, for example on all rows including test sets.
 
     Examples
     --------
@@ -69,7 +68,7 @@ class Fold:
 
     @cached_property
     def preparation(self) -> Any:
-        """Preparation, fitted on the training set."""
+        """Preparation, fitted on the training set if `nested` is True."""
         if self._unfitted is None or not self._nested:
             return self._unfitted
         return fit(self._unfitted, self._X[self.train], self.y_train)
@@ -93,11 +92,11 @@ class Fold:
         return np.asarray(mask if len(mask) == n_columns else np.ones(n_columns), dtype=np.float64)
 
     def fit(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> Any:
-        """Return a clone of a classifier, fitted on some prepared columns of the training set."""
+        """Return a clone of a classifier, fitted on these prepared columns of the training set."""
         return fit_varying(classifier, self.X_train[:, columns], self.y_train)
 
     def hits(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> NDArray[np.bool_]:
-        """Fit a clone of a classifier; return whether each test prediction is correct, shape (n_test,)."""
+        """Fit a clone of a classifier. Return whether each test prediction is correct, shape (n_test,)."""
         return np.asarray(self.fit(classifier, columns).predict(self.X_test[:, columns]) == self.y_test)
 
     def _prepare(self, rows: Indices) -> Samples:
@@ -126,14 +125,14 @@ def map_folds(
     Parameters
     ----------
     work : callable
-        Function that takes a `Fold`.
+        Function that takes a `Fold` and returns any result.
     X, y, preparation
         See `Fold`. The preparation must be unfitted.
     splits : sequence of (train, test)
         Row indices of each fold.
     nested : bool
         Whether to fit the preparation in each fold (default True). If False, it is fitted once on all
-        recordings, test sets included, and the accuracy is optimistic.
+        recordings, including the test sets, and accuracies are optimistic.
 
     Returns
     -------
@@ -143,7 +142,7 @@ def map_folds(
     Raises
     ------
     ValueError
-        If prepared columns are not finite.
+        If a prepared column contains a value that is not finite.
 
     Examples
     --------
@@ -172,12 +171,12 @@ class Evaluation:
     y_true, y_pred : tuple of ndarray of shape (n_test,)
         True and predicted labels of each fold.
     accuracy : Accuracy
-        Accuracy pooled over folds, and of each fold.
+        Accuracy pooled over the folds, and accuracy of each fold.
     support : ndarray of shape (n_columns,)
-        Share of folds in which each column is selected for the classifier.
+        Fraction of the folds in which each column is selected for the classifier.
     fit_s, predict_s : float
-        CPU time in s, averaged over folds: for preparing and fitting a training set (`fit_s`), and for
-        preparing and predicting one test recording (`predict_s`).
+        CPU time in s, averaged over folds. `fit_s` is the time to prepare a training set and fit the
+        classifier; `predict_s` is the time to prepare and predict one test recording.
     """
 
     y_true: tuple[Labels, ...]
@@ -196,7 +195,7 @@ class Evaluation:
 def evaluate(
     X: Samples, y: Labels, splits: Sequence[Split], preparation: Any, classifier: Any, **options: Any
 ) -> Evaluation:
-    """Evaluate a classifier by cross-validation; see `evaluate_each` for the parameters.
+    """Evaluate one classifier by cross-validation; `evaluate_each` describes the parameters.
 
     Examples
     --------
@@ -231,7 +230,8 @@ def evaluate_each(
     classifiers : sequence of classifier
         Unfitted classifiers.
     clusters, independent : ndarray of shape (n_recordings,), optional
-        Recording or run of each row of X, and its independent unit, for example the operator; see `score`.
+        Recording (or run) of each row of X, and independent unit of each row, for example the operator; see
+        `score`.
 
     Returns
     -------

@@ -33,7 +33,7 @@ LEGEND: Any = {
     "loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "fontsize": 8, "frameon": False,
     "handlelength": 1.2, "columnspacing": 1.2,
 }  # fmt: skip
-"""Legend above the axes, where it does not cover data."""
+"""Arguments that place a legend above the axes, where it does not cover data."""
 
 
 def inspect_recording(recording: Recording, features: str | Path) -> tuple["Figure", Phases]:
@@ -42,9 +42,9 @@ def inspect_recording(recording: Recording, features: str | Path) -> tuple["Figu
     Parameters
     ----------
     recording : Recording
-        Recording.
+        Recording to inspect.
     features : str or Path
-        Name of a shipped feature set, or path of a TOML file.
+        Name of a shipped feature set, or path of a TOML file that defines one.
 
     Returns
     -------
@@ -73,8 +73,8 @@ def draw_inspection(
     Parameters
     ----------
     recording : Recording
-        Recording. Several axes are projected on the direction of the largest changes. DFT321 is not used,
-        because it mixes the phases of the axes and thereby blurs the contact.
+        Recording to draw. If it has several axes, they are projected on the direction of the largest changes.
+        DFT321 is not used, because it mixes the phases of the axes and thereby blurs the contact.
     phases : Phases
         Phases of the recording.
     feature_values : mapping of str to float, optional

@@ -1,4 +1,4 @@
-"""Study of a new feature: accuracy alone and when added to the best row, cost, contract, redundancy."""
+"""Study of a new feature: accuracy alone and with the best row, cost, declared properties and redundancy."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -40,7 +40,7 @@ class FeatureStudy(BenchmarkResult, kind="feature"):
     `data` contains the values of the benchmark, including a row for the feature alone and the gain of adding
     it to the best row (`ablation`). `new_feature` contains the declaration of the feature, its latency alone
     (`ms_alone`), the latency that it adds to the best row (`ms_added`), its declared and measured `gain_law`,
-    its `behaviour` on degenerate input, and its `redundancy` (see the function of this name).
+    its `behaviour` on degenerate input, and its redundancy (`redundancy`; see the function with this name).
     """
 
     @property
@@ -57,7 +57,7 @@ class FeatureStudy(BenchmarkResult, kind="feature"):
         }
 
     def document(self) -> Document:
-        """Return the study as a document."""
+        """Return the study of the feature as a document."""
         return new_feature_document(self.data)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
@@ -77,9 +77,9 @@ def study_feature(
     dataset : Dataset
         Labelled recordings.
     pipeline : PipelineDefinition
-        Pipeline whose rows are compared with the feature. The feature replaces the additions of the pipeline.
+        Pipeline whose rows are compared with the feature. The feature replaces its additions.
     feature : Feature
-        Feature; see `texclass.features.load_feature`.
+        New feature; see `texclass.features.load_feature`.
     **options
         Options of `run_benchmark`.
 
@@ -91,8 +91,8 @@ def study_feature(
     Raises
     ------
     ValueError
-        If the feature fails, the feature set already has a feature of this name, or the protocol cannot split
-        the dataset.
+        If the feature raises an error, the feature set already has a feature of this name, or the protocol
+        cannot split the dataset.
     """
     extended = pipeline.with_feature(feature)
     result = run_benchmark(dataset, extended, **options)
@@ -139,8 +139,9 @@ def redundancy(table: FeatureTable, new: Sequence[str]) -> list[dict[str, Any]]:
     list of dict
         For each `column`: the three existing columns with the highest rank correlation (`nearest`, each with
         its Spearman `rank_correlation`), and `explained`, the R^2 of its prediction from all existing columns
-        by ridge regression with five-fold cross-validation. `explained` is 1 for a linear combination of
-        existing columns, 0 or less for an unpredictable column, and None with fewer than ten recordings.
+        by ridge regression with five-fold cross-validation. `explained` is about 1 for a linear combination
+        of existing columns, 0 or less for an unpredictable column, and None if there are fewer than ten
+        recordings.
     """
     values = table.frame[list(table.columns)].astype(np.float64)
     existing = values.drop(columns=list(new)).dropna(axis=1, how="all")
@@ -163,7 +164,7 @@ def redundancy(table: FeatureTable, new: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _explained(X: Samples, y: Samples) -> float | None:
-    """Return R^2 = 1 - sum (y - y^)^2 / sum (y - mean y)^2, with predictions y^ of five-fold validation."""
+    """Return R^2 = 1 - sum (y - y^)^2 / sum (y - mean y)^2, where five-fold cross-validation predicts y^."""
     if y.size < 10 or not X.size:
         return None
     model = make_pipeline(SimpleImputer(strategy="median"), StandardScaler(), RidgeCV(np.logspace(-3, 3, 7)))
@@ -212,7 +213,7 @@ def _finding(data: Data) -> Finding:
 
 
 def _feature_blocks(new: Data, data: Data) -> Iterator[Block]:
-    """Yield accuracy, cost, gain law, redundancy and behaviour of the feature."""
+    """Yield blocks on accuracy, cost, gain law, redundancy and behaviour of the feature."""
     alone = data["rows"][-1]
     accuracies = [f"{classifier_title(n)} {estimate(a)} %" for n, a in alone["accuracy"].items()]
     cost = f"{digits(new['ms_alone'])} ms per recording alone"

@@ -1,4 +1,4 @@
-"""Pipeline files (TOML): feature set, scikit-learn steps, classifiers and rows, validated before use."""
+"""Pipeline files (TOML): definition and validation of feature set, steps, classifiers and rows."""
 
 import hashlib
 import re
@@ -111,31 +111,31 @@ class Selection(StrictModel):
 
 
 def _feature_names(value: Any) -> Any:
-    """Convert a TOML list to a tuple, and the keyword "all" to a tuple that contains it."""
+    """Convert a TOML list to a tuple, and the keyword "all" to the tuple ("all",)."""
     return (ALL,) if value == ALL else tuple(value) if isinstance(value, list) else value
 
 
 class RowDefinition(StrictModel):
-    """Row of the table (a feature subset), or a feature group of the ablation.
+    """Row of the benchmark table (a feature subset), or feature group of the ablation.
 
     Attributes
     ----------
     name
         Name in reports.
     features
-        Names of features and columns of the feature set. A TOML file can contain "all" instead of a list.
+        Names of features or columns of the feature set. A TOML file can contain "all" instead of a list.
     reference
         Source of the features or of the published accuracies.
     skip_missing
         Whether to evaluate the row without the features that are undefined for a dataset.
     select
-        Rows only: sequential forward selection among the features (default: none).
+        Rows only: settings of sequential forward selection among the columns (default: no selection).
     published
-        Rows only: classifier -> published accuracy in per cent.
+        Rows only: published accuracy in per cent by classifier.
     classifiers
         Rows only: classifiers of the pipeline that evaluate this row (default: all).
     note
-        Rows only: remark printed below the table.
+        Rows only: note printed below the table.
 
     Examples
     --------
@@ -159,7 +159,7 @@ class RowDefinition(StrictModel):
 
 
 class FoldSettings(StrictModel):
-    """Protocol of a pipeline: its name, and the number of folds (used by protocols that draw folds)."""
+    """Name of the protocol of a pipeline, and number of folds for protocols that draw folds."""
 
     name: Annotated[str, AfterValidator(lambda name: find_protocol(name).name)] = "recording"
     folds: Annotated[int, Field(ge=2)] = 10
@@ -195,8 +195,8 @@ class AblationSettings(StrictModel):
     classifier
         Classifier (default: the most accurate classifier for that row).
     repeats
-        Number of repeats, with the seeds seed, seed + 1, ... (default 5). Only protocols that draw folds use
-        it.
+        Number of repeats, whose seeds are consecutive integers beginning with the seed of the pipeline
+        (default 5). Only protocols that draw folds use it.
     """
 
     base: str | None = None
@@ -227,9 +227,9 @@ class PipelineDefinition(StrictModel):
     steps
         Transformers that run before every classifier.
     classifiers
-        Name -> classifier.
+        Classifiers by name.
     rows
-        Rows of the table.
+        Rows of the benchmark table.
     additions
         Feature groups of the ablation.
     seed
@@ -239,10 +239,10 @@ class PipelineDefinition(StrictModel):
     overlap
         Number of training windows that start within each short window; see `add_overlapping_windows`.
     protocol, gain
-        Protocol, and settings of the ablation.
+        Settings of the protocol and of the ablation.
     published_on
-        Conditions of the published accuracies. Without them, our accuracies are not compared with the
-        published ones.
+        Conditions of the published accuracies. If it is None, measured and published accuracies are not
+        compared.
     phase_settings
         Settings of the segmentation, used unless the dataset has its own settings; see `PhaseSettings`.
 
@@ -326,19 +326,19 @@ class PipelineDefinition(StrictModel):
 
     @property
     def hash(self) -> str:
-        """Digest of the pipeline file and of the code of an added feature; "" if there is no file."""
+        """Digest of the pipeline file and of the code of an added feature, or "" if there is no file."""
         return self._hash
 
     @property
     def needed(self) -> tuple[FeatureSet, ...]:
-        """Feature sets that rows and additions need; each has its own table in the cache."""
+        """Feature sets that rows and additions need. Each has its own table in the cache."""
         names = {f for group in (*self.rows, *self.additions) for f in group.features}
         shared = self.features.restricted_to(names.difference(self._separate))
         return (shared, *(self.features.restricted_to([name]) for name in self._separate))
 
     @property
     def bases(self) -> tuple[RowDefinition, ...]:
-        """Rows without columns of any addition."""
+        """Rows that contain no column of any addition."""
         columns = set(self.features.columns_of(f for group in self.additions for f in group.features))
         return tuple(r for r in self.rows if columns.isdisjoint(self.features.columns_of(r.features)))
 
@@ -440,14 +440,14 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
 
 @dataclass(frozen=True)
 class MatchedRow:
-    """Row of a pipeline together with its columns that have values in a dataset.
+    """Row of a pipeline, and those of its columns that have values in a dataset.
 
     Attributes
     ----------
     definition
         Definition of the row.
     columns
-        Columns of the row in the feature table; empty if the row cannot be evaluated.
+        Names of the columns in the feature table; empty if the row cannot be evaluated.
     n_features
         Number of columns that the classifier receives, even if the row cannot be evaluated.
     missing

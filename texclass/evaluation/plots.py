@@ -1,4 +1,4 @@
-"""Plots of results on matplotlib axes: phases, features per class, confusion matrix, reliability.
+"""Plots on matplotlib axes: phases, feature values, confusion matrix and reliability.
 
 Every function draws on `ax`, or on the axes of a new figure, and returns the axes. matplotlib is imported on
 first use.
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def axes_or_new(ax: "Axes | None", width: float = 8.0, height: float = 4.0) -> "Axes":
-    """Return `ax`, or the axes of a new pyplot figure of this size in inches."""
+    """Return `ax`, or the axes of a new pyplot figure with this size in inches if `ax` is None."""
     if ax is not None:
         return ax
     from matplotlib import pyplot as plt
@@ -33,7 +33,7 @@ def plot_phases(recording: Recording, phases: Phases | None = None, ax: "Axes | 
     Parameters
     ----------
     recording : Recording
-        Recording. Several axes are projected on the direction of the largest changes.
+        Recording to plot. If it has several axes, they are projected on the direction of the largest changes.
     phases : Phases, optional
         Phases of the recording (default: `recording.phases`, or the result of `find_phases` if it is None).
     ax : matplotlib.axes.Axes, optional
@@ -148,7 +148,7 @@ def plot_confusion_matrix(confusion: Mapping[str, Any], ax: "Axes | None" = None
 def plot_reliability(
     confidence: ArrayLike, hits: ArrayLike, n_bins: int = 10, ax: "Axes | None" = None
 ) -> "Axes":
-    """Plot a reliability diagram: share of correct predictions against mean confidence, in bins.
+    """Plot a reliability diagram: fraction of correct predictions against mean confidence in each bin.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def plot_reliability(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes. Points on the diagonal are perfectly calibrated; points below it are overconfident.
+        The axes. Points on the diagonal show perfect calibration, and points below it show overconfidence.
 
     Raises
     ------

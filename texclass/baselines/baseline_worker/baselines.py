@@ -20,18 +20,18 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 Signal = NDArray[np.float64]
-"""Shape (n_channels, n_samples)."""
+"""Samples of a recording, shape (n_channels, n_samples)."""
 Table = NDArray[np.floating[Any]]
-"""Shape (n_recordings, n_columns)."""
+"""Features, shape (n_recordings, n_columns)."""
 FRAME_S, HOP, MIN_FRAME = 0.025, 0.6, 50
-"""Frames of the cepstra: length in s, hop as a share of the length (15 ms), smallest length in samples."""
+"""Frames of the cepstra: length in s, hop as a fraction of the length, and smallest length in samples."""
 N_COEFFICIENTS, N_MELS = 13, 26
-"""Number of coefficients and mel bands: the best of six settings on the TEST sets of biotac20 (chronological,
-few-shot), so the results there are optimistic for this baseline."""
+"""Numbers of coefficients and mel bands. They are the best of six settings on the TEST sets of biotac20
+(chronological and few-shot), so the results of this baseline on biotac20 are optimistic."""
 TSFEL_MIN_HZ = 100.0
 """Smallest sampling rate in Hz passed to TSFEL; see `tsfel_all`."""
 BATCH = 32
-"""Number of recordings that aeon transforms at a time, which limits memory."""
+"""Number of recordings that aeon transforms at a time. It limits the memory."""
 CLASSIFIERS: dict[str, Callable[[int], Any]] = {
     "lda": lambda seed: LinearDiscriminantAnalysis(),
     "shrinkage_lda": lambda seed: LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto"),
@@ -42,7 +42,7 @@ CLASSIFIERS: dict[str, Callable[[int], Any]] = {
         200, max_features=0.1, criterion="entropy", random_state=seed
     ),
 }
-"""Name -> (seed -> unfitted classifier). Ridge and extra trees have the settings of aeon's classifiers."""
+"""Functions from a seed to an unfitted classifier, by name. Ridge and extra trees have aeon's settings."""
 DISCRIMINANTS = ("lda", "shrinkage_lda", "random_forest")
 
 
@@ -62,7 +62,7 @@ class PerRecording:
     describe: Callable[[Signal, float], Table]
     fs: float
     depends_on_training: ClassVar[bool] = False
-    """False: features are independent of the training set, so each recording is computed only once."""
+    """False, because the features of a recording do not depend on the training set and are computed once."""
 
     def fit(self, signals: Sequence[Signal]) -> Self:
         """Return the extractor unchanged, because its features do not depend on training signals."""
@@ -129,7 +129,7 @@ class EqualLength:
 
 
 Extractor = PerRecording | EqualLength
-"""Converts signals to features, with `fit`, `transform` and `scaler` (the step before the classifier)."""
+"""Conversion of signals to features. `scaler` returns the step between the features and the classifier."""
 
 
 def equal_lengths(signals: Sequence[Signal], n_samples: int) -> NDArray[np.float32]:
@@ -356,4 +356,4 @@ BASELINES = {
         ),
     )
 }
-"""Name -> baseline, the slowest last."""
+"""Baselines by name, with the slowest last."""

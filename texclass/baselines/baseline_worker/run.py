@@ -183,11 +183,9 @@ def timed(call: Callable[[], Any]) -> tuple[Any, float]:
 def watch_memory() -> Callable[[], float]:
     """Return a function that returns the peak memory growth of this process in MB (2^20 bytes).
 
-    The growth is measured from this call on.
-
-    On Linux, the recorded peak is reset first. On other systems, the recorded peak includes imports and
-    compilation before this call, so the growth can be underestimated but not overestimated. On Windows, the
-    growth is always 0.
+    The growth is measured from the call of `watch_memory` on. On Linux, the recorded peak is reset first. On
+    other systems, the recorded peak includes imports and compilation before this call, so the growth can be
+    underestimated but not overestimated. On Windows, the growth is always 0.
     """
     try:
         RESET.write_text("5", encoding="ascii")
