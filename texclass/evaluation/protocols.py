@@ -31,7 +31,7 @@ def _checked_label(label: str) -> str:
 
 
 def _terms(text: str) -> Terms:
-    """Parse "repetition=1-20,25 & session=a"."""
+    """Parse conditions such as "repetition=1-20,25 & session=a"."""
     terms = [term.partition("=") for term in text.split("&")]
     for label, equals, values in terms:
         if not (equals and values.strip()):
@@ -55,15 +55,16 @@ class Protocol(ABC):
     description : str
         Description in one line, for reports.
     choice : str
-        Syntax on the command line, for protocols with parameters.
+        Syntax of the name on the command line, for protocols with parameters.
     needs : tuple of str
         Required labels: at least one of them must have a value for every recording.
     unit : {"recording", "run"}
-        Unit whose rows always stay together. Their predictions are combined by majority vote.
+        Unit whose rows are never divided between training set and test set. The predictions of these rows are
+        combined by majority vote.
     is_random : bool
         Whether the folds depend on the seed.
     is_nested : bool
-        Whether scaling and selection are fitted inside each fold. Only `paper` has False.
+        Whether scaling and selection are fitted inside each fold. It is False only for the protocol "paper".
 
     Examples
     --------
@@ -122,12 +123,12 @@ class Protocol(ABC):
         return (runs if self.unit == "run" else parents)(table).to_numpy(dtype=str)
 
     def independent(self, table: "pd.DataFrame") -> "tuple[str, NDArray[np.str_]]":
-        """Return the independent unit of confidence intervals and tests, and the unit of each row."""
+        """Return the kind of the independent units of intervals and tests, and the unit of each row."""
         return self.unit, self.clusters(table)
 
 
 class Stratified(Protocol):
-    """Draw stratified folds over recordings."""
+    """Protocol that draws stratified folds over recordings."""
 
     name = "recording"
     title = "folds over recordings"
@@ -141,7 +142,7 @@ class Stratified(Protocol):
 
 
 class Paper(Stratified):
-    """Draw stratified folds as in the paper, where features are selected on all recordings beforehand."""
+    """Protocol with stratified folds that fits scaling and selection on all recordings, as in the paper."""
 
     name = "paper"
     title = "the paper's protocol"
@@ -153,7 +154,7 @@ class Paper(Stratified):
 
 
 class Grouped(Protocol):
-    """Draw folds over runs. A run is a session, or a recording if sessions are missing."""
+    """Protocol that draws folds over runs. A run is a session, or a recording if sessions are missing."""
 
     name = "grouped"
     title = "folds over whole runs"
@@ -171,7 +172,7 @@ class Grouped(Protocol):
 
 
 class LeaveOneOut(Protocol):
-    """Use the recordings with each value of a label once as the test set. Values are independent units."""
+    """Protocol that tests the recordings with each value of a label once. Values are independent units."""
 
     choice = "leave-out LABEL"
 
@@ -195,7 +196,7 @@ class LeaveOneOut(Protocol):
 
 
 class Operator(LeaveOneOut):
-    """Leave one operator out, or one session if operators are missing."""
+    """Protocol that leaves one operator out, or one session if operators are missing."""
 
     choice = ""
 
@@ -208,7 +209,7 @@ class Operator(LeaveOneOut):
 
 
 class Chronological(Protocol):
-    """Train on the first half of the repetitions, test on the second half."""
+    """Protocol that trains on the first half of the repetitions and tests on the second half."""
 
     name = "chronological"
     title = "first half of the repetitions to second half"
@@ -222,7 +223,9 @@ class Chronological(Protocol):
 
 
 class FewShot(Protocol):
-    """Train on a few repetitions of each surface, from several starting points, and test on the later half.
+    """Protocol that trains on a few repetitions of each surface and tests on the later half.
+
+    Several training sets begin at different repetitions; see `few_shot`.
 
     Parameters
     ----------
@@ -251,7 +254,7 @@ class FewShot(Protocol):
 
 
 class ByLabels(Protocol):
-    """Select training set and test set by the values of labels."""
+    """Protocol that selects the training set and the test set by the values of labels."""
 
     choice = "LABEL=VALUES -> LABEL=VALUES"
 
@@ -270,7 +273,7 @@ PROTOCOLS: dict[str, Protocol] = {
     protocol.name: protocol
     for protocol in (Stratified(), Operator(), Chronological(), FewShot(), Grouped(), Paper())
 }
-"""Name -> protocol without parameters, in display order."""
+"""Protocols without parameters by name, in display order."""
 
 
 def find_protocol(name: str) -> Protocol:
@@ -315,16 +318,16 @@ def find_protocol(name: str) -> Protocol:
 def repeated_splits(
     protocol: Protocol, table: "pd.DataFrame", n_folds: int, n_repeats: int, seed: int
 ) -> "tuple[Splits, ...]":
-    """Return the splits of repeated cross-validation with the seeds seed, seed + 1, ....
+    """Return the splits of repeated cross-validation, whose seeds are consecutive integers.
 
     Parameters
     ----------
     protocol : Protocol
-        Protocol that splits the rows.
+        Protocol that splits the table.
     table : DataFrame
         Labels of recordings or windows, one per row.
     n_folds : int
-        Number of folds, if the protocol draws folds.
+        Number of folds, for protocols that draw folds.
     n_repeats : int
         Number of repeats.
     seed : int
@@ -359,7 +362,7 @@ def repeated_splits(
 
 
 def make_splits(protocol: Protocol, table: "pd.DataFrame", seed: int) -> "Splits":
-    """Return the splits of a protocol. A protocol that draws folds gets at most five.
+    """Return the splits of a protocol. A protocol that draws folds draws at most five.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Facts about results that several documents show: best row, titles, chance level, dataset, example."""
+"""Facts that several documents show: best row, titles, chance level, dataset and example recording."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -28,11 +28,11 @@ CLASSIFIER_TITLES = {
 NESTED_CV_TITLE = "nested cross-validation"
 """Name of nested cross-validation in tables of rows."""
 FEW_CLUSTERS = 10
-"""With fewer clusters than this, an accuracy above 90 % or below 10 % is reported with a caution."""
+"""Number of clusters below which an accuracy above 90 % or below 10 % is reported with a warning."""
 
 
 class Pair(NamedTuple):
-    """Row and classifier of a result, our accuracy, and the published accuracy (None if there is none)."""
+    """Row and classifier of a result, with the measured and the published accuracy (None if unpublished)."""
 
     row: Mapping[str, Any]
     classifier: str
@@ -50,35 +50,35 @@ def list_pairs(data: Mapping[str, Any]) -> list[Pair]:
 
 
 def best_pair(data: Mapping[str, Any]) -> Pair | None:
-    """Return the first pair with the highest accuracy; None if no row could be evaluated."""
+    """Return the first pair with the highest accuracy, or None if no row could be evaluated."""
     return max(list_pairs(data), key=lambda pair: float(pair.accuracy["mean"]), default=None)
 
 
 def classifier_title(name: str) -> str:
-    """Return the title of a classifier: "shrinkage_lda" -> "Shrinkage LDA"."""
+    """Return the title of a classifier, for example "Shrinkage LDA" for "shrinkage_lda"."""
     return CLASSIFIER_TITLES.get(name, name.replace("_", " ").capitalize())
 
 
 def dataset_size(facts: Mapping[str, Any]) -> str:
-    """Return the size of a dataset: "120 recordings of 24 surfaces"."""
+    """Return the size of a dataset as text, for example "120 recordings of 24 surfaces"."""
     windows = f"{counted(facts['n_windows'], 'window')} of " if "n_windows" in facts else ""
     recordings, surfaces = (counted(facts[f"n_{what}s"], what) for what in ("recording", "surface"))
     return f"{windows}{recordings} of {surfaces}"
 
 
 def chance_level(data: Mapping[str, Any]) -> float:
-    """Return the chance level: the accuracy of always predicting the most frequent surface."""
+    """Return the chance level, which is the accuracy of always predicting the most frequent surface."""
     return float(data["dataset"]["chance"])
 
 
 def cluster_phrase(accuracy: Mapping[str, Any]) -> str:
-    """Return a phrase with the clusters of an interval, for example " over 10 operators"."""
+    """Return a phrase that names the clusters of an interval, for example " over 10 operators"."""
     n = accuracy.get("n_clusters")
     return f" over {n:,} {accuracy['clusters']}s" if n else ""
 
 
 def caution(accuracy: Mapping[str, Any]) -> str:
-    """Return a caution if an interval is over few clusters or clusters without spread, else ""."""
+    """Return a warning if an interval is based on few clusters or on clusters without spread, else ""."""
     n, units = accuracy.get("n_clusters") or FEW_CLUSTERS, f"{accuracy.get('clusters')}s"
     method = accuracy.get("interval", "")
     if method.startswith("Wilson over"):
@@ -108,7 +108,7 @@ def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
 
 
 def reproduction_facts(data: Mapping[str, Any], pipeline: str) -> dict[str, str]:
-    """Return the facts that are needed to reproduce a result, with a shortened input hash."""
+    """Return the facts that are needed to reproduce a result. The input hash is shortened."""
     input_hash = data["input_hash"]
     values = {
         "Pipeline or features": pipeline,
@@ -131,7 +131,7 @@ def describe_dataset(dataset: "Dataset", frame: "pd.DataFrame", like: Recording)
     frame : DataFrame
         Feature table of the dataset.
     like : Recording
-        Recording from which sampling rate and unit are read.
+        Recording whose sampling rate and unit represent the dataset.
     """
     frame = frame[is_testable(frame)]
     return {
@@ -151,12 +151,12 @@ def describe_dataset(dataset: "Dataset", frame: "pd.DataFrame", like: Recording)
 
 
 def example_facts(recording: Recording) -> dict[str, Any]:
-    """Return the values for a figure of a recording and its phases as JSON values.
+    """Return the data of a figure of a recording and its phases as JSON values.
 
     Parameters
     ----------
     recording : Recording
-        Recording with phases.
+        Recording with its phases.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def example_facts(recording: Recording) -> dict[str, Any]:
 
 
 def signal_envelope(x: Samples, n: int) -> tuple[Samples, Samples]:
-    """Return the minimum and the maximum of each of about `n` equal blocks; adjacent blocks are joined."""
+    """Return minimum and maximum of each of about `n` equal blocks, including the last preceding sample."""
     size = max(1, x.size // n)
     blocks = x[: x.size // size * size].reshape(-1, size)
     low, high = blocks.min(axis=1), blocks.max(axis=1)

@@ -1,4 +1,4 @@
-"""Read skops archives from untrusted sources: allow-listed classes only, limited memory, no pickle."""
+"""Reading of untrusted skops archives: only allow-listed classes, limited memory, and no pickle."""
 
 import io
 import json
@@ -31,21 +31,21 @@ ALLOWED_SKLEARN_CLASSES = frozenset(
 )
 """Names of the scikit-learn classes allowed in a file: estimators of pipelines and their components."""
 MAX_BYTES = 1 << 30
-"""Largest file in bytes."""
+"""Largest size of a file in bytes."""
 MAX_SCHEMA_BYTES = 1 << 24
-"""Largest size of the schema in bytes. The schemas of real pipelines have less than a tenth of it."""
+"""Largest size of the schema in bytes. Schemas of real pipelines are more than ten times smaller."""
 SCHEMA, ARRAY = "schema.json", re.compile(r"\d+\.npy")
 
 
 class UnsafeFileError(ValueError):
-    """Raised if a file does not have the expected format, before any object is created from it."""
+    """Error raised if a file is not in the expected format, before any object is created from it."""
 
 
 def dump_archive(document: Any) -> bytes:
-    """Return a reproducible skops archive: the same bytes for the same content.
+    """Return a reproducible skops archive, which has the same bytes for the same content.
 
-    skops identifies objects by memory addresses. This function replaces the addresses by consecutive numbers
-    and writes members without dates.
+    skops identifies objects by memory addresses. This function replaces the addresses with consecutive
+    numbers and writes the members of the archive without dates.
     """
     import skops.io
 
@@ -77,12 +77,12 @@ def load_archive(data: bytes, *, members: frozenset[str] = frozenset({SCHEMA})) 
     data : bytes
         Content of the file.
     members : frozenset of str
-        Names of the allowed members, in addition to arrays.
+        Names of the members allowed in the archive, in addition to arrays.
 
     Returns
     -------
     object
-        Loaded object.
+        The loaded object.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def load_archive(data: bytes, *, members: frozenset[str] = frozenset({SCHEMA})) 
 
 
 def find_disallowed(data: bytes) -> list[str]:
-    """Return the classes and parameters in an archive that are not on the allow-list, sorted."""
+    """Return a sorted list of the classes and parameters in an archive that are not on the allow-list."""
     import skops.io
 
     disallowed = set(skops.io.get_untrusted_types(data=data)) - ALLOWED_CLASSES
@@ -155,7 +155,7 @@ def check_archive(data: bytes, members: frozenset[str] = frozenset({SCHEMA})) ->
     Raises
     ------
     UnsafeFileError
-        If one of the checks fails. Compressed members are refused because they can decompress to any size.
+        If a check fails. Compressed members are refused, because they can expand to any size.
     """
     try:
         with ZipFile(io.BytesIO(data)) as archive:
@@ -189,7 +189,7 @@ def check_archive(data: bytes, members: frozenset[str] = frozenset({SCHEMA})) ->
 
 
 def read_members(data: bytes) -> Mapping[str, bytes]:
-    """Return the members of a checked archive by name, sorted."""
+    """Return the content of each member of a checked archive, sorted by name."""
     with ZipFile(io.BytesIO(data)) as archive:
         return {name: archive.read(name) for name in sorted(archive.namelist())}
 

@@ -1,6 +1,7 @@
-"""Functions that use the label columns of a feature table to split its rows into training set and test set.
+"""Functions that split the rows of a feature table into training and test sets by the label columns.
 
-A table has one row per recording or one row per window. Windows of one recording always stay together.
+A table has one row per recording or one row per window. Windows of one recording are never divided between
+training set and test set.
 """
 
 import functools
@@ -25,7 +26,7 @@ P = ParamSpec("P")
 
 
 def runs(table: pd.DataFrame) -> "pd.Series[str]":
-    """Return the run of each row: its session, or its recording if sessions are missing or all the same."""
+    """Return the session of each row as its run, or its recording if there are not at least two sessions."""
     is_named = table["session"].notna().all() and table["session"].nunique() >= 2
     return table["session"].astype(str) if is_named else parents(table)
 
@@ -50,7 +51,7 @@ def left_out_label(table: pd.DataFrame, labels: Sequence[str]) -> str:
 
 
 def split_testable(split: Callable[[pd.DataFrame], Splits], table: pd.DataFrame) -> Splits:
-    """Split the testable rows, and add overlapping windows to the training sets with their recording."""
+    """Split the testable rows. Then add overlapping windows to the training sets of their recordings."""
     rows, recording = np.flatnonzero(is_testable(table)), parents(table)
     if len(rows) == len(table):
         return split(table)
@@ -63,7 +64,7 @@ def split_testable(split: Callable[[pd.DataFrame], Splits], table: pd.DataFrame)
 def of_recordings(
     split: Callable[Concatenate[pd.DataFrame, P], Splits],
 ) -> Callable[Concatenate[pd.DataFrame, P], Splits]:
-    """Decorate a function that splits recordings, so that it also splits windows, grouped by recording."""
+    """Extend a function that splits recordings so that it also splits windows, grouped by recording."""
 
     @functools.wraps(split)
     def of_rows(table: pd.DataFrame, /, *args: P.args, **kwargs: P.kwargs) -> Splits:
@@ -85,7 +86,7 @@ def of_recordings(
 
 @of_recordings
 def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
-    """Split recordings into stratified folds: every surface has the same share in each fold.
+    """Split recordings into stratified folds, which contain all surfaces in equal proportions.
 
     Raises
     ------
@@ -98,7 +99,7 @@ def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
 
 
 def grouped(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
-    """Split runs into stratified folds: no run is in both training set and test set (grouped k-fold).
+    """Split runs into stratified folds, so that no run is in both training set and test set.
 
     Raises
     ------
@@ -119,7 +120,7 @@ def grouped(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
 
 @of_recordings
 def leave_one_out(table: pd.DataFrame, label: str) -> Splits:
-    """Use the recordings with each value of a label once as the test set, and the rest as the training set.
+    """Use the recordings with each value of a label once as the test set, and all others for training.
 
     Raises
     ------
@@ -137,7 +138,7 @@ def leave_one_out(table: pd.DataFrame, label: str) -> Splits:
 def chronological(table: pd.DataFrame) -> Splits:
     """Train on the first half of the repetitions of each surface, test on the second half.
 
-    If the number is odd, the second half is the larger one.
+    If the number of repetitions is odd, the second half is the larger one.
 
     Raises
     ------
@@ -159,13 +160,14 @@ def chronological(table: pd.DataFrame) -> Splits:
 
 @of_recordings
 def few_shot(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Splits:
-    """Train on a few consecutive repetitions of each surface, test on the later half.
+    """Train on a few consecutive repetitions of each surface, and test on the later half.
 
     A single training set is not representative, because sensors warm up and operators learn. Up to `n_starts`
     training sets therefore begin at equally spaced repetitions within the first half: with 40 repetitions and
     `n_shots=3`, at repetitions 1, 6, 11 and 16. Every training set is tested on the third and on the fourth
-    quarter. All training sets thus have the same test sets, which are recorded later. If repetition numbers
-    are missing, training runs are drawn at random `n_starts` times, and the remaining runs are the test set.
+    quarter of the repetitions, so all training sets have the same test sets, which were recorded later. If
+    repetition numbers are missing, training runs are drawn at random `n_starts` times, and the remaining runs
+    are the test set.
 
     Raises
     ------
@@ -188,7 +190,7 @@ def few_shot(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Spl
 
 
 def _random_shots(table: pd.DataFrame, n_shots: int, n_starts: int, seed: int) -> Splits:
-    """Draw `n_shots` training runs of each surface, `n_starts` times; test on all remaining runs."""
+    """Draw `n_shots` training runs of each surface `n_starts` times, and test on all remaining runs."""
     run_of_row = pd.DataFrame({"surface": table["surface"], "run": runs(table)})
     all_runs = run_of_row.drop_duplicates().sort_values(["surface", "run"])
     _require_each(all_runs["surface"].value_counts(), n_shots + 1, "run", protocol="few-shot")
@@ -206,8 +208,8 @@ def by_labels(table: pd.DataFrame, train: Terms, test: Terms) -> Splits:
     Raises
     ------
     ValueError
-        If no recording has one of the values, a set is empty, a recording is in both sets, or a surface of
-        the test set is not in the training set.
+        If a value does not occur in any recording, a set is empty, a recording is in both sets, or a surface
+        of the test set is not in the training set.
     """
     in_train, in_test = _select_rows(table, train), _select_rows(table, test)
     for name, rows in (("training", in_train), ("test", in_test)):
@@ -229,7 +231,7 @@ def by_labels(table: pd.DataFrame, train: Terms, test: Terms) -> Splits:
 
 
 def _select_rows(table: pd.DataFrame, terms: Terms) -> NDArray[np.bool_]:
-    """Return for each row whether every label in `terms` has one of the listed values."""
+    """Return, for each row, whether every label in `terms` has one of the listed values."""
     selection = np.ones(len(table), dtype=bool)
     for label, values in terms:
         column = table[label].astype("string").fillna("")
@@ -248,7 +250,7 @@ def _select_rows(table: pd.DataFrame, terms: Terms) -> NDArray[np.bool_]:
 
 
 def n_starts(splits: Sequence[Split]) -> int | None:
-    """Return the number of training sets if a recording is tested repeatedly, else None."""
+    """Return the number of different training sets if any row is tested repeatedly, otherwise None."""
     times_tested = np.bincount(np.concatenate([test for _, test in splits]))
     return len({train.tobytes() for train, _ in splits}) if times_tested.max() > 1 else None
 
@@ -256,7 +258,7 @@ def n_starts(splits: Sequence[Split]) -> int | None:
 def _require_each(
     counts: "pd.Series[int]", minimum: int = 1, unit: str = "recording", protocol: str = ""
 ) -> None:
-    """Raise ValueError unless there are two surfaces, each with `minimum` recordings (or runs)."""
+    """Raise ValueError unless there are at least two surfaces, each with `minimum` recordings (or runs)."""
     if len(counts) < 2:
         raise ValueError(f"the dataset has {len(counts)} surface. Classification needs at least 2")
     if (n := int(counts.min())) < minimum:
@@ -267,7 +269,7 @@ def _require_each(
 
 
 def _require_folds(counts: "pd.Series[int]", n_folds: int, unit: str = "recording") -> None:
-    """Raise ValueError unless there are two surfaces, each with as many recordings (or runs) as folds."""
+    """Raise ValueError unless there are two surfaces or more, each with at least `n_folds` units."""
     _require_each(counts)
     if (n := int(counts.min())) < n_folds:
         hint = f". Use 2 to {n} folds: `--folds {n}`" if n >= 2 else ""

@@ -24,16 +24,17 @@ from texclass.validation import check_positive
 
 @dataclass(frozen=True, kw_only=True)
 class Window(Entry):
-    """Window of a recording's movement, with the surface and the other labels of the recording.
+    """Window of the movement of a recording, with the surface and the other labels of the recording.
 
     Attributes
     ----------
     parent
-        Entry of the recording.
+        Entry of the whole recording.
     start, stop
-        First sample of the window, and the sample after its last one.
+        Index of the first sample of the window, and index after its last sample.
     problem
-        Reason why the recording has no window, or "". If it is not empty, loading raises RecordingError.
+        Reason why the recording cannot be cut into windows, or "". If it is not empty, loading the window
+        raises RecordingError.
     is_train_only
         Whether the window overlaps adjacent windows. Such a window is used for training, never for testing.
 
@@ -76,13 +77,13 @@ def cut_windows(
 ) -> Dataset:
     """Cut the movement of each recording into windows of fixed length.
 
-    A window contains only movement, no taps. If the movement of a recording is shorter than a window, the
+    A window contains only movement and no taps. If the movement of a recording is shorter than a window, the
     new dataset contains the recording as a bad recording, and loading it raises RecordingError.
 
     Parameters
     ----------
     dataset : Dataset
-        Whole recordings. Each is loaded once to find its movement, which is stored in the cache folder.
+        Whole recordings. Each is loaded once to find its movement, whose position is stored in the cache.
     seconds : float
         Length of a window in s.
     per_recording : int, optional
@@ -160,14 +161,14 @@ def add_overlapping_windows(dataset: Dataset, overlap: int) -> Dataset:
 
 
 def _shifted_window(window: Window, k: int, overlap: int) -> Window:
-    """Return a training window shifted by k/overlap of the window length."""
+    """Return a window for training only, shifted by k/overlap of the window length."""
     shift, name = k * (window.stop - window.start) // overlap, f"{window.recording_id}.{k}"
     start, stop = window.start + shift, window.stop + shift
     return replace(window, recording_id=name, start=start, stop=stop, is_train_only=True)
 
 
 class WindowLoader:
-    """Picklable `load` function of a dataset of windows.
+    """Function that loads an entry of a dataset of windows, and that can be pickled.
 
     The most recent recording stays in memory, so that each file is read once if windows are loaded in order.
     """
@@ -202,7 +203,7 @@ def parent_id(entry: Entry) -> str:
 
 
 def group_by_recording(entries: Iterable[Entry]) -> Iterator[tuple[Entry, ...]]:
-    """Yield consecutive entries of the same recording as one tuple, so that its file is read once."""
+    """Yield a tuple of the consecutive entries of each recording, so that its file is read only once."""
     return (tuple(group) for _, group in groupby(entries, key=parent_id))
 
 
@@ -212,14 +213,14 @@ def parents(table: pd.DataFrame) -> "pd.Series[str]":
 
 
 def is_testable(table: pd.DataFrame) -> "pd.Series[bool]":
-    """Return for each row whether it may be in a test set. Only overlapping training windows may not."""
+    """Return, for each row, whether it may be in a test set: all except overlapping training windows."""
     return ~table["is_train_only"] if "is_train_only" in table else pd.Series(True, index=table.index)
 
 
 def _cut(
     entry: Entry, movement: Movement, seconds: float, step: float, per_recording: int | None
 ) -> Iterator[Window]:
-    """Yield the windows of a recording, or one window whose `problem` states why there is none."""
+    """Yield the windows of a recording, or one window whose `problem` states why it cannot be cut."""
     start, stop, fs, problem = movement
     n, hop = (max(1, round(s * fs)) for s in (seconds, step))
     starts = range(start, stop - n + 1, hop)[:per_recording]
@@ -235,7 +236,7 @@ def _cut(
 
 
 def _movements(dataset: Dataset, n_jobs: int, progress: Progress | None) -> tuple[Movement, ...]:
-    """Return the movement of each recording, from the cache folder if possible."""
+    """Return the movement of each recording. It is read from the cache folder if possible."""
     ids = [(entry.recording_id, entry.paths) for entry in dataset.entries]
     facts = [dataset.input_hash, ids, code_hash("recording", "signals", "phases")]
     key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
@@ -251,12 +252,12 @@ def _movements(dataset: Dataset, n_jobs: int, progress: Progress | None) -> tupl
 
 
 def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
-    """Read the cached movements of n recordings.
+    """Read the cached movements of `n` recordings.
 
     Raises
     ------
     ValueError
-        If the file does not contain n movements.
+        If the file does not contain `n` movements.
     OSError
         If the file cannot be read.
     """

@@ -23,7 +23,7 @@ _cluster: ContextVar[Any] = ContextVar("cluster", default=None)
 
 
 def begin_worker() -> None:
-    """Configure a worker process: rare garbage collection, and no return of freed memory to the system.
+    """Configure a worker process to collect garbage rarely and to keep freed memory for reuse.
 
     Rare garbage collection reduces the time to import and unload the libraries of a benchmark by a third.
     Reusing freed memory reduces the time per recording by a tenth.
@@ -41,16 +41,17 @@ PROCESSES: dict[str, Any] = {"backend": "loky", "inner_max_num_threads": 1, "ini
 
 @contextmanager
 def use_backend(backend: Backend, scheduler: str | None = None) -> Iterator[None]:
-    """Run every `run_parallel` inside the block on this backend.
+    """Context manager that makes every `run_parallel` in its block use this backend.
 
     Parameters
     ----------
     backend : {"local", "dask"}
-        "local" starts processes on this machine. "dask" sends the work to a cluster, which needs the extra
-        `distributed`. Its workers must see the same files under the same paths.
+        "local" starts processes on this machine. "dask" sends the work to a cluster and
+        requires the optional dependencies `distributed`. The workers of the cluster must find the same files
+        under the same paths.
     scheduler : str, optional
-        Address of the Dask scheduler, for example tcp://host:8786 (default: DASK_SCHEDULER_ADDRESS, else a
-        cluster of processes on this machine).
+        Address of the Dask scheduler, for example tcp://host:8786 (default: the environment
+        variable DASK_SCHEDULER_ADDRESS, or a new cluster of processes on this machine if it is not set).
 
     Raises
     ------
@@ -111,7 +112,7 @@ def run_parallel(
         Picklable functions without arguments, such as partials of module-level functions. Each uses one
         thread for linear algebra.
     n_jobs : int
-        Number of processes on this machine (default 1; -1: one per core). A cluster always uses all its
+        Number of processes on this machine (default 1; -1: one per core). A cluster always uses all of its
         workers.
     progress : callable, optional
         Function called after each result with (done, total, stage).
@@ -121,7 +122,7 @@ def run_parallel(
         Number of calls finished before this function was called, and total number of calls, for `progress`.
     local_s : float
         CPU time in s that this process spends on the calls before it starts other processes (default 0).
-        Short work finishes before other processes would have imported their libraries.
+        Short work is finished before other processes could import their libraries.
 
     Examples
     --------
@@ -154,7 +155,7 @@ def _results(calls: Iterator[Callable[[], R]], n_jobs: int, limit_s: float) -> G
 
 
 def begin_loading(n_jobs: int) -> Thread | None:
-    """Start worker processes and import the feature modules in them, in the background.
+    """Start worker processes in the background, and import the feature modules in them.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ def _import_features() -> None:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit numerical libraries to one thread inside the block, because more threads slow short work down."""
+    """Limit numerical libraries to one thread in the block, because more threads slow down short work."""
     with _libraries().limit(limits=1):
         yield
 
@@ -197,5 +198,5 @@ def _single_threaded(call: Callable[[], R]) -> R:
 
 @functools.cache
 def _libraries() -> Any:
-    """Return the controller of thread pools, which is cached because searching for the libraries is slow."""
+    """Return the thread pool controller. It is cached, because finding the libraries takes long."""
     return ThreadpoolController()

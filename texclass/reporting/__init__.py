@@ -1,4 +1,4 @@
-"""Documents that show results on a terminal, in Markdown and on an HTML page."""
+"""Documents that show results on a terminal, in Markdown or on an HTML page."""
 
 import lazy_loader
 

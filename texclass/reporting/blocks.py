@@ -59,17 +59,17 @@ class Table:
     ----------
     frame : DataFrame, or mapping of str to sequence
         Cells: strings, numbers (shown with three digits; pass strings to align decimal points), or None for
-        an empty cell. The first column contains the row headers. Two-level columns get two header lines. In a
-        column of numbers, text in brackets after a number is its interval. It is shown in smaller type, and
-        below the number on a narrow terminal.
+        an empty cell. The first column contains the row headers. Two-level columns are shown with two header
+        lines. In a column of numbers, text in brackets after a number is its interval, which is shown in
+        smaller type, and below the number on a narrow terminal.
     caption : str
         Explanation of the columns, shown below the table.
     n_words : int
-        Number of text columns, on the left (default 1). The remaining columns contain numbers.
+        Number of text columns on the left (default 1). The remaining columns contain numbers.
     bold_rows : collection of int
         Indices of the rows in bold.
     messages : mapping of int to str
-        Row index -> message shown instead of the values, for rows without values.
+        Messages shown instead of values, by row index, for rows without values.
     n_narrow : int, optional
         Number of columns shown on a narrow terminal (default: all).
 
@@ -89,21 +89,21 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """Figure, with a summary in one sentence and its values as a table.
+    """Figure with a one-sentence summary, and optionally a table of the plotted values.
 
     Attributes
     ----------
     name : str
-        End of the file name.
+        Suffix of the file name.
     title : str
         Title of the figure.
     summary : str
-        What the figure shows, in one sentence. It is the alternative text, and replaces the figure on a
-        terminal.
+        Sentence that states what the figure shows. It is the alternative text of the figure, and replaces it
+        on a terminal.
     draw : callable
-        Function that takes a width in inches and returns a new figure; see `figure_style`. An HTML page calls
-        it for two widths. If the gid of an artist is a sentence, the page shows it when the artist is
-        selected by keyboard or pointer.
+        Function that takes a width in inches and returns a new figure; see `figure_style`. It is
+        called with two widths for an HTML page. If the gid of an artist is a sentence, the page shows the
+        sentence when the artist is selected by keyboard or pointer.
     table : Table, optional
         The plotted values.
 
@@ -152,13 +152,13 @@ class HeatMap:
     Attributes
     ----------
     name, title, summary, table
-        As in `Figure`.
+        See `Figure`.
     columns : mapping of str to str
-        Column title -> explanation of the column, or "".
+        Explanation of each column (may be empty) by column title.
     rows : mapping of str to sequence of Shade
-        Row name -> one cell per column.
+        Cells of each row, one per column, by row name.
     legend : mapping of str to str
-        Names of colours, separated by spaces -> their meaning.
+        Meaning of colours. Each key contains the names of one or more colours, separated by spaces.
     empty_label : str
         Meaning of an empty cell.
     corner : str
@@ -191,7 +191,7 @@ class HeatMap:
 
 @dataclass(frozen=True, eq=False)
 class Details:
-    """Collapsed blocks that open when their title is clicked; the terminal omits them.
+    """Collapsed blocks that open when their title is clicked. They are omitted on a terminal.
 
     Examples
     --------
@@ -220,7 +220,7 @@ class Finding:
     value, unit, interval : str
         The number, its unit and its confidence interval.
     sentence : str
-        Sentence that starts with the number; `sentence` is its text after the number.
+        Rest of the sentence that begins with the number.
     comparison : str
         Sentences that compare the number with other results.
     brief : str
@@ -242,7 +242,7 @@ class Finding:
 
     @property
     def number(self) -> str:
-        """Number with unit."""
+        """Number with its unit."""
         return f"{self.value} {self.unit}".strip()
 
     @property
@@ -258,7 +258,7 @@ class Document:
     Attributes
     ----------
     title, subtitle : str
-        What was measured (title), and how (subtitle).
+        Title, which states what was measured, and subtitle, which states how it was measured.
     blocks : sequence of blocks
         Content, in reading order.
     finding : Finding, optional
@@ -268,7 +268,7 @@ class Document:
     reproduction : mapping of str to str
         Facts that are needed to reproduce the result: pipeline, protocol, seed, hashes.
     versions : mapping of str to str
-        Package -> version with which the result was computed.
+        Version of each package with which the result was computed.
 
     Examples
     --------

@@ -27,7 +27,7 @@ PALETTE = {
     "d1": "#dfebf7", "d2": "#b5d2ec", "d3": "#82b3de", "d4": "#1f6fb8", "d5": "#0a4a86",
     "e1": "#fde3cf", "e2": "#fac29a", "e3": "#f39a5c", "e4": "#b54a0c", "e5": "#8a3206",
 }  # fmt: skip
-"""Colour name -> value. HTML pages replace the value by a CSS variable of this name, for the dark theme."""
+"""Colour values by name. HTML pages replace them with CSS variables of these names for the dark theme."""
 INK, MUTED, GRID, PAPER, FAINT = (PALETTE[name] for name in ("ink", "muted", "grid", "paper", "faint"))
 OURS, OTHER, THIRD, FOURTH = (PALETTE[name] for name in ("ours", "other", "third", "fourth"))
 LOOKS = ((OURS, "o"), (OTHER, "s"), (THIRD, "D"), (FOURTH, "^"))
@@ -75,7 +75,7 @@ def new_figure(width: float, height: float) -> tuple[Drawing, "Axes"]:
 
 
 def row_axes(width: float, names: Sequence[str], x_title: str, *, n_marks: int = 1) -> tuple[Drawing, "Axes"]:
-    """Return a figure with one row per name, from top to bottom. Row i is at y = i.
+    """Return a figure with one row per name, from top to bottom, and its axes. Row i is at y = i.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def label_rows(axes: "Axes", names: Sequence[str], x_title: str, *, above: bool 
 
 
 def legend_above(figure: Drawing, axes: "Axes") -> None:
-    """Draw a legend above the axes. Each label occurs once."""
+    """Draw a legend above the axes, in which each label occurs only once."""
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     n_columns = int(13 * figure.get_figwidth() / (6 + max(map(len, handles), default=0)))
     figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=max(1, min(4, n_columns)))
@@ -151,7 +151,7 @@ def _round_numbers(axis: Any, low: float, high: float) -> None:
 
 
 def shorten_middle(name: str, max_length: int) -> str:
-    """Shorten a name to `max_length` characters, and keep its last five, in which names often differ."""
+    """Shorten a name to `max_length` characters. Keep its last five, because names often differ there."""
     return name if len(name) <= max_length else f"{name[: max_length - 6]}\N{HORIZONTAL ELLIPSIS}{name[-5:]}"
 
 
@@ -211,7 +211,7 @@ def _pixels(figure: Drawing) -> Any:
 
 
 def draw_heat(heat: HeatMap) -> Drawing:
-    """Draw a heat map. Its names are readable up to about 100 rows."""
+    """Draw a heat map. The names of its rows are readable up to about 100 rows."""
     n, m = len(heat.rows), len(heat.columns)
     font = 7 if n <= 84 else 5
     figure, axes = new_figure(2.6 + max(0.2 * m, 2.4), 1.8 + max(0.2 * n, 1.2))
@@ -220,7 +220,7 @@ def draw_heat(heat: HeatMap) -> Drawing:
 
 
 def draw_cells(heat: HeatMap, axes: "Axes", font: float = 7) -> None:
-    """Draw the cells, names and axis labels of a heat map on axes, with text of `font` points."""
+    """Draw the cells, names and axis labels of a heat map on axes. The font size is `font` points."""
     n, m = len(heat.rows), len(heat.columns)
     colours = {name: mpl.colors.to_rgb(PALETTE.get(name, "white")) for name in ("", *PALETTE)}
     axes.imshow([[colours[shade.colour] for shade in row] for row in heat.rows.values()], aspect="auto")

@@ -21,7 +21,7 @@ def write_document(
     folder : str or path
         Output folder; created if it does not exist.
     stem : str
-        Start of the file names: `stem.md`, and `stem-NAME.png` for each figure.
+        Prefix of the file names: `stem.md`, and `stem-NAME.png` for each figure.
     json : str
         JSON text of the result, which is written to `stem.json` (default: no JSON file).
     pictures : bool
@@ -30,7 +30,7 @@ def write_document(
     Returns
     -------
     tuple of Path
-        Written files.
+        Paths of the written files.
 
     Examples
     --------
@@ -62,8 +62,8 @@ def render_markdown(document: Document, stem: str | None = None) -> str:
     document : Document
         Document to render.
     stem : str, optional
-        Start of the names of the figure files, as in `write_document`. Without it, the text contains only the
-        summaries of the figures.
+        Prefix of the names of the figure files, as in `write_document`. By default, the text contains only
+        the summaries of the figures.
 
     Examples
     --------

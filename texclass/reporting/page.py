@@ -1,4 +1,4 @@
-"""Documents as one HTML page without external files."""
+"""Output of documents as one HTML page without external files."""
 
 import re
 import warnings
@@ -24,13 +24,13 @@ MACROS: dict[type, str] = {
     Heading: "heading", str: "text", Mapping: "facts", Table: "table", Figure: "figure", HeatMap: "heat",
     Details: "details", Sequence: "notes",
 }  # fmt: skip
-"""Type of a block -> name of its template macro; the first matching type is used."""
+"""Name of the template macro for each type of block. The first matching type is used."""
 _TAG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
 _COLOURS = {value: f"var(--{name})" for name, value in PALETTE.items()}
 _COLOUR = re.compile("|".join(_COLOURS))
 _LONG = re.compile(r"(\.\d\d)\d+")
-"""Decimals of an SVG coordinate after the second, which have no visible effect."""
+"""Pattern of the decimals after the second in SVG coordinates, which have no visible effect."""
 
 
 def render_page(documents: Sequence[Document], title: str = "", *, written_by: str = "texclass") -> str:
@@ -39,7 +39,7 @@ def render_page(documents: Sequence[Document], title: str = "", *, written_by: s
     Parameters
     ----------
     documents : sequence of Document
-        Documents in page order. Shared datasets and versions are shown once, at the end.
+        Documents in page order. Datasets and versions are shown only once, at the end of the page.
     title : str
         Page title (default: the title of the first document).
     written_by : str
@@ -98,7 +98,7 @@ def _versions(documents: Sequence[Document]) -> Table | None:
 
 
 def _heads(table: Table) -> list[list[dict[str, Any]]]:
-    """Return the header lines of a table: one line of columns, with a line of groups above it if needed."""
+    """Return the header lines of a table: the columns and, if they are grouped, the groups above them."""
     columns = [tuple(title.replace(" %", "\xa0%") for title in parts) for parts in column_titles(table.frame)]
     bottom = [
         {"text": part, "span": 1, "rows": 1, "column": i} for i, (_, part) in enumerate(columns) if part
@@ -123,8 +123,8 @@ def inline_svg(figure: Figure, width: float, name: str) -> str:
     width : float
         Width in inches.
     name : str
-        Prefix of the ids in the element. The page contains the title in an element with the id `name-t` and
-        the summary in an element with the id `name-d`.
+        Prefix of the ids in the element. On the page, the title must have the id `name-t`, and the
+        summary must have the id `name-d`.
     """
     svg = BytesIO()
     with mpl.rc_context(STYLE), warnings.catch_warnings():
@@ -148,7 +148,7 @@ def inline_svg(figure: Figure, width: float, name: str) -> str:
 
 
 def _adapt(element: ElementTree.Element, prefix: str) -> None:
-    """Make the ids of an element unique, and replace colours by CSS variables and gids by labels."""
+    """Make the ids in an SVG element unique. Replace colours with CSS variables, and gids with labels."""
     element.tag = element.tag.removeprefix(_TAG)
     attributes = element.attrib
     gid = attributes.pop("id", "")

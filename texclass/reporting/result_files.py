@@ -1,4 +1,4 @@
-"""JSON files of results. Each file contains the kind of the result, the version of the kind, and values.
+"""JSON files of results. Each file contains a kind of result, the version of the kind, and the values.
 
 A subpackage registers a kind by deriving a class from `Result`:
 
@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 from texclass.reporting.blocks import Document
 
 RESULTS: dict[str, type["Result"]] = {}
-"""Kind -> class. Importing the module of a class adds the class."""
+"""Classes of results by kind. Importing the module of a class adds the class."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,11 +36,11 @@ class Result:
     Attributes
     ----------
     data : mapping
-        Plain JSON values, with accuracies as fractions. The file contains them, and the document shows them.
+        Plain JSON values, which the file contains and the document shows. Accuracies are fractions.
     kind : str
         Kind of the result in its file, or "" for a class that is not registered.
     version : int
-        Version of the kind. It is increased when the meaning of a key changes.
+        Version of the kind, which is increased when the meaning of a key changes.
     """
 
     data: Mapping[str, Any]
@@ -66,12 +66,12 @@ class Result:
 
     @property
     def stem(self) -> str:
-        """Start of the file names."""
+        """Prefix of the file names."""
         raise NotImplementedError
 
     @property
     def definitions(self) -> dict[str, tuple[str, str]]:
-        """Name and hash of the "pipeline" and the "feature set" of the result, as far as it has them."""
+        """Name and hash of the "pipeline" and of the "feature set", if the result has them."""
         return {}
 
     def document(self) -> Document:
@@ -79,7 +79,7 @@ class Result:
         raise NotImplementedError
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write JSON, Markdown and figures into a folder; the file names start with `stem`."""
+        """Write JSON, Markdown and figures into a folder. The file names begin with `stem`."""
         from texclass.reporting.markdown import write_document
 
         return write_document(self.document(), folder, self.stem, json=self.to_json())

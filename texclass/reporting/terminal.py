@@ -1,4 +1,4 @@
-"""Documents on a terminal. Tables fit its width, text wraps between words, and numbers do not wrap."""
+"""Output of documents on a terminal. Tables fit its width; text wraps between words, but numbers do not."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ def print_document(document: Document) -> None:
 
 
 def render_terminal(document: Document) -> Group:
-    """Return a document as a rich renderable: summaries replace figures, and `Details` are omitted.
+    """Return a document for rich to print, with summaries instead of figures and without `Details`.
 
     Examples
     --------

@@ -12,12 +12,12 @@ MINUS = "\N{MINUS SIGN}"
 
 
 def counted(n: int, noun: str) -> str:
-    """Return a number with its noun in singular or plural: 1 tap, 1,200 taps."""
+    """Return a number with its noun in the singular or plural, for example "1 tap" or "1,200 taps"."""
     return f"{n:,} {noun}" if n == 1 else f"{n:,} {noun}s"
 
 
 def percent(fraction: float) -> str:
-    """Return a fraction in per cent, without the % sign: 0.9 -> 90.0."""
+    """Return a fraction in per cent without the % sign, for example "90.0" for 0.9."""
     return f"{100 * fraction:.1f}"
 
 
@@ -32,7 +32,7 @@ def estimate(accuracy: Mapping[str, Any]) -> str:
 
 
 def points(difference: float) -> str:
-    """Return a difference of fractions in percentage points, with its sign: 0.04 -> +4.0."""
+    """Return a difference of fractions in percentage points, with its sign, for example "+4.0" for 0.04."""
     return f"{100 * difference:+.1f}".replace("-", MINUS)
 
 
@@ -74,7 +74,7 @@ def sentence(text: str) -> str:
 
 
 def cell_texts(frame: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> list[list[str]]:
-    """Return the cells of a table as strings, row by row: numbers with three digits, missing values as ""."""
+    """Return the cells of a table as rows of strings. Numbers get three digits; missing values become ""."""
     if isinstance(frame, Mapping):
         return [[_text(value) for value in row] for row in zip(*frame.values(), strict=True)]
     return [[_text(value) for value in row] for row in frame.itertuples(index=False, name=None)]
