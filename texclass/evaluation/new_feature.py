@@ -40,7 +40,7 @@ class FeatureStudy(BenchmarkResult, kind="feature"):
     `data` contains the values of the benchmark, including a row for the feature alone and the gain of adding
     it to the best row (`ablation`). `new_feature` contains the declaration of the feature, its latency alone
     (`ms_alone`), the latency that it adds to the best row (`ms_added`), its declared and measured `gain_law`,
-    its `behaviour` on degenerate input, and its redundancy (`redundancy`; see the function with this name).
+    its `behaviour` on degenerate input, and its `redundancy` (see the function `redundancy`).
     """
 
     @property
