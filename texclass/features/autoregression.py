@@ -84,8 +84,8 @@ def line_spectral_frequencies(
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement of fewer than 64 samples, or fewer than two samples per coefficient after
-        resampling.
+        If the movement is silent, has fewer than 64 samples, or has fewer than two samples per coefficient
+        after resampling.
 
     References
     ----------
@@ -218,7 +218,7 @@ def prediction_gain(
     Raises
     ------
     UndefinedFeatureError
-        In the cases of `line_spectral_frequencies`, and if one of `orders` exceeds `order`.
+        If `line_spectral_frequencies` is undefined, or one of `orders` exceeds `order`.
 
     References
     ----------
@@ -273,7 +273,7 @@ def resonances(
     Raises
     ------
     UndefinedFeatureError
-        In the cases of `line_spectral_frequencies`, and if `n_resonances` exceeds half of `order`.
+        If `line_spectral_frequencies` is undefined, or `n_resonances` exceeds half of `order`.
 
     References
     ----------

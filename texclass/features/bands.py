@@ -130,7 +130,7 @@ def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, or fewer than four samples per band.
+        If the movement is silent or has fewer than four samples per band.
 
     References
     ----------
@@ -186,7 +186,7 @@ def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octa
     Raises
     ------
     UndefinedFeatureError
-        For silence, or a movement shorter than 1.5 periods of the lowest frequency.
+        If the movement is silent or shorter than 1.5 periods of the lowest frequency.
 
     References
     ----------
@@ -315,7 +315,7 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
     Raises
     ------
     UndefinedFeatureError
-        For silence, or if a sixth of the movement is constant or shorter than 1.5 periods of the lowest
+        If the movement is silent, or a sixth of it is constant or shorter than 1.5 periods of the lowest
         frequency.
 
     References
@@ -368,7 +368,7 @@ def level_fluctuation(view: PhaseView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, or fewer than 512 samples.
+        If the movement is silent or has fewer than 512 samples.
 
     References
     ----------
@@ -403,7 +403,7 @@ def level_persistence(view: PhaseView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 512 samples, or an octave with a constant level.
+        If the movement is silent, has fewer than 512 samples, or has an octave with a constant level.
 
     References
     ----------

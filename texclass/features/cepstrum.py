@@ -179,7 +179,7 @@ def mfcc(
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement shorter than a frame, a filter that contains no bin, or a coefficient above
+        If the movement is silent or shorter than a frame, a filter contains no bin, or a coefficient exceeds
         ``n_filters - 1``.
 
     Notes
@@ -239,7 +239,7 @@ def mfcc_deviation(
     Raises
     ------
     UndefinedFeatureError
-        In the cases of `mfcc`, and for fewer than two non-silent frames.
+        If `mfcc` is undefined, or fewer than two frames are not silent.
 
     References
     ----------

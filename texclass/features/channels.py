@@ -68,8 +68,8 @@ def lag_correlation(view: PairView, *, lags: tuple[int, ...] = (0, 1, 2, 4)) -> 
     Raises
     ------
     UndefinedFeatureError
-        For silence in a channel, fewer than 32 samples, or a movement shorter than four times the longest
-        lag.
+        If a channel is silent, or the movement has fewer than 32 samples or is shorter than four times the
+        longest lag.
 
     References
     ----------
@@ -109,7 +109,7 @@ def clipping(view: PhaseView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, or fewer than 32 samples.
+        If the movement is silent or has fewer than 32 samples.
 
     References
     ----------

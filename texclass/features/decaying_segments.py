@@ -97,7 +97,8 @@ def upper_cutoff(view: PhaseView, *, lower_hz: float = LOWER_HZ, smoothing_hz: f
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 64 samples, or fewer than 8 bins in the band.
+        If the movement is silent or has fewer than 64 samples, or its spectrum has fewer than 8 bins in the
+        band.
 
     References
     ----------
@@ -282,7 +283,7 @@ def segment_order(
     Raises
     ------
     UndefinedFeatureError
-        In the cases of `upper_cutoff`, and if no segment has two samples.
+        If `upper_cutoff` is undefined, or no segment has at least two samples.
 
     References
     ----------

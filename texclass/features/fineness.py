@@ -71,7 +71,7 @@ def fineness_as_printed(view: PhaseView, *, length: int = 4096) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 64 samples, or no energy in the bins 1 ... m/2.
+        If the movement is silent, has fewer than 64 samples, or has no energy in the bins 1 ... m/2.
 
     References
     ----------
@@ -138,7 +138,7 @@ def fineness(view: PhaseView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence or fewer than 64 samples.
+        If the movement is silent or has fewer than 64 samples.
 
     References
     ----------
@@ -175,7 +175,7 @@ def fineness_spread(view: PhaseView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence or fewer than 64 samples.
+        If the movement is silent or has fewer than 64 samples.
 
     References
     ----------
@@ -275,8 +275,8 @@ def ridge_density(view: PhaseView, *, threshold_db: float = 3.3) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence, or if no H reaches the threshold, the path is shorter than three frames (0.2048 m), or
-        samples are more than 0.5 mm apart.
+        If the movement is silent, no H reaches the threshold, the path is shorter than three frames (0.2048
+        m), or samples are more than 0.5 mm apart.
 
     References
     ----------
@@ -320,8 +320,8 @@ def ridge_prominence(view: PhaseView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence, or if the path is shorter than three frames (0.2048 m) or samples are more than 0.5 mm
-        apart.
+        If the movement is silent, the path is shorter than three frames (0.2048 m), or samples are more than
+        0.5 mm apart.
 
     References
     ----------

@@ -38,7 +38,7 @@ def standard_roughness(view: PhaseView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence.
+        If the movement is silent.
 
     References
     ----------
@@ -82,7 +82,7 @@ def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 10 samples per coefficient, or a singular system.
+        If the movement is silent or has fewer than 10 samples per coefficient, or the equations are singular.
 
     References
     ----------
@@ -125,7 +125,7 @@ def mean_magnitude(view: PhaseView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence.
+        If the movement is silent.
 
     References
     ----------
@@ -158,7 +158,7 @@ def variance(view: PhaseView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence.
+        If the movement is silent.
 
     References
     ----------
@@ -197,7 +197,8 @@ def wavelet_energy(view: PhaseView, *, wavelet: str = "coif3", depth: int = 5) -
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 544 samples (with coif3 and depth 5), or if fs/2 is not above 100 Hz.
+        If the movement is silent or has fewer than 544 samples (with coif3 and depth 5), or if fs/2 is not
+        above 100 Hz.
 
     References
     ----------
@@ -289,7 +290,7 @@ def gaussian_band_energies(
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 64 samples, or a movement too short to resolve the lowest band.
+        If the movement is silent, has fewer than 64 samples, or is too short to resolve the lowest band.
 
     References
     ----------
@@ -422,8 +423,8 @@ def spectral_peaks(
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 64 samples, or if fewer than `n_peaks` peaks exceed 1e-10 of the highest peak
-        (as for a pure tone).
+        If the movement is silent or has fewer than 64 samples, or fewer than `n_peaks` peaks exceed 1e-10 of
+        the highest peak (for example for a pure tone).
 
     References
     ----------

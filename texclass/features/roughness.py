@@ -68,8 +68,8 @@ def waviness_as_printed(
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than two frames, or frames of equal level, or if fs/2 is not above the cut-off
-        frequency.
+        If the movement is silent, has fewer than two frames, or has frames of equal level, or if fs/2 is not
+        above the cut-off frequency.
 
     References
     ----------
@@ -164,8 +164,8 @@ def spikiness_as_printed(view: PhaseView, *, cutoff_hz: float = 100.0, average: 
     Raises
     ------
     UndefinedFeatureError
-        For silence, or if fs/2 is not above the cut-off frequency or no sample exceeds the threshold, so that
-        the mean is 0.
+        If the movement is silent, fs/2 is not above the cut-off frequency, or no sample exceeds the
+        threshold, so that the mean is 0.
 
     References
     ----------
@@ -212,7 +212,7 @@ def spikiness(
     Raises
     ------
     UndefinedFeatureError
-        For silence, or if fs/2 is not above the cut-off frequency.
+        If the movement is silent, or fs/2 is not above the cut-off frequency.
 
     References
     ----------
@@ -259,7 +259,7 @@ def regularity_as_printed(view: PhaseView) -> float:
     Raises
     ------
     UndefinedFeatureError
-        For silence.
+        If the movement is silent.
 
     References
     ----------
@@ -311,8 +311,8 @@ def regularity(
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 64 samples, frames of fewer than 32 samples after band-limiting, or an
-        autocorrelation that never rises.
+        If the movement is silent or has fewer than 64 samples, a frame has fewer than 32 samples after
+        band-limiting, or the autocorrelation never rises.
 
     References
     ----------
@@ -382,7 +382,8 @@ def temporal_roughness_as_printed(
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 544 samples (with coif3 and level 5), or a detail without energy.
+        If the movement is silent or has fewer than 544 samples (with coif3 and level 5), or a detail has no
+        energy.
 
     References
     ----------
@@ -430,7 +431,8 @@ def temporal_roughness(
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 64 samples, or a band without energy, or if fs/2 is not above the fine band.
+        If the movement is silent or has fewer than 64 samples, a band has no energy, or fs/2 is not above the
+        fine band.
 
     References
     ----------
@@ -538,7 +540,7 @@ def spectral_roughness_as_printed(view: PhaseView, *, length: int = 5000, shift:
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than two frames, or equal frames.
+        If the movement is silent, has fewer than two frames, or consists of equal frames.
 
     References
     ----------

@@ -77,7 +77,7 @@ def slope_agreement(
     Raises
     ------
     UndefinedFeatureError
-        For silence, or a movement shorter than twice the sum of the longest lag and the longest delay.
+        If the movement is silent or shorter than twice the sum of the longest lag and the longest delay.
 
     References
     ----------
@@ -123,7 +123,7 @@ def curvature_agreement(
     Raises
     ------
     UndefinedFeatureError
-        For silence, or a movement shorter than twice the sum of the longest span (two lags) and the longest
+        If the movement is silent or shorter than twice the sum of the longest span (two lags) and the longest
         delay.
 
     References
@@ -167,7 +167,7 @@ def slope_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement shorter than twice the longest lag, or a lag at which all differences are 0.
+        If the movement is silent or shorter than twice the longest lag, or all differences at a lag are 0.
 
     References
     ----------
@@ -208,7 +208,7 @@ def moments(view: PhaseView, lag: int) -> tuple[Samples, Samples]:
     Raises
     ------
     UndefinedFeatureError
-        For silence, or if c consists of rounding errors.
+        If the movement is silent, or c consists of rounding errors only.
     """
     x = unit32(view)
     if lag:
@@ -264,7 +264,7 @@ def vibration_shape(view: PhaseView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, or fewer than 32 samples.
+        If the movement is silent or has fewer than 32 samples.
 
     References
     ----------
@@ -317,8 +317,8 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement shorter than four times the longest lag, or a lag at which all second
-        differences are 0.
+        If the movement is silent or shorter than four times the longest lag, or all second differences at a
+        lag are 0.
 
     References
     ----------
@@ -366,7 +366,7 @@ def slope_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, a movement shorter than twice the longest lag, or a lag at which all differences are 0.
+        If the movement is silent or shorter than twice the longest lag, or all differences at a lag are 0.
 
     References
     ----------
@@ -456,7 +456,7 @@ def vibration_level(view: PhaseView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        For silence, or fewer than 32 samples.
+        If the movement is silent or has fewer than 32 samples.
 
     References
     ----------
