@@ -1,4 +1,4 @@
-"""Features of a recording: one decorated function each, one module per perceptual dimension."""
+"""Features of recordings: decorated functions, grouped in modules by the property that they describe."""
 
 import lazy_loader
 

@@ -2,8 +2,8 @@
 
 All five are computed from one Burg fit per frame. The movement is first resampled to twice `BAND_HZ`, so that
 the model covers the band that humans perceive, whatever the sampling rate of the sensor. The models of the
-frames are averaged as log-area ratios, because every average of log-area ratios is a stable model. Loud and
-quiet frames have the same weight.
+frames are averaged as log-area ratios, because any average of log-area ratios corresponds to a stable model.
+Loud and quiet frames have the same weight.
 """
 
 import numpy as np
@@ -20,9 +20,9 @@ ORDER = 18
 """Order of the model.
 
 Selected among 8, 12, 18 and 24 by a grid search, which also varied the frame length (0.1 s, 1 s, whole
-movement) and the band (up to 700, 1000 and 1400 Hz). The score was the accuracy of LDA: on `biotac20`,
-trained on repetitions 1-10 and tested on 11-20; on `simulated69`, in ten folds and on left-out operators.
-Higher orders do not improve the accuracy."""
+movement) and the band (up to 700, 1000 and 1400 Hz). The score was the accuracy of LDA. On `biotac20`, LDA
+was trained on repetitions 1-10 and tested on 11-20. On `simulated69`, it was tested in ten folds and on
+left-out operators. Higher orders do not improve the accuracy."""
 FRAME_S = 0.25
 """Length of a frame in s."""
 BAND_HZ = 1000.0
@@ -34,10 +34,10 @@ only rounding errors."""
 
 @transform
 def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> tuple[Samples, float]:
-    """Return the reflection coefficients of the mean model of a movement, and its sampling rate in Hz.
+    """Return the reflection coefficients of the mean autoregressive model, and its sampling rate in Hz.
 
     1. Cut the band-limited movement into adjacent frames of at least four samples per coefficient. A shorter
-       movement is one frame, which must have at least two samples per coefficient.
+       movement forms a single frame, which must have at least two samples per coefficient.
     2. Fit a model to every non-silent frame by Burg's method.
     3. Average the log-area ratios.
     """

@@ -1,10 +1,10 @@
 """Levels of the vibration in frequency bands, and their changes during a movement.
 
-Bands either divide 0 to fs/2 into equal widths or are fractions of octaves. All levels of a movement are sums
+The bands are either of equal width from 0 to fs/2 or fractions of octaves. All levels of a movement are sums
 over one periodogram, so any number of bands requires only one Fourier transform. The features of change
 (`band_course`, `level_fluctuation`, `level_persistence`) compare the level of a band at different times of
-one movement. A drift of the sensor multiplies a band by a constant factor, which cancels, so these features
-are stable from day to day.
+one movement. Drift of the sensor from day to day multiplies the power of a band by a constant factor. This
+factor cancels, so these features are stable from day to day.
 """
 
 import functools
@@ -35,7 +35,8 @@ OCTAVES = ("o0", "o1", "o2", "o3", "o4")
 
 
 Periodogram = tuple[NDArray[np.float32], Samples, float]
-"""Power density (1/Hz) of each bin, (..., n_bins), its lower limit (..., 1), and the bin width in Hz."""
+"""Power density (1/Hz) of each bin, shape (..., n_bins); its lower limit, shape (..., 1); and the bin width
+in Hz."""
 
 
 def density(periodogram: Periodogram, edges_hz: Samples) -> Samples:
@@ -220,7 +221,7 @@ def octave_levels(view: PhaseView, octaves: tuple[int, int], per_octave: int) ->
 
 
 def _levels(view: PhaseView, edges_hz: Samples, response: Samples) -> Samples:
-    """Return the log10 power density of the signal between edges.
+    """Return the log10 power density of the signal between adjacent edges.
 
     It is the power density of the differenced signal divided by the `response` of the difference.
     """
@@ -255,9 +256,10 @@ def part_periodograms(view: PhaseView) -> Periodogram:
 
 @transform
 def octave_courses(view: PhaseView) -> Samples:
-    """Return the log10 power of successive Hann frames in octaves from fs/2 down, (..., 5, n_frames).
+    """Return the log10 power of successive Hann frames in octaves from fs/2 down.
 
-    The unit is arbitrary. Values have a lower limit of `FLOOR` times the mean power.
+    The result has the shape (..., 5, n_frames). The unit is arbitrary. Values have a lower limit of `FLOOR`
+    times the mean power.
     """
     require(view, 8 * FRAME, f"8 frames of {FRAME} samples")
     x, n = unit32(view), view.n_samples // FRAME
@@ -289,7 +291,7 @@ def _octave_weights() -> NDArray[np.float32]:
     ),
 )
 def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] = (0, 4)) -> Samples:
-    """Return the trend of the level of each octave during a movement, as terms of a DCT over time.
+    """Return the trend of the level of each octave during a movement, as coefficients of a DCT over time.
 
     Let L_i be the log10 power density of an octave in part i of n. Term j is 2/n sum_i L_i cos(pi j (i +
     1/2)/n). Term 1 is positive if the level falls, and term 2 if the level is higher at both ends than in the

@@ -29,7 +29,7 @@ _active_banks: ContextVar[Banks | None] = ContextVar("banks of filters", default
 
 @contextmanager
 def use_filter_banks(banks: Banks) -> Iterator[None]:
-    """Use the mel filter banks in `banks` within the context, and add missing filter banks to it.
+    """Use the mel filter banks in `banks` within the context, and add missing ones to `banks`.
 
     A trained model stores its filter banks, so that a prediction does not have to import librosa, which is
     slow.
@@ -37,7 +37,7 @@ def use_filter_banks(banks: Banks) -> Iterator[None]:
     Parameters
     ----------
     banks : dict
-        Mapping from arguments of `mel_filters` to filters; it may be extended.
+        Mapping from arguments of `mel_filters` to filters. Missing filters are added.
     """
     token = _active_banks.set(banks)
     try:
@@ -116,7 +116,7 @@ def log_energies(
     frame_s: float,
     hop_s: float,
 ) -> NDArray[np.float32]:
-    """Return the natural logarithm of the filter energies of each non-silent frame, (n_frames, n_filters).
+    """Return the natural log of the filter energies of each non-silent frame, shape (n_frames, n_filters).
 
     Energies are raised to at least `FLOOR` times the energy of their own frame, so no value depends on
     another frame.
@@ -143,7 +143,7 @@ def mfcc(
     frame_s: float = 0.025,
     hop_s: float = 0.015,
 ) -> Samples:
-    """Return the modified MFCC: mean over frames of the cepstrum of the mel-filtered power spectrum.
+    """Return the modified MFCC: the mean over frames of the cepstrum of the mel-filtered power spectrum.
 
     Each Hamming frame (25 ms, every 15 ms) is processed in four steps: power spectrum, 20 triangular mel
     filters (Slaney's scale) over the band of the accelerometer, natural logarithm, orthonormal DCT-II. There
@@ -162,7 +162,7 @@ def mfcc(
         Numbers of the coefficients as in the paper (default 1 ... 13). The paper selects (2, 5, 6, 8, 12).
     decay_hz : float
         Decay of the filter amplitude with frequency, exp(-f/decay_hz), in Hz (default infinity: constant
-        amplitude). The effect is small, see Notes.
+        amplitude). The effect is small; see Notes.
     n_filters : int
         Number of filters.
     low_hz, high_hz : float
@@ -188,9 +188,9 @@ def mfcc(
     amplitudes are applied before the logarithm: log(a_i E_i) = log a_i + log E_i. The DCT is linear, so an
     amplitude a_i per filter only adds a constant to each coefficient. Standardisation removes this constant,
     and no classifier of Table I can use it. A decay per bin also shifts the weight within a filter, but this
-    effect is small, because filters are narrow compared with 500 Hz. Therefore the two rows of Table I agree
-    within one percentage point here. The published accuracies differ by 1 to 3 points, in both directions (89
-    and 88, 88 and 87, 71 and 74 %).
+    effect is small, because filters are narrow compared with 500 Hz. Therefore, the accuracies of texclass
+    for the two rows of Table I agree within one percentage point. The published accuracies differ by 1 to 3
+    points, in both directions (89 and 88, 88 and 87, 71 and 74 %).
 
     References
     ----------

@@ -226,8 +226,8 @@ def feature(
     Raises
     ------
     ValueError
-        If another module has already defined a feature of this name. The decorated function raises it if
-        `fs` is missing for an array, or if `n_segments` is not a positive whole number.
+        If another module has already defined a feature of this name. The decorated function raises this error
+        if `fs` is missing for an array, or if `n_segments` is not a positive whole number.
 
     Examples
     --------

@@ -1,6 +1,7 @@
 """Checks of the feature contract.
 
-A feature must follow its declared gain law. For degenerate input, it must return a finite value or a reason.
+A feature must follow its declared gain law. For degenerate input, it must return a finite value, or state why
+it is undefined.
 """
 
 import warnings
@@ -133,7 +134,7 @@ def check_degenerate_inputs(feature: Feature, fs: float = 10_000.0) -> list[dict
 
 
 def degenerate_inputs() -> Mapping[str, Samples]:
-    """Return degenerate signals that occur in practice, by name; most of them last 2 s at 10 kHz."""
+    """Return a mapping from names to degenerate signals that occur in practice. Most last 2 s at 10 kHz."""
     noise = np.random.default_rng(0).standard_normal(20_000)
     time = np.arange(20_000) / 10_000
     impulse = (np.arange(20_000) == 9_000).astype(np.float64)

@@ -18,19 +18,20 @@ from texclass.vibration.rising_peaks import (
 )
 
 LOWER_HZ = 15.0
-"""Lower end of the band in Hz; hand motion has lower frequencies. The paper uses 0.122 Hz, for a fixed and
-levelled set-up."""
+"""Lower end of the band in Hz; hand motion has lower frequencies. The paper uses 0.122 Hz, because its set-up
+is fixed and levelled."""
 SMOOTHING_HZ = 30.0
 """Standard deviation in Hz of the Gaussian that smooths the spectrum.
 
 Selected among 3, 10 and 30 Hz for the smallest ratio of the variation of the cut-off frequency within
 surfaces to its variation between surfaces, on repetitions 1-20 of `biotac20` and on `simulated69`."""
 DEAD_BAND = 0.3
-"""Dead band in standard deviations of the movement, selected like `SMOOTHING_HZ` among 0.1, 0.3 and 0.5. The
-paper uses two bits of its sensor, which is an absolute 0.3066 m/s^2."""
+"""Smallest rise from one peak to the next that starts a segment (dead band), in standard deviations of the
+movement. It was selected like `SMOOTHING_HZ`, among 0.1, 0.3 and 0.5. The paper uses an absolute dead band of
+0.3066 m/s^2, which is two quantisation steps of its sensor."""
 RESOLUTION = 0.5
 """Mean absolute error at which a Prony fit is accepted, in standard deviations of the movement. The paper
-uses one bit of its sensor, 0.153 m/s^2, which is half its dead band."""
+uses 0.153 m/s^2, which is one quantisation step of its sensor and half its dead band."""
 
 
 @transform
@@ -49,7 +50,7 @@ def band_passed_unit(view: PhaseView, lower_hz: float, smoothing_hz: float) -> t
 
     The band reaches from `lower_hz` to the upper cut-off frequency. The spectrum is multiplied by the
     response of second-order Butterworth filters run forwards and backwards, which do not move peaks. It is
-    then transformed back at a rate of 10 cut-off frequencies, or at fs if that is lower.
+    then transformed back at a sampling rate of 10 times the cut-off frequency, or at fs if that is lower.
     """
     x, upper_hz = spectrum(view), band(view, lower_hz, smoothing_hz).upper_hz
     n_fft = 2 * (x.size - 1)
@@ -75,7 +76,7 @@ def segmentation(
 
 @feature("movement", "Hz", "guruswamy2011, section IV-C, eq. 6 and 7")
 def upper_cutoff(view: PhaseView, *, lower_hz: float = LOWER_HZ, smoothing_hz: float = SMOOTHING_HZ) -> float:
-    """Return the automatic upper cut-off frequency of the movement.
+    """Return the upper cut-off frequency of the movement, determined from its power spectrum.
 
     At least 75 % of the power lies below this frequency. Above it, no bin reaches a tenth of the largest
     power.

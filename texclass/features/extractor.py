@@ -83,7 +83,7 @@ class Extraction:
 
 
 class _Values(TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Return the values of an extraction in the container selected by `set_output`."""
+    """Transformer that returns the values of an extraction in the container selected by `set_output`."""
 
     def transform(self, X: Any) -> Any:
         return X.values  # noqa: PD011  (no pandas object)
@@ -122,14 +122,14 @@ class FeatureExtractor(_Values):
     Notes
     -----
     X is a sequence or Series of `Recording` objects. (A `Dataset` loads its recordings one at a time.) X can
-    also contain arrays that consist of movement only:
+    also consist of arrays that contain only movement:
 
     - one array of shape (n_samples,) or (n_samples, n_axes), with at least 64 samples and at most 8 axes;
     - any other two-dimensional array, which has the shape (n_recordings, n_samples) as in scikit-learn;
     - an array of shape (n_recordings, n_axes, n_samples);
     - a sequence of arrays of shape (n_samples,) or (n_samples, n_axes), of any lengths. As in aeon, an array
-      with at most 8 rows and at least 64 columns has the shape (n_axes, n_samples). An array with more
-      columns than rows and more than 8 columns is otherwise rejected as ambiguous;
+      with at most 8 rows and at least 64 columns has the shape (n_axes, n_samples). Any other array with more
+      than 8 columns and more columns than rows is rejected as ambiguous;
     - a DataFrame as in sktime, with one row per sample, indexed by recording and time.
 
     `Raw` and `Epochs` objects of MNE and the `DataArray` of xarray are converted by `loaders.recordings_of`.

@@ -21,15 +21,14 @@ class RidgeSearch:
     Attributes
     ----------
     frame_m, min_frames
-        Length of a frame in m, and minimum number of half-overlapping frames. With fewer frames, noise has
-        peaks as high as those of ridges.
+        Length of a frame in m, and minimum number of half-overlapping frames. With fewer frames, peaks of
+        noise are as high as peaks of ridges.
     lowest_per_mm, highest_per_mm, end_per_mm
         Lowest and highest spatial frequency of the search in 1/mm (periods of 20 to 0.33 mm), and highest
         frequency of a harmonic in 1/mm.
     step, smoothing, background
-        Distances on the axis of the natural logarithm of the spatial frequency: step of the search,
-        half-width of the averaging of the power, and standard deviation of the Gaussian that estimates the
-        background.
+        Distances in the natural logarithm of the spatial frequency: step of the search, half-width of the
+        moving average of the power, and standard deviation of the Gaussian that estimates the background.
     weights
         Weights of the harmonics, starting with the fundamental.
     floor
@@ -251,8 +250,9 @@ def ridge_density(view: PhaseView, *, threshold_db: float = 3.3) -> float:
     The value does not depend on the speed of the hand. It is computed in three steps:
 
     1. P(k) is the power spectrum over the path of the tool. It is averaged over half-overlapping Hann frames
-       of 0.1024 m, each normalised by its power, and over 3 % of k to both sides.
-    2. D(k) is 10 lg P(k) minus the background level, a Gaussian average with standard deviation 0.3 in ln k.
+       of 0.1024 m, each normalised by its power, and over frequencies within 3 % of k.
+    2. D(k) is 10 log10 P(k) minus the background level, a Gaussian average with standard deviation 0.3 in ln
+       k.
     3. The result is the k between 0.05 and 3 per mm with the largest prominence H, with a resolution of 1 %::
 
         H(k) = sum_h 0.6^(h-1) D(h k) / sum_h 0.6^(h-1),   h = 1 ... 5
@@ -304,8 +304,8 @@ def ridge_density(view: PhaseView, *, threshold_db: float = 3.3) -> float:
 def ridge_prominence(view: PhaseView) -> float:
     """Return the prominence of periodic structure along the path: the largest H of `ridge_density`, in dB.
 
-    For surfaces without ridges, the prominence is about 2.5 dB after a few strokes, and lower after many. For
-    a grating it is 10 dB and more.
+    For surfaces without ridges, the prominence is about 2.5 dB after a few strokes and lower after many
+    strokes. For a grating it is at least 10 dB.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ FRACTION_NAMES = tuple(f"q{100 * fraction:.0f}" for fraction in ENERGY_FRACTIONS
 
 @transform
 def tap_level(view: TapView) -> float:
-    """Return the largest magnitude in all taps, in the unit of the samples.
+    """Return the largest magnitude of all taps, in the unit of the samples.
 
     Raises
     ------
@@ -48,12 +48,12 @@ def unit_taps(view: TapView) -> tuple[TapSignal, ...]:
 
 
 def map_taps(function: Callable[[S], T], taps: Iterable[S]) -> list[T]:
-    """Apply a function to every tap, and return the defined results.
+    """Apply a function to every tap, and return the results for the taps for which it is defined.
 
     Raises
     ------
     UndefinedFeatureError
-        If the function is undefined for every tap. The reason is the reason for the first tap.
+        If the function is undefined for every tap. The message is the reason for the first tap.
     """
     values: list[T] = []
     reasons: list[UndefinedFeatureError] = []
@@ -119,7 +119,7 @@ def _tap_peaks(view: TapView, spacing: int, prominence: float) -> Iterable[TapPe
 
 
 def _highest_peaks(x: list[float], peaks: list[int], spacing: int, prominence: float) -> list[int]:
-    """Return the highest peaks, at most three, that are `spacing` apart and have at least this prominence."""
+    """Return the (at most three) highest peaks that are `spacing` apart and have at least this prominence."""
     highest, candidates = list[int](), sorted(peaks, key=lambda k: (x[k], k), reverse=True)
     while candidates and not (len(highest) >= 3 and x[candidates[0]] < x[highest[2]]):
         k = candidates[0]
@@ -196,10 +196,11 @@ def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float 
 def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05) -> float:
     """Return the hardness max|i| / (t v): the peak of the impact divided by its time and the hand velocity.
 
-    In this formula, t is the mean time from the contact to the three largest peaks (or fewer), in s. The
-    velocity v of the hand in m/s is the integral of |h| dt, where |h| exceeds three times the noise at rest.
-    Gravity and the resting level are removed. The result is the median over taps, weighted by their quality,
-    so that a tap close to the noise has less weight.
+    In this formula, i is the acceleration of impact and decay, and t is the mean time in s from the contact
+    to its three largest peaks (or fewer). The velocity v of the hand in m/s is the integral of |h|, the
+    magnitude of the acceleration of the hand, over the times at which |h| exceeds three times the noise at
+    rest. Gravity and the resting level are removed. The result is the median over taps, weighted by their
+    quality, so that a tap close to the noise has less weight.
 
     Parameters
     ----------
@@ -326,8 +327,8 @@ def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
 def tap_spectra(view: TapView) -> tuple[tuple[Samples, Samples], ...]:
     """Return the power spectra of impact and decay of the taps, zero-padded to twice their length.
 
-    Taps with the same padded length are combined in a pair: frequencies (Hz) of shape (n_bins,), and powers
-    of shape (n_taps, n_bins).
+    Each pair contains the taps of one padded length: their frequencies (Hz), shape (n_bins,), and their
+    powers, shape (n_taps, n_bins).
     """
     by_length: dict[int, list[Samples]] = {}
     for impulse in map_taps(_impulse_of, unit_taps(view)):

@@ -1,8 +1,8 @@
 """Scaling, checks and filters of a movement that several features share.
 
 All functions work on `unit`, the samples divided by their largest magnitude, so that no gain causes overflow
-or underflow. A feature multiplies by `level` where its gain law requires it. Power spectra and transforms of
-frames are in `texclass.features.spectra`.
+or underflow. A feature multiplies its result by `level` if its gain law requires it. Power spectra and
+transforms of frames are in `texclass.features.spectra`.
 """
 
 import math
@@ -102,7 +102,7 @@ def below_nyquist(view: PhaseView, frequency_hz: float) -> float:
 
 
 def n_of(view: PhaseView, seconds: float) -> int:
-    """Return a duration in samples, at least 1."""
+    """Return the number of samples in a duration, at least 1."""
     return max(1, round(seconds * view.fs))
 
 
@@ -158,8 +158,8 @@ def low_passed(view: PhaseView, cutoff_hz: float, *, shared: bool = False) -> tu
     """Return `unit` low-passed at `cutoff_hz`, and the decimation factor.
 
     The spectrum is multiplied by 1 / (1 + (f/cutoff)^4), the response of a second-order Butterworth low-pass
-    run forwards and backwards. It is then transformed back at a sampling rate of at least 10 cut-off
-    frequencies.
+    run forwards and backwards. It is then transformed back at a sampling rate of at least 10 times the
+    cut-off frequency.
 
     Parameters
     ----------
@@ -168,8 +168,8 @@ def low_passed(view: PhaseView, cutoff_hz: float, *, shared: bool = False) -> tu
     cutoff_hz : float
         Cut-off frequency in Hz.
     shared : bool
-        Whether to use the spectrum that the corrected features share (`first_bins`). By default, the full
-        `spectrum` of the features as printed is used.
+        Whether to use `first_bins`, the part of the spectrum that the corrected features share. By default,
+        the full `spectrum` is used, which the features as printed share.
     """
     n_fft, rate = padded_length(view), below_nyquist(view, cutoff_hz) * 10
     factor = next((k for k in (MAX_DECIMATION, 10, 5, 4, 2) if view.fs / k >= rate), 1)

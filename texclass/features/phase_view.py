@@ -23,12 +23,12 @@ R = TypeVar("R")
 Phase = Literal["tap", "movement", "travel", "friction", "pair"]
 Channels = Literal["combine", "each", "auto", "all"]
 TURN_CHANNELS = ("turn_x", "turn_y", "turn_z")
-"""Names of the channels of the turn rate, which follow those of the acceleration."""
+"""Names of the channels of the turn rate, which follow the channels of the acceleration."""
 LONG_SAMPLES = 5000
 """Number of samples above which a movement is shortened to a length with a fast Fourier transform; see
 `trimmed_length`."""
 MIN_SEGMENT_SAMPLES = 2048
-"""Minimum number of samples of a segment. In shorter segments, features lose more accuracy than voting
+"""Minimum number of samples of a segment. With shorter segments, the features lose more accuracy than voting
 gains."""
 
 
@@ -161,7 +161,7 @@ class PairView:
 
     @property
     def n_samples(self) -> int:
-        """Number of samples of each side."""
+        """Number of samples of each channel."""
         return self.sides[0].n_samples
 
 
@@ -311,12 +311,13 @@ class Views:
 
     @cached_property
     def vibration(self) -> PhaseView:
-        """The movement without hand motion, for sensors that measure gravity; otherwise the whole movement.
+        """Vibration during the movement, without hand motion if the sensor measures gravity.
 
-        A sensor measures gravity if the unit is m/s^2 and the mean is above half of 9.81 m/s^2. It then also
-        measures rotation and translation of the hand, and `remove_hand_motion` subtracts a moving average.
-        Other sensors, such as a microphone or an accelerometer with a high-pass filter, do not measure hand
-        motion, so their low frequencies are due to the surface.
+        A sensor measures gravity if the unit is m/s^2 and the magnitude of the mean exceeds half of 9.81
+        m/s^2. It then also measures rotation and translation of the hand, and `remove_hand_motion` subtracts
+        a moving average. Other sensors, such as a microphone or an accelerometer with a high-pass filter, do
+        not measure hand motion. Their low frequencies are due to the surface, so the whole movement is
+        returned.
         """
         axes = self._moving
         mean = np.ones(len(axes)) @ axes / len(axes)  # ten times faster than np.mean for short rows
@@ -329,7 +330,7 @@ class Views:
     def travel(self) -> PhaseView:
         """The movement without hand motion as a function of the path of the tool.
 
-        Requires a recording with the speed of the tool. The method is computed order tracking [Fyfe and
+        The recording must contain the speed of the tool. The method is computed order tracking [Fyfe and
         Munck, Mech. Syst. Signal Process. 11, 1997], with the path s(t) = integral of |v| dt instead of
         revolutions. Samples are means over equal steps of s. The step is at least 0.05 mm, and large enough
         that the number of samples does not increase. A structure with a period in mm then has the same

@@ -117,7 +117,7 @@ class Plan:
 
     @classmethod
     def of_json(cls, text: str, channels: Iterable[str]) -> "tuple[Plan, bool]":
-        """Return the plan in the JSON text of `to_json`, and whether the code of its features is unchanged.
+        """Return the plan that `to_json` has written, and whether the code of its features is unchanged.
 
         Raises
         ------
