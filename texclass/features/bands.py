@@ -344,7 +344,7 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
 
 @functools.cache
 def _terms(n_parts: int) -> Samples:
-    """Return 2/n cos(pi j (i + 1/2)/n) in row j - 1 and column i, shape (n_parts - 1, n_parts)."""
+    """Return the weights 2/n cos(pi j (i + 1/2)/n) in row j - 1, column i, shape (n_parts - 1, n_parts)."""
     return make_read_only(fft.dct(np.eye(n_parts), axis=0)[1:] / n_parts)
 
 

@@ -328,7 +328,7 @@ class Views:
 
     @cached_property
     def travel(self) -> PhaseView:
-        """The movement without hand motion as a function of the path of the tool.
+        """Vibration without hand motion, as a function of the distance travelled by the tool.
 
         The recording must contain the speed of the tool. The method is computed order tracking [Fyfe and
         Munck, Mech. Syst. Signal Process. 11, 1997], with the path s(t) = integral of |v| dt instead of

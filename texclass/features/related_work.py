@@ -77,7 +77,7 @@ def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
     Returns
     -------
     ndarray of shape (order,)
-        a_1 ... a_order.
+        Coefficients a_1 ... a_order.
 
     Raises
     ------
@@ -321,7 +321,7 @@ def _gaussians(
 ) -> Samples:
     """Return the weights of the bins in each band, shape (n_bands, n_bins).
 
-    The weights are cached: they are the same for all movements of at least 1 s.
+    The weights are cached, because they are the same for all movements of at least 1 s.
     """
     centre = np.geomspace(low_hz, high_hz, n_bands)[:, np.newaxis]
     width = centre * (centre[1] / centre[0] - 1) / 2
@@ -357,8 +357,8 @@ def discretized_spectrogram(
     Returns
     -------
     ndarray of shape (n_times * n_bands,)
-        Levels in log10((m/s^2)^2/Hz): all bands of the first time interval, then those of the second, and so
-        on.
+        Levels in log10((m/s^2)^2/Hz): all bands of the first time interval, then all bands of the second, and
+        so on.
 
     Raises
     ------

@@ -34,7 +34,8 @@ from texclass.recording import Samples
 from texclass.signals import moving_average
 
 BLOCK_PAIRS = 32
-"""Pairs of frames per transform call. Larger arrays would have to be allocated again in each call."""
+"""Number of pairs of frames per transform call. Larger arrays would have to be allocated again in each
+call."""
 PERIOD = 3
 """Samples per period of the highest frequency of the fine band, which suffices for the magnitudes of both
 bands."""
@@ -47,7 +48,7 @@ def waviness_as_printed(
     """Return the variation of the low-frequency level as printed, WV = log10 sigma(m - s_100).
 
     In this formula, m is the mean magnitude of each frame of the low-passed movement x, and s_100 is the
-    moving average of m over 100 frames. (The printed moving average of x would have another length than m.)
+    moving average of m over 100 frames. (The moving average of x, as printed, would differ in length from m.)
 
     Parameters
     ----------
@@ -144,8 +145,8 @@ def spikiness_as_printed(view: PhaseView, *, cutoff_hz: float = 100.0, average: 
 
     In this formula, x is the low-passed movement, and the threshold x_th is the sum of 2 sigma(x), mean(x)
     and the moving average of x over 5000 samples. Only positive spikes count. At the ends, the moving average
-    is shorter and the low-pass assumes zeros. For a movement of one second, the result depends on this
-    choice.
+    is shorter, and the low-pass filter assumes zeros beyond the movement. For a movement of one second, the
+    result depends on this choice.
 
     Parameters
     ----------
@@ -500,7 +501,7 @@ def both_bands(
 ) -> tuple[NDArray[np.float32], ...]:
     """Return the magnitudes of the movement in two bands.
 
-    They have `PERIOD` samples per period of the highest frequency of the fine band.
+    The magnitudes have `PERIOD` samples per period of the highest frequency of the fine band.
     """
     require(view, 64, "band-passes")
     rate_hz = PERIOD * fine_hz[1]
@@ -600,8 +601,8 @@ def spectral_roughness(
     computing time of a long movement by a factor of a hundred. The rank correlation with the mean over all
     pairs of the full band is 0.9998 on `simulated69` and 0.995 on `biotac20`, and the distance between
     surfaces decreases by 1 %. With half-overlapping frames, the rank correlation would be 0.82 on `biotac20`,
-    and surfaces would be separated half as well: changes within 10 ms are caused by the texture, but changes
-    within 250 ms also by the hand.
+    and surfaces would be separated half as well: changes within 10 ms are caused by the texture, whereas
+    changes within 250 ms are also caused by the hand.
 
     References
     ----------

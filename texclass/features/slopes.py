@@ -1,9 +1,9 @@
 """Features of the first and second differences of a vibration at several lags: level, shape and signs.
 
-A power spectrum contains no phase. It shows neither whether the energy is concentrated in bursts nor whether
-the signal is symmetric. A second difference is a band-pass around fs/(3 lag) that needs only two additions
-per sample, and a few of its moments describe both properties. The signs of differences hardly depend on the
-gain, on slow drift of the sensor, or on a few strong events.
+A power spectrum contains no phase information. It shows neither whether the energy is concentrated in bursts
+nor whether the signal is symmetric. A second difference is a band-pass around fs/(3 lag) that needs only two
+additions per sample, and a few of its moments describe both properties. The signs of differences hardly
+depend on the gain, on slow drift of the sensor, or on a few strong events.
 """
 
 from collections.abc import Iterable
@@ -51,12 +51,12 @@ def agreements(signs: NDArray[np.bool_], shifts: Iterable[int]) -> list[list[flo
 def slope_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
-    """Return how often two delayed differences have the same sign, at several lags.
+    """Return how often a difference and its delayed copy have the same sign, at several lags.
 
     Let d_t = x_(t+lag) - x_t, which is a band-pass around fs/(2 lag). The value is the fraction of times t at
     which d_t and d_(t + step lag) have the same sign. For a Gaussian signal it is 1/2 + arcsin(r)/pi, where r
-    is the correlation of both differences. Zero differences count as negative. Therefore the value of a
-    coarsely quantised signal changes if the signal is inverted.
+    is the correlation between d_t and its delayed copy. Zero differences count as negative. Therefore the
+    value of a coarsely quantised signal changes if the signal is inverted.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def slope_agreement(
     lags : tuple of int
         Lags of the differences, in samples.
     steps : tuple of int
-        Delays between the two differences, in multiples of the lag.
+        Delays of the copy, in multiples of the lag.
     n_segments : int
         Number of equal segments on which the feature is computed (default 1); see `feature`.
 
@@ -99,10 +99,10 @@ def slope_agreement(
 def curvature_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
-    """Return how often two delayed second differences have the same sign, at several lags.
+    """Return how often a second difference and its delayed copy have the same sign, at several lags.
 
-    The definition is that of `slope_agreement` with the second difference x_(t+2 lag) - 2 x_(t+lag) + x_t,
-    which is a narrower band-pass.
+    The definition is the same as in `slope_agreement`, but with the second difference x_(t+2 lag) - 2
+    x_(t+lag) + x_t, which is a narrower band-pass.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def curvature_agreement(
     lags : tuple of int
         Lags of the second differences, in samples.
     steps : tuple of int
-        Delays between the two second differences, in multiples of the lag.
+        Delays of the copy, in multiples of the lag.
     n_segments : int
         Number of equal segments on which the feature is computed (default 1); see `feature`.
 
@@ -293,12 +293,11 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
     Let c be the second difference at a lag:
 
     - Lopsidedness is mean(c |c|) / mean(c^2). It is 0 for a symmetric signal, and 1 or -1 if the signal bends
-      to
-      one side only. The sign depends on the mounting direction of the sensor.
+      to one side only. The sign depends on the mounting direction of the sensor.
     - Peakedness is log10(mean(c^4) / mean(c^2)^2), the logarithm of the kurtosis. It is 0.48 for Gaussian
-      noise and
-      larger for bursts.
-    - Evenness is log10(mean |c| / rms c). It is -0.10 for Gaussian noise and close to 0 if |c| is constant.
+      noise and larger for bursts.
+    - Evenness is log10(mean |c| / RMS of c). It is -0.10 for Gaussian noise and close to 0 if |c| is
+      constant.
 
     Parameters
     ----------
@@ -344,10 +343,10 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
 def slope_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """Return lopsidedness, peakedness and evenness of differences at several lags.
 
-    The moments are those of `curvature_shape`, computed for d_t = x_(t+lag) - x_t. Lopsidedness differs from
-    0 if rises are steeper than falls, or vice versa, as in stick-slip. A power spectrum does not show this,
-    because it does not depend on the direction of time. In windows of 0.1 s, these moments separate surfaces
-    that no level separates.
+    The moments are defined in `curvature_shape`. Here they are computed for d_t = x_(t+lag) - x_t.
+    Lopsidedness differs from 0 if rises are steeper than falls, or vice versa, as in stick-slip. A power
+    spectrum does not show this, because it does not depend on the direction of time. In windows of 0.1 s,
+    these moments separate surfaces that the level features cannot separate.
 
     Parameters
     ----------

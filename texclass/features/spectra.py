@@ -157,7 +157,7 @@ def window_of(name: str, length: int) -> NDArray[np.float32]:
 def long_frames(view: PhaseView) -> tuple[NDArray[np.float32], Samples]:
     """Return the power spectra of half-overlapping Hann frames of `LONG_FRAME_S`.
 
-    A shorter movement is one frame.
+    A shorter movement forms a single frame.
 
     Raises
     ------
@@ -191,7 +191,7 @@ def spectral_changes(view: PhaseView, length: int, shift: int) -> Samples:
 
     D_k = |X_k| - |X_(k+1)|, where X_k is the orthonormal DCT-II of frame k. Frames have `length` samples and
     start every `shift` samples [strese2015, eq. 4]. The computation uses single precision, which halves the
-    time. It is accurate enough, because adjacent magnitudes differ by much more than 1e-7.
+    computing time. It is accurate enough, because adjacent magnitudes differ by much more than 1e-7.
 
     Raises
     ------

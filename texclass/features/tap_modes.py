@@ -13,9 +13,9 @@ from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil
 ORDER = 4
 """Number of poles of a tap, which corresponds to two modes.
 
-Selected among 4, 8, 12 and the rank above the noise. With this order, the modes improved the accuracy of LDA
-on the other tap features most, on left-out operators of `simulated69` and on `taps5` (3 training recordings
-per plate)."""
+Selected among 4, 8, 12 and the rank above the noise. With this order, adding the modes to the other tap
+features improved the accuracy of LDA most, on left-out operators of `simulated69` and on `taps5` (3 training
+recordings per plate)."""
 TAP_RATE = 2800.0
 """Lowest sampling rate in Hz after decimation of a tap: twice the bandwidth of the sensor in strese2015."""
 
@@ -178,7 +178,7 @@ def tap_amplitude_slope(view: TapView) -> float:
     ------
     UndefinedFeatureError
         If fewer than three taps have a hand velocity and an impulse, or the velocities differ by less than a
-        tenth of their mean. A slope can only be estimated from slow and fast taps.
+        tenth of their mean. The slope can only be estimated from both slow and fast taps.
 
     References
     ----------

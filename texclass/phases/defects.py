@@ -23,7 +23,8 @@ neighbours."""
 N_NEIGHBOURS = 4
 """Number of neighbours of a sample on each side."""
 FADE_DB = 2.5
-"""Smallest rise of the level in dB per doubling of time during a fade-in. In a linear fade, it is 6 dB."""
+"""Smallest rise of the level in dB per doubling of time during a fade-in. In a linear fade, the level rises
+by 6 dB."""
 MAX_FADE_DB, TOTAL_FADE_DB = 25.0, 12.0
 """Largest rise in dB per doubling of time, and smallest rise of the whole fade."""
 FADE_FASTER_DB = 6.0
@@ -32,9 +33,9 @@ tap."""
 MAX_FADE_S = 0.6
 """Longest fade-in in s."""
 BLOCK = 1 << 13
-"""Number of rows per block, so that a block fits into the cache of the processor."""
+"""Number of samples per block, chosen so that a block fits into the cache of the processor."""
 GLITCHES: WeakKeyDictionary[Recording, NDArray[np.intp]] = WeakKeyDictionary()
-"""Glitches that the search for phases detected, for the lifetime of each recording."""
+"""Cache of the glitches that the search for phases has detected, kept for the lifetime of each recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +110,7 @@ def _n_held(axes: Samples) -> int:
 
 
 def get_glitches(recording: Recording, stop: int) -> NDArray[np.intp]:
-    """Return the glitches before sample `stop`, from the search for phases if it has already been done.
+    """Return the glitches before sample `stop`; reuse the result of an earlier search for phases.
 
     Examples
     --------
@@ -208,7 +209,7 @@ def interpolate_glitches(axes: Samples, glitches: NDArray[np.intp]) -> Samples:
 def fade_length(power: Callable[[int, int], float], n_bins: int, bin_s: float) -> int:
     """Return the number of bins of a fade-in at the start, or 0 if there is none.
 
-    In a fade-in, the level rises with each doubling of time; in a linear fade, it rises by 6 dB.
+    In a fade-in, the level rises with each doubling of time: by 6 dB if the fade is linear.
 
     Parameters
     ----------
@@ -240,6 +241,6 @@ def fade_length(power: Callable[[int, int], float], n_bins: int, bin_s: float) -
 
 
 def _start_of_line(rows: Samples) -> Samples:
-    """Return the value of the regression line at the first row."""
+    """Fit a regression line to the rows, and return its value at the first row."""
     t = np.arange(len(rows)) - (len(rows) - 1) / 2
     return np.asarray((1 / len(rows) + t[0] * t / max(float(t @ t), 1.0)) @ rows)

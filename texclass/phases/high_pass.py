@@ -1,7 +1,7 @@
 """Power of the acceleration above the frequencies of hand motion, computed in one pass over a recording.
 
-This takes a third of the time of `scipy.signal.sosfilt` and sums of its output, whose temporary arrays do not
-fit into the cache of the processor. The tests compare both.
+This takes a third of the time of filtering with `scipy.signal.sosfilt` and summing the output, because the
+temporary arrays of that method do not fit into the cache of the processor. The tests compare both methods.
 """
 
 import numpy as np
@@ -29,7 +29,8 @@ def high_pass_power(
     sos : ndarray of shape (n_sections, 6)
         Second-order sections of the high-pass filter.
     step, bin_size : int
-        Number of samples that are averaged to one row before filtering, and number of rows per bin.
+        Number of samples that are averaged into one row of `power` before filtering, and number of rows per
+        bin.
 
     Returns
     -------

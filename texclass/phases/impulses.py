@@ -1,8 +1,8 @@
-"""Detection of impulses (which rise and decay) and movement (lasting vibration) in levels over time.
+"""Detection of impulses (which rise and decay) and movement (lasting vibration) in vibration levels.
 
-This is the core of the search for phases. Its input is the levels of all bins of a recording, or of the
-current contact in a live stream. It looks back a few hundredths of a second, and ahead until an impulse has
-decayed.
+This is the core of the search for phases. Its input consists of the levels of all bins of a recording, or of
+the current contact in a live stream. The search looks back a few hundredths of a second, and looks ahead
+until an impulse has decayed.
 """
 
 from collections.abc import Callable, Sequence
@@ -66,7 +66,7 @@ class Impulse:
     width : int
         Number of bins from the start until the level is 10 dB below the peak.
     combined_db, broadband_db : float
-        Level of the peak above the noise, with and without the soft band.
+        Level of the peak above the noise, with and without the band in which soft contacts ring.
     prominence_db : float
         Level of the peak above the higher of the levels before and after the impulse.
     fall_db : float
@@ -91,7 +91,7 @@ class Impulse:
 
     @property
     def quality(self) -> float:
-        """Confidence from 0 to 1: 1 minus the amplitude around the impulse relative to its peak."""
+        """Confidence from 0 to 1: 1 minus the ratio of the surrounding amplitude to the peak."""
         return 1.0 - float(10.0 ** (-self.prominence_db / 20.0))
 
 
@@ -148,9 +148,9 @@ class SmoothLevels:
     Attributes
     ----------
     sharp, broadband : ndarray of shape (n_bins,)
-        Short averages, with and without the soft band, in which peaks are located.
+        Short averages, with and without the band in which soft contacts ring. Peaks are located in them.
     calm : ndarray of shape (n_bins,)
-        Longer average, in which decays are measured.
+        Longer average of the same level as `sharp`. Decays are measured in it.
     n_bins : callable
         Function that converts seconds to a number of bins.
     """
@@ -281,8 +281,9 @@ def find_movement(
 ) -> tuple[int, int] | None:
     """Return the bins [first, last) of lasting vibration including pauses, or None if there is none.
 
-    1. Remove impulses that are followed by quiet.
-    2. Find the windows in which at least the fraction `share` of the time is active.
+    1. Remove impulses that are followed by a quiet period.
+    2. Find the windows in which vibration exceeds the noise for at least the fraction `settings.share` of the
+       time.
     3. Extend both ends over adjacent vibration, up to an impulse that is much stronger than the strokes.
     """
     size = max(levels.min_bins, levels.n_bins(0.005))
@@ -314,8 +315,8 @@ def split_taps_and_movement(
     """Return the taps among the impulses, and the bins of the movement (None without movement).
 
     Impulses inside the movement belong to the texture. Impulses adjacent to its start belong to the texture
-    unless they are much stronger than the strokes. Impulses that follow its end within a pause also belong to
-    the texture.
+    unless they are much stronger than the strokes. Impulses that follow its end after less than `pause_s`
+    also belong to the texture.
 
     Parameters
     ----------
@@ -336,7 +337,7 @@ def split_taps_and_movement(
     taps : list of Impulse
         Taps in order of time.
     movement : tuple of int or None
-        First bin of the movement, and the bin after its last one.
+        First bin of the movement, and the bin after its last bin.
 
     Examples
     --------

@@ -27,7 +27,7 @@ STARTS_MOVING = "the recording starts during movement: no onset of sliding"
 def find_phases(recording: Recording, settings: PhaseSettings | None = None) -> Phases:
     """Find taps, the onset of sliding and the movement of a recording.
 
-    Padding (zeros or held values), fades and single-sample glitches are excluded first. Then:
+    Padding (zeros or repeated values), fades and single-sample glitches are excluded first. Then:
 
     1. Remove gravity, tremor and hand motion, and divide the power of each bin by the noise at rest
        (`track`).
@@ -48,10 +48,10 @@ def find_phases(recording: Recording, settings: PhaseSettings | None = None) -> 
     -------
     Phases
         Half-open ranges of samples. A tap starts where the hand starts to accelerate. It ends where its
-        vibration is in the noise or 30 dB below its peak. The movement reaches from the onset of sliding to
-        the point where the tool rests, and includes pauses at turning points. If the tool rests for less than
-        0.3 s, the movement reaches to the end of the recording. `notes` list missing phases and assumptions,
-        for example that there is no quiet window.
+        vibration has fallen to the noise or to 30 dB below its peak. The movement reaches from the onset of
+        sliding to the point where the tool rests, and includes pauses at turning points. If the tool rests
+        for less than 0.3 s, the movement reaches to the end of the recording. The attribute `notes` lists
+        missing phases and assumptions, for example that there is no quiet window.
 
     Notes
     -----
@@ -131,7 +131,7 @@ def _impulses(vibration: Track, settings: PhaseSettings) -> tuple[list[Impulse],
     """Return the complete impulses, and the impulses at the start of the data.
 
     An impulse that is cut off by the start of the data cannot be measured. If the recording is faded in or
-    out, the kink of gravity at the edge of the fade is not an impact.
+    out, the abrupt change of gravity at the edge of the fade is not counted as an impact.
     """
     n_bins, (first, stop), (full_first, full_stop) = vibration.levels.n_bins, vibration.data, vibration.full
     opening = first + n_bins(settings.opening_s)

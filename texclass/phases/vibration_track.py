@@ -165,7 +165,7 @@ def _without_fades(axes: Samples, broadband: Samples, data: Span, bin_samples: i
 def noise_floor(
     level: Samples, n: int, samples_per_bin: int, settings: PhaseSettings
 ) -> tuple[float, bool, bool]:
-    """Return the noise level, whether the quietest `n` bins are steady, and if the noise is intermittent.
+    """Return the noise level, and whether the quietest `n` bins are steady and the noise is intermittent.
 
     The estimate starts with the quietest window. In four iterations, it is replaced by the average over all
     windows up to 4 dB above it. An upper limit relative to the quietest window applies, because louder
@@ -203,7 +203,7 @@ def _is_steady(level: Samples, tolerance: float) -> bool:
 
 
 def _quantisation_noise(axes: Samples) -> float:
-    """Return the quantisation noise q^2 / 12, where q is the smallest step, summed over channels."""
+    """Return the quantisation noise q^2 / 12 (q: smallest step of a channel), summed over channels."""
     steps = np.abs(np.diff(np.ascontiguousarray(axes.T)))
     steps[steps == 0] = np.inf
     smallest = steps.min(axis=1, initial=np.inf)

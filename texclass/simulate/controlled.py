@@ -32,7 +32,8 @@ GESTURES: Mapping[str, tuple[float, float, float] | None] = MappingProxyType(
         "hard stroke": (1.0, 2.5, 1.2),
     }
 )
-"""Gestures by name. For strokes: factors of the operator's speed and force, and the duration in s."""
+"""Mapping from the name of a gesture to its parameters: for a stroke, the factors by which the operator's
+speed and force are multiplied, and the duration in s; for a tap, None."""
 
 
 def record_rising_speed(
@@ -190,7 +191,7 @@ def record_gesture(
     surface : Surface
         Explored surface.
     operator : Operator
-        Person who explores it. As in `record_freehand`, the habits vary around the typical values.
+        Person who explores the surface. As in `record_freehand`, the habits vary around the typical values.
     seed : int or sequence of int
         Seed of all random numbers.
     fs : float
@@ -209,8 +210,7 @@ def record_gesture(
     References
     ----------
     Fishel, Loeb: Bayesian exploration for intelligent identification of textures, Frontiers in Neurorobotics
-    6:4, 2012. There, single gestures are performed, and the next gesture is selected from the previous
-    results.
+    6:4, 2012. The authors perform single gestures, and select the next gesture from the previous results.
 
     Examples
     --------

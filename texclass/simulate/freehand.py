@@ -39,7 +39,7 @@ def record_freehand(
     surface : Surface
         Explored surface.
     operator : Operator
-        Person who explores it. The habits of each recording vary around the typical values.
+        Person who explores the surface. The habits of each recording vary around the typical values.
     duration_s : float
         Duration in s: at least 3 with taps, 1 without.
     fs : float

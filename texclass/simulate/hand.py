@@ -26,7 +26,7 @@ class Operator:
     stroke_mm
         Typical length of a stroke in mm.
     roundness
-        Ratio of the speed at the end of a stroke to the speed in its middle: with 0 the hand stops, with 1 it
+        Ratio of the speed at the end of a stroke to the speed in its middle: at 0 the hand stops, and at 1 it
         draws circles.
     speed_spread, force_spread
         Standard deviations of the logarithms of speed (between strokes) and force (continuously) within a
@@ -34,9 +34,9 @@ class Operator:
     grip_stiffness_n_m, grip_damping
         Stiffness of the grip along the axis of the tool in N/m, and damping ratio.
     tilt_deg, azimuth_deg
-        Angle of the tool to the surface normal, and its direction, in degrees.
+        Angle between the tool and the surface normal, and azimuth of the tool, in degrees.
     direction_deg
-        Angle of the strokes to the normal of the gratings of the surface, in degrees.
+        Angle between the strokes and the normal of the gratings of the surface, in degrees.
     tap_speed_mm_s
         Typical speed at the contact of a tap in mm/s.
     tremor_m_s2, tremor_hz
@@ -66,7 +66,7 @@ class Operator:
     tremor_hz: float
 
     def vary(self, rng: np.random.Generator) -> "Operator":
-        """Return the person in one recording, with all habits drawn at random around their typical values."""
+        """Return the operator of one recording, with habits drawn at random around the typical values."""
 
         def vary(value: float, spread: float) -> float:
             return value * _factor(spread, rng, max_deviations=2.5)
@@ -219,9 +219,9 @@ def draw_strokes(
 ) -> tuple[Samples, Samples, Samples]:
     """Return velocities along and across (m/s) and profile lines of back-and-forth strokes over `n_knots`.
 
-    The speed of a stroke is half a sine, modulated by some tens of per cent; strokes differ in speed and
-    length. At the ends of a stroke the hand does not stop, but moves across at `operator.roundness` times the
-    peak speed.
+    The speed of a stroke follows half a sine period, modulated by several tens of per cent. Strokes differ in
+    speed and length. At the ends of a stroke the hand does not stop, but moves sideways at
+    `operator.roundness` times the peak speed.
     """
     velocity, lateral, line = np.zeros(n_knots), np.zeros(n_knots), np.zeros(n_knots)
     start, stroke, sign = 0, 0, rng.choice([-1.0, 1.0])

@@ -31,18 +31,18 @@ def synthesize_profile(
     rng : numpy.random.Generator
         Generator of the random heights.
     drift_mm : float
-        Lateral distance of neighbouring lines in mm (default 0.2). Neighbouring lines share structures that
-        are wider than this distance.
+        Lateral distance between neighbouring lines in mm (default 0.2). Neighbouring lines share structures
+        that are wider than this distance.
     direction_deg : float
-        Angle of the lines to the normal of the gratings in degrees (default 0). It multiplies their
-        wavelength by 1 / cos.
+        Angle between the lines and the normal of the gratings in degrees (default 0). The wavelength of the
+        gratings along a line is multiplied by 1 / cos(angle).
 
     Returns
     -------
     heights_m : ndarray of shape (n_lines, n_points)
         Heights in m along the lines. Every line is periodic with the period `step_m * n_points`.
     step_m : float
-        Distance of two points along a line in m.
+        Distance between adjacent points of a line in m.
     """
     stretch, step_mm = 1.0 / np.cos(np.deg2rad(direction_deg)), STEP_MM
     if surface.gratings:  # N_POINTS contain a whole number of periods of the first grating
@@ -109,7 +109,7 @@ def _grating(grating: Grating, stretch: float, step_mm: float, rng: np.random.Ge
 def _bump_spectra(
     bumps: Bumps, frequency: Samples, step_mm: float, drift_mm: float, rng: np.random.Generator
 ) -> Iterator[np.ndarray]:
-    """Yield the rfft of the bumps of each line: spikes that are smoothed by a Gaussian of their width.
+    """Yield the rfft of the bumps of each line: spikes smoothed by a Gaussian as wide as the bumps.
 
     A bump that ends between two lines is replaced by a new one.
     """

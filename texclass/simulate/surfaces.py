@@ -24,7 +24,8 @@ class Grating:
     depth_um
         Peak-to-valley depth in um.
     sharpness
-        Shape of the ridges: 0 is a sine; the crests narrow towards 1, which adds harmonics.
+        Shape of the ridges, from 0 to 1. With 0, the profile is a sine. Larger values narrow the crests,
+        which adds harmonics.
     jitter
         Standard deviation of the phase from exact periodicity, in rad per square root of a period.
 
@@ -76,7 +77,7 @@ class Surface:
     Attributes
     ----------
     name, category
-        Label, and the category of the catalogue.
+        Name of the surface, and its category in the catalogue.
     rms_um
         RMS of the random heights in um, before the attenuation by the tip.
     slope
@@ -92,10 +93,10 @@ class Surface:
     static_friction, kinetic_friction
         Friction coefficients.
     stribeck_mm_s
-        Speed in mm/s over which static becomes kinetic friction.
+        Speed in mm/s over which static friction changes to kinetic friction.
     body_hz, body_damping, body_mass_kg
         Lowest mode of the explored object at the contact: natural frequency in Hz, damping ratio and
-        effective mass in kg. It does not depend on the speed.
+        effective mass in kg. The mode does not depend on the speed.
 
     Examples
     --------
@@ -186,7 +187,8 @@ def surface_catalogue(n: int, seed: int) -> tuple[Surface, ...]:
     """Return n surfaces. Surface i depends only on the seed and on i.
 
     The categories alternate. Within a category every property has a log-normal distribution that overlaps
-    with those of other categories, so that only the combination of several properties identifies a surface.
+    with the distributions of other categories, so that only the combination of several properties identifies
+    a surface.
 
     Parameters
     ----------

@@ -55,8 +55,8 @@ class Mechanics(NamedTuple):
     bristle, bristle_damping
         Stiffness of the contact along the stroke before sliding, and its damping ratio.
     asperity_slope
-        Ratio of the slopes of the asperities at the contact to those of the profile smoothed by the tip (s
-        above).
+        Ratio s of the slopes of the asperities at the contact to the slopes of the profile smoothed by the
+        tip.
     """
 
     mass: float
@@ -142,7 +142,7 @@ class Sensor:
         return float(2 * self.converter_range_g * STANDARD_GRAVITY / 2**self.converter_bits)
 
     def analogue_filter(self, fs: float, internal_rate: float) -> Samples:
-        """Return second-order sections of the low-pass filters of the sensor and against aliasing at `fs`."""
+        """Return second-order sections of the low-pass of the sensor and of the anti-aliasing filter."""
         highest = min(self.bandwidth_hz, 0.49 * internal_rate)
         sensor = butterworth("lowpass", highest, internal_rate, order=2)
         return np.vstack([sensor, butterworth("lowpass", 0.4 * fs, internal_rate)])
@@ -231,7 +231,7 @@ def move_tool(
     gesture : Gesture
         Path of the hand.
     profile : (ndarray of shape (n_lines, n_points), float)
-        Heights under the tip and distance of two points along a line, in m.
+        Heights under the tip, and distance between adjacent points of a line, in m.
     mechanics : Mechanics
         Constants of tool, hand, contact and object.
     n_samples : int
@@ -301,7 +301,7 @@ def _friction(p, force, along, across, bristle, dt):  # type: ignore[no-untyped-
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _ring(p, modes, force, lateral, dt):  # type: ignore[no-untyped-def]
-    """Advance the modes of shaft and object by one step; return the acceleration of the shaft, and modes."""
+    """Advance the modes of shaft and object by one step; return the shaft acceleration and the modes."""
     q, vq, b, vb = modes
     w_q, w_b = 2.0 * np.pi * p.mode_hz, 2.0 * np.pi * p.body_hz
     aq = (force + lateral) / p.mode_mass - 2.0 * p.mode_damping * w_q * vq - w_q * w_q * q
