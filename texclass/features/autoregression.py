@@ -123,7 +123,7 @@ def log_area_ratios(
     Raises
     ------
     UndefinedFeatureError
-        See `line_spectral_frequencies`.
+        If `line_spectral_frequencies` is undefined.
 
     References
     ----------
@@ -169,7 +169,7 @@ def lpc_cepstrum(
     Raises
     ------
     UndefinedFeatureError
-        See `line_spectral_frequencies`.
+        If `line_spectral_frequencies` is undefined.
 
     References
     ----------

@@ -136,7 +136,7 @@ def major_frequency(
     Raises
     ------
     UndefinedFeatureError
-        See `upper_cutoff`.
+        If `upper_cutoff` is undefined.
 
     References
     ----------
@@ -185,7 +185,7 @@ def segment_rate(
     Raises
     ------
     UndefinedFeatureError
-        See `upper_cutoff`.
+        If `upper_cutoff` is undefined.
 
     References
     ----------
@@ -230,7 +230,7 @@ def segment_peaks(
     Raises
     ------
     UndefinedFeatureError
-        See `upper_cutoff`.
+        If `upper_cutoff` is undefined.
 
     References
     ----------

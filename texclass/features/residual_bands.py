@@ -32,7 +32,7 @@ def fit_line(view: PhaseView) -> tuple[Samples, Samples]:
     Raises
     ------
     UndefinedFeatureError
-        See `slope_level`.
+        If `slope_level` is undefined.
     """
     octaves = log_frequency(LAGS)
     centred = octaves - octaves.mean()
@@ -68,7 +68,7 @@ def level_tilt(view: PhaseView) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        See `slope_level`.
+        If `slope_level` is undefined.
 
     References
     ----------
@@ -108,7 +108,7 @@ def band_residual_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     Raises
     ------
     UndefinedFeatureError
-        See `band_level` and `slope_level`.
+        If `band_level` or `slope_level` is undefined.
 
     References
     ----------
@@ -154,7 +154,7 @@ def octave_residual_level(
     Raises
     ------
     UndefinedFeatureError
-        See `octave_level` and `slope_level`.
+        If `octave_level` or `slope_level` is undefined.
 
     References
     ----------
@@ -195,7 +195,7 @@ def slope_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Sa
     Raises
     ------
     UndefinedFeatureError
-        See `slope_level`.
+        If `slope_level` is undefined.
 
     References
     ----------
@@ -234,7 +234,7 @@ def curvature_residual_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -
     Raises
     ------
     UndefinedFeatureError
-        See `curvature_level` and `slope_level`.
+        If `curvature_level` or `slope_level` is undefined.
 
     References
     ----------

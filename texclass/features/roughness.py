@@ -113,7 +113,8 @@ def waviness(
     Raises
     ------
     UndefinedFeatureError
-        See `waviness_as_printed`.
+        If the movement is silent, has fewer than two frames, or has frames of equal level, or if fs/2 is not
+        above the cut-off frequency.
 
     References
     ----------
@@ -477,7 +478,8 @@ def roughness_ratio(
     Raises
     ------
     UndefinedFeatureError
-        See `temporal_roughness`.
+        If the movement is silent or has fewer than 64 samples, a band has no energy, or fs/2 is not above the
+        fine band.
 
     References
     ----------
@@ -593,7 +595,7 @@ def spectral_roughness(
     Raises
     ------
     UndefinedFeatureError
-        See `spectral_roughness_as_printed`.
+        If the movement is silent, has fewer than two frames, or consists of equal frames.
 
     Notes
     -----

@@ -101,8 +101,8 @@ def curvature_agreement(
 ) -> Samples:
     """Return how often a second difference and its delayed copy have the same sign, at several lags.
 
-    The definition is the same as in `slope_agreement`, but with the second difference x_(t+2 lag) - 2
-    x_(t+lag) + x_t, which is a narrower band-pass.
+    The definition is the same as in `slope_agreement`, but for the second difference, a narrower band-pass:
+    x_(t+2 lag) - 2 x_(t+lag) + x_t.
 
     Parameters
     ----------
@@ -405,7 +405,7 @@ def curvature_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
     Raises
     ------
     UndefinedFeatureError
-        See `curvature_shape`.
+        If `curvature_shape` is undefined.
 
     References
     ----------

@@ -137,7 +137,7 @@ def tap_mode_decay(view: TapView, *, n_modes: int = 2, order: int = ORDER) -> Sa
     Raises
     ------
     UndefinedFeatureError
-        See `tap_mode_frequency`.
+        If `tap_mode_frequency` is undefined.
 
     References
     ----------
