@@ -326,7 +326,7 @@ def find_feature(name: str, module: str = "") -> Feature:
     Raises
     ------
     KeyError
-        If there is no such feature; the message lists the closest names.
+        If no feature has this name. The message lists the closest names.
 
     Examples
     --------

@@ -77,7 +77,9 @@ def level(view: PhaseView) -> Any:
 
 
 def unit(view: PhaseView) -> Samples:
-    """Return the samples divided by `level`. The array is not cached, because it takes 0.3 GB per hour.
+    """Return the samples divided by `level`.
+
+    The array is not cached, because it takes 0.3 GB per hour of a recording at 10 kHz.
 
     Examples
     --------

@@ -1,9 +1,8 @@
 """Residual band levels: the levels of a spectrum after removing its height and its tilt.
 
-The temperature of the sensor, the grip and the force raise or tilt all levels together. This change affects
-every level, so it dominates the distance between two recordings. Here the tilt is a separate column
-(`level_tilt`), the height is `vibration_level`, and the residual levels describe the remaining shape of the
-spectrum.
+The temperature of the sensor, the grip and the force raise or tilt all levels together. This common change
+dominates the distance between two recordings. Therefore, the tilt is a separate column (`level_tilt`), the
+height is `vibration_level`, and the residual levels describe the remaining shape of the spectrum.
 """
 
 import numpy as np

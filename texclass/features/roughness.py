@@ -1,7 +1,7 @@
 """Macroscopic and microscopic roughness of a surface, computed from the movement.
 
-Macroscopic: waviness and spikiness below 100 Hz, and regularity [strese2015, section IV-D]. Microscopic:
-temporal and spectral roughness [section IV-C].
+The macroscopic features are waviness and spikiness below 100 Hz, and regularity [strese2015, section IV-D].
+The microscopic features are temporal and spectral roughness [section IV-C].
 """
 
 from typing import Any

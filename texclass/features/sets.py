@@ -284,7 +284,7 @@ def load_feature_set(name_or_path: str | Path) -> FeatureSet:
     Raises
     ------
     FileNotFoundError
-        If there is no such feature set.
+        If neither a shipped feature set nor a file has this name.
     ValueError
         If the file is invalid. The message names the file, the key and the valid keys.
 

@@ -200,10 +200,10 @@ def slope_levels(view: PhaseView, lags: tuple[int, ...]) -> Samples:
 
 @transform
 def moments(view: PhaseView, lag: int) -> tuple[Samples, Samples]:
-    """Return the mean square (...) and the `SHAPES` (..., 3) of half the second difference at a lag.
+    """Return the mean square and the `SHAPES` of half the second difference at a lag.
 
     The half second difference is c_t = (x_(t+2 lag) + x_t)/2 - x_(t+lag), where x is the signal divided by
-    `level`. For lag 0, c = x - mean x.
+    `level`. For lag 0, c = x - mean x. The results have the shapes (...) and (..., 3).
 
     Raises
     ------
@@ -221,7 +221,7 @@ def moments(view: PhaseView, lag: int) -> tuple[Samples, Samples]:
 
 
 def _shapes(c: NDArray[np.float32], name: str) -> tuple[Samples, Samples]:
-    """Return the mean square (...) and the `SHAPES` (..., 3) of samples, which are overwritten."""
+    """Return the mean square and the `SHAPES` of the samples; the samples are overwritten."""
     size, n = np.abs(c), c.shape[-1]
     sums = [size.sum(axis=-1), _dot(c, size)]
     c *= c

@@ -56,7 +56,7 @@ class Levels:
 
 @dataclass(frozen=True)
 class Impulse:
-    """An impulse, with times in bins.
+    """Impulse in the levels of a recording. All times are in bins.
 
     Attributes
     ----------
@@ -282,8 +282,8 @@ def find_movement(
     """Return the bins [first, last) of lasting vibration including pauses, or None if there is none.
 
     1. Remove impulses that are followed by a quiet period.
-    2. Find the windows in which vibration exceeds the noise for at least the fraction `settings.share` of the
-       time.
+    2. Find the windows in which the level exceeds `settings.stroke_ratio` for at least the fraction
+       `settings.share` of the time.
     3. Extend both ends over adjacent vibration, up to an impulse that is much stronger than the strokes.
     """
     size = max(levels.min_bins, levels.n_bins(0.005))

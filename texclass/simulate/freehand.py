@@ -225,7 +225,7 @@ def true_phases(path: hand.Gesture, motion: Motion, constants: Mechanics, fs: fl
 
 
 def _rotate_to_sensor(acceleration: Samples, person: Operator, fs: float, rng: np.random.Generator) -> None:
-    """Rotate (normal, along, across) in place into the axes of the sensor, with gravity; the pose drifts."""
+    """Rotate the acceleration in place into the axes of the sensor, with gravity and a drifting pose."""
     n_knots = int(np.ceil(len(acceleration) / fs * hand.CONTROL_RATE)) + 2
     tilt = np.deg2rad(person.tilt_deg + 2.0 * hand.smooth_noise(n_knots, 0.4, rng))
     azimuth = np.deg2rad(person.azimuth_deg + 3.0 * hand.smooth_noise(n_knots, 0.4, rng))

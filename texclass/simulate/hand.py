@@ -253,7 +253,7 @@ def smooth_noise(n_knots: int, cutoff_hz: float, rng: np.random.Generator) -> Sa
 
 
 def tremor(operator: Operator, n_knots: int, rng: np.random.Generator) -> Samples:
-    """Return the displacement of the hand by tremor in m: four lines close to the centre frequency."""
+    """Return the displacement of the hand by tremor in m: four tones close to the centre frequency."""
     time = np.arange(n_knots) / CONTROL_RATE
     omega = 2 * np.pi * (operator.tremor_hz + np.linspace(-1.0, 1.0, 4) + 0.2 * rng.standard_normal(4))
     phase = rng.uniform(0, 2 * np.pi, 4)

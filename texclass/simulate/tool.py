@@ -256,7 +256,7 @@ def move_tool(
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _height_and_slope(row, per_m, x):  # type: ignore[no-untyped-def]
-    """Interpolate by a Catmull-Rom spline, so that the grid adds no spectral line at speed / step."""
+    """Interpolate by a Catmull-Rom spline, so that the grid adds no tone at the frequency speed / step."""
     last = row.shape[0] - 1  # the number of points is a power of two, so "& last" wraps around
     position = x * per_m
     whole = np.floor(position)
