@@ -21,16 +21,16 @@ class OkamuraSettings:
     Attributes
     ----------
     min_samples
-        Smallest number of samples at the start of a tap whose spectrum is computed.
+        Smallest number of initial samples of a tap from which a spectrum is computed.
     min_peak_to_noise
         Smallest ratio of a spectral peak to the largest magnitude expected from noise alone.
     min_peak_distance
         Smallest distance between two peaks of the envelope, in half periods.
     peak_floor
-        The envelope ends before the first peak below this fraction of the largest, because noise dominates
-        smaller peaks.
+        Peaks are used up to the first that is below this fraction of the largest peak, because noise
+        dominates smaller peaks.
     max_onset_excess
-        Nepers by which the fitted envelope at the impact may exceed the largest peak.
+        Largest excess of the fitted envelope at the impact over the largest peak, in nepers.
     """
 
     min_samples: int = 64
@@ -50,8 +50,8 @@ class TapModel:
     Attributes
     ----------
     amplitude_slope : float
-        Amplitude A per impact velocity, in (m/s^2) / (m/s) = 1/s for accelerations in m/s^2. It has the sign
-        of the first half-wave.
+        Amplitude per unit of impact velocity, A, in (m/s^2) / (m/s) = 1/s for accelerations in m/s^2. It has
+        the sign of the first half-wave.
     decay_per_s : float
         Decay rate B > 0 in 1/s.
     frequency_hz : float
@@ -86,7 +86,7 @@ class TapModel:
         return DecayingModes(f, B, A, phi)
 
     def synthesize(self, velocity: float, n_samples: int, fs: float) -> Samples:
-        """Return the tap at one impact velocity, from the impact on, shape (n_samples,), at `fs` Hz."""
+        """Return the first `n_samples` samples of a tap at `velocity`, starting at the impact."""
         return self.modes(velocity).synthesize(n_samples, fs)
 
 
@@ -98,10 +98,9 @@ def fit_okamura(
     1. Frequency: maximum of the interpolated magnitude spectrum of each tap, averaged over the taps. For a
        complete decay it lies at sqrt(w^2 - B^2), below w.
     2. Decay: least-squares line log |peak| = log E - B t through the positive and negative peaks of each tap,
-       weighted by their heights, and averaged over the taps. The envelope has one peak per half period,
-       starts at the largest, and ends before the first peak that is below `peak_floor` or not below its
-       predecessor.
-    3. Amplitude slope: regression of the amplitudes on the velocities through the origin, because A v has no
+       weighted by their heights, and averaged over the taps. One peak per half period is used, from the
+       largest peak up to the first peak that is below `peak_floor` or not below its predecessor.
+    3. Amplitude slope: regression through the origin of the amplitudes on the velocities, because A v has no
        offset. The amplitude of a tap is E sqrt(1 + (B/w)^2), because exp(-B t) sin(w t) has its peaks where
        sin(w t) = w / sqrt(w^2 + B^2).
 
@@ -166,10 +165,10 @@ def fit_okamura(
 
 
 def _falling_peaks(x: Samples, half_period: float, settings: OkamuraSettings) -> tuple[Samples, Samples]:
-    """Return positions (in samples) and signed heights of the peaks of a tap.
+    """Return the positions in samples and the signed heights of the peaks of a tap.
 
-    The peaks start with the largest and end where they no longer fall. Each peak is the vertex of a parabola
-    fitted to an eighth of a period on either side, which averages noise.
+    The largest peak is the first; the series ends where the heights no longer fall. Each peak is the vertex
+    of a parabola fitted to an eighth of a period on either side, which reduces noise.
     """
     side = max(1, int(half_period / 4))
     peaks, _ = find_peaks(np.abs(x), distance=max(1.0, settings.min_peak_distance * half_period))
@@ -192,8 +191,8 @@ def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> 
 
     The fit minimises sum_i |x_i - A v_i exp(-B t) sin(w t)|^2 over B and w. The slope A is eliminated: for
     fixed B and w it is the projection of the taps on the shape (variable projection). The search starts from
-    `fit_okamura` if that succeeds, from the matrix pencil of the tap with the most energy, and from spectral
-    peaks of the beginnings of the taps. The best result is returned.
+    `fit_okamura` if that succeeds, from the matrix pencil of the tap with the most energy, and from the
+    spectral peaks of the initial parts of the taps. The best result is returned.
 
     Parameters
     ----------
@@ -208,8 +207,8 @@ def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> 
     Returns
     -------
     TapModel
-        Model with B between 1e-6 and 1e3 nepers over the longest tap, and f between 0.01 periods over it and
-        fs/2.
+        Model. B lies between 1e-6 and 1e3 divided by the duration of the longest tap, and f between 0.01
+        divided by this duration and fs/2.
 
     Raises
     ------
@@ -219,8 +218,8 @@ def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> 
 
     References
     ----------
-    Model of `okamura2001`, eq. (1). Golub, Pereyra, "Separable nonlinear least squares", 2003; Jacobian after
-    Kaufman.
+    `okamura2001`, eq. (1), for the model; Golub, Pereyra, "Separable nonlinear least squares", 2003, also for
+    the Jacobian of Kaufman.
 
     Examples
     --------
@@ -257,7 +256,7 @@ def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> 
 def checked_taps(
     taps: Sequence[ArrayLike], velocity: ArrayLike, at_least: int = 1
 ) -> tuple[list[Samples], Samples, int]:
-    """Check the taps and velocities; return the taps in a common scale, the velocities and the exponent."""
+    """Check taps and velocities. Return taps divided by 2^exponent, velocities, and exponent."""
     v = one_channel(velocity, "velocity")
     if v.size != len(taps) or not np.any(v):
         raise ValueError(f"velocity must contain one value per tap ({len(taps)}), not all zero, got {v}")
@@ -267,13 +266,13 @@ def checked_taps(
 
 
 def _slope(amplitude: float, v: Samples, exponent: int) -> float:
-    """Convert a scaled amplitude at the largest velocity to amplitude per velocity; infinite if too large."""
+    """Convert a scaled amplitude at the largest velocity to an amplitude slope; infinite on overflow."""
     with np.errstate(over="ignore", under="ignore"):
         return float(np.ldexp(amplitude / np.max(np.abs(v)), exponent))
 
 
 def _ringing(x: Samples, name: str, settings: OkamuraSettings) -> int:
-    """Return the number of initial samples whose spectrum has the clearest peak; later ones are mostly noise.
+    """Return the number of initial samples whose spectrum has the clearest peak.
 
     Raises
     ------
@@ -297,7 +296,7 @@ def _ringing(x: Samples, name: str, settings: OkamuraSettings) -> int:
 
 
 def _spectral_peak_hz(x: Samples, fs: float) -> float:
-    """Return the frequency of the largest magnitude: a parabola on a grid 16 times finer than 1/duration."""
+    """Return the frequency of the spectral maximum, interpolated by a parabola on a zero-padded grid."""
     n = fft.next_fast_len(16 * x.size, real=True)
     magnitude = np.abs(fft.rfft(x, n))
     k = int(np.argmax(magnitude[1:-1])) + 1
@@ -308,7 +307,7 @@ def _spectral_peak_hz(x: Samples, fs: float) -> float:
 
 
 def _starts(taps: list[Samples], v: Samples, fs: float) -> list[Samples]:
-    """Return starting values (B, w) per sample: from `fit_okamura`, the spectrum and the matrix pencil."""
+    """Return starting values (B / fs, w / fs) from `fit_okamura`, the spectrum and the matrix pencil."""
     strongest = max(taps, key=lambda tap: float(tap @ tap))
     omega = 2 * np.pi * _spectral_peak_hz(strongest, 1.0)
     starts = [np.array([1 / strongest.size, omega]), np.array([10 / strongest.size, omega])]
@@ -338,10 +337,11 @@ def _starts(taps: list[Samples], v: Samples, fs: float) -> list[Samples]:
 
 
 class TapShapes:
-    """Residuals of decaying sinusoids to taps, for `scipy.optimize.least_squares`.
+    """Residuals between decaying sinusoids and taps, for `scipy.optimize.least_squares`.
 
     The parameters are B / fs, w / fs and, if the taps do not start at the impact, the onset of each tap in
-    samples. The amplitudes are eliminated, because for fixed parameters they are linear projections.
+    samples. The amplitudes are eliminated, because they follow from the other parameters by linear least
+    squares.
 
     Parameters
     ----------
@@ -361,7 +361,7 @@ class TapShapes:
         self.weight = 1.0 if share is None else share[self.tap]
 
     def sums(self, values: Samples) -> Samples:
-        """Return the sum of `values` over the samples that share an amplitude."""
+        """Return the sum of `values` for each amplitude, over all samples with this amplitude."""
         return np.asarray(np.bincount(self.group, values), dtype=np.float64)
 
     def shapes(self, p: Samples) -> tuple[Samples, Samples, Samples]:

@@ -39,13 +39,13 @@ class MajorFrequencies(Sinusoids):
     phase: Samples
 
     def synthesize(self, n_samples: int, fs: float) -> Samples:
-        """Return the vibration, shape (n_samples,), by eq. (3.16) in the time domain.
+        """Return the vibration as a sum of cosines, eq. (3.16); shape (n_samples,).
 
         Parameters
         ----------
         n_samples : int
-            Number of samples. With the length and rate of the fit, the result is the inverse transform of the
-            selected lines.
+            Number of samples. With the length and sampling rate of the fitted signal, the result is the
+            inverse Fourier transform of the selected lines.
         fs : float
             Sampling rate in Hz. Frequencies of fs/2 and above are omitted.
         """
@@ -60,8 +60,8 @@ class MajorFrequencies(Sinusoids):
 def beat_threshold_hz(frequency_hz: ArrayLike) -> Samples:
     """Return the smallest distance (Hz) to a second frequency at which no beats are perceived.
 
-    The values are those of `oeztuerk2018`, Table 3.2. A bound belongs to the lower interval, and 80 Hz is
-    used above 1400 Hz as well.
+    The values are those of `oeztuerk2018`, Table 3.2. A bound belongs to the interval below it. Above 1400
+    Hz, where the table ends, 80 Hz is used.
 
     Examples
     --------
@@ -77,8 +77,8 @@ def strongest_lines(
 ) -> list[int]:
     """Return the indices of the strongest spectral lines above `min_magnitude`, the strongest first.
 
-    There are at most `max_lines`. The distance of two lines is at least the beat threshold of the lower one,
-    and twice the relative `width` of the stronger one.
+    At most `max_lines` lines are returned. Any two of them differ by at least the beat threshold of the lower
+    line, and by at least 2 `width` times the frequency of the stronger line.
     """
     lines: list[int] = []
     remaining = magnitude.copy()
@@ -92,7 +92,7 @@ def strongest_lines(
 def fit_major_frequencies(
     x: ArrayLike, fs: float, *, n_frequencies: int = 13, upper_hz: float = 1400.0
 ) -> MajorFrequencies:
-    """Select the spectral lines with the largest amplitudes that are farther apart than the beat threshold.
+    """Model a vibration by its strongest spectral lines that are far enough apart not to beat.
 
     Lines of the discrete Fourier transform X of the signal are selected in the order of decreasing |X|. A
     line is skipped if it is closer to a selected line than the beat threshold of the lower of the two.
@@ -111,13 +111,14 @@ def fit_major_frequencies(
     Returns
     -------
     MajorFrequencies
-        Model with at most `n_frequencies` lines; fewer if the band does not contain more lines above 0.
+        Model with at most `n_frequencies` lines, and fewer if the band does not contain enough lines with a
+        positive amplitude.
 
     Raises
     ------
     ValueError
-        If `x` has fewer than 3 samples, NaN or infinity, or `n_frequencies`, `fs` or `upper_hz` is not
-        positive.
+        If `x` has fewer than 3 samples or contains NaN or infinity, or if `n_frequencies`, `fs` or `upper_hz`
+        is not positive.
 
     Notes
     -----
@@ -153,8 +154,9 @@ def interpolate(slow: MajorFrequencies, fast: MajorFrequencies, weight: float) -
     """Interpolate linearly between the models of two recordings of one surface.
 
     The amplitude of a line that only one model has fades to 0 towards the other model. A line of `slow` and a
-    line of `fast` that are closer than the beat threshold become one line, the nearest pairs first: its
-    frequency and amplitude change linearly, and its phase along the shorter arc. The result is continuous.
+    line of `fast` that are closer than the beat threshold are merged into one line; the nearest lines are
+    paired first. The frequency and amplitude of the merged line change linearly, and its phase changes along
+    the shorter arc. The result is a continuous function of the weight.
 
     Parameters
     ----------
@@ -210,7 +212,10 @@ def interpolate(slow: MajorFrequencies, fast: MajorFrequencies, weight: float) -
 
 
 def match_close_frequencies(f: Samples, g: Samples) -> tuple[list[int], list[int]]:
-    """Return the indices of pairs of `f` and `g` that are closer than the beat threshold, one to one."""
+    """Match the frequencies `f` and `g` one to one.
+
+    Returns the indices of the pairs that are closer than the beat threshold, the nearest pair first.
+    """
     gap = np.abs(f[:, np.newaxis] - g)
     gap[gap >= beat_threshold_hz(np.minimum(f[:, np.newaxis], g))] = np.inf
     i, j = [], []

@@ -1,4 +1,4 @@
-"""Selection of the order of an autoregressive model. One fit contains the models of all lower orders."""
+"""Selection of the order of an autoregressive model. One fit yields the models of all lower orders."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -57,19 +57,20 @@ def select_order(
     Parameters
     ----------
     x : array_like of shape (n,) or (n_frames, n)
-        Signal or frames in any unit. All frames have the same order, which is selected by the
-        mean of their criteria.
+        Signal or frames in any unit. One order is selected for all frames, from the mean of the criterion
+        over the frames.
     max_order : int
         Largest order, at least 1.
     criterion : {"spectral_error", "aicc"}
-        Criterion (default "spectral_error"). By default, "spectral_error" selects the smallest order whose
-        error is within 5 % of the range from order 0 to the best, as in figure 3.2 of the paper. "aicc"
-        selects the order with the smallest AICc.
+        Criterion (default "spectral_error"). Without `max_error`, "spectral_error" selects the smallest order
+        whose error exceeds the smallest error by at most 5 % of the difference between the error at order 0
+        and the smallest error, as in figure 3.2 of the thesis. "aicc" selects the order with the smallest
+        AICc.
     max_error : float, optional
         Largest spectral error. The smallest order with at most this error is selected. If no order reaches
         it, the order with the smallest error is selected, and `is_met` is False.
     method : {"burg", "autocorrelation"}
-        Method of the fit (default "burg"). With these methods, a fit contains the fits of all lower orders.
+        Method of the fit (default "burg"). With both methods, one fit yields the models of all lower orders.
 
     Returns
     -------
@@ -79,7 +80,8 @@ def select_order(
     Raises
     ------
     ValueError
-        If the criterion or method is unknown, `max_error` is negative or combined with AICc, or `fit` raises.
+        If the criterion or method is unknown, `max_error` is negative or combined with "aicc", or `fit`
+        rejects the signal or the order.
 
     Examples
     --------
@@ -111,7 +113,7 @@ def select_order(
 
 
 def spectral_error(x: ArrayLike, model: Autoregression) -> Samples:
-    """Return the relative RMS error of the magnitude spectra of the orders 0 ... p of a model.
+    """Return the relative RMS error of the magnitude spectrum of a model at each order 0 ... p.
 
     C = RMS(|X| - |G|) / RMS(|X|), with the RMS over the N = `N_DFT` bins of the DFT.
 
@@ -134,12 +136,12 @@ def spectral_error(x: ArrayLike, model: Autoregression) -> Samples:
 
     Notes
     -----
-    The printed formula is RMS(DFT{a} - DFT{a_g}) for the signal a and one synthesised signal a_g. Including
-    the phases, two signals with equal spectra from different noise would differ by sqrt(2), so magnitudes are
+    The printed formula is RMS(DFT{a} - DFT{a_g}) for the signal a and one synthesised signal a_g. If phases
+    were included, two realisations of the same process would differ by sqrt(2), so only magnitudes are
     compared. |X| is the RMS over all segments of N samples of the signal; the printed fft(x, N) uses only the
-    first. A shorter signal is padded with zeros. |G| = residual_m sqrt(N) / |A_m| is the expected magnitude
-    of the model, so no noise is drawn. Even the true model has an error of about 0.5 / sqrt(number of
-    segments), because of the variance of |X|.
+    first segment. A shorter signal is padded with zeros. |G| = residual_m sqrt(N) / |A_m| is the expected
+    magnitude of the model, so no noise is drawn. Even the true model has an error of about 0.5 / sqrt(number
+    of segments), because of the variance of |X|.
 
     References
     ----------
@@ -173,7 +175,7 @@ def spectral_error(x: ArrayLike, model: Autoregression) -> Samples:
 
 
 def aicc(model: Autoregression, n: int) -> Samples:
-    """Return Akaike's information criterion with the correction for short signals, for the orders 0 ... p.
+    """Return Akaike's information criterion, corrected for short signals (AICc), at each order 0 ... p.
 
     AICc_m = n ln(residual_m^2) + 2 n (m + 1) / (n - m - 2)
 

@@ -1,4 +1,4 @@
-"""Segmentation of a stroke into decaying segments, and the band of a vibration.
+"""Segmentation of a stroke into decaying segments, and the frequency band of a vibration.
 
 The methods are those of `guruswamy2011`, section IV. Each element of a surface that the tool passes excites a
 decaying vibration. A segment begins where the vibration grows and lasts while it decays, so that one decaying
@@ -28,10 +28,11 @@ class Segmentation:
     Attributes
     ----------
     bounds : ndarray of shape (n_segments + 1,)
-        Segment i contains the samples bounds[i] ... bounds[i + 1] - 1. The first bound is 0, the last
+        Segment i contains the samples bounds[i] ... bounds[i + 1] - 1. The first bound is 0, and the last is
         n_samples.
     n_peaks : ndarray of shape (n_segments,)
-        Number of maxima of the magnitude in each segment. It is only 0 if the signal has no maxima.
+        Number of maxima of the magnitude in each segment. It can only be 0 if the whole signal has no
+        maximum.
 
     Examples
     --------
@@ -49,13 +50,13 @@ class Segmentation:
         return int(self.n_peaks.size)
 
     def split(self, x: ArrayLike) -> list[Samples]:
-        """Return the segments of a signal of the same length, as views of it."""
+        """Split a signal of n_samples samples at the bounds, and return a view of each segment."""
         return np.split(np.asarray(x, dtype=np.float64), self.bounds[1:-1])
 
 
 @dataclass(frozen=True)
 class VibrationBand:
-    """Major frequency and upper cut-off of a vibration, the result of `vibration_band`.
+    """Major frequency and upper cut-off frequency of a vibration; returned by `vibration_band`.
 
     Attributes
     ----------
@@ -78,7 +79,7 @@ class VibrationBand:
 def segment_rising_peaks(
     x: ArrayLike, dead_band: float, *, threshold: float = THRESHOLD, decay: float = 0.05
 ) -> Segmentation:
-    """Split a signal where a peak of its magnitude is larger than the previous peak.
+    """Split a signal before each peak of its magnitude that is much larger than the previous peak.
 
     Of two neighbouring peaks p and q, q begins a segment if it exceeds p by more than the dead band and by
     more than a fraction of p. This fraction decreases with the number j of peaks in the segment::
@@ -106,15 +107,16 @@ def segment_rising_peaks(
     Raises
     ------
     ValueError
-        If the signal is empty, has more than one channel, NaN or infinity, or a parameter is negative.
+        If the signal is empty, has more than one channel, or contains NaN or infinity, or if a parameter is
+        negative.
 
     Notes
     -----
-    The printed condition is |q| > err(j) |p|. With alpha = 1 and beta = 0.05 it is never stricter than
-    |q| > |p| + d, so it would have no effect. According to the text, the threshold keeps a low first peak in
-    the same segment as the next peaks, and segments become too long if the threshold does not decay: this is
-    true for a relative *rise*. A plateau is one peak. An end of the signal is a peak if the magnitude falls
-    from there.
+    The printed condition is |q| > err(j) |p|. With alpha = 1 and beta = 0.05, it follows from |q| > |p| + d
+    and would have no effect. According to the text, the threshold keeps a low first peak in the same segment
+    as the next peaks, and segments become too long if the threshold does not decay. Both statements are true
+    if the threshold applies to the relative *rise*. A plateau counts as one peak. The first or last sample is
+    a peak if its neighbour is smaller.
 
     References
     ----------
@@ -156,7 +158,8 @@ def vibration_band(
 ) -> VibrationBand:
     """Return the major frequency and the upper cut-off frequency of a power spectrum.
 
-    With Y the smoothed spectrum, the cut-off is the lowest frequency of the grid that satisfies both ::
+    The cut-off is the lowest of the given frequencies that satisfies both conditions, where Y is the smoothed
+    spectrum::
 
         sum_(f <= f_upper) Y / sum Y > share,    Y(f) < floor Y(f_major)  for all f > f_upper
 
@@ -172,7 +175,8 @@ def vibration_band(
     share : float
         Fraction of the total power below the cut-off (default 0.75, as published).
     floor : float
-        Fraction of the highest power that is not exceeded above the cut-off (default 0.1, as published).
+        Fraction of the largest smoothed power. The power above the cut-off is smaller (default 0.1, as
+        published).
 
     Returns
     -------
@@ -181,13 +185,13 @@ def vibration_band(
     Raises
     ------
     ValueError
-        If the shapes differ, there are fewer than 2 bins, a power is negative, NaN or infinite, all are 0, or
-        the smoothing is negative.
+        If the shapes differ, there are fewer than 2 bins, a power is negative, NaN or infinite, all powers
+        are 0, or the smoothing is negative.
 
     Notes
     -----
-    Eq. (6) and (7) print abs(Y(f)). Y is read as the power spectrum, because the text mentions power in both
-    conditions and the peak of the power spectrum.
+    Eqs. (6) and (7) contain abs(Y(f)). Y is taken as the power spectrum, because the text of the paper states
+    both conditions in terms of power and defines the major frequency as the peak of the power spectrum.
 
     References
     ----------

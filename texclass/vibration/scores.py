@@ -1,4 +1,4 @@
-"""Scores that compare a synthesized with a recorded vibration: those of the papers, and two in dB."""
+"""Scores that compare a synthesized with a recorded vibration: three published scores, and two in dB."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,10 +39,11 @@ def rms_spectral_error(recorded: ArrayLike, synthesized: ArrayLike) -> float:
 
     Notes
     -----
-    The paper prints a difference of transforms. Including the phases, a synthesis from other noise, which the
-    thesis calls close, would score sqrt(2) at any order. Therefore magnitudes are compared. Two independent
-    realisations of one Gaussian process differ by sqrt(2 - pi/2) = 0.655. No model of the spectrum gets below
-    this value on average; a lower one means that the model reproduces details of one recording.
+    The printed formula is the difference of the complex transforms. If phases were included, a synthesis from
+    different noise would score sqrt(2) at any order, although the thesis regards it as close. Therefore only
+    magnitudes are compared. Two independent realisations of one Gaussian process differ by sqrt(2 - pi/2) =
+    0.655. No model of the spectrum scores below this value on average. A lower score means that the model
+    reproduces details of one recording.
 
     References
     ----------
@@ -72,7 +73,8 @@ def goodness_of_fit(
     Parameters
     ----------
     recorded, synthesized : array_like of shape (n_samples,)
-        Signals of the same sampling rate and length. A gain does not change the result.
+        Signals of the same sampling rate and length. Multiplying a signal by a positive factor does not
+        change the result.
     window : int
         Samples per window (default 500).
     n_hamming : int
@@ -81,14 +83,14 @@ def goodness_of_fit(
     Returns
     -------
     float
-        Score between 0 and 1; the paper calls a score above 0.9 a good match. A window counts 1 if both
-        signals are silent and 0 if one of them is.
+        Score between 0 and 1; the paper calls a score above 0.9 a good match. A window scores 1 if both
+        signals are silent, and 0 if only one of them is.
 
     Raises
     ------
     ValueError
-        If the lengths differ, there are fewer samples than one window, NaN or infinity, or `n_hamming` does
-        not lie between 2 and `window`.
+        If the lengths differ, a signal is shorter than one window or contains NaN or infinity, or `n_hamming`
+        does not lie between 2 and `window`.
 
     References
     ----------
@@ -165,12 +167,12 @@ def log_spectral_distance(
     Returns
     -------
     float
-        Distance in dB: a gain of 2 alone is 6.02 dB.
+        Distance in dB. If the signals differ only by a factor of 2, it is 6.02 dB.
 
     Raises
     ------
     ValueError
-        If the recording is silent, or non-zero only where the windows are 0, if a signal has fewer than
+        If the recording is silent or non-zero only where the windows are 0, or if a signal has fewer than
         `n_segment` or fewer than 4 samples, or contains NaN or infinity.
 
     References
@@ -203,10 +205,10 @@ def band_energy_distance(recorded: ArrayLike, synthesized: ArrayLike, fs: float)
     """Return the RMS difference in dB of the energies in nine bands of perceptible vibration.
 
     The band edges are 20, 31, 48, 74, 114, 176, 271, 419, 647 and 1000 Hz (`BAND_EDGES_HZ`), and all bands
-    have equal weights. This is our choice. According to `okamura2001`, humans perceive vibration between dc
-    and over 1 kHz, best near 250 Hz. Below about 20 Hz they perceive single strokes and hand motion rather
-    than vibration. A constant ratio of the edges models a frequency resolution that is roughly proportional
-    to frequency.
+    have equal weights. The bands are our choice. According to `okamura2001`, humans perceive vibration from 0
+    Hz to over 1 kHz, and are most sensitive near 250 Hz. Below about 20 Hz they perceive single strokes and
+    hand motion rather than vibration. The edges have a constant ratio, because the frequency resolution of
+    touch is roughly proportional to frequency.
 
     Parameters
     ----------
@@ -219,8 +221,8 @@ def band_energy_distance(recorded: ArrayLike, synthesized: ArrayLike, fs: float)
     Returns
     -------
     float
-        Distance in dB of mean power. Powers are raised to at least `POWER_FLOOR` times the total power of the
-        recording.
+        RMS difference of the mean powers in dB. Powers are raised to at least `POWER_FLOOR` times the total
+        power of the recording.
 
     Raises
     ------
@@ -271,7 +273,7 @@ def _decibel_difference(P: Samples, P_g: Samples, reference: float) -> Samples:
 
 
 def _band_powers(x: Samples, fs: float, edges: Samples) -> tuple[Samples, float]:
-    """Return the mean power in each band and the total power; the density is constant over each bin."""
+    """Return the mean power in each band, and the total power, with a constant density in each bin."""
     f, power = signal.periodogram(x, fs, window="hann", scaling="density", detrend="constant")
     width = fs / x.size
     cumulative = np.concatenate([[0.0], np.cumsum(power * width)])
@@ -282,8 +284,8 @@ def _band_powers(x: Samples, fs: float, edges: Samples) -> tuple[Samples, float]
 def relative_error(A: Samples, A_g: Samples) -> Samples:
     """Return C = RMS(A_g - A) / RMS(A), with the RMS over all N = `N_DFT` bins.
 
-    All bins of `rfft` but the first and the last count twice, because the upper half of the bins mirrors the
-    lower half.
+    All bins of `rfft` except the first and the last count twice, because the upper half of the DFT mirrors
+    the lower half.
 
     Parameters
     ----------
