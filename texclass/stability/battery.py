@@ -57,7 +57,7 @@ class StabilityResult(Result, kind="stability"):
 
     @property
     def stem(self) -> str:
-        """Start of the file names."""
+        """Prefix of the file names."""
         return "stability"
 
     @property

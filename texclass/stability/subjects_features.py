@@ -174,7 +174,7 @@ def to_series(outputs: dict[str, Any]) -> pd.Series:
 
 
 def complete(values: pd.Series, reasons: Mapping[str, str], expected: pd.Series) -> Findings:
-    """Check that the outputs are those of plain noise, and that each is finite or has a reason."""
+    """Check that the outputs have the same names as for plain noise, and are finite or have a reason."""
     n_differ = values.index.symmetric_difference(expected.index).size
     yield Check(f"as many columns as for noise ({n_differ} differ)", float(n_differ), 0.0)
     unexplained = values.index[~np.isfinite(values)].difference(list(reasons), sort=False)

@@ -86,7 +86,11 @@ class Tradeoff(Result, kind="tradeoff"):
 
     @property
     def stem(self) -> str:
-        """Start of the file names: dataset, number of surfaces of a scene, seconds, and "tradeoff"."""
+        """Prefix of the file names.
+
+        It consists of the dataset, the number of surfaces (for a scene), the signal length in s (if it is
+        limited), and "tradeoff".
+        """
         return tradeoff_stem(self.data["dataset"])
 
     @property
@@ -123,7 +127,7 @@ class Tradeoff(Result, kind="tradeoff"):
 
 
 def tradeoff_stem(dataset: Facts) -> str:
-    """Return the start of the file names of a trade-off, given the facts of its dataset."""
+    """Return the prefix of the file names of a trade-off, given the facts of its dataset."""
     scene = f"-{len(dataset['surfaces'])}-surfaces" if dataset.get("surfaces") else ""
     seconds = f"-{dataset['max_seconds']:g}s" if dataset.get("max_seconds") else ""
     return f"{dataset['name']}{scene}{seconds}-tradeoff"

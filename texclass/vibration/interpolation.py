@@ -147,7 +147,7 @@ def interpolate(
     Raises
     ------
     ValueError
-        In the cases of `ModelBlend`, and if a weight lies outside [0, 1].
+        If `ModelBlend` rejects the models, or a weight lies outside [0, 1].
 
     Examples
     --------

@@ -171,7 +171,8 @@ def conditioning(lsf: ArrayLike) -> Samples:
     Raises
     ------
     ValueError
-        See `to_reflection`.
+        If there is no frequency, a frequency is not in (0, pi), or the frequencies are not strictly
+        increasing.
 
     Examples
     --------

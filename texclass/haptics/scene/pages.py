@@ -153,7 +153,7 @@ def write_scene_page(
     path : str or Path
         File name ending in `.html`.
     scene, taps, title
-        As `scene_page`.
+        Arguments of `scene_page`.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def write_scene_page(
     Raises
     ------
     ValueError
-        As `scene_page`, or if the name does not end in `.html`.
+        If the name does not end in `.html`, or the sampling rate of the scene is above 44.1 kHz.
 
     Examples
     --------
@@ -263,7 +263,7 @@ def write_slider_page(path: str | Path, texture: Texture, **options: Any) -> Pat
     Raises
     ------
     ValueError
-        As `slider_page`, or if the name does not end in `.html`.
+        If the name does not end in `.html`, or the texture cannot be changed on any scale.
 
     Examples
     --------

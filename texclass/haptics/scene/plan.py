@@ -286,8 +286,8 @@ def plan_scene(
     Raises
     ------
     ValueError, OSError
-        As `read_scene`, or if the source of a surface is damaged or too short, or its unit cannot be
-        converted.
+        If `read_scene` rejects the scene, the source of a surface is damaged or too short, or its unit cannot
+        be converted.
 
     Examples
     --------
