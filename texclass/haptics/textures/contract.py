@@ -61,7 +61,7 @@ class Serializable:
     Attributes
     ----------
     family : str
-        Name of the class of objects in files, for example "hatt".
+        Name that identifies the class in files, for example "hatt".
 
     Examples
     --------
@@ -88,7 +88,7 @@ class Serializable:
         return {name: _extract_arrays(value, name, {}) for name, value in _arguments(self).items()}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays by their path, for example "mesh.speed" or "models.0.k"."""
+        """Return a dictionary of the arrays; its keys are paths such as "mesh.speed" or "models.0.k"."""
         arrays: dict[str, NDArray[Any]] = {}
         for name, value in _arguments(self).items():
             _extract_arrays(value, name, arrays)

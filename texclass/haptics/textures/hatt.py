@@ -105,7 +105,9 @@ class Mesh:
         Returns
         -------
         nodes : ndarray of int, shape (..., 3)
+            Indices of the nodes.
         weights : ndarray of shape (..., 3)
+            Weight of each node.
         """
         query = np.stack([np.ravel(speed), np.ravel(force)], axis=1) / self.largest
         nodes, weights = np.zeros((len(query), 3), dtype=np.int64), np.zeros((len(query), 3))
@@ -230,7 +232,7 @@ class HattTexture(Texture):
 
     Notes
     -----
-    Where the published description is incomplete:
+    Our choices where the published description is incomplete:
 
     - Outside the triangles, the nearest point on an edge is used.
     - At zero speed or force the texture is silent, regardless of the models at the nodes.
@@ -316,12 +318,12 @@ class HattTexture(Texture):
         gain : array_like of shape (n,), optional
             Gain of the MA part (default 1).
         name, mu
-            Name and friction coefficient, as for the class.
+            Name of the surface and kinetic friction coefficient; see `HattTexture`.
 
         Raises
         ------
         ValueError
-            As `triangulate` and the class.
+            If the lengths differ, `triangulate` rejects the speeds and forces, or a model is invalid.
         """
         mesh, source = triangulate(speed, force)
         ar, s2 = np.asarray(ar_lsf, dtype=np.float64), np.asarray(variance, dtype=np.float64)

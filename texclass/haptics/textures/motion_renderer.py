@@ -20,7 +20,7 @@ from texclass.vibration.lattice import rotate
 SHRINK = 1 - 2 * float(np.finfo(np.float64).eps)
 """Factor applied to each rotation of the lattice. It outweighs rounding errors, which bounds the states."""
 MAX_BLOCK = 4096
-"""Number of samples whose parameters are in memory at a time."""
+"""Largest number of samples that are rendered at a time, which limits the memory for parameters."""
 
 ParameterMap = Callable[[Samples], tuple[Samples, Samples]]
 
@@ -99,11 +99,11 @@ class MotionRenderer:
     glide : bool
         Whether the parameters change linearly between updates (default) or in steps.
     factor : callable, optional
-        Function that maps the smoothed motion to a factor (n,) of the output.
+        Function that maps the smoothed motion to factors (n,) that multiply the output.
     n_stationary : int
-        Number of lattice states that start with the variance of a stationary vibration; the coefficients then
-        start at 0 (white noise). If 0 (default), the states start at 0 and the coefficients at their first
-        values.
+        Number of lattice states whose random initial values have the variance of a stationary vibration. The
+        reflection coefficients then start at 0 (white noise). If 0 (default), all states start at 0, and the
+        coefficients start at the values of the first update.
 
     Examples
     --------
@@ -219,7 +219,7 @@ def oscillators(x, amplitude, step, phase):  # type: ignore[no-untyped-def]
 def _play(  # type: ignore[no-untyped-def]
     noise, next_stages, next_taps, factor, index, hop, glide, stages, taps, turns, b, phase, limit, out
 ):
-    """Render to `out` while stages and taps change linearly from their first row to their second row."""
+    """Render a block to `out`; parameters change linearly from the first to the second row of their arrays."""
     p, q, row = turns.shape[1], taps.shape[1] - phase.size, 0
     current_stages, current_taps = stages[1].copy(), taps[1].copy()
     for t in range(noise.size):

@@ -107,7 +107,7 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
     Raises
     ------
     ValueError
-        As `find_onset` and `fit_okamura`.
+        If `fs` is not positive, the velocities are invalid, or `find_onset` rejects a tap.
 
     References
     ----------
@@ -162,7 +162,7 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
 
 
 def slope_through_origin(velocity: Samples, amplitude: Samples) -> tuple[float, float]:
-    """Return A = v a / v v and R^2 of a = A v; R^2 is NaN if all velocities or all amplitudes are equal."""
+    """Fit a = A v by least squares. Return A and R^2, which is NaN if all velocities or amplitudes are equal."""
     A = float(velocity @ amplitude / (velocity @ velocity))
     spread = float(np.sum((amplitude - amplitude.mean()) ** 2))
     residual = float(np.sum((amplitude - A * velocity) ** 2))
@@ -200,7 +200,7 @@ class TapLibrary(Serializable, Mapping[str, TapModel]):
     Raises
     ------
     ValueError
-        If there is no material, names are duplicated, or the number of models differs.
+        If there is no material, names are duplicated, or the numbers of materials and models differ.
 
     Examples
     --------
@@ -269,7 +269,7 @@ def fit_library(
     Raises
     ------
     ValueError
-        If the materials of the two mappings differ; also as `fit_aligned`.
+        If the materials of the two mappings differ, or `fit_aligned` rejects the taps of a material.
 
     Examples
     --------
@@ -288,7 +288,7 @@ def fit_library(
 
 
 def tap_peak(model: TapModel) -> Samples:
-    """Return max_t exp(-B t) sin(w t), which is reached at t = arctan(w / B) / w."""
+    """Return the maximum of exp(-B t) sin(w t) over time, which is reached at t = arctan(w / B) / w."""
     w, B = 2 * np.pi * model.frequency_hz, model.decay_per_s
     return np.asarray(np.exp(-B * np.arctan2(w, B) / w) * w / np.hypot(w, B))
 
@@ -353,20 +353,18 @@ class ForceDevice:
 def scale_to_device(library: TapLibrary, device: ForceDevice, largest_velocity: float) -> TapLibrary:
     """Scale frequencies, decay rates and slopes of a library to the range of a device.
 
-    - Frequencies: if the lowest or highest frequency is outside the band, it is moved to the limit of the
-      band.
-      The other frequencies keep their relative positions on a logarithmic scale, so materials remain distinct
-      and in order.
+    - Frequencies: a lowest or highest frequency outside the band is moved to the limit of the band. The other
+      frequencies keep their relative positions on a logarithmic scale, so materials remain distinct and in
+      order.
     - Decay rates scale with the frequency, B' = B w'/w, which preserves the shape and the number of
       oscillations.
-    - Slopes: the peak forces at the largest velocity are scaled to the force range of the device in the same
-      way.
-      Signs are preserved.
+    - Amplitude slopes are scaled so that the peak forces at the largest velocity lie in the force range of
+      the device, by the same rule as for frequencies. Signs are preserved.
 
     Parameters
     ----------
     library : TapLibrary
-        Library as measured, in m/s^2.
+        Measured library, in m/s^2.
     device : ForceDevice
         Device that renders the taps.
     largest_velocity : float
@@ -376,6 +374,11 @@ def scale_to_device(library: TapLibrary, device: ForceDevice, largest_velocity: 
     -------
     TapLibrary
         Scaled library; equal to the argument if no scaling is needed.
+
+    Raises
+    ------
+    ValueError
+        If the largest velocity is not positive, or an amplitude slope is 0.
 
     Notes
     -----
@@ -410,7 +413,7 @@ def scale_to_device(library: TapLibrary, device: ForceDevice, largest_velocity: 
 
 
 def _scale_into(values: ArrayLike, bounds: tuple[float, float]) -> Samples:
-    """Return y with ln y = a + b ln x, which maps the extremes of x into the bounds; x if all are inside."""
+    """Scale x by ln y = a + b ln x so that its extremes lie within the bounds; return x if they already do."""
     x = np.log(np.asarray(values, dtype=np.float64))
     low, high = np.clip([x.min(), x.max()], *np.log(bounds))
     if low == x.min() and high == x.max():

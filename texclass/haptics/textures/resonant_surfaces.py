@@ -1,6 +1,6 @@
 """Simulate nine surfaces whose true spectrum is known at every direction, speed and force.
 
-The recordings of `abdulali2016` are not public. These surfaces replace its surfaces S1 ... S9. The vibration
+The recordings of `abdulali2016` are not public. These surfaces replace its surfaces S1 to S9. The vibration
 is an autoregressive process whose resonances, bandwidths and level vary smoothly with velocity and force. All
 surfaces except S4 also vary with the direction (with period pi, like a grain). Frequencies and levels are our
 choice, because the paper states none. Fabric (S4-S6) is broadband and quiet. Wood (S7-S9) has lower and
@@ -35,16 +35,16 @@ class ResonantSurface:
     name : str
         Name of the surface in the paper.
     kind : str
-        Group of surfaces: plastic, fabric or wood.
+        Material group: plastic, fabric or wood.
     resonances : tuple of tuple of float
         For each resonance: frequency and half-power bandwidth (Hz) at nominal speed and force, exponents of
-        speed and force in the frequency, and amplitude of ln(frequency) over directions.
+        speed and force in the frequency, and amplitude of the variation of ln(frequency) with direction.
     grain_rad : float
         Direction of the grain in rad.
     level : float
         RMS at nominal speed and force in m/s^2.
     level_anisotropy : float
-        Amplitude of ln(level) over directions.
+        Amplitude of the variation of ln(level) with direction.
 
     Examples
     --------
@@ -102,7 +102,7 @@ class ResonantSurface:
     def vibration(
         self, velocity: ArrayLike, force: ArrayLike, fs: float, rng: np.random.Generator
     ) -> Samples:
-        """Simulate the vibration (n,) along a path in m/s^2, with sensor noise of 1 % of nominal level."""
+        """Simulate the vibration (n,) in m/s^2 along a path. The sensor noise is 1 % of the nominal level."""
         k, level = self.models(velocity, force, fs)
         lattice = LatticeSynthesis(Autoregression(k[0], np.ones(())), level=float(level[0])).settle(rng)
         noise = rng.standard_normal((2, len(level)))
@@ -126,11 +126,11 @@ SURFACES = (
     ResonantSurface("S8", "wood", ((60, 22, 0.25, 0.0, -0.3), (150, 40, 0.15, 0.08, 0.2)), 1.6, 1.8, 0.4),
     ResonantSurface("S9", "wood", ((50, 20, 0.2, 0.05, 0.2), (180, 50, 0.25, 0.0, -0.25)), 2.6, 2.2, 0.45),
 )  # fmt: skip
-"""Surfaces S1 ... S9; only S4 is isotropic."""
+"""Surfaces S1 to S9; only S4 is isotropic."""
 
 
 def get_surface(name: str) -> ResonantSurface:
-    """Return the surface with a name, S1 ... S9."""
+    """Return the simulated surface with the given name, S1 to S9."""
     surfaces = {surface.name: surface for surface in SURFACES}
     if name not in surfaces:
         raise ValueError(f"unknown surface {name!r}. Expected one of {', '.join(surfaces)}")

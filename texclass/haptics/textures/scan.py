@@ -18,8 +18,8 @@ class Scan:
     Parameters
     ----------
     acceleration : array_like of shape (n_samples,)
-        Vibration of the tool in m/s^2 (results of a fit keep other units). Combine several axes into one
-        first.
+        Vibration of the tool in m/s^2. If it has another unit, fitted textures have the same unit. Combine
+        several axes into one first.
     position : array_like of shape (n_samples, 2)
         Position of the tip on the surface in mm.
     velocity : array_like of shape (n_samples, 2)
@@ -74,7 +74,7 @@ class Scan:
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def crop(self, start: int, stop: int) -> Self:
-        """Return the samples [start, stop) as a scan."""
+        """Return the part of the scan from sample `start` up to, but not including, sample `stop`."""
         names = ("acceleration", "position", "velocity", "force")
         return replace(self, **{name: getattr(self, name)[start:stop] for name in names})
 
@@ -104,14 +104,14 @@ class Scan:
 
     @classmethod
     def from_recording(cls, recording: Recording, acceleration: ArrayLike | None = None) -> Self:
-        """Create a scan from a recording with speed and normal force, as a straight stroke.
+        """Create the scan of a straight stroke from a recording with speed and normal force.
 
         Parameters
         ----------
         recording : Recording
             Recording with the channels `speed` (mm/s) and `normal_force` (N).
         acceleration : array_like of shape (n_samples,), optional
-            Axes combined into one (default: the only axis of the recording).
+            Vibration of all axes combined into one (default: the only axis of the recording).
 
         Raises
         ------

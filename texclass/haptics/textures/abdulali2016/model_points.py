@@ -34,14 +34,14 @@ MIN_INPUT = 0.001
 MIN_SEGMENT_S = 0.075
 """Shortest segment in s; `abdulali2016`: 75 samples at 1 kHz."""
 FOOT_SLACK = 0.05
-"""Largest distance of the projection of a point beyond the ends of its line, as a fraction of tau_1. Eq. (2)
-allows no distance, but positions are noisy (our choice)."""
+"""Largest distance by which the projection of a point may lie beyond the ends of its line, as a fraction of
+tau_1. Eq. (2) allows no distance, but positions are noisy (our choice)."""
 MAX_EXPONENT = 2.0
 """Largest exponent of speed or force in the level law; larger estimates are due to outlying segments."""
 
 
 def smooth_motion(x: ArrayLike, fs: float) -> Samples:
-    """Low-pass position, velocity or force with a zero-phase Bessel filter.
+    """Low-pass filter position, velocity or force with a zero-phase Bessel filter.
 
     The two passes of the filter together attenuate by 6 dB at `MOTION_HZ`.
 
@@ -70,15 +70,17 @@ def smooth_motion(x: ArrayLike, fs: float) -> Samples:
 
 
 def limit_vibration(x: ArrayLike, fs: float) -> Samples:
-    """Band-pass an acceleration to `VIBRATION_HZ` with zero phase to remove gravity, hand motion and noise.
+    """Band-pass filter an acceleration to `VIBRATION_HZ` with zero phase.
+
+    The filter removes gravity, hand motion and noise.
 
     Parameters
     ----------
     x : array_like of shape (n_samples,)
         Acceleration.
     fs : float
-        Sampling rate in Hz. If the upper edge is at or above fs/2 (as with the 1000 Hz and 1 kHz of the
-        paper), only a high-pass filter is applied.
+        Sampling rate in Hz. If the upper edge is at or above fs/2 (as in the paper, with an edge of
+        1000 Hz at a rate of 1 kHz), only a high-pass filter is applied.
 
     Raises
     ------
@@ -95,12 +97,12 @@ def limit_vibration(x: ArrayLike, fs: float) -> Samples:
 
 
 def condition(scan: Scan) -> Scan:
-    """Filter motion and vibration of a scan to their frequency bands.
+    """Low-pass filter the motion of a scan, and band-pass filter its vibration.
 
     Parameters
     ----------
     scan : Scan
-        Scan as recorded.
+        Recorded scan.
 
     Examples
     --------
@@ -191,10 +193,10 @@ class InputSegments:
     Attributes
     ----------
     lines : ndarray of shape (n_lines + 1,)
-        Result of phase 1. Straight line i consists of samples lines[i] ... lines[i + 1] - 1; the lines cover
+        Result of phase 1 of `segment_input`. Straight line i consists of samples lines[i] ... lines[i + 1] - 1; the lines cover
         the whole scan.
     start, stop : ndarray of shape (n_segments,)
-        Result of phase 2. Segment i consists of samples start[i] ... stop[i] - 1; samples between segments
+        Result of phase 2 of `segment_input`. Segment i consists of samples start[i] ... stop[i] - 1; samples between segments
         are unused.
     """
 
@@ -211,7 +213,7 @@ class InputSegments:
         return self.stop - self.start
 
     def cut(self, x: Samples) -> list[Samples]:
-        """Return the segments of a signal (n_samples, ...), as views."""
+        """Split a signal (n_samples, ...) into the segments; return one view per segment."""
         return [x[a:b] for a, b in zip(self.start, self.stop, strict=True)]
 
     def means(self, x: Samples) -> Samples:
@@ -224,7 +226,7 @@ class InputSegments:
 
 
 def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
-    """Segment a scan into straight lines, and these into segments of steady speed and force.
+    """Segment a scan into straight lines, and each line into segments of steady speed and force.
 
     Both phases work bottom-up: the neighbours whose union has the lowest cost are merged until every union
     exceeds the threshold. In phase 1, every point p of a merged segment from a to b must satisfy, with A = p
@@ -289,7 +291,7 @@ def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
 
 
 def straight_lines(position: Samples) -> Indices:
-    """Return the bounds of the straight lines of a path (n, 2) in mm, shape (n_lines + 1,); phase 1."""
+    """Return the bounds (n_lines + 1,) of the straight lines of a path (n, 2) in mm (`segment_input`, phase 1)."""
     xy = np.ascontiguousarray(position, dtype=np.float64)
     return np.asarray(_merge_bottom_up(True, xy, 0, len(xy), LINE_MM, FOOT_SLACK * LINE_MM))
 
@@ -337,7 +339,7 @@ def segment_points(
     order : int
         Order p of the AR models.
     method : str
-        Fitting method, as for `vibration.fit`.
+        Fitting method; see `vibration.fit`.
     loudness : {"level", "variance"}
         RMS of the vibration in the segment, or variance of the innovation (`abdulali2016`).
 
@@ -414,7 +416,7 @@ def compute_level(
 
 
 def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
-    """Create silent points at zero force by projecting the lower hull of the points; they keep their LSF.
+    """Create silent points at zero force by projecting the lower hull of the points; the LSF are unchanged.
 
     The lower hull consists of the facets of the convex hull whose outward normal points to lower force. If
     the hull is undefined (too few points, or all in one plane), all points are projected.
@@ -442,9 +444,9 @@ def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
 
 
 def zero_speed_points(points: ModelPoints, scaling: Samples, n: int = 10) -> ModelPoints:
-    """Create n silent points at zero speed, from zero to the largest force; LSF are those of nearest points.
+    """Create n silent points at zero speed, from zero to the largest force, with the LSF of nearest points.
 
-    The paper does not specify their number.
+    The paper does not specify the number of points.
 
     References
     ----------

@@ -35,13 +35,14 @@ Solver = Literal["exact", "sparse"]
 Choice = Literal["auto", "none"]
 
 ORDER = 20
-"""Order of the AR models, and order of the models that `pool_spectra` compares."""
+"""Default order of the AR models, and largest order at which `pool_spectra` compares spectra."""
 FADE_FRACTION = 0.1
 """Fraction of the lowest segment speed and force below which the vibration fades out (our choice)."""
 REACHES = (0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 4.0, 100.0)
-"""Candidate values of the reach h, in standard deviations of the input; the last one averages all spectra."""
+"""Candidate bandwidths h of the kernel that pools spectra, in standard deviations of the input. The largest
+bandwidth averages all spectra."""
 SMOOTHING = np.concatenate([[0.0], np.geomspace(1e-2, 1e4, 13)])
-"""Candidate values of the smoothing, in units of phi for a point of mean weight."""
+"""Candidate values of the smoothing of a point of mean weight, in the unit of phi."""
 SPARSITY = 0.03
 """Penalty tau as a fraction of the smallest tau that removes all centres."""
 
@@ -57,7 +58,7 @@ class ModelledScan:
     segments : InputSegments
         Segments of the scan.
     frame : Frame
-        Normalisation, range and bounds.
+        Normalisation and range of the inputs, and limits of the output.
     loudness : {"level", "variance"}
         Loudness measure of the points.
     growth : tuple of float
@@ -65,7 +66,8 @@ class ModelledScan:
     points, silent : ModelPoints
         Points of the segments, and silent points at zero force and zero speed.
     reach : float
-        Reach h of the pooling of spectra, in standard deviations of the input; 0 without pooling.
+        Bandwidth h of the Gaussian kernel that pools spectra, in standard deviations of the input; 0 without
+        pooling.
     is_symmetric : bool
         Whether each segment is also used with the opposite direction.
     """
@@ -91,9 +93,9 @@ class ModelledScan:
         solver : {"exact", "sparse"}
             "exact" (default) interpolates all points; "sparse" uses few centres.
         sparsity : float
-            Sparsity, as for `fit_sparse`.
+            Sparsity of the solver "sparse"; see `fit_sparse`.
         **options
-            `buffer` and `glide`, as for `MapTexture`.
+            Parameters `buffer` and `glide` of `MapTexture`.
         """
         if solver not in get_args(Solver):
             raise ValueError(f"solver must be one of {get_args(Solver)}, got {solver!r}")
@@ -104,7 +106,7 @@ class ModelledScan:
         )
 
     def delaunay(self) -> DelaunayTexture:
-        """Return the texture of a triangulation of the points; raise ValueError if they lie in a plane."""
+        """Triangulate the points and return the texture; raise ValueError if all points lie in one plane."""
         u, outputs = self._training_data()
         return DelaunayTexture(
             self.name, self.fs, self.frame, u, outputs, loudness=self.loudness, growth=self.growth
@@ -123,9 +125,9 @@ def fit_texture(scan: Scan, *, solver: Solver = "exact", buffer: int = 16, **opt
     scan : Scan
         Result of `condition` or `scan_from_sensors`.
     solver, buffer
-        As for `ModelledScan.network`.
+        Parameters of `ModelledScan.network`.
     **options
-        As for `model_scan`.
+        Further parameters of `model_scan`.
 
     Examples
     --------
@@ -160,7 +162,7 @@ def model_scan(
     scan : Scan
         Result of `condition` or `scan_from_sensors`.
     isotropic : bool
-        Whether the speed |v| replaces the velocity as input (default False).
+        Whether to use the speed |v| as input instead of the velocity (default False).
     order : int
         Order p of the AR models (default 20).
     loudness : {"level", "variance"}
@@ -172,7 +174,7 @@ def model_scan(
         "auto" (default) also uses segments with the opposite direction if the surface is symmetric, see
         `has_symmetric_spectra`; "none" is the method of the paper.
     method : str
-        AR fitting method, as for `vibration.fit`.
+        AR fitting method; see `vibration.fit`.
     segments : InputSegments, optional
         Segments (default: `segment_adaptively`).
 
@@ -232,10 +234,10 @@ def model_scan(
 
 
 def segment_adaptively(scan: Scan) -> InputSegments:
-    """Segment with tau_2 of the paper, which is doubled until the segments cover half of the scan.
+    """Segment a scan, and double the tau_2 of the paper until the segments cover at least half of the scan.
 
-    For unsteady motion, tau_2 = 0.08 leaves few segments: they cover 0 to 18 % of the recordings of
-    `stylus6`.
+    The largest tau_2 is 0.64. If the motion is unsteady, tau_2 = 0.08 yields few segments: they cover 0 to
+    18 % of the recordings of `stylus6`.
     """
     variation = VARIATION
     while True:
@@ -250,7 +252,7 @@ def segment_adaptively(scan: Scan) -> InputSegments:
 def _fit_level_law(
     points: ModelPoints, segments: InputSegments, scan: Scan
 ) -> tuple[ModelPoints, tuple[float, float]]:
-    """Replace the levels by their residuals from the power law, smoothed if this improves predictions."""
+    """Fit the level law. Return points with residuals as loudness, smoothed if predictions improve, and exponents."""
     lowest = max(1e-6 * float(points.loudness.max()), np.finfo(np.float64).tiny)
     level = np.maximum(points.loudness, lowest)
     speed, force = segments.means(scan.speed), segments.means(scan.force)
@@ -267,7 +269,7 @@ def _fit_level_law(
 def has_symmetric_spectra(points: ModelPoints, scaling: Samples) -> bool:
     """Return whether spectra at opposite velocities are equal, for inputs (v_x, v_y, f_n).
 
-    A grain is the same in both directions; hairs and scales are not. For each segment, the network is
+    A grain has the same effect in both directions; hairs and scales do not. For each segment, the network is
     evaluated at the opposite velocity. If this prediction is about as accurate as a leave-one-out prediction
     at the velocity of the segment, the surface is treated as symmetric. This step is not in the paper.
     """
@@ -289,11 +291,11 @@ def pool_spectra(points: ModelPoints) -> tuple[ModelPoints, float]:
     where r_j is the autocorrelation of the model of segment j at power 1. (Autocorrelations estimated
     directly from 75 samples include edge effects: in our simulations, the noise floor was 10 dB too high.)
 
-    The reach h, and whether to pool at all, is selected by leave-one-out prediction. The criterion is sum_i
-    n_i ln(a^T T_i a) / sum_i n_i: the log power of the error with which the model `a` of the other segments
-    predicts segment i, with T_i the Toeplitz matrix of its autocorrelation. Without pooling, the model is the
-    prediction of the network. A mean of autocorrelations is an autocorrelation, so the pooled models are
-    stable.
+    Leave-one-out prediction selects the bandwidth h, and whether to pool at all. The criterion is sum_i n_i
+    ln(a^T T_i a) / sum_i n_i, the mean logarithm of the error power with which the model `a`, pooled from the
+    other segments, predicts segment i. T_i is the Toeplitz matrix of the autocorrelation of segment i. The
+    alternative without pooling is the leave-one-out prediction of the network. A mean of autocorrelations is
+    an autocorrelation, so the pooled models are stable.
 
     Parameters
     ----------
@@ -305,7 +307,7 @@ def pool_spectra(points: ModelPoints) -> tuple[ModelPoints, float]:
     points : ModelPoints
         Points with pooled spectra, or the original points.
     reach : float
-        Reach h; 0 if pooling does not improve the prediction.
+        Bandwidth h; 0 if pooling does not improve the prediction.
     """
     if len(points.u) < 3:
         return points, 0.0
@@ -365,7 +367,7 @@ def fit_exact(u: Samples, f: Samples, smoothing: ArrayLike = 0.0) -> RadialNetwo
     u : ndarray of shape (n_points, n_inputs)
         Normalised inputs.
     f : ndarray of shape (n_points, n_outputs)
-        Outputs.
+        Outputs at the points.
     smoothing : array_like of shape () or (n_points,)
         Smoothing, at least 0; 0 (default) is the system in the paper.
 
@@ -390,7 +392,7 @@ def fit_exact(u: Samples, f: Samples, smoothing: ArrayLike = 0.0) -> RadialNetwo
 
 
 def fit_smooth(u: Samples, f: Samples, weight: Samples) -> RadialNetwork:
-    """Solve eq. (5) with the smoothing of lowest leave-one-out error, or return a constant if it is better.
+    """Solve eq. (5) with the smoothing of the lowest leave-one-out error; fit a constant if it is about as good.
 
     Parameters
     ----------
@@ -443,8 +445,8 @@ def fit_sparse(u: Samples, f: Samples, sparsity: float = SPARSITY) -> RadialNetw
     Notes
     -----
     Our interpretation of the paper: all outputs share one set of centres, because each centre
-    costs one distance computation. |x|_1 is therefore the sum over centres of the norm over outputs, each
-    scaled to unit deviation. The polynomial is projected out and not penalised. The weights of the selected
+    costs one distance computation. |x|_1 is therefore the sum over centres of the norm over outputs, which
+    are scaled to unit standard deviation. The polynomial is projected out and not penalised. The weights of the selected
     centres are refitted without penalty under G^T w = 0 (debiasing in SpaRSA).
 
     References

@@ -46,7 +46,7 @@ class Frame:
     fastest, hardest : float
         Largest speed (mm/s) and force (N) of a segment; larger inputs are clipped to these values.
     slow, light : float
-        Speed (mm/s) and force (N) below which the limit of the level decreases in proportion to them, to 0.
+        Speed (mm/s) and force (N) below which the limit of the level decreases linearly to 0.
     loudest : float
         Largest RMS of a segment, which is the upper limit of the level.
     peak : float
@@ -90,12 +90,12 @@ class Frame:
 
     @property
     def speeds(self) -> Samples:
-        """Lowest and highest speed in mm/s; the lowest is at least a tenth of the fastest segment."""
+        """Lowest and highest speed in mm/s; the lowest is at least a tenth of the highest."""
         return np.array([max(self.slow, self.fastest / 10), self.fastest])
 
     @property
     def forces(self) -> Samples:
-        """Lowest and highest force in N; the lowest is at least a tenth of the hardest segment."""
+        """Lowest and highest force in N; the lowest is at least a tenth of the highest."""
         return np.array([max(self.light, self.hardest / 10), self.hardest])
 
     def motion(self, velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
@@ -190,9 +190,10 @@ class MapTexture(FramedTexture):
     fs : float
         Sampling rate in Hz.
     frame : Frame
-        Normalisation, range and bounds.
+        Normalisation and range of the inputs, and limits of the output.
     loudness : {"level", "variance"}
-        Meaning of the last output, see `compute_level`: residual from the level law, or variance.
+        Meaning of the last output: residual from the level law (default), or variance of the innovation. See
+        `compute_level`.
     growth : tuple of float
         Exponents of speed and force in the level law; used for "level" only.
     buffer : int
@@ -253,7 +254,7 @@ class MapTexture(FramedTexture):
         return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer that smooths the motion with the bandwidth of the recordings."""
+        """Return a renderer that low-pass filters the motion at `MOTION_HZ`, like the recordings."""
 
         def parameter_map(motion: Samples) -> tuple[Samples, Samples]:
             k, level = self.models(motion[:, :2], motion[:, 2])
@@ -279,7 +280,7 @@ class NetworkTexture(MapTexture):
     Parameters
     ----------
     name, fs, frame, loudness, growth, buffer, glide
-        As for `MapTexture`.
+        See `MapTexture`.
     network : RadialNetwork
         Network with p line spectral frequencies (rad per sample) and the loudness as outputs, in this order.
 
@@ -313,7 +314,7 @@ class NetworkTexture(MapTexture):
 
     @property
     def operations(self) -> float:
-        """Multiplications and additions per sample; the conversion of LSF to k counts 4 p^2."""
+        """Multiplications and additions per sample; the conversion of LSF to k counts as 4 p^2."""
         n, p, d = len(self.network.centres), self.order, self.frame.n_inputs
         evaluation = n * (3 * d + 1) + 2 * (n + d + 1) * (p + 1) + 4 * p**2
         return LATTICE_OPERATIONS * p + evaluation / self.buffer
@@ -325,14 +326,14 @@ class NetworkTexture(MapTexture):
 
 @dataclass(frozen=True, eq=False)
 class DelaunayTexture(MapTexture):
-    """Baseline texture: line spectra interpolated within the simplex around the input, as in HaTT models.
+    """Baseline texture that interpolates line spectra linearly in a triangulation, like HaTT models.
 
-    The nearest point is used outside the triangulation.
+    Outside the triangulation, the outputs of the nearest point are used.
 
     Parameters
     ----------
     name, fs, frame, loudness, growth, buffer, glide
-        As for `MapTexture`.
+        See `MapTexture`.
     u : ndarray of shape (n_points, n_inputs)
         Normalised inputs of the points, which must not lie in one plane (or line, if isotropic).
     outputs : ndarray of shape (n_points, p + 1)
@@ -369,7 +370,7 @@ class DelaunayTexture(MapTexture):
 
     @property
     def operations(self) -> float:
-        """Operations per sample; the conversion of LSF to k counts 4 p^2, the simplex search 0."""
+        """Operations per sample; the conversion of LSF to k counts as 4 p^2, the simplex search as 0."""
         d, p = self.frame.n_inputs, self.order
         return LATTICE_OPERATIONS * p + (2 * d**2 + 2 * (d + 1) * (p + 1) + 4 * p**2) / self.buffer
 
@@ -395,10 +396,10 @@ class BakedTexture(FramedTexture):
     fs : float
         Sampling rate in Hz.
     frame : Frame
-        Range and bounds.
+        Range of the inputs, and limits of the output.
     grid : GridModel
-        Model over (v_x, v_y, f_n) or (|v|, f_n). Its scale must be "root", which is finer at low speeds and
-        forces, where spectra change faster.
+        Model at the nodes of a grid over (v_x, v_y, f_n) or (|v|, f_n). Its scale must be "root", because
+        spectra change faster at low speeds and forces, where this scale has smaller steps.
 
     Raises
     ------
@@ -441,7 +442,7 @@ class BakedTexture(FramedTexture):
         return Autoregression(k, level * np.exp(log_cosines(k).sum(axis=-1)))
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer without motion."""
+        """Return a renderer whose motion starts at rest."""
         frame, nodes = self.frame, self.grid.nodes
         bounds = (*np.maximum([frame.fastest, frame.hardest, frame.slow, frame.light], 1e-12), frame.loudest)
 
