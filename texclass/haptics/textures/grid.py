@@ -21,7 +21,7 @@ MIN_POWER = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Multilinear interpolation of values over warped axes, constant beyond the outermost nodes.
+    """Interpolate values multilinearly over warped axes; values are constant beyond the outermost nodes.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Grid:
     values: Samples
 
     def at_warped(self, points: Samples) -> Samples:
-        """Interpolate at warped points (n, n_axes); return values (n, m)."""
+        """Return the interpolated values (n, m) at points (n, n_axes) in warped coordinates."""
         out = np.zeros((len(points), self.values.shape[1]))
         _mix(self.axes, np.ascontiguousarray(points), self.values, out)
         return out
@@ -66,12 +66,12 @@ class GridModel:
     rows : array_like of shape (*n_nodes, order + n_lines)
         Reflection coefficients (|k| < 1) and non-negative line amplitudes of a vibration with unit RMS.
     power : array_like of shape n_nodes
-        Mean square of the vibration, level^2.
+        Mean square of the vibration (the square of the level) at each node.
     peak : float
         Largest magnitude of the recorded vibration.
     frequency_hz, per_mm : array_like of shape (n_lines,), optional
-        Constant and speed-dependent part of the line frequencies (default: no lines): frequency =
-        frequency_hz + per_mm * speed. Resonances have a constant frequency; the frequency of spatial periods
+        Constant part and slope of the line frequencies (default: no lines): frequency = frequency_hz + per_mm
+        * speed. Resonances have a constant frequency; the frequency of spatial periods
         is proportional to the speed.
     scale : {"log", "root"}
         Warping w of the axes and of the power.
@@ -142,7 +142,7 @@ class GridModel:
 
     @property
     def kind(self) -> Kind:
-        """Components of the model."""
+        """Components of the model: "silence", "AR", "lines" or "AR + lines"."""
         if not self.rows.shape[-1]:
             return "silence"
         return "lines" if not self.order else "AR + lines" if self.n_lines else "AR"
@@ -179,18 +179,18 @@ class GridModel:
 
     @cached_property
     def nodes(self) -> Grid:
-        """Rows and w(power) over warped axes, as used by the renderers."""
+        """Values of `rows` and w(`power`) at the nodes in warped coordinates, as used by the renderers."""
         power = np.maximum(self.power, MIN_POWER) if self.scale == "log" else self.power
         values = np.concatenate([self.rows, warp(power, self.scale)[..., np.newaxis]], axis=-1)
         axes = tuple(warp(axis, self.scale) for axis in self.axes)
         return Grid(axes, values.reshape(self.power.size, -1))
 
     def operations(self, fs: float) -> float:
-        """Return the multiplications and additions per sample of one contact; see `operations`."""
+        """Return the number of multiplications and additions per sample of a contact; see `operations`."""
         return operations(self.order, self.n_lines, fs)
 
     def at(self, *points: ArrayLike) -> tuple[Samples, Samples]:
-        """Interpolate at points, one array (n,) per axis; return rows (n, order + n_lines) and power (n,)."""
+        """Return rows (n, order + n_lines) and power (n,) interpolated at points, one array (n,) per axis."""
         values = self.nodes.at_warped(np.column_stack([warp(point, self.scale) for point in points]))
         w = values[:, -1]
         return values[:, :-1], np.exp(w) if self.scale == "log" else w**2
@@ -205,11 +205,11 @@ def update_interval(fs: float) -> int:
 
 
 def operations(order: int, n_lines: int, fs: float) -> float:
-    """Return the multiplications and additions per sample of one contact, including updates.
+    """Return the number of multiplications and additions per sample of one contact, including updates.
 
-    A lattice of order p needs 6 p operations per sample and 21 p per update; n lines need 18 n and 12 n.
-    Speed, force, level and noise add 70 unless the model is silent. A logarithm, exponential, root or cosine
-    counts as 10 operations.
+    A lattice of order p needs 6 p operations per sample and 21 p per update; n lines need 18 n and 12 n,
+    respectively. Speed, force, level and noise need 70 operations, and none if the model is silent. A
+    logarithm, exponential, root or cosine counts as 10 operations.
     """
     if order + n_lines == 0:
         return 0.0
@@ -217,7 +217,7 @@ def operations(order: int, n_lines: int, fs: float) -> float:
 
 
 def warp(values: ArrayLike, scale: Scale = "log") -> Samples:
-    """Return w(values), the scale on which interpolation is linear: ln x, or sign(x) sqrt(|x|)."""
+    """Map values to the scale on which interpolation is linear: ln x, or sign(x) sqrt(|x|)."""
     x = np.asarray(values, dtype=np.float64)
     return np.asarray(np.log(x) if scale == "log" else np.sign(x) * np.sqrt(np.abs(x)))
 
@@ -230,7 +230,7 @@ def interpolation_weights(
     Parameters
     ----------
     axes : sequence of array_like of shape (n_nodes,)
-        Axes as in `GridModel`.
+        Coordinates of the nodes on each axis; see `GridModel`.
     points : sequence of array_like of shape (n,)
         Coordinates of the points, one array per axis.
     scale : {"log", "root"}
@@ -246,7 +246,7 @@ def interpolation_weights(
 
 
 def interpolate_power(weights: Samples, power: ArrayLike) -> Samples:
-    """Interpolate the logarithm of node powers (n_nodes, ...) with weights (n, n_nodes); return powers."""
+    """Return powers (n, ...), interpolated in the logarithm from (n_nodes, ...) with weights (n, n_nodes)."""
     return np.asarray(np.exp(np.tensordot(weights, np.log(np.maximum(power, MIN_POWER)), axes=1)))
 
 

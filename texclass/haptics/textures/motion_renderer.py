@@ -219,7 +219,7 @@ def oscillators(x, amplitude, step, phase):  # type: ignore[no-untyped-def]
 def _play(  # type: ignore[no-untyped-def]
     noise, next_stages, next_taps, factor, index, hop, glide, stages, taps, turns, b, phase, limit, out
 ):
-    """Render a block to `out`; parameters change linearly from the first to the second row of their arrays."""
+    """Render a block to `out`; stages and taps change linearly from their first row to their second row."""
     p, q, row = turns.shape[1], taps.shape[1] - phase.size, 0
     current_stages, current_taps = stages[1].copy(), taps[1].copy()
     for t in range(noise.size):

@@ -1,7 +1,7 @@
 """Fit and render textures of `oeztuerk2018`: LPC models or major frequencies at a few speeds.
 
-Models are interpolated between the speeds. `speed_intervals` returns the number of speeds that a surface
-needs according to its friction.
+Models are interpolated between the speeds. `speed_intervals` returns the speed intervals, each with one
+recording, that a surface needs according to its friction.
 """
 
 from abc import abstractmethod
@@ -46,7 +46,7 @@ value as extreme, without stating it."""
 
 @dataclass(frozen=True, eq=False)
 class SpeedTexture(Texture):
-    """Models of one surface at a few speeds, with interpolation between them.
+    """Base class of textures with models at a few speeds and interpolation between them.
 
     Outside the range of recorded speeds, the nearest recording is used (no extrapolation). Below
     `FADE_FRACTION` times the lowest speed, the vibration fades to silence. Both are our choices.
@@ -70,7 +70,7 @@ class SpeedTexture(Texture):
         return np.array([NOMINAL_FORCE_N])
 
     def fractional_index(self, speed: ArrayLike) -> Samples:
-        """Return the fractional index, 0 ... n_speeds - 1, of speeds (mm/s) among the recorded speeds."""
+        """Return the fractional index (0 to n_speeds - 1) of speeds in mm/s among the recorded speeds."""
         v = np.asarray(speed, dtype=np.float64)
         if not np.all(np.isfinite(v) & (v >= 0)):
             raise ValueError(f"speed must be finite and at least 0 mm/s, got {speed!r}")
@@ -78,10 +78,10 @@ class SpeedTexture(Texture):
 
     @abstractmethod
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
-        """Render n_samples at a constant speed in mm/s; `seed` is the seed of the noise."""
+        """Render `n_samples` samples at a constant speed in mm/s; `seed` is the seed of the noise."""
 
     def _make_renderer(self, parameter_map: ParameterMap, seed: int, **options: Any) -> MotionRenderer:
-        """Return a renderer with the motion (fractional index of the speed, loudness from 0 to 1)."""
+        """Return a renderer whose motion is the fractional index of the speed and a loudness from 0 to 1."""
 
         def motion(velocity: Samples, force: Samples) -> Samples:
             speed = np.hypot(velocity[:, 0], velocity[:, 1])
@@ -174,7 +174,7 @@ class LpcTexture(SpeedTexture):
         return self._at_index(self.fractional_index(speed))
 
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
-        """Render n_samples at a constant speed in mm/s."""
+        """Render `n_samples` samples at a constant speed in mm/s; `seed` is the seed of the noise."""
         return vibration.synthesize(self.at(speed), n_samples, np.random.default_rng(seed))
 
     @cached_property
@@ -194,7 +194,7 @@ class LpcTexture(SpeedTexture):
         return self._blend.at(np.maximum(1 - distance, 0.0))
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer without motion; `seed` is the seed of the noise."""
+        """Return a renderer that fades in from silence; `seed` is the seed of the noise."""
         rows, levels = self.grid
         indices = np.arange(levels.size) / N_SUB
         nodes = Grid((indices,), rows)
@@ -286,7 +286,7 @@ class FrequencyTexture(SpeedTexture):
         return interpolate(self.models[below], self.models[below + 1], index - below)
 
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
-        """Render n_samples at a constant speed in mm/s. The result is deterministic; `seed` has no effect."""
+        """Render `n_samples` samples at a constant speed in mm/s; `seed` has no effect."""
         return self.at(speed).synthesize(n_samples, self.fs)
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
@@ -326,13 +326,13 @@ def fit_lpc(
     order : int
         Order of the models (default 400).
     name, loudness
-        As for `LpcTexture`.
+        See `LpcTexture`.
 
     Raises
     ------
     ValueError
-        If the numbers of recordings and speeds differ, a recording is constant or not finite, or the speeds
-        are not positive and increasing; also as `texclass.vibration.fit`.
+        If the numbers of recordings and speeds differ, a recording is constant or not finite, the speeds are
+        not positive and increasing, or `texclass.vibration.fit` rejects the order or a recording.
 
     References
     ----------
@@ -362,20 +362,21 @@ def fit_frequencies(
 ) -> FrequencyTexture:
     """Fit major frequencies to recordings of one surface at two or more speeds.
 
-    The sum of the lines is scaled to the peak of the recording, as in the thesis, because a few lines have
+    As in the thesis, the sum of the lines is scaled to the peak of the recording, because a few lines have
     less power than the recording.
 
     Parameters
     ----------
     signals, speeds, fs, name
-        As for `fit_lpc`.
+        See `fit_lpc`.
     n_frequencies : int
         Largest number of lines per recording (default 13).
 
     Raises
     ------
     ValueError
-        As `fit_lpc` and `fit_major_frequencies`.
+        If the recordings or speeds are invalid (see `fit_lpc`), or `fit_major_frequencies` rejects an
+        argument.
 
     References
     ----------
@@ -425,7 +426,7 @@ def _check_recordings(
 
 
 def track_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, Samples]:
-    """Connect each line to its partner at the next speed, using the pairs of `interpolate`.
+    """Connect spectral lines at consecutive speeds to tracks, with the same pairs as in `interpolate`.
 
     At speeds where a track has no line, its amplitude is 0, and its frequency is the frequency of its nearest
     line. Linear interpolation between two speeds is then identical to `interpolate`.
@@ -483,7 +484,7 @@ class SpeedIntervals:
 
     @classmethod
     def equal(cls, n: int) -> "SpeedIntervals":
-        """Return n intervals of 40 mm/s; the last interval has no upper bound."""
+        """Return n intervals of 40 mm/s, except that the last one has no upper bound."""
         return cls((*(i * BIN_MM_S for i in range(n)), np.inf))
 
     @property

@@ -162,7 +162,7 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
 
 
 def slope_through_origin(velocity: Samples, amplitude: Samples) -> tuple[float, float]:
-    """Fit a = A v by least squares. Return A and R^2, which is NaN if all velocities or amplitudes are equal."""
+    """Fit a = A v by least squares. Return A and R^2 (NaN if all velocities or all amplitudes are equal)."""
     A = float(velocity @ amplitude / (velocity @ velocity))
     spread = float(np.sum((amplitude - amplitude.mean()) ** 2))
     residual = float(np.sum((amplitude - A * velocity) ** 2))
@@ -413,7 +413,7 @@ def scale_to_device(library: TapLibrary, device: ForceDevice, largest_velocity: 
 
 
 def _scale_into(values: ArrayLike, bounds: tuple[float, float]) -> Samples:
-    """Scale x by ln y = a + b ln x so that its extremes lie within the bounds; return x if they already do."""
+    """Return y with ln y = a + b ln x, whose extremes lie within the bounds; return x if they already do."""
     x = np.log(np.asarray(values, dtype=np.float64))
     low, high = np.clip([x.min(), x.max()], *np.log(bounds))
     if low == x.min() and high == x.max():

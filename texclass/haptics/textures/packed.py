@@ -5,7 +5,7 @@ A file contains, in this order:
 1. a magic number and a checksum;
 2. sampling rate, unit and level;
 3. for sources with several speeds and forces, the slopes of the level and the range of speed and force;
-4. codes of the reflection coefficients of one spectrum, or of two spectra at the lowest and highest speed;
+4. codes of the reflection coefficients of one spectrum, or of the spectra at the lowest and highest speed;
 5. optionally, the modes of a tap and the friction coefficient.
 
 Every code decodes to |k| < 1 or to a decaying mode, so the rendered vibration is stable for any bytes.
@@ -55,7 +55,7 @@ class Quantizer(NamedTuple):
 LEVELS, SLOPES = Quantizer(-120.0, 0.5, 9), Quantizer(-16.0, 0.25, 7)
 """Quantizers of the level in dB re 1 unit, and of its change in dB per doubling of speed or force."""
 ENDS = Quantizer(-8.0, 0.0625, 9)
-"""Quantizer of the lowest and highest speed and force, in octaves re 1 mm/s and 1 N."""
+"""Quantizer of the limits of the speed and force ranges, in octaves re 1 mm/s and 1 N."""
 MODES = (
     Quantizer(3.0, 0.04, 8),
     Quantizer(1.0, 0.2, 6),
@@ -81,7 +81,7 @@ class PackedTexture(Texture):
     Parameters
     ----------
     data : array_like of int, shape (n_bytes,)
-        Bytes (0 to 255), as returned by `pack`.
+        Bytes (0 to 255); see `from_bytes`.
     name : str, optional
         Name of the surface, which is not part of the bytes.
 
@@ -120,7 +120,7 @@ class PackedTexture(Texture):
 
     @classmethod
     def from_bytes(cls, data: bytes, name: str = "") -> Self:
-        """Return the texture that is stored in the bytes of a file."""
+        """Create a texture from the bytes of a file."""
         return cls(np.frombuffer(data, dtype=np.uint8).astype(np.int64), name)
 
     def to_bytes(self) -> bytes:
@@ -143,7 +143,7 @@ class PackedTexture(Texture):
 
     @property
     def model(self) -> GridModel:
-        """Reflection coefficients and powers at the nodes of speed and force."""
+        """Reflection coefficients and powers at the nodes of a grid of speeds and forces."""
         k, level = self._contents["k"], 10 ** (self._contents["level_db"] / 10)
         if not self._contents["ends"]:
             axes = np.array([REST_MM_S]), np.array([LIGHT_N])
@@ -175,21 +175,21 @@ class PackedTexture(Texture):
 
     @cached_property
     def tap(self) -> DecayingModes:
-        """Response to a tap, as strong as in the recording; no modes if no tap was recorded."""
+        """Response to a tap, with the amplitude of the recording; no modes if no tap was recorded."""
         return decode_modes(self._contents["modes"])
 
     @property
     def mu(self) -> float:
-        """Kinetic friction coefficient (for recordings in the unit of the friction channel); 0 if unknown."""
+        """Kinetic friction coefficient, or mean of the friction channel of a recording; 0 if unknown."""
         return float(self._contents["mu"])
 
     def with_contact(self, *, tap: DecayingModes | None = None, mu: float | None = None) -> Self:
-        """Return the texture with another tap (up to 4 modes) or friction; None keeps the current value.
+        """Return the texture with another tap (up to 4 modes) or friction coefficient; None keeps the value.
 
         Raises
         ------
         ValueError
-            If the friction is not between 0 and 2.55.
+            If the friction coefficient is not between 0 and 2.55.
         """
         if mu is not None and not 0 <= mu <= MAX_MU:
             raise ValueError(f"mu must be between 0 and {MAX_MU:g}, got {mu}")
@@ -214,7 +214,7 @@ class PackedTexture(Texture):
         return Autoregression(k, np.sqrt(power) * np.exp(log_cosines(k).sum(axis=-1)))
 
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
-        """Return a renderer without motion; see `Texture`."""
+        """Return a renderer whose motion starts at rest; `seed` is the seed of the noise."""
         return grid_renderer(self.model, self.fs, seed=seed)
 
 
@@ -242,7 +242,7 @@ def grid_renderer(model: GridModel, fs: float, *, seed: int = 0) -> MotionRender
 
 
 def encode_modes(modes: DecayingModes) -> list[list[int]]:
-    """Return the four codes of each mode."""
+    """Encode each mode as four codes: frequency, decay rate, amplitude and phase."""
     half = MODES[3].step / 2
     values = [
         np.log2(np.maximum(modes.frequency_hz, 1.0)),
@@ -255,7 +255,7 @@ def encode_modes(modes: DecayingModes) -> list[list[int]]:
 
 
 def decode_modes(codes: Sequence[Sequence[int]]) -> DecayingModes:
-    """Return the modes for codes, four codes per mode."""
+    """Decode modes from four codes per mode; see `encode_modes`."""
     values = [[q.decode(c) for c, q in zip(row, MODES, strict=True)] for row in codes]
     f, B, A, phi = np.array(values).reshape(-1, 4).T
     return DecayingModes(2.0**f, 2.0**B, 10 ** (A / 20), phi)
@@ -268,7 +268,7 @@ def bit_allocation(first: int, last: int, order: int) -> tuple[int, ...]:
 
 
 def decode_reflection(codes: ArrayLike, bits: Sequence[int]) -> Samples:
-    """Decode reflection coefficients from codes (..., order), in uniform steps of arcsin k.
+    """Decode reflection coefficients k, which are quantised in uniform steps of arcsin k.
 
     Each coefficient is the sine of the middle of a step, so |k| < 1 for any code.
 
@@ -280,7 +280,7 @@ def decode_reflection(codes: ArrayLike, bits: Sequence[int]) -> Samples:
 
 
 def encode_header(facts: dict[str, Any], bits: Sequence[int]) -> str:
-    """Encode rate, unit, order, bits and level law as binary digits."""
+    """Encode sampling rate, unit, order, bit allocation and level law as binary digits."""
     has_range = facts["ends"] is not None
     text = f"{int(has_range)}{UNITS.index(facts['unit']):03b}"
     fs = facts["fs"]
@@ -297,7 +297,7 @@ def _digits(value: float, quantizer: Quantizer) -> str:
 
 
 def encode(facts: dict[str, Any]) -> bytes:
-    """Encode rate, unit, level law, codes of the spectra, tap and friction as the bytes of a file."""
+    """Encode sampling rate, unit, level law, codes of spectra, tap and friction as the bytes of a file."""
     bits = facts["bits"]
     text = encode_header(facts, bits)
     text += "".join(f"{c:0{b}b}" for codes in facts["codes"] for c, b in zip(codes, bits, strict=True))
@@ -315,7 +315,7 @@ def encode_contact(facts: dict[str, Any]) -> bytes:
 
 
 def decode(body: bytes) -> dict[str, Any]:
-    """Decode the bytes after the checksum. Any byte string that is long enough can be rendered."""
+    """Decode the bytes after the checksum, and validate unit, order and sampling rate."""
     text, position = "".join(f"{byte:08b}" for byte in body), 0
 
     def take(n: int) -> int:

@@ -29,7 +29,7 @@ from texclass.vibration.decaying_modes import NO_MODES, DecayingModes
 from texclass.vibration.scores import BAND_EDGES_HZ
 
 MIN_BYTES = 8
-"""Smallest size that `pack` accepts. A file is smaller if more coefficients do not improve it."""
+"""Smallest size in bytes that `pack` accepts. The file is smaller if more coefficients do not improve it."""
 MAX_ORDER, MAX_BITS = 127, 8
 """Largest order, and largest number of bits per coefficient, that the format can store."""
 FRAME_S, LOWEST_HZ = 0.125, 20.0
@@ -54,10 +54,10 @@ def pack(
 ) -> PackedTexture:
     """Fit a packed texture of at most `n_bytes` bytes to a surface.
 
-    Order and number of bits of the coefficients are searched. The criterion combines the goodness of fit of
-    the amplitudes and the error of the energies in nine bands (`texclass.vibration.scores`), averaged over
-    the spectra at the lowest and highest speed. The tap takes three of every 16 bytes, at most twelve. The
-    friction takes one byte.
+    The order and the number of bits of each coefficient are found by search. The criterion combines the
+    goodness of fit of the amplitudes and the error of the energies in nine bands
+    (`texclass.vibration.scores`), averaged over the spectra at the lowest and highest speed. The tap takes
+    three of every 16 bytes, at most twelve. The friction takes one byte.
 
     Parameters
     ----------
@@ -65,15 +65,14 @@ def pack(
         Source of the texture:
 
         - a recording: its movement (used as a scan if speed and force are recorded), the tap of median
-          hardness,
-          and the mean friction up to 2.55;
+          hardness, and the mean friction up to 2.55;
         - a scan: spectra and level as functions of speed and force;
         - a texture: spectra and level, sampled at 15 speeds and forces;
         - a vibration: one spectrum and one level for all speeds.
     n_bytes : int
         Largest size of the file in bytes, 8 to 512 (default 64).
     fs : float, optional
-        Sampling rate of a vibration in Hz: an integer up to 131,071.
+        Sampling rate in Hz, an integer up to 131,071. Required if the source is an array; otherwise ignored.
     unit : str
         Unit of the vibration (default "m/s^2"); ignored for recordings, which contain their unit.
     name : str, optional
@@ -130,7 +129,7 @@ def pack(
 def _contents_of(
     recording: Recording, max_modes: int
 ) -> tuple[Scan | Samples, float, str, DecayingModes, float]:
-    """Return movement, sampling rate, unit, modes of the tap with median hardness, and friction."""
+    """Return movement, sampling rate, unit, modes of the tap of median hardness, and mean friction."""
     phases = recording.phases or find_phases(recording)
     begin, end = phases.movement or (0, recording.n_samples)
     combined = combine(recording.acceleration[begin:end])
@@ -211,7 +210,7 @@ def _estimate_target(
     gain_db: Callable[[Any], Any] | None,
     max_hz: float,
 ) -> dict[str, Any]:
-    """Return the spectra to pack (at the lowest and highest speed, or the mean) and the level law."""
+    """Return the level law and the spectra to pack: at the lowest and highest speed, or one mean."""
     samples, speed, force = (np.array(column) for column in zip(*frames, strict=True))
     n = samples.shape[1]
     window = np.hanning(n + 2)[1:-1]
@@ -243,7 +242,7 @@ def _estimate_target(
 
 
 def _fit_level_law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
-    """Fit the level law: level in dB at the geometric mean, slopes in dB per octave, and ends in octaves."""
+    """Fit the level law: level (dB) at the middle of the ranges, slopes (dB/octave), and limits (octaves)."""
     octaves = np.log2([speed, force])
     ends = [float(q) for axis in octaves for q in np.quantile(axis, [0.05, 0.95])]
     ends = [packed.ENDS.decode(packed.ENDS.encode(e)) for e in ends]
@@ -273,7 +272,7 @@ def _allocations(n_bits: int, facts: dict[str, Any], max_order: int) -> list[tup
 
 
 def _cost(k: Samples, target: dict[str, Any], fs: float) -> float:
-    """Return 1 - GFC of the amplitudes plus a hundredth of the RMS error in dB of the nine bands."""
+    """Return the sum over spectra of 1 - GFC of the amplitudes and 0.01 times the RMS error of bands in dB."""
     f = target["hz"]
     is_in_band = (f >= LOWEST_HZ) & (f <= min(1000.0, fs / 2))
     edges = np.searchsorted(f[is_in_band], BAND_EDGES_HZ[fs / 2 >= BAND_EDGES_HZ])[:-1]
@@ -291,7 +290,7 @@ def _cost(k: Samples, target: dict[str, Any], fs: float) -> float:
 # Change some perceptual scales and keep the others ----------------------------------------------------------
 
 SPECTRAL_SCALES = ("rough", "bumpy", "fine", "regular")
-"""Scales that depend on the spectrum. The scale `hard` depends on the tap, and `sticky` on the friction."""
+"""Perceptual scales that depend on the spectrum; `hard` depends on the tap, and `sticky` on the friction."""
 
 
 @dataclass(frozen=True)
@@ -305,7 +304,8 @@ class RetouchSettings:
         constant beyond them.
     sharpness : tuple[float, float, float]
         Parameters of the basis function that sharpens peaks: smoothing width of the spectrum (nepers of
-        frequency), height above the smoothed spectrum at which the function is 1 (dB), and its largest value.
+        frequency), height above the smoothed spectrum at which the function is 1 (dB), and largest value of
+        the function.
     max_rate_hz : float
         Largest sampling rate of the result in Hz. Humans perceive vibration up to 1 kHz by touch, and few
         bytes describe a narrower band more accurately.
@@ -344,15 +344,15 @@ def measure_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
     Parameters
     ----------
     texture : Texture
-        Texture of a vibration in m/s^2, with a sampling rate above 300 Hz.
+        Texture whose vibration is in m/s^2, with a sampling rate above 300 Hz.
     seed : int
         Seed of the noise (default 0).
 
     Returns
     -------
     dict of str to float
-        Values of `rough`, `bumpy`, `fine` and `regular`. The value of `hard` requires a texture with a `tap`,
-        the value of `sticky` a texture with friction (`mu`).
+        Values of `rough`, `bumpy`, `fine` and `regular`; also `hard` if the texture has a `tap`, and `sticky`
+        if it has friction (`mu`).
 
     Raises
     ------
@@ -372,7 +372,7 @@ def measure_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
 def scales_halfway(one: PackedTexture, other: PackedTexture) -> dict[str, float]:
     """Measure the spectral scales of the model halfway between two textures of equal sampling rate.
 
-    Halfway means the mean of the arctanh of the reflection coefficients, and of the logarithms of the powers.
+    The model is the mean in arctanh of the reflection coefficients, and in the logarithm of the powers.
     """
     models, order = (one.model, other.model), max(one.order, other.order)
     rows = [np.arctanh(np.pad(m.rows, [(0, 0), (0, 0), (0, order - m.order)])) for m in models]
@@ -385,8 +385,8 @@ def scales_halfway(one: PackedTexture, other: PackedTexture) -> dict[str, float]
 def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targets: float) -> PackedTexture:
     """Change a texture on some perceptual scales and preserve its values on the other scales.
 
-    Spectrum: the same gains around 25, 60, 120 and 300 Hz and the same sharpening of the peaks are applied at
-    all speeds and forces. The smallest gains for which a rendered stroke reaches the targets are used.
+    Spectrum: gains around 25, 60, 120 and 300 Hz and a sharpening of the peaks are applied, equally at all
+    speeds and forces. They are the smallest gains with which a rendered stroke reaches the targets.
     Frequencies above 1 kHz are removed, and the level below 1 kHz is raised to compensate.
 
     Tap: a harder tap has a higher frequency and a shorter decay at the same damping ratio, and a
@@ -395,7 +395,7 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
     Parameters
     ----------
     texture : Texture
-        Texture as for `measure_scales`.
+        Texture whose vibration is in m/s^2; see `measure_scales`.
     n_bytes : int
         Largest size of the result in bytes (default 128); see `pack`.
     unit : str
@@ -446,7 +446,7 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
 
 
 def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: str) -> PackedTexture:
-    """Return a packed texture changed with the smallest gains that reach the targets."""
+    """Apply the smallest gains that reach the targets, and return the packed texture."""
     x = _probe(texture.renderer(), texture.fs)
     present = _spectral_scales(x, texture.fs)
     wanted = np.array(
@@ -482,7 +482,7 @@ def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: st
 
 
 def _solve_gains(scales_with: Callable[[Samples], Samples], gains: Samples, aim: Samples) -> Samples:
-    """Solve for gains (dB) with which the scales reach the aim, by Newton's method with step control."""
+    """Find the gains (dB) with which the scales reach the aim, by Newton's method with step control."""
     values = scales_with(gains)
     for _ in range(12):
         if np.abs(values - aim).max() < 0.05:
@@ -551,7 +551,7 @@ def _plan(names: tuple[str, ...]) -> Plan:
 
 
 def _scales_of(recording: Recording, names: tuple[str, ...], source: str) -> dict[str, float]:
-    """Return scales of a recording, or raise an error if any of them is undefined."""
+    """Return the named scales of a recording; raise ValueError if any of them is undefined."""
     plan = _plan(names)
     computed = plan.compute(recording)
     for _, reason in computed.reasons:

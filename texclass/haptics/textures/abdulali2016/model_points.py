@@ -193,11 +193,11 @@ class InputSegments:
     Attributes
     ----------
     lines : ndarray of shape (n_lines + 1,)
-        Result of phase 1 of `segment_input`. Straight line i consists of samples lines[i] ... lines[i + 1] - 1; the lines cover
-        the whole scan.
+        Result of phase 1 of `segment_input`. Straight line i consists of the samples lines[i] to
+        lines[i + 1] - 1. The lines cover the whole scan.
     start, stop : ndarray of shape (n_segments,)
-        Result of phase 2 of `segment_input`. Segment i consists of samples start[i] ... stop[i] - 1; samples between segments
-        are unused.
+        Result of phase 2 of `segment_input`. Segment i consists of the samples start[i] to stop[i] - 1.
+        Samples between segments are unused.
     """
 
     lines: Indices
@@ -291,7 +291,7 @@ def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
 
 
 def straight_lines(position: Samples) -> Indices:
-    """Return the bounds (n_lines + 1,) of the straight lines of a path (n, 2) in mm (`segment_input`, phase 1)."""
+    """Return the bounds (n_lines + 1,) of straight lines in a path (n, 2) in mm; see `segment_input`."""
     xy = np.ascontiguousarray(position, dtype=np.float64)
     return np.asarray(_merge_bottom_up(True, xy, 0, len(xy), LINE_MM, FOOT_SLACK * LINE_MM))
 

@@ -252,7 +252,7 @@ def segment_adaptively(scan: Scan) -> InputSegments:
 def _fit_level_law(
     points: ModelPoints, segments: InputSegments, scan: Scan
 ) -> tuple[ModelPoints, tuple[float, float]]:
-    """Fit the level law. Return points with residuals as loudness, smoothed if predictions improve, and exponents."""
+    """Fit the level law; return points whose loudness is the residual, and the exponents of the law."""
     lowest = max(1e-6 * float(points.loudness.max()), np.finfo(np.float64).tiny)
     level = np.maximum(points.loudness, lowest)
     speed, force = segments.means(scan.speed), segments.means(scan.force)
@@ -392,7 +392,7 @@ def fit_exact(u: Samples, f: Samples, smoothing: ArrayLike = 0.0) -> RadialNetwo
 
 
 def fit_smooth(u: Samples, f: Samples, weight: Samples) -> RadialNetwork:
-    """Solve eq. (5) with the smoothing of the lowest leave-one-out error; fit a constant if it is about as good.
+    """Solve eq. (5) with the best smoothing by leave-one-out error; fit a constant if it is about as good.
 
     Parameters
     ----------
@@ -446,8 +446,8 @@ def fit_sparse(u: Samples, f: Samples, sparsity: float = SPARSITY) -> RadialNetw
     -----
     Our interpretation of the paper: all outputs share one set of centres, because each centre
     costs one distance computation. |x|_1 is therefore the sum over centres of the norm over outputs, which
-    are scaled to unit standard deviation. The polynomial is projected out and not penalised. The weights of the selected
-    centres are refitted without penalty under G^T w = 0 (debiasing in SpaRSA).
+    are scaled to unit standard deviation. The polynomial is projected out and not penalised. The weights of
+    the selected centres are refitted without penalty under G^T w = 0 (debiasing in SpaRSA).
 
     References
     ----------

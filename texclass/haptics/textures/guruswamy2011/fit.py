@@ -51,8 +51,8 @@ class LevelFit:
     speed, force, rms : ndarray of shape (n_scans,)
         Mean speed (mm/s), mean force (N) and RMS acceleration (m/s^2) of the scans.
     r_squared : float
-        Fraction of the variance of the RMS that the law explains; a known force term k_c f is subtracted
-        first.
+        Fraction of the variance of the RMS that the law explains. If k_c is known, the force term k_c f is
+        subtracted first.
     """
 
     law: LevelLaw
@@ -74,7 +74,8 @@ def fit_level_law(scans: Sequence[Scan], k_c: float | None = None) -> LevelFit:
         At least two scans with different mean speeds. Without `k_c`, at least three, with different mean
         forces as well.
     k_c : float, optional
-        Force factor from a separate measurement, as in the paper (default: fitted like the other factors).
+        Force factor from a separate measurement, as in the paper. By default, it is fitted like the other
+        factors.
 
     Returns
     -------
@@ -84,7 +85,7 @@ def fit_level_law(scans: Sequence[Scan], k_c: float | None = None) -> LevelFit:
     Raises
     ------
     ValueError
-        If there are too few scans, the scans do not differ, or all are silent.
+        If there are too few scans, all scans are silent, or their speeds or forces do not differ as required.
 
     References
     ----------
@@ -121,7 +122,7 @@ def fit_level_law(scans: Sequence[Scan], k_c: float | None = None) -> LevelFit:
 
 
 def scan_level(scan: Scan) -> tuple[float, float, float]:
-    """Return mean speed (mm/s), mean force (N) and RMS acceleration (m/s^2) of a scan.
+    """Return the mean speed (mm/s), mean force (N) and RMS acceleration (m/s^2) of a scan.
 
     Only a linear trend is removed from the acceleration, because the law describes the whole vibration. In a
     fast scan of a few seconds, the output of a filter at `LOWER_HZ` would be mostly its own transient.
@@ -138,7 +139,7 @@ def scan_level(scan: Scan) -> tuple[float, float, float]:
 
 
 def smooth_path(scan: Scan) -> tuple[Samples, Samples]:
-    """Return non-negative speed (mm/s) and force (N) of a scan, low-passed at `PATH_CUTOFF_HZ`."""
+    """Return the speed (mm/s) and force (N) of a scan, low-pass filtered at `PATH_CUTOFF_HZ`; at least 0."""
     cutoff = min(PATH_CUTOFF_HZ, 0.4 * scan.fs)
     both = signals.lowpass(np.column_stack([scan.speed, scan.force]), cutoff, scan.fs)
     return np.maximum(both[:, 0], 0.0), np.maximum(both[:, 1], 0.0)
@@ -198,7 +199,7 @@ def estimate_band(acceleration: ArrayLike, fs: float) -> VibrationBand:
 
     References
     ----------
-    `guruswamy2011`, eq. (6) and (7), between 0.122 Hz and fs/2.
+    `guruswamy2011`, eq. (6) and (7), applied between 0.122 Hz and fs/2.
 
     Examples
     --------
@@ -219,12 +220,12 @@ def extract_profile(
     resolution: float = RESOLUTION,
     phase: Phase = "causal",
 ) -> BandedVibration:
-    """Band-pass an acceleration with a 4th-order Butterworth filter and segment it at rising peaks.
+    """Band-pass filter an acceleration with a 4th-order Butterworth filter and segment it at rising peaks.
 
     Parameters
     ----------
     acceleration : array_like of shape (n_samples,)
-        Acceleration normalised to one speed and force; must not be silent.
+        Acceleration normalised to one speed and force; must not be constant.
     fs : float
         Sampling rate in Hz.
     resolution : float
@@ -246,9 +247,9 @@ def extract_profile(
     Notes
     -----
     The paper does not specify the direction of the filter. A backward pass rings *before* each
-    onset. The peaks then rise in steps, and the segmentation at rising peaks splits onsets (25 to 50 % more
-    segments on the simulated regular surfaces). A forward pass preserves the decay, and its gain at the band
-    edges is -3 dB as designed, instead of -6 dB. Its delay of a few samples is known and removed.
+    onset. The peaks then rise in steps, and the segmentation at rising peaks splits onsets: on the simulated
+    regular surfaces, it yields 25 to 50 % more segments. A forward pass preserves the decay, and its gain at
+    the band edges is -3 dB as designed, instead of -6 dB. Its delay of a few samples is known and removed.
 
     References
     ----------
@@ -289,13 +290,14 @@ def extract_profile(
 # One filter per segment -------------------------------------------------------------------------------------
 
 RING_S = 0.5
-"""Longest time in s in which a filter decays by 60 dB (our choice)."""
+"""Longest time in s that a filter takes to decay by 60 dB (our choice)."""
 MIN_DECAY = float(np.log(1000) / RING_S)
 """Smallest decay rate of a mode in 1/s."""
 MAX_POLES = 24
 """Largest order of a filter, which bounds the cost of rendering and fitting."""
 MAX_AMPLITUDE_RATIO = 100.0
-"""Largest ratio of a mode to the peak of the segment. Fits with larger modes, which cancel, are rejected."""
+"""Largest ratio of the amplitude of a mode to the peak of the segment. Larger modes cancel each other, and
+fits with such modes are rejected."""
 
 Method = Literal["modes", "sinusoid"]
 
@@ -316,7 +318,7 @@ class Responses:
     modes: tuple[DecayingModes, ...]
 
     def sum(self, n_samples: int, fs: float) -> Samples:
-        """Return the sum of all filters, each excited at its start: eq. (5) at the speed of the scan."""
+        """Return the sum of all responses, each excited at its start: eq. (5) at the speed of the scan."""
         total = np.zeros(n_samples)
         for start, modes in zip(self.start, self.modes, strict=True):
             stop = min(start + _ring_samples(fs), n_samples)
@@ -330,21 +332,22 @@ def fit_responses(
     """Fit one filter to each segment of a profile.
 
     The tails of earlier filters are subtracted from a segment before the fit, so that the sum of all filters
-    approximates the profile. If segments are fitted separately, as in the paper, the sum has additional
-    tails.
+    approximates the profile. If segments were fitted separately, as in the paper, the sum would contain
+    additional tails.
 
     Parameters
     ----------
     x : ndarray of shape (n_samples,)
-        Profile.
+        Profile; see `extract_profile`.
     bounds : sequence of int
-        Segment i consists of samples bounds[i] ... bounds[i + 1] - 1.
+        Segment i consists of the samples bounds[i] to bounds[i + 1] - 1.
     fs : float
         Sampling rate in Hz.
     resolution : float
         Target of the mean absolute error in the unit of `x`.
     method : {"modes", "sinusoid"}
-        `fit_modes` (default), or one decaying sinusoid, eq. (3).
+        "modes" (default): several decaying modes, see `fit_modes`. "sinusoid": one decaying sinusoid, eq.
+        (3).
 
     Returns
     -------
@@ -393,7 +396,7 @@ def fit_modes(segment: Samples, fs: float, resolution: float) -> DecayingModes:
     Returns
     -------
     DecayingModes
-        Fitted modes; no modes for a segment below the resolution.
+        Fitted modes; no modes if the mean magnitude of the segment is below the resolution.
 
     Examples
     --------
@@ -437,7 +440,7 @@ def fit_sinusoid(segment: Samples, fs: float) -> DecayingModes:
 
     References
     ----------
-    `guruswamy2011`, eq. (3) and (4), after `okamura2001`, whose fit needs two peaks.
+    `guruswamy2011`, eq. (3) and (4), based on `okamura2001`, whose fit needs two peaks.
 
     Examples
     --------
@@ -481,7 +484,7 @@ class FittedScan:
     acceleration : ndarray of shape (n_samples,)
         Acceleration normalised to the mean speed and force, without its mean.
     profile : BandedVibration
-        Band-passed acceleration and its segments.
+        Band-pass filtered acceleration and its segments.
     responses : Responses
         One filter per segment.
     texture : SpatialTexture
@@ -516,8 +519,8 @@ def fit_texture(
     resolution : float
         One bit of the sensor in the unit of the acceleration (default 0.153).
     method : {"modes", "sinusoid"}
-        "modes" (default): filters with the order that each segment needs. "sinusoid": one decaying sinusoid
-        per segment (baseline).
+        "modes" (default): the filter of each segment has the order that the segment needs. "sinusoid": one
+        decaying sinusoid per segment (baseline).
     compensated : bool
         Whether to compensate for the feature rate, see `Amplitude` (default True).
     course : {"line", "travelled"}

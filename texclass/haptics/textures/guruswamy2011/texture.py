@@ -69,7 +69,7 @@ class LevelLaw:
 
 @dataclass(frozen=True)
 class Amplitude:
-    """Factor A_k of eq. (5) as a function of speed and force; it is 1 at the speed and force of the scan.
+    """Factor A_k of eq. (5) as a function of speed and force, which is 1 at the speed and force of the scan.
 
     Attributes
     ----------
@@ -145,8 +145,8 @@ class SpatialTexture(Texture):
     name : str
         Name of the surface.
     fs : float
-        Sampling rate of the scan and of rendering in Hz. To render at another rate, resample the scan before
-        the fit.
+        Sampling rate of the scan and of the rendered vibration in Hz. To render at another rate, resample the
+        scan before the fit.
     length_mm : float
         Length of the scanned line in mm; the line is repeated periodically.
     position_mm : array_like of shape (n_features,)
@@ -154,11 +154,12 @@ class SpatialTexture(Texture):
     feature : array_like of shape (n_modes,)
         Index of the feature of each mode, non-decreasing.
     frequency_hz, decay_per_s, amplitude, phase : array_like of shape (n_modes,)
-        Modes, h_k(t) = sum A exp(-B t) cos(2 pi f t + phi), as in `DecayingModes`.
+        Frequency f, decay rate B, amplitude A and phase phi of each mode, see `DecayingModes`. The response
+        is h_k(t) = sum A exp(-B t) cos(2 pi f t + phi) over the modes of feature k.
     scaling : Amplitude
         Level law, and speed and force of the scan.
     peak : float
-        Largest magnitude of the scanned profile in the unit of the amplitudes.
+        Largest magnitude of the filtered vibration of the scan, in the unit of the amplitudes.
     direction : array_like of shape (2,)
         Unit vector of the line on the surface.
     course : {"line", "travelled"}
@@ -172,7 +173,7 @@ class SpatialTexture(Texture):
     Raises
     ------
     ValueError
-        If a shape or value is invalid.
+        If a shape or a value is invalid.
 
     Notes
     -----
@@ -268,7 +269,7 @@ class SinusoidTexture(SpatialTexture):
 
     References
     ----------
-    `guruswamy2011`, eq. (3) and (4), after `okamura2001`.
+    `guruswamy2011`, eq. (3) and (4), based on `okamura2001`.
     """
 
     family: ClassVar[str] = "guruswamy2011-sinusoid"
@@ -277,7 +278,7 @@ class SinusoidTexture(SpatialTexture):
 # Rendering --------------------------------------------------------------------------------------------------
 
 MAX_RINGING = 512
-"""Largest number of active modes; the weakest mode is replaced first."""
+"""Largest number of active modes. Beyond this number, a stronger mode replaces the weakest mode."""
 SILENCE_RATIO = 1e-3
 """Fraction of the recorded peak below which a mode is considered decayed."""
 PEAK_FACTOR = 8.0
@@ -287,7 +288,7 @@ BACKLASH_MM = 0.1
 
 
 class SpatialRenderer:
-    """Render a `SpatialTexture` along any path, sample by sample; only the result is allocated.
+    """Render a `SpatialTexture` along any path, sample by sample.
 
     The cost of a sample is one step per active mode, plus a binary search if a feature is passed. The cost is
     bounded at any speed: at most `MAX_RINGING` modes are active, and at most the four features nearest to the
@@ -338,8 +339,8 @@ class SpatialRenderer:
         Raises
         ------
         ValueError
-            If the shapes do not match, or a value is NaN, infinite or above 1e9 in magnitude. In this case
-            the state does not change.
+            If the shapes do not match, or a value is NaN, infinite or above 1e9 in magnitude. The state of
+            the renderer is then unchanged.
         """
         v, f = _block(velocity), _block(force)
         path = np.empty((0, 2)) if position is None else _block(position)
@@ -376,7 +377,7 @@ Counts = NDArray[np.int64]
 
 
 class Count(IntEnum):
-    """Indices of `counts`: active modes, next feature along x, and whether a sample was rendered."""
+    """Indices of `counts`: number of active modes, next feature, and whether a sample has been rendered."""
 
     RINGING, NEXT, STARTED = range(3)
 
@@ -401,7 +402,7 @@ def feature_position(k: int, position: Samples, length: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def factor(speed: float, force: float, law: Samples) -> float:
-    """Return A as in `Amplitude.factor`; `law` contains k_v, k_c, a_0, v_0, f_0, compensated, limit."""
+    """Return A, see `Amplitude.factor`; `law` contains k_v, k_c, a_0, v_0, f_0, compensated and limit."""
     level = law[0] * speed / 1000 + law[1] * force + law[2]
     A = level / (law[0] * law[3] / 1000 + law[1] * law[4] + law[2])
     if law[5] != 0 and speed > law[3]:
@@ -411,7 +412,7 @@ def factor(speed: float, force: float, law: Samples) -> float:
 
 @njit(cache=True, error_model="numpy")
 def excite(k: int, A: float, first: Counts, modes: Samples, pool: Samples, counts: Counts) -> None:
-    """Add the modes of a feature to the pool, as real and imaginary parts of z and of the pole p.
+    """Add the modes of feature k to the pool, each as real and imaginary part of z and of the pole p.
 
     In a full pool, a stronger mode replaces the weakest one.
     """
