@@ -1,6 +1,6 @@
 """File formats for surfaces and vibrations: .texture, HaTT XML, MPEG haptics, AHAP and WAV.
 
-Reading a file never executes anything.
+Reading a file never executes code.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Write surfaces as haptic patterns for Apple's Core Haptics (.ahap), and read and play patterns.
+"""Write surfaces as haptic patterns for Apple Core Haptics (.ahap), and read and play such patterns.
 
 A pattern contains transient events (taps), continuous events (up to 30 s), and parameter curves. Curves
 change the intensity (0 to 1, multiplied) and the sharpness (-1 to 1, added) of all events. The times of curve
@@ -49,7 +49,7 @@ class Parameter(ExternalModel):
 
 
 class HapticEvent(ExternalModel):
-    """A tap or a continuous vibration that starts at a given time."""
+    """A tap, a continuous vibration or a sound that starts at a given time."""
 
     Time: Seconds
     EventType: Literal["HapticTransient", "HapticContinuous", "AudioContinuous", "AudioCustom"]
@@ -68,7 +68,7 @@ class HapticEvent(ExternalModel):
         return TRANSIENT_S if self.EventType == "HapticTransient" else self.EventDuration or 0.0
 
     def parameter(self, name: str, default: float) -> float:
-        """Return a parameter clamped to 0 ... 1, or its default."""
+        """Return the value of a parameter (or its default), clamped to the range 0 to 1."""
         values = {parameter.ParameterID: parameter.ParameterValue for parameter in self.EventParameters}
         return min(max(values.get(name, default), 0.0), 1.0)
 
@@ -98,7 +98,7 @@ class Curve(ExternalModel):
 
 
 class Item(ExternalModel):
-    """An event or a curve (dynamic parameters are ignored)."""
+    """An item of a pattern: an event or a curve. Dynamic parameters are ignored."""
 
     Event: HapticEvent | None = None
     ParameterCurve: Curve | None = None
@@ -113,7 +113,7 @@ class Pattern(ExternalModel):
 
 
 def read_ahap(path: str | Path) -> Pattern:
-    """Read the pattern of a file. As in players, values are clamped and unknown keys are ignored.
+    """Read a pattern from an .ahap file. As in players, values are clamped and unknown keys are ignored.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def read_ahap(path: str | Path) -> Pattern:
 
 
 def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
-    """Write a surface to an .ahap file, and return a description of the losses by topic.
+    """Write a surface to an .ahap file, and return a description of the lost information by topic.
 
     Taps are written as transients. Other vibrations are written as one continuous event: its intensity
     follows the RMS, and its sharpness follows the spectral centroid.
@@ -223,7 +223,7 @@ def _event(kind: str, time: float, intensity: float, sharpness: float, **more: f
 
 
 def _curves(name: Control, times: Samples, values: Samples) -> list[Content]:
-    """Return curves of at most `MAX_POINTS` points each, through times in s (n,) and values (n,)."""
+    """Return curves of at most `MAX_POINTS` points each, through the values (n,) at times in s (n,)."""
     curves = []
     for first in range(0, max(times.size - 1, 1), MAX_POINTS - 1):
         part = slice(
@@ -307,7 +307,7 @@ def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
 
 
 def _sample_curves(curves: Sequence[Curve], name: Control, default: float, t: Samples) -> Samples:
-    """Return a parameter at times (n,) from the curve that started last; its final value is held."""
+    """Return a parameter at times (n,): the value of the latest curve, which holds its last value."""
     values = np.full(t.size, default)
     selected = (curve for curve in curves if curve.ParameterID == name)
     for curve in sorted(selected, key=lambda curve: curve.Time):

@@ -39,20 +39,20 @@ def read_limited(path: Path, limit: int) -> bytes:
 
 
 def check_printable(name: str) -> str:
-    """Return the name of a surface, or raise a ValueError if it is not printable."""
+    """Return the name of a surface; raise ValueError if it is too long or not printable."""
     if len(name) > 200 or not name.isprintable():
         raise ValueError(f"the name must be printable text of at most 200 characters, got {name!r:.80}")
     return name
 
 
 class ExternalModel(StrictModel):
-    """Base class of the parts of a file: known keys are validated, unknown keys are ignored as in players."""
+    """Base class of the parts of a file. Known keys are validated; like players, it ignores unknown keys."""
 
     model_config = ConfigDict(extra="ignore")
 
 
 def read_external(model: type[M], path: str | Path, max_bytes: int) -> M:
-    """Read a JSON file into a model.
+    """Read a JSON file, and validate its contents with a model.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Create datasets from folders of HaTT models by rendering each texture at random speeds and forces."""
+"""Create datasets from folders of HaTT textures, which are rendered at random speeds and forces."""
 
 from functools import partial
 from pathlib import Path
@@ -17,11 +17,11 @@ from texclass.recording import Recording, RecordingError, Samples
 from texclass.simulate.hand import CONTROL_RATE, smooth_noise
 
 RANGE_FRACTIONS = (0.1, 0.9)
-"""Range of speed and force in the recordings, as fractions of the largest values of the models."""
+"""Limits of speed and force in the recordings, as fractions of the largest values of a texture."""
 
 
 def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
-    """Open a folder of models as a dataset; recordings are rendered when they are read.
+    """Open a folder of textures as a dataset. Each recording is rendered when it is loaded.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
     root : Path
         Folder of the files.
     **about
-        Other fields of `Dataset`.
+        Further fields of `Dataset`.
 
     Raises
     ------

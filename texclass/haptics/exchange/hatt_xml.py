@@ -11,7 +11,7 @@ the tests write their own files.
       htmlPicture, htmlLinuxPicture, renderPicture,
       numMod, numTri, maxSpeed, maxForce,
       speedList, forceList (type="array"): value, one per model
-      tri (type="array"), one per triangle: value x 3, models counted from 1
+      tri (type="array"), one per triangle: three values, the numbers of models (from 1)
       DTpicture, LinuxDTpicture, numARCoeff, numMACoeff
       model: modNum, ARcoeff and MAcoeff: value (lag 0 first: 1), ARlsf and MAlsf: value (rad per sample),
              var, gain, speedMod, forceMod
@@ -20,7 +20,8 @@ The rendered signal is y = -sum_i a_i y[t-i] + gain (e + sum_i c_i e[t-i]) with 
 Line spectra, `var` and `gain` are interpolated with barycentric coordinates. If numMACoeff is 0 or missing,
 the toolkit ignores the gain. The published models have 14 to 20 AR coefficients and two fewer MA
 coefficients. Nodes at zero speed or force have `var` 0. The triangles fill the rectangle from zero to
-maxSpeed and maxForce. The toolkit starts its search for the triangle at the sixteenth triangle.
+maxSpeed and maxForce. The toolkit begins its search for the triangle that contains a point at the sixteenth
+triangle.
 """
 
 import math
@@ -57,7 +58,7 @@ ORDER = 20
 
 
 def read_hatt(path: str | Path) -> HattTexture:
-    """Read the texture in a HaTT file.
+    """Read a texture from a HaTT XML file.
 
     The line spectra are read from ARlsf and MAlsf, as in the toolkit's renderer, and must agree with ARcoeff
     and MAcoeff. If they are rounded to six decimals, they are recomputed from ARcoeff and MAcoeff.
@@ -324,14 +325,16 @@ def to_hatt(
 ) -> HattTexture:
     """Convert a texture with AR models to a HaTT texture.
 
-    Models with a higher order or sampling rate are refitted to their own spectrum below fs / 2. For
-    anisotropic textures, strokes along +x are used. If a texture does not depend on the force, its models are
-    placed at 1 N; the converted vibration is weaker below this force and constant above it.
+    If the order or the sampling rate of the texture is higher, each model is refitted to its spectrum below
+    fs / 2. For anisotropic textures, strokes along +x are used. If a texture does not depend on the force,
+    its models are placed at 1 N. Below this force, the converted vibration is weaker; above it, the vibration
+    is constant.
 
     Parameters
     ----------
     texture : Texture
-        Texture with AR models: hatt (only its unit changes), abdulali2016, oeztuerk2018-lpc or packed.
+        Texture with AR models, of the family hatt, abdulali2016, oeztuerk2018-lpc or packed. For a HaTT
+        texture, only the unit is converted.
     unit : str
         Unit of the vibration: m/s^2 (default), g or mg.
     speeds, forces : sequence of float, optional

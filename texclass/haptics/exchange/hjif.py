@@ -6,9 +6,10 @@
           bands     Transient (taps), VectorialWave (oscillators), WaveletWave (any signal), Curve
             effects a start position, and keyframes or a stream of wavelet coefficients
 
-Positions are ticks of time. If `unit_exponent` defines a length, they are ticks of distance, and 1000 ticks
-of distance are played like one second of time (for -3: one metre, with frequencies in cycles per metre).
-Gains are in m/s^2, which lets a player with a calibrated actuator reproduce the true level.
+Positions are in ticks of time. In perceptions over distance, they are in ticks of 10^`unit_exponent` metres,
+and 1000 ticks are played like one second of time (for an exponent of -3: one metre, with frequencies in
+cycles per metre). Gains are in m/s^2, so that a player with a calibrated actuator can reproduce the true
+level.
 """
 
 import base64
@@ -47,14 +48,14 @@ Count = Field(ge=0, le=_INT)
 
 @dataclass(frozen=True)
 class PlayLimits:
-    """Limits of playing. Without them, a small file could request hours of output and any amount of memory.
+    """Limits for playing a file. Without them, a small file could cause hours of output and use all memory.
 
     Attributes
     ----------
     max_seconds : float
         Largest duration in s.
     max_channels_s, max_effects_s : float
-        Largest total duration of all channels, and of all effects, in s.
+        Largest total duration of all channels in s, and largest total duration of all effects in s.
     max_coded_samples : int
         Largest total number of samples of all wavelet blocks; decoding them takes one to two minutes.
     max_effects : int
@@ -75,7 +76,7 @@ LIMITS = PlayLimits()
 
 
 class HjifPart(ExternalModel):
-    """Base class of the parts of a .hjif file. Optional keys may be missing, but must not be null."""
+    """Base class of the parts of a .hjif file. Optional keys may be omitted, but must not be null."""
 
     @model_validator(mode="after")
     def _refuse_null(self) -> Self:
@@ -107,7 +108,7 @@ class Effect(HjifPart):
 
     @property
     def last_tick(self) -> int:
-        """Ticks from the start to the last keyframe."""
+        """Number of ticks from the start of the effect to its last keyframe."""
         return max((frame.relative_position or 0 for frame in self.keyframes), default=0)
 
     @model_validator(mode="after")
@@ -120,7 +121,7 @@ class Effect(HjifPart):
 
 
 class Band(HjifPart):
-    """Effects of one kind, with frequency limits in integer Hz. The upper limit of wavelets is their rate."""
+    """Effects of one kind, with frequency limits in integer Hz; the upper limit of wavelets is the rate."""
 
     band_type: Literal["WaveletWave", "VectorialWave", "Curve", "Transient"]
     lower_frequency_limit: int = Field(ge=0, le=MAX_HZ)
@@ -137,7 +138,7 @@ class Band(HjifPart):
 
     @property
     def block_samples(self) -> int:
-        """Samples per effect of a wavelet band, 0 for other bands; raises ValueError if invalid."""
+        """Number of samples per effect of a wavelet band, 0 for other bands; ValueError if it is invalid."""
         if self.band_type != "WaveletWave":
             return 0
         n = int(self.tail_s * self.upper_frequency_limit)
@@ -202,7 +203,7 @@ class Channel(HjifPart):
 
     @property
     def declared_s(self) -> float:
-        """Duration in s that the channel declares; 0 if it declares none."""
+        """Duration of the channel in s as declared in the file; 0 if none is declared."""
         return (self.sample_count or 0) / self.frequency_sampling if self.frequency_sampling else 0.0
 
     @model_validator(mode="after")
@@ -370,7 +371,7 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
     Raises
     ------
     ValueError
-        If the duration, or the number of effects, channels or samples, exceeds `LIMITS`.
+        If a duration, the number of effects or wavelet samples, or the nesting depth exceeds `LIMITS`.
 
     Examples
     --------
@@ -416,12 +417,12 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
 
 
 def basis_effects(channel: Channel, perception: Perception) -> list[tuple[int, Effect, Band]]:
-    """Return start (in ticks), basis effect and band of all effects that a channel plays.
+    """Return the start (in ticks), the basis effect and its band for all effects that a channel plays.
 
     Raises
     ------
     ValueError
-        If the effects are more numerous or nested more deeply than `LIMITS` allows.
+        If the number of effects or their nesting depth exceeds `LIMITS`.
     """
     library = perception.library
     expanded = (
@@ -480,7 +481,7 @@ def _play_effect(out: Samples, start: float, effect: Effect, band: Band, fs: flo
 
 
 def _points(effect: Effect, key: str, timescale: int) -> tuple[Samples, Samples]:
-    """Return increasing times (s) and values of the keyframes that define `key`."""
+    """Return times (s, increasing) and values of the keyframes in which the parameter `key` is defined."""
     by_time = {
         (frame.relative_position or 0) / timescale: getattr(frame, key)
         for frame in effect.keyframes

@@ -34,10 +34,10 @@ from texclass.recording import UNITS, Samples
 from texclass.validation import check_positive
 
 RATE = 8000
-"""Samples of wavelet bands per 1000 ticks. Players run at 8000 samples per second and hold each sample until
-the next. A lower rate would be played as steps, with spectral images above half of that rate."""
+"""Number of samples per 1000 ticks in wavelet bands. Players run at 8000 samples per second and hold each
+sample until the next. A lower rate would be played as steps, with spectral images above half of that rate."""
 BLOCK = 512
-"""Samples per wavelet block (64 ticks); players require a power of two."""
+"""Number of samples per wavelet block (64 ticks); players require a power of two."""
 HEADROOM = 1.01
 """Ratio of the gain to the largest sample. Rounding can slightly exceed 1, at which 16-bit players may wrap
 around."""
@@ -51,7 +51,7 @@ Content = dict[str, Any]
 def write_hjif(
     rendition: Rendition, path: str | Path, *, planes: int = wavelet_stream.PLANES
 ) -> dict[str, str]:
-    """Write a surface to a .hjif file, and return a description of the losses by topic.
+    """Write a surface to a .hjif file, and return a description of the lost information by topic.
 
     Taps are written as transients, vibrations of a few spectral lines as vectorial waves, spatial textures as
     a vibrotactile texture over distance, and other vibrations as wavelet bands. The friction coefficient is
@@ -93,7 +93,7 @@ def write_hjif(
 
 
 def build_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tuple[Haptics, dict[str, str]]:
-    """Return the contents of the file that `write_hjif` writes, and the losses."""
+    """Return the contents of a .hjif file and the losses; see `write_hjif`."""
     is_spatial, losses = bool(rendition.pitch_mm), dict(rendition.losses)
     exponent, rate = -3, rendition.fs
     if is_spatial:  # rate in samples per 1000 ticks, each of 10^exponent m
@@ -170,7 +170,7 @@ def _oscillators(rendition: Rendition) -> Content:
 
 
 def _wavelets(x: Samples, rate: float, planes: int) -> Content:
-    """Return a wavelet channel for samples (n,) at `rate` per 1000 ticks, and the rate and length it has."""
+    """Return a wavelet channel for samples (n,) at a rate of `rate` samples per 1000 ticks."""
     own = max(min(round(rate), RATE), 1)
     count = max(round(x.size * own / rate), 1)
     x = signal.resample(x, max(round(x.size * RATE / rate), 1))  # band-limited to rate / 2
@@ -235,7 +235,7 @@ def to_rendition(haptics: Haptics) -> Rendition:
     Raises
     ------
     ValueError
-        If the file contains no vibration; also as `play_hjif`.
+        If the file contains no vibration, or `play_hjif` cannot play it.
 
     Examples
     --------
@@ -289,7 +289,7 @@ def _taps(effects: list[tuple[int, Effect]], gain: float, timescale: int) -> Sam
 
 
 def _lines(effects: list[tuple[int, Effect]], gain: float) -> Samples:
-    """Return frequency (Hz), amplitude and phase of cosines, shape (n, 3); no rows if any of them varies."""
+    """Return frequency (Hz), amplitude and phase of cosines, shape (n, 3); n = 0 if any of them varies."""
     rows = []
     for tick, effect in effects:
         levels = {frame.amplitude_modulation for frame in effect.keyframes} - {None}

@@ -1,9 +1,10 @@
-"""Play surfaces at one speed and force for formats of other devices, and convert played files back.
+"""Play surfaces at one speed and force for other file formats, and convert such files back to textures.
 
-Other formats do not depend on the speed or force of a hand. A texture is therefore played once at a fixed
-speed and force (a rendition), and the losses are described. A file is converted back as follows:
+In other formats, the vibration does not depend on the speed or force of a hand. A texture is therefore played
+once at a fixed speed and force (a rendition), and the losses are described. A file is converted back as
+follows:
 
-| contents | texture |
+| contents | result |
 |---|---|
 | transients | taps, with a decay estimated from the duration of a transient in the player |
 | constant waves | major frequencies |
@@ -27,9 +28,9 @@ from texclass.vibration import MajorFrequencies, TapModel, autoregressive, line_
 LONGEST_S = 30.0
 """Longest rendition in s; the longest event that AHAP allows."""
 SETTLING_S = 0.5
-"""Time in s that is rendered first and discarded while motion and filters settle."""
+"""Duration in s that is rendered first and discarded, while motion and filters settle."""
 TAP_M_S, TAP_EVERY_S, TAP_FS = 0.1, 0.25, 8000.0
-"""Impact velocity of taps in m/s, time between the taps of two surfaces in s, and sampling rate in Hz."""
+"""Impact velocity of taps in m/s, time between consecutive taps in s, and sampling rate in Hz."""
 ORDER = 30
 """Largest order of AR models of played vibrations; the order is also at most a tenth of the sample count."""
 MAX_MAGNITUDE = 1e100
@@ -60,7 +61,7 @@ class Playable(Protocol):
         """Increasing forces in N that bound the range of the model."""
 
     def renderer(self, *, seed: int = 0) -> Renderer:
-        """Return a renderer without motion."""
+        """Return a renderer whose motion starts at rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +77,9 @@ class Rendition:
     fs : float
         Sampling rate in Hz.
     samples : ndarray of shape (n_samples,)
-        Vibration at `speed` and `force`, or the taps one after another.
+        Vibration at `speed` and `force`, or the taps in sequence.
     speed, force : float
-        Speed in mm/s and force in N; for taps, the impact velocity in mm/s and 0.
+        Speed in mm/s and force in N. For taps, `speed` is the impact velocity in mm/s, and `force` is 0.
     lines : ndarray of shape (n_lines, 3)
         Frequency (Hz), amplitude and phase (rad) of the cosines that make up the vibration (default: none).
     taps : ndarray of shape (n_taps, 3)
@@ -88,7 +89,7 @@ class Rendition:
     pitch_mm : float
         Distance between samples of spatial textures in mm; 0 for vibrations over time.
     losses : mapping of str to str
-        Information lost by the rendition, by topic.
+        Description of the information that the rendition loses, by topic.
 
     Examples
     --------
@@ -125,7 +126,7 @@ def play_texture(
     seconds: float = 2.0,
     seed: int = 0,
 ) -> Rendition:
-    """Play a texture at one speed and force for writing it in another format.
+    """Play a texture at one speed and force, to write it in another format.
 
     Parameters
     ----------
@@ -188,7 +189,7 @@ def play_texture(
 
 
 def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
-    """Play the taps of a library, one surface after another, for writing them in another format.
+    """Play one tap of each material in a library in sequence, to write the taps in another format.
 
     Parameters
     ----------
@@ -229,12 +230,12 @@ def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
 
 
 def to_texture(rendition: Rendition) -> tuple[Serializable, dict[str, str]]:
-    """Fit a texture or a tap library to a rendition, and return it with a description of the losses.
+    """Fit a texture or a tap library to a rendition; return it with a description of the lost information.
 
     Parameters
     ----------
     rendition : Rendition
-        Result of `to_rendition`.
+        Result of `texclass.haptics.exchange.hjif_rendition.to_rendition`, for example.
 
     Raises
     ------
@@ -291,7 +292,7 @@ def level_db(x: Samples) -> float:
 
 
 def describe_level_change(output: Samples, reference: Samples) -> str:
-    """Return as text the level difference in dB between an output (n,) and a reference (m,)."""
+    """Describe the level difference in dB between an output (n,) and a reference (m,)."""
     if not np.any(reference):
         return "silence"
     return f"{level_db(output) - level_db(reference):+.2f} dB"
@@ -315,7 +316,7 @@ def _render(texture: Playable, speed: float, force: float, seconds: float, seed:
 
 
 def _describe_range(texture: Playable, x: Samples, ends: list[tuple[float, float]], seed: int) -> str:
-    """Return as text the level at both ends of a range of (speed, force), relative to the level of x."""
+    """Describe the levels at both ends of a range of speeds or forces, relative to the level of x."""
     if ends[0] == ends[1]:
         return "the texture has only this value"
     length_mm = float(getattr(texture, "length_mm", 0.0))

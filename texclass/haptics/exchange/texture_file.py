@@ -1,8 +1,8 @@
-"""Write, read and describe native files (.texture) of textures, tap libraries and planned scenes.
+"""Write, read and describe .texture files, which contain a texture, a tap library or a planned scene.
 
 A `.texture` file is a safetensors file of arrays with a JSON header; loading it never executes code. The
 header contains the family of the object, its unit and its parameters. A SHA-256 checksum of header and arrays
-detects damage, but not manipulation. A packed texture is stored as its bytes, without a header.
+detects damage, but not manipulation. Packed textures are stored as their bytes, without a header.
 """
 
 import hashlib
@@ -41,7 +41,7 @@ TEXTURES: dict[str, str | type[Serializable]] = {
     "oeztuerk2018-frequencies": "texclass.haptics.textures.oeztuerk2018:FrequencyTexture",
     "oeztuerk2018-lpc": "texclass.haptics.textures.oeztuerk2018:LpcTexture",
 }
-"""Allow-list of families and their classes; only these classes are created from a file."""
+"""Allow-list of families and their classes. Only these classes are created from files."""
 TAPS: dict[str, str | type[Serializable]] = {
     "okamura2001": "texclass.haptics.textures.okamura2001:TapLibrary"
 }
@@ -60,7 +60,7 @@ def save_texture(texture: Serializable, path: str | Path, *, unit: str | None = 
     Parameters
     ----------
     texture : Texture or TapLibrary
-        Object of one of the families of texclass.
+        Object whose family is in `TEXTURES` or `TAPS`, or a packed texture.
     path : str or Path
         File to write; must end in `.texture`.
     unit : str, optional
@@ -97,7 +97,9 @@ def save_texture(texture: Serializable, path: str | Path, *, unit: str | None = 
 
 
 def load_texture(path: str | Path) -> Texture:
-    """Load the texture in a `.texture` or HaTT `.xml` file; it renders the same samples as the saved texture.
+    """Load a texture from a `.texture` or HaTT `.xml` file.
+
+    The texture renders the same samples as the saved texture.
 
     Parameters
     ----------
@@ -139,7 +141,7 @@ def _read_packed(path: Path) -> PackedTexture | None:
 
 
 def load_taps(path: str | Path) -> "TapLibrary":
-    """Load the tap library in a file.
+    """Load a tap library from a `.texture` file.
 
     Parameters
     ----------
@@ -148,8 +150,10 @@ def load_taps(path: str | Path) -> "TapLibrary":
 
     Raises
     ------
-    ValueError, OSError
-        As `load_texture`.
+    ValueError
+        If the file is damaged, does not contain a tap library, or contains an invalid value.
+    OSError
+        If the file cannot be read.
 
     Examples
     --------
@@ -179,8 +183,10 @@ def describe(path: str | Path) -> dict[str, Any]:
 
     Raises
     ------
-    ValueError, OSError
-        As `load_texture` and `read_hatt`.
+    ValueError
+        If the file is damaged, has another format, or contains an invalid value.
+    OSError
+        If the file cannot be read.
 
     Examples
     --------
@@ -232,7 +238,7 @@ class Header(StrictModel):
     Attributes
     ----------
     family : str
-        Family of the object, for example "hatt" or "taps".
+        Family of the object, for example "hatt" or "okamura2001".
     name : str
         Name of the surface or scene.
     fs : float or None
@@ -244,7 +250,7 @@ class Header(StrictModel):
     parameters : mapping
         Parameters that are not arrays; see `texclass.haptics.textures.contract`.
     texclass, version
-        Version of texclass that wrote the file, and of the format.
+        Version of texclass that wrote the file, and version of the file format.
     sha256 : str
         Checksum of all other fields and of the arrays.
     """
@@ -292,13 +298,13 @@ def write_object(stored: Serializable, path: str | Path, *, unit: str) -> Path:
 
 
 def to_bytes(header: Header, arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """Return the bytes of a file, including the checksum; equal contents give equal bytes."""
+    """Return the bytes of a file, including the checksum. Equal contents yield equal bytes."""
     complete = header.model_copy(update={"sha256": _digest(header, arrays)})
     return save(dict(arrays), {_KEY: complete.model_dump_json()})
 
 
 def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
-    """Read and validate header and arrays of a file.
+    """Read and validate the header and the arrays of a file.
 
     Raises
     ------
@@ -344,19 +350,20 @@ def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
 
 
 def read_object(path: str | Path, families: Mapping[str, str | type[Serializable]]) -> Any:
-    """Return the object that is stored in a file.
+    """Create the object that is stored in a file.
 
     Parameters
     ----------
     path : str or Path
         File to read.
     families : mapping of str to type or str
-        Allow-list: family -> class, or "module:class", which is imported if needed.
+        Allow-list of families. Each value is the class, or a string "module:class" that is imported if
+        needed.
 
     Raises
     ------
     ValueError
-        As `read_container`; also if the family is not in the list, or the class rejects a value.
+        If `read_container` rejects the file, its family is not in the list, or the class rejects a value.
     OSError
         If the file cannot be read.
     """

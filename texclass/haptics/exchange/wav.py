@@ -1,8 +1,8 @@
-"""Write vibrations as WAV files, for haptic devices or for listening, and read them.
+"""Write vibrations as WAV files for haptic devices or for listening, and read such files.
 
 A JSON comment (LIST/INFO ICMT) contains the unit, the peak and the exact sampling rate. 32-bit float files
-contain the samples in this unit. 16-bit PCM files contain the samples divided by the peak: code 32767 is the
-peak. Audible files are 16-bit PCM at 48 kHz, which any player accepts. Their comment also contains the gain,
+contain the samples in this unit. 16-bit PCM files contain the samples divided by the peak, which has the code
+32767. Audible files are 16-bit PCM at 48 kHz, which any player accepts. Their comment also contains the gain,
 1 / peak.
 """
 
@@ -33,7 +33,7 @@ MAX_FS = 1e9
 AUDIBLE_FS = 48_000.0
 """Sampling rate of audible files in Hz."""
 AUDIBLE_INPUT_FS, MAX_SHIFT_HZ = (20.0, 1e6), 10_000.0
-"""Range of sampling rates that can be converted to 48 kHz, and largest frequency shift, all in Hz."""
+"""Range of sampling rates in Hz that can be converted to 48 kHz, and largest frequency shift in Hz."""
 _SUBTYPES = {"float32": "FLOAT", "pcm16": "PCM_16", "audible": "PCM_16"}
 
 
@@ -87,7 +87,7 @@ def write_wav(
         Sample format. "pcm16" has a rounding error of at most peak / 65534. "audible" applies `to_audible`
         and then "pcm16".
     shift_hz : float
-        Frequency shift for "audible" in Hz, see `to_audible`.
+        Frequency shift in Hz (default 0), for "audible" only; see `to_audible`.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def write_wav(
 
 
 def to_audible(samples: ArrayLike, fs: float, *, shift_hz: float = 0.0) -> Samples:
-    """Resample a vibration to 48 kHz, and shift it to higher frequencies that small loudspeakers can play.
+    """Resample a vibration to 48 kHz, and shift its frequencies into the range of small loudspeakers.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def to_audible(samples: ArrayLike, fs: float, *, shift_hz: float = 0.0) -> Sampl
     Returns
     -------
     ndarray of shape (m,) or (m, n_channels)
-    Vibration in the unit of the samples, with m = ceil(n_samples * 48000 / fs).
+        Vibration in the unit of the samples, with m = ceil(n_samples * 48000 / fs).
 
     Raises
     ------

@@ -5,7 +5,7 @@
 3. The bit planes of the coefficients are coded from the highest to the lowest with zero trees (SPIHT).
 4. Each bit is coded by an adaptive arithmetic coder with 10 bits and seven contexts.
 
-Encoding and decoding share the code that traverses the planes. When decoding, the coder returns the bits.
+Encoding and decoding use the same traversal of the planes: the coder writes each bit or returns the next bit.
 
 References
 ----------
@@ -55,7 +55,7 @@ def transform(block: Samples) -> Samples:
 
 
 def inverse(coefficients: Samples) -> Samples:
-    """Return the block (n,) with the wavelet coefficients (n,); inverse of `transform`."""
+    """Reconstruct a block (n,) from its wavelet coefficients (n,); inverse of `transform`."""
     rest = np.asarray(coefficients[:COARSEST], dtype=np.float64)
     while rest.size < coefficients.size:
         low, high = np.zeros((2, 2 * rest.size))
@@ -151,7 +151,7 @@ def _code_planes(values: NDArray[np.int64], top: int, coder: "_Coder") -> NDArra
 
 
 def _largest_descendants(size: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return for each coefficient the largest magnitude of all descendants, and from grandchildren on."""
+    """Return, per coefficient, the largest magnitude of all descendants, and of those beyond its children."""
     n = size.size
     descendant, grandchild = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     first = n // 4
@@ -220,5 +220,5 @@ class _Coder:
         return source[position] if position < len(source) else 0
 
     def finish(self) -> bytes:
-        """Return the bytes. One more bit selects the middle of the interval; any zeros may follow."""
+        """Return the encoded bytes. A final bit of 1 selects the middle of the interval; zeros may follow."""
         return np.packbits([*self._bits, 1]).tobytes()

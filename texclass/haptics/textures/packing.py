@@ -272,7 +272,7 @@ def _allocations(n_bits: int, facts: dict[str, Any], max_order: int) -> list[tup
 
 
 def _cost(k: Samples, target: dict[str, Any], fs: float) -> float:
-    """Return the sum over spectra of 1 - GFC of the amplitudes and 0.01 times the RMS error of bands in dB."""
+    """Return the sum over spectra of 1 - GFC of the amplitudes and 0.01 times the RMS band error in dB."""
     f = target["hz"]
     is_in_band = (f >= LOWEST_HZ) & (f <= min(1000.0, fs / 2))
     edges = np.searchsorted(f[is_in_band], BAND_EDGES_HZ[fs / 2 >= BAND_EDGES_HZ])[:-1]
