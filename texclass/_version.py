@@ -1,3 +1,3 @@
-"""Version of texclass, alone in its module so that the build and the CLI can read it without imports."""
+"""Version of texclass, in a separate module that the build and the CLI can read without other imports."""
 
 __version__ = "0.3.0"

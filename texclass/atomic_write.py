@@ -43,13 +43,13 @@ def check_suffix(path: str | Path, *suffixes: str) -> Path:
 
 
 def sibling_path(path: Path, suffix: str, prefix: str = "") -> Path:
-    """Return a path in the same folder with an added prefix and suffix, shortened to fit into 255 bytes."""
+    """Add a prefix and suffix to the name of a file, and shorten the name to at most 255 bytes."""
     name = path.name.encode()[: 200 - len(suffix)].decode(errors="ignore")
     return path.with_name(f"{prefix}{name}{suffix}")
 
 
 def write_atomic(path: str | Path, content: bytes | str) -> None:
-    """Write a file completely or not at all; missing folders are created.
+    """Write a file completely or not at all, and create missing folders.
 
     The content is written to a temporary file in the same folder, which then replaces the file. Several
     processes may write the same file; the last one wins. Pipes and terminals are written to directly.

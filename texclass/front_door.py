@@ -93,7 +93,7 @@ def benchmark(
     unit: str | None = None,
     **options: Any,
 ) -> "BenchmarkResult":
-    """Evaluate every row and classifier of a pipeline on a dataset.
+    """Evaluate every feature subset and classifier of a pipeline on a dataset.
 
     Parameters
     ----------
@@ -112,8 +112,8 @@ def benchmark(
     Returns
     -------
     BenchmarkResult
-        Result: `table` is a DataFrame, `plot()` returns a figure, and `save(folder)` writes JSON, Markdown
-        and figures.
+        Accuracy of each feature subset and classifier. `table` is a DataFrame, `plot()` returns a figure, and
+        `save(folder)` writes JSON, Markdown and figures.
     """
     from texclass.evaluation import run_benchmark
 

@@ -15,7 +15,7 @@ class PhaseSettings:
     Attributes
     ----------
     contents
-        Content of the recordings: "taps and strokes", or only "taps", in any number.
+        Content of the recordings: "taps and strokes", or "taps" (only taps, in any number).
     tap_spacing_s
         Impulses that are less than this time apart are one tap and its rebounds.
     rebound_db
@@ -32,10 +32,10 @@ class PhaseSettings:
     rest_s
         Shortest rest at the end of a recording; a shorter one is a turning point of the movement.
     opening_s
-        For an impulse within this time of the start, no hand acceleration is recorded before it. Vibration
-        that lasts twice this time at the start is a stroke.
+        An impulse within this time of the start cannot be measured, because the hand acceleration before it
+        is not recorded. Vibration that lasts twice this time at the start is a stroke.
     kink_s
-        Ringing time of the filter around the start or end of a fade of gravity.
+        Time for which the filter rings after the kink of gravity at the start or end of a fade.
 
     active_ratio, stroke_ratio
         Ratio of vibration to noise above which a bin is active, and above which lasting vibration is a
@@ -60,7 +60,7 @@ class PhaseSettings:
         A weaker impulse, at most `clear_range_db` below the strongest, is a tap if its level reaches
         `clear_db` and its duration is at most `clear_s`.
     lasting_db, ring_db
-        An impulse below `lasting_db` ends before it can be mistaken for movement. An impulse that falls by
+        An impulse below `lasting_db` is too short to be mistaken for movement. An impulse that falls by
         less than `ring_db` before other vibration starts may be the first impulse of a texture.
     strong_db
         An impulse that exceeds the 95 % quantile of the stroke levels by this level is a tap.
@@ -78,7 +78,7 @@ class PhaseSettings:
     min_impulses, certain_db
         Fewer than `min_impulses` impulses, all below `certain_db`, may come from faint strokes.
     faint_ratio
-        Mean ratio over `quiet_s` that faint strokes do not reach.
+        Vibration is faint if its mean ratio over `quiet_s` stays below this value.
 
     sharp_s, calm_s
         Averaging windows of the levels for locating a peak and for following its decay.
@@ -100,22 +100,22 @@ class PhaseSettings:
         Frequency band of soft contacts, and window over which its level is averaged. The band is analysed
         separately so that noise at higher frequencies does not mask soft contacts.
     soft_margin
-        Level of the soft band relative to its median at rest that hand motion does not reach.
+        Ratio of the level of the soft band to its median at rest. Hand motion does not reach this ratio.
     soft_tail
-        Level that noise exceeds once in 100,000 bins, above its median, in multiples of the distance (in dB)
-        from the median to the 90 % quantile (2.5 to 2.9 for chi-squared powers with 5 to 20 degrees of
-        freedom).
+        Level that noise exceeds once in 100,000 bins: its distance in dB from the median, divided by the
+        distance of the 90 % quantile from the median (2.5 to 2.9 for chi-squared powers with 5 to 20 degrees
+        of freedom).
     soft_impulse
         Ratio assigned to a bin of the soft band that exceeds `soft_tail`: just above the threshold of a tap.
     unrest_ratio
-        Ratio over all bands below which only the hand moves.
+        Ratio over all bands below which there is no vibration other than hand motion.
     steady_ratio, steady_samples
         The quietest segment is steady if the levels of its fifths differ by at most `steady_ratio`. With
         fewer samples than `steady_samples`, a larger ratio is allowed.
     quiet_spread, noisy_spread, noisy_contrast
-        Largest ratio of the level of all rest to the level of its quietest segment: by chance, and where
-        vibration exceeds `noisy_contrast`. Intermittent noise of a room or machine is then not detected as
-        strokes.
+        Largest ratio of the noise level to the level of the quietest segment. The second limit applies if the
+        recording contains vibration above `noisy_contrast` times that level, so that intermittent noise of a
+        room or machine is not detected as strokes.
     noisy_weight
         Factor for the level of strokes if the noise is intermittent.
     opening_ratio, opening_spread

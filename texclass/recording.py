@@ -120,7 +120,7 @@ class Phases:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Signals of one exploration of one surface. Frozen; its arrays are read-only.
+    """Signals of one exploration of one surface. A recording is immutable, and its arrays are read-only.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ class Recording:
         return self if is_unchanged else replace(self, **changes)
 
     def cut(self, start: int, stop: int, recording_id: str) -> "Recording":
-        """Return a recording of the samples [start, stop) of every signal, with all of it as movement."""
+        """Return a recording of the samples [start, stop) of every signal, all of which count as movement."""
         signals = {name: getattr(self, name) for name in ("acceleration", *AUXILIARY_UNITS)}
         return self.with_(
             **{name: signal[start:stop] for name, signal in signals.items() if signal is not None},

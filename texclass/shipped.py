@@ -1,6 +1,7 @@
-"""Find definitions by name: shipped with texclass, files of the user, or registered by other packages.
+"""Find definitions that are shipped with texclass, stored by the user, or registered by other packages.
 
-The areas `texclass.haptics` and `texclass.robot`, and other packages, register extensions as entry points:
+The subpackages `texclass.haptics` and `texclass.robot`, and other packages, register extensions as entry
+points:
 
 | group | name | value |
 |---|---|---|
@@ -120,7 +121,7 @@ def _warn_unless_installed() -> None:
 
 
 def _files(kind: Kind) -> dict[str, Path]:
-    """Return the file of each definition; shipped ones take precedence. Packages are not imported."""
+    """Return the file of each definition. Shipped definitions take precedence; packages are not imported."""
     folders = []
     for name, package in entry_point_modules("definitions").items():
         spec = find_spec(package)

@@ -51,7 +51,8 @@ def dft321(acceleration: ArrayLike, *, single: bool = False) -> Samples:
     Notes
     -----
     Where axes cancel, such as two axes of opposite sign, the phase of the sum would be rounding noise. Axis i
-    of c is therefore weighted with 1 + (c - 1 - i) `TIE_BREAK`, so the earlier axis determines the phase.
+    of c axes is therefore weighted with 1 + (c - 1 - i) `TIE_BREAK`, so that the earlier axis determines the
+    phase.
 
     Phases of different axes are mixed, so a short event may spread in time. Locate events on the single axes.
 
@@ -136,7 +137,7 @@ def remove_hand_motion(x: ArrayLike, fs: float) -> Samples:
     Parameters
     ----------
     x : array_like of shape (n_samples,)
-        Movement in any unit.
+        Acceleration during movement, in any unit.
     fs : float
         Sampling rate in Hz.
 

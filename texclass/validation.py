@@ -48,7 +48,7 @@ _EXPECTED = {
 
 
 class StrictModel(BaseModel):
-    """Base of all file models: frozen; unknown keys and values of the wrong type are errors.
+    """Immutable base class of all file models; unknown keys and values of the wrong type are errors.
 
     Text is not converted to numbers, but lists are accepted for tuples and integers for floats.
     """

@@ -34,7 +34,7 @@ def shipped_names(kind: Kind) -> Callable[[str], list[str]]:
 
 
 def output_file(*flags: str, suffixes: Sequence[str], help: str) -> Any:
-    """Return an option for an output file, whose suffix sets the format and is checked before any work."""
+    """Return an option for an output file. Its suffix selects the format and is checked first."""
 
     def check(path: Path | None) -> Path | None:
         return None if path is None else check_suffix(path, *suffixes)
@@ -246,7 +246,7 @@ def protocol_name(
     test: list[str] | None,
     leave_out: str | None,
 ) -> str | None:
-    """Return the name of the protocol that the options select; None selects that of the pipeline."""
+    """Return the name of the protocol that the options select; None selects the protocol of the pipeline."""
     if bool(train) != bool(test):
         raise typer.BadParameter("--train and --test must be given together")
     if sum(map(bool, (protocol, train, leave_out))) > 1:

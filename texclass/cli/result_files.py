@@ -76,7 +76,7 @@ def stale_results(paths: Sequence[str | Path]) -> tuple[dict[Path, str], dict[Pa
     Returns
     -------
     stale : dict of Path to str
-        Reason why each stale result is stale.
+        Reason why each stale result is out of date.
     skipped : dict of Path to str
         Reason why each skipped path is not a result, such as a folder.
 

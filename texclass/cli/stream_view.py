@@ -258,7 +258,7 @@ class TerminalView(TextView):
 
 
 def view_of(session: Session, source: str, as_lines: bool, heartbeat_s: float) -> TextView:
-    """Return the view of a session: JSON lines if `as_lines`, live display in a terminal, else text."""
+    """Return the view of a session: JSON lines if `as_lines`, else a live display in a terminal or text."""
     if as_lines:
         return JsonView(session, source, heartbeat_s)
     console = Console()
@@ -285,7 +285,7 @@ def show_and_publish(
 
 
 def _surfaces(answer: WindowAnswer) -> Table:
-    """Return a table of the five most probable surfaces, prediction sets, next gesture and two reasons."""
+    """Return a table of the five most probable surfaces, prediction sets, next gesture and first reasons."""
     verdict = answer.verdict
     best = sorted(verdict.probabilities.items(), key=lambda pair: -pair[1])[:5]
     table = Table.grid(padding=(0, 1))

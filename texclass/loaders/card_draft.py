@@ -234,7 +234,7 @@ def _name_layout(names: Sequence[str]) -> _Layout:
 
 
 def _folder_patterns(names: Sequence[str]) -> list[str]:
-    """Return patterns of the folders with surface and session, the more specific one first."""
+    """Return patterns of the folders that name the surface and session, the most specific pattern first."""
     parts = [PurePosixPath(name).parts for name in names]
     shared = ""
     while len({part[0] for part in parts}) == 1 and min(map(len, parts)) > 2:
@@ -251,7 +251,7 @@ def _folder_patterns(names: Sequence[str]) -> list[str]:
 def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
     """Read up to 100 files: return columns and unit of the first one, and the sampling rates of all.
 
-    The first file of each surface is read before any second one.
+    One file of each surface is read before a second file of any surface.
     """
     first_files: dict[str, str] = {}
     for name, groups in layout.groups.items():

@@ -185,13 +185,13 @@ class FileReading(Reading):
     files
         Patterns (regular expressions) of relative file names, with the named groups of `PATTERN_GROUPS`.
     surfaces
-        Surface in the file name -> surface in the dataset; other names are unchanged.
+        Surface in the dataset for each surface in the file names; surfaces that are not listed are unchanged.
     labels
         Label table with labels and groups that the file names do not contain.
     channels
         Columns of the acceleration and of auxiliary signals, by name or by number from 1.
     companions
-        Auxiliary signal -> possible names of its file, in which {group} stands for the value of a group of
+        Possible file names of each auxiliary signal, in which {group} stands for the value of a group of
         `files`.
     delimiter
         Column delimiter of text files.
@@ -284,7 +284,7 @@ class Download(StrictModel):
     Attributes
     ----------
     url
-        Base address of the files, in a fixed commit or record.
+        Base URL of the files, in a fixed commit of a repository or a fixed record of an archive.
     convert
         Conversion of each file, see `places.convert_files` (default: none).
     sha256
@@ -399,7 +399,7 @@ def read_card(name_or_path: str | Path) -> AnyCard:
     Returns
     -------
     FileCard, RowCard, ModelsCard or SimulatedCard
-        Card of the class that belongs to its key `format` (default: inferred from the other keys).
+        Card. Its class is determined by the key `format` (default: inferred from the other keys).
 
     Raises
     ------

@@ -225,7 +225,7 @@ def turn_rate_factor(names: Sequence[str], path: Path) -> float:
     Raises
     ------
     RecordingError
-        If it is not a supported unit of turn rate.
+        If the unit is not a supported unit of turn rate.
     """
     units = {match[1].lower() for name in names if (match := _OTHER_UNIT.search(name))}
     if units <= {"rad/s"}:

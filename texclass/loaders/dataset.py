@@ -1,4 +1,4 @@
-"""Datasets: labels of all recordings are in memory; signals are loaded one recording at a time."""
+"""Datasets that keep all labels in memory and load the signals of one recording at a time."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -81,8 +81,8 @@ class Dataset(Sequence[Recording]):
     entries : tuple of Entry
         Labels and files, one per recording, in a fixed order.
     load : callable
-        Function that loads the recording of an entry; raises RecordingError if it is invalid. A dataset is
-        picklable if this function is.
+        Function that loads the recording of an entry, or raises RecordingError if the recording is invalid. A
+        dataset is picklable if this function is picklable.
     input_hash : str
         Hex digest that changes when any recording changes.
     title, licence, source : str
@@ -126,7 +126,7 @@ class Dataset(Sequence[Recording]):
         return (self.load(entry) for entry in self.entries)
 
     def attempt(self, entry: Entry) -> Recording | RecordingError:
-        """Return the recording of an entry, or with `skip_bad` the error if the recording is invalid."""
+        """Return the recording of an entry or, with `skip_bad`, the error if the recording is invalid."""
         try:
             return self.load(entry)
         except RecordingError as error:

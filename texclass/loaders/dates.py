@@ -23,7 +23,8 @@ def is_date(cell: str) -> bool:
 def parse_dates(column: pa.ChunkedArray) -> NDArray[np.datetime64]:
     """Parse dates such as "2019-08-06 14:15:18:503", "6.8.2019 14:15:18" or "2:15:18 PM".
 
-    Dates with slashes are read month first, other dates day first. Within one day, the order has no effect.
+    Dates with slashes are read month first, other dates day first. A wrong order does not change time
+    differences within one day.
 
     Parameters
     ----------

@@ -157,7 +157,7 @@ def load_recording(
 
 
 def locate_recording(name: str | Path) -> tuple[Path, str | None]:
-    """Return the file and topic of a name such as "bag:FILE?topic=/name"; the topic is None if not given.
+    """Return the file and topic of a name such as "bag:FILE?topic=/name"; the topic is None if there is none.
 
     Raises
     ------
@@ -389,7 +389,7 @@ def _stack_columns(read: ReadSignals, names: Sequence[str], path: Path) -> Sampl
 
 
 def _varying_columns(path: Path, settings: ReaderSettings, names: Sequence[str]) -> list[str]:
-    """Return the columns that may contain an acceleration: not monotonic, in one group, and the longest.
+    """Return the longest columns of one group that are not monotonic and may contain an acceleration.
 
     Only the first 12 columns are read, because the result is only a suggestion in a message.
     """
@@ -449,7 +449,7 @@ def _read(
 
 
 def _time_candidates(names: Sequence[str], wanted: Sequence[str]) -> list[str]:
-    """Return the columns named like time stamps in groups with all signals, innermost group first."""
+    """Return the columns named like time stamps whose group contains all signals, innermost group first."""
 
     def has_signals(name: str) -> bool:
         return all(group_path(signal)[: len(group_path(name))] == group_path(name) for signal in wanted)

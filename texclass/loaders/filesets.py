@@ -190,7 +190,7 @@ def _content_files(root: Path, entry: Entry) -> list[str]:
 
 
 def _find_copies(keys: Mapping[Entry, Hashable]) -> tuple[tuple[tuple[Entry, ...], ...], list[str]]:
-    """Return groups of recordings with identical content (equal keys), and notes for the user."""
+    """Return groups of recordings with equal keys (identical content), and notes for the user."""
     entries_by_key: dict[Hashable, tuple[Entry, ...]] = {}
     for entry, key in keys.items():
         entries_by_key[key] = (*entries_by_key.get(key, ()), entry)
@@ -220,7 +220,7 @@ def _unmatched_file_notes(reading: FileReading, used: set[str], unmatched: set[s
 
 
 def load_row(card: RowCard, where: str, samples: Mapping[str, Samples], entry: Entry) -> Recording:
-    """Return the recording stored in one row.
+    """Return the recording stored in one row of the tables.
 
     Parameters
     ----------

@@ -125,7 +125,7 @@ def _find_arrays(
 
 
 def _fields(data: Bytes, at: int, order: str, name: str, depth: int) -> Iterator[StoredArray]:
-    """Yield the fields of a struct: names of equal length, then one array per field."""
+    """Yield the fields of a struct, which contains names of equal length, then one array per field."""
     _, start, _, at = _element(data, order, at)
     (length,) = struct.unpack_from(f"{order}i", data.data, start)
     _, start, size, at = _element(data, order, at)

@@ -68,8 +68,8 @@ def open_dataset(
         Table (CSV) with a column `file` and a column `surface` for a folder of any layout, optionally with
         `operator`, `session` and `repetition`. A dataset card has the table [labels] instead.
     tap_spacing : float, optional
-        Time in s between impulses below which they are one tap and its rebounds (default: the value of the
-        card, or 0.08).
+        Time in s. Impulses that are less than this time apart are one tap and its rebounds (default: the
+        value of the card, or 0.08).
     skip_bad : bool
         Let `Dataset.attempt` return the error of an invalid recording instead of raising it (default False).
     **reading : optional
@@ -137,9 +137,9 @@ def find_recording(
     Raises
     ------
     RecordingError
-        If the dataset has no recording with that id, or if `load_recording` raises it.
+        If the dataset has no recording with that id, or `load_recording` rejects the file.
     FileNotFoundError, CardError
-        If `open_dataset` raises it.
+        If `open_dataset` cannot open the dataset.
 
     Examples
     --------

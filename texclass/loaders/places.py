@@ -70,7 +70,7 @@ def fetch_recordings(
     """Download the published recordings of a card into the data folder.
 
     Files that already exist are kept, so an interrupted download can be continued by calling the function
-    again. If all files exist, no network is needed.
+    again. If all files exist, no network access is needed.
 
     Parameters
     ----------

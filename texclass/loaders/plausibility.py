@@ -283,8 +283,8 @@ def similar_label_notes(surfaces: Iterable[str]) -> list[str]:
 def folder_level_notes(file_parts: Iterable[Sequence[str]]) -> list[str]:
     """Return a note if the first level of folders looks like sessions rather than surfaces.
 
-    This is the case if all folders of the first level contain the same subfolders and there are more of these
-    than folders, or if the folders are named like sessions ("session 1", "session 2").
+    This is the case if the folders have subfolders in common, and either there are more common subfolders
+    than folders, or the folders are named like sessions ("session 1", "session 2").
 
     Parameters
     ----------

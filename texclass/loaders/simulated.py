@@ -32,7 +32,9 @@ ATTRIBUTES = (
 
 
 def load_simulated(recipe: Recipe, cache: Path, entry: Entry) -> Recording:
-    """Return a simulated recording, from the cache if possible; both are identical to the last bit.
+    """Return a simulated recording, from the cache if possible.
+
+    A cached recording is identical, bit for bit, to a newly simulated one.
 
     The true phases are removed, so that they are detected as in a measured recording.
 
@@ -107,7 +109,7 @@ def _simulate_gesture(recipe: Recipe, gesture: str, entry: Entry) -> Recording:
 
 
 def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
-    """Write a small folder of simulated recordings to try commands on.
+    """Write a small folder of simulated recordings, to try the commands.
 
     There are four surfaces with six recordings each, of 4 s at 10 kHz: taps, then strokes. Each file contains
     the acceleration along the tool in m/s^2, one value per line: `folder/oak/oak_01.txt`.

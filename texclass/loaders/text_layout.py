@@ -1,8 +1,8 @@
 """Find the layout of a text table: encoding, delimiter, comments, first row, names and units of columns.
 
-Of the first 200 lines, the last three with numbers determine which columns are numeric. A row has numbers in
-all of these columns. The column names are in the last matching line above the first row; a line of units may
-be in between.
+Of the first 200 lines, the last three with numbers determine which columns are numeric. A row is a line with
+numbers in all of these columns. The column names are in the last matching line above the first row; a line of
+units may be in between.
 """
 
 import codecs
@@ -392,7 +392,7 @@ def _are_units(row: _Row) -> bool:
 def _header(
     above: Sequence[_Row], body: Sequence[_Row], width: int, n_filled: int, *, is_labview: bool
 ) -> _Row | None:
-    """Return the last line with a name per column; if there is none, the last such comment line."""
+    """Return the last line that names every column; a comment line only if no other line does."""
 
     def names_all(row: _Row) -> bool:
         if not (any(map(str.isalpha, "".join(row.cells))) or _is_counted([row, *body], is_txt=False)):

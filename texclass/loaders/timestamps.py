@@ -26,8 +26,8 @@ class TimestampSettings:
     max_overtaking : int
         A message overtaken by at most this many messages is out of order; otherwise the clock was set.
     clock_jump_s : float
-        Difference in s by which a step of the time stamps exceeds the step of the times of receipt at a clock
-        jump.
+        Time in s. If a step of the time stamps exceeds the step of the times of receipt by more than this
+        time, the clock was set forward.
     rate_block, min_blocks : int
         Messages per rate measurement, and smallest number of consecutive measurements in a segment with one
         rate.
@@ -39,7 +39,7 @@ class TimestampSettings:
         Relative deviation from the median step. If more than half of the steps deviate more, messages arrive
         in bursts.
     max_gap, max_gap_s : int, float
-        Longest gap that is interpolated, in samples and in s (the longer one counts). Longer gaps divide the
+        Longest gap that is interpolated, in samples and in s, whichever is longer. Longer gaps divide the
         recording.
     same_rate : float
         Relative difference below which two rates are considered equal; crystal oscillators differ by 1e-4.
@@ -56,7 +56,8 @@ class TimestampSettings:
         whole milliseconds at 100 Hz.
     coarse_clock : float
         Fraction of values that change at equal time stamps, divided by the fraction that change at different
-        ones. Above this ratio, equal time stamps come from a coarse clock, not from messages sent twice.
+        time stamps. Above this ratio, equal time stamps come from a coarse clock, not from messages sent
+        twice.
     shared_ticks : float
         Fraction of ticks with several samples above which a clock is coarse.
     """
@@ -300,7 +301,7 @@ def _longest_segment(n_lost: NDArray[np.int64], max_gap: int, period: float) -> 
 
 
 def nominal_rate(rate: float) -> float:
-    """Round a measured rate in Hz to the fewest digits within 0.1 %: 99.98 to 100; 104.2 is unchanged."""
+    """Round a rate in Hz to the fewest digits within 0.1 % of it: 99.98 becomes 100, 104.2 stays."""
     for digits in range(1, 6):
         if abs((rounded := float(f"{rate:.{digits}g}")) - rate) <= TIMESTAMPS.same_rate * rate:
             return rounded
