@@ -1,7 +1,7 @@
 """Real Fourier transforms in single precision, computed as four interleaved short transforms.
 
-Four short transforms use the full width of the vector unit and stay in the processor cache. They take about
-half the time of `scipy.fft.rfft`. Let Y_p be the transform, with M = N/4 bins, of the samples p, p + 4,
+Four interleaved transforms use the full width of the vector unit and fit into the processor cache. They take
+about half the time of `scipy.fft.rfft`. Let Y_p be the transform, with M = N/4 bins, of the samples p, p + 4,
 p + 8, ... of N samples. The bins of the full transform are::
 
     X_(k+qM) = sum_p (-i)^(pq) exp(-2 pi i k p / N) Y_p(k)
@@ -23,7 +23,7 @@ Bins = NDArray[np.complex64]
 
 
 def rfft_quarters(x: NDArray[np.float32]) -> Bins:
-    """Return the Fourier transform of real samples, with a quarter of the frequencies per column.
+    """Return the Fourier transform of real samples, with one quarter of the bins in each column.
 
     Parameters
     ----------
@@ -60,7 +60,8 @@ def rfft(x: NDArray[np.float32], *, quarter: bool = False) -> Bins:
 
     Returns
     -------
-    ndarray of shape (n_samples // 2 + 1,), or (n_samples // 4 + 1,)
+    ndarray of shape (n_samples // 2 + 1,), or (n_samples // 4 + 1,) if `quarter`
+        Bins of the transform.
     """
     Y, M = rfft_quarters(x), x.size // LANES
     X = np.empty(M + 1 if quarter else 2 * M + 1, dtype=np.complex64)
@@ -74,7 +75,7 @@ def rfft(x: NDArray[np.float32], *, quarter: bool = False) -> Bins:
 
 @functools.lru_cache(maxsize=8)
 def _blocks(n: int) -> tuple[tuple[slice, Bins, Bins], ...]:
-    """Return blocks of bins k, each with the factors per bin and the matrix that combine Y_p(k).
+    """Return blocks of bins k, each with the factor per bin and the matrix by which Y_p(k) are combined.
 
     The factor exp(-2 pi i k p / n) is the product of two factors: one for the first bin of the block, which
     is part of the matrix, and one for the distance from this bin.

@@ -1,4 +1,4 @@
-"""Create the report of the invariance study: features under different speeds, forces and impacts."""
+"""Create the report of the invariance study: how features depend on speed, force and impact."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class InvarianceStudy(Result, kind="invariance"):
-    """Result of `benchmarks/invariance_study.py`: features under different speeds, forces and impacts."""
+    """Result of `benchmarks/invariance_study.py`: how features depend on speed, force and impact."""
 
     def document(self) -> Document:
         """Return the study as a document."""
@@ -30,7 +30,7 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
     ----------
     data : mapping
         JSON of the study: `rows` with feature, set, origin, condition, ratio (standard deviation between
-        surfaces divided by the one within a surface; None if undefined) and trend.
+        surfaces divided by that within a surface; None if undefined) and trend.
     """
     rows = pd.DataFrame(
         list(data["rows"]), columns=["feature", "set", "origin", "condition", "ratio", "trend"]
@@ -87,7 +87,7 @@ def invariance_document(data: Mapping[str, Any]) -> Document:
 
 
 def _ratios(rows: pd.DataFrame, defined: pd.DataFrame, origins: Sequence[str]) -> Figure:
-    """Return a figure of the ratios of all features, sorted by the worst condition of each."""
+    """Return a figure of the ratios of all features, sorted by the ratio of each in its worst condition."""
     worst = defined.groupby(["origin", "set", "feature"], sort=False)["ratio"].min()
     order = list(worst.sort_values(ascending=False, kind="stable").index)
     table = rows[["feature", "set", "origin", "condition"]].assign(

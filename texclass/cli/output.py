@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def write_json(path: Path | None, text: str) -> None:
-    """Write a result as JSON to the file of the option --json, if it is given; `-` is standard output."""
+    """Write a result as JSON to the file given by the option --json, if any; `-` is standard output."""
     if path == Path("-"):
         typer.echo(text)
     elif path is not None:
@@ -30,7 +30,7 @@ def print_lines(prefix: str, lines: Iterable[object]) -> None:
 def print_and_save(
     result: "Result", folder: Path, json_file: Path | None = None, *, written: Iterable[Path] = ()
 ) -> None:
-    """Print a result, write its JSON and report, and list these files and the files in `written`."""
+    """Print a result, write its JSON and report, and list the written files, including those in `written`."""
     from texclass.reporting import print_document
 
     print_document(result.document())

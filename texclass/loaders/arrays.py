@@ -109,7 +109,7 @@ def _contents(path: Path) -> tuple[dict[str, int], dict[str, float], dict[str, s
 
 
 def _signals(sizes: Mapping[str, int], rates: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the names of the arrays; scalars only if there are no larger arrays."""
+    """Return the names of the arrays, or of scalars if there are no larger arrays."""
     arrays = tuple(name for name, size in sizes.items() if size > 1)
     return arrays or tuple(name for name in sizes if name not in rates)
 
@@ -143,7 +143,7 @@ def _rates_of(
 
 
 def _separator(path: Path) -> str:
-    """Return the separator between the names of a group and its member."""
+    """Return the separator between the name of a group and the name of its member."""
     return "." if path.suffix.lower() == ".mat" else "/"
 
 

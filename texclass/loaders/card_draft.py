@@ -36,7 +36,7 @@ QUESTION = "# QUESTION: "
 
 @dataclass(frozen=True)
 class _Layout:
-    """Pattern of the file names, groups of each matching file, and open questions."""
+    """Pattern of the file names, groups (such as the surface) of each matching file, and open questions."""
 
     pattern: str
     groups: Mapping[str, Mapping[str, str]]
@@ -186,7 +186,7 @@ def _export_layout(names: Sequence[str], exports: Sequence[Export]) -> _Layout:
 
 
 def _match_names(pattern: str, names: Sequence[str]) -> dict[str, Mapping[str, str]]:
-    """Return the groups of the names that match a pattern."""
+    """Return the groups of each name that matches a pattern."""
     matches = {name: match_name((pattern,), name) for name in names}
     return {name: match[0] for name, match in matches.items() if match}
 
@@ -202,7 +202,7 @@ def _suffixes(names: Sequence[str]) -> str:
 
 
 def _name_layout(names: Sequence[str]) -> _Layout:
-    """Return the layout by subfolders if there are any, otherwise by the names of the files."""
+    """Return the layout given by subfolders if there are any, otherwise by the file names."""
     session = r"(?P<session>(?i:s|sess|session)[_-]?\d+)[_\- ]+"
     repetition = r"[A-Za-z]*(?P<repetition>\d+)"
     names_in_subfolders = [name for name in names if "/" in name]
@@ -249,7 +249,7 @@ def _folder_patterns(names: Sequence[str]) -> list[str]:
 
 
 def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
-    """Read up to 100 files: return columns and unit of the first one, and the sampling rates of all.
+    """Read up to 100 files. Return the columns and unit of the first file, and the rates of all files.
 
     One file of each surface is read before a second file of any surface.
     """
@@ -309,7 +309,7 @@ def _gravity_at_rest(acceleration: Samples) -> tuple[str, float] | None:
 def _channels(
     path: Path, settings: ReaderSettings, column: tuple[str, ...]
 ) -> tuple[dict[str, Sequence[str]], list[str]]:
-    """Return the columns of each signal in a file, and open questions; a single column need not be named."""
+    """Return the columns of each signal in a file, and open questions. A single column is omitted."""
     names = column_names(path, settings)
     candidates = [name for name in names if not is_time(name)]
     if len(candidates) < 2:

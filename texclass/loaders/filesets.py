@@ -164,7 +164,7 @@ def open_files(
 
 
 def _recording_candidates(root: Path, table_files: Collection[str]) -> set[str]:
-    """Return the relative names of the files that may be recordings, without the label table."""
+    """Return the relative names of the files that may be recordings; label tables are left out."""
     candidates = {path.relative_to(root).as_posix() for path in data_files(root)}
     candidates -= bag_parts(candidates).union(table_files)
     by_normal_form: dict[str, str] = {}
@@ -460,9 +460,9 @@ def _check_names(entries: Sequence[Entry], root: Path) -> None:
 def _match_files(
     reading: FileReading, files: set[str], ignored: Collection[str]
 ) -> Iterator[tuple[tuple[str, ...], Groups]]:
-    """Yield the files of each recording (one, or one per axis, then companions) and their groups.
+    """Yield the files of each recording (one, or one per axis, then companion files) and their groups.
 
-    Ignored files are used only as companions.
+    Ignored files are used only as companion files.
     """
     recordings: dict[str, tuple[list[str], Groups]] = {}
     # In natural order, 2 comes before 10.
@@ -487,7 +487,7 @@ def _match_files(
 
 
 def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[str, ...]]:
-    """Return the possible relative names of the file of each auxiliary signal, with groups filled in."""
+    """Return the possible relative file names of each auxiliary signal, with groups replaced by values."""
     return {
         signal: tuple(
             normalize_name(re.sub(r"\{(\w+)\}", lambda match: groups.get(match[1], match[0]), template))
@@ -541,7 +541,7 @@ def _entries(
 
 
 def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]:
-    """Read the file of one channel: labels, and values of shape (n_recordings, n_samples)."""
+    """Read the file of one channel. Return labels, and values of shape (n_recordings, n_samples)."""
     import pandas as pd
 
     try:

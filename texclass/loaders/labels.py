@@ -187,7 +187,7 @@ class Labels:
 
     @cached_property
     def _names_by_stem(self) -> dict[str, list[str]]:
-        """Names in the table that have the suffix of a recording file, by the name without suffix."""
+        """Names in the table that have the suffix of a recording file, grouped by the name without suffix."""
         stems: dict[str, list[str]] = {}
         for name in self.rows:
             path = PurePosixPath(name)

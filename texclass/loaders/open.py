@@ -271,7 +271,7 @@ def _labelled_files(
 def _first_unit_and_rate(
     files: Sequence[Path], channels: dict[str, tuple[str, ...]], settings: ReaderSettings, *, skip_bad: bool
 ) -> tuple[str | None, float | None, Path]:
-    """Return unit, sampling rate and path of the first file (with `skip_bad`, of the first readable one)."""
+    """Return the unit, sampling rate and path of the first file (with `skip_bad`: first readable file)."""
     settings = ReaderSettings(unit=settings.unit, **settings.card_keys)
     for path in files:
         try:
@@ -297,7 +297,7 @@ def _folder_patterns(exports: Sequence[Export], *, is_labelled: bool) -> tuple[s
 
 
 def recording_files(folder: Path) -> list[Path]:
-    """Return the files of recordings (one each, or one per axis) in a folder and its subfolders."""
+    """Return the files of all recordings in a folder and its subfolders: one per recording or axis."""
     all_files = data_files(folder)
     candidates = list(filter(_is_recording, all_files))
     secondary = bag_parts(map(str, candidates))
@@ -307,7 +307,7 @@ def recording_files(folder: Path) -> list[Path]:
 
 
 def flat_files(folder: Path) -> list[Path]:
-    """Return one file per recording of a folder; an empty list if recordings are in subfolders."""
+    """Return one file for each recording in a folder, or an empty list if recordings are in subfolders."""
     files = recording_files(folder)
     if any(path.parent != folder for path in files):
         return []

@@ -301,7 +301,7 @@ def rate_conflict_error(where: object, file_rate: str, fs: float, rate_of: str) 
 
 
 def quote_names(names: Sequence[str], max_names: int = 8) -> str:
-    """Return names in quotes for a message; if there are many, only the first `max_names`."""
+    """Return at most `max_names` names in quotes for a message, and the number of other names."""
     text = ", ".join(repr(name) for name in list(names)[:max_names])
     return f"{text} and {len(names) - max_names} more" if len(names) > max_names else text or "none"
 
@@ -312,5 +312,5 @@ def as_column_names(names: str | Sequence[str] | None) -> tuple[str, ...]:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether the name of a file is that of a bag."""
+    """Return whether a file has the name or suffix of a bag."""
     return path.suffix.lower() in BAG_SUFFIXES or path.name == BAG_METADATA

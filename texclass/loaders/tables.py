@@ -114,7 +114,7 @@ def read_text(data: pa.Buffer, where: str, wanted: tuple[str, ...], settings: Re
 
 
 def _rows(data: pa.Buffer, layout: TextLayout, *, is_decoded: bool) -> tuple[pa.Buffer, int]:
-    """Return the rows of a text in a form that pyarrow can read, and the number of skipped comment lines.
+    """Return the rows of a text in a form that pyarrow can read, and the number of removed comment lines.
 
     If pyarrow can read the file as it is, the file is not copied to memory. With `is_decoded`, it is always
     decoded, because pyarrow cannot skip lines that are not UTF-8.
@@ -149,7 +149,7 @@ def _cells(
     *,
     is_strict: bool = True,
 ) -> pa.Table:
-    """Read columns of the given types; lines with a different number of cells are an error, or skipped."""
+    """Read columns of given types; lines with a different number of cells are errors or are skipped."""
     empty_names = tuple(f"empty {i}" for i in range(len(layout.names), layout.width))
     return arrow_csv.read_csv(
         pa.BufferReader(rows),
@@ -192,7 +192,7 @@ def _complete(
 def _bad_line(
     data: pa.Buffer, where: str, layout: TextLayout, wanted: tuple[str, ...], problem: str
 ) -> RecordingError:
-    """Return the error for the first invalid line; its message lists the options that skip the line."""
+    """Return the error for the first invalid line. Its message lists options that skip the line."""
     is_one = layout.width == 1
     expected = "one number per line" if is_one else "a number in every cell"
     for number, line in enumerate(open_text(data, layout.encoding, errors="replace"), start=1):

@@ -1,8 +1,8 @@
 """Find the layout of a text table: encoding, delimiter, comments, first row, names and units of columns.
 
 Of the first 200 lines, the last three with numbers determine which columns are numeric. A row is a line with
-numbers in all of these columns. The column names are in the last matching line above the first row; a line of
-units may be in between.
+numbers or missing values in all of these columns. The column names are in the last matching line above the
+first row; a line of units may be in between.
 """
 
 import codecs
@@ -178,7 +178,7 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 
 def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], bool]:
-    """Return the encoding, the first lines after the skipped ones, and whether the text has no more lines."""
+    """Return the encoding, the first lines that are not skipped, and whether the text ends with them."""
     is_wide = data[:4].to_pybytes().startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     for codec in ("utf-16" if is_wide else "utf-8-sig", "cp1252"):
         try:
@@ -195,7 +195,7 @@ def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], 
 
 
 def _first_lines(file: io.TextIOWrapper, where: str, n_skipped: int) -> tuple[list[str], bool]:
-    """Return up to 200 lines (fewer above 256 k characters), and whether the file has no more lines."""
+    """Return up to 200 lines (fewer above 256 Ki characters), and whether the file ends with them."""
     lines, n_characters = list[str](), 0
     for _ in islice(iter(lambda: file.readline(MAX_LINE), ""), n_skipped):
         pass
@@ -312,7 +312,7 @@ def _column_names(names: list[str], units: Sequence[str], body: Sequence[_Row], 
 
 
 def _numbered_names(body: Sequence[_Row], n_filled: int) -> list[str]:
-    """Return names for unnamed columns: "c1", "c2", ...; "time" for a first column of dates."""
+    """Return the names "c1", "c2" and so on for unnamed columns; "time" for a first column of dates."""
     if n_filled == 1:
         return [ACCELERATION]
     names = [f"c{i}" for i in range(1, n_filled + 1)]
@@ -353,7 +353,7 @@ def _is_numeric(cells: Sequence[str]) -> bool:
 
 
 def _fits(row: _Row, width: int, numeric: Sequence[int]) -> bool:
-    """Return whether a line is a row, with numbers or missing values in all numeric columns."""
+    """Return whether a line has numbers or missing values in all numeric columns, and so is a row."""
     if len(row.cells) != width:
         return False
     cells = [row.cells[i] for i in numeric]
@@ -361,7 +361,7 @@ def _fits(row: _Row, width: int, numeric: Sequence[int]) -> bool:
 
 
 def _is_counted(body: Sequence[_Row], *, is_txt: bool) -> bool:
-    """Return whether the first row is 0, 1, 2, ..., the default column names of pandas."""
+    """Return whether the first row contains the default column names of pandas: 0, 1, 2 and so on."""
     first, rest = list(body[0].cells), [row.cells for row in body[1:]]
     numbers = [cell for cell in first[1:] if cell] if not first[0] else [cell for cell in first if cell]
     if not rest or not numbers or numbers != [str(i) for i in range(len(numbers))]:

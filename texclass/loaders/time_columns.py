@@ -100,10 +100,11 @@ def resample_by_time_column(
 
 
 def _new_rows(samples: Samples) -> NDArray[np.bool_]:
-    """Return which rows contain new samples; in a merged log, rows of other sensors repeat the last values.
+    """Return which rows contain new samples.
 
-    A sensor at rest also repeats values, but takes few distinct values. Repeated rows are dropped only if
-    nearly all other rows are distinct, because then a repetition is unlikely to be a coincidence.
+    In a merged log of several sensors, a row of another sensor repeats the last values. A sensor at rest also
+    repeats values, but takes few distinct values. Repeated rows are dropped only if nearly all other rows are
+    distinct, because then a repetition is unlikely to be a coincidence.
     """
     is_new = np.append(True, np.any(samples[1:] != samples[:-1], axis=1))
     n_new = np.count_nonzero(is_new)
