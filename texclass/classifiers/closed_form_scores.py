@@ -1,8 +1,8 @@
 """Closed-form class scores of any subset of columns, for feature selection with simple classifiers.
 
 The scores of Gaussian naive Bayes, the nearest class mean and the nearest neighbour are sums over columns;
-linear discriminants need only class means and one covariance. Each fold is therefore prepared once, not once
-per subset.
+linear discriminants need only the class means and one covariance matrix. Each fold is therefore prepared once
+for all subsets.
 """
 
 from collections.abc import Callable
@@ -20,26 +20,28 @@ from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
 Scores = Callable[[list[int], Labels], tuple[Samples, Samples]]
-"""(selected columns, candidates) -> scores (n_candidates, n_test, n_classes) with each candidate added, and
-a bound on their rounding error (n_candidates,), infinite if the classifier must be fitted instead."""
+"""Function of the selected columns and the candidates. It returns the class scores with each candidate added,
+shape (n_candidates, n_test, n_classes), and a bound on their rounding error, shape (n_candidates,). The bound
+is infinite if the classifier must be fitted instead."""
 ROUNDING = 1e-11
-"""Bound on the rounding error of a score, ours or scikit-learn's, relative to the largest term of its sum."""
+"""Bound on the rounding error of a score, computed here or by scikit-learn, relative to the largest term of
+its sum."""
 FLAT = 1e-6
-"""Within-class deviation, relative to the largest magnitude of a column, below which rounding errors
+"""Within-class standard deviation, relative to the largest magnitude of a column, below which rounding errors
 dominate."""
 COLLINEAR = 1e-6
 """Smallest eigenvalue of a correlation matrix for which the closed form is used."""
 
 
 def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -> Scores | None:
-    """Return a function for the class scores of any subset of columns; None if there is no closed form.
+    """Return a function that computes the class scores of any subset of columns.
 
     Parameters
     ----------
     estimator : classifier
         Unfitted `GaussianNB`, `NearestCentroid`, `KNeighborsClassifier` with one neighbour, or
-        `LinearDiscriminantAnalysis` with any solver and a fixed shrinkage; with default priors and the
-        Euclidean metric.
+        `LinearDiscriminantAnalysis` with any solver and a fixed shrinkage. Priors must have their default
+        value, and the metric must be Euclidean.
     train, test : ndarray of shape (n_samples, n_columns)
         Training set and test set of the fold.
     labels : ndarray of shape (n_train,)
@@ -47,8 +49,9 @@ def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -
 
     Returns
     -------
-    callable
-        See `Scores`; the class with the largest score is predicted. Classes are in the order of `np.unique`.
+    callable or None
+        Function described under `Scores`; the class with the largest score is predicted. Classes are in the
+        order of `np.unique`. None if the estimator has no closed form.
     """
     classes, labels = np.unique(labels, return_inverse=True)
     kind, priors = type(estimator), getattr(estimator, "priors", None)
@@ -70,7 +73,7 @@ def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -
 
 
 def _nearest(prototypes: Samples, labels: Labels, test: Samples) -> Scores:
-    """Score each class by its nearest prototype m: |x - m|^2 is smallest if sum(x m - m^2/2) is largest."""
+    """Score each class by its nearest prototype m, for which sum(x m - m^2/2) is largest."""
     order = np.argsort(labels, kind="stable")
     starts, m = np.flatnonzero(np.diff(labels[order], prepend=-1)), prototypes[order].T[:, None, :]
     terms = test.T[:, :, None] * m - m**2 / 2
@@ -85,9 +88,10 @@ def _nearest(prototypes: Samples, labels: Labels, test: Samples) -> Scores:
 
 
 def _naive_bayes(train: Samples, labels: Labels, test: Samples, var_smoothing: float) -> Scores:
-    """Score by naive Bayes: log prior + sum over columns of log N(x; m, v + e), without log(2 pi)/2.
+    """Score each class by naive Bayes: log prior + sum over columns of log N(x; m, v + e).
 
-    e is `var_smoothing` times the largest variance of the columns of the subset.
+    The constant log(2 pi)/2 is omitted. e is `var_smoothing` times the largest variance of a column in the
+    subset.
     """
     m, total = class_means(train, labels), train.var(axis=0)
     v = class_means((train - m[labels]) ** 2, labels)
@@ -119,10 +123,11 @@ def _naive_bayes(train: Samples, labels: Labels, test: Samples, var_smoothing: f
 
 @cache
 def svd_degrees_of_freedom_per_class() -> float:
-    """Return c in the divisor n - c n_classes of the covariance in scikit-learn's svd solver.
+    """Return c, where n - c n_classes is the divisor of the covariance in scikit-learn's svd solver.
 
-    It is 1 up to scikit-learn 1.8 and 0 from 1.9 on. It is measured with a small example: the class means are
-    1 and 12, the scatter is 2 + 8, and the coefficient is (12 - 1)/(scatter/divisor).
+    c is 1 up to scikit-learn 1.8, and 0 from version 1.9 on. It is determined from a small example, in which
+    the class means are 1 and 12 and the scatter is 2 + 8: the fitted coefficient is
+    (12 - 1)/(scatter/divisor).
     """
     fitted = LinearDiscriminantAnalysis().fit([[0.0], [2.0], [10.0], [12.0], [14.0]], [0, 0, 1, 1, 1])
     divisor = float(fitted.coef_[0, 0]) * 10 / 11
@@ -130,10 +135,10 @@ def svd_degrees_of_freedom_per_class() -> float:
 
 
 def _discriminant(estimator: Any, train: Samples, labels: Labels, test: Samples) -> Scores | None:
-    """Score by linear discriminants, from class means m and the within-class covariance W.
+    """Score each class by its linear discriminant, x' W^-1 m - m' W^-1 m/2 + log prior.
 
-    score = x' W^-1 m - m' W^-1 m/2 + log prior, W shrunk within the subset to a multiple of the identity. The
-    result is None if the solver is unknown or does not support the shrinkage.
+    m is the class mean. W is the within-class covariance of the subset, shrunk towards a multiple of the
+    identity. The result is None if the solver is unknown or does not support the shrinkage.
     """
     svd, shrinkage, counts = estimator.solver == "svd", estimator.shrinkage, np.bincount(labels)
     if estimator.solver not in ("svd", "lsqr", "eigen") or (svd and shrinkage is not None):
@@ -169,10 +174,11 @@ def _discriminant(estimator: Any, train: Samples, labels: Labels, test: Samples)
 
 
 def _whitening(covariance: Samples, shrinkage: float) -> tuple[Samples, Samples, Samples]:
-    """Return standard deviations (n, p), B (n, p, p) with B B' = W^-1, and smallest eigenvalues (n,).
+    """Whiten n covariance matrices W, shape (n, p, p), after shrinkage.
 
-    The correlation matrix of each covariance W (n, p, p) is inverted: its eigenvalues do not depend on the
-    units.
+    Return the standard deviations, shape (n, p), matrices B with B B' = W^-1, shape (n, p, p), and the
+    smallest eigenvalue of each correlation matrix, shape (n,). Correlation matrices are inverted instead of
+    W, because their eigenvalues do not depend on the units.
     """
     p = covariance.shape[1]
     level = np.trace(covariance, axis1=1, axis2=2)[:, None, None] / p
@@ -187,8 +193,8 @@ def _whitening(covariance: Samples, shrinkage: float) -> tuple[Samples, Samples,
 def _is_truncated(centres: Samples, tol: float) -> NDArray[np.bool_]:
     """Return whether the svd solver may drop a direction of the weighted class centres (n, n_classes, p).
 
-    It drops singular values below `tol` times the largest. Singular values that are 0 except for rounding are
-    ignored here.
+    The solver drops directions whose singular value is below `tol` times the largest one. Singular values
+    that are zero up to rounding are ignored here.
     """
     squares = np.linalg.eigvalsh(centres.swapaxes(1, 2) @ centres)
     ratio = squares / np.maximum(squares[:, -1:], np.finfo(np.float64).tiny)

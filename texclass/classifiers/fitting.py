@@ -1,4 +1,4 @@
-"""Fitting of classifiers, with support for constant columns, readable errors and no expected warnings."""
+"""Fitting of classifiers: constant columns are supported, and expected warnings are silenced."""
 
 import warnings
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ def fit(estimator: Any, X: Samples, y: NDArray[Any]) -> Any:
     Raises
     ------
     ValueError
-        If it cannot be fitted to these data, for example for lack of memory.
+        If the estimator cannot be fitted to the data, for example for lack of memory.
     LinAlgError
         If a matrix is singular.
     """
@@ -46,10 +46,10 @@ def fit_varying(classifier: Any, X: Samples, y: NDArray[Any]) -> Any:
 
 @contextmanager
 def quiet_fits() -> Iterator[None]:
-    """Silence warnings of scikit-learn about columns that are redundant, or constant within classes.
+    """Silence expected warnings of scikit-learn: collinear or constant columns, and lack of convergence.
 
-    A discriminant drops collinear directions, a class mean needs no standard deviation, and a network may
-    stop before it has converged. The effect on the predictions shows in the accuracy.
+    Such fits are usable: a discriminant drops collinear directions, and a class mean needs no standard
+    deviation. Any loss is visible in the accuracy.
     """
     with warnings.catch_warnings():
         for message in (

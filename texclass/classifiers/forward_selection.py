@@ -1,7 +1,7 @@
 """Sequential forward selection of columns by cross-validation.
 
-`SubsetScore` returns the score of a subset of columns. For simple classifiers it prepares each fold once
-(`closed_form`); all other classifiers are fitted to each subset.
+`SubsetScore` computes the score of a subset of columns. For simple classifiers, it prepares each fold only
+once (see `closed_form`); all other classifiers are fitted to each subset.
 """
 
 from collections.abc import Sequence
@@ -31,26 +31,27 @@ TINY = float(np.finfo(np.float64).tiny)
 
 
 class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type: ignore[misc]
-    """Select columns one by one; each step adds the column with the best inner cross-validation score.
+    """Select columns one at a time, each with the best accuracy in an inner cross-validation.
 
     The selection equals that of `sklearn.feature_selection.SequentialFeatureSelector` with stratified folds,
     including ties. The scores of Gaussian naive Bayes, of the nearest class mean and of the nearest neighbour
-    are sums over columns. Linear discriminants need only the class means and one covariance. With these
-    classifiers each inner fold is prepared once, and a candidate is fitted only where rounding could change a
-    prediction: two classes score alike, or columns are collinear or constant. Any other classifier is fitted
-    to every candidate.
+    are sums over columns. Linear discriminants need only the class means and one covariance matrix. With
+    these classifiers, each inner fold is prepared once. The classifier is fitted to a candidate only if
+    rounding could change a prediction: two classes have nearly equal scores, or columns are collinear or
+    constant. Any other classifier is fitted to every candidate.
 
-    Unlike the selector of scikit-learn, this one continues if a classifier cannot be fitted: constant columns
-    predict the most frequent class, and a singular covariance scores 0.
+    Unlike scikit-learn's selector, this selector continues if a classifier cannot be fitted. If all columns
+    are constant, the most frequent class is predicted. If the covariance is singular, the score is 0.
 
     Parameters
     ----------
     estimator : classifier
         Classifier whose accuracy is maximised.
     n_features_to_select : int
-        Number of columns to select; if X does not have more, all are selected.
+        Number of columns to select. All columns are selected if X has no more than this.
     cv : int
-        Number of inner stratified folds, not shuffled (default 3); at most the size of the smallest class.
+        Number of inner stratified folds without shuffling (default 3), limited to the size of the smallest
+        class.
 
     Attributes
     ----------
@@ -74,7 +75,7 @@ class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type
         self.cv = cv
 
     def fit(self, X: Samples, y: NDArray[Any]) -> Self:
-        """Select columns.
+        """Select the columns of X that best predict y.
 
         Parameters
         ----------
@@ -110,7 +111,7 @@ class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type
 
 
 def inner_splits(y: NDArray[Any], groups: NDArray[Any] | None, cv: int) -> list[Split]:
-    """Return up to `cv` stratified inner folds, not shuffled; a group is never divided.
+    """Return at most `cv` stratified inner folds without shuffling; a group is never divided between folds.
 
     Raises
     ------
@@ -134,7 +135,7 @@ class SubsetScore:
     Parameters
     ----------
     estimator : classifier
-        Unfitted classifier; see `closed_form` for those that are not fitted to every subset.
+        Unfitted classifier. It is fitted to every subset, unless `closed_form` supports it.
     X : ndarray of shape (n_samples, n_columns)
         Finite features.
     labels : ndarray of shape (n_samples,)
@@ -142,8 +143,8 @@ class SubsetScore:
     splits : list of (train, test)
         Row numbers of the inner folds.
     scoring : {"accuracy", "log_likelihood"}
-        Accuracy (default), or the mean log probability of the true class, which still ranks columns if the
-        accuracy is saturated. A classifier without probabilities is scored by accuracy.
+        Accuracy (default), or the mean log probability of the true class, which can rank columns even if
+        their accuracies are all close to 1. A classifier without probabilities is scored by accuracy.
     """
 
     def __init__(
@@ -168,7 +169,7 @@ class SubsetScore:
         self._means: dict[tuple[int, ...], float] = {}
 
     def of(self, columns: Sequence[int]) -> float:
-        """Return the score of a subset of columns; an empty subset is scored by the class shares alone."""
+        """Return the score of a subset of columns; the class proportions alone give that of an empty one."""
         if not len(columns):
             shares = np.bincount(self.labels) / len(self.labels)
             return float(shares @ np.log(shares)) if self.is_log_likelihood else float(shares.max())
@@ -177,10 +178,10 @@ class SubsetScore:
     def adding(
         self, selected: Sequence[int], candidates: Sequence[int], decimals: int | None = 12
     ) -> Samples:
-        """Return the scores of `selected` plus one candidate each, shape (n_candidates,).
+        """Return the score of `selected` with each candidate added in turn, shape (n_candidates,).
 
-        Means of the same numbers in another order differ by rounding, so the scores are rounded to
-        `decimals`. With None, they equal those of `sklearn.model_selection.cross_val_score`.
+        The mean of the same numbers in another order may differ in the last digits, so scores are rounded to
+        `decimals`. If `decimals` is None, they equal the result of `sklearn.model_selection.cross_val_score`.
         """
         keys = [tuple(sorted((*selected, c))) for c in candidates]
         new = [c for c, key in zip(candidates, keys, strict=True) if key not in self._means]
@@ -193,7 +194,7 @@ class SubsetScore:
         return means if decimals is None else means.round(decimals)
 
     def _fold_scores(self, i: int, selected: Sequence[int], candidates: Sequence[int]) -> Samples:
-        """Return the scores of candidates on one fold; fit them if rounding could change a prediction."""
+        """Score candidates on one fold; fit the classifier if rounding could change a prediction."""
         form, (train, test) = self.forms[i], self.splits[i]
         scores = np.full(len(candidates), np.nan)
         if form is not None:
@@ -226,15 +227,15 @@ class SubsetScore:
 
 
 def _fittable(estimator: Any, labels: Labels) -> Any:
-    """Return the classifier, or the nearest class mean for a discriminant with one sample of each class."""
+    """Replace linear discriminants by the nearest class mean if there is only one sample of each class."""
     is_single = len(np.unique(labels)) == len(labels)
     return NearestCentroid() if is_single and isinstance(estimator, LinearDiscriminantAnalysis) else estimator
 
 
 def _log_likelihood(log_p: Samples, classes: Labels, truth: Labels) -> Samples:
-    """Return the mean log probability of the true class; log `TINY` for a class without training samples.
+    """Return the mean over `log_p` (..., n_test, n_classes) of the log probability of the true class.
 
-    `log_p` has shape (..., n_test, n_classes).
+    A class without training samples counts as log `TINY`.
     """
     column = np.minimum(np.searchsorted(classes, truth), len(classes) - 1)
     true_log_p = log_p[..., np.arange(truth.size), column]

@@ -17,7 +17,7 @@ from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
 MIN_RELEVANCE = 0.1
-"""Lower limit of the correlation ratio of a feature, because classes may differ only in spread."""
+"""Lower limit of the correlation ratio of a feature, because classes may differ in variance only."""
 VARIATION_WEIGHT = 3.0
 """Weight of the covariance of known variations relative to the within-class covariance."""
 MAX_VARIATION = 3.0
@@ -29,8 +29,8 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     The first view contains the standardised features. The second view whitens them with the shrunk
     within-class covariance, as linear discriminant analysis does. The kernel is the mean of a Matern 3/2
-    kernel on each view. It suits many correlated features and few recordings: the solution is in closed form,
-    without tuning.
+    kernel on each view. The classifier suits many correlated features and few recordings. The solution has a
+    closed form and needs no tuning.
 
     Parameters
     ----------
@@ -38,20 +38,20 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         Length scale of the kernel, relative to the root-mean-square distance of the samples from their mean
         (default 1.6).
     ridge : float
-        Regularisation, which is added to the unit diagonal of the kernel matrix (default 0.04).
+        Regularisation added to the unit diagonal of the kernel matrix (default 0.04).
     shrinkage : float
         Shrinkage of the within-class covariance towards a multiple of the identity, in (0, 1] (default 0.5);
         1 disables the whitened view.
     relevance : float
-        Exponent of the correlation ratio (at least 0.1) that weights each feature (default 0.5); 0 weights
-        all features equally.
+        Exponent of the feature weights (default 0.5). Each feature is weighted by its correlation ratio (at
+        least 0.1) to this power; 0 weights all features equally.
     limit : float, optional
-        Clip features at this many standard deviations from the mean (default: no clipping). Features of
-        single taps have long tails: a few values would dominate the scale, and one outlier would move a
-        sample away from all others.
+        Clipping limit of the features, in standard deviations from the mean (default: no clipping). Features
+        of single taps have long tails: without clipping, a few values would dominate the scale, and a single
+        outlier would move a sample away from all others.
     max_samples : int
-        Maximum number of training samples (default 10,000); larger sets are subsampled, with at least one
-        sample of each class, because the fitting time grows with the cube of the number of samples.
+        Maximum number of training samples (default 10,000). Larger training sets are subsampled with at least
+        one sample of each class, because the fitting time grows with the cube of the number of samples.
     max_kb : float, optional
         Maximum size of the exported classifier in kB (default: no limit, double precision); see Notes.
     random_state : int
@@ -62,9 +62,9 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     classes_ : ndarray of shape (n_classes,)
         Class labels.
     low_, high_ : ndarray of shape (n_features,)
-        Clipping limits; only with `limit`.
+        Clipping limits; they exist only if `limit` is set.
     views_ : tuple of View
-        Linear maps from the features to the views.
+        Affine maps from the features to the views.
     prototypes_ : tuple of ndarray of shape (n_prototypes, n_features)
         Training samples in each view.
     dual_ : ndarray of shape (n_prototypes, n_classes)
@@ -72,16 +72,16 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     Notes
     -----
-    Y_ik is 1 - 1/n_classes for the class of sample i and -1/n_classes otherwise; W weights the samples so
-    that all classes count equally. The kernel is (1 + s) exp(-s) with s = sqrt(3) |x - x'| / length: smooth,
-    with a longer reach than a Gaussian. Decisions estimate P(class) - 1/n_classes, so they may be averaged
-    over the windows of a recording.
+    Y_ik is 1 - 1/n_classes if k is the class of sample i, and -1/n_classes otherwise. W weights the samples
+    so that all classes count equally. The kernel is (1 + s) exp(-s) with s = sqrt(3) |x - x'| / length. It is
+    smooth, and has heavier tails than a Gaussian kernel. Decision values estimate P(class) - 1/n_classes, so
+    they may be averaged over the windows of a recording.
 
     With `max_kb`, only m of the n samples are used as prototypes, at least one of each class. The
-    coefficients minimise the squares of Y - K_nm alpha, weighted by W, plus ridge alpha' K_mm alpha. This is
-    the method "subset of regressors" (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006,
-    section 8.3.1). Standardised samples and the whitening are rounded to 16 bits before K is computed, then
-    alpha to 32 bits, so the export is lossless.
+    coefficients minimise the sum of squares of Y - K_nm alpha, weighted by W, plus ridge alpha' K_mm alpha.
+    This is the "subset of regressors" method (Rasmussen and Williams, Gaussian Processes for Machine
+    Learning, 2006, section 8.3.1). The export is lossless: standardised samples and the whitening matrix are
+    rounded to 16 bits before K is computed, and alpha is rounded to 32 bits.
 
     Examples
     --------
@@ -114,18 +114,18 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.random_state = random_state
 
     def fit(self, X: ArrayLike, y: ArrayLike, variations: Samples | None = None) -> Self:
-        """Fit views, prototypes and coefficients.
+        """Fit the classifier to training samples.
 
         Parameters
         ----------
         X : array_like of shape (n_samples, n_features)
-            Finite features; scaling has no effect.
+            Finite features; their scaling has no effect.
         y : array_like of shape (n_samples,)
             Labels of at least two classes.
         variations : ndarray of shape (n_variations, n_features), optional
-            Known within-class variations in the units of X, which cannot be estimated from a few samples.
-            They are added to the within-class covariance, and reduce the weights of the features that they
-            change.
+            Known within-class variations in the units of X that cannot be estimated from a few samples. Their
+            covariance is added to the within-class covariance. Features that they change receive smaller
+            weights.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         return rows, labels
 
     def _fit_compressed(self, rows: Samples, labels: Labels, Y: Samples, weight: Samples) -> Self:
-        """Fit coefficients to all samples, for the number of prototypes that fit into `max_kb`."""
+        """Fit coefficients to all samples, with as many prototypes as `max_kb` permits."""
         n = self._n_prototypes(rows.shape[1], Y.shape[1])
         prototypes = rows[stratified_subsample(labels, n, self.random_state)]
         self.views_ = tuple(
@@ -215,7 +215,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     def decision_function(self, X: ArrayLike) -> Samples:
         """Return estimates of P(class) - 1/n_classes, shape (n_samples, n_classes).
 
-        For two classes, the result is the decision for the second class, shape (n_samples,), as in
+        For two classes, only the decision value of the second class is returned, shape (n_samples,), as in
         scikit-learn.
         """
         scores = self._scores(X)
@@ -227,7 +227,10 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         return np.asarray(self.classes_[winner])
 
     def predict_proba(self, X: ArrayLike) -> Samples:
-        """Return the decisions clipped at 0 and normalised, shape (n_samples, n_classes)."""
+        """Return class probabilities, shape (n_samples, n_classes).
+
+        These are the decision values plus 1/n_classes, clipped to at least 1e-6 and normalised to sum 1.
+        """
         scores = self._scores(X)
         p = np.maximum(scores + 1 / scores.shape[1], 1e-6)
         return np.asarray(p / p.sum(axis=1, keepdims=True))
@@ -244,11 +247,12 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 def fit_view(
     X: Samples, labels: Labels, shrinkage: float, relevance: float, variations: Samples | None = None
 ) -> View:
-    """Fit the view that whitens S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I, unless shrinkage is 1.
+    """Fit a view that whitens the features (unless `shrinkage` is 1) and weights them by relevance.
 
-    S_w is the within-class covariance of the standardised samples plus `VARIATION_WEIGHT` times that of the
-    known variations. Columns of S^(-1/2) still belong to one feature each, and are weighted by its
-    correlation ratio.
+    The whitening matrix is S^(-1/2) with S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I. S_w is the
+    within-class covariance of the standardised samples, plus `VARIATION_WEIGHT` times the covariance of the
+    known variations. Each column of S^(-1/2) corresponds to one feature, and is weighted by the correlation
+    ratio of this whitened feature.
 
     Parameters
     ----------
@@ -286,9 +290,10 @@ def shrunk_whitening(S: Samples, shrinkage: float) -> Samples:
 
 
 def correlation_ratio(Z: Samples, labels: Labels, extra_variance: Samples | float = 0.0) -> Samples:
-    """Return eta = sqrt(1 - within-class / total variance) of each feature; 0 for a constant.
+    """Return the correlation ratio of each feature, eta = sqrt(1 - within-class / total variance).
 
-    Both variances are unbiased, so eta of pure noise is about 0 even for few samples.
+    Both variances are unbiased, so eta is about 0 for pure noise, even with few samples. It is 0 for a
+    constant feature.
 
     Parameters
     ----------
@@ -297,7 +302,7 @@ def correlation_ratio(Z: Samples, labels: Labels, extra_variance: Samples | floa
     labels : ndarray of int, shape (n_samples,)
         Classes 0 ... n_classes - 1.
     extra_variance : ndarray of shape (n_features,)
-        Variance of known variations, which adds to both (default 0).
+        Variance of known variations, which is added to both variances (default 0).
     """
     n, n_classes = len(Z), int(labels.max()) + 1
     residual_variance = (Z - class_means(Z, labels)[labels]).var(axis=0) * n / max(1, n - n_classes)
@@ -319,9 +324,10 @@ def rounded(values: Samples, dtype: type[np.floating[Any]]) -> Samples:
 
 
 def stratified_subsample(labels: Labels, n: int, seed: int) -> Labels:
-    """Return sorted indices of `n` random samples, at least one of each class; all if there are at most n.
+    """Return the sorted indices of `n` random samples, with at least one of each class.
 
-    Samples are drawn at random, because every k-th sample could be the same window of each recording.
+    If there are no more than `n` samples, all indices are returned. Samples are drawn at random, because
+    every k-th sample could be the same window of each recording.
     """
     if n >= labels.size:
         return np.arange(labels.size)
