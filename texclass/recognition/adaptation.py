@@ -58,7 +58,7 @@ class AdaptationLimits:
     n_rounds : int
         Maximum number of iterations that estimate the shares of surfaces.
     tolerance : float
-        Change of the shares at which the iterations stop.
+        Change in the estimated class proportions below which the iterations stop.
     prior : float
         Weight per surface of a uniform prior on the shares, relative to the references without labels.
     max_prior : float

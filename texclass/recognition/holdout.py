@@ -1,4 +1,4 @@
-"""Protocols that hold out recordings in training, and the conditions that their accuracy covers."""
+"""Hold-out protocols of training, and the conditions for which their accuracy is valid."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -148,7 +148,7 @@ def check_false_alarms(false_alarms: float, n_held_out: int) -> None:
 
 
 def conservative_rate(false_alarms: float, n_held_out: int, growth: float = 1.0) -> float:
-    """Return a rate that is low enough to keep the requested one with few held-out recordings.
+    """Return a reduced rate that keeps the requested rate even with few held-out recordings.
 
     A conformal threshold keeps its rate of false alarms on average over many training sets. For a single
     training set with few held-out recordings, the rate may be twice as large. The tolerance limit is a
