@@ -190,10 +190,10 @@ def cluster_interval(hits: ArrayLike, clusters: ArrayLike, confidence: float = 0
     Notes
     -----
     In simulations with 5 to 40 clusters and proportions of 0.6 to 0.9 (reports/studies/certainty.md), the
-    coverage is at least 94 % if one operator in ten is far worse (intraclass correlation 0.2). The coverage
-    of an interval from the spread alone is 53 to 87 %. The price is a wider interval: 17 instead of 10
-    percentage points for about 20 tests from each of 12 operators of equal skill. The upper limit is not
-    corrected for operators who are far better.
+    coverage is at least 94 % if one operator in ten is far worse (intraclass correlation 0.2). An interval
+    from the spread alone covers 53 to 87 %. The price is a wider interval: 17 instead of 10 percentage points
+    for about 20 tests from each of 12 operators of equal skill. The upper limit is not corrected for
+    operators who are far better.
 
     Examples
     --------
