@@ -27,7 +27,7 @@ from texclass.tradeoff import trade_off
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 NEW_FEATURE = ROOT / "docs" / "evaluate-feature.md"
-BLOCK = re.compile(r"```(sh|python|toml)(?: (\S+))?\n(.*?)```", re.S)
+BLOCK = re.compile(r"```(sh|python|toml|text output)(?: (\S+))?\n(.*?)```", re.S)
 """Kind, file that the reader is to save it as (or none), text."""
 BLOCK_OF_ANY_KIND = re.compile(r"^```.*?^```", re.S | re.M)
 
@@ -58,8 +58,18 @@ def run(command: str, monkeypatch) -> None:
     assert not ended.value.code, command
 
 
-def follow(page, folder, monkeypatch) -> None:
-    """Save the files of a page, and run its commands and snippets."""
+def normalized(text: str) -> str:
+    """Return text without the rules of tables, and with single spaces."""
+    return " ".join(text.replace("─", " ").split())
+
+
+def follow(page, folder, monkeypatch, capsys) -> str:
+    """Save the files of a page, run its commands and snippets, and check the output that it shows.
+
+    Return the output of the last commands. Where a page shows "...", the output may vary.
+    """
+    monkeypatch.setenv("COLUMNS", "110")
+    printed = ""
     monkeypatch.setattr("texclass.features.contract._REGISTRY", list_features())
     names: dict = {}
     for kind, file, text in BLOCK.findall(page.read_text(encoding="utf-8")):
@@ -67,19 +77,24 @@ def follow(page, folder, monkeypatch) -> None:
             (folder / file).write_text(text)
         elif kind == "python":
             exec(text, names)
+        elif kind == "text output":
+            for part in text.split("..."):
+                assert normalized(part) in printed, page
         else:
             for command in text.strip().splitlines():
                 if "pip install" not in command:
                     run(command, monkeypatch)
+            printed = normalized("".join(capsys.readouterr()))
+    return printed
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page != NEW_FEATURE], ids=lambda page: page.stem)
-def test_every_command_and_snippet_of_a_page_works(page, folder, monkeypatch):
-    follow(page, folder, monkeypatch)
+def test_every_command_and_snippet_of_a_page_works(page, folder, monkeypatch, capsys):
+    follow(page, folder, monkeypatch, capsys)
 
 
 def test_the_page_of_the_new_feature_works_and_its_study_is_complete(folder, monkeypatch, capsys):
-    follow(NEW_FEATURE, folder, monkeypatch)
+    printed = follow(NEW_FEATURE, folder, monkeypatch, capsys)
     (file,) = folder.glob("reports/*-feature.json")
     found = json.loads(file.read_text())
     assert found["rows"][-1]["name"] == "New: crest"
@@ -89,7 +104,7 @@ def test_the_page_of_the_new_feature_works_and_its_study_is_complete(folder, mon
     assert comparison["minimum_detectable"] > 0
     assert found["new_feature"]["gain_law"]["holds"]
     assert all(answer["is_valid"] for answer in found["new_feature"]["degenerate_inputs"])
-    assert "17 of 17 results meet the feature contract" in capsys.readouterr().out
+    assert "17 of 17 results meet the feature contract" in printed
     view = PhaseView(np.sin(np.arange(10_000.0)), 1000.0)
     assert load_feature("crest.py:crest").function(view) == pytest.approx(np.sqrt(2), rel=1e-3)
 

@@ -169,7 +169,7 @@ class SubsetScore:
         self._means: dict[tuple[int, ...], float] = {}
 
     def of(self, columns: Sequence[int]) -> float:
-        """Return the score of a subset of columns; the class proportions alone give that of an empty one."""
+        """Return the score of a subset of columns; an empty subset is scored by the class proportions."""
         if not len(columns):
             shares = np.bincount(self.labels) / len(self.labels)
             return float(shares @ np.log(shares)) if self.is_log_likelihood else float(shares.max())

@@ -206,7 +206,7 @@ def test_units_and_sampling_rates_are_converted_and_incompatible_ones_rejected()
 def test_held_out_speeds_are_not_in_the_fitting_set():
     windows = [(noise(4096, i), v, 1.0) for i, v in enumerate((20.0, 40.0, 80.0, 160.0))]
     surface = split_by_speed("noise", windows, make_scorer())
-    assert surface.test_set == "speeds 40 mm/s"
+    assert surface.test_set == "second half at 40 mm/s"
     assert set(surface.fitting.speed) == {20.0, 80.0, 160.0}
     assert set(surface.selection.speed) == set(surface.test.speed) == {40.0}
     assert not np.array_equal(surface.selection.spectra, surface.test.spectra)

@@ -79,7 +79,7 @@ def test_invalid_taps_and_devices_are_refused():
         ([], []), ([[0.0] * 50], [1.0]), ([[1.0, 2.0]], [1.0]), ([[np.nan] * 50], [1.0]), ([sine], [0.0]),
         ([sine], [1.0, 2.0]),
     ):  # fmt: skip
-        with pytest.raises(ValueError, match=r"must|contains|Expected"):
+        with pytest.raises(ValueError, match=r"must (be|contain)|contains 50 NaN"):
             fit_aligned(taps, velocity, 1000.0)
     for change in (
         {"band_hz": (300.0, 30.0)},
@@ -87,7 +87,7 @@ def test_invalid_taps_and_devices_are_refused():
         {"rate_hz": 500.0},
         {"mass_kg": 0.0},
     ):
-        with pytest.raises(ValueError, match=r"must|contains|Expected"):
+        with pytest.raises(ValueError, match=r"must (be|end below|satisfy|not exceed)"):
             ForceDevice(**change)
 
 
@@ -108,7 +108,7 @@ def test_a_library_is_restored_with_the_checks_of_its_constructor():
         {"models": parameters["models"][:2]},
         {"models": [{"amplitude_slope": 1.0, "decay_per_s": -1.0, "frequency_hz": 1.0}] * 3},
     ):
-        with pytest.raises(ValueError, match=r"must|contains|Expected"):
+        with pytest.raises(ValueError, match=r"materials must be|a TapModel must be"):
             TapLibrary.restore({**parameters, **changes}, {})
 
 
@@ -209,9 +209,9 @@ def test_the_force_never_exceeds_the_limit():
 
 def test_invalid_paths_and_frequencies_above_half_the_rate_are_refused():
     for path in (([1.0, np.nan], [0.0, 0.0]), ([1.0], [np.inf]), ([1.0], [1.0, 2.0]), (1.0, 1.0)):
-        with pytest.raises(ValueError, match=r"must|contains|Expected"):
+        with pytest.raises(ValueError, match="depth_mm and velocity_mm_s must be"):
             WALL.renderer().process(*path)
-    with pytest.raises(ValueError, match=r"must|contains|Expected"):
+    with pytest.raises(ValueError, match="stiffness_n_mm must be"):
         VirtualWall(TABLE_II["aluminum"], ForceDevice(rate_hz=601.0, band_hz=(30.0, 250.0)), -1.0)
     with pytest.raises(ValueError, match="below half"):
         VirtualWall(TABLE_II["aluminum"], ForceDevice(rate_hz=590.0, band_hz=(30.0, 250.0)))

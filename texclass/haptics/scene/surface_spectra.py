@@ -396,7 +396,7 @@ def split_by_time(name: str, windows: Sequence[Window], scorer: SpectralScorer) 
             f"surfaces.{name}: recordings must have at least 8 windows of {seconds:.2g} s within [motion], "
             f"got {len(windows)}. Add recordings, or widen [motion]"
         )
-    test_set = f"windows 2 and 4 of every 4, {seconds:.2g} s each"
+    test_set = f"window 4 of every 4, {seconds:.2g} s each"
     spectra = _build_sets(name, (windows[::2], windows[1::4], windows[3::4]), scorer, test_set)
     return replace(
         spectra, selection=spectra.selection.average_by_speed(), test=spectra.test.average_by_speed()
@@ -423,7 +423,7 @@ def split_by_speed(name: str, windows: Sequence[Window], scorer: SpectralScorer)
             f"{scorer.device.rate_hz:g} Hz, got {n_shortest}. Use longer recordings"
         )
     speeds = ", ".join(f"{v:g}" for v in sorted(test_speeds))
-    test_set = f"speeds {speeds} mm/s" if test_speeds else "second half of each recording"
+    test_set = f"second half at {speeds} mm/s" if test_speeds else "last quarter of each recording"
     return _build_sets(name, window_sets, scorer, test_set)
 
 
