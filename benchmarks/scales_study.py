@@ -1,10 +1,10 @@
 """Validity of the six scales of `texclass describe`: properties of simulated surfaces, and words.
 
-Surfaces of seeds that were not looked at when features and anchors were chosen, four recordings of each by
-four operators; each surface counts by its median. Rank correlations, 95 % intervals from a bootstrap over
-surfaces. `fine` and `regular` are told by the recorded speed, and once more as if there were none. The words
-of `biotac20` are smooth, middle and rough, of 20 surfaces.
-`python benchmarks/scales_study.py` (8 minutes) writes reports/studies/scales.
+Surfaces of seeds that were not looked at when features were chosen and that are not reference surfaces, four
+recordings of each by four operators; each surface counts by its median. Rank correlations, 95 % intervals
+from a bootstrap over surfaces. `fine` and `regular` are told by the recorded speed, and once more as if there
+were none. The words of `biotac20` are smooth, middle and rough, of 20 surfaces.
+`python benchmarks/scales_study.py` (3 minutes) writes reports/studies/scales.
 """
 
 import numpy as np
@@ -86,11 +86,12 @@ def main() -> None:
         for scale, name in PAIRS.items()
     ]
     dataset = open_dataset("biotac20")
-    of_biotac = of_surfaces(dataset, args.jobs)
+    frame = cached_table(dataset, load_feature_set("scales"), n_jobs=args.jobs).frame
+    levels = frame.groupby("surface")[SCALES["rough"].column].median()  # in counts: no reference surfaces
     words = pd.read_csv(find_folder(read_card("biotac20")) / "recordings.csv")
-    key = next(key for key in ("surface", "material_name") if set(of_biotac.index) <= set(words[key]))
-    word = words.groupby(key)["roughness"].first().map(WORDS.index).reindex(of_biotac.index)
-    rows.append({"scale": "rough", "beside": "words of biotac20"} | agreement(of_biotac["rough"], word))
+    key = next(key for key in ("surface", "material_name") if set(levels.index) <= set(words.get(key, ())))
+    word = words.groupby(key)["roughness"].first().map(WORDS.index).reindex(levels.index)
+    rows.append({"scale": "rough", "beside": "words of biotac20"} | agreement(levels, word))
     ceiling, ceiling_of_ribs = (
         float(stats.spearmanr(stats.rankdata(truth, "ordinal"), truth)[0])
         for truth in (word, made_of["has ribs"])
@@ -107,9 +108,9 @@ def main() -> None:
     among.index.name = "rank correlation"
     blocks = [
         f"{args.n_surfaces} simulated surfaces of each of the seeds {args.seeds}, none of which was used "
-        "to choose features or anchors (how ribs are looked for was chosen on 501, 502 and 503). Heights "
-        "below 1 mm are those of structures shorter than that along the stroke; ribs count where there are "
-        "any. The aim was 0.8.",
+        "to choose features or as a reference surface (how ribs are looked for was chosen on 501, 502 and "
+        "503). Heights below 1 mm are those of structures shorter than that along the stroke; ribs count "
+        "where there are any. The aim was 0.8.",
         table(
             rows,
             "scale = {scale} | beside = {beside} | surfaces = {n} | "

@@ -2,7 +2,7 @@
 Pack a texture into 64 bytes
 ============================
 
-Pack a stroke into a texture of at most 64 bytes, then make it rougher.
+Pack a stroke into a texture of at most 64 bytes, then make it smoother.
 """
 
 import matplotlib.pyplot as plt
@@ -30,16 +30,16 @@ rendered = packed.renderer(seed=1).process(np.tile([110.0, 0.0], (n, 1)), np.one
 # Change one scale of ``texclass describe``. The other scales approximately keep their values.
 
 original = tx.haptics.textures.measure_scales(packed)
-rougher = tx.haptics.textures.retouch(packed, rough=original["rough"] + 2)
-changed = tx.haptics.textures.measure_scales(rougher)
+smoother = tx.haptics.textures.retouch(packed, rough=original["rough"] - 2)
+changed = tx.haptics.textures.measure_scales(smoother)
 print({name: f"{original[name]:.1f} -> {changed[name]:.1f}" for name in original})
 
 # %%
 # Plot the power spectral densities of the recorded stroke and of both textures:
 
 figure, axis = plt.subplots(figsize=(8, 3.5), layout="constrained")
-rougher_signal = rougher.renderer(seed=1).process(np.tile([110.0, 0.0], (n, 1)), np.ones(n))
-for x, name in ((stroke - stroke.mean(), "recorded"), (rendered, "64 bytes"), (rougher_signal, "rougher")):
+smoother_signal = smoother.renderer(seed=1).process(np.tile([110.0, 0.0], (n, 1)), np.ones(n))
+for x, name in ((stroke - stroke.mean(), "recorded"), (rendered, "64 bytes"), (smoother_signal, "smoother")):
     axis.psd(x, NFFT=2048, Fs=recording.fs, label=name)
 axis.set(xscale="log", xlim=(20, 1000), ylim=(-45, 5), xlabel="frequency in Hz", ylabel="dB re (m/s²)²/Hz")
 axis.legend()

@@ -2,9 +2,9 @@
 Describe a surface in words
 ===========================
 
-Rate recordings on six scales: hard, rough, bumpy, sticky, fine, regular. Each scale is a monotone function of
-one feature (`texclass.haptics.scales`). The values 0 and 10 correspond to the 5th and 95th percentiles of
-simulated surfaces.
+Rate recordings on six scales: hard, rough, bumpy, sticky, fine, regular. Each value is the rank of one
+feature among 100 simulated reference surfaces, from 0 (the lowest) to 10 (the highest); see
+`texclass.haptics.scales`.
 """
 
 from dataclasses import replace
@@ -25,13 +25,13 @@ values = tx.haptics.scale_values(features)
 values.round(1)
 
 # %%
-# ``tx.haptics.describe(recordings)`` and ``texclass describe FILE`` also state the rank among reference
-# surfaces. They omit undefined scales: *hard* requires a tap, and *sticky* requires a friction channel.
+# ``tx.haptics.describe(recordings)`` and ``texclass describe FILE`` also name the nearest reference surfaces,
+# and state how far a feature is outside their range. They omit undefined scales: *hard* requires a tap, and
+# *sticky* requires a friction channel.
 
 figure, axes = plt.subplots(figsize=(7, 3.5))
 values.T.plot.bar(ax=axes, rot=0, color=["C0", "C1", "C2"])
-axes.set(ylim=(-2, 12), ylabel="0 ... 10")
-axes.axhline(0, color="0.6", linewidth=0.8)
+axes.set(ylim=(0, 10), ylabel="0 ... 10")
 axes.legend(title="")
 plt.show()
 

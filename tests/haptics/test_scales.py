@@ -3,10 +3,13 @@
 import numpy as np
 import pandas as pd
 import pytest
+from reference_surfaces import RECIPE
 from scipy.stats import spearmanr
 
 import texclass as tx
-from texclass.haptics import SCALES, SPATIAL_SCALES, scale_values, select_scale
+from texclass.haptics import SCALES, SPATIAL_SCALES, reference_surfaces, scale_values, select_scale
+from texclass.haptics.descriptions import reference_features
+from texclass.loaders.simulated import open_simulated
 from texclass.recording import Phases, Recording
 from texclass.simulate.profile import synthesize_profile
 
@@ -34,24 +37,91 @@ def test_the_grain_frequency_follows_the_velocity_not_the_acceleration():
     assert tx.extract(both, "scales")["grain_frequency"].item() == pytest.approx(np.sqrt(30 * 90), rel=0.03)
 
 
-def test_scales_are_monotone_and_undefined_without_their_feature():
-    steps = np.linspace(0.5, 2.0, 7)
-    features = pd.DataFrame({s.column: s.at_0 + steps * (s.at_10 - s.at_0) for s in SCALES.values()})
-    values = scale_values(features)
-    assert (values.diff().iloc[1:] > 0).all(axis=None)
-    features.loc[3, "friction"] = np.nan
-    assert scale_values(features)["sticky"].isna().tolist() == [i == 3 for i in range(7)]
+@pytest.mark.parametrize(
+    "scale", [*SCALES.values(), *SPATIAL_SCALES.values()], ids=lambda scale: scale.column
+)
+def test_a_scale_is_the_continuous_rank_among_the_reference_surfaces(scale):
+    references = np.sort(reference_surfaces()[scale.column].dropna())
+    low, high = references[0], references[-1]
+    values = np.array([scale.value(feature) for feature in references])
+    assert (values[0], values[-1]) == (0.0, 10.0)
+    ranks = pd.Series(references).rank()
+    np.testing.assert_allclose(values, 10 * (ranks - ranks.iloc[0]) / (ranks.iloc[-1] - ranks.iloc[0]))
+    is_frequency = scale.unit in ("Hz", "1/mm")
+    ends = (0.7 * low, 1.4 * high) if is_frequency else (low - 0.3 * (high - low), high + 0.3 * (high - low))
+    features = (np.geomspace if is_frequency else np.linspace)(*ends, 5000)
+    values = np.array([scale.value(feature) for feature in features])
+    assert (np.diff(values) >= 0).all()
+    assert (values[0], values[-1]) == (0.0, 10.0)
+    one_rank, close = 10 / (len(references) - 1), 1e-4 * high
+    jumps = [scale.value(feature + close) - scale.value(feature - close) for feature in references]
+    assert max(jumps) < 5 * one_rank
+    for value in (0.0, 0.3, 4.0, 8.8, 10.0):
+        assert scale.value(scale.feature_value(value)) == pytest.approx(value)
+
+
+def test_equal_references_share_their_mean_rank_and_features_between_them_are_interpolated():
+    rough, fine = SCALES["rough"], SCALES["fine"]
+    references = [0.0, 1.0, 1.0, 1.0, 2.0]
+    values = [rough.value(feature, references) for feature in (-9.0, 0.0, 0.5, 1.0, 1.25, 2.0, 9.0)]
+    np.testing.assert_allclose(values, [0, 0, 2.5, 5, 6.25, 10, 10])
+    assert rough.value(0.0, [0.0, 0.0, 0.0, 1.0]) == 0.0
+    assert fine.value(20.0, [10.0, 40.0]) == pytest.approx(5.0)  # logarithmic
+    assert fine.value(0.0, [10.0, 40.0]) == 0.0
+    assert np.isnan(fine.value(np.nan))
+
+
+def test_outside_the_references_the_excess_is_in_db_or_octaves():
+    rough, fine, regular = SCALES["rough"], SCALES["fine"], SPATIAL_SCALES["regular"]
+    assert rough.excess(-1.5, [-1.0, 1.0]) == pytest.approx(20 * -0.5)
+    assert fine.excess(320.0, [10.0, 40.0]) == pytest.approx(3.0)
+    assert regular.excess(12.5, [3.0, 9.0]) == pytest.approx(3.5)
+    assert [scale.excess_unit for scale in (rough, fine, regular, SCALES["sticky"])] == [
+        "dB", "octaves", "dB", "",
+    ]  # fmt: skip
+    assert rough.excess(0.3, [-1.0, 1.0]) == 0.0
+
+
+def test_the_unlimited_value_equals_the_value_inside_and_continues_outside():
+    scale = SCALES["rough"]
+    low, high = (scale.feature_value(value) for value in (0.0, 10.0))
+    for feature in np.linspace(low, high, 9):
+        assert scale.unlimited_value(feature) == pytest.approx(scale.value(feature))
+    assert scale.unlimited_value(high + (high - low) / 2) == pytest.approx(15.0)
+    assert scale.unlimited_value(low - (high - low)) == pytest.approx(-10.0)
+
+
+def test_the_reference_table_contains_the_features_of_the_simulated_surfaces():
+    """Three of its surfaces are simulated again."""
+    recipe = RECIPE.model_copy(update={"n_surfaces": 3})
+    features = reference_features(open_simulated(recipe, name="three reference surfaces"))
+    table = reference_surfaces()
+    assert len(table) == RECIPE.n_surfaces
+    pd.testing.assert_frame_equal(features, table.loc[features.index], rtol=1e-3, check_names=False)
+
+
+def test_scales_are_undefined_without_their_feature():
+    features = pd.DataFrame([{scale.column: scale.feature_value(5.0) for scale in SCALES.values()}] * 3)
+    features.loc[1, "friction"] = np.nan
+    values = scale_values(features.assign(surface="oak"))
+    np.testing.assert_allclose(values.drop(columns="sticky"), 5.0)
+    assert values["sticky"].isna().tolist() == [False, True, False]
 
 
 def test_fine_and_regular_use_spatial_features_where_they_are_defined():
     columns = [scale.column for scale in SCALES.values()]
     features = pd.DataFrame([[100.0, 0.0, -0.5, 0.5, 50.0, 0.1]] * 3, columns=columns)
     temporal = scale_values(features)
-    with_ridges = features.assign(ridge_density=[0.2, 1.45, np.nan], ridge_prominence=[2.2, np.nan, 9.0])
+    fine, regular = SPATIAL_SCALES["fine"], SPATIAL_SCALES["regular"]
+    with_ridges = features.assign(
+        ridge_density=[fine.feature_value(0.0), fine.feature_value(10.0), np.nan],
+        ridge_prominence=[regular.feature_value(2.0), np.nan, regular.feature_value(9.0)],
+    )
     values = scale_values(with_ridges)
     np.testing.assert_allclose(values["fine"], [0, 10, temporal["fine"][2]])
-    np.testing.assert_allclose(values["regular"], [0, temporal["regular"][1], 10])
-    pd.testing.assert_frame_equal(values.drop(columns=["fine", "regular"]), temporal.iloc[:, :4])
+    np.testing.assert_allclose(values["regular"], [2, temporal["regular"][1], 9])
+    others = ["hard", "rough", "bumpy", "sticky"]
+    pd.testing.assert_frame_equal(values[others], temporal[others])
     columns = [select_scale("fine", row).column for row in with_ridges.to_dict("records")]
     assert columns == ["ridge_density", "ridge_density", "grain_frequency"]
     assert {select_scale(name, features.iloc[0].to_dict()) for name in SCALES} == set(SCALES.values())

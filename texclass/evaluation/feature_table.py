@@ -149,7 +149,10 @@ class FeatureTable:
     @property
     def notices(self) -> tuple[str, ...]:
         """Distinct notices of the loaders about implausible recordings, with the number of recordings."""
-        kinds = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")
+        kinds = (
+            "unit:", "clipped:", "constant:", "few levels:", "narrow band:", "time:", "merged log:",
+            "divided:",
+        )  # fmt: skip
         flags_by_text: dict[str, list[tuple[str, str]]] = {}
         for name, flag in self.flags:
             if flag.startswith(kinds):

@@ -8,6 +8,7 @@ from .exchange import save_texture as save_texture
 from .scales import SCALES as SCALES
 from .scales import SPATIAL_SCALES as SPATIAL_SCALES
 from .scales import Scale as Scale
+from .scales import reference_surfaces as reference_surfaces
 from .scales import scale_values as scale_values
 from .scales import select_scale as select_scale
 from .scene import SceneRenderer as SceneRenderer

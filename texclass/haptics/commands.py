@@ -42,14 +42,14 @@ Physical = Annotated[
 def describe(
     recordings: Annotated[list[str], Argument(help="Recordings: files, or DATASET:RECORDING.")],
     references: Annotated[
-        str,
+        str | None,
         Option(
             metavar="DATASET",
-            help="Dataset that defines the scales: shipped dataset, dataset card, or folder that "
-            "needs no --fs.",
+            help="Dataset of reference surfaces: shipped dataset, dataset card, or folder that needs no --fs "
+            "(default: 100 simulated surfaces, stored with the program).",
             autocompletion=p.shipped_names("datasets"),
         ),
-    ] = "simulated",
+    ] = None,
     fs: p.SamplingRate = None,
     unit: p.Unit = None,
     column: p.Column = None,
@@ -63,7 +63,10 @@ def describe(
     jobs: p.Jobs = -1,
     json_file: p.JsonFile = None,
 ) -> None:
-    """Rate surfaces on perceptual scales: hard, rough, bumpy, sticky, fine, regular."""
+    """Rate surfaces on perceptual scales: hard, rough, bumpy, sticky, fine, regular.
+
+    Each value from 0 to 10 is the rank of a feature among reference surfaces.
+    """
     from texclass.loaders import find_recording
 
     reader = p.reader_settings(

@@ -1,7 +1,6 @@
 """Rate recordings on six perceptual scales, and rank them among reference surfaces."""
 
-from collections.abc import Iterable
-from itertools import product
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,18 @@ from texclass.evaluation.feature_table import cached_table
 from texclass.evaluation.workers import Progress
 from texclass.features.extractor import FeatureExtractor
 from texclass.features.sets import load_feature_set
-from texclass.haptics.scales import COLUMNS, SCALES, SPATIAL_SCALES, Scale, scale_values, select_scale
+from texclass.haptics.scales import (
+    COLUMNS,
+    LEVEL_UNIT,
+    SCALES,
+    SPATIAL_SCALES,
+    Scale,
+    reference_surfaces,
+    select_scale,
+)
 from texclass.loaders import find_recording, open_dataset
 from texclass.loaders.dataset import Dataset
+from texclass.phases import find_phases, resolution_problem
 from texclass.recording import Recording
 from texclass.reporting import Document, Table
 from texclass.reporting.blocks import Block, Heading
@@ -28,7 +36,7 @@ LOW, HIGH = 3.0, 7.0
 
 def describe(
     recordings: "Recording | str | Path | Iterable[Recording | str | Path]",
-    references: Dataset | str | Path = "simulated",
+    references: Dataset | str | Path | None = None,
     *,
     fs: float | None = None,
     unit: str | None = None,
@@ -43,9 +51,9 @@ def describe(
     recordings : Recording, str, Path or sequence of these
         Recordings, files, or names of the form "DATASET:RECORDING". A dataset counts as a sequence of
         recordings.
-    references : Dataset, str or Path
-        Labelled recordings, or an argument of `open_dataset` (default: the 24 simulated surfaces, which are
-        simulated once and cached). Each surface is represented by the median of its recordings.
+    references : Dataset, str or Path, optional
+        Labelled recordings, or an argument of `open_dataset` (default: 100 simulated surfaces, see
+        `texclass.haptics.scales`). Each surface is represented by the median of its recordings.
     fs : float, optional
         Sampling rate of the files in Hz, see `load_recording`.
     unit : str, optional
@@ -63,83 +71,131 @@ def describe(
         Six rows per recording with the columns
 
         - `recording` and `scale`;
-        - `value`: value on the scale, see `texclass.haptics.scales`;
+        - `value`: rank among the reference surfaces, from 0 to 10, see `texclass.haptics.scales`;
         - `feature_value`, `unit` and `feature`: value, unit and name of the measured feature;
         - `n_below`: number of reference surfaces with a lower feature value;
         - `n_references`: total number of reference surfaces;
         - `nearest`: the next lower and the next higher reference surface;
+        - `excess` and `excess_unit`: distance of the feature to the range of the reference surfaces, 0 inside
+          and negative below it, in dB or octaves;
         - `reason`: reason for a missing value, or "".
 
     Raises
     ------
     RecordingError
         If a recording is invalid.
+
+    Notes
+    -----
+    A recording with too few distinct values, or whose vibration is below one quantisation step, has no
+    values; see `texclass.phases.resolution_problem`.
+
+    Examples
+    --------
+    Rate a tone whose level is above that of all reference surfaces:
+
+    >>> import numpy as np
+    >>> import texclass as tx
+    >>> x = 60.0 * np.sin(2 * np.pi * 200.0 * np.arange(20_000) / 10_000)
+    >>> tone = tx.Recording(x, 10_000.0, "m/s^2", phases=tx.Phases(movement=(0, x.size)))
+    >>> rough = tx.haptics.describe(tone).set_index("scale").loc["rough"]
+    >>> print(f"{rough['value']:.1f}, {rough['excess']:.1f} {rough['excess_unit']} above the highest")
+    10.0, 5.6 dB above the highest
     """
     inputs = [recordings] if isinstance(recordings, Recording | str | Path) else recordings
     loaded = [
         one if isinstance(one, Recording) else find_recording(one, fs=fs, unit=unit, **reading)
         for one in inputs
     ]
-    dataset = references if isinstance(references, Dataset) else open_dataset(references)
-    reference_features = _reference_features(dataset, n_jobs, progress)
-    reference_unit = dataset[0].unit
+    if references is None:
+        reference_table, reference_unit = reference_surfaces(), "m/s^2"
+    else:
+        dataset = references if isinstance(references, Dataset) else open_dataset(references)
+        reference_table, reference_unit = reference_features(dataset, n_jobs, progress), dataset[0].unit
+    # Ranks need at least two different references.
+    ranked_columns = [column for column in COLUMNS if reference_table[column].dropna().unique().size > 1]
     extraction = FeatureExtractor("scales").fit(loaded).extract(loaded)
-    features = extraction.table.set_axis(range(len(loaded)))
-    values, feature_rows = scale_values(features), features.to_dict("records")
     reasons = {(r.recording_id, r.feature): r.reason for r in extraction.reasons}
     rows = []
-    for (i, recording), name in product(enumerate(loaded), SCALES):
-        scale = select_scale(name, feature_rows[i])
-        reason = reasons.get((recording.recording_id, scale.column.partition(".")[0]), "")
-        if not reason and (reason := _missing_value_reason(scale, recording)):
-            values.loc[i, name] = np.nan
-        feature_value = float(feature_rows[i][scale.column])
-        ranked = reference_features[scale.column].dropna().sort_values()
-        has_same_unit = not scale.unit.startswith("log10") or recording.unit == reference_unit
-        is_comparable = has_same_unit and recording.fs != PLACEHOLDER_FS
-        rows.append(
-            {
-                "recording": recording.recording_id,
-                "scale": name,
-                "value": values.loc[i, name],
-                "feature_value": feature_value,
-                "unit": scale.unit.replace("m/s^2", recording.unit),
-                "feature": scale.column,
-                **_rank(feature_value, ranked if is_comparable else ranked[:0]),
-                "reason": reason,
-            }
-        )
+    for recording, features in zip(loaded, extraction.table.to_dict("records"), strict=True):
+        resolution = _phase_resolution(recording)
+        for name in SCALES:
+            scale = select_scale(name, {column: features[column] for column in ranked_columns})
+            reason = (
+                resolution
+                or reasons.get((recording.recording_id, scale.column.partition(".")[0]), "")
+                or _rank_problem(scale, recording, reference_unit, scale.column in ranked_columns)
+            )
+            feature = np.nan if resolution else float(features[scale.column])
+            ranked = reference_table[scale.column].dropna().sort_values()
+            rows.append(
+                {
+                    "recording": recording.recording_id,
+                    "scale": name,
+                    "feature_value": feature,
+                    "unit": scale.unit.replace("m/s^2", recording.unit),
+                    "feature": scale.column,
+                    "excess_unit": scale.excess_unit,
+                    "reason": reason,
+                    **({} if reason or np.isnan(feature) else _rank(scale, feature, ranked)),
+                }
+            )
     columns = [
         "recording", "scale", "value", "feature_value", "unit", "feature", "n_below", "n_references",
-        "nearest", "reason",
+        "nearest", "excess", "excess_unit", "reason",
     ]  # fmt: skip
-    return pd.DataFrame(rows, columns=columns).astype({"n_below": "Int64", "n_references": "Int64"})
+    description = pd.DataFrame(rows, columns=columns)
+    description["nearest"] = [
+        nearest if isinstance(nearest, tuple) else () for nearest in description["nearest"]
+    ]
+    return description.astype({"n_below": "Int64", "n_references": "Int64"})
 
 
-def _rank(feature_value: float, ranked: "pd.Series[float]") -> dict[str, Any]:
-    """Return the number of references below a value, their total number, and the nearest references."""
-    if np.isnan(feature_value) or ranked.empty:
-        return {"n_below": None, "n_references": None, "nearest": ()}
-    n_below = int((ranked < feature_value).sum())
-    nearest = tuple(ranked.index[max(n_below - 1, 0) : n_below + 1])
-    return {"n_below": n_below, "n_references": len(ranked), "nearest": nearest}
+def _rank(scale: Scale, feature: float, ranked: "pd.Series[float]") -> dict[str, Any]:
+    """Return value, excess and neighbours of a feature value among sorted references."""
+    n_below = int((ranked < feature).sum())
+    return {
+        "value": scale.value(feature, ranked),
+        "n_below": n_below,
+        "n_references": len(ranked),
+        "nearest": tuple(ranked.index[max(n_below - 1, 0) : n_below + 1]),
+        "excess": scale.excess(feature, ranked),
+    }
 
 
-def _missing_value_reason(scale: Scale, recording: Recording) -> str:
-    """Return the reason why a recording has no value on a scale, or "" if it has one."""
-    if scale.unit == "Hz" and recording.fs == PLACEHOLDER_FS:
+def _phase_resolution(recording: Recording) -> str:
+    """Return why the resolution of the movement is too low, or ""; without a movement, that of the taps."""
+    phases = find_phases(recording)
+    parts = [phases.movement] if phases.movement else [(tap.start, tap.end) for tap in phases.taps]
+    samples = [recording.acceleration[start:stop] for start, stop in parts or [(0, recording.n_samples)]]
+    return resolution_problem(np.concatenate(samples), recording.fs)
+
+
+def _rank_problem(scale: Scale, recording: Recording, reference_unit: str, has_references: bool) -> str:
+    """Return why a feature value cannot be ranked among the references, or ""."""
+    if recording.fs == PLACEHOLDER_FS:
         return "the sampling rate is missing. Pass fs"
-    if scale.unit.startswith("log10") and recording.unit != "m/s^2":
+    if scale.unit == LEVEL_UNIT and recording.unit != reference_unit:
         return (
-            f"the unit must be m/s^2 for a value, got {recording.unit}. References in this unit give a rank"
+            f"the unit must be that of the references, {reference_unit}, got {recording.unit}. "
+            f"Pass the unit, or references in {recording.unit}"
         )
-    return ""
+    return "" if has_references else "fewer than two different reference surfaces have this feature"
 
 
-def _reference_features(dataset: Dataset, n_jobs: int, progress: Progress | None) -> pd.DataFrame:
-    """Return the median features of each reference surface.
+def reference_features(dataset: Dataset, n_jobs: int = 1, progress: Progress | None = None) -> pd.DataFrame:
+    """Return the median features of each surface of a dataset.
 
     A surface has ridges if ridges are detected in at least half of its recordings.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Labelled recordings.
+    n_jobs : int
+        Number of processes (default 1).
+    progress : callable, optional
+        Callback `progress(n_done, n_total, label)`, which counts recordings.
     """
     table = cached_table(dataset, load_feature_set("scales"), n_jobs=n_jobs, progress=progress)
     surfaces = table.frame.groupby("surface")[list(COLUMNS)]
@@ -166,12 +222,13 @@ def description_document(description: pd.DataFrame) -> Document:
     >>> import pandas as pd
     >>> from texclass.haptics import description_document
     >>> description = pd.DataFrame(
-    ...     [["oak", "hard", 8.0, 260.0, "Hz", "damping", 20, 24, ("cork", "metal"), ""]],
+    ...     [["oak", "hard", 10.0, 500.0, "Hz", "damping", 24, 24, ("metal",), 0.5, "octaves", ""]],
     ...     columns=["recording", "scale", "value", "feature_value", "unit", "feature", "n_below",
-    ...              "n_references", "nearest", "reason"],
+    ...              "n_references", "nearest", "excess", "excess_unit", "reason"],
     ... )
-    >>> description_document(description).blocks[1]
-    'Hard.'
+    >>> report = description_document(description)
+    >>> report.blocks[1], report.blocks[3]
+    ('Hard.', ['hard: outside the reference surfaces, 0.5 octaves above the highest (metal)'])
     """
     blocks: list[Block] = []
     for recording, rows in description.groupby("recording", sort=False):
@@ -195,16 +252,25 @@ def description_document(description: pd.DataFrame) -> Document:
             ],
             columns=["scale", "0-10", "above", "feature", "nearest"],
         )
-        blocks += [Heading(str(recording)), f"{', '.join(adjectives) or 'average'}.".capitalize()]
-        blocks.append(Table(table, n_narrow=3))
+        has_values = rows["value"].notna().any()
+        summary = ", ".join(adjectives) or ("average" if has_values else "no values")
+        blocks += [Heading(str(recording)), f"{summary}.".capitalize(), Table(table, n_narrow=3)]
+        outside = [_outside_text(row) for row in rows.to_dict("records") if abs(row["excess"]) > 0]
         reasons = rows[rows["reason"] != ""].groupby("reason", sort=False)["scale"].agg(", ".join)
-        blocks.append([f"{scales}: {reason}" for reason, scales in reasons.items()])
+        blocks.append([*outside, *(f"{scales}: {reason}" for reason, scales in reasons.items())])
     blocks.append(
         [
-            "0 and 10: the 5th and 95th percentile of simulated everyday surfaces, explored freehand.",
+            "0-10: rank among the reference surfaces; 0 is the lowest of them, 10 the highest.",
             "Above: number of reference surfaces with a lower value.",
             "Fine in 1/mm: ridges over the position of the tool, from its recorded speed; in Hz: no ridges, "
             "or no speed.",
         ]
     )
     return Document("Perceptual scales", blocks)
+
+
+def _outside_text(row: Mapping[Any, Any]) -> str:
+    """Return by how much a feature is outside the range of the references."""
+    distance = f"{digits(abs(row['excess']))} {row['excess_unit']}".strip()
+    end = "above the highest" if row["excess"] > 0 else "below the lowest"
+    return f"{row['scale']}: outside the reference surfaces, {distance} {end} ({row['nearest'][0]})"

@@ -1,4 +1,4 @@
-"""Define six perceptual scales, each a monotonic function of one feature of the feature set `scales`.
+"""Define six perceptual scales: the rank of one feature of the feature set `scales` among reference surfaces.
 
 | scale | low end | feature | related property of simulated surfaces |
 |---|---|---|---|
@@ -13,25 +13,49 @@ Ridges are detected over the position of the tool, which requires its recorded s
 recorded or the movement is too short, and for `fine` on surfaces without ridges, the scale uses a feature
 computed over time instead of position. This feature ranks surfaces less well (`reports/studies/scales`).
 
-The values 0 and 10 are the 5th and 95th percentiles over simulated everyday surfaces
-(`texclass.simulate.surface_catalogue`), explored freehand with the simulated tool. For ridges per mm, only
-surfaces with ridges count. Values below 0 and above 10 are possible. Frequencies and levels are
-logarithmic.
+Value
+-----
+Let r_1 <= ... <= r_n be the feature of the n reference surfaces, and R(x) the rank of x among them: the mean
+rank of equal values at each r_i, and linear in between (in the logarithm of a frequency). The value is
+
+    v(x) = 10 (R(x) - R(r_1)) / (R(r_n) - R(r_1))    for r_1 <= x <= r_n,
+
+0 below r_1, and 10 above r_n. It is continuous and never falls with x. Outside the range of the reference
+surfaces, `Scale.excess` states the distance to it: in dB for levels, and in octaves for frequencies.
+
+Reference surfaces
+------------------
+By default, the reference surfaces are 100 simulated everyday surfaces, explored freehand with the simulated
+tool (`texclass.simulate.surface_catalogue`). Each surface counts with the median of four recordings in m/s^2
+(`reference_surfaces.csv`, written by `benchmarks/reference_surfaces.py`). For ridges per mm, only surfaces
+with ridges count.
 
 Speed, force and tool change the values. Compare values only for the same tool and similar strokes.
 """
 
 from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from texclass.recording import Samples
 
 if TYPE_CHECKING:
     import pandas as pd
 
+REFERENCES_FILE = Path(__file__).with_name("reference_surfaces.csv")
+"""Features of the default reference surfaces, one row per surface."""
+FREQUENCY_UNITS = ("Hz", "1/mm")
+"""Units of the features that are ranked on a logarithmic axis."""
+LEVEL_UNIT = "log10(m/s^2)"
+"""Unit of the features that depend on the unit of the recording."""
+
 
 class Scale(NamedTuple):
-    """Perceptual scale from 0 to 10, as a function of one feature.
+    """Perceptual scale from 0 to 10: the rank of one feature among reference surfaces.
 
     Attributes
     ----------
@@ -39,52 +63,135 @@ class Scale(NamedTuple):
         Name of the lower end (0). The upper end (10) has the name of the scale.
     column : str
         Column of the feature in the set `scales`.
-    at_0, at_10 : float
-        Feature values that correspond to 0 and 10.
     unit : str
-        Unit of the feature. If it is log10(m/s^2), `at_0` and `at_10` apply to recordings in m/s^2 only.
+        Unit of the feature. If it is log10(m/s^2), the default references apply to recordings in m/s^2 only.
 
     Examples
     --------
     >>> from texclass.haptics import SCALES
-    >>> SCALES["hard"].low_end, SCALES["hard"].value(370.0), SCALES["hard"].feature_value(0.0)
-    ('soft', 10.0, 45.0)
+    >>> hard = SCALES["hard"]
+    >>> hard.low_end, hard.value(20.0), round(hard.value(150.0), 1), hard.value(2000.0)
+    ('soft', 0.0, 5.0, 10.0)
+    >>> hard.value(200.0, references=[100.0, 200.0, 200.0, 400.0])
+    5.0
     """
 
     low_end: str
     column: str
-    at_0: float
-    at_10: float
     unit: str
 
-    def value(self, feature: float) -> float:
-        """Convert a feature value to a value on the scale."""
-        if self.unit in ("Hz", "1/mm"):
-            return float(10 * np.log(feature / self.at_0) / np.log(self.at_10 / self.at_0))
-        return 10 * (feature - self.at_0) / (self.at_10 - self.at_0)
+    def value(self, feature: float, references: ArrayLike | None = None) -> float:
+        """Convert a feature value to a value from 0 to 10.
+
+        Parameters
+        ----------
+        feature : float
+            Feature value; NaN gives NaN.
+        references : array_like of shape (n_surfaces,), optional
+            Feature of each reference surface, with at least two different values (default: the simulated
+            reference surfaces).
+        """
+        positions, values = self._link(references)
+        return float(np.interp(self._positions(feature), positions, values))
 
     def feature_value(self, value: float) -> float:
-        """Convert a value on the scale to a feature value (inverse of `value`)."""
-        if self.unit in ("Hz", "1/mm"):
-            return float(self.at_0 * (self.at_10 / self.at_0) ** (value / 10))
-        return self.at_0 + (self.at_10 - self.at_0) * value / 10
+        """Convert a value from 0 to 10 to a feature value (inverse of `value`)."""
+        positions, values = self._link()
+        position = np.interp(value, values, positions)
+        return float(np.exp2(position) if self.unit in FREQUENCY_UNITS else position)
+
+    def excess(self, feature: float, references: ArrayLike | None = None) -> float:
+        """Return the distance to the range of the references in `excess_unit`, negative below the range.
+
+        Parameters
+        ----------
+        feature, references
+            See `value`.
+
+        Examples
+        --------
+        >>> from texclass.haptics import SCALES
+        >>> SCALES["rough"].excess(1.5, references=[0.0, 1.0]), SCALES["rough"].excess_unit
+        (10.0, 'dB')
+        >>> SCALES["fine"].excess(25.0, references=[50.0, 100.0]), SCALES["fine"].excess_unit
+        (-1.0, 'octaves')
+        """
+        positions, _ = self._link(references)
+        position = self._positions(feature)
+        distance = float(position - np.clip(position, positions[0], positions[-1]))
+        return 20 * distance if self.unit == LEVEL_UNIT else distance
+
+    @property
+    def excess_unit(self) -> str:
+        """Unit of `excess`: dB, octaves, or "" for features without a unit."""
+        if self.unit in FREQUENCY_UNITS:
+            return "octaves"
+        return "dB" if self.unit == LEVEL_UNIT else self.unit
+
+    def unlimited_value(self, feature: float) -> float:
+        """Return `value`, continued outside the range of the references with its mean slope.
+
+        Unlike `value`, it is strictly monotone, which solvers require.
+        """
+        positions, values = self._link()
+        position = self._positions(feature)
+        distance = position - np.clip(position, positions[0], positions[-1])
+        inside = np.interp(position, positions, values)
+        return float(inside + 10 * distance / (positions[-1] - positions[0]))
+
+    def _positions(self, features: ArrayLike) -> Samples:
+        """Return the positions of feature values on the axis on which ranks are interpolated."""
+        positions = np.asarray(features, dtype=np.float64)
+        if self.unit not in FREQUENCY_UNITS:
+            return positions
+        with np.errstate(divide="ignore"):  # 0 Hz is below all references
+            return np.asarray(np.log2(positions))
+
+    def _link(self, references: ArrayLike | None = None) -> tuple[Samples, Samples]:
+        """Return the positions of the references in ascending order, and their values from 0 to 10."""
+        if references is None:
+            references = reference_surfaces()[self.column].dropna()
+        positions, counts = np.unique(self._positions(references), return_counts=True)
+        ranks = np.cumsum(counts) - (counts - 1) / 2  # equal references share their mean rank
+        return positions, 10 * (ranks - ranks[0]) / (ranks[-1] - ranks[0])
 
 
 SCALES = {
-    "hard": Scale("soft", "damping", 45.0, 370.0, "Hz"),
-    "rough": Scale("smooth", "vibration_level.rms", -0.3, 1.0, "log10(m/s^2)"),
-    "bumpy": Scale("even", "waviness", -1.0, -0.1, "log10(m/s^2)"),
-    "sticky": Scale("slippery", "friction", 0.25, 0.75, ""),
-    "fine": Scale("coarse", "grain_frequency", 36.0, 76.0, "Hz"),
-    "regular": Scale("irregular", "regularity", 0.07, 0.18, ""),
+    "hard": Scale("soft", "damping", "Hz"),
+    "rough": Scale("smooth", "vibration_level.rms", LEVEL_UNIT),
+    "bumpy": Scale("even", "waviness", LEVEL_UNIT),
+    "sticky": Scale("slippery", "friction", ""),
+    "fine": Scale("coarse", "grain_frequency", "Hz"),
+    "regular": Scale("irregular", "regularity", ""),
 }
 """Scales by name."""
 SPATIAL_SCALES = {
-    "fine": Scale("coarse", "ridge_density", 0.2, 1.45, "1/mm"),
-    "regular": Scale("irregular", "ridge_prominence", 2.2, 9.0, "dB"),
+    "fine": Scale("coarse", "ridge_density", "1/mm"),
+    "regular": Scale("irregular", "ridge_prominence", "dB"),
 }
 """Scales that replace the scales of the same name in `SCALES` if their feature is defined."""
 COLUMNS = tuple(scale.column for scale in (*SCALES.values(), *SPATIAL_SCALES.values()))
+
+
+@cache
+def reference_surfaces() -> "pd.DataFrame":
+    """Return the features of the default reference surfaces.
+
+    Returns
+    -------
+    DataFrame of shape (n_surfaces, n_columns)
+        Median feature values of each simulated surface, in the columns of the set `scales`. The ridge columns
+        are NaN if ridges are detected in less than half of the recordings of a surface.
+
+    Examples
+    --------
+    >>> from texclass.haptics import reference_surfaces
+    >>> reference_surfaces().loc["foam-04", ["damping", "friction"]].round(2).tolist()
+    [76.69, 0.31]
+    """
+    import pandas as pd
+
+    return pd.read_csv(REFERENCES_FILE, index_col="surface")
 
 
 def select_scale(name: str, features: Mapping[Any, Any]) -> Scale:
@@ -113,10 +220,7 @@ def select_scale(name: str, features: Mapping[Any, Any]) -> Scale:
 
 
 def scale_values(features: "pd.DataFrame") -> "pd.DataFrame":
-    """Return the values of recordings on the six scales.
-
-    The value is 10 (m - m_0) / (m_10 - m_0), where m is the feature of `select_scale`, or its logarithm if
-    the feature is a frequency.
+    """Return the values of recordings on the six scales, among the default reference surfaces.
 
     Parameters
     ----------
@@ -127,23 +231,25 @@ def scale_values(features: "pd.DataFrame") -> "pd.DataFrame":
     Returns
     -------
     DataFrame of shape (n_recordings, 6)
-        Values; NaN if the feature is undefined (`hard` requires a tap, `sticky` a friction channel).
+        Values from 0 to 10; NaN if the feature is undefined (`hard` requires a tap, `sticky` a friction
+        channel).
 
     Examples
     --------
     >>> import pandas as pd
     >>> columns = [scale.column for scale in SCALES.values()]
-    >>> scale_values(pd.DataFrame([[370.0, -0.3, -0.55, 0.75, 36.0, None]], columns=columns)).round(1)
+    >>> scale_values(pd.DataFrame([[500.0, -0.3, -0.55, 0.75, 20.0, None]], columns=columns)).round(1)
        hard  rough  bumpy  sticky  fine  regular
-    0  10.0    0.0    5.0    10.0   0.0      NaN
+    0  10.0    0.3    2.8     9.3   0.0      NaN
     """
     import pandas as pd
 
-    def values_of(scale: Scale) -> "pd.Series[float]":
-        return features[scale.column].astype(float).map(scale.value)
-
-    values = pd.DataFrame({name: values_of(scale) for name, scale in SCALES.items()}, index=features.index)
-    for name, scale in SPATIAL_SCALES.items():
-        if scale.column in features:
-            values[name] = values_of(scale).fillna(values[name])
-    return values
+    measured = features[[column for column in COLUMNS if column in features]].astype(float)
+    return pd.DataFrame(
+        [
+            {name: scale.value(row[scale.column]) for name in SCALES for scale in [select_scale(name, row)]}
+            for row in measured.to_dict("records")
+        ],
+        index=features.index,
+        columns=list(SCALES),
+    )

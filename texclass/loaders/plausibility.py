@@ -10,6 +10,7 @@ import numpy as np
 from texclass.loaders.columns import ACCELERATION
 from texclass.loaders.readers import RATES_HZ, ReadSignals, rate_conflict_error, reader_error
 from texclass.loaders.timestamps import resample as band_limited
+from texclass.phases import resolution_problem
 from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, UNITS, Recording, Samples
 
 CLIPPED_SHARE = 1e-3
@@ -65,6 +66,8 @@ def build_recording(
     recording = Recording(fs=rate, **attributes)
     flags = (*flags, *signals.flags, *acceleration_flags(recording.acceleration, recording.channels, source))
     flags = (*flags, *plausibility_flags(signals.signals, rate, unit, scale, flags))
+    if resolution := resolution_problem(recording.acceleration, rate):
+        flags = (*flags, resolution)
     if resample is not None and resample != rate:
         resampled = {name: band_limited(getattr(recording, name), rate, resample) for name in signals.signals}
         recording = recording.with_(fs=resample, native_fs=rate, **resampled)

@@ -9,6 +9,7 @@ from .impulses import bin_means as bin_means
 from .impulses import find_impulses as find_impulses
 from .impulses import select_taps as select_taps
 from .impulses import split_taps_and_movement as split_taps_and_movement
+from .resolution import resolution_problem as resolution_problem
 from .segmenter import AT_REST_M_S2 as AT_REST_M_S2
 from .segmenter import find_impact as find_impact
 from .segmenter import find_phases as find_phases

@@ -315,8 +315,8 @@ class RetouchSettings:
         Sampling rate in Hz of the tap used for the measurement.
     max_db : float
         Largest gain in dB.
-    tolerance : float
-        Largest accepted error of a scale.
+    tolerance, max_change : float
+        Largest accepted error of a scale with a target, and largest accepted change of the other scales.
     step : float
         Fraction of the error by which the target of the next iteration is moved.
     """
@@ -330,6 +330,7 @@ class RetouchSettings:
     tap_fs: float = 10_000.0
     max_db: float = 30.0
     tolerance: float = 0.5
+    max_change: float = 1.0
     step: float = 0.6
 
 
@@ -351,8 +352,8 @@ def measure_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        Values of `rough`, `bumpy`, `fine` and `regular`; also `hard` if the texture has a `tap`, and `sticky`
-        if it has friction (`mu`).
+        Values from 0 to 10 of `rough`, `bumpy`, `fine` and `regular`; also `hard` if the texture has a
+        `tap`, and `sticky` if it has friction (`mu`).
 
     Raises
     ------
@@ -365,7 +366,7 @@ def measure_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
     >>> sorted(measure_scales(pack(noise, n_bytes=16, fs=1000)))
     ['bumpy', 'fine', 'regular', 'rough']
     """
-    values = _spectral_scales(_probe(texture.renderer(seed=seed), texture.fs), texture.fs)
+    values = _spectral_scales(_probe(texture.renderer(seed=seed), texture.fs), texture.fs).clip(0.0, 10.0)
     return dict(zip(SPECTRAL_SCALES, values.tolist(), strict=True)) | _contact_scales(*_contact(texture))
 
 
@@ -378,7 +379,7 @@ def scales_halfway(one: PackedTexture, other: PackedTexture) -> dict[str, float]
     rows = [np.arctanh(np.pad(m.rows, [(0, 0), (0, 0), (0, order - m.order)])) for m in models]
     power = np.sqrt(one.model.power * other.model.power)
     model = replace(one.model, rows=np.tanh(np.mean(rows, axis=0)), power=power)
-    values = _spectral_scales(_probe(grid_renderer(model, one.fs), one.fs), one.fs)
+    values = _spectral_scales(_probe(grid_renderer(model, one.fs), one.fs), one.fs).clip(0.0, 10.0)
     return dict(zip(SPECTRAL_SCALES, values.tolist(), strict=True))
 
 
@@ -401,14 +402,15 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
     unit : str
         Unit of the vibration (default "m/s^2").
     **targets : float
-        New value of each scale, usually 0 to 10. `hard` requires a texture with a `tap`, and `sticky` a
+        New value of each scale, from 0 to 10. `hard` requires a texture with a `tap`, and `sticky` a
         texture with friction (`mu`).
 
     Raises
     ------
     ValueError
-        If there is no target or a scale is unknown, if the texture has no tap or friction to change, or if a
-        target cannot be reached within half a point.
+        If there is no target, a scale is unknown or a target is not from 0 to 10, if the texture has no tap
+        or friction to change, or if a target cannot be reached within half a point without changing another
+        scale by more than one point.
 
     Examples
     --------
@@ -417,18 +419,19 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
     >>> noise = np.random.default_rng(0).standard_normal(4000)
     >>> texture = pack(noise, n_bytes=32, fs=1000).with_contact(mu=0.4)
     >>> round(retouch(texture, sticky=7.0).mu, 2), round(retouch(texture, sticky=3.0).mu, 2)
-    (0.6, 0.4)
+    (0.49, 0.36)
     """
     if not targets or not set(targets) <= set(SCALES):
         names = ", ".join(targets) or "none"
         raise ValueError(f"pass one or more of the scales {', '.join(SCALES)}, got {names}")
+    if outside := [f"{name}={value:g}" for name, value in targets.items() if not 0 <= value <= 10]:
+        raise ValueError(f"values on a scale must be from 0 to 10, got {', '.join(outside)}")
     tap, mu = _contact(texture)
     for name, part, is_missing in (("hard", "a tap", not tap.n_modes), ("sticky", "friction", not mu)):
         if name in targets and is_missing:
             raise ValueError(f"{name!r} requires a texture with {part}, but the texture has none")
     if "hard" in targets:  # a stiffer spring: a ~ v w sin(w t)
-        hard = _contact_scales(tap, mu)["hard"]
-        c = SCALES["hard"].feature_value(targets["hard"]) / SCALES["hard"].feature_value(hard)
+        c = SCALES["hard"].feature_value(targets["hard"]) / _tap_frequency(tap)
         higher = np.minimum(c * tap.frequency_hz, 0.49 * RETOUCH.tap_fs)
         tap = DecayingModes(higher, c * tap.decay_per_s, c * tap.amplitude, tap.phase)
     mu = SCALES["sticky"].feature_value(targets["sticky"]) if "sticky" in targets else mu
@@ -460,18 +463,19 @@ def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: st
     def scales_with(gains: Samples) -> Samples:
         return _spectral_scales(np.fft.irfft(spectrum * 10 ** (basis(f) @ gains / 20)), 2 * f[-1])
 
+    limits = [RETOUCH.tolerance if name in targets else RETOUCH.max_change for name in SPECTRAL_SCALES]
     gains, aim, smallest_error = np.zeros(len(RETOUCH.nodes_hz) + 1), wanted, np.inf
     for _ in range(6):  # the aim compensates for changes caused by packing
         gains = _solve_gains(scales_with, gains, aim)
         shape = partial(lambda gains, f: basis(f) @ gains, gains)
         candidate = pack(texture, n_bytes, unit=unit, gain_db=shape, max_hz=RETOUCH.max_rate_hz)
         values = _spectral_scales(_probe(candidate.renderer(), candidate.fs), candidate.fs)
-        if (error := np.abs(values - wanted).max()) < smallest_error:
+        if (error := (np.abs(values - wanted) / limits).max()) < smallest_error:
             nearest, smallest_error, nearest_values = candidate, error, values
-        if smallest_error < RETOUCH.tolerance / 2:
+        if smallest_error < 0.5:
             break
         aim = aim + RETOUCH.step * (wanted - values)
-    if smallest_error > RETOUCH.tolerance:
+    if smallest_error > 1.0:
         pairs = zip(SPECTRAL_SCALES, nearest_values, strict=True)
         reached = ", ".join(f"{name} {value:.1f}" for name, value in pairs)
         raise ValueError(
@@ -523,9 +527,10 @@ def _probe(renderer: Renderer, fs: float) -> Samples:
 
 
 def _spectral_scales(x: Samples, fs: float) -> Samples:
-    """Compute the values of `SPECTRAL_SCALES` for a movement in m/s^2."""
+    """Compute the unlimited values of `SPECTRAL_SCALES` for a movement in m/s^2."""
     stroke = Recording(x, fs, "m/s^2", "stroke", phases=Phases(movement=(0, x.size)))
-    return np.array(list(_scales_of(stroke, SPECTRAL_SCALES, f"texture at {fs:g} Hz").values()))
+    features = _features_of(stroke, SPECTRAL_SCALES, f"texture at {fs:g} Hz")
+    return np.array([SCALES[name].unlimited_value(feature) for name, feature in features.items()])
 
 
 def _contact(texture: Texture) -> tuple[DecayingModes, float]:
@@ -535,14 +540,16 @@ def _contact(texture: Texture) -> tuple[DecayingModes, float]:
 
 def _contact_scales(tap: DecayingModes, mu: float) -> dict[str, float]:
     """Return the scale `hard` if there is a tap, and the scale `sticky` if there is friction."""
-    values: dict[str, float] = {}
-    if tap.n_modes:
-        x = np.concatenate([np.zeros(500), tap.synthesize(4000, RETOUCH.tap_fs)])
-        phases = Phases(taps=(Tap(0, 500, x.size),))
-        values |= _scales_of(Recording(x, RETOUCH.tap_fs, "m/s^2", "tap", phases=phases), ("hard",), "tap")
-    if mu:
-        values["sticky"] = SCALES["sticky"].value(mu)
-    return values
+    values = {"hard": SCALES["hard"].value(_tap_frequency(tap))} if tap.n_modes else {}
+    return values | ({"sticky": SCALES["sticky"].value(mu)} if mu else {})
+
+
+def _tap_frequency(tap: DecayingModes) -> float:
+    """Return the spectral centroid of a tap in Hz, the feature of the scale `hard`."""
+    x = np.concatenate([np.zeros(500), tap.synthesize(4000, RETOUCH.tap_fs)])
+    phases = Phases(taps=(Tap(0, 500, x.size),))
+    recording = Recording(x, RETOUCH.tap_fs, "m/s^2", "tap", phases=phases)
+    return _features_of(recording, ("hard",), "tap")["hard"]
 
 
 @cache
@@ -550,11 +557,11 @@ def _plan(names: tuple[str, ...]) -> Plan:
     return Plan.of(load_feature_set("scales")).restricted_to(SCALES[name].column for name in names)
 
 
-def _scales_of(recording: Recording, names: tuple[str, ...], source: str) -> dict[str, float]:
-    """Return the named scales of a recording; raise ValueError if any of them is undefined."""
+def _features_of(recording: Recording, names: tuple[str, ...], source: str) -> dict[str, float]:
+    """Return the features of the named scales; raise ValueError if any of them is undefined."""
     plan = _plan(names)
     computed = plan.compute(recording)
     for _, reason in computed.reasons:
         raise ValueError(f"{source}: {reason}")
     measured = dict(zip(plan.columns, computed.values.tolist(), strict=True))
-    return {name: SCALES[name].value(measured[SCALES[name].column]) for name in names}
+    return {name: measured[SCALES[name].column] for name in names}
