@@ -26,7 +26,7 @@ COMBINED = (
 TITLES = {"naive_bayes": "Naive Bayes", "lda": "LDA", "euclidean": "Euclidean"}
 
 
-def accuracies(seed: int, n_surfaces: int) -> pd.DataFrame:
+def accuracies(seed: int, n_surfaces: int, duration_s: float = DURATION_S) -> pd.DataFrame:
     """Return the rows of Table I on one catalogue: row, classifier, ours, published."""
     pipeline = load_pipeline("strese2015")
     pipeline = pipeline.model_copy(
@@ -34,7 +34,7 @@ def accuracies(seed: int, n_surfaces: int) -> pd.DataFrame:
     )
     recipe = {
         "n_surfaces": n_surfaces, "n_recordings": N_RECORDINGS, "n_operators": N_OPERATORS,
-        "duration_s": DURATION_S, "fs": 10000, "seed": seed,
+        "duration_s": duration_s, "fs": 10000, "seed": seed,
     }  # fmt: skip
     recipe_text = "".join(f"{key} = {value}\n" for key, value in recipe.items())
     with tempfile.TemporaryDirectory() as folder:

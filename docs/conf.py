@@ -76,7 +76,7 @@ html_show_sourcelink = False
 html_copy_source = False
 html_static_path = ["_static"]
 html_css_files = ["texclass.css"]
-html_sidebars = {"index": []}
+html_sidebars = {"index": [], "papers/index": []}
 html_theme_options = {
     "navbar_align": "left",
     "header_links_before_dropdown": 6,

@@ -1,4 +1,4 @@
-"""Generate pages at build time: reports, API reference, features, examples."""
+"""Generate pages at build time: reports, API reference, features, contents of the papers, examples."""
 
 import re
 import shutil
@@ -9,13 +9,14 @@ import matplotlib as mpl
 from feature_pages import write_feature_pages
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
+from paper_page import write_paper_page
 from sphinx_gallery.scrapers import figure_rst, matplotlib_scraper
 
 import texclass as tx
 from texclass.reporting.figure_style import DPI, LOOKS, STYLE
 
 ROOT = Path(__file__).parents[2]
-GENERATED = ("reports", "features", "api")
+GENERATED = ("reports", "features", "papers", "api")
 """Folders below the source folder that each build generates."""
 LINKS = {
     r"\]\(\.\./reports/README\.md\)": "](figures.md)",
@@ -37,7 +38,7 @@ def setup(app):
 
 
 def generate_pages(app, _config):
-    """Write reports, feature pages and API pages into the source folder."""
+    """Write reports, feature pages, the page on the papers and API pages into the source folder."""
     source = Path(app.srcdir)
     for folder in GENERATED:
         shutil.rmtree(source / folder, ignore_errors=True)
@@ -50,6 +51,7 @@ def generate_pages(app, _config):
             text = re.sub(r"^#", "##", text, flags=re.M)
             page.write_text(f"# {page.stem.capitalize()}\n\n{text}", encoding="utf-8")
     write_feature_pages(source / "features")
+    write_paper_page(source / "papers")
     write_subpackage(source / "api", "texclass", tx)
 
 
