@@ -29,6 +29,7 @@ EXPECTED = {
     "report output": ".html or .htm or .md",
     "train output": ".skops",
     "predict confusion": ".csv",
+    "predict save": ".skops",
     "adapt output": ".skops",
     "export output": ".onnx",
     "inspect output": " or ".join(PICTURES),

@@ -13,11 +13,16 @@ from texclass.recognition.adaptation import (
     LIMITS,
     _check_separation,
     adapt_to_rows,
+    class_moments_of,
+    describe_map,
     fit_map,
     moments_map,
+    recalibrate_sets,
     reference_rows,
 )
+from texclass.recognition.model_document import describe_adaptation, describe_shift
 from texclass.recognition.novelty import ClassMoments
+from texclass.recognition.prediction_sets import log_odds
 
 
 def other_sensor(name, seed, **changes):
@@ -201,9 +206,80 @@ def test_unsuitable_references_are_refused(kernel_model, references, message):
         adapt(kernel_model, references)
 
 
-def test_only_a_trained_model_of_several_recordings_is_adapted(kernel_model):
+def test_an_adapted_model_is_not_adapted_again(kernel_model):
     with pytest.raises(ValueError, match=r"is already adapted. Adapt the original model instead"):
         adapt(adapt(kernel_model, THREE), THREE)
-    single = replace(kernel_model, class_moments=kernel_model.class_moments._replace(within_std=np.zeros(12)))
-    with pytest.raises(ValueError, match="Train it on two or more"):
-        adapt(single, THREE)
+
+
+@pytest.mark.parametrize("references", [THREE, UNLABELLED], ids=["three surfaces", "unlabelled"])
+def test_a_model_of_one_recording_per_surface_is_adapted(kernel_model, references):
+    """The variation within a surface is then from other datasets, and the model card says so."""
+    moments = kernel_model.class_moments
+    first = np.array([kernel_model.compute(recording(surface, 0)).values for surface in sorted(SURFACES)])
+    single = replace(kernel_model, class_moments=ClassMoments(first, np.zeros_like(moments.within_std)))
+    prior = class_moments_of(single)
+    total = np.sqrt(prior.means.var(axis=0, ddof=1) + prior.within_std**2)
+    np.testing.assert_allclose(total, first.std(axis=0, ddof=1))
+    adapted = adapt(single, references)
+    assert accuracy(single) < 0.6
+    assert accuracy(adapted) > 0.9
+    assert "the variation within a surface is from other datasets" in describe_adaptation(adapted.manifest)
+    assert "other datasets" not in describe_adaptation(adapt(kernel_model, references).manifest)
+
+
+def test_the_description_states_the_shift_of_the_columns(kernel_model):
+    """The columns that `moved` shifts by three standard deviations are counted, with their shift."""
+    moments = kernel_model.class_moments
+    rng, n = np.random.default_rng(1), len(kernel_model.columns)
+    labels = np.arange(400) % len(SURFACES)
+    X = moments.means[labels] + moments.within_std * rng.standard_normal((400, n))
+    moved = np.where(np.arange(n) < 5, 3.0, 0.0) * moments.within_std
+    moved[2] *= 1.1
+    entry = describe_map(kernel_model.columns, X + moved, (np.ones(n), -moved), moments)
+    assert (entry["n_shifted"], entry["most_shifted"]) == (5, kernel_model.columns[2])
+    np.testing.assert_allclose(entry["shift"], [3, 3.18, 3.3])
+    text = "5 columns shifted by 3 standard deviations within a surface (median; largest 3.3: "
+    assert describe_shift(entry).startswith(text)
+    assert "scaled" not in describe_shift(entry)
+    unchanged = describe_map(kernel_model.columns, X, (np.ones(n), np.zeros(n)), moments)
+    assert describe_shift(unchanged) == "no column shifted by more than by chance"
+
+
+def test_unknown_surfaces_among_unlabelled_references_are_still_detected(kernel_model):
+    """A fifth of the references are of an unknown surface; the threshold is not raised to its scores."""
+    strangers = [other_sensor("stranger", seed, surface=None) for seed in range(50, 60)]
+    adapted = adapt(kernel_model, [*UNLABELLED, *strangers])
+    assert share_unknown(adapted, TESTS) <= 2 * kernel_model.novelty.false_alarms
+    assert share_unknown(adapted, [other_sensor("stranger", seed) for seed in range(10)]) > 0.8
+
+
+def coverage(model, level):
+    sets = [model.answer(one).prediction_sets[level] for one in TESTS]
+    return np.mean([one.surface in members for one, members in zip(TESTS, sets, strict=True)])
+
+
+@pytest.mark.parametrize("references", [THREE, UNLABELLED], ids=["three surfaces", "unlabelled"])
+def test_prediction_sets_keep_their_coverage_after_an_adaptation(linear_model, references):
+    adapted = adapt(linear_model, references)
+    for level in (0.9, 0.95):
+        assert coverage(linear_model, level) < 0.8
+        assert coverage(adapted, level) >= level - 0.03
+    entry = adapted.manifest.calibration["prediction_sets"]
+    assert entry["thresholds"] != linear_model.manifest.calibration["prediction_sets"]["thresholds"]
+
+
+def test_sets_are_recalibrated_by_labels_or_by_the_median(linear_model):
+    """Without labels, the held-out log odds fall with those of the references; labels are added to them."""
+    references = [recording(surface, seed) for surface in SURFACES for seed in range(9)]
+    X, one_hot, index = reference_rows(linear_model, references)
+    decisions = 0.25 * linear_model.decide(X)[1]
+    old = linear_model.set_calibrations["answer"]
+    moved = recalibrate_sets(linear_model, decisions, 0 * one_hot, index, has_labels=False)["answer"]
+    true = log_odds(linear_model.calibration.beta * decisions)[one_hot.astype(bool)]
+    assert moved.median == pytest.approx(np.sort(true)[(len(true) - 1) // 2], abs=1e-9)
+    np.testing.assert_allclose(np.diff(moved.log_odds), np.diff(old.log_odds), atol=1e-9)
+    added = recalibrate_sets(linear_model, decisions, one_hot, index, has_labels=True)["answer"]
+    assert set(true) <= set(added.log_odds.tolist())
+    assert len(added.log_odds) == len(old.log_odds) + len(true)
+    better = recalibrate_sets(linear_model, 40 * decisions, 0 * one_hot, index, has_labels=False)
+    np.testing.assert_array_equal(better["answer"].log_odds, old.log_odds)

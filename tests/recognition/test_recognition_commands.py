@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+from scipy.signal import lfilter
 from toy_surfaces import FS, STRANGER, SURFACES, signal
 
 from texclass.recognition import load_model, predict, train
@@ -88,7 +89,7 @@ def test_files_are_read_as_the_training_files_were(run, trained):
     # --json writes all answers into one file.
     out = run("predict", trained.name, *files, "--json", "answers.json")[1]
     assert "oak" in out
-    assert json.loads(Path("answers.json").read_text(encoding="utf-8")) == answers
+    assert json.loads(Path("answers.json").read_text(encoding="utf-8"))["recordings"] == answers
 
 
 def test_functions_train_and_predict_as_the_commands_do(run, trained):
@@ -213,6 +214,73 @@ def test_a_model_is_adapted_to_files_and_folders_of_another_sensor(run, trained,
     assert not Path("no.skops").exists()
     code, _, err = run("adapt", trained.name, *three, "-o", "no.skops")
     assert (code, "--resample 4000 converts" in err) == (1, True), err
+
+
+@pytest.fixture
+def later(work):
+    """Folder of later recordings: the mount of the sensor now resonates at 191 Hz."""
+    resonance = [1, -2 * 0.97 * np.cos(0.3), 0.97**2]
+    for surface, hum_hz in SURFACES.items():
+        (work / "later" / surface).mkdir(parents=True, exist_ok=True)
+        for k in range(30, 36):
+            changed = lfilter([1], resonance, signal(hum_hz, [*map(ord, surface), k]))
+            name = work / "later" / surface / f"{surface}_{k}.wav"
+            soundfile.write(name, (100 * changed).astype(np.int16), round(FS), subtype="PCM_16")
+    return "later"
+
+
+def test_drift_is_reported_in_one_line_and_in_json(run, trained, later):
+    code, _, err = run("predict", trained.name, later, "--json", "answers.json")
+    assert code == 0
+    assert len(err.splitlines()) == 1
+    assert err.startswith("drift: features have shifted as a whole, for ")
+    assert "Adapt the model with --adapt, or with 'texclass adapt MODEL FOLDER --unlabelled'" in err
+    written = json.loads(Path("answers.json").read_text(encoding="utf-8"))
+    assert written["drift"]["is_detected"]
+    assert written["drift"]["shift"]["n_shifted"] > 0
+    assert (len(written["recordings"]), written["adapted"]) == (6 * len(SURFACES), {})
+    lines = run("predict", trained.name, later, "--jsonl")[1].splitlines()
+    assert [json.loads(line) for line in lines[:-1]] == written["recordings"]
+    assert json.loads(lines[-1])["drift"] == written["drift"]
+    # The recordings of the training set have not shifted.
+    code, out, err = run("predict", trained.name, "plates", "--jsonl")
+    assert (code, err) == (0, "")
+    assert all("file" in json.loads(line) for line in out.splitlines())
+
+
+def test_predict_adapts_the_model_to_the_recordings(run, trained, later):
+    def share_correct(*arguments):
+        answers = run("predict", *arguments, later, "--json", "answers.json")
+        written = json.loads(Path("answers.json").read_text(encoding="utf-8"))
+        hits = [a["surface"] == a["true_surface"] and not a["unknown"] for a in written["recordings"]]
+        return np.mean(hits), written, answers[2]
+
+    before = share_correct(trained.name)[0]
+    after, written, err = share_correct(trained.name, "--adapt", "--save", "later.skops")
+    assert before < 0.8
+    assert after > 0.9
+    assert written["adapted"]["map"] in ("affine", "shift")
+    adapted_to, wrote = err.splitlines()
+    assert adapted_to.startswith(f"adapted to {6 * len(SURFACES)} references, unlabelled (")
+    assert "standard deviations within a surface (median; largest" in adapted_to
+    assert wrote.startswith("wrote later.skops")
+    again, saved, err = share_correct("later.skops")
+    assert (again, saved["recordings"], err) == (after, written["recordings"], "")
+    assert "standard deviations within a surface" in " ".join(run("model", "later.skops")[1].split())
+    # An adapted model cannot be adapted again, and one surface is not enough.
+    assert "is already adapted" in run("predict", "later.skops", later, "--adapt")[2]
+
+
+def test_predict_does_not_adapt_to_one_surface(run, trained, later):
+    files = [f"later/oak/oak_{k}.wav" for k in range(30, 36)] * 2
+    code, out, err = run("predict", trained.name, *files, "--adapt", "--jsonl")
+    assert (code, len(err.splitlines())) == (0, 1)
+    assert err.startswith("not adapted, the answers are those of the original model: ")
+    assert "cannot be separated" in err
+    expected = run("predict", trained.name, *files, "--jsonl")[1].splitlines()
+    assert out.splitlines()[: len(files)] == expected
+    assert run("predict", trained.name, *files, "--save", "no.skops")[0] == 2
+    assert not Path("no.skops").exists()
 
 
 def test_a_folder_is_predicted_with_accuracy_and_confusion_matrix(run, trained, work):

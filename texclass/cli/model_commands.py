@@ -1,7 +1,8 @@
 """Commands on models: train, model, predict, adapt."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -9,6 +10,9 @@ from typer import Argument, Option
 from texclass.cli import parameters as p
 from texclass.cli.app import app, escape_control_characters
 from texclass.cli.output import print_lines, progress_bar, write_json
+
+if TYPE_CHECKING:
+    from texclass.recognition import Drift, Model, Prediction
 
 NewModelFile = Annotated[
     Path, p.output_file("--output", "-o", suffixes=[".skops"], help="Model file to write (.skops).")
@@ -170,8 +174,25 @@ def predict(
         Path | None,
         p.output_file("--confusion", suffixes=[".csv", ""], help="Also write the confusion matrix (CSV)."),
     ] = None,
+    adapt: Annotated[
+        bool,
+        Option(
+            "--adapt",
+            help="Adapt the model to all recordings, without labels, and answer with the adapted model. "
+            "Requires 10 recordings of several surfaces.",
+        ),
+    ] = False,
+    save: Annotated[
+        Path | None,
+        p.output_file("--save", suffixes=[".skops"], help="With --adapt: write the adapted model (.skops)."),
+    ] = None,
 ) -> None:
-    """Predict the surface of each recording; list and skip unreadable files."""
+    """Predict the surface of each recording; list and skip unreadable files.
+
+    If the features of several surfaces have shifted as a whole, a message on standard error reports it.
+    """
+    if save is not None and not adapt:
+        raise typer.BadParameter("--save requires --adapt")
     import json
 
     from texclass import recognition
@@ -181,20 +202,29 @@ def predict(
     reader = p.reader_settings(
         fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
     )
-    trained, predictions, results = recognition.load_model(model), [], []
+    trained, predictions = recognition.load_model(model), list[recognition.Prediction]()
+
+    def show(prediction: recognition.Prediction) -> None:
+        if prediction.answer is None:
+            typer.echo(f"error: {escape_control_characters(str(prediction.problem))}", err=True)
+        if as_lines:
+            typer.echo(json.dumps(_result(prediction)))
+
     with progress_bar() as progress:
         for prediction in recognition.predict(trained, files, labels=labels, **reader, resample=resample):
             predictions.append(prediction)
-            if prediction.answer is None:
-                typer.echo(f"error: {escape_control_characters(str(prediction.problem))}", err=True)
-                answer = {"error": prediction.problem}
-            else:
-                answer = prediction.answer.to_dict()
-            true_surface = {} if prediction.surface is None else {"true_surface": prediction.surface}
-            results.append({"file": prediction.name, **true_surface, **answer})
-            if as_lines:
-                typer.echo(json.dumps(results[-1]))
+            if not adapt:
+                show(prediction)
             progress(len(predictions), max(len(predictions), len(files)), "recordings")
+    drift, adapted = _follow_drift(trained, predictions, adapt=adapt, save=save)
+    if adapt:
+        predictions = [_answer_again(adapted, prediction) for prediction in predictions]
+        for prediction in predictions:
+            show(prediction)
+    changes = {"drift": drift.to_dict(), "adapted": dict(adapted.manifest.adapted)}
+    if as_lines and (adapt or drift.is_detected):
+        typer.echo(json.dumps(changes))
+    results = {"recordings": [_result(prediction) for prediction in predictions], **changes}
     write_json(json_file, json.dumps(results, indent=1))
     answers = [(item.name, item.answer) for item in predictions if item.answer is not None]
     if answers and not as_lines:
@@ -210,6 +240,48 @@ def predict(
             typer.echo(f"wrote {summary.save_confusion(confusion)}", err=as_lines)
     if len(answers) < len(predictions) and not skip_bad:
         raise typer.Exit(1)
+
+
+def _result(prediction: "Prediction") -> dict[str, Any]:
+    """Return a prediction as JSON-compatible data."""
+    true_surface = {} if prediction.surface is None else {"true_surface": prediction.surface}
+    answer = {"error": prediction.problem} if prediction.answer is None else prediction.answer.to_dict()
+    return {"file": prediction.name, **true_surface, **answer}
+
+
+def _follow_drift(
+    model: "Model", predictions: "Sequence[Prediction]", *, adapt: bool, save: Path | None
+) -> "tuple[Drift, Model]":
+    """Report drift, adapt the model to it if requested, and return drift and model."""
+    from texclass.recognition import adapt_to_answers, detect_drift
+    from texclass.recognition.model_document import describe_adaptation
+
+    answers = [item.answer for item in predictions if item.answer is not None]
+    drift = detect_drift(model, answers)
+    if not adapt:
+        if drift.is_detected:
+            solution = "Adapt the model with --adapt, or with 'texclass adapt MODEL FOLDER --unlabelled'"
+            if model.manifest.adapted:
+                solution = "Adapt the original model to these recordings"
+            typer.echo(f"{drift.message}. {solution}", err=True)
+        return drift, model
+    try:
+        adapted = adapt_to_answers(model, answers)
+    except ValueError as error:
+        typer.echo(f"not adapted, the answers are those of the original model: {error}", err=True)
+        return drift, model
+    typer.echo(f"adapted to {describe_adaptation(adapted.manifest)}", err=True)
+    if save is not None:
+        adapted.save(save)
+        typer.echo(f"wrote {save}, {save.stat().st_size / 1e6:.1f} MB", err=True)
+    return drift, adapted
+
+
+def _answer_again(model: "Model", prediction: "Prediction") -> "Prediction":
+    """Return the prediction of an adapted model for the same recording."""
+    if prediction.answer is None:
+        return prediction
+    return prediction._replace(answer=model.answer_again(prediction.answer))
 
 
 @app.command(

@@ -3,8 +3,12 @@ from .adaptation import with_references as with_references
 from .answers import Answer as Answer
 from .answers import ContactVerdict as ContactVerdict
 from .answers import Evidence as Evidence
+from .answers import FeatureRow as FeatureRow
 from .answers import Prediction as Prediction
 from .answers import average_answers as average_answers
+from .drift import Drift as Drift
+from .drift import adapt_to_answers as adapt_to_answers
+from .drift import detect_drift as detect_drift
 from .exploration import Advice as Advice
 from .exploration import Exploration as Exploration
 from .exploration import ExplorationSession as ExplorationSession

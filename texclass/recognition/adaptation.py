@@ -2,8 +2,8 @@
 
 Another tool filters the vibration, so band levels (logarithms) shift by constants. A slower or noisier sensor
 also reduces the distances between surfaces. `adapt` matches the mean and variance of each column over
-reference recordings to those of the training set. As a sensor ages, the true surface receives lower
-probabilities; `with_references` recalibrates the prediction sets with recent recordings.
+reference recordings to those of the training set, and recalibrates the threshold for unknown surfaces and the
+prediction sets. `with_references` recalibrates the sets alone with recent recordings.
 """
 
 import hashlib
@@ -27,11 +27,13 @@ from texclass.recognition.novelty import (
 )
 from texclass.recognition.prediction_sets import (
     HALF_LIFE,
+    ConformalCalibration,
     calibrate_sets,
     manifest_entry,
     n_later_repetitions,
     recency_weights,
 )
+from texclass.recognition.probabilities import log_probabilities
 from texclass.recording import Recording, Samples
 
 
@@ -63,6 +65,9 @@ class AdaptationLimits:
         Weight per surface of a uniform prior on the shares, relative to the references without labels.
     max_prior : float
         Upper limit of the prior weight, summed over all surfaces.
+    within_ratio : float
+        Standard deviation within a surface, divided by that of the surface means, for a model of one
+        recording per surface. It is the geometric mean over seven datasets of the median over columns.
     """
 
     min_labelled: int = 3
@@ -76,6 +81,7 @@ class AdaptationLimits:
     tolerance: float = 1e-3
     prior: float = 0.025
     max_prior: float = 0.5
+    within_ratio: float = 1.0
 
 
 LIMITS = AdaptationLimits()
@@ -83,6 +89,8 @@ AffineMap = tuple[Samples, Samples]
 """Scale and shift, both of shape (n_columns,), from features of the new sensor to those of the old one."""
 MAP_KINDS = ("affine", "shift", "none")
 """Kinds of maps, from the most to the least flexible."""
+MIN_SHIFT = 0.05
+"""Shift in standard deviations within a surface below which a column counts as unchanged."""
 
 
 def adapt(
@@ -92,9 +100,13 @@ def adapt(
 
     Each feature is scaled and shifted before all other steps; the training recordings are not needed. If the
     surfaces of references are unknown, their shares are estimated together with the map (expectation
-    maximisation over the probabilities of the model). The threshold for unknown surfaces is adapted, so that
-    the rate of false alarms stays the same. The accuracy, calibration and prediction sets in the manifest are
-    not updated.
+    maximisation over the probabilities of the model). The threshold for unknown surfaces and the prediction
+    sets are recalibrated, so that the rate of false alarms and the coverage stay the same; see
+    `recalibrate_threshold` and `recalibrate_sets`. The accuracy and the calibration of the probabilities in
+    the manifest are not updated.
+
+    For a model of one recording per surface, the variation within a surface is unknown. It is estimated from
+    the variation between these recordings, with `LIMITS.within_ratio` from other datasets.
 
     Parameters
     ----------
@@ -118,7 +130,7 @@ def adapt(
     ValueError
         If there are too few references, or one has a surface that is not in the model, another sampling rate
         or unit, or lacks a channel; if the adapted model cannot separate their surfaces; or if the model is
-        already adapted, or was trained on one recording per surface.
+        already adapted.
 
     References
     ----------
@@ -171,9 +183,9 @@ def adapt_to_rows(
     ------
     ValueError
         If there are too few references, or the adapted model cannot separate their surfaces; or if the model
-        is already adapted, or was trained on one recording per surface.
+        is already adapted.
     """
-    class_moments = _class_moments(model)
+    class_moments = class_moments_of(model)
     n_recordings = len(np.unique(recording_index))
     n_labelled = len(np.unique(recording_index[one_hot.any(axis=1)]))
     if n_labelled < LIMITS.min_labelled and n_recordings < LIMITS.min_unlabelled:
@@ -191,10 +203,57 @@ def adapt_to_rows(
         if not _is_worse(hits_without_map, _hits(decisions, one_hot), recording_index):
             break
     _check_separation(model, X * affine_map[0] + affine_map[1], one_hot, n_labelled)
-    detector, source = _adapt_threshold(model.novelty, novelty, n_recordings)
-    scale = np.quantile(affine_map[0], [0.1, 0.5, 0.9]).round(6).tolist()
-    entry = {**entry, "map": kind, "threshold_from": source, "scale": scale}
-    return _with_map(model, affine_map, detector, entry, resample=resample)
+    has_labels = n_labelled >= LIMITS.min_labelled
+    detector, source = recalibrate_threshold(model.novelty, novelty, n_recordings, has_labels=has_labels)
+    sets = recalibrate_sets(model, decisions, one_hot, recording_index, has_labels=has_labels)
+    entry = {
+        **entry,
+        "map": kind,
+        "threshold_from": source,
+        "sets_from": "references" if has_labels else "recordings held out in training, moved by references",
+        "has_trained_variation": _has_trained_variation(model),
+        **describe_map(model.columns, X, affine_map, class_moments),
+    }
+    return _with_map(model, affine_map, detector, sets, entry, resample=resample)
+
+
+def describe_map(
+    columns: Sequence[str], X: Samples, affine_map: AffineMap, class_moments: ClassMoments
+) -> dict[str, Any]:
+    """Return the changes of the columns by a map, for the manifest.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Names of the columns.
+    X : ndarray of shape (n, n_columns)
+        Features of the new sensor.
+    affine_map : tuple of ndarray
+        Scale and shift.
+    class_moments : ClassMoments
+        Moments of the training features.
+
+    Returns
+    -------
+    dict
+        n_shifted (number of columns whose mean is shifted), shift (median, 90 % quantile and largest of their
+        absolute shifts, in standard deviations within a surface), most_shifted (name of the column with the
+        largest shift, or None), scale (10, 50 and 90 % quantile of the factors of all columns).
+    """
+    scale, shift = affine_map
+    is_defined = ~np.isnan(X)
+    mean = np.where(is_defined, X, 0).sum(axis=0) / np.maximum(is_defined.sum(axis=0), 1)
+    within_std = class_moments.within_std
+    change = np.zeros(len(mean))
+    np.divide(np.abs((scale - 1) * mean + shift), within_std, out=change, where=within_std > 0)
+    is_shifted = change > MIN_SHIFT
+    sizes = np.quantile(change[is_shifted], [0.5, 0.9, 1.0]) if is_shifted.any() else np.zeros(3)
+    return {
+        "n_shifted": int(np.count_nonzero(is_shifted)),
+        "shift": sizes.round(6).tolist(),
+        "most_shifted": columns[int(change.argmax())] if is_shifted.any() else None,
+        "scale": np.quantile(scale, [0.1, 0.5, 0.9]).round(6).tolist(),
+    }
 
 
 def _hits(decisions: Samples, one_hot: Samples) -> Samples:
@@ -221,7 +280,7 @@ def _check_separation(model: Model, X_mapped: Samples, one_hot: Samples, n_label
     p = model.classify(X_mapped)[0]
     if n_labelled < LIMITS.min_labelled:
         shares = np.where(one_hot.any(axis=1, keepdims=True), one_hot, p).mean(axis=0)
-        if (n_effective := 1 / (shares**2).sum()) < LIMITS.min_surfaces:
+        if (n_effective := effective_number(shares)) < LIMITS.min_surfaces:
             raise ValueError(
                 f"the effective number of surfaces in the references appears to be {n_effective:.2g} (mostly "
                 f"{model.surfaces[shares.argmax()]!r}), so the effects of sensor and surface cannot be "
@@ -236,6 +295,11 @@ def _check_separation(model: Model, X_mapped: Samples, one_hot: Samples, n_label
             f"more than if it always predicted the most frequent surface ({counts.max():.0f}). Check the "
             "labels, or add references"
         )
+
+
+def effective_number(shares: Samples) -> float:
+    """Return the effective number of surfaces, 1 / sum shares^2, for shares (n_surfaces,) with sum 1."""
+    return float(1 / (shares**2).sum())
 
 
 def fit_map(
@@ -325,7 +389,7 @@ def moments_map(
     target_mean = (weights * class_means).sum(axis=0)
     target_variance = (weights * (class_means - target_mean) ** 2).sum(axis=0) + within_std**2
     is_usable = is_defined.any(axis=0) & np.isfinite(target_mean) & (within_std > 0)
-    half_freedom = (min(n, 1 / (shares**2).sum()) - 1) / 2
+    half_freedom = (min(n, effective_number(shares)) - 1) / 2
     is_scaled = is_usable & (variance > 0) & (half_freedom > LIMITS.tolerance) & with_scale
     log_scale = np.zeros(len(target_mean))
     if is_scaled.any():
@@ -345,15 +409,30 @@ def _shrinkage(changes: Samples, noise: float) -> float:
     return t / (t + noise)
 
 
-def _class_moments(model: Model) -> ClassMoments:
-    if model.manifest.adapted:
+def _has_trained_variation(model: Model) -> bool:
+    """Return whether the model was trained on several recordings of a surface."""
+    return model.class_moments is not None and bool((model.class_moments.within_std > 0).any())
+
+
+def class_moments_of(model: Model) -> ClassMoments:
+    """Return the moments of the training features, with a prior for the variation if it is unknown.
+
+    Raises
+    ------
+    ValueError
+        If the model is already adapted.
+    """
+    if model.manifest.adapted or model.class_moments is None:
         raise ValueError(f"{model!r} is already adapted. Adapt the original model instead")
-    if model.class_moments is None or not (model.class_moments.within_std > 0).any():
-        raise ValueError(
-            f"{model!r} was trained on one recording per surface, so the variation between recordings is "
-            "unknown. Train it on two or more recordings per surface"
-        )
-    return model.class_moments
+    if _has_trained_variation(model):
+        return model.class_moments
+    # The variance between single recordings is the sum of the variances between and within surfaces.
+    means, ratio = model.class_moments.means, LIMITS.within_ratio
+    n = np.maximum(np.isfinite(means).sum(axis=0), 2)
+    center = np.nan_to_num(means).sum(axis=0) / n
+    std = np.sqrt((np.nan_to_num(means - center) ** 2).sum(axis=0) / (n - 1))
+    between_share = 1 / np.sqrt(1 + ratio**2)
+    return ClassMoments(center + between_share * (means - center), ratio * between_share * std)
 
 
 def reference_rows(
@@ -438,17 +517,33 @@ def _predict_held_out(
     return decisions, novelty
 
 
-def _adapt_threshold(
-    detector: NoveltyDetector, novelty: Samples, n_recordings: int
+def recalibrate_threshold(
+    detector: NoveltyDetector, novelty: Samples, n_recordings: int, *, has_labels: bool
 ) -> tuple[NoveltyDetector, str]:
     """Return the detector for the new sensor, and the source of its threshold.
 
-    If there are enough references for the rate of false alarms, their novelty scores replace the held-out
-    scores of the training. Otherwise, the held-out scores are increased by the same amount as the median: by
-    addition for decisions, by multiplication for distances.
+    If there are enough labelled references for the rate of false alarms, their novelty scores replace the
+    held-out scores of the training. Otherwise, the held-out scores are increased by the same amount as the
+    median: by addition for decisions, by multiplication for distances. Their margin to the threshold remains.
+    The median hardly depends on a few recordings of unknown surfaces among unlabelled references, so these
+    surfaces are still detected. The threshold is never lowered.
+
+    Parameters
+    ----------
+    detector : NoveltyDetector
+        Detector of the original model.
+    novelty : ndarray of shape (n,)
+        Novelty scores of the references, from maps fitted to the other references.
+    n_recordings : int
+        Number of recordings of the references.
+    has_labels : bool
+        Whether the references are labelled.
     """
-    if n_recordings >= max(LIMITS.min_unlabelled, min_held_out(detector.false_alarms)):
+    n_needed = max(LIMITS.min_unlabelled, min_held_out(detector.false_alarms))
+    if has_labels and n_recordings >= n_needed:
         return replace(detector, held_out=np.sort(novelty)), "references"
+    if not len(detector.held_out):
+        return detector, "no recordings: unknown surfaces are not detected"
     median, trained_median = float(np.median(novelty)), float(np.median(detector.held_out))
     if detector.kind == "decision":
         scores = detector.held_out + max(0.0, median - trained_median)
@@ -457,10 +552,74 @@ def _adapt_threshold(
     return replace(detector, held_out=scores), "recordings held out in training, moved by references"
 
 
+def recalibrate_sets(
+    model: Model,
+    decisions: Samples,
+    one_hot: Samples,
+    recording_index: NDArray[np.intp],
+    *,
+    has_labels: bool,
+) -> dict[str, ConformalCalibration]:
+    """Return the calibrations of the prediction sets for the new sensor.
+
+    Labelled references are added to the recordings held out in training, which count as older than all
+    references (`HALF_LIFE`). Without labels, all held-out log odds are reduced by the same amount as the
+    median over recordings, where the predicted surface replaces the true one. The spread of the held-out log
+    odds, and with it the share of errors, remains. Log odds are never increased.
+
+    Parameters
+    ----------
+    model : Model
+        Original model.
+    decisions : ndarray of shape (n, n_surfaces)
+        Decisions for the references, from maps fitted to the other references.
+    one_hot : ndarray of shape (n, n_surfaces)
+        1 for the surface of a row; zeros if it is unknown.
+    recording_index : ndarray of int, shape (n,)
+        Index of the recording of each row.
+    has_labels : bool
+        Whether the references are labelled.
+    """
+    rows, labels = np.arange(len(decisions)), one_hot.argmax(axis=1)
+    if has_labels:
+        rows = np.flatnonzero(one_hot.any(axis=1))
+    else:
+        recordings = np.unique(recording_index, return_inverse=True)[1]
+        mean = np.eye(recordings.max() + 1)[recordings].T @ log_probabilities(model.calibration(decisions))
+        labels = mean.argmax(axis=1)[recordings]
+    later = calibrate_sets(
+        decisions[rows],
+        labels[rows],
+        recording_index[rows],
+        model.calibration,
+        correlation=model.manifest.calibration.get("correlation"),
+    )
+    if has_labels:
+        n_per_surface = len(np.unique(recording_index[rows])) / len(model.surfaces)
+        return _updated_sets(model, later, float(recency_weights(n_per_surface, HALF_LIFE)))
+    return {
+        kind: calibration.moved(min(0.0, later[kind].median - calibration.median))
+        if kind in later and len(calibration.log_odds)
+        else calibration
+        for kind, calibration in model.set_calibrations.items()
+    }
+
+
+def _updated_sets(
+    model: Model, later: Mapping[str, ConformalCalibration], discount: float
+) -> dict[str, ConformalCalibration]:
+    """Return the calibrations of a model with later answers added, and its own weights discounted."""
+    return {
+        kind: calibration.updated(later[kind], discount) if kind in later else calibration
+        for kind, calibration in model.set_calibrations.items()
+    }
+
+
 def _with_map(
     model: Model,
     affine_map: AffineMap,
     detector: NoveltyDetector,
+    sets: dict[str, ConformalCalibration],
     entry: Mapping[str, Any],
     *,
     resample: bool,
@@ -470,8 +629,11 @@ def _with_map(
     ranges = model.ranges
     low, median, high = ((edge - shift) / scale for edge in (ranges.low, ranges.median, ranges.high))
     manifest = model.manifest
-    unknown = {**manifest.unknown, "threshold": detector.threshold, "n": len(detector.held_out)}
+    threshold = detector.threshold if len(detector.held_out) else None
+    unknown = {**manifest.unknown, "threshold": threshold, "n": len(detector.held_out)}
     changes: dict[str, Any] = {"adapted": entry, "unknown": unknown}
+    if sets:
+        changes["calibration"] = {**manifest.calibration, "prediction_sets": manifest_entry(sets)}
     if resample:
         changes["input"] = manifest.input.model_copy(update={"resample": True})
     return replace(
@@ -480,6 +642,7 @@ def _with_map(
         novelty=detector,
         ranges=FeatureRanges(low, median, high),
         class_moments=None,
+        set_calibrations=sets,
         manifest=manifest.model_copy(update=changes),
     )
 
@@ -543,10 +706,7 @@ def with_references(model: Model, references: Dataset) -> Model:
         weights=recency_weights(ages[recording_index], HALF_LIFE),
     )
     discount = float(recency_weights(1 + ages.max(), HALF_LIFE))
-    set_calibrations = {
-        kind: calibration.updated(later[kind], discount) if kind in later else calibration
-        for kind, calibration in model.set_calibrations.items()
-    }
+    set_calibrations = _updated_sets(model, later, discount)
     sets_entry = {**manifest_entry(set_calibrations), "references": references.input_hash}
     calibration_entry = {**entry, "prediction_sets": sets_entry}
     manifest = model.manifest.model_copy(update={"calibration": calibration_entry})

@@ -25,6 +25,33 @@ MAX_REASONS = 5
 """Maximum number of different reasons that are copied from the answers for single windows."""
 
 
+@dataclass(frozen=True, eq=False)
+class FeatureRow:
+    """Features of one recording or window, from which a model can answer again after an adaptation.
+
+    Attributes
+    ----------
+    values : ndarray of shape (n_columns,)
+        One value per column of the model; NaN where undefined.
+    reasons : tuple of str
+        Warnings about the recording.
+    recording_id : str
+        Name of the recording.
+    is_valid : bool
+        Whether the recording can be classified.
+
+    Examples
+    --------
+    >>> FeatureRow(np.array([0.5, np.nan]), reasons=("undefined: hardness (no tap)",)).is_valid
+    True
+    """
+
+    values: Samples
+    reasons: tuple[str, ...] = ()
+    recording_id: str = ""
+    is_valid: bool = True
+
+
 @dataclass(frozen=True)
 class Answer:
     """Predicted surface of one recording or window, with its uncertainty.
@@ -53,6 +80,8 @@ class Answer:
     prediction_sets : mapping of float to tuple of str
         Prediction set of each level, most probable surface first; see `ConformalCalibration`. Empty if the
         recording cannot be classified.
+    rows : tuple of FeatureRow
+        Features of the recording, or of each of its windows.
 
     Examples
     --------
@@ -70,6 +99,7 @@ class Answer:
     reasons: tuple[str, ...] = ()
     probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
     prediction_sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
+    rows: tuple[FeatureRow, ...] = field(default=(), repr=False, compare=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer as JSON-compatible data, without the probabilities of all surfaces."""
@@ -129,6 +159,7 @@ def average_answers(answers: Sequence[Answer], recording_id: str) -> Answer:
         unknown=2 * n_unknown >= len(answers),
         p_known=float(np.median([answer.p_known for answer in answers])),
         reasons=(*summary, *tuple(dict.fromkeys(reasons))[:MAX_REASONS]),
+        rows=tuple(row for answer in answers for row in answer.rows),
         **rank_surfaces(p, surfaces),
     )
 

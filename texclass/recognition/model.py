@@ -12,7 +12,7 @@ from texclass.features.cepstrum import Banks, use_filter_banks
 from texclass.features.phase_view import TURN_CHANNELS
 from texclass.features.plan import Computed, Plan
 from texclass.phases import find_phases
-from texclass.recognition.answers import Answer, Prediction, average_answers, rank_surfaces
+from texclass.recognition.answers import Answer, FeatureRow, Prediction, average_answers, rank_surfaces
 from texclass.recognition.array_form import ArrayStep, apply_all, decide, estimators_in
 from texclass.recognition.model_files import (
     Manifest,
@@ -228,6 +228,21 @@ class Model:
             If a channel is missing, or a feature is undefined and no step fills it; the message names the
             recording.
         """
+        return self.answer_row(self.feature_row(recording))
+
+    def feature_row(self, recording: Recording) -> FeatureRow:
+        """Compute the features of a recording, or of one window, and the warnings about it.
+
+        Parameters
+        ----------
+        recording : Recording
+            Recording, as for `answer`.
+
+        Raises
+        ------
+        ValueError
+            If a channel is missing.
+        """
         problems = [
             *self.rate_and_unit_problems(recording.fs, recording.unit, f"--resample {self.manifest.fs:g}"),
             *self.axis_problems(recording.channels),
@@ -250,12 +265,7 @@ class Model:
         reasons += [
             f"undefined: {_list_names(names)} ({reason})" for reason, names in features_by_reason.items()
         ]
-        return self.answer_values(
-            row.values,
-            reasons=(*reasons, *recording.flags),
-            recording_id=recording.recording_id,
-            is_valid=not problems,
-        )
+        return FeatureRow(row.values, (*reasons, *recording.flags), recording.recording_id, not problems)
 
     def answer_values(
         self, values: Samples, *, reasons: tuple[str, ...] = (), recording_id: str = "", is_valid: bool = True
@@ -278,7 +288,17 @@ class Model:
         ValueError
             If the number of values is wrong, or a feature is undefined and no step fills it.
         """
-        row = np.asarray(values, dtype=np.float64)
+        return self.answer_row(FeatureRow(values, reasons, recording_id, is_valid))
+
+    def answer_row(self, feature_row: FeatureRow) -> Answer:
+        """Predict the surface from features and warnings, which `feature_row` computes.
+
+        Raises
+        ------
+        ValueError
+            If the number of values is wrong, or a feature is undefined and no step fills it.
+        """
+        row, is_valid = np.asarray(feature_row.values, dtype=np.float64), feature_row.is_valid
         if row.shape != (len(self.columns),):
             raise ValueError(
                 f"values must have shape ({len(self.columns)},), one value per column, got {row.shape}"
@@ -288,7 +308,7 @@ class Model:
         messages = [f"unlike every trained surface (p = {p_known:.2g})"] if is_novel else []
         if not len(self.novelty.held_out):
             messages.append("unknown surfaces are not detected: too few recordings were held out")
-        messages += reasons
+        messages += feature_row.reasons
         if is_valid:
             messages += self._range_warnings(row)
             if "answer" in self.set_calibrations:
@@ -296,11 +316,12 @@ class Model:
                 messages += [warning] if warning else []
         scores = self.calibration.beta * decisions
         return Answer(
-            recording_id=recording_id,
+            recording_id=feature_row.recording_id,
             unknown=is_novel or not is_valid,
             p_known=float(p_known),
             reasons=tuple(messages),
             prediction_sets=self.prediction_sets("answer", scores) if is_valid else {},
+            rows=(feature_row,),
             **rank_surfaces(self.calibration(decisions[None])[0], self.surfaces),
         )
 
@@ -392,8 +413,24 @@ class Model:
         windows = self.cut(recording) if self.manifest.window_s is not None else ()
         if not windows:
             return self.answer(recording)
-        answers = [self.answer(window) for window in windows]
-        average = average_answers(answers, recording.recording_id)
+        return self.average_rows([self.feature_row(window) for window in windows], recording.recording_id)
+
+    def answer_again(self, answer: Answer) -> Answer:
+        """Return the answer of this model to the features of an answer of another model.
+
+        Parameters
+        ----------
+        answer : Answer
+            Answer of a model with the same columns, such as this model before an adaptation.
+        """
+        if len(answer.rows) == 1 and answer.rows[0].recording_id == answer.recording_id:
+            return self.answer_row(answer.rows[0])
+        return self.average_rows(answer.rows, answer.recording_id)
+
+    def average_rows(self, rows: Sequence[FeatureRow], recording_id: str) -> Answer:
+        """Predict the surface of a recording from the mean probabilities of the rows of its windows."""
+        answers = [self.answer_row(row) for row in rows]
+        average = average_answers(answers, recording_id)
         if not all(answer.prediction_sets for answer in answers):
             return average
         p = np.array([list(answer.probabilities.values()) for answer in answers])

@@ -141,12 +141,46 @@ def describe_adaptation(manifest: Manifest) -> str:
     labels = "unlabelled"
     if surfaces:
         labels = f"{len(surfaces)} labelled, {counted(len(set(surfaces)), 'surface')}"
-    low, median, high = manifest.adapted["scale"]
+    adapted = manifest.adapted
+    source = f"threshold for unknown surfaces from {adapted['threshold_from']}"
+    if "prediction_sets" in manifest.calibration:
+        source += f"; prediction sets from {adapted['sets_from']}"
+    if not adapted["has_trained_variation"]:
+        source += (
+            "; trained on one recording per surface: the variation within a surface is from other datasets"
+        )
     return (
-        f"{n_references}, {labels} ({manifest.adapted['hash'][:12]}), map {manifest.adapted['map']}: "
-        f"columns scaled by {median:.2g} ({low:.2g} to {high:.2g}); threshold for unknown surfaces from "
-        f"{manifest.adapted['threshold_from']}; accuracy and calibration were measured before the adaptation"
+        f"{n_references}, {labels} ({adapted['hash'][:12]}), map {adapted['map']}: "
+        f"{describe_shift(adapted)}; {source}; accuracy and probabilities were measured before the adaptation"
     )
+
+
+def describe_shift(adapted: Mapping[str, Any]) -> str:
+    """Describe by how much an adaptation changes the columns.
+
+    Parameters
+    ----------
+    adapted : mapping
+        Entry `adapted` of a manifest; see `texclass.recognition.adaptation.describe_map`.
+
+    Examples
+    --------
+    >>> shift = {"n_shifted": 9, "shift": [0.4, 0.8, 1.2], "most_shifted": "fineness"}
+    >>> describe_shift({**shift, "scale": [1.0, 1.0, 1.0]})
+    '9 columns shifted by 0.4 standard deviations within a surface (median; largest 1.2: fineness)'
+    """
+    if not adapted["n_shifted"]:
+        text = "no column shifted by more than by chance"
+    else:
+        median, _, largest = adapted["shift"]
+        text = (
+            f"{counted(adapted['n_shifted'], 'column')} shifted by {median:.2g} standard deviations within a "
+            f"surface (median; largest {largest:.2g}: {adapted['most_shifted']})"
+        )
+    low, median, high = (f"{value:.2g}" for value in adapted["scale"])
+    if (low, median, high) == ("1", "1", "1"):
+        return text
+    return f"{text}, scaled by {median} ({low} to {high})"
 
 
 def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:

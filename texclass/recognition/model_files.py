@@ -112,7 +112,9 @@ class Manifest(StrictModel):
         recordings.
     adapted : mapping
         Empty, or the domain adaptation: references (name, and surface or None), hash, map ("affine", "shift"
-        or "none"), threshold_from, scale (10, 50 and 90 % quantile over columns). Accuracy and calibration
+        or "none"), threshold_from and sets_from (recordings that calibrate the threshold and the prediction
+        sets), has_trained_variation (False if the variation within a surface is from other datasets), and the
+        change of the columns (`texclass.recognition.adaptation.describe_map`). Accuracy and probabilities
         still describe the original model.
     native_fs : float or None
         Lowest native sampling rate of the sensors in Hz; below `fs` if recordings were resampled.

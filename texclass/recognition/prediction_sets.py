@@ -163,6 +163,16 @@ class ConformalCalibration:
             np.concatenate([discount * self.weights, later.weights]),
         )
 
+    @property
+    def median(self) -> float:
+        """Weighted median of the log odds."""
+        weight_below = np.cumsum(self.weights)
+        return float(self.log_odds[np.searchsorted(weight_below, 0.5 * weight_below[-1])])
+
+    def moved(self, change: float) -> Self:
+        """Add `change` to all log odds."""
+        return type(self)(self.log_odds + change, self.weights)
+
     def warning(self, levels: Sequence[float]) -> str:
         """Return a warning about levels with too few held-out recordings; empty if there is none."""
         undefined = [level for level in levels if self.threshold(level) == -np.inf]
