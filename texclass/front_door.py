@@ -70,7 +70,7 @@ def extract(
     (1, 210)
     """
     from texclass.features import FeatureExtractor
-    from texclass.features.extractor import describe_missing_values
+    from texclass.features.reasons import describe_missing_values
     from texclass.recording import Recording
 
     dataset = as_dataset([recordings] if isinstance(recordings, Recording) else recordings, fs, unit)

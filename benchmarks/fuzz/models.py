@@ -30,7 +30,7 @@ from texclass.evaluation.feature_table import (
     write_table,
 )
 from texclass.evaluation.windows import read_movements
-from texclass.features.extractor import Reason
+from texclass.features.reasons import Reason
 from texclass.loaders.simulated import read_cached, write_cached
 from texclass.recognition import load_model
 from texclass.recognition.model_files import Manifest, digest_of, read_manifest

@@ -20,7 +20,8 @@ from texclass.evaluation.feature_table import (
 )
 from texclass.evaluation.windows import cut_windows
 from texclass.features import load_feature_set
-from texclass.features.extractor import FeatureExtractor, Reason
+from texclass.features.extractor import FeatureExtractor
+from texclass.features.reasons import Reason
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import Phases, Recording, RecordingError
 

@@ -9,14 +9,16 @@ import pickle
 import signal
 import subprocess
 import sys
+import time
 from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
-from joblib.externals.loky import get_reusable_executor
+from joblib import Parallel, delayed
 from threadpoolctl import threadpool_info
 
+from texclass.evaluation import workers
 from texclass.evaluation.checkpoints import write_checkpoint
 from texclass.evaluation.feature_table import extract_partitions, extract_table
 from texclass.evaluation.workers import begin_loading, run_parallel, use_backend
@@ -59,6 +61,53 @@ def test_run_parallel_keeps_the_order_reports_progress_and_stops_when_closed():
     outcomes.close()
 
 
+def test_closing_the_results_of_two_processes_stops_the_work(tmp_path):
+    calls = (
+        partial(eval, f"__import__('pathlib').Path({str(tmp_path / str(i))!r}).touch()") for i in range(10**6)
+    )
+    results = run_parallel(calls, n_jobs=2)
+    for _ in range(50):
+        next(results)
+    results.close()
+    n_files = len(list(tmp_path.iterdir()))
+    assert 50 <= n_files < 10**5
+    time.sleep(0.3)
+    assert len(list(tmp_path.iterdir())) == n_files
+
+
+def test_an_error_in_a_worker_is_raised_here_and_zero_processes_are_refused():
+    with pytest.raises(ZeroDivisionError):
+        list(run_parallel([partial(divmod, 1, 0)], n_jobs=2))
+    assert list(run_parallel([partial(pow, 3, 2)] * 3, n_jobs=2)) == [9, 9, 9]
+    with pytest.raises(ValueError, match="n_jobs must be"):
+        list(run_parallel([partial(pow, 3, 2)], n_jobs=0))
+
+
+def test_a_worker_that_dies_while_idle_is_replaced():
+    (pid,) = run_parallel([partial(os.getpid)], n_jobs=2)
+    os.kill(pid, signal.SIGKILL)
+    time.sleep(0.5)
+    (other_pid,) = run_parallel([partial(os.getpid)], n_jobs=2)
+    assert other_pid not in (pid, os.getpid())
+
+
+def test_a_worker_that_dies_at_work_is_an_error_and_the_next_work_is_done():
+    with pytest.raises(RuntimeError, match="terminated"):
+        list(run_parallel([partial(os._exit, 1)], n_jobs=2))
+    assert list(run_parallel([partial(pow, 3, 2)] * 3, n_jobs=2)) == [9, 9, 9]
+
+
+def test_joblib_and_these_processes_can_be_used_in_turn():
+    for _ in range(2):
+        assert list(run_parallel([partial(pow, 3, 2)] * 3, n_jobs=2)) == [9, 9, 9]
+        assert Parallel(n_jobs=2)(delayed(pow)(3, 2) for _ in range(3)) == [9, 9, 9]
+
+
+def test_calls_that_last_unequally_keep_their_order_in_batches():
+    calls = [partial(eval, f"__import__('time').sleep({0.02 * (i % 7 == 0)}) or {i}") for i in range(300)]
+    assert list(run_parallel(iter(calls), n_jobs=3)) == list(range(300))
+
+
 def test_each_worker_uses_one_thread():
     results = list(run_parallel([partial(threadpool_info)] * 4, n_jobs=2))
     assert all(pool["num_threads"] == 1 for pools in results for pool in pools)
@@ -67,7 +116,9 @@ def test_each_worker_uses_one_thread():
 def test_what_is_done_soon_is_done_here_and_the_rest_by_others():
     calls = [partial(os.getpid)] * 4
     assert set(run_parallel(calls, n_jobs=2, local_s=60.0)) == {os.getpid()}
-    assert os.getpid() not in set(run_parallel(calls, n_jobs=2))
+    slow_answer = partial(eval, "__import__('time').sleep(0.05) or __import__('os').getpid()")
+    assert len(set(run_parallel([slow_answer] * 60, n_jobs=2))) == 2
+    assert os.getpid() in set(run_parallel([slow_answer] * 60, n_jobs=2))
     progress_calls, spend = (
         [],
         "import time\nend = time.process_time() + 0.2\nwhile time.process_time() < end: pass",
@@ -76,18 +127,18 @@ def test_what_is_done_soon_is_done_here_and_the_rest_by_others():
     results = run_parallel(
         [first, *others], n_jobs=2, local_s=0.1, progress=lambda *call: progress_calls.append(call), total=5
     )
-    assert os.getpid() not in list(results)[1:]
+    assert len(list(results)) == 5
     assert [done for done, *_ in progress_calls] == [1, 2, 3, 4, 5]
 
 
-def test_workers_load_what_computes_features_before_there_is_work_and_no_library_of_learning(tmp_path):
-    assert begin_loading(1) is None
-    get_reusable_executor().shutdown(wait=True)  # workers of other tests may have loaded it
-    begin_loading(2).join()
+def test_workers_import_modules_before_there_is_work_and_features_need_no_scikit_learn(tmp_path):
+    assert begin_loading(1) == []
+    workers._executor.cache_clear()  # workers of other tests may have loaded it
+    (loading,) = begin_loading(2, "texclass.evaluation.checkpoints")
+    assert loading.result(timeout=120) is None
     is_loaded = "'texclass.evaluation.checkpoints' in __import__('sys').modules"
-    # One worker may have loaded it twice before the other began. Calls that last let both of them answer.
-    answer = partial(eval, f"__import__('time').sleep(0.3) or {is_loaded}")
-    assert any(run_parallel([answer] * 6, n_jobs=2))
+    (worker_answer,) = run_parallel([partial(eval, is_loaded)], n_jobs=2)  # the first call runs in a worker
+    assert worker_answer
     dataset, features = open_dataset("simulated"), load_feature_set("strese2015")
     call = partial(
         write_checkpoint, dataset.load, dataset.entries[:1], Plan.of(features, ()), tmp_path / "part"
@@ -104,8 +155,8 @@ def test_workers_load_what_computes_features_before_there_is_work_and_no_library
 
 def test_a_worker_seldom_looks_for_garbage_and_its_caller_as_before():
     before = gc.get_threshold()
-    results = list(run_parallel([partial(gc.get_threshold)] * 2, n_jobs=2))
-    assert all(often[0] >= 100_000 for often in results)  # 700 as Python starts
+    (threshold,) = run_parallel([partial(gc.get_threshold)], n_jobs=2)
+    assert threshold[0] >= 100_000  # 700 as Python starts
     assert list(run_parallel([partial(gc.get_threshold)])) == [before] == [gc.get_threshold()]
 
 
@@ -124,10 +175,9 @@ def faults_of_arrays_made_again():
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="a C library without mallopt")
 def test_a_worker_keeps_the_memory_of_the_last_recording_for_the_next():
     pages = 10 * 200_000 * 8 / mmap.PAGESIZE
-    get_reusable_executor().shutdown(wait=True)  # those of other tests may have divided their memory
-    assert all(
-        durations < 0.05 * pages for durations in run_parallel([faults_of_arrays_made_again] * 4, n_jobs=2)
-    )
+    workers._executor.cache_clear()  # those of other tests may have divided their memory
+    (faults,) = run_parallel([faults_of_arrays_made_again], n_jobs=2)
+    assert faults < 0.05 * pages
 
 
 def test_a_cluster_gives_the_same_table_even_if_a_worker_is_killed_on_the_way(cluster, tmp_path, monkeypatch):

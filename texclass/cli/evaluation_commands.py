@@ -89,6 +89,10 @@ def extract(
     recordings = open_dataset(
         dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad
     )
+    from texclass.evaluation.workers import begin_loading
+
+    if backend == "local":
+        begin_loading(jobs, "texclass.evaluation.checkpoints")
     from texclass.evaluation import extract_partitions, extract_table, use_backend
     from texclass.features import load_feature_set
     from texclass.reporting.wording import counted
@@ -250,7 +254,7 @@ def benchmark(
     from texclass.evaluation.workers import begin_loading
 
     if backend == "local":
-        begin_loading(jobs)
+        begin_loading(jobs, "texclass.evaluation.checkpoints", "texclass.evaluation.benchmark")
     from texclass.evaluation import (
         BenchmarkResult,
         cut_windows,

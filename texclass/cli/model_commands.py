@@ -102,6 +102,9 @@ def train(
     recordings = open_dataset(
         dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad
     )
+    from texclass.evaluation.workers import begin_loading
+
+    begin_loading(jobs, "texclass.evaluation.checkpoints", "texclass.recognition.training")
     from texclass import recognition
     from texclass.recognition.model_document import model_document
     from texclass.reporting import print_document

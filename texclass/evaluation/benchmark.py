@@ -39,7 +39,7 @@ from texclass.evaluation.result_facts import (
 from texclass.evaluation.splits import Split, n_starts
 from texclass.evaluation.windows import add_overlapping_windows, is_testable
 from texclass.evaluation.workers import Progress, run_parallel
-from texclass.features.extractor import Reason
+from texclass.features.reasons import Reason
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import code_provenance, versions
@@ -340,8 +340,8 @@ def _evaluate(
             calls.append(partial(_evaluate_if_possible, trial) if is_single else trial)
             tasks.append((row.definition.name, names))
     evaluations: dict[str, dict[str, Evaluation]] = {}
-    # Importing scikit-learn in other processes takes up to 2 s of CPU time.
-    results = run_parallel(calls, stage="rows", total=len(calls), local_s=2.0, **work)
+    # New processes import scikit-learn first, which takes longer than short work.
+    results = run_parallel(calls, stage="rows", total=len(calls), local_s=0.3, **work)
     for (row_name, names), row_evaluations in zip(tasks, results, strict=True):
         if row_evaluations:
             evaluations.setdefault(row_name, {}).update(zip(names, row_evaluations, strict=True))

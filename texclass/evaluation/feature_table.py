@@ -30,9 +30,9 @@ from texclass.atomic_write import cache_root, check_suffix, sibling_path, write_
 from texclass.evaluation.checkpoints import CheckpointRow, read_checkpoint, write_checkpoint
 from texclass.evaluation.windows import Window, group_by_recording, parent_id
 from texclass.evaluation.workers import Progress, run_parallel
-from texclass.features.extractor import Reason, describe_missing_values
 from texclass.features.phase_view import Channels, separate_channels
 from texclass.features.plan import Plan
+from texclass.features.reasons import Reason, describe_missing_values
 from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples, axes_differ, describe_axes

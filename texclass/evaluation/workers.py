@@ -4,15 +4,18 @@ import atexit
 import ctypes
 import functools
 import gc
+import importlib
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import closing, contextmanager, suppress
 from contextvars import ContextVar
-from threading import Thread
+from itertools import islice
 from typing import Any, Literal, TypeVar
 
 from joblib import Parallel, cpu_count, delayed, parallel_config
+from joblib.externals.loky import BrokenProcessPool, ProcessPoolExecutor
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 R = TypeVar("R")
@@ -35,8 +38,10 @@ def begin_worker() -> None:
         ctypes.CDLL(None).mallopt(m_top_pad, 1 << 26)
 
 
-PROCESSES: dict[str, Any] = {"backend": "loky", "inner_max_num_threads": 1, "initializer": begin_worker}
-"""Settings of joblib for processes of this machine. Processes with equal settings are reused."""
+BATCH_S = 0.1
+"""Computing time in s that a batch of calls aims at. Sending a batch takes about 1 ms."""
+N_BATCHES = 2
+"""Number of batches that each worker process has, so that it always has one to continue with."""
 
 
 @contextmanager
@@ -112,8 +117,8 @@ def run_parallel(
         Picklable functions without arguments, such as partials of module-level functions. Each uses one
         thread for linear algebra.
     n_jobs : int
-        Number of processes on this machine (default 1; -1: one per core). A cluster always uses all of its
-        workers.
+        Number of processes on this machine, including this process (default 1; -1: one per core). A cluster
+        always uses all of its workers.
     progress : callable, optional
         Function called after each result with (done, total, stage).
     stage : str
@@ -143,45 +148,103 @@ def _results(calls: Iterator[Callable[[], R]], n_jobs: int, limit_s: float) -> G
             return
         yield _single_threaded(call)
     cluster = _cluster.get()
-    config = PROCESSES
-    if cluster is not None:
-        config, n_jobs = {"backend": "dask", "client": cluster}, -1
-    with parallel_config(**config), warnings.catch_warnings():
+    if cluster is None:
+        yield from _local_results(calls, _n_workers(n_jobs))
+        return
+    with parallel_config(backend="dask", client=cluster), warnings.catch_warnings():
         # joblib warns when a generator is closed early, but a bad recording closes it on purpose.
         warnings.filterwarnings("ignore", message=".*tasks.*", category=UserWarning)
         tasks = (delayed(_single_threaded)(call) for call in calls)
-        with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as results:
+        with closing(Parallel(n_jobs=-1, return_as="generator")(tasks)) as results:
             yield from results
 
 
-def begin_loading(n_jobs: int) -> Thread | None:
-    """Start worker processes in the background, and import the feature modules in them.
+def _local_results(calls: Iterator[Callable[[], R]], n_workers: int) -> Generator[R, None, None]:
+    """Yield the results in order. While all worker processes have batches, this process runs calls, too."""
+    numbered = enumerate(calls)
+    pending: dict[Future[tuple[float, list[R]]], list[int]] = {}
+    results: dict[int, R] = {}
+    n_yielded, size = 0, 1
+    try:
+        while True:
+            while len(pending) < N_BATCHES * n_workers and (batch := list(islice(numbered, size))):
+                future = _submit(n_workers, _run_batch, [call for _, call in batch])
+                pending[future] = [number for number, _ in batch]
+            if (item := next(numbered, None)) is not None:
+                results[item[0]] = _single_threaded(item[1])
+            elif pending:
+                wait(pending, return_when=FIRST_COMPLETED)
+            elif not results:
+                return
+            for future in [future for future in pending if future.done()]:
+                seconds, values = future.result()
+                results.update(zip(pending.pop(future), values, strict=True))
+                size = max(1, min(2 * size, round(len(values) * BATCH_S / max(seconds, 1e-6))))
+            while n_yielded in results:
+                yield results.pop(n_yielded)
+                n_yielded += 1
+    finally:
+        if pending:  # closed early, or a process has failed
+            _executor(n_workers).shutdown(kill_workers=True)
+            _executor.cache_clear()
+
+
+def _run_batch(calls: list[Callable[[], R]]) -> tuple[float, list[R]]:
+    """Return the computing time in s and the results of calls."""
+    start = time.perf_counter()
+    results = [_single_threaded(call) for call in calls]
+    return time.perf_counter() - start, results
+
+
+def _n_workers(n_jobs: int) -> int:
+    """Return the number of processes in addition to this process."""
+    if n_jobs == 0:
+        raise ValueError("n_jobs must be a positive number of processes, or -1 for one per core, got 0")
+    return (n_jobs if n_jobs > 0 else max(1, cpu_count() + 1 + n_jobs)) - 1
+
+
+def _submit(n_workers: int, function: Callable[..., R], *arguments: Any) -> "Future[R]":
+    """Submit a call to worker processes; replace them if one of them has ended since the last call."""
+    try:
+        future: Future[R] = _executor(n_workers).submit(function, *arguments)
+    except BrokenProcessPool:
+        _executor.cache_clear()
+        future = _executor(n_workers).submit(function, *arguments)
+    return future
+
+
+@functools.cache
+def _executor(n_workers: int) -> Any:
+    """Return worker processes, which are reused for 300 s. Each uses one thread.
+
+    They are not those of joblib's `Parallel`, which accepts only processes that it has started.
+    """
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    return ProcessPoolExecutor(n_workers, timeout=300, initializer=begin_worker, env=threads)
+
+
+def begin_loading(n_jobs: int, *modules: str) -> "list[Future[None]]":
+    """Start worker processes, and import modules in them, while this process continues.
 
     Parameters
     ----------
     n_jobs : int
         Number of processes. `run_parallel` with the same number reuses them.
+    *modules : str
+        Modules to import in this order.
 
     Returns
     -------
-    Thread or None
-        Thread that ends when the modules are imported, or None if no other process is used.
+    list of Future
+        One future per worker process, done when it has imported the modules.
     """
-    if n_jobs in (0, 1) or _cluster.get() is not None:
-        return None
-    n_processes = n_jobs if n_jobs > 0 else cpu_count()
-
-    def import_in_workers() -> None:
-        with parallel_config(**PROCESSES):  # no `catch_warnings` here, because it is not thread-safe
-            Parallel(n_jobs=n_processes)([delayed(_import_features)()] * n_processes)
-
-    thread = Thread(target=import_in_workers, daemon=True)
-    thread.start()
-    return thread
+    n_workers = 0 if _cluster.get() is not None else _n_workers(n_jobs)
+    return [_submit(n_workers, _import, modules) for _ in range(n_workers)]
 
 
-def _import_features() -> None:
-    import texclass.evaluation.checkpoints  # noqa: F401
+def _import(modules: tuple[str, ...]) -> None:
+    for module in modules:
+        importlib.import_module(module)
 
 
 @contextmanager

@@ -1,10 +1,9 @@
 """Feature extractor: a scikit-learn transformer that converts recordings to a table of features."""
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
@@ -15,9 +14,9 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from texclass.features.phase_view import Channels, separate_channels
 from texclass.features.plan import Computed, Plan
+from texclass.features.reasons import Reason
 from texclass.features.sets import FeatureSet, load_feature_set
 from texclass.recording import Phases, Recording, RecordingError, Samples, axes_differ, describe_axes
-from texclass.reporting.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,14 +26,6 @@ MIN_SAMPLES = 64
 `MAX_AXES` columns is one recording; any other two-dimensional array contains one recording per row."""
 MAX_AXES = 8
 """Maximum number of axes of a recording in an array; see `MIN_SAMPLES`."""
-
-
-class Reason(NamedTuple):
-    """Reason why a feature is undefined for a recording."""
-
-    recording_id: str
-    feature: str
-    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,16 +246,6 @@ class FeatureExtractor(_Values):
             Recording(x, self.fs, self.unit or "arbitrary", name, phases=Phases(movement=(0, len(x))))
             for name, x in zip(names, signals, strict=True)
         ]
-
-
-def describe_missing_values(values: "pd.DataFrame", reasons: Iterable[Reason]) -> str:
-    """Describe how many columns are undefined in all or in some recordings, and the most frequent reasons."""
-    is_missing = values.isna()
-    n_empty, n_incomplete = int(is_missing.all().sum()), int(is_missing.any().sum())
-    text = f"{n_empty} of {counted(len(values.columns), 'column')} without any value"
-    text += f", {n_incomplete - n_empty} with some missing" if n_incomplete > n_empty else ""
-    frequent = Counter(reason.reason for reason in reasons).most_common(3)
-    return text + (f": {' / '.join(reason for reason, _ in frequent)}" if n_incomplete else "")
 
 
 def _signals(X: Any) -> list[Samples] | None:
