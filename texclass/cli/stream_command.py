@@ -57,6 +57,14 @@ def stream(
         Option("--stop-when-sure", help="Skip the remaining windows of a contact once its answer is sure."),
     ] = False,
     gesture_time: p.GestureTime = None,
+    adapt: Annotated[
+        bool,
+        Option(
+            "--adapt",
+            help="Adapt the model to the last 60 contacts, without labels, as the sensor drifts. Requires 10 "
+            "contacts with several surfaces.",
+        ),
+    ] = False,
     forget: Annotated[
         float | None,
         contact_option(
@@ -168,6 +176,8 @@ def stream(
     if publish:
         answer_publisher = shipped.module_of("sources", "ros2").AnswerPublisher
     models = load_gestures(model) if model.is_dir() else {}
+    if adapt and models:
+        raise typer.BadParameter("--adapt requires a model file, got a folder of models")
     trained = next(iter(models.values())) if models else load_model(model)
     topic: dict[str, Any] = {"reliability": reliability, "depth": depth}
     if source.startswith("ros2:") or not publish:  # otherwise --domain applies only to the published answers
@@ -185,7 +195,7 @@ def stream(
     session = (
         ExplorationSession(models, seconds=seconds, raw=is_live(source), settings=settings)
         if models
-        else Session(trained, raw=is_live(source), settings=settings)
+        else Session(trained, raw=is_live(source), settings=settings, adapt=adapt)
     )
     view = view_of(session, source, as_lines, heartbeat)
     view.contacts = None if json_file is None else {}

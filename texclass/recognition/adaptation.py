@@ -9,14 +9,12 @@ prediction sets. `with_references` recalibrates the sets alone with recent recor
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, polygamma
 
-from texclass.evaluation.feature_table import metadata
-from texclass.loaders.dataset import Dataset
 from texclass.recognition.model import Model
 from texclass.recognition.novelty import (
     ClassMoments,
@@ -35,6 +33,9 @@ from texclass.recognition.prediction_sets import (
 )
 from texclass.recognition.probabilities import log_probabilities
 from texclass.recording import Recording, Samples
+
+if TYPE_CHECKING:
+    from texclass.loaders.dataset import Dataset
 
 
 @dataclass(frozen=True)
@@ -647,7 +648,7 @@ def _with_map(
     )
 
 
-def with_references(model: Model, references: Dataset) -> Model:
+def with_references(model: Model, references: "Dataset") -> Model:
     """Return a model whose prediction sets are recalibrated with recent recordings of known surfaces.
 
     If a sensor drifts, the true surface receives lower probabilities than in training, and prediction sets
@@ -678,6 +679,8 @@ def with_references(model: Model, references: Dataset) -> Model:
     >>> recent = tx.open_dataset("recent")  # doctest: +SKIP
     >>> with_references(model, recent).save("recalibrated.skops")  # doctest: +SKIP
     """
+    from texclass.evaluation.feature_table import metadata
+
     table = metadata(references.entries)
     surfaces = table["surface"].to_numpy(dtype=str)
     if unknown := sorted({*surfaces.tolist()} - {*model.surfaces}):

@@ -306,7 +306,7 @@ class Evidence:
             raise ValueError(f"forget_s must be positive, got {forget_s!r} s")
         self.surfaces, self.kind, self.confidence = surfaces, kind, confidence
         self._correlation, self._lapse = correlation, lapse
-        self._set_calibrations, self._levels = set_calibrations or {}, levels
+        self.set_calibrations, self._levels = set_calibrations or {}, levels
         self._new_share = min(1.0, hop_s / window_s)
         self._decay = math.exp(-hop_s / forget_s)
         self.reset()
@@ -392,8 +392,8 @@ class Evidence:
         else:
             scores = self._add_log_posterior(p)
             # Use the calibration for the largest number of windows that this contact has reached.
-            if n_calibrated := [n for n in self._set_calibrations if n <= self._n_new]:
-                calibration = self._set_calibrations[max(n_calibrated)]
+            if n_calibrated := [n for n in self.set_calibrations if n <= self._n_new]:
+                calibration = self.set_calibrations[max(n_calibrated)]
                 sets = calibration.predict_sets(scores, self.surfaces, self._levels)
             total = np.exp(scores)  # the largest value is 1, so exp cannot overflow
         total = (1 - self._lapse) * total / total.sum() + self._lapse / len(p)

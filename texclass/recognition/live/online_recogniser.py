@@ -373,6 +373,17 @@ class OnlineRecogniser:
         }
 
     @property
+    def min_samples(self) -> int:
+        """Smallest number of samples of a complete window, or of taps."""
+        return 0 if self._taps_only else self.window
+
+    def replace_model(self, model: Model) -> None:
+        """Replace the model by an adaptation of it. The evidence of a current contact remains."""
+        self.model = model
+        if self.evidence.set_calibrations:
+            self.evidence.set_calibrations = model.contact_calibrations
+
+    @property
     def verdict(self) -> ContactVerdict | None:
         """Verdict for the current contact; None before its first window."""
         return self.evidence.verdict

@@ -11,6 +11,7 @@ import numpy as np
 
 from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recognition.live.contact import Event
+from texclass.recognition.live.drift_monitor import DriftMonitor
 from texclass.recognition.live.online_recogniser import (
     LONG_RECORDING_WINDOW_S,
     LONGEST_WINDOW_S,
@@ -136,6 +137,7 @@ class Session:
     - Invalid samples are interpolated or treated like lost samples; see `SampleRepair`.
     - If the rate or unit differs from that of the model, there is a notice, and all answers are "unknown".
     - A change of the rate or unit restarts the recognition.
+    - If the features of several surfaces have shifted as a whole, there is a notice; see `DriftMonitor`.
     - Notices of one kind are limited to one per 5 s; the next one states how many were omitted.
 
     Parameters
@@ -147,9 +149,14 @@ class Session:
         True).
     settings : OnlineSettings, optional
         Settings of the recognition.
+    adapt : bool
+        Whether the model is adapted to the last contacts without labels (default False). The adaptation lasts
+        as long as the session.
 
     Attributes
     ----------
+    model : Model
+        Model, or its last adaptation.
     recogniser : OnlineRecogniser or None
         Recogniser of the stream; None before the first block.
     n_lost : int
@@ -164,8 +171,13 @@ class Session:
     ...     print(update)
     """
 
-    def __init__(self, model: Model, *, raw: bool = True, settings: OnlineSettings | None = None) -> None:
+    def __init__(
+        self, model: Model, *, raw: bool = True, settings: OnlineSettings | None = None, adapt: bool = False
+    ) -> None:
         self.model, self.raw, self.settings = model, raw, settings
+        is_always_in_contact = settings is not None and settings.always_in_contact
+        self._monitor = DriftMonitor(model, adapts=adapt, is_always_in_contact=is_always_in_contact)
+        self._has_trained_length = True
         self.recogniser: OnlineRecogniser | None = None
         self.n_lost, self.start_s = 0, 0.0
         self._sent_s = -math.inf
@@ -226,18 +238,36 @@ class Session:
         return tuple(updates)
 
     def _notices_about(self, t_s: float, update: Update) -> list[Notice]:
-        """Return a notice if the noise floor has changed or the evidence has restarted."""
+        """Return notices if the noise floor or the features have changed, or the evidence has restarted."""
+        notices = self._follow_drift(t_s, update)
         if isinstance(update, Event):
             is_noise = update.kind == "lift-off" and update.message
-            return self._limit(t_s, f"noise: {update.message}") if is_noise else []
+            return notices + self._limit(t_s, f"noise: {update.message}") if is_noise else notices
         verdict = update.verdict
         if not verdict.previous_surface:
-            return []
-        return self._limit(
+            return notices
+        return notices + self._limit(
             t_s,
             f"surface: the last windows indicate {verdict.surface}, not {verdict.previous_surface}: the "
             "evidence restarts",
         )
+
+    def _follow_drift(self, t_s: float, update: Update) -> list[Notice]:
+        """Return a notice about drift after a contact, and replace the model if it was adapted."""
+        assert self.recogniser is not None
+        message = ""
+        if isinstance(update, Event):
+            if update.kind in ("lift-off", "break"):
+                message = self._monitor.end_contact()
+        elif self._has_trained_length and update.stop - update.start >= self.recogniser.min_samples:
+            message = self._monitor.add(update)
+        self._replace_model()
+        return self._limit(t_s, message) if message else []
+
+    def _replace_model(self) -> None:
+        if self.model is not self._monitor.model and self.recogniser is not None:
+            self.model = self._monitor.model
+            self.recogniser.replace_model(self.model)
 
     def _interrupt(self, n_lost: int) -> tuple[Update, ...]:
         self.n_lost += n_lost
@@ -248,7 +278,13 @@ class Session:
         counts = self._notice_counts.values()
         notices = [Notice(t_s, f"{message} ({n} similar)") for t_s, n, message in counts if n]
         self._notice_counts.clear()
-        return (*notices, *(self.recogniser.finish() if self.recogniser else ()))
+        updates = self.recogniser.finish() if self.recogniser else ()
+        t_s = self.start_s + (self.recogniser.n_samples / self.recogniser.fs if self.recogniser else 0.0)
+        for update in updates:
+            notices += self._follow_drift(t_s, update)
+        if message := self._monitor.end_contact(is_last=True):
+            notices.append(Notice(t_s, message))
+        return (*notices, *updates)
 
     def _limit(self, t_s: float, message: str) -> list[Notice]:
         """Return a notice, or nothing if the last one of its kind was less than 5 s ago."""
@@ -275,6 +311,12 @@ class Session:
         scale = scale_of(self.model, block.unit, self.raw)
         self._repair = SampleRepair(self.model, n_axes, block.fs, scale)
         window_s, trained_s = self.recogniser.window / block.fs, self.model.manifest.shortest_s or 0.0
+        # Features depend on the length, so windows of another length differ from the training set.
+        expected_s = self.model.manifest.window_s or trained_s
+        self._has_trained_length = math.isclose(window_s, expected_s, rel_tol=0.01)
+        if self._monitor.adapts and not self._has_trained_length:
+            message = f"not adapted: windows of {window_s:g} s, trained on {expected_s:g} s"
+            updates += self._limit(block.t_s, f"{message}. Train with 'texclass train --window {window_s:g}'")
         is_shortened = window_s == LONG_RECORDING_WINDOW_S < LONGEST_WINDOW_S < trained_s
         if is_shortened and self.model.manifest.window_s is None:
             updates += self._limit(
@@ -300,6 +342,7 @@ def listen(
     paced: bool = False,
     raw_channels: int | None = None,
     settings: OnlineSettings | None = None,
+    adapt: bool = False,
 ) -> Iterator[Update | Notice]:
     """Classify a live stream: yield events, answers and notices as soon as they are available.
 
@@ -317,6 +360,8 @@ def listen(
         Whether to resample the stream to the rate of the model (default False).
     settings : OnlineSettings, optional
         Settings of the recognition.
+    adapt : bool
+        Whether the model is adapted to the last contacts without labels (default False); see `Session`.
 
     Yields
     ------
@@ -335,9 +380,9 @@ def listen(
     """
     trained = model if isinstance(model, Model) else load_model(model)
     if not isinstance(source, str | Recording):
-        return Session(trained, settings=settings).run(source)
+        return Session(trained, settings=settings, adapt=adapt).run(source)
     rate = trained.manifest.fs if resample else None
     blocks = open_source(
         source, fs=fs, unit=unit, rate=rate, paced=paced, raw_channels=raw_channels, model=trained
     )
-    return Session(trained, raw=is_live(source), settings=settings).run(blocks)
+    return Session(trained, raw=is_live(source), settings=settings, adapt=adapt).run(blocks)
