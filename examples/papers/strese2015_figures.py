@@ -228,7 +228,7 @@ def draw_macroscopic(view: PhaseView, features: pd.DataFrame, width: float) -> D
             mean = features[features["kind"] == kind].groupby("height")[column].mean()
             axes.plot(mean.index, mean, f"{mark}-", color=colour, markersize=4, label=kind)
         unit = "value" if column == "regularity" else "log10(m/s²)"
-        axes.set(title=column, xlabel="height of bumps, depth of grating (µm)", ylabel=unit)
+        axes.set(title=column, xlabel="height or depth (µm)", ylabel=unit)
     below[0].legend()
     return figure
 
