@@ -177,7 +177,8 @@ def _sparse_and_times(numbers):
         Heading("Sparse or exact (simulated, mean over the surfaces, plain)"),
         shared.table(("tau / largest tau", "centres", "GFC"), sparse),
         """The sparse solution minimises the objective of SpaRSA (MultiTaskLasso of scikit-learn: one set of
-        centres for all outputs) and fits the selected centres again.""",
+        centres for all outputs) and fits the selected centres again. SpaRSA itself finds the same optimum in
+        two to three times the time: see [comparisons](abdulali2016-comparisons.md).""",
         Heading("Times"),
         "Fit of 20 s (limit: 5 s):",
         shared.table(("rate", "order", "segmentation", "total fit", "baking"), fits),
