@@ -92,12 +92,12 @@ class Drift:
 def detect_drift(model: Model, answers: Sequence[Answer]) -> Drift:
     """Test whether the features of several recordings have shifted as a whole since the training.
 
-    The novelty p-values are averaged over the windows of each recording, and over the recordings of each
-    surface that an adapted model predicts. Without drift, the mean over predicted surfaces is at least 0.5. A
-    one-sided t-test with predicted surfaces as samples rejects this at `SIGNIFICANCE`. It allows for surfaces
-    that differ in their p-values, and for correlated windows and recordings. An unknown surface lowers the
-    p-values of one or a few predicted surfaces, which increases the variance between them and is not reported
-    as drift.
+    The novelty p-values (for windows: their median) are averaged over the recordings of each predicted
+    surface. Without drift, the mean over predicted surfaces is at least 0.5. A one-sided t-test with
+    predicted surfaces as samples rejects this at `SIGNIFICANCE`. It allows for surfaces that differ in
+    their p-values, and for correlated windows and recordings. An unknown surface lowers the p-values of one
+    or a few predicted surfaces, which increases the variance between them and is not reported as drift. If
+    fewer than `MIN_SURFACES` are predicted, the surfaces that an adapted model predicts are used.
 
     Parameters
     ----------
@@ -116,50 +116,61 @@ def detect_drift(model: Model, answers: Sequence[Answer]) -> Drift:
     >>> detect_drift(model, answers).is_detected  # doctest: +SKIP
     True
     """
-    X, index = valid_rows(answers)
-    recordings = np.unique(index, return_inverse=True)[1]
-    n_recordings, problem = len(np.unique(index)), ""
+    tested = [answer for answer in answers if any(row.is_valid for row in answer.rows)]
+    n_recordings, problem = len(tested), ""
     if not len(model.novelty.held_out):
         problem = "drift is not tested: no recordings were held out in training"
     elif n_recordings < (n_needed := LIMITS.min_unlabelled):
         problem = f"too few recordings to test for drift: {n_recordings}. Expected at least {n_needed}"
     if problem:
         return Drift(False, n_recordings, problem=problem)
-    p, p_known = model.classify(X)
+    p = np.array([[answer.probabilities[surface] for surface in model.surfaces] for answer in tested])
     shift = None
-    if model.class_moments is not None:
-        # Large shifts make all recordings resemble a few surfaces, which the features without them separate.
-        moments, no_labels = class_moments_of(model), np.zeros(p.shape)
-        scale, offset = fit_map(model, X, no_labels, moments, n_recordings)
-        shift = describe_map(model.columns, X, (scale, offset), moments)
-        p = model.classify(X * scale + offset)[0]
-    is_window_of = np.eye(n_recordings)[recordings].T
-    n_windows = is_window_of.sum(axis=1)
-    p_known_mean = is_window_of @ p_known / n_windows
-    share_unknown = float(np.mean(2 * is_window_of @ (p_known <= model.novelty.false_alarms) >= n_windows))
-    surfaces, predicted = np.unique((is_window_of @ p).argmax(axis=1), return_inverse=True)
-    p_surface = np.bincount(predicted, weights=p_known_mean) / np.bincount(predicted)
+    if not _has_several_surfaces(p) and model.class_moments is not None:
+        # A large shift makes all recordings resemble one or two surfaces: predict without the shift.
+        p, shift = _predict_without_shift(model, tested)
+    surfaces, predicted = np.unique(p.argmax(axis=1), return_inverse=True)
+    p_known = np.array([answer.p_known for answer in tested])
+    p_surface = np.bincount(predicted, weights=p_known) / np.bincount(predicted)
+    share_unknown = float(np.mean([answer.unknown for answer in tested]))
     drift = Drift(False, n_recordings, len(surfaces), float(p_surface.mean()), share_unknown)
-    if len(surfaces) < MIN_SURFACES or effective_number(p.mean(axis=0)) < LIMITS.min_surfaces:
+    if not _has_several_surfaces(p):
         problem = f"too few predicted surfaces to test for drift: {len(surfaces)}. Expected at least "
         return replace(drift, problem=f"{problem}{MIN_SURFACES}, with similar numbers of recordings")
     p_value = _p_value_of_drift(p_surface)
     if p_value > SIGNIFICANCE:
         return replace(drift, p_value=p_value)
+    if shift is None and model.class_moments is not None:
+        shift = _predict_without_shift(model, tested)[1]
     return replace(drift, is_detected=True, p_value=p_value, shift=shift)
+
+
+def _has_several_surfaces(p: Samples) -> bool:
+    """Return whether probabilities (n, n_surfaces) predict enough surfaces, none of them too often."""
+    n_surfaces = len(np.unique(p.argmax(axis=1)))
+    return n_surfaces >= MIN_SURFACES and effective_number(p.mean(axis=0)) >= LIMITS.min_surfaces
+
+
+def _predict_without_shift(model: Model, answers: Sequence[Answer]) -> tuple[Samples, dict[str, Any]]:
+    """Return probabilities (n_answers, n_surfaces) after an adaptation, and the description of its map."""
+    X, index = valid_rows(answers)
+    moments, no_labels = class_moments_of(model), np.zeros((len(X), len(model.surfaces)))
+    scale, offset = fit_map(model, X, no_labels, moments, len(answers))
+    is_row_of = np.eye(len(answers))[index].T
+    p = is_row_of @ model.classify(X * scale + offset)[0] / is_row_of.sum(axis=1, keepdims=True)
+    return p, describe_map(model.columns, X, (scale, offset), moments)
 
 
 def _p_value_of_drift(p_surface: Samples) -> float:
     """Return the p-value of a one-sided t-test of the mean p-values (n_surfaces,) against 0.5.
 
-    The standard deviation is at least that of equal p-values in n surfaces by chance, 0.01, which only avoids
-    a division by zero.
+    The standard deviation is at least 0.01, which only avoids a division by zero.
     """
-    from scipy.stats import t
+    from scipy.special import stdtr
 
     n = len(p_surface)
     std = max(float(p_surface.std(ddof=1)), 0.01)
-    return float(t.cdf((p_surface.mean() - 0.5) / std * np.sqrt(n), n - 1))
+    return float(stdtr(n - 1, (p_surface.mean() - 0.5) / std * np.sqrt(n)))
 
 
 def adapt_to_answers(model: Model, answers: Sequence[Answer]) -> Model:

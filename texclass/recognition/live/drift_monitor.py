@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from texclass.recognition.adaptation import LIMITS
-from texclass.recognition.answers import Answer, FeatureRow
+from texclass.recognition.answers import Answer, average_answers
 from texclass.recognition.drift import adapt_to_answers, detect_drift
 from texclass.recognition.live.online_recogniser import WindowAnswer
 from texclass.recognition.model import Model
@@ -26,7 +26,7 @@ class DriftMonitorSettings:
         Number of new contacts between two tests.
     n_windows : int
         Maximum number of windows of a contact that are used. Windows of one contact are correlated, so more
-        windows add little but computing time.
+        windows mainly add computing time.
     """
 
     n_contacts: int = 60
@@ -78,15 +78,15 @@ class DriftMonitor:
         self._original, self._is_always_in_contact = model, is_always_in_contact
         self._settings = settings or DriftMonitorSettings()
         self._contacts = deque[Answer](maxlen=self._settings.n_contacts)
-        self._rows, self._surface = list[FeatureRow](), ""
+        self._windows, self._surface = list[Answer](), ""
         self._n_contacts, self._n_new, self._has_drift = 0, 0, False
 
     def add(self, update: WindowAnswer) -> str:
         """Add the answer for a window; return a message if it ends a contact that has to be reported."""
         surface, message = update.verdict.surface, ""
-        if self._is_always_in_contact and self._rows and surface != self._surface:
+        if self._is_always_in_contact and self._windows and surface != self._surface:
             message = self.end_contact()
-        self._rows += update.answer.rows
+        self._windows.append(update.answer)
         self._surface = surface
         return message
 
@@ -103,12 +103,12 @@ class DriftMonitor:
         str
             Message about drift or an adaptation, else empty.
         """
-        if self._rows:
-            chosen = np.linspace(0, len(self._rows) - 1, min(len(self._rows), self._settings.n_windows))
-            rows = tuple(self._rows[i] for i in np.unique(chosen.round().astype(int)).tolist())
+        if n := len(self._windows):
+            chosen = np.linspace(0, n - 1, min(n, self._settings.n_windows)).round().astype(int)
             self._n_contacts += 1
-            self._contacts.append(self._original.average_rows(rows, f"contact {self._n_contacts}"))
-            self._rows.clear()
+            windows = [self._windows[i] for i in chosen.tolist()]
+            self._contacts.append(average_answers(windows, f"contact {self._n_contacts}"))
+            self._windows.clear()
             self._n_new += 1
         n_needed = 1 if is_last else self._settings.n_between
         if self._n_new < n_needed or len(self._contacts) < LIMITS.min_unlabelled:
