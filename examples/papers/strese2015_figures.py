@@ -115,22 +115,31 @@ def draw_lines(axes: Axes, values: pd.DataFrame, column: str, names: Sequence[st
         axes.plot(x, y, f"{mark}-", color=colour, markersize=4, linewidth=1.2, label=name)
 
 
-def draw_hardness(taps: pd.DataFrame, names: Sequence[str], width: float) -> Drawing:
+def draw_hardness(
+    taps: pd.DataFrame, names: Sequence[str], plates: pd.DataFrame | None, width: float
+) -> Drawing:
     """Figure 8: hardness and damping against impact velocity.
 
     Hardness scatters from tap to tap, and separates soft from hard surfaces. The spectral centroid of a tap
-    separates all of them.
+    separates all of them. Right: real taps on five plates (`taps5`), one dot per tap.
     """
-    figure, (row,) = panels(width, 1, 3, 2.5)
+    figure, (row,) = panels(width, 1, 3 if plates is None else 4, 2.5)
     speeds = np.linspace(*study.TAP_SPEEDS_MM_S, study.N_TAPS)
     columns = {
-        "hardness": "H, eq. 1 as printed (log10)",
-        "hardness_corrected": "H, corrected (log10 1/s²)",
-        "damping": "SC, eq. 2 (log10 DCT bin)",
+        "hardness": "H, eq. 1 (log10)",
+        "hardness_corrected": "H, corrected (log10)",
+        "damping": "SC, eq. 2 (log10 bin)",
     }
-    for axes, (column, title) in zip(row, columns.items(), strict=True):
+    for axes, (column, title) in zip(row[:3], columns.items(), strict=True):
         draw_lines(axes, taps, column, names, speeds)
         axes.set(title=title, xlabel="speed of the hand (mm/s)")
+    if plates is not None:
+        order = plates.groupby("surface")["damping"].median().sort_values().index
+        for y, name in enumerate(order):
+            x = plates.loc[plates["surface"] == name, "damping"]
+            row[3].plot(x, y + np.linspace(-0.25, 0.25, x.size), "o", color=OURS, markersize=2.5)
+        row[3].set_yticks(range(len(order)), order)
+        row[3].set(title="SC of real taps", xlabel="log10 DCT bin")
     legend_above(figure, row[0])
     return figure
 

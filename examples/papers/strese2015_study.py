@@ -321,6 +321,23 @@ def pipeline(classifier: ClassifierMixin) -> Pipeline:
 # Real recordings --------------------------------------------------------------------------------------------
 
 
+def plate_taps(recordings: Mapping[str, Recording]) -> pd.DataFrame:
+    """Return hardness and damping of the taps of `taps5`, both in log10, one row per tap.
+
+    The second channel is used, which is clipped least. The sampling rate is unknown, but both printed
+    formulas count samples.
+    """
+    rows = []
+    for name, recording in recordings.items():
+        view = Views(recording, recording.phases, channel=1).tap
+        values = {
+            "hardness": np.log10(value_of(hardness_as_printed, view)),
+            "damping": np.log10(value_of(damping_as_printed, view)),
+        }
+        rows.append({"surface": name.rpartition("_")[0], **values})
+    return pd.DataFrame(rows)
+
+
 def fabric_fineness(recordings: Mapping[str, Recording]) -> pd.DataFrame:
     """Return fineness (eq. 2, and below 600 Hz as in [7]) of `fabric_speeds`, one row per fabric and speed.
 
