@@ -37,6 +37,7 @@ PAGES = {
         "unknown_surfaces",
         "prediction_sets",
         "few_recordings",
+        "later_recordings",
         "sensor_adaptation",
         "channels",
     ),

@@ -1,14 +1,17 @@
 """Default protocols by which recordings are held out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from toy_surfaces import pipeline, recording, surfaces
 
 from texclass.evaluation.feature_table import metadata
+from texclass.evaluation.protocols import find_protocol
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition import load_model, train
-from texclass.recognition.holdout import LIMITS, select_protocol
+from texclass.recognition.holdout import LIMITS, Holdout, select_protocol
 from texclass.recognition.model_document import model_document
 
 
@@ -99,16 +102,25 @@ def _false_alarms(model, dataset):
     return np.mean([model.answer(recording).unknown for recording in dataset])
 
 
+def _two_operators(dataset):
+    """Return a dataset whose repetitions alternate between operators, so that they have no order in time."""
+    entries = (replace(entry, operator="ab"[entry.repetition % 2]) for entry in dataset.entries)
+    return replace(dataset, entries=tuple(entries), input_hash="operators")
+
+
 @pytest.mark.parametrize("classifier", ["kernel", "lda"])
-def test_a_chronological_split_gives_fewer_false_alarms_if_a_sensor_drifts(drifting, tmp_path, classifier):
+def test_an_order_in_time_gives_fewer_false_alarms_if_a_sensor_drifts(drifting, tmp_path, classifier):
     early, late = drifting
+    options = {"row": "Spectrum", "classifier": classifier}
     models = {
-        protocol: train(early, pipeline(), row="Spectrum", classifier=classifier, protocol=protocol)
-        for protocol in (None, "recording")
+        protocol: train(early, pipeline(), **options, protocol=protocol) for protocol in (None, "recording")
     }
+    unordered = train(_two_operators(early), pipeline(), **options)
     accuracy = models[None].manifest.accuracy
     assert (accuracy["protocol"], accuracy["n_tested"]) == ("chronological", 4 * LIMITS.min_repetitions / 2)
-    assert _false_alarms(models[None], late) < _false_alarms(models["recording"], late) - 0.1
+    assert unordered.manifest.accuracy["protocol"] == "recording"
+    for model in models.values():  # the halves are compared whatever the protocol
+        assert _false_alarms(model, late) < _false_alarms(unordered, late) - 0.1
     assert np.mean([models[None].answer(recording("stranger", seed)).unknown for seed in range(10)]) >= 0.8
     models[None].save(tmp_path / "m.skops")
     (card,) = model_document(load_model(tmp_path / "m.skops")).blocks
@@ -124,6 +136,34 @@ def test_without_drift_distances_are_those_of_random_folds():
     assert default.manifest.unknown["n"] == 4 * LIMITS.min_repetitions
     assert 1 <= default.manifest.unknown["drift_factor"] < 1.3
     np.testing.assert_allclose(
-        default.novelty.held_out, default.manifest.unknown["drift_factor"] * requested.novelty.held_out
+        default.novelty.held_out / default.manifest.unknown["drift_factor"],
+        requested.novelty.held_out / requested.manifest.unknown["drift_factor"],
     )
     assert default.calibration != requested.calibration
+
+
+def test_the_halves_are_trained_on_the_earlier_and_on_the_later_recordings():
+    table = _windows(5)
+
+    def halves(protocol, table=table):
+        return Holdout(table, find_protocol(protocol), "requested", True, 0).halves
+
+    (((early, late),), ((later, earlier),)) = halves("recording")
+    assert set(table["repetition"].iloc[early]) == {1, 2}
+    assert set(table["repetition"].iloc[late]) == {3, 4, 5}
+    assert set(table["repetition"].iloc[later]) == {4, 5}
+    assert set(table["repetition"].iloc[earlier]) == {1, 2, 3}
+    assert len(halves("chronological")) == 1  # the protocol is the other split
+    assert halves("recording", _unnumbered(table)) == ()
+    assert halves("operator", table.assign(operator=np.where(table["repetition"] > 2, "b", "a"))) == ()
+
+
+def test_many_numbered_recordings_give_the_expected_range_of_later_ones(drifting):
+    early, late = drifting
+    model = train(early, pipeline(), row="Spectrum", classifier="kernel")
+    later = model.manifest.accuracy["later_recordings"]
+    assert later["source"] == "halves"
+    hits = [model.answer(recording).surface == recording.surface for recording in late]
+    assert later["low"] <= np.mean(hits) <= later["high"]
+    (card,) = model_document(model).blocks
+    assert card["Accuracy"].endswith("% (between the earlier and the later half)")

@@ -1,5 +1,7 @@
 """Calibration of probabilities and its error."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import softmax
@@ -8,7 +10,13 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
 
 from texclass.recognition import Calibration, expected_calibration_error, fit_calibration
-from texclass.recognition.probabilities import calibration_error_by_chance, class_scores, prior_calibration
+from texclass.recognition.probabilities import (
+    PRIOR_BETA,
+    PRIOR_BETA_WINDOWS,
+    calibration_error_by_chance,
+    class_scores,
+    prior_calibration,
+)
 
 RNG = np.random.default_rng(1)
 
@@ -93,9 +101,8 @@ def test_the_class_with_the_largest_score_is_predicted(classifier, n_classes):
 def test_the_lapse_limits_probabilities_by_the_number_of_recordings(n):
     labels = np.arange(n) % 3
     lapse = 1 / (n + 2)
-    for calibration in (fit_calibration(np.eye(3)[labels], labels), prior_calibration(3, n)):
-        p = calibration(1e9 * np.eye(3))  # however far apart the classes are
-        np.testing.assert_allclose(p, np.where(np.eye(3) == 1, 1 - 2 * lapse / 3, lapse / 3), rtol=1e-9)
+    p = fit_calibration(np.eye(3)[labels], labels)(1e9 * np.eye(3))  # however far apart the classes are
+    np.testing.assert_allclose(p, np.where(np.eye(3) == 1, 1 - 2 * lapse / 3, lapse / 3), rtol=1e-9)
 
 
 def test_one_wrong_label_among_many_does_not_flatten_the_probabilities():
@@ -108,5 +115,6 @@ def test_one_wrong_label_among_many_does_not_flatten_the_probabilities():
 def test_the_prior_calibration_gives_the_same_odds_for_any_number_of_classes():
     for n_classes in (2, 5, 20):
         shrunk = np.eye(1, n_classes) / np.log(n_classes)
-        odds = prior_calibration(n_classes, 10**12)(shrunk)[0]
-        assert odds[0] / odds[1] == pytest.approx(np.exp(4.5), rel=1e-6)
+        for n_rows, beta in ((n_classes, PRIOR_BETA), (2 * n_classes, PRIOR_BETA_WINDOWS)):
+            odds = replace(prior_calibration(n_classes, n_rows), lapse=0.0)(shrunk)[0]
+            assert odds[0] / odds[1] == pytest.approx(np.exp(beta), rel=1e-6)

@@ -1,6 +1,6 @@
 """Hold-out protocols of training, and the conditions for which their accuracy is valid."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,7 +16,7 @@ from texclass.reporting.wording import counted
 
 DEFAULT_FALSE_ALARMS = 0.05
 """Accepted share of recordings of trained surfaces that are reported as unknown."""
-RANDOM_PROTOCOL, CHRONOLOGICAL_PROTOCOL = "recording", "chronological"
+RANDOM_PROTOCOL, RUN_PROTOCOL, CHRONOLOGICAL_PROTOCOL = "recording", "grouped", "chronological"
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,28 @@ class HoldoutLimits:
         thresholds are more conservative.
     later_share : float
         Smallest fraction of the accuracy above chance level that later recordings retained in the study
-        `few_recordings`.
+        `few_recordings`, if recordings were held out at random.
+    later_share_of_halves : float
+        The same fraction in the study `later_recordings`, of the accuracy between the earlier and the later
+        half of the training recordings.
     later_alarm_factor : float
-        Median ratio of the false alarms of later recordings to those of held-out ones in that study.
+        Median ratio of the false alarms of later recordings to those of held-out ones in the study
+        `few_recordings`.
+    later_shift : float
+        Shift of the log odds in prediction sets of models from few recordings without an order in time. In
+        the study `later_recordings`, sets with this shift cover later recordings on average over datasets.
+    later_coverage : tuple of float
+        Lowest and highest coverage of 90 % sets for later recordings, over the datasets in the study
+        `later_recordings`, for models from fewer than `few_recordings` recordings.
     """
 
     min_repetitions: int = 20
     few_recordings: int = 10
     later_share: float = 0.45
+    later_share_of_halves: float = 0.65
     later_alarm_factor: float = 3.0
+    later_shift: float = 0.5
+    later_coverage: tuple[float, float] = (0.78, 0.99)
 
 
 LIMITS = HoldoutLimits()
@@ -75,20 +88,31 @@ def select_protocol(
     """
     if protocol_name is not None:
         return find_protocol(protocol_name), "requested"
-    recordings = table[~parents(table).duplicated()]
-    counts = recordings["surface"].value_counts()
+    counts = table.loc[~parents(table).duplicated(), "surface"].value_counts()
     n_held_out = int((counts - counts // 2).sum())
-    # Repetitions are in chronological order only if one operator made them one after the other.
-    is_sequence = (
+    is_enough = counts.min() >= LIMITS.min_repetitions and n_held_out >= min_held_out(false_alarms)
+    if default == RANDOM_PROTOCOL and is_sequence(table) and is_enough:
+        reason = f"at least {counts.min()} numbered repetitions per surface: the sensor may drift"
+        return find_protocol(CHRONOLOGICAL_PROTOCOL), reason
+    return find_protocol(default), "default of the pipeline"
+
+
+def is_sequence(table: pd.DataFrame) -> bool:
+    """Return whether the repetitions of each surface are in chronological order.
+
+    Repetition numbers are an order in time only if one operator made the repetitions one after the other.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Metadata of recordings, or of their windows.
+    """
+    recordings = table[~parents(table).duplicated()]
+    return bool(
         table["repetition"].notna().all()
         and not recordings.duplicated(["surface", "repetition"]).any()
         and len(recordings["operator"].unique()) == 1
     )
-    is_enough = counts.min() >= LIMITS.min_repetitions and n_held_out >= min_held_out(false_alarms)
-    if default == RANDOM_PROTOCOL and is_sequence and is_enough:
-        reason = f"at least {counts.min()} numbered repetitions per surface: the sensor may drift"
-        return find_protocol(CHRONOLOGICAL_PROTOCOL), reason
-    return find_protocol(default), "default of the pipeline"
 
 
 def rule_of_succession(share: float, n: int) -> float:
@@ -112,23 +136,29 @@ def rule_of_succession(share: float, n: int) -> float:
     return (n * share + 1) / (n + 2)
 
 
-def later_accuracy(interval: Mapping[str, float], n_classes: int) -> dict[str, float]:
+def later_accuracy(low: float, high: float, n_classes: int, share: float) -> dict[str, float]:
     """Return the expected range of the accuracy on later recordings, `low` and `high`.
 
     Recordings of one session resemble each other. In some datasets, later recordings were classified as
-    accurately as held-out ones. In others, the accuracy above chance level fell to the fraction
-    `LIMITS.later_share`. The lower limit is therefore moved towards the chance level.
+    accurately as held-out ones. In others, a part of the accuracy above chance level was lost. The lower
+    limit is therefore moved towards the chance level.
 
     Parameters
     ----------
-    interval : mapping
-        `low` and `high` of the accuracy on held-out recordings.
+    low, high : float
+        Confidence interval of the accuracy on held-out recordings.
     n_classes : int
         Number of surfaces.
+    share : float
+        Smallest fraction of the accuracy above chance level that later recordings retain.
+
+    Examples
+    --------
+    >>> later_accuracy(0.9, 1.0, n_classes=2, share=0.5)
+    {'low': 0.7, 'high': 1.0}
     """
     chance = 1 / n_classes
-    low = chance + LIMITS.later_share * (interval["low"] - chance)
-    return {"low": min(low, interval["low"]), "high": interval["high"]}
+    return {"low": min(low, chance + share * (low - chance)), "high": high}
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +190,24 @@ class Holdout:
         """Rows of the training set and the test set of each fold; empty for one recording per surface."""
         can_split = self.is_requested or self.n_per_surface > 1
         return make_splits(self.protocol, self.table, self.seed) if can_split else ()
+
+    @cached_property
+    def halves(self) -> tuple[tuple[Split, ...], ...]:
+        """Splits that train on the earlier half of the recordings and test on the later half, and vice versa.
+
+        They show how the predictions change with time. Empty if the recordings have no order in time, or
+        there is one recording per surface.
+        """
+        counts = self.table.loc[~parents(self.table).duplicated(), "surface"].value_counts()
+        if not self.splits or counts.min() < 2 or not is_sequence(self.table):
+            return ()
+        forward, backward = (
+            find_protocol(CHRONOLOGICAL_PROTOCOL).split(
+                self.table.assign(repetition=sign * self.table["repetition"]), 1, self.seed
+            )
+            for sign in (1, -1)
+        )
+        return (backward,) if self.protocol.name == CHRONOLOGICAL_PROTOCOL else (forward, backward)
 
     @cached_property
     def n_per_surface(self) -> int:
@@ -210,8 +258,10 @@ class Holdout:
     @property
     def is_random_order(self) -> bool:
         """Whether recordings are held out at random although later ones may differ."""
-        return self.protocol.name == RANDOM_PROTOCOL and any(
-            condition.startswith(LATER_RECORDINGS) for condition in self.not_evaluated
+        return (
+            bool(self.splits)
+            and self.protocol.name in (RANDOM_PROTOCOL, RUN_PROTOCOL)
+            and any(condition.startswith(LATER_RECORDINGS) for condition in self.not_evaluated)
         )
 
     def check_rate(self, false_alarms: float) -> None:
@@ -228,15 +278,40 @@ class Holdout:
 
     def p_threshold(self, false_alarms: float, n_held_out: int) -> float:
         """Return the p-value up to which recordings are unknown; it is lower if few are held out."""
-        if self.n_per_surface >= (LIMITS.min_repetitions if self.is_random_order else LIMITS.few_recordings):
+        is_unordered = self.is_random_order and not self.halves
+        if self.n_per_surface >= (LIMITS.min_repetitions if is_unordered else LIMITS.few_recordings):
             return false_alarms
-        return conservative_rate(
-            false_alarms, n_held_out, LIMITS.later_alarm_factor if self.is_random_order else 1.0
-        )
+        return conservative_rate(false_alarms, n_held_out, LIMITS.later_alarm_factor if is_unordered else 1.0)
 
-    def accuracy_entry(
-        self, estimate: Mapping[str, Any], n_recordings: int, n_classes: int
+    def later_entry(
+        self, accuracy: Mapping[str, Any], halves: Sequence[Mapping[str, float]], n_classes: int
     ) -> dict[str, Any]:
+        """Return the expected accuracy on later recordings: low, high, source of the range, halves.
+
+        Many numbered repetitions give the range themselves: the accuracies of the protocol, from the earlier
+        half to the later half, and back. With fewer repetitions, the lower limit allows for a loss as in
+        other datasets.
+
+        Parameters
+        ----------
+        accuracy : mapping
+            Entry `accuracy` of the manifest.
+        halves : sequence of mapping
+            mean, low and high of the accuracy of each split in `halves`.
+        n_classes : int
+            Number of surfaces.
+        """
+        if not (halves or self.is_random_order):
+            return {}
+        low = min(one["low"] for one in (accuracy, *halves))
+        high = max(one["high"] for one in (accuracy, *halves))
+        entry = {"halves": [one["mean"] for one in halves]}
+        if halves and self.n_per_surface >= LIMITS.min_repetitions:
+            return {"low": low, "high": high, "source": "halves", **entry}
+        share = LIMITS.later_share_of_halves if halves else LIMITS.later_share
+        return {**later_accuracy(low, high, n_classes, share), "source": "other datasets", **entry}
+
+    def accuracy_entry(self, estimate: Mapping[str, Any], n_recordings: int) -> dict[str, Any]:
         """Return the entry `accuracy` of a manifest: expected accuracy, protocol, conditions not covered.
 
         Parameters
@@ -247,8 +322,6 @@ class Holdout:
         n_recordings : int
             Number of held-out recordings (or runs). If there are few, one correct and one wrong answer are
             added.
-        n_classes : int
-            Number of surfaces.
         """
         selection = ", selection of the pipeline included" * (estimate["n_candidates"] > 1)
         correction = " (few: one correct and one wrong answer are added)" * bool(self.shortage)
@@ -263,6 +336,4 @@ class Holdout:
         }
         if self.shortage and self.splits:
             entry["mean"] = rule_of_succession(estimate["mean"], n_recordings)
-        if self.is_random_order:
-            entry["later_recordings"] = later_accuracy(estimate, n_classes)
         return entry

@@ -14,6 +14,7 @@ from texclass.features.plan import Computed, Plan
 from texclass.phases import find_phases
 from texclass.recognition.answers import Answer, FeatureRow, Prediction, average_answers, rank_surfaces
 from texclass.recognition.array_form import ArrayStep, apply_all, decide, estimators_in
+from texclass.recognition.contact_check import ContactLimits
 from texclass.recognition.model_files import (
     Manifest,
     ModelFileError,
@@ -32,7 +33,7 @@ from texclass.recognition.novelty import (
 from texclass.recognition.prediction_sets import DEFAULT_LEVELS, ConformalCalibration
 from texclass.recognition.probabilities import Calibration, log_probabilities
 from texclass.recognition.sources.training_input import AuxiliarySignal, InputColumns
-from texclass.recording import Recording, Samples, axes_differ, describe_axes
+from texclass.recording import Phases, Recording, Samples, axes_differ, describe_axes
 
 if TYPE_CHECKING:
     from texclass.evaluation.feature_table import LeftOutRecording
@@ -252,6 +253,8 @@ class Model:
         row = self.compute(recording.with_(phases=phases))
         if np.isnan(row.values).all():
             problems.append("no feature has a value")
+        if problem := self.contact_problem(recording, phases):
+            problems.append(problem)
         reasons = list(problems)
         start, stop = phases.movement or (0, 0)
         movement_s, shortest_s = (stop - start) / recording.fs, self.manifest.shortest_s
@@ -521,6 +524,16 @@ class Model:
             f"other axes: {describe_axes(axes)}, trained with {describe_axes(trained_axes)}; --column "
             "selects axes"
         ]
+
+    def contact_problem(self, recording: Recording, phases: Phases) -> str:
+        """Return the reason why a recording has no contact; empty if it has one.
+
+        Adapted models do not check the level, because that of another sensor may be lower.
+        """
+        if not self.manifest.contact:
+            return ""
+        limits = ContactLimits(**self.manifest.contact)
+        return (limits._replace(level=0.0) if self.manifest.adapted else limits).problem(recording, phases)
 
     def bandwidth_problems(self, native_fs: float) -> list[str]:
         """Return the problem of recordings of a slower sensor, which remains after resampling.

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from texclass.recognition.answers import Answer
+from texclass.recognition.contact_check import MIN_LEVEL
 from texclass.recognition.model import Model
 from texclass.recognition.model_files import LATER_RECORDINGS, Manifest
 from texclass.recognition.prediction_sets import describe_sets
@@ -39,6 +40,7 @@ def model_document(model: Model) -> Document:
         "Probabilities": _probabilities(m),
         "Prediction sets": _prediction_sets(model),
         "Unknown surfaces": _unknown(m),
+        "No contact": _contact(m),
         "Cost": _cost(m.cost),
         "Stored as": f"scikit-learn estimators: {estimators}" if estimators else "arrays",
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
@@ -91,8 +93,13 @@ def _accuracy(accuracy: Mapping[str, Any]) -> str:
     conditions, addition = accuracy.get("not_evaluated"), ""
     if later := accuracy.get("later_recordings"):
         later_low, later_high = 100 * later["low"], 100 * later["high"]
+        sources = {
+            "halves": "between the earlier and the later half",
+            "other datasets": "from other datasets",
+        }
         addition = (
-            f"; expected for later recordings: {later_low:.0f} to {later_high:.0f} % (from other datasets)"
+            f"; expected for later recordings: {later_low:.0f} to {later_high:.0f} % "
+            f"({sources[later['source']]})"
         )
     elif conditions and conditions[0].startswith(LATER_RECORDINGS):
         addition = "; later recordings: not evaluated"
@@ -114,11 +121,23 @@ def _unknown(m: Manifest) -> str:
     notes = ""
     if unknown.get("p_threshold", 1) < unknown["false_alarms"]:
         notes += "; unknown surfaces are often missed, since there are few held-out recordings"
-    if m.accuracy.get("later_recordings"):
+    if "later_recordings" in m.accuracy and not m.calibration["prediction_sets"]["n_halves"]:
         notes += "; later recordings may be reported as unknown more often"
     return (
         f"novelty score: {unknown['score']}, threshold {unknown['threshold']:.4g} for "
         f"{100 * unknown['false_alarms']:g} % false alarms, from {unknown['n']} held-out {_unit(m)}{notes}"
+    )
+
+
+def _contact(m: Manifest) -> str:
+    """Return the level below which a recording has no contact."""
+    if not m.contact:
+        return ""
+    if m.adapted:
+        return "unknown, also: white noise; the adapted model does not compare levels"
+    return (
+        f"unknown, also: vibration levels below {MIN_LEVEL * m.contact['level']:.2g} {m.unit} (trained on "
+        f"{m.contact['level']:.2g} and more), and white noise"
     )
 
 
@@ -238,9 +257,15 @@ def _prediction_sets(model: Model) -> str:
         return "none"
     calibration = model.set_calibrations["answer"]
     levels = " and ".join(f"{100 * level:g}" for level in model.levels)
-    references = ""
-    if "references" in model.manifest.calibration["prediction_sets"]:
-        references = ", including references"
-    warning = calibration.warning(model.levels)
-    source = f"{calibration.effective_n:.3g} held-out recordings{references}"
-    return f"coverage {levels} %, from {source}" + (f"; {warning}" if warning else "")
+    entry = model.manifest.calibration["prediction_sets"]
+    references = ", including references" if "references" in entry else ""
+    halves = ", and from the earlier and the later half (worst case)" if entry["n_halves"] else ""
+    shift = f", widened by {entry['shift']:g} of log odds (from other datasets)" if entry["shift"] else ""
+    notes = [warning] if (warning := calibration.warning(model.levels)) else []
+    if "later_coverage" in entry:
+        low, high = (100 * share for share in entry["later_coverage"])
+        notes.append(
+            f"few recordings: in other datasets, 90 % sets contained {low:.0f} to {high:.0f} % of later ones"
+        )
+    source = f"{calibration.effective_n:.3g} held-out recordings{references}{halves}{shift}"
+    return "; ".join([f"coverage {levels} %, from {source}", *notes])

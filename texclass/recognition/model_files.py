@@ -33,7 +33,7 @@ from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import StrictModel, validate
 
-FORMAT = 5
+FORMAT = 6
 """Version of the format of model files; files of other versions are refused."""
 MANIFEST, ARRAYS = "manifest.json", "arrays.json"
 """Members of the archive that are not written by skops; the second one refers to the arrays."""
@@ -90,10 +90,11 @@ class Manifest(StrictModel):
     accuracy : mapping
         mean, low, high (95 % confidence interval) and n_tested of held-out recordings, corrected for the
         selection among n_candidates; protocol, reason, n_folds, description; not_evaluated (conditions that
-        the tests do not cover); later_recordings (low and high for later recordings, from other datasets);
+        the tests do not cover); later_recordings (low, high and source of the range for later recordings);
         not_exportable and with_all_features of an exportable model.
     calibration : mapping
-        method, beta, lapse, n, expected_error and error_by_chance on held-out recordings; prediction_sets.
+        method, beta, lapse, n, expected_error and error_by_chance on held-out recordings; prediction_sets
+        (n, thresholds, n_halves, shift of the log odds, later_coverage in other datasets).
         Models of windows: correlation between windows of one recording, n_contacts (recordings). For
         exploration: confusion (row m contains the mean probabilities for recordings of surface m) and
         repetition_correlation (between repetitions by one operator in one session).
@@ -110,6 +111,9 @@ class Manifest(StrictModel):
     peak_acceleration : float or None
         Largest deviation of the acceleration from the median of its axis, among some of the training
         recordings.
+    contact : mapping
+        level and spread of the training recordings, below which a recording has no contact; see
+        `ContactLimits`. Empty if they have neither taps nor movements.
     adapted : mapping
         Empty, or the domain adaptation: references (name, and surface or None), hash, map ("affine", "shift"
         or "none"), threshold_from and sets_from (recordings that calibrate the threshold and the prediction
@@ -145,6 +149,7 @@ class Manifest(StrictModel):
     versions: Mapping[str, str]
     shortest_s: Positive | None = None
     peak_acceleration: Annotated[float, Field(gt=0)] | None = None
+    contact: Mapping[str, float] = {}
     adapted: Mapping[str, Any] = {}
     native_fs: Positive | None = None
     phase_settings: PhaseSettings = PhaseSettings()

@@ -156,6 +156,22 @@ class ConformalCalibration:
             sets[level] = tuple(surfaces[i] for i in ranking[:n_members])
         return sets
 
+    def worst_case(self, other: Self) -> Self:
+        """Return the calibration with the smaller log odds of two hold-outs at each quantile.
+
+        Its prediction sets cover the recordings of both hold-outs, for example of an earlier and a later
+        period. The weights are those of this calibration.
+
+        Examples
+        --------
+        >>> early, late = (ConformalCalibration.from_answers(x, range(2)) for x in ([0, 3], [1, 2]))
+        >>> early.worst_case(late).log_odds.tolist()
+        [0.0, 2.0]
+        """
+        share, other_share = (np.cumsum(one.weights) / one.effective_n for one in (self, other))
+        index = np.minimum(np.searchsorted(other_share, share - TIE_TOLERANCE), len(other_share) - 1)
+        return type(self)(np.minimum(self.log_odds, other.log_odds[index]), self.weights)
+
     def updated(self, later: Self, discount: float) -> Self:
         """Add later answers to the calibration, and multiply its current weights by `discount`."""
         return self._sorted(

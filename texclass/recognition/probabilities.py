@@ -13,12 +13,19 @@ LOG_BOUNDS = (-8.0, 8.0)
 """Limits of log(beta): decisions range from about 1e-3 (kernel) to 1e3 (naive Bayes with many columns)."""
 N_BINS = 15
 """Number of bins of the calibration error, as in Guo et al. (2017)."""
-PRIOR_BETA = 4.5
+PRIOR_BETA = 6.5
 """Inverse temperature, divided by log K, of a kernel trained on one recording of each of K classes.
 
-It is the geometric mean over six datasets of taps, strokes and wheels. The values of the datasets differ, so
-probabilities that are based on it are rough estimates.
+It maximises the mean likelihood over the datasets in the study `later_recordings`. The best values of the
+datasets differ, so probabilities that are based on it are rough estimates.
 """
+PRIOR_BETA_WINDOWS = 3.0
+"""The same for a kernel trained on several windows of one recording of each class.
+
+Its decisions are larger, because windows of one recording resemble each other.
+"""
+PRIOR_LAPSE = 0.02
+"""Residual probability of an error without held-out recordings, fitted together with `PRIOR_BETA`."""
 MIN_PROBABILITY = 1e-12
 """Lower bound of a probability before its logarithm is taken."""
 DEFAULT_CORRELATION = 1.0
@@ -137,9 +144,16 @@ def prior_calibration(n_classes: int, n: int) -> Calibration:
     n_classes : int
         Number K of classes.
     n : int
-        Number of training recordings; the lapse is 1 / (n + 2).
+        Number of training recordings, or of their windows. If it is at least twice the number of classes,
+        the calibration is that of windows.
+
+    Examples
+    --------
+    >>> prior_calibration(20, 20).beta > prior_calibration(20, 100).beta
+    True
     """
-    return Calibration(PRIOR_BETA * float(np.log(n_classes)), 1 / (n + 2))
+    beta = PRIOR_BETA if n < 2 * n_classes else PRIOR_BETA_WINDOWS
+    return Calibration(beta * float(np.log(n_classes)), PRIOR_LAPSE)
 
 
 def effective_windows(n: Any, correlation: float) -> Any:

@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from texclass.classifiers.fitting import quiet_fits
+from texclass.evaluation.accuracy import cluster_interval
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, cached_table, metadata
 from texclass.evaluation.pipeline import PipelineDefinition, load_pipeline
@@ -39,10 +40,12 @@ from texclass.recognition.candidates import (
     without_holdout,
     without_selection,
 )
+from texclass.recognition.contact_check import N_PER_SURFACE, ContactLimits
 from texclass.recognition.held_out_predictions import HeldOutPredictions, predict_held_out
 from texclass.recognition.holdout import (
     CHRONOLOGICAL_PROTOCOL,
     DEFAULT_FALSE_ALARMS,
+    LIMITS,
     RANDOM_PROTOCOL,
     Holdout,
     select_protocol,
@@ -194,8 +197,10 @@ def train(
     limits: dict[str, Any] = {"max_ms": max_ms, "max_features": max_features, "max_kb": max_kb}
     candidates = list_candidates(definition, table, meter, row=row, classifier=classifier, **limits)
     candidate, held_out, parts, accuracy = _select(candidates, holdout, exportable=exportable, **work)
-    calibration, set_calibrations, calibration_entry = _calibrate(held_out, holdout)
-    scores, drift_factor = _held_out_novelty(candidate, held_out, holdout, false_alarms)
+    half_predictions = _predict_halves(candidate, holdout)
+    accuracy |= _later_entry(accuracy, half_predictions, holdout, len(parts["surfaces"]))
+    calibration, set_calibrations, calibration_entry = _calibrate(held_out, half_predictions, holdout)
+    scores, drift_factor = _held_out_novelty(candidate, held_out, half_predictions, holdout, false_alarms)
     plan: Plan = parts["plan"]
     X, y = replace(candidate, plan=plan).training_set(table.frame)
     p_threshold = holdout.p_threshold(false_alarms, len(scores))
@@ -208,6 +213,7 @@ def train(
         calibration=calibration_entry,
         unknown=_novelty_entry(novelty, false_alarms, drift_factor),
         cost=_cost_entry(parts, meter, X[:1]),
+        contact=_contact_entry(recordings, table.frame),
         window_s=window_s,
         versions=versions("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa"),
     )
@@ -245,7 +251,7 @@ def _select(
     clusters = holdout.protocol.clusters(holdout.table)[predictions[0].rows]
     pairs = list(zip(candidates, predictions, strict=False))
     candidate, held_out, parts, estimate = _fit_best(pairs, holdout, clusters)
-    accuracy = holdout.accuracy_entry(estimate, len(set(clusters)), len(parts["surfaces"]))
+    accuracy = holdout.accuracy_entry(estimate, len(set(clusters)))
     if others:
         hits = np.array([one.hits for one in predictions[len(candidates) :]])
         _, with_all = select_best(hits, [c.n_columns for c in others], clusters, holdout.seed)
@@ -299,8 +305,28 @@ def fit_candidate(candidate: Candidate, table: pd.DataFrame) -> Entry:
     return {"plan": plan, "surfaces": surfaces, "steps": steps, "classifier": classifier}
 
 
+def _predict_halves(candidate: Candidate, holdout: Holdout) -> list[HeldOutPredictions]:
+    """Return the predictions from the earlier half of the recordings for the later half, and vice versa."""
+    if holdout.shortage and score_kind(candidate.classifier) == "distance":
+        return []  # half of few recordings is too few to fit such a classifier
+    return [predict_held_out(candidate, holdout.table, splits) for splits in holdout.halves]
+
+
+def _later_entry(
+    accuracy: Entry, halves: Sequence[HeldOutPredictions], holdout: Holdout, n_classes: int
+) -> Entry:
+    """Return the expected accuracy on later recordings, as an entry of the accuracy."""
+    clusters = holdout.protocol.clusters(holdout.table)
+    entries = []
+    for half in halves:
+        low, high = cluster_interval(half.hits, clusters[half.rows])
+        entries.append({"mean": float(half.hits.mean()), "low": low, "high": high})
+    later = holdout.later_entry(accuracy, entries, n_classes)
+    return {"later_recordings": later} if later else {}
+
+
 def _calibrate(
-    held_out: HeldOutPredictions, holdout: Holdout
+    held_out: HeldOutPredictions, halves: Sequence[HeldOutPredictions], holdout: Holdout
 ) -> tuple[Calibration, dict[str, ConformalCalibration], Entry]:
     """Return the calibration of probabilities and of prediction sets, and the manifest entry of both."""
     tests, decisions = holdout.table.iloc[held_out.rows], held_out.decisions
@@ -310,28 +336,50 @@ def _calibrate(
         calibration, method = fit_calibration(decisions, held_out.labels), "temperature"
     p = calibration(decisions)
     window_entry = _window_entry(p, held_out, tests)
-    ages = np.zeros(len(tests), dtype=np.intp)
-    if holdout.protocol.name == CHRONOLOGICAL_PROTOCOL:
-        ages = n_later_repetitions(tests["surface"].to_numpy(dtype=str), tests["repetition"].to_numpy())
-    set_calibrations = calibrate_sets(
-        decisions,
-        held_out.labels,
-        parents(tests),
-        calibration,
-        correlation=window_entry.get("correlation"),
-        weights=recency_weights(ages, HALF_LIFE),
-    )
+    correlation = window_entry.get("correlation")
+    set_calibrations = _calibrate_sets(held_out, calibration, correlation, holdout)
+    shift = 0.0
+    for half in halves:
+        half_calibrations = _calibrate_sets(half, calibration, correlation, holdout)
+        for kind in set_calibrations.keys() & half_calibrations.keys():
+            set_calibrations[kind] = set_calibrations[kind].worst_case(half_calibrations[kind])
+    if not halves and holdout.shortage and holdout.is_random_order:
+        shift = LIMITS.later_shift
+        set_calibrations = {kind: one.moved(-shift) for kind, one in set_calibrations.items()}
     entry = {
         "method": method,
         **vars(calibration),
         "n": len(p),
         **window_entry,
-        "prediction_sets": manifest_entry(set_calibrations),
+        "prediction_sets": {
+            **manifest_entry(set_calibrations),
+            "n_halves": len(halves),
+            "shift": shift,
+            **({"later_coverage": list(LIMITS.later_coverage)} if holdout.shortage and len(tests) else {}),
+        },
     }
     if len(tests):
         entry["expected_error"] = expected_calibration_error(p.max(axis=1), held_out.hits)
         entry["error_by_chance"] = calibration_error_by_chance(p.max(axis=1))
     return calibration, set_calibrations, entry | _exploration_entry(p, held_out, holdout.table)
+
+
+def _calibrate_sets(
+    held_out: HeldOutPredictions, calibration: Calibration, correlation: float | None, holdout: Holdout
+) -> dict[str, ConformalCalibration]:
+    """Return the calibration of prediction sets from one hold-out."""
+    tests = holdout.table.iloc[held_out.rows]
+    ages = np.zeros(len(tests), dtype=np.intp)
+    if holdout.protocol.name == CHRONOLOGICAL_PROTOCOL:
+        ages = n_later_repetitions(tests["surface"].to_numpy(dtype=str), tests["repetition"].to_numpy())
+    return calibrate_sets(
+        held_out.decisions,
+        held_out.labels,
+        parents(tests),
+        calibration,
+        correlation=correlation,
+        weights=recency_weights(ages, HALF_LIFE),
+    )
 
 
 def _window_entry(p: Samples, held_out: HeldOutPredictions, tests: pd.DataFrame) -> dict[str, float]:
@@ -362,25 +410,38 @@ def _exploration_entry(p: Samples, held_out: HeldOutPredictions, frame: pd.DataF
 
 
 def _held_out_novelty(
-    candidate: Candidate, held_out: HeldOutPredictions, holdout: Holdout, false_alarms: float
+    candidate: Candidate,
+    held_out: HeldOutPredictions,
+    halves: Sequence[HeldOutPredictions],
+    holdout: Holdout,
+    false_alarms: float,
 ) -> tuple[Samples, float]:
     """Return the held-out novelty scores, ascending, and the factor by which drift increases them.
 
-    Distances decrease with the number of training recordings. The chronological split trains on half of the
-    recordings, so its distances reflect both the smaller training set and drift. Random folds reflect
-    neither. Their distances are therefore multiplied by the drift factor: the median distance in the
-    chronological split, divided by the median in a random split into halves.
+    The scores are those of the hold-out with the largest threshold: the protocol's, or a half that was
+    predicted from the other half. Random folds alone do not reflect that later recordings differ.
+
+    Distances decrease with the number of training recordings, so those between halves would reflect the
+    smaller training set as well. The distances in random folds are therefore multiplied by the drift factor:
+    the median distance between halves, divided by the median in a random split into halves.
     """
-    if len(held_out.rows) < min_held_out(false_alarms):
+    if len(held_out.rows) < (n_needed := min_held_out(false_alarms)):
         return np.empty(0), 1.0
-    is_chronological = holdout.protocol.name == CHRONOLOGICAL_PROTOCOL
-    if not is_chronological or score_kind(candidate.classifier) != "distance":
+    if not halves:
         return np.sort(held_out.novelty), 1.0
+    if score_kind(candidate.classifier) == "decision":
+        scores = [one.novelty for one in (held_out, *halves) if len(one.rows) >= n_needed]
+        return np.sort(max(scores, key=lambda one: float(np.quantile(one, 1 - false_alarms)))), 1.0
     random, table = find_protocol(RANDOM_PROTOCOL), holdout.table
-    halves = predict_held_out(candidate, table, random.split(table, 2, holdout.seed)).novelty
-    folds = predict_held_out(candidate, table, make_splits(random, table, holdout.seed)).novelty
-    factor = max(1.0, float(np.median(held_out.novelty) / max(np.median(halves), 1e-300)))
-    return np.sort(factor * folds), factor
+    is_chronological = holdout.protocol.name == CHRONOLOGICAL_PROTOCOL
+    random_halves = predict_held_out(candidate, table, random.split(table, 2, holdout.seed)).novelty
+    folds = held_out
+    if is_chronological:
+        folds = predict_held_out(candidate, table, make_splits(random, table, holdout.seed))
+    between_halves = [*halves, held_out] if is_chronological else halves
+    median = float(np.median(np.concatenate([one.novelty for one in between_halves])))
+    factor = max(1.0, median / max(float(np.median(random_halves)), 1e-300))
+    return np.sort(factor * folds.novelty), factor
 
 
 def _novelty_detector(
@@ -408,6 +469,19 @@ def _novelty_entry(novelty: NoveltyDetector, false_alarms: float, drift_factor: 
         "n": len(novelty.held_out),
         "drift_factor": drift_factor,
     }
+
+
+def _contact_entry(dataset: Dataset, frame: pd.DataFrame) -> dict[str, float]:
+    """Return the limits of a contact, from a few recordings of each surface."""
+    usable = frame[is_testable(frame)]
+    chosen = {
+        names.iloc[i]
+        for _, names in usable.groupby("surface")["recording_id"]
+        for i in np.linspace(0, len(names) - 1, N_PER_SURFACE).astype(int)
+    }
+    entries = [entry for entry in dataset.entries if entry.recording_id in chosen]
+    limits = ContactLimits.from_recordings(dataset.load(entry) for entry in entries)
+    return {} if limits is None else limits._asdict()
 
 
 def _cost_entry(parts: Entry, meter: CostMeter, row: Samples) -> dict[str, float]:
