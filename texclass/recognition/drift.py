@@ -24,6 +24,7 @@ from texclass.recognition.adaptation import (
 from texclass.recognition.answers import Answer
 from texclass.recognition.model import Model
 from texclass.recognition.model_document import describe_shift
+from texclass.recognition.novelty import ClassMoments
 from texclass.recording import Samples
 from texclass.reporting.wording import counted
 
@@ -31,6 +32,9 @@ SIGNIFICANCE = 0.01
 """Largest rate at which drift is reported although there is none."""
 MIN_SURFACES = 3
 """Minimum number of predicted surfaces, because a shift of one or two may be due to unknown surfaces."""
+
+MIN_SPREAD = 0.25
+"""Minimum of `spread_of_surfaces`: half of its value for two surfaces with equal numbers of recordings."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,8 @@ def detect_drift(model: Model, answers: Sequence[Answer]) -> Drift:
     surface. Without drift, the mean over predicted surfaces is at least 0.5. A one-sided t-test with
     predicted surfaces as samples rejects this at `SIGNIFICANCE`. It allows for surfaces that differ in
     their p-values, and for correlated windows and recordings. An unknown surface lowers the p-values of one
-    or a few predicted surfaces, which increases the variance between them and is not reported as drift. If
+    or a few predicted surfaces, which increases the variance between them and is not reported as drift. A
+    batch whose features vary as little as those of one surface (`spread_of_surfaces`) is not tested. If
     fewer than `MIN_SURFACES` are predicted, the surfaces that an adapted model predicts are used.
 
     Parameters
@@ -122,6 +127,8 @@ def detect_drift(model: Model, answers: Sequence[Answer]) -> Drift:
         problem = "drift is not tested: no recordings were held out in training"
     elif n_recordings < (n_needed := LIMITS.min_unlabelled):
         problem = f"too few recordings to test for drift: {n_recordings}. Expected at least {n_needed}"
+    elif not _has_spread(model, valid_rows(tested)[0]):
+        problem = f"{_ONE_SURFACE}, so drift is not tested"
     if problem:
         return Drift(False, n_recordings, problem=problem)
     p = np.array([[answer.probabilities[surface] for surface in model.surfaces] for answer in tested])
@@ -143,6 +150,44 @@ def detect_drift(model: Model, answers: Sequence[Answer]) -> Drift:
     if shift is None and model.class_moments is not None:
         shift = _predict_without_shift(model, tested)[1]
     return replace(drift, is_detected=True, p_value=p_value, shift=shift)
+
+
+_ONE_SURFACE = (
+    "the features vary as little as those of one surface, and the effects of sensor and surface cannot be "
+    "separated"
+)
+
+
+def spread_of_surfaces(X: Samples, moments: ClassMoments) -> float:
+    """Return the variance between the surfaces of a batch, relative to that between all trained surfaces.
+
+    For each column, this is the variance of the batch minus the variance within a surface, divided by the
+    variance of the class means; the result is the median over columns. It is 0 for a single surface, whether
+    trained or not, and 1 - 1/m on average for m surfaces with equal numbers of recordings. A shift of all
+    features does not change it.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n, n_columns)
+        Features; NaN where undefined.
+    moments : ClassMoments
+        Moments of the training features.
+
+    Examples
+    --------
+    >>> moments = ClassMoments(means=np.array([[0.0], [8.0]]), within_std=np.array([1.0]))
+    >>> spread_of_surfaces(np.array([[9.0], [10.0], [11.0]]), moments)
+    0.0
+    """
+    between = np.nan_to_num(np.nanvar(moments.means, axis=0, ddof=1))
+    is_usable = (between > 0) & (np.isfinite(X).sum(axis=0) > 1)
+    excess = np.nanvar(X[:, is_usable], axis=0, ddof=1) - moments.within_std[is_usable] ** 2
+    return float(np.median(excess / between[is_usable])) if is_usable.any() else 0.0
+
+
+def _has_spread(model: Model, X: Samples) -> bool:
+    """Return whether features (n, n_columns) vary like those of several surfaces, if this is known."""
+    return model.class_moments is None or spread_of_surfaces(X, class_moments_of(model)) >= MIN_SPREAD
 
 
 def _has_several_surfaces(p: Samples) -> bool:
@@ -176,8 +221,10 @@ def _p_value_of_drift(p_surface: Samples) -> float:
 def adapt_to_answers(model: Model, answers: Sequence[Answer]) -> Model:
     """Return a model that is adapted to the features of answers, without labels.
 
-    The adaptation is that of `adapt` without labels. The features in the answers are used, so the recordings
-    are not read again: `Model.answer_again` then gives the answers of the adapted model.
+    The adaptation is that of `adapt` without labels. A batch whose features vary as little as those of one
+    surface (`spread_of_surfaces`) is refused, because the surface may be unknown. The features in the answers
+    are used, so the recordings are not read again: `Model.answer_again` then gives the answers of the adapted
+    model.
 
     Parameters
     ----------
@@ -198,6 +245,8 @@ def adapt_to_answers(model: Model, answers: Sequence[Answer]) -> Model:
     >>> answers = [adapted.answer_again(answer) for answer in answers]  # doctest: +SKIP
     """
     X, recording_index = valid_rows(answers)
+    if len(np.unique(recording_index)) >= LIMITS.min_unlabelled and not _has_spread(model, X):
+        raise ValueError(f"{_ONE_SURFACE}. Expected recordings of at least {MIN_SURFACES} surfaces")
     names = [(answer.recording_id, None) for answer in answers if any(row.is_valid for row in answer.rows)]
     entry = {"references": names, "hash": hashlib.sha256(X.tobytes()).hexdigest()}
     return adapt_to_rows(model, X, np.zeros((len(X), len(model.surfaces))), recording_index, entry)
