@@ -10,7 +10,7 @@ from typer import Argument, Option
 from texclass.atomic_write import check_suffix
 from texclass.cli import parameters as p
 from texclass.cli.app import app
-from texclass.cli.output import print_and_save, print_lines, progress_bar
+from texclass.cli.output import RECORDING_KERNELS, announce_start, print_and_save, print_lines, progress_bar
 
 if TYPE_CHECKING:
     from texclass.baselines import BaselineSettings
@@ -81,6 +81,7 @@ def extract(
         check_suffix(output, ".parquet", ".csv")
     else:
         p.check_folder(output)
+    announce_start(*RECORDING_KERNELS)
     from texclass.loaders import open_dataset
 
     reader = p.reader_settings(
@@ -243,6 +244,7 @@ def benchmark(
         raise typer.BadParameter("--max-windows requires --window")
     p.check_scheduler(backend, scheduler)
     chosen_protocol = p.protocol_name(protocol, shots, train, test, leave_out)
+    announce_start(*RECORDING_KERNELS)
     from texclass.loaders import open_dataset
 
     reader = p.reader_settings(
@@ -374,6 +376,8 @@ def tradeoff(
     chosen_protocol = p.protocol_name(protocol, shots, train, test, leave_out)
     from texclass.evaluation import use_backend
     from texclass.features import load_feature_set
+
+    announce_start(*RECORDING_KERNELS)
     from texclass.loaders import open_dataset
     from texclass.tradeoff import Limits, trade_off
     from texclass.tradeoff.study import tradeoff_stem

@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from texclass.cli import parameters as p
 from texclass.cli.app import app, escape_control_characters
-from texclass.cli.output import print_lines, progress_bar, write_json
+from texclass.cli.output import RECORDING_KERNELS, announce_start, print_lines, progress_bar, write_json
 
 if TYPE_CHECKING:
     from texclass.recognition import Drift, Model, Prediction
@@ -94,6 +94,7 @@ def train(
     Feature subset and classifier are selected by cross-validation, unless --row and --classifier set them.
     """
     chosen_protocol = p.protocol_name(protocol, shots, train, test, leave_out)
+    announce_start(*RECORDING_KERNELS)
     from texclass.loaders import open_dataset
 
     reader = p.reader_settings(
@@ -196,6 +197,7 @@ def predict(
     """
     if save is not None and not adapt:
         raise typer.BadParameter("--save requires --adapt")
+    announce_start(*RECORDING_KERNELS)
     import json
 
     from texclass import recognition

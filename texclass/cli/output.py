@@ -1,5 +1,6 @@
 """Print and write the results of commands, and draw progress bars."""
 
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +10,14 @@ import typer
 
 if TYPE_CHECKING:
     from texclass.reporting.result_files import Result
+
+
+RECORDING_KERNELS = ("phases", "simulate", "vibration")
+"""Subpackages with the compiled functions that load and segment recordings, and compute their features."""
+SCENE_KERNELS = ("haptics.scene",)
+"""Subpackage with the compiled functions that plan and render scenes."""
+CLEAR_LINE = "\r\x1b[2K"
+"""Control sequence that erases the line of the cursor on a terminal."""
 
 
 def write_json(path: Path | None, text: str) -> None:
@@ -38,6 +47,34 @@ def print_and_save(
     print_lines("wrote", (*result.save(folder), *written))
 
 
+def announce_start(*subpackages: str) -> None:
+    """Tell at once what the command is doing, and later which functions are compiled.
+
+    Importing libraries takes a second, and compiling functions on a new machine up to a minute.
+
+    Parameters
+    ----------
+    *subpackages : str
+        Subpackages whose compiled functions the command needs. If the machine has compiled none of them, this
+        is announced.
+    """
+    from texclass import compilation
+
+    modules, line_start = set[str](), CLEAR_LINE if sys.stderr.isatty() else ""
+
+    def report(function: str) -> None:
+        module = function.rpartition(".")[0]
+        if module not in modules:
+            modules.add(module)
+            typer.echo(f"{line_start}compiling {module} (once per machine)", err=True)
+
+    compilation.reporters[:] = [report]
+    if not compilation.has_compiled(*subpackages):
+        typer.echo("first run on this machine: compiling functions, which takes up to a minute", err=True)
+    if sys.stderr.isatty():
+        typer.echo("loading libraries ...", err=True, nl=False)
+
+
 @contextmanager
 def progress_bar() -> Iterator[Any]:
     """Yield a callback `progress(n_done, n_total, label)` that draws a progress bar on standard error."""
@@ -45,6 +82,8 @@ def progress_bar() -> Iterator[Any]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
+    if console.is_interactive:
+        typer.echo(CLEAR_LINE, err=True, nl=False)
     if not console.is_interactive:  # otherwise rich prints an empty line
         yield lambda n_done, n_total, label: None
         return

@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from texclass.cli import parameters as p
 from texclass.cli.app import app
-from texclass.cli.output import print_lines, progress_bar, write_json
+from texclass.cli.output import SCENE_KERNELS, announce_start, print_lines, progress_bar, write_json
 
 if TYPE_CHECKING:
     from texclass.haptics.exchange import Rendition
@@ -107,6 +107,7 @@ def plan(
     The exit code is 1 if a surface is outside the tolerance, or if time or
     memory exceed the budget.
     """
+    announce_start(*SCENE_KERNELS)
     from texclass.haptics.scene import plan_scene, read_scene
     from texclass.reporting import print_document, write_document
 
@@ -186,6 +187,7 @@ def page(
 
     Speed and pressure of the pointer control the models of the plan.
     """
+    announce_start(*SCENE_KERNELS)
     from texclass.haptics.exchange import load_taps
     from texclass.haptics.scene import write_scene_page
 

@@ -5,8 +5,8 @@ temporary arrays of that method do not fit into the cache of the processor. The 
 """
 
 import numpy as np
-from numba import njit
 
+from texclass.compilation import njit
 from texclass.recording import Samples
 
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from texclass.compilation import njit
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples, Tap, make_read_only
 from texclass.signals import lowpass
 from texclass.simulate import hand

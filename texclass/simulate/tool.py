@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from texclass.compilation import njit
 from texclass.recording import STANDARD_GRAVITY, Samples
 from texclass.signals import butterworth
 from texclass.simulate.hand import CONTROL_RATE, Gesture

@@ -502,7 +502,8 @@ def _burg(frames: Samples, order: int) -> tuple[Samples, Samples, NDArray[np.int
     if "numba" in sys.modules or frames.size * order > MIN_NUMBA_WORK:
         from texclass.vibration import recursions
 
-        return recursions.burg(frames, order, 0)
+        fitted_rows: tuple[Samples, Samples, NDArray[np.int64]] = recursions.burg(frames, order, 0)
+        return fitted_rows
     n, f, b = frames.shape[1], frames, frames
     deviation = np.repeat(np.sqrt(np.mean(frames**2, axis=1, keepdims=True)), order + 1, axis=1)
     k, fitted = np.zeros((len(frames), order)), np.zeros(len(frames), np.int64)

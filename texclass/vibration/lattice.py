@@ -16,10 +16,10 @@ while the parameters change. In direct form the excitation of the same model is 
 from typing import Any, Self
 
 import numpy as np
-from numba import njit
 from numba.extending import intrinsic
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from texclass.compilation import njit
 from texclass.recording import Samples
 from texclass.vibration.autoregressive import Autoregression
 

@@ -5,9 +5,9 @@ order m is the reflection coefficient k_m.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from texclass.compilation import njit
 from texclass.recording import Samples
 from texclass.vibration.reflection import MAX_REFLECTION, MIN_ANGLE, MIN_RELATIVE_RESIDUAL
 

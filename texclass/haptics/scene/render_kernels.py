@@ -7,8 +7,8 @@ offsets) describe the models; `state` (floats) and `status` (integers) describe 
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 
+from texclass.compilation import njit
 from texclass.haptics.textures.grid import cell
 from texclass.haptics.textures.motion_renderer import lattice, oscillators
 from texclass.vibration.reflection import MAX_REFLECTION

@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from texclass.compilation import njit
 from texclass.haptics.textures.contract import freeze
 from texclass.recording import Samples
 

@@ -15,10 +15,10 @@ from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import Delaunay
 
+from texclass.compilation import njit
 from texclass.haptics.textures.contract import Texture, freeze
 from texclass.haptics.textures.motion_renderer import MotionRenderer
 from texclass.recording import Samples

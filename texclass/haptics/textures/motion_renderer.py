@@ -11,9 +11,9 @@ use the same kernels `lattice` and `oscillators` (`texclass.haptics.scene.render
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from texclass.compilation import njit
 from texclass.recording import Samples
 from texclass.vibration.lattice import rotate
 

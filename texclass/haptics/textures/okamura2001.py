@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy import optimize
 
+from texclass.compilation import njit
 from texclass.haptics.textures.contract import Serializable
 from texclass.recording import Samples
 from texclass.signals import one_channel, positive, to_unit_scale

@@ -6,10 +6,10 @@ from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal, spatial
 
+from texclass.compilation import njit
 from texclass.haptics.textures.scan import Scan
 from texclass.recording import Samples
 from texclass.signals import butterworth, combine, zero_phase

@@ -6,10 +6,10 @@ from functools import cached_property
 from typing import Any, ClassVar, get_args
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy import interpolate, spatial
 
+from texclass.compilation import njit
 from texclass.haptics.textures.abdulali2016.model_points import (
     MAX_EXPONENT,
     MOTION_HZ,

@@ -11,9 +11,9 @@ from functools import cached_property
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from texclass.compilation import njit
 from texclass.haptics.textures.contract import NOMINAL_FORCE_N, Texture, freeze
 from texclass.recording import Samples
 
