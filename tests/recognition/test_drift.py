@@ -151,7 +151,7 @@ def test_later_recordings_of_a_sensor_without_drift_are_not_reported(data_root):
     later = list(repetitions(11, 20))
     felt = [dataset.load(e) for e in dataset.entries if 11 <= e.repetition <= 30 and e.surface == "felt"]
     answers = model.predict(felt)
-    assert np.mean([answer.p_known for answer in answers]) < 0.1
+    assert np.mean([answer.p_known for answer in answers]) < 0.2
     assert not detect_drift(model, answers).is_detected
     with pytest.raises(ValueError, match="the features vary as little as those of one surface"):
         adapt_to_answers(model, answers)

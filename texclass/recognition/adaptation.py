@@ -634,7 +634,8 @@ def _with_map(
     unknown = {**manifest.unknown, "threshold": threshold, "n": len(detector.held_out)}
     changes: dict[str, Any] = {"adapted": entry, "unknown": unknown}
     if sets:
-        changes["calibration"] = {**manifest.calibration, "prediction_sets": manifest_entry(sets)}
+        sets_entry = {**manifest.calibration["prediction_sets"], **manifest_entry(sets)}
+        changes["calibration"] = {**manifest.calibration, "prediction_sets": sets_entry}
     if resample:
         changes["input"] = manifest.input.model_copy(update={"resample": True})
     return replace(
@@ -710,7 +711,11 @@ def with_references(model: Model, references: "Dataset") -> Model:
     )
     discount = float(recency_weights(1 + ages.max(), HALF_LIFE))
     set_calibrations = _updated_sets(model, later, discount)
-    sets_entry = {**manifest_entry(set_calibrations), "references": references.input_hash}
+    sets_entry = {
+        **entry["prediction_sets"],
+        **manifest_entry(set_calibrations),
+        "references": references.input_hash,
+    }
     calibration_entry = {**entry, "prediction_sets": sets_entry}
     manifest = model.manifest.model_copy(update={"calibration": calibration_entry})
     return replace(model, set_calibrations=set_calibrations, manifest=manifest)
