@@ -1,4 +1,4 @@
-"""Table I of strese2015 in the size of the paper, over several seeds.
+"""Table I of strese2015 in the size of the paper, over ten seeds.
 
 `python benchmarks/strese2015_table.py` (about an hour, and 9 GB in the cache folder at a time) writes
 reports/papers/strese2015-table: the accuracy of the sixteen rows with three classifiers on 69 simulated
@@ -53,7 +53,7 @@ def main() -> None:
             "smallest = {least:.2f} | largest = {largest:.2f}",
         ),
     ]
-    write(args.out, "strese2015-table", result, "Table I of strese2015 over several seeds", blocks)
+    write(args.out, "strese2015-table", result, "Table I of strese2015 over ten seeds", blocks)
 
 
 if __name__ == "__main__":

@@ -568,9 +568,9 @@ def table_blocks(table: Mapping[str, Any]) -> list[Any]:
             "`python benchmarks/strese2015_table.py`.",
         ),
         """Simulated surfaces differ less in macroscopic roughness than the real ones. Linear prediction, band
-        energies and spectral peaks are more accurate here than published, because tool and sensor are the
-        same in all recordings. The spectrogram, whose intervals follow the strokes of the hand, is less
-        accurate.""",
+        energies and spectral peaks are more accurate here than published, probably because tool and sensor
+        are the same in all recordings. The spectrogram, whose intervals follow the strokes of the hand, is
+        less accurate.""",
     ]
 
 

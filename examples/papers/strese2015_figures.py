@@ -294,7 +294,7 @@ def draw_friction(
 def draw_table(summary: pd.DataFrame, width: float) -> Drawing:
     """Table I: published accuracies and ours.
 
-    Circles: published, 69 real surfaces. Dots with 95 % intervals: ours, 69 simulated surfaces, mean over
+    Circles: published, 69 real surfaces. Dots with 95 % intervals: ours, 69 simulated surfaces, mean over ten
     seeds.
     """
     names = list(summary["row"].unique())
