@@ -225,7 +225,8 @@ def later(work):
         for k in range(30, 36):
             changed = lfilter([1], resonance, signal(hum_hz, [*map(ord, surface), k]))
             name = work / "later" / surface / f"{surface}_{k}.wav"
-            soundfile.write(name, (2000 * changed / changed.std()).astype(np.int16), round(FS), subtype="PCM_16")
+            samples = (2000 * changed / changed.std()).astype(np.int16)
+            soundfile.write(name, samples, round(FS), subtype="PCM_16")
     return "later"
 
 
