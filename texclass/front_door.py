@@ -87,7 +87,7 @@ def extract(
 
 def benchmark(
     dataset: "Dataset | str | Path",
-    pipeline: "PipelineDefinition | str | Path" = "strese2015",
+    pipeline: "PipelineDefinition | str | Path | None" = None,
     *,
     fs: float | None = None,
     unit: str | None = None,
@@ -100,14 +100,15 @@ def benchmark(
     dataset : Dataset, str or Path
         Dataset with labels, or an argument of `open_dataset`.
     pipeline : PipelineDefinition, str or Path
-        Name of a shipped pipeline, path of a pipeline (TOML), or a definition (default "strese2015").
+        Name of a shipped pipeline, path of a pipeline (TOML), or a definition. The default is the published
+        table, "strese2015", followed by the default pipeline of `train` on the same folds.
     fs : float, optional
         Sampling rate in Hz of files that do not state it.
     unit : str, optional
         Unit of the acceleration in files that do not state it.
     **options
-        Arguments of `evaluation.run_benchmark`: `protocol`, `n_folds`, `nested_cv`, `n_jobs`, `skip_bad` and
-        `progress`.
+        Arguments of `evaluation.run_benchmark`: `protocol`, `n_folds`, `nested_cv`, `axes`, `n_jobs`,
+        `skip_bad` and `progress`.
 
     Returns
     -------

@@ -18,7 +18,6 @@ from texclass.recognition.holdout import LIMITS, Holdout, later_accuracy
 from texclass.recognition.model_document import model_document
 from texclass.recognition.novelty import NoveltyDetector, conservative_rate
 from texclass.recognition.probabilities import prior_calibration
-from texclass.recognition.training import pipeline_for
 
 STUDY = Path(__file__).parents[2] / "reports" / "studies" / "few_recordings.json"
 
@@ -112,13 +111,6 @@ def test_two_recordings_of_four_surfaces_give_an_accuracy_but_no_novelty_thresho
     assert two.manifest.unknown["threshold"] is None
     with pytest.raises(ValueError, match=r"requires at least 99 held-out recordings, got 8"):
         train(surfaces(2), pipeline(), false_alarms=0.01)
-
-
-def test_the_default_pipeline_is_coarse_for_a_turn_rate_and_surfaces_otherwise():
-    turning = recording("oak", 1).with_(turn_rate=np.zeros((2000, 3)))
-    assert pipeline_for(surfaces(1)) == "surfaces"
-    assert pipeline_for(surfaces(1, bad=("cork-1",))) == "surfaces"
-    assert pipeline_for(replace(surfaces(1), load=lambda entry: turning)) == "coarse"
 
 
 def test_the_model_card_states_that_later_recordings_and_other_sessions_were_not_evaluated(few):

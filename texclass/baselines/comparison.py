@@ -159,6 +159,7 @@ def compare_with_baselines(
         If no row of the pipeline could be evaluated, or the interpreter cannot be run.
     """
     settings = settings or BaselineSettings()
+    pipeline = pipeline.model_copy(update={"channels": result.data["channels"]})
     options = {"channels": pipeline.channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
     dataset = add_overlapping_windows(dataset, pipeline.overlap)
     table = cached_table(dataset, *pipeline.needed, **options)

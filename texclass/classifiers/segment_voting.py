@@ -54,6 +54,9 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         requires columns of the set `surfaces`, and an estimator whose `fit` accepts `variations`.
     column_names : tuple of str
         Names of the columns, for `use_variations`; see `with_segment_columns`.
+    channels_estimator : classifier, optional
+        Classifier of one segment if the columns belong to several channels, some of which may be irrelevant
+        (default: `estimator`); see `with_segment_columns`.
 
     Attributes
     ----------
@@ -97,6 +100,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         recording_columns: tuple[int, ...] = (),
         use_variations: bool = False,
         column_names: tuple[str, ...] = (),
+        channels_estimator: Any = None,
     ) -> None:
         self.estimator = estimator
         self.n_segments = n_segments
@@ -104,6 +108,7 @@ class SegmentVoting(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type
         self.recording_columns = recording_columns
         self.use_variations = use_variations
         self.column_names = column_names
+        self.channels_estimator = channels_estimator
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Fit the segment classifier and, if there is one, the classifier of whole recordings.
@@ -235,6 +240,9 @@ def with_segment_columns(classifier: Any, columns: Sequence[str]) -> Any:
     if not isinstance(classifier, SegmentVoting):
         return classifier
     parameters: dict[str, Any] = {"column_names": tuple(columns)} if classifier.use_variations else {}
+    channels = {column.partition("/")[0] for column in columns if "/" in column}
+    if classifier.channels_estimator is not None and len(channels) > 1:
+        parameters["estimator"] = classifier.channels_estimator
     if classifier.n_segments > 1:
         parameters["recording_columns"] = tuple(
             i for i, column in enumerate(columns) if SEGMENT_SUFFIX not in column

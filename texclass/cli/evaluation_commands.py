@@ -128,13 +128,14 @@ def extract(
 def benchmark(
     dataset: p.Dataset = "simulated",
     pipeline: Annotated[
-        str,
+        str | None,
         Option(
             metavar="NAME",
-            help="Shipped pipeline or pipeline file (TOML).",
+            help="Shipped pipeline or pipeline file (TOML). Default: the published table (strese2015), and "
+            "the default pipeline of `texclass train` (surfaces) on the same folds.",
             autocompletion=p.shipped_names("pipelines"),
         ),
-    ] = "strese2015",
+    ] = None,
     feature: Annotated[
         str | None,
         Option(
@@ -162,6 +163,7 @@ def benchmark(
     labels: p.Labels = None,
     tap_spacing: p.TapSpacing = None,
     skip_bad: p.SkipBad = False,
+    axes: p.Axes = "auto",
     protocol: p.Protocol = None,
     shots: p.Shots = None,
     train: p.TrainingSet = None,
@@ -267,7 +269,7 @@ def benchmark(
     )
     from texclass.features import load_feature
 
-    definition = load_pipeline(pipeline)
+    definition = load_pipeline(pipeline or "strese2015")
     recordings = recordings.with_phase_settings(definition.phase_settings.changes, override=False)
     new_feature = load_feature(feature) if feature else None
     if baselines:
@@ -277,14 +279,14 @@ def benchmark(
         if baselines_limit is not None:
             recordings = whole_surfaces(recordings, baselines_limit)
     work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
-    how = {"protocol": chosen_protocol, "nested_cv": nested_cv, **work}
+    how: dict[str, Any] = {"protocol": chosen_protocol, "nested_cv": nested_cv, "axes": axes, **work}
     with use_backend(backend, scheduler), progress_bar() as progress:
         if window is not None:
             recordings = cut_windows(
                 recordings, window, per_recording=max_windows, n_jobs=jobs, progress=progress
             )
         if new_feature is None:
-            result = run_benchmark(recordings, definition, **how, progress=progress)
+            result = run_benchmark(recordings, pipeline and definition, **how, progress=progress)
         else:
             result = study_feature(recordings, definition, new_feature, **how, progress=progress)
     print_and_save(result, output, json_file)

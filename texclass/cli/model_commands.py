@@ -30,8 +30,8 @@ def train(
         str | None,
         Option(
             metavar="NAME",
-            help="Shipped pipeline or pipeline file (TOML). Default: surfaces; coarse for an inertial unit; "
-            "texclass if a row, classifier or budget is given.",
+            help="Shipped pipeline or pipeline file (TOML). Default: surfaces, or texclass if a row, "
+            "classifier or budget is given.",
             autocompletion=p.shipped_names("pipelines"),
         ),
     ] = None,
@@ -74,6 +74,7 @@ def train(
     labels: p.Labels = None,
     tap_spacing: p.TapSpacing = None,
     skip_bad: p.SkipBad = False,
+    axes: p.Axes = "auto",
     protocol: Annotated[
         p.ProtocolName | None,
         p.evaluation_option(
@@ -121,6 +122,7 @@ def train(
             max_kb=max_kb,
             window_s=window,
             exportable=exportable,
+            axes=axes,
             protocol=chosen_protocol,
             false_alarms=false_alarms,
             n_jobs=jobs,

@@ -155,6 +155,13 @@ LeaveOut = Annotated[
         metavar="LABEL", help="Leave out one value of a label at a time: operator, session or repetition."
     ),
 ]
+Axes = Annotated[
+    Literal["auto", "merged", "separate"],
+    evaluation_option(
+        help="Merge the axes of the accelerometer, or keep them separate. auto: as in the pipeline, or "
+        "decided from the orientation of the sensor in the recordings.",
+    ),
+]
 
 # Features and their cost
 FeatureSet = Annotated[

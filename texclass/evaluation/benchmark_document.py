@@ -83,6 +83,8 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
         yield _example(data["example"])
     yield Heading("All rows, with published accuracies" if published else "All rows")
     yield _rows(data, best)
+    if data.get("default"):
+        yield [_default_pipeline(data)]
     further = _further_accuracies(data)
     if further is not None:
         yield further
@@ -213,6 +215,22 @@ def _rows(data: Data, best: Pair | None) -> Table:
             for i, row in enumerate(data["rows"])
             if not row["accuracy"]
         },
+    )
+
+
+def _default_pipeline(data: Data) -> str:
+    """Return the accuracy of the default pipeline of `texclass train` on the same folds."""
+    name, row = data["default"]["pipeline"]["name"], data["default"]["rows"][0]
+    accuracies = list(row["accuracy"].values())
+    result = f"not evaluated ({row['missing']})"
+    if accuracies:
+        result = (
+            f"{estimate(accuracies[0])} % on the same folds, {counted(row['n_features'], 'column')}, "
+            f"{row['ms_per_recording']:.3g} ms"
+        )
+    return (
+        f"This table contains the published feature subsets. `texclass train` uses the pipeline `{name}` by "
+        f"default: {result}. For its report, use `--pipeline {name}`."
     )
 
 
@@ -468,6 +486,8 @@ def draw_row_costs(pairs: Sequence[Pair], width: float) -> "Drawing":
 
 def _notes(data: Data, best: Pair | None) -> Iterator[str]:
     """Yield the notes on the table of accuracies."""
+    if data.get("axes"):
+        yield f"Axes {data['axes']}. To change this, use `--axes merged` or `--axes separate`."
     accuracies = [pair.accuracy for pair in list_pairs(data)]
     clustered = [a for a in accuracies if a.get("interval", "").startswith(("t over", "Wilson over"))]
     if clustered:

@@ -97,9 +97,10 @@ def study_feature(
     extended = pipeline.with_feature(feature)
     result = run_benchmark(dataset, extended, **options)
     table_options = {key: options[key] for key in ("n_jobs", "skip_bad") if key in options}
+    channels = result.data["channels"]
     # This reads the table from the cache, because `run_benchmark` has computed it.
-    table = cached_table(dataset, *extended.needed, channels=pipeline.channels, **table_options)
-    meter = CostMeter.from_dataset(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
+    table = cached_table(dataset, *extended.needed, channels=channels, **table_options)
+    meter = CostMeter.from_dataset(dataset, table.frame["recording_id"].tolist(), channels)
     alone = extended.features.restricted_to([feature.name])
     views: list[View] = []
     for recording in meter.recordings:

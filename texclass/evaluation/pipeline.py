@@ -36,6 +36,8 @@ from texclass.phase_settings import PhaseSettings
 from texclass.shipped import locate
 from texclass.validation import StrictModel, read_toml, validate
 
+DEFAULT_PIPELINE = "surfaces"
+"""Name of the pipeline with which models are trained by default."""
 ALL = "all"
 """Keyword in a row that selects every feature of the set."""
 

@@ -45,6 +45,7 @@ def shifted(view: PhaseView, lags: tuple[int, ...]) -> Samples:
     "texclass; cross-correlation of two channels",
     outputs=lambda lags: tuple(f"lag{lag}" for lag in symmetric_lags(lags)),
     depends_on=("rate",),
+    divisible=True,
 )
 def lag_correlation(view: PairView, *, lags: tuple[int, ...] = (0, 1, 2, 4)) -> Samples:
     """Return the correlation of two channels at several lags.

@@ -21,7 +21,6 @@ import numpy as np
 from texclass import shipped
 from texclass.features.phase_view import (
     Phase,
-    PhaseView,
     UndefinedFeatureError,
     View,
     cut_segments,
@@ -423,7 +422,12 @@ def _module_of(file: Path) -> ModuleType:
 
 
 def _compute_segments(
-    function: Callable[..., Any], view: PhaseView, *, at_once: bool, n_segments: int = 1, **parameters: Any
+    function: Callable[..., Any],
+    view: Any,
+    *,
+    at_once: bool,
+    n_segments: int = 1,
+    **parameters: Any,
 ) -> Samples:
     """Return the values of a function for equal segments of a movement; see `feature`."""
     if not isinstance(n_segments, int) or n_segments < 1:

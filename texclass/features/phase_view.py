@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
-from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
+from typing import Any, Concatenate, Literal, ParamSpec, TypeVar, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -139,6 +139,7 @@ class TapView:
     memory: Memory = field(default_factory=Memory, repr=False)
 
 
+@final
 @dataclass(frozen=True, eq=False)
 class PairView:
     """The movements of two channels.
@@ -168,6 +169,7 @@ class PairView:
 View = PhaseView | TapView | PairView
 """View of any phase."""
 V = TypeVar("V", PhaseView, TapView, PairView)
+S = TypeVar("S", PhaseView, PairView)
 
 
 def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[V, P], R]:
@@ -197,7 +199,7 @@ def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[
     return cached
 
 
-def cut_segments(view: PhaseView, n_segments: int) -> PhaseView:
+def cut_segments(view: S, n_segments: int) -> S:
     """Return a view of equal segments of the movement, or `view` itself if the movement is too short.
 
     A movement needs at least `n_segments` times `MIN_SEGMENT_SAMPLES` samples. Up to n_segments - 1 samples
@@ -205,21 +207,22 @@ def cut_segments(view: PhaseView, n_segments: int) -> PhaseView:
 
     Parameters
     ----------
-    view : PhaseView
-        Movement of shape (n,).
+    view : PhaseView or PairView
+        Movement of shape (n,), or movements of two channels.
     n_segments : int
         Number of segments.
 
     Returns
     -------
-    PhaseView
-        View with samples of shape (n_segments, n // n_segments).
+    PhaseView or PairView
+        View with samples of shape (n_segments, n // n_segments), or with two sides of this shape.
     """
-    return (
-        view
-        if n_segments == 1 or view.n_samples < n_segments * MIN_SEGMENT_SAMPLES
-        else _cut(view, n_segments)
-    )
+    if n_segments == 1 or view.n_samples < n_segments * MIN_SEGMENT_SAMPLES:
+        return view
+    if isinstance(view, PairView):
+        first, second = (_cut(side, n_segments) for side in view.sides)
+        return PairView((first, second))
+    return _cut(view, n_segments)
 
 
 @transform
@@ -231,9 +234,15 @@ def _cut(view: PhaseView, n_segments: int) -> PhaseView:
     return segments
 
 
-@transform
-def segment_views(view: PhaseView) -> tuple[PhaseView, ...]:
+def segment_views(view: S) -> tuple[S, ...]:
     """Return one view per segment."""
+    if isinstance(view, PairView):
+        return tuple(PairView(sides) for sides in zip(*map(_views_of_segments, view.sides), strict=True))
+    return _views_of_segments(view)
+
+
+@transform
+def _views_of_segments(view: PhaseView) -> tuple[PhaseView, ...]:
     segments, timed = tuple(PhaseView(samples, view.fs) for samples in view.samples), view.memory.timed
     if timed is not None:
         for i, segment in enumerate(segments, 1):

@@ -31,6 +31,7 @@ def model_document(model: Model) -> Document:
         "Adapted to": describe_adaptation(m) if m.adapted else "",
         "Pipeline": _pipeline(m),
         "Features": f"{counted(len(model.columns), 'column')} of {', '.join(m.features)}",
+        "Axes": m.pipeline.get("axes", ""),
         "Left out": _not_exportable(m.accuracy),
         "Recordings": _recordings(m),
         "Accuracy": _accuracy(m.accuracy),

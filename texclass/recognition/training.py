@@ -1,7 +1,6 @@
 """Training: selection by cross-validation, fit on all recordings, calibration on held-out recordings."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,9 +13,10 @@ from numpy.typing import NDArray
 
 from texclass.classifiers.fitting import quiet_fits
 from texclass.evaluation.accuracy import cluster_interval
+from texclass.evaluation.axes import AxesOption, decide_axes
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, cached_table, metadata
-from texclass.evaluation.pipeline import PipelineDefinition, load_pipeline
+from texclass.evaluation.pipeline import DEFAULT_PIPELINE, PipelineDefinition, load_pipeline
 from texclass.evaluation.protocols import find_protocol, make_splits
 from texclass.evaluation.windows import add_overlapping_windows, cut_windows, is_testable, parents
 from texclass.evaluation.workers import Progress, one_thread, run_parallel
@@ -97,6 +97,7 @@ def train(
     max_kb: float | None = None,
     window_s: float | None = None,
     exportable: bool = False,
+    axes: AxesOption = "auto",
     protocol: str | None = None,
     false_alarms: float = DEFAULT_FALSE_ALARMS,
     fs: float | None = None,
@@ -107,7 +108,7 @@ def train(
 ) -> Model:
     """Train a model: select feature subset and classifier, fit them on all recordings, and calibrate.
 
-    The default pipeline (`pipeline_for`) has one row and one classifier, so there is nothing to select. With
+    The default pipeline has one row and one classifier, so there is nothing to select. With
     fewer than ten recordings (or runs) per surface, no candidate is selected by accuracy
     (`without_selection`). One recording per surface is enough to train, but then no recording can be held
     out: the model reports no accuracy, uses the probabilities of `prior_calibration`, and never reports a
@@ -123,7 +124,7 @@ def train(
         Labelled recordings of at least two surfaces, or an argument of `open_dataset`.
     pipeline : PipelineDefinition, str or Path, optional
         Name of a shipped pipeline, path of a pipeline (TOML), or a definition. Default: `surfaces`, or
-        `coarse` for recordings with a turn rate; `texclass` if a row, a classifier or a budget is given.
+        `texclass` if a row, a classifier or a budget is given.
     row, classifier : str, optional
         Row and classifier of the pipeline (default: selected by cross-validation).
     max_ms : float, optional
@@ -139,6 +140,9 @@ def train(
     exportable : bool
         Use only features that `export_onnx` can compute from samples (default False). The manifest lists the
         excluded features, and the accuracy with all features.
+    axes : {"auto", "merged", "separate"}
+        Whether to merge the axes of the accelerometer (default "auto": as in the pipeline, or decided from
+        the recordings if it leaves this open); see `decide_axes`. The model card states the decision.
     protocol : str, optional
         Protocol by which recordings are held out (default: see `select_protocol`). Use `chronological` to
         test on later repetitions, because sensors drift.
@@ -177,8 +181,10 @@ def train(
     recordings = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, fs=fs, unit=unit)
     # A row, classifier or budget without a pipeline refers to `texclass`, whose columns can be selected.
     has_selection = row or classifier or max_ms or max_features
-    name = pipeline or ("texclass" if has_selection else pipeline_for(recordings))
+    name = pipeline or ("texclass" if has_selection else DEFAULT_PIPELINE)
     definition = name if isinstance(name, PipelineDefinition) else load_pipeline(name)
+    channels, axes_reason = decide_axes(recordings, definition.channels, axes)
+    definition = definition.model_copy(update={"channels": channels})
     recordings = recordings.with_phase_settings(definition.phase_settings.changes, override=False)
     work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
     if window_s is not None:
@@ -208,7 +214,8 @@ def train(
     manifest = Manifest(
         **_recordings_entries(recordings, meter, table, plan),
         surfaces=parts["surfaces"],
-        pipeline=_pipeline_entry(definition, candidate, meter, holdout.shortage, max_kb, max_ms),
+        pipeline=_pipeline_entry(definition, candidate, meter, holdout.shortage, max_kb, max_ms)
+        | ({"axes": axes_reason} if axes_reason else {}),
         accuracy=accuracy,
         calibration=calibration_entry,
         unknown=_novelty_entry(novelty, false_alarms, drift_factor),
@@ -544,20 +551,3 @@ def _recordings_entries(dataset: Dataset, meter: CostMeter, table: FeatureTable,
             "left_out": [item.recording_id for item in table.left_out],
         },
     }
-
-
-def pipeline_for(dataset: Dataset) -> str:
-    """Return the name of the default pipeline for a dataset.
-
-    It is `coarse` if the recordings have a turn rate: they are then from an inertial unit, with a low
-    sampling rate and separate axes. Otherwise, it is `surfaces`.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Labelled recordings.
-    """
-    for entry in dataset.entries:
-        with suppress(RecordingError):  # invalid recordings are reported by the extraction
-            return "surfaces" if dataset.load(entry).turn_rate is None else "coarse"
-    return "surfaces"
