@@ -15,10 +15,12 @@ from texclass.signals import remove_hand_motion
 
 AxesOption = Literal["auto", "merged", "separate"]
 MIN_CONSISTENCY = 0.7
-"""Consistency of the orientation from which axes are kept separate. Sensors on robots reach 0.84 to 0.89,
-simulated tools in freely moving hands 0.37 to 0.58; see benchmarks/axes_study.py."""
+"""Consistency of the orientation from which axes are kept separate. Sensors on robots reach 0.75 (10 Hz) to
+0.93, simulated tools in freely moving hands 0.38 to 0.67; see benchmarks/axes_study.py."""
 MIN_ANISOTROPY = 0.1
-"""Anisotropy below which the direction cannot be measured. Isotropic noise of 400 samples has 0.06."""
+"""Anisotropy below which the vibration counts as having no main direction."""
+N_BLOCKS = 10
+"""Number of alternating blocks of a recording."""
 MAX_SURFACES, MAX_RECORDINGS = 10, 4
 """Number of surfaces, and of recordings of each, from which the consistency is computed."""
 
@@ -74,6 +76,8 @@ def decide_axes(dataset: Dataset, channels: Channels, axes: AxesOption = "auto")
         has_turn_rate = bool(recordings) and recordings[0].turn_rate is not None
         return AxesDecision("all" if has_turn_rate else channels, "")
     anisotropy, consistency = measure_orientation(dataset)
+    if np.isnan(anisotropy):
+        return AxesDecision("auto", "merged: fewer than two recordings show the orientation of the sensor")
     if anisotropy < MIN_ANISOTROPY:
         choice: Channels = "auto" if recordings[0].turn_rate is None else "all"
         words = "merged" if choice == "auto" else "separate, because there is a turn rate"
@@ -96,7 +100,9 @@ def measure_orientation(dataset: Dataset) -> tuple[float, float]:
     """Measure how directional the vibration is, and how consistent its direction is between recordings.
 
     D = C / tr C - I / n_axes describes the direction, where C is the covariance of the axes during movement
-    without hand motion. If each surface has one recording, all pairs of recordings are compared.
+    without hand motion. It is computed for two halves a and b of each recording, which consist of alternating
+    blocks, so that <D_a, D_b> is free of the bias that few samples cause. Pairs of recordings have the same
+    surface and different operators or sessions, as far as there are such pairs.
 
     Parameters
     ----------
@@ -107,33 +113,40 @@ def measure_orientation(dataset: Dataset) -> tuple[float, float]:
     Returns
     -------
     anisotropy : float
-        Root of the mean of <D_i, D_i>: 0 if all directions are equally strong, at most 0.82 for three axes.
+        Root of the mean of <D_a, D_b> within recordings: 0 if all directions are equally strong, at most 0.82
+        for three axes.
     consistency : float
-        Mean of <D_i, D_j> over pairs of recordings of one surface, divided by the mean of <D_i, D_i>: 1 for a
-        constant orientation, 0 for random orientations.
+        Mean of <D_a, D_b> over pairs of recordings, divided by its mean within recordings: 1 for a constant
+        orientation, 0 for random orientations. Both are NaN if fewer than two recordings contain movement.
     """
     by_surface = defaultdict(list)
     for entry in {parent_id(entry): entry for entry in dataset.entries}.values():
         by_surface[entry.surface].append(entry)
     surfaces = _spread(sorted(by_surface), MAX_SURFACES)
-    selected = [_spread(by_surface[surface], MAX_RECORDINGS) for surface in surfaces]
-    groups = [[direction_of(recording) for recording in _load(dataset, entries)] for entries in selected]
-    if not any(len(group) > 1 for group in groups):
-        groups = [[direction for group in groups for direction in group]]
-    products = [np.einsum("aij,bij->ab", group, group) for group in groups if len(group) > 1]
-    if not products:
-        return 0.0, 0.0
-    own = np.mean([p.trace() / len(p) for p in products])
-    between = np.mean([(p.sum() - p.trace()) / (len(p) * (len(p) - 1)) for p in products])
-    return float(np.sqrt(own)), float(between / own) if own > 0 else 0.0
+    groups = [_load(dataset, _spread(by_surface[surface], MAX_RECORDINGS)) for surface in surfaces]
+    recordings = [recording for group in groups for recording in group if find_phases(recording).movement]
+    if len(recordings) < 2:
+        return np.nan, np.nan
+    D = np.array([directions_of(recording) for recording in recordings])
+    products = np.einsum("aij,bij->ab", D[:, 0], D[:, 1])
+    within = products.trace() / len(D)
+    # Recordings of several operators or sessions are compared between them: one of them may hold still.
+    is_pair = ~np.eye(len(D), dtype=bool)
+    for name in ("surface", "operator", "session"):
+        labels = np.array([str(getattr(recording, name)) for recording in recordings])
+        is_closer = is_pair & ((labels[:, None] == labels) == (name == "surface"))
+        is_pair = is_closer if is_closer.any() else is_pair
+    between = products[is_pair].mean()
+    return (float(np.sqrt(within)), float(between / within)) if within > 0 else (0.0, 0.0)
 
 
-def direction_of(recording: Recording) -> Samples:
-    """Return D = C / tr C - I / n_axes of the vibration of a recording, shape (n_axes, n_axes)."""
+def directions_of(recording: Recording) -> Samples:
+    """Return D of both halves of a recording, shape (2, n_axes, n_axes); see `measure_orientation`."""
     start, stop = find_phases(recording).movement or (0, len(recording.acceleration))
-    axes = [remove_hand_motion(x, recording.fs) for x in recording.acceleration[start:stop].T]
-    C = np.cov(axes)
-    return np.asarray(C / (np.trace(C) or 1.0) - np.eye(len(C)) / len(C))
+    axes = np.array([remove_hand_motion(x, recording.fs) for x in recording.acceleration[start:stop].T])
+    is_first_half = np.arange(stop - start) * N_BLOCKS // (stop - start) % 2 == 0
+    covariances = [np.cov(axes[:, is_first_half]), np.cov(axes[:, ~is_first_half])]
+    return np.array([C / (np.trace(C) or 1.0) - np.eye(len(C)) / len(C) for C in covariances])
 
 
 def _load(dataset: Dataset, entries: Sequence[Entry]) -> list[Recording]:

@@ -187,7 +187,7 @@ def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octa
     Raises
     ------
     UndefinedFeatureError
-        If the movement is silent or shorter than 1.5 periods of the lowest frequency.
+        If the movement is silent or shorter than 2 periods of the lowest frequency.
 
     References
     ----------
@@ -216,7 +216,7 @@ def octave_levels(view: PhaseView, octaves: tuple[int, int], per_octave: int) ->
     """Return the values of `octave_level`, shape (..., n_bands)."""
     edges_hz, response = _octaves(view.fs, octaves, per_octave)
     lowest = edges_hz[0]
-    require(view, max(32, math.ceil(1.5 * view.fs / lowest)), f"1.5 periods of {lowest:.3g} Hz")
+    require(view, max(32, math.ceil(2 * view.fs / lowest)), f"2 periods of {lowest:.3g} Hz")
     return _levels(view, edges_hz, response)[..., ::-1]
 
 
