@@ -140,9 +140,9 @@ def main() -> None:
                 n_words=6,
             ),
             "Default pipeline (`surfaces`) with merged and with separate axes, and `coarse` with separate "
-            f"axes. Axes are separate from a consistency of {MIN_CONSISTENCY:g} on. Windows of 5 s (simulated: "
-            "whole recordings). Intervals: runs or recordings drawn anew within each surface, 2000 times; "
-            "differences are of the same tests.",
+            f"axes. Axes are separate from a consistency of {MIN_CONSISTENCY:g} on. Windows of 5 s "
+            "(simulated: whole recordings). Intervals: runs or recordings drawn anew within each surface, "
+            "2000 times; differences are of the same tests.",
         ]
         write(args.out, "axes", result, "Axes of an accelerometer: merged or separate", blocks)
 
