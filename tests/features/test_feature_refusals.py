@@ -18,7 +18,13 @@ LOW = 2000.0
 @pytest.mark.parametrize(
     ("feature", "parameters", "x", "fs", "reason"),
     [
-        (bands.octave_level, {"octaves": (6, 8)}, LONG[:767], LOW, "767 samples. .* at least 768 .*3.91 Hz"),
+        (
+            bands.octave_level,
+            {"octaves": (6, 8)},
+            LONG[:1023],
+            LOW,
+            "1023 samples. .* at least 1024 .*3.91 Hz",
+        ),
         (bands.level_fluctuation, {}, LONG[:511], LOW, "511 samples. Expected at least 512"),
         (bands.band_course, {}, LONG[:287], LOW, "287 samples. Expected at least 288"),
         (slopes.curvature_shape, {}, RAMP, LOW, "second difference at lag 1 must be above"),
@@ -50,5 +56,5 @@ def test_undefined_features_have_a_reason_with_the_expected_value(feature, param
 
 
 def test_one_more_sample_makes_the_feature_defined():
-    assert np.isfinite(bands.octave_level(LONG[:768], octaves=(6, 8), fs=LOW)).all()
+    assert np.isfinite(bands.octave_level(LONG[:1024], octaves=(6, 8), fs=LOW)).all()
     assert np.isfinite(roughness.temporal_roughness_as_printed(LONG[:544], fs=FS))
