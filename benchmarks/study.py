@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = {
     "simulation": ("phases", "phases_families", "realism", "invariance", "rank_agreement", "scales"),
     "vibrations": ("autoregressive", "line_spectrum", "prony"),
-    "speed": ("feature_speed", "whole_path", "scaling", "cluster"),
+    "speed": ("feature_speed", "whole_path", "scaling", "two_processes", "cluster"),
     "haptics": ("scene", "scene_page", "hjif", "packed_surfaces"),
     "certainty": (
         "cluster_interval",
