@@ -54,6 +54,14 @@ def command(monkeypatch, capsys):
     """Run the command line; give exit code, standard output, standard error."""
     from texclass.cli import main
 
+    # What is compiled depends on the tests before; `test_compilation` runs commands with empty caches.
+    for module in (
+        "texclass.cli.evaluation_commands",
+        "texclass.cli.model_commands",
+        "texclass.haptics.commands",
+    ):
+        monkeypatch.setattr(f"{module}.announce_start", lambda *subpackages: None)
+
     def call(*arguments):
         monkeypatch.setattr(sys, "argv", ["texclass", *map(str, arguments)])
         code = 0
