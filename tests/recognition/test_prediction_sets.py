@@ -219,3 +219,17 @@ def test_recent_references_recalibrate_the_sets(linear_model):
 def test_a_level_outside_0_and_1_is_refused(short_window_model, level):
     with pytest.raises(ValueError, match=rf"level must be between 0 and 1, got {level}"):
         short_window_model.predict_set(recording("oak", 77), level)
+
+
+def test_the_worst_case_of_two_hold_outs_covers_recordings_of_both():
+    rng = np.random.default_rng(0)
+    distributions = ((4.0, 1.0), (3.0, 3.0))  # the second one has the lower tail
+    early, late = (
+        ConformalCalibration.from_answers(rng.normal(mean, std, n), np.arange(n))
+        for (mean, std), n in zip(distributions, (400, 200), strict=True)
+    )
+    for calibration in (early.worst_case(late), late.worst_case(early)):
+        for level in (0.9, 0.95):
+            for mean, std in distributions:
+                assert np.mean(rng.normal(mean, std, 4000) >= calibration.threshold(level)) >= level - 0.03
+            assert calibration.threshold(level) <= early.threshold(level) - 1

@@ -35,8 +35,8 @@ class HoldoutLimits:
         Smallest fraction of the accuracy above chance level that later recordings retained in the study
         `few_recordings`, if recordings were held out at random.
     later_share_of_halves : float
-        The same fraction in the study `later_recordings`, of the accuracy between the earlier and the later
-        half of the training recordings.
+        The same fraction of the accuracy between the earlier and the later half of the training recordings,
+        slightly below the smallest mean over models of a dataset in the study `later_recordings`.
     later_alarm_factor : float
         Median ratio of the false alarms of later recordings to those of held-out ones in the study
         `few_recordings`.
@@ -54,7 +54,7 @@ class HoldoutLimits:
     later_share_of_halves: float = 0.65
     later_alarm_factor: float = 3.0
     later_shift: float = 0.5
-    later_coverage: tuple[float, float] = (0.78, 0.99)
+    later_coverage: tuple[float, float] = (0.77, 0.99)
 
 
 LIMITS = HoldoutLimits()
