@@ -39,6 +39,7 @@ PAGES = {
         "few_recordings",
         "later_recordings",
         "sensor_adaptation",
+        "drift",
         "channels",
     ),
     "robot": (

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -164,3 +165,20 @@ def test_later_recordings_of_a_sensor_without_drift_are_not_reported(data_root):
     adapted = adapt_to_answers(model, answers)
     hits = [adapted.answer_again(a).surface == one.surface for a, one in zip(answers, later, strict=True)]
     assert np.mean(hits) > np.mean([a.surface == one.surface for a, one in zip(answers, later, strict=True)])
+
+
+def test_the_study_supports_the_rates_of_the_guide():
+    """Drift is not reported without drift; false alarms and coverage hold after the adaptation."""
+    path = Path(__file__).parents[2] / "reports/studies/drift.json"
+    results = json.loads(path.read_text(encoding="utf-8"))["results"]
+    without_drift = [result for result in results if not result["has_drift"]]
+    n_batches = [result["n_batches"] for result in without_drift]
+    reported = np.average([result["reported"] for result in without_drift], weights=n_batches)
+    assert sum(n_batches) >= 100
+    assert reported <= SIGNIFICANCE
+    for result in results:
+        assert result["unknown_after"]["mean"] <= 2 * 0.05
+        assert result["covered90_after"]["mean"] >= 0.87
+        assert result["covered95_after"]["mean"] >= 0.92
+    changed = [result for result in results if "low-pass filter" in result["case"]]
+    assert min(result["reported"] for result in changed if result["dataset"] == "biotac20") > 0.9
