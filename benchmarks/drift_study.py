@@ -278,8 +278,8 @@ def report(results: list[dict[str, Any]], out: Any) -> None:
         Heading("Unknown surfaces"),
         "Surfaces are left out of the training set "
         f"({', '.join(f'{N_UNKNOWN[name]} of {name}' for name in sorted(names))}); their recordings "
-        "are among those to which the model is adapted. AUROC of the novelty score, and share of their recordings that "
-        "are reported as unknown, in per cent.",
+        "are among those to which the model is adapted. AUROC of the novelty score, and share of "
+        "their recordings that are reported as unknown, in per cent.",
         table(
             cells,
             "dataset = {dataset} | training and test set = {case} | AUROC before = {auroc_before} | "
