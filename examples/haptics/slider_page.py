@@ -35,7 +35,7 @@ Framed(tx.haptics.scene.slider_page(texture, file="wood.texture"))
 # scale and keeps the values of the other scales. Measure all scales for several targets of one scale:
 
 original = tx.haptics.textures.measure_scales(texture)
-targets = original["rough"] + np.array([-2.0, -1.0, 1.0, 2.0])
+targets = original["rough"] + np.array([-3.0, -2.0, -1.0, 0.5])
 measured = [
     tx.haptics.textures.measure_scales(tx.haptics.textures.retouch(texture, rough=value), seed=5)
     for value in targets

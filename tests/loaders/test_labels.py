@@ -179,7 +179,7 @@ def test_commands_take_labels_of_folders(mine, tmp_path, monkeypatch):
     assert open_dataset("card.toml").surfaces == ("a", "b", "c")
     run("train", "mine", "--jobs", "1", "-o", "m.skops")
     run("predict", "m.skops", "mine", "--json", "p.json")
-    answers = json.loads((tmp_path / "p.json").read_text())
+    answers = json.loads((tmp_path / "p.json").read_text())["recordings"]
     assert len([one for one in answers if one["true_surface"] in "abc"]) == 12
     result = CliRunner().invoke(app, ["predict", "m.skops", "mine/rec001.txt", *options])
     assert result.exit_code == 1

@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from texclass.evaluation.windows import parent_id
+from texclass.evaluation.windows import Window
 from texclass.features.phase_view import Channels
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.phases import find_phases
@@ -107,8 +107,7 @@ def measure_orientation(dataset: Dataset) -> tuple[float, float]:
     Parameters
     ----------
     dataset : Dataset
-        Labelled recordings, or windows of recordings, of at least two axes. Of each recording, one window is
-        used.
+        Labelled recordings of at least two axes, or windows, whose whole recordings are used.
 
     Returns
     -------
@@ -120,7 +119,7 @@ def measure_orientation(dataset: Dataset) -> tuple[float, float]:
         orientation, 0 for random orientations. Both are NaN if fewer than two recordings contain movement.
     """
     by_surface = defaultdict(list)
-    for entry in {parent_id(entry): entry for entry in dataset.entries}.values():
+    for entry in dict.fromkeys(e.parent if isinstance(e, Window) else e for e in dataset.entries):
         by_surface[entry.surface].append(entry)
     surfaces = _spread(sorted(by_surface), MAX_SURFACES)
     groups = [_load(dataset, _spread(by_surface[surface], MAX_RECORDINGS)) for surface in surfaces]
