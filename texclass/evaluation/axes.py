@@ -15,8 +15,8 @@ from texclass.signals import remove_hand_motion
 
 AxesOption = Literal["auto", "merged", "separate"]
 MIN_CONSISTENCY = 0.7
-"""Consistency of the orientation from which axes are kept separate. Sensors on robots reach 0.75 (10 Hz) to
-0.93, simulated tools in freely moving hands 0.38 to 0.67; see benchmarks/axes_study.py."""
+"""Consistency of the orientation from which axes are kept separate. Sensors on robots reach 0.85 to 0.93
+(0.73 at 10 Hz), simulated tools in freely moving hands 0.38 to 0.67; see benchmarks/axes_study.py."""
 MIN_ANISOTROPY = 0.1
 """Anisotropy below which the vibration counts as having no main direction."""
 N_BLOCKS = 10
