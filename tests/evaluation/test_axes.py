@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import special_ortho_group
 
-from texclass.evaluation import cut_windows, run_benchmark
+from texclass.evaluation import cut_windows, load_pipeline, run_benchmark
 from texclass.evaluation.axes import decide_axes, measure_orientation
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset, Entry
@@ -112,6 +112,18 @@ def test_report_and_model_card_state_the_decision():
     assert model.plan.channels == ("ax", "ay", "az")
     assert "separate: the orientation of the sensor is constant" in str(model_document(model))
     assert train(terrains(), axes="merged").plan.channels == ()
+
+
+def test_without_a_pipeline_the_default_of_train_is_evaluated_on_the_same_folds():
+    result = run_benchmark(terrains(), n_folds=2, axes="auto")
+    pipeline = load_pipeline("surfaces").model_copy(update={"seed": load_pipeline("strese2015").seed})
+    alone = run_benchmark(terrains(), pipeline, n_folds=2)
+    assert (result.data["pipeline"]["name"], result.data["channels"]) == ("strese2015", "combine")
+    assert result.data["default"]["channels"] == "all"
+    assert result.data["default"]["rows"][0]["accuracy"] == alone.data["rows"][0]["accuracy"]
+    report = " ".join(str(result.document()).split())
+    assert "`texclass train` uses the pipeline `surfaces` by default: 100.0 [89.3, 100.0] % on" in report
+    assert "ms; axes separate: the orientation of the sensor is constant" in report
 
 
 @pytest.mark.parametrize("name", ["floors10", "borealtc", "dogsurf"])

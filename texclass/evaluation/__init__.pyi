@@ -1,6 +1,7 @@
 from .accuracy import Accuracy as Accuracy
 from .accuracy import cluster_interval as cluster_interval
 from .accuracy import wilson_interval as wilson_interval
+from .axes import decide_axes as decide_axes
 from .benchmark import BenchmarkResult as BenchmarkResult
 from .benchmark import run_benchmark as run_benchmark
 from .feature_table import FeatureTable as FeatureTable

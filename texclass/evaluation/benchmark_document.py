@@ -228,6 +228,7 @@ def _default_pipeline(data: Data) -> str:
             f"{estimate(accuracies[0])} % on the same folds, {counted(row['n_features'], 'column')}, "
             f"{row['ms_per_recording']:.3g} ms"
         )
+        result += f"; axes {axes}" if (axes := data["default"]["axes"]) else ""
     return (
         f"This table contains the published feature subsets. `texclass train` uses the pipeline `{name}` by "
         f"default: {result}. For its report, use `--pipeline {name}`."
