@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from sklearn.metrics import roc_auc_score
 from study import command_line, table, write
 
-from texclass.evaluation import cached_table, cluster_interval, cut_windows, load_pipeline
+from texclass.evaluation import cached_table, cluster_interval, cut_windows, decide_axes, load_pipeline
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, metadata
+from texclass.evaluation.pipeline import DEFAULT_PIPELINE, PipelineDefinition
 from texclass.evaluation.protocols import find_protocol
 from texclass.evaluation.windows import add_overlapping_windows, is_testable, parents
 from texclass.loaders import open_dataset
@@ -35,7 +36,6 @@ from texclass.recognition.probabilities import (
     calibration_error_by_chance,
     expected_calibration_error,
 )
-from texclass.recognition.training import pipeline_for
 from texclass.recording import Recording, Samples
 from texclass.reporting import Heading, Table
 
@@ -129,9 +129,15 @@ def compare(dataset: Dataset, split: str, start: int, early: set[str], later: se
     ]
 
 
+def default_pipeline(dataset: Dataset) -> PipelineDefinition:
+    """Return the default pipeline of `train`, with the channels that it decides for the dataset."""
+    pipeline = load_pipeline(DEFAULT_PIPELINE)
+    return pipeline.model_copy(update={"channels": decide_axes(dataset, pipeline.channels).channels})
+
+
 def features(dataset: Dataset) -> FeatureTable:
     """Return the features of all recordings, or of their windows, for the default pipeline."""
-    pipeline = load_pipeline(pipeline_for(dataset))
+    pipeline = default_pipeline(dataset)
     if (seconds := WINDOW_S.get(dataset.name)) is not None:
         dataset = add_overlapping_windows(cut_windows(dataset, seconds), pipeline.overlap)
     return cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
@@ -234,7 +240,7 @@ def one_recording_decisions(dataset: Dataset) -> list[dict[str, Any]]:
     results = []
     for kind in ("recordings", "windows") if dataset.name in WINDOW_S else ("recordings",):
         whole = kind == "recordings"
-        pipeline = load_pipeline(pipeline_for(dataset))
+        pipeline = default_pipeline(dataset)
         source = (
             dataset
             if whole
