@@ -18,6 +18,7 @@ from sklearn.metrics import roc_auc_score
 from study import command_line, table, write
 
 from texclass.evaluation import cached_table, cluster_interval, cut_windows, decide_axes, load_pipeline
+from texclass.evaluation.axes import AxesOption
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, metadata
 from texclass.evaluation.pipeline import DEFAULT_PIPELINE, PipelineDefinition
@@ -152,8 +153,10 @@ def train_on(dataset: Dataset, feature_table: FeatureTable) -> Model:
         frame = frame.assign(repetition=labels["repetition"]).reset_index()
         return replace(feature_table, frame=frame, left_out=())
 
+    # A part of the dataset may lead to another decision than the whole dataset, which the table follows.
+    axes: AxesOption = "separate" if any("/" in name for name in feature_table.columns) else "merged"
     with patch("texclass.recognition.training.cached_table", rows_of):
-        return train(dataset, window_s=WINDOW_S.get(dataset.name))
+        return train(dataset, window_s=WINDOW_S.get(dataset.name), axes=axes)
 
 
 def answers_of(model: Model, test: pd.DataFrame) -> dict[str, Any]:
