@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from texclass._version import __version__
-from texclass.cli.output import CLEAR_LINE
+from texclass.cli.output import line_start
 
 app = typer.Typer(
     name="texclass",
@@ -39,11 +39,6 @@ def escape_control_characters(text: str) -> str:
     return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
 
 
-def _line_start() -> str:
-    """Return what erases an unfinished line on a terminal, such as "loading libraries ..."."""
-    return CLEAR_LINE if sys.stderr.isatty() else ""
-
-
 def main() -> None:
     """Run the command line; print a one-line message and exit with code 1 if the input is invalid."""
     for stream in (sys.stdout, sys.stderr):
@@ -53,13 +48,13 @@ def main() -> None:
     try:
         app(prog_name="texclass")
     except (ValueError, OSError, ImportError) as error:
-        typer.echo(f"{_line_start()}error: {escape_control_characters(str(error))}", err=True)
+        typer.echo(f"{line_start()}error: {escape_control_characters(str(error))}", err=True)
         sys.exit(1)
     except MemoryError as error:
-        typer.echo(f"{_line_start()}error: not enough memory ({error})", err=True)
+        typer.echo(f"{line_start()}error: not enough memory ({error})", err=True)
         sys.exit(1)
     except KeyboardInterrupt:
-        typer.echo(f"{_line_start()}interrupted; finished results are kept", err=True)
+        typer.echo(f"{line_start()}interrupted; finished results are kept", err=True)
         sys.exit(130)
     finally:
         gc.freeze()

@@ -47,6 +47,11 @@ def print_and_save(
     print_lines("wrote", (*result.save(folder), *written))
 
 
+def line_start() -> str:
+    """Return what erases an unfinished line on a terminal, such as "loading libraries ..."."""
+    return CLEAR_LINE if sys.stderr.isatty() else ""
+
+
 def announce_start(*subpackages: str) -> None:
     """Tell at once what the command is doing, and later which functions are compiled.
 
@@ -60,13 +65,13 @@ def announce_start(*subpackages: str) -> None:
     """
     from texclass import compilation
 
-    modules, line_start = set[str](), CLEAR_LINE if sys.stderr.isatty() else ""
+    modules = set[str]()
 
     def report(function: str) -> None:
         module = function.rpartition(".")[0]
         if module not in modules:
             modules.add(module)
-            typer.echo(f"{line_start}compiling {module} (once per machine)", err=True)
+            typer.echo(f"{line_start()}compiling {module} (once per machine)", err=True)
 
     compilation.reporters[:] = [report]
     if not compilation.has_compiled(*subpackages):
@@ -82,11 +87,10 @@ def progress_bar() -> Iterator[Any]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    if console.is_interactive:
-        typer.echo(CLEAR_LINE, err=True, nl=False)
     if not console.is_interactive:  # otherwise rich prints an empty line
         yield lambda n_done, n_total, label: None
         return
+    typer.echo(CLEAR_LINE, err=True, nl=False)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         tasks: dict[str, Any] = {}

@@ -1,7 +1,8 @@
 """Decision whether the axes of an accelerometer are merged or kept separate."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -10,13 +11,13 @@ from texclass.evaluation.windows import Window
 from texclass.features.phase_view import Channels
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.phases import find_phases
-from texclass.recording import Recording, RecordingError, Samples
+from texclass.recording import Recording, Samples
 from texclass.signals import remove_hand_motion
 
 AxesOption = Literal["auto", "merged", "separate"]
 MIN_CONSISTENCY = 0.7
-"""Consistency of the orientation from which axes are kept separate. Sensors on robots reach 0.85 to 0.93
-(0.73 at 10 Hz), simulated tools in freely moving hands 0.38 to 0.67; see benchmarks/axes_study.py."""
+"""Consistency of the orientation from which axes are kept separate. In the study `axes`, sensors on robots
+reach 0.85 to 0.93, and simulated tools in freely moving hands 0.41."""
 MIN_ANISOTROPY = 0.1
 """Anisotropy below which the vibration counts as having no main direction."""
 N_BLOCKS = 10
@@ -71,19 +72,23 @@ def decide_axes(dataset: Dataset, channels: Channels, axes: AxesOption = "auto")
         raise ValueError(f"axes must be 'auto', 'merged' or 'separate', got {axes!r}")
     if axes != "auto":
         return AxesDecision("combine" if axes == "merged" else "all", f"{axes}, as requested")
-    recordings = [] if channels != "auto" else _load(dataset, dataset.entries[:1])
-    if not recordings or not has_axes_of_one_sensor(recordings[0]):
-        has_turn_rate = bool(recordings) and recordings[0].turn_rate is not None
-        return AxesDecision("all" if has_turn_rate else channels, "")
+    example = next(_load_valid(dataset, dataset.entries), None) if channels == "auto" else None
+    if example is None:
+        return AxesDecision(channels, "")
+    if not has_axes_of_one_sensor(example):
+        return AxesDecision(channels if example.turn_rate is None else "all", "")
+    return _decide_by_orientation(dataset, has_turn_rate=example.turn_rate is not None)
+
+
+def _decide_by_orientation(dataset: Dataset, *, has_turn_rate: bool) -> AxesDecision:
     anisotropy, consistency = measure_orientation(dataset)
     if np.isnan(anisotropy):
         return AxesDecision("auto", "merged: fewer than two recordings show the orientation of the sensor")
     if anisotropy < MIN_ANISOTROPY:
-        choice: Channels = "auto" if recordings[0].turn_rate is None else "all"
-        words = "merged" if choice == "auto" else "separate, because there is a turn rate"
-        return AxesDecision(
-            choice, f"{words}: the vibration has no main direction (anisotropy {anisotropy:.2f})"
-        )
+        reason = f"the vibration has no main direction (anisotropy {anisotropy:.2f})"
+        if has_turn_rate:
+            return AxesDecision("all", f"separate, because there is a turn rate: {reason}")
+        return AxesDecision("auto", f"merged: {reason}")
     measured = f"consistency {consistency:.2f}, limit {MIN_CONSISTENCY:g}"
     if consistency >= MIN_CONSISTENCY:
         return AxesDecision("all", f"separate: the orientation of the sensor is constant ({measured})")
@@ -122,41 +127,36 @@ def measure_orientation(dataset: Dataset) -> tuple[float, float]:
     for entry in dict.fromkeys(e.parent if isinstance(e, Window) else e for e in dataset.entries):
         by_surface[entry.surface].append(entry)
     surfaces = _spread(sorted(by_surface), MAX_SURFACES)
-    groups = [_load(dataset, _spread(by_surface[surface], MAX_RECORDINGS)) for surface in surfaces]
-    recordings = [recording for group in groups for recording in group if find_phases(recording).movement]
-    if len(recordings) < 2:
+    selected = [entry for surface in surfaces for entry in _spread(by_surface[surface], MAX_RECORDINGS)]
+    movements = [(one, find_phases(one).movement) for one in _load_valid(dataset, selected)]
+    moving = [(recording, movement) for recording, movement in movements if movement]
+    if len(moving) < 2:
         return np.nan, np.nan
-    D = np.array([directions_of(recording) for recording in recordings])
+    D = np.array([directions_of(recording, *movement) for recording, movement in moving])
     products = np.einsum("aij,bij->ab", D[:, 0], D[:, 1])
     within = products.trace() / len(D)
     # Recordings of several operators or sessions are compared between them: one of them may hold still.
     is_pair = ~np.eye(len(D), dtype=bool)
     for name in ("surface", "operator", "session"):
-        labels = np.array([str(getattr(recording, name)) for recording in recordings])
+        labels = np.array([str(getattr(recording, name)) for recording, _ in moving])
         is_closer = is_pair & ((labels[:, None] == labels) == (name == "surface"))
         is_pair = is_closer if is_closer.any() else is_pair
     between = products[is_pair].mean()
     return (float(np.sqrt(within)), float(between / within)) if within > 0 else (0.0, 0.0)
 
 
-def directions_of(recording: Recording) -> Samples:
-    """Return D of both halves of a recording, shape (2, n_axes, n_axes); see `measure_orientation`."""
-    start, stop = find_phases(recording).movement or (0, len(recording.acceleration))
+def directions_of(recording: Recording, start: int, stop: int) -> Samples:
+    """Return D of both halves of a movement, shape (2, n_axes, n_axes); see `measure_orientation`."""
     axes = np.array([remove_hand_motion(x, recording.fs) for x in recording.acceleration[start:stop].T])
     is_first_half = np.arange(stop - start) * N_BLOCKS // (stop - start) % 2 == 0
     covariances = [np.cov(axes[:, is_first_half]), np.cov(axes[:, ~is_first_half])]
     return np.array([C / (np.trace(C) or 1.0) - np.eye(len(C)) / len(C) for C in covariances])
 
 
-def _load(dataset: Dataset, entries: Sequence[Entry]) -> list[Recording]:
+def _load_valid(dataset: Dataset, entries: Iterable[Entry]) -> Iterator[Recording]:
     """Load recordings without the invalid ones, which the extraction of features reports."""
-    recordings = []
-    for entry in entries:
-        try:
-            recordings.append(dataset.load(entry))
-        except RecordingError:
-            continue
-    return recordings
+    attempts = map(replace(dataset, skip_bad=True).attempt, entries)
+    return (one for one in attempts if isinstance(one, Recording))
 
 
 def _spread(items: Sequence[Any], n: int) -> list[Any]:

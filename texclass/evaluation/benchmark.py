@@ -344,8 +344,8 @@ def _with_default_pipeline(
         n_folds=n_folds,
         **(options | {"nested_cv": False}),
     )
-    kept = ("pipeline", "channels", "axes", "rows")
-    return BenchmarkResult({**result.data, "default": {key: comparison.data[key] for key in kept}})
+    keys = ("pipeline", "channels", "axes", "rows")
+    return BenchmarkResult({**result.data, "default": {key: comparison.data[key] for key in keys}})
 
 
 def _evaluate(

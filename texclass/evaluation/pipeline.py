@@ -237,7 +237,7 @@ class PipelineDefinition(StrictModel):
     seed
         Random seed of the folds.
     channels
-        See `FeatureExtractor`.
+        See `FeatureExtractor`. If it is "auto", `decide_axes` decides it from the recordings.
     overlap
         Number of training windows that start within each short window; see `add_overlapping_windows`.
     protocol, gain

@@ -190,7 +190,7 @@ def describe_shift(adapted: Mapping[str, Any]) -> str:
     '9 columns shifted by 0.4 standard deviations within a surface (median; largest 1.2: fineness)'
     """
     if not adapted["n_shifted"]:
-        text = "no column shifted by more than by chance"
+        text = "no column shifted"
     else:
         median, _, largest = adapted["shift"]
         text = (
