@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from texclass.fourier import LANES
-from texclass.phases import find_data, find_glitches, find_phases, get_glitches, interpolate_glitches
+from texclass.phases import (
+    exclude_outliers,
+    find_data,
+    find_glitches,
+    find_phases,
+    get_glitches,
+    interpolate_glitches,
+)
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, RecordingError, Samples
 from texclass.signals import combine, remove_hand_motion
 
@@ -350,6 +357,8 @@ class Views:
             raise UndefinedFeatureError("no speed signal")
         x = self.vibration.samples
         first = self.phases.movement[0] if self.phases.movement else 0
+        where = self.recording.source or self.recording.recording_id
+        speed = exclude_outliers(speed, self.recording.fs, "speed", "mm/s", where)
         steps = 1e-3 * np.abs(speed[first : first + x.size]) / self.recording.fs
         s, integral = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, x * steps))
         undefined_if(s[-1] == 0, "the speed of the tool is always 0. Expected a moving tool")

@@ -10,8 +10,15 @@ import numpy as np
 from texclass.loaders.columns import ACCELERATION
 from texclass.loaders.readers import RATES_HZ, ReadSignals, rate_conflict_error, reader_error
 from texclass.loaders.timestamps import resample as band_limited
-from texclass.phases import resolution_problem
-from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, UNITS, Recording, Samples
+from texclass.phases import describe_outliers, find_motion_outliers, interpolate_outliers, resolution_problem
+from texclass.recording import (
+    ACCELERATION_UNITS,
+    AUXILIARY_UNITS,
+    STANDARD_GRAVITY,
+    UNITS,
+    Recording,
+    Samples,
+)
 
 CLIPPED_SHARE = 1e-3
 """Fraction of clipped samples at or above which a recording is flagged."""
@@ -69,7 +76,10 @@ def build_recording(
     if resolution := resolution_problem(recording.acceleration, rate):
         flags = (*flags, resolution)
     if resample is not None and resample != rate:
-        resampled = {name: band_limited(getattr(recording, name), rate, resample) for name in signals.signals}
+        sources = {name: getattr(recording, name) for name in signals.signals}
+        for name in {"speed", "normal_force"} & set(sources):  # an outlier would ring for many samples
+            sources[name] = interpolate_outliers(sources[name], find_motion_outliers(sources[name], rate))
+        resampled = {name: band_limited(signal, rate, resample) for name, signal in sources.items()}
         recording = recording.with_(fs=resample, native_fs=rate, **resampled)
         flags = (*flags, f"resampled: from {rate:g} Hz to {resample:g} Hz, band-limited")
         if rate < resample:
@@ -227,7 +237,7 @@ def clipped_share(signal: Samples) -> float:
 def plausibility_flags(
     signals: Mapping[str, Samples], fs: float, unit: str, scale: float = 1.0, flags: Iterable[str] = ()
 ) -> tuple[str, ...]:
-    """Return flags for implausible signals: clipping, and a level at rest that differs from gravity.
+    """Return flags for implausible signals: clipping, outliers, and a level at rest that is not gravity.
 
     Parameters
     ----------
@@ -248,6 +258,12 @@ def plausibility_flags(
             share = max(clipped_share(column) for column in signal.reshape(len(signal), -1).T)
             if share >= CLIPPED_SHARE:
                 new_flags.append(f"clipped: {100 * share:.1f} % of the samples of the {name} at full scale")
+    for name in ("speed", "normal_force"):
+        if (signal := signals.get(name)) is not None and np.isfinite(signal).all():
+            outliers = find_motion_outliers(signal, fs)
+            if len(outliers):
+                text = describe_outliers(signal, outliers, fs, name, AUXILIARY_UNITS[name])
+                new_flags.append(f"outliers: {text}, excluded from fits of textures")
     acceleration = signals[ACCELERATION]
     is_unit_flagged = any(flag.startswith("unit:") for flag in flags)
     if unit not in ACCELERATION_UNITS or acceleration.shape[1:] != (3,) or is_unit_flagged:

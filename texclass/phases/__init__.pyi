@@ -1,7 +1,11 @@
+from .defects import describe_outliers as describe_outliers
+from .defects import exclude_outliers as exclude_outliers
 from .defects import find_data as find_data
 from .defects import find_glitches as find_glitches
+from .defects import find_motion_outliers as find_motion_outliers
 from .defects import get_glitches as get_glitches
 from .defects import interpolate_glitches as interpolate_glitches
+from .defects import interpolate_outliers as interpolate_outliers
 from .hand_motion import find_hand_start as find_hand_start
 from .impulses import Impulse as Impulse
 from .impulses import Levels as Levels

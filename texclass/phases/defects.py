@@ -1,5 +1,6 @@
-"""Defects of recordings: padding at the ends, single-sample glitches, and fades."""
+"""Defects of recordings: padding at the ends, single-sample glitches, outliers of motion, and fades."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
@@ -20,6 +21,9 @@ samples."""
 GLITCH_RATIO = 6.0
 """Smallest deviation of a glitch from the median of its neighbours, relative to the range of the
 neighbours."""
+MAX_OUTLIER_S = 0.02
+"""Longest duration of an outlier of speed, force or position in s: half a period at 25 Hz, the bandwidth of
+recorded motion (`abdulali2016`, section 2.2)."""
 N_NEIGHBOURS = 4
 """Number of neighbours of a sample on each side."""
 FADE_DB = 2.5
@@ -204,6 +208,116 @@ def interpolate_glitches(axes: Samples, glitches: NDArray[np.intp]) -> Samples:
     previous, following = np.maximum(glitches - 1, 0), np.minimum(glitches + 1, len(axes) - 1)
     axes[glitches] = (axes[previous] + axes[following]) / 2
     return axes
+
+
+# Outliers of speed, force and position ----------------------------------------------------------------------
+
+
+def find_motion_outliers(x: Samples, fs: float) -> NDArray[np.intp]:
+    """Return the indices of outlier samples in a speed, a force or a coordinate of the hand or robot.
+
+    Motion is slow: no hand leaves its course and returns to it within `MAX_OUTLIER_S`. Such excursions are
+    wrong samples, which a mean, a filter or an integral would spread over the recording.
+
+    A sample is an outlier if its deviation from the median of its `N_NEIGHBOURS` neighbours on each side
+    exceeds
+
+    - `GLITCH_RATIO` times the range of these neighbours, without the two that are farthest from the median;
+    - `GLITCH_RATIO` times the median step between consecutive samples;
+    - twice the range of 90 % of the signal. Smaller deviations hardly move a fit, and may be taps.
+
+    Up to three consecutive samples are found, because interpolation to uniform time stamps spreads one sample
+    over two. Repeated values count once, because merged logs repeat the last value.
+
+    Parameters
+    ----------
+    x : ndarray of shape (n,)
+        Speed, force or coordinate.
+    fs : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    ndarray of int
+        Indices in ascending order.
+
+    Examples
+    --------
+    >>> force = 1 + 0.2 * np.sin(np.arange(1000) / 50)
+    >>> force[300:302] = 505_831.0
+    >>> find_motion_outliers(force, fs=1000).tolist()
+    [300, 301]
+    """
+    starts = np.flatnonzero(np.diff(x, prepend=np.nan) != 0)
+    values, lengths = x[starts], np.diff(np.append(starts, x.size))
+    is_outlier = np.zeros(values.size, dtype=bool)
+    if values.size < 2 * N_NEIGHBOURS + 1:
+        return np.flatnonzero(np.repeat(is_outlier, lengths))
+    steps = np.abs(np.diff(values))
+    smallest = max(GLITCH_RATIO * np.median(steps), 2 * np.subtract(*np.quantile(x, [0.95, 0.05])))
+    jumps = np.flatnonzero(steps > smallest / 4)  # an excursion of three samples may rise in two steps
+    index = np.unique(np.clip(jumps[:, np.newaxis] + np.arange(-1, 3), 0, values.size - 1))
+    padded = np.pad(values, N_NEIGHBOURS, mode="reflect")  # the ends need neighbours, too
+    windows = padded[index[:, np.newaxis] + np.arange(2 * N_NEIGHBOURS + 1)]
+    neighbours = np.delete(windows, N_NEIGHBOURS, axis=1)
+    median = np.median(neighbours, axis=1, keepdims=True)
+    order = np.argsort(np.abs(neighbours - median), axis=1)
+    nearest = np.take_along_axis(neighbours, order[:, :-2], axis=1)
+    deviation = np.abs(values[index] - median[:, 0])
+    is_outlier[index] = deviation > np.maximum(GLITCH_RATIO * np.ptp(nearest, axis=1), smallest)
+    edges = np.flatnonzero(np.diff(is_outlier, prepend=False, append=False))
+    for first, last in edges.reshape(-1, 2):
+        is_outlier[first:last] = lengths[first:last].sum() <= max(last - first, MAX_OUTLIER_S * fs)
+    return np.flatnonzero(np.repeat(is_outlier, lengths))
+
+
+def describe_outliers(x: Samples, outliers: NDArray[np.intp], fs: float, name: str, unit: str) -> str:
+    """Describe outliers, for example "1 sample of normal_force (505831 N at 7.616 s)"."""
+    worst = int(outliers[np.argmax(np.abs(x[outliers] - np.median(x)))])
+    samples = "1 sample" if len(outliers) == 1 else f"{len(outliers)} samples"
+    example = "" if len(outliers) == 1 else "for example "
+    return f"{samples} of {name} ({example}{x[worst]:.6g} {unit} at {worst / fs:.4g} s)"
+
+
+def interpolate_outliers(x: Samples, outliers: NDArray[np.intp]) -> Samples:
+    """Return samples (n,) in which outliers are replaced by linear interpolation between valid samples."""
+    if not len(outliers):
+        return x
+    valid, cleaned = np.setdiff1d(np.arange(len(x)), outliers), x.copy()
+    cleaned[outliers] = np.interp(outliers, valid, x[valid])
+    return cleaned
+
+
+def exclude_outliers(x: Samples, fs: float, name: str, unit: str, where: str) -> Samples:
+    """Return a speed, force or position with its outlier samples interpolated, and warn about them once.
+
+    Parameters
+    ----------
+    x : ndarray of shape (n,) or (n, n_axes)
+        Signal; each axis is treated separately.
+    fs : float
+        Sampling rate in Hz.
+    name, unit, where : str
+        Name and unit of the signal, and its recording, for the warning.
+
+    Warns
+    -----
+    UserWarning
+        If samples are excluded; see `find_motion_outliers`.
+
+    Examples
+    --------
+    >>> exclude_outliers(np.linspace(1, 2, 11), 1000.0, "normal_force", "N", "oak.csv").round(1)[:3].tolist()
+    [1.0, 1.1, 1.2]
+    """
+    columns = x.reshape(len(x), -1).T
+    outliers = [find_motion_outliers(column, fs) for column in columns]
+    pairs = list(zip(columns, outliers, strict=True))
+    notes = [describe_outliers(column, found, fs, name, unit) for column, found in pairs if len(found)]
+    if not notes:
+        return x
+    warnings.warn(f"{where}: excluded {' and '.join(notes)}. Check the sensor", UserWarning, stacklevel=3)
+    return np.column_stack([interpolate_outliers(*pair) for pair in pairs]).reshape(x.shape)
 
 
 def fade_length(power: Callable[[int, int], float], n_bins: int, bin_s: float) -> int:

@@ -102,6 +102,20 @@ EVERY_KIND = FAMILIES | WITH_AR_MODELS | {"surface of a scene": scene_surface}
 
 
 @pytest.mark.parametrize("kind", EVERY_KIND)
+@pytest.mark.parametrize("motion", [(np.nan, 0, 1), (0, 1.4e154, 1), (50, 0, np.inf), (50, -2e9, 1)], ids=str)
+def test_every_renderer_refuses_invalid_motion_and_keeps_its_state(kind, motion):
+    renderer, twin = (EVERY_KIND[kind]().renderer(seed=3) for _ in range(2))
+    velocity, force = np.full((50, 2), 60.0), np.ones(50)
+    for each in (renderer, twin):
+        each.process(velocity, force)
+    bad_velocity, bad_force = velocity.copy(), force.copy()
+    bad_velocity[7], bad_force[7] = motion[:2], motion[2]
+    with pytest.raises(ValueError, match=r"must be finite and at most 1e\+09"):
+        renderer.process(bad_velocity, bad_force)
+    assert_array_equal(renderer.process(velocity, force), twin.process(velocity, force))
+
+
+@pytest.mark.parametrize("kind", EVERY_KIND)
 def test_every_texture_is_exported_at_the_middle_of_its_range(kind, tmp_path):
     texture = EVERY_KIND[kind]()
     for axis in (texture.speeds, texture.forces):

@@ -101,6 +101,18 @@ def test_javascript_and_python_render_the_same_samples_from_the_same_noise(names
 
 
 @needs_node
+def test_javascript_refuses_the_inputs_that_python_refuses_and_keeps_its_state():
+    data, samples = make_script(make_scene({"lattice": LATTICE}))
+    program = RENDER_SCRIPT.replace(
+        "return renderer.step(",
+        "const refused = [[1.4e154, 0, 1], [0, -1.01e9, 1], [NaN, 0, 1], [0, 0, Infinity]];"
+        "if (!refused.every((motion) => Number.isNaN(renderer.step(0, ...motion)))) return 1e9;"
+        "return renderer.step(",
+    )
+    assert np.abs(np.array(run_node(program, data)) - samples).max() <= 1e-9 * np.abs(samples).max()
+
+
+@needs_node
 def test_resampling_keeps_amplitude_and_frequency_of_a_tone_and_adds_no_image():
     program = """
     let t = 0;

@@ -1,6 +1,7 @@
 """The renderer of a scene: same samples in any blocks, no clicks, no allocation, bounded output."""
 
 import gc
+import re
 import tracemalloc
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy import signal
 from texclass.haptics.scene import PlannedScene, SceneRenderer
 from texclass.haptics.scene.renderer import FADE_S, PEAK_FACTOR
 from texclass.haptics.textures.grid import GridModel
+from texclass.haptics.textures.motion_renderer import MAX_INPUT
 from texclass.vibration.autoregressive import Autoregression
 
 FS = 1000.0
@@ -165,6 +167,18 @@ def test_the_output_is_finite_and_bounded_for_any_motion(scene):
     assert np.abs(render_steady(SceneRenderer(loud_scene), "a", 1000)).max() == PEAK_FACTOR * 1.0
 
 
+def test_one_sample_at_the_input_bound_is_forgotten(scene):
+    renderer, twin = (SceneRenderer(scene, n_contacts=1, seed=4) for _ in range(2))
+    velocity, force = np.full((1, 1000, 2), 60.0), np.ones((1, 1000))
+    for each in (renderer, twin):
+        each.touch(0, "a")
+    expected = twin.process(velocity, force)
+    velocity[0, 10], force[0, 10] = -MAX_INPUT, MAX_INPUT
+    samples = renderer.process(velocity, force)
+    assert np.isfinite(samples).all()
+    np.testing.assert_allclose(samples[:, 500:], expected[:, 500:], rtol=1e-5, atol=1e-5)
+
+
 def test_invalid_arguments_are_rejected_with_their_value_and_change_nothing(scene):
     renderer, twin = (SceneRenderer(scene, n_contacts=2) for _ in range(2))
     for either in (renderer, twin):
@@ -181,6 +195,11 @@ def test_invalid_arguments_are_rejected_with_their_value_and_change_nothing(scen
     ):
         with pytest.raises(ValueError, match=match):
             call()
+    for motion in ((1.4e154, 0.0, 1.0), (0.0, -1.01 * MAX_INPUT, 1.0), (0.0, 0.0, 1e300)):
+        with pytest.raises(ValueError, match=rf"got {re.escape(f'{motion[0]:g}')} and"):
+            renderer.step(0, *motion)
+        with pytest.raises(ValueError, match=r"at most 1e\+09 mm/s and N"):
+            renderer.process(np.full((2, 1, 2), motion[:2]), np.full((2, 1), motion[2]))
     assert renderer.step(0, 80.0, 0.0, 1.0) == twin.step(0, 80.0, 0.0, 1.0)
     renderer.motion[1, 2] = np.nan
     with pytest.raises(ValueError, match=r"must be finite"):

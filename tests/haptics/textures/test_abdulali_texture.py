@@ -188,6 +188,7 @@ def test_the_exponents_of_the_level_are_recovered_and_the_variance_gives_the_lev
     )
 
 
+@pytest.mark.filterwarnings("ignore:scan .* excluded")
 def test_stylus_recordings_are_modelled_from_their_first_half(data_root):
     dataset = open_dataset("stylus6")
     for entry in dataset.entries[:2]:

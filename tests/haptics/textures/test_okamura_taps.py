@@ -209,7 +209,7 @@ def test_the_force_never_exceeds_the_limit():
 
 def test_invalid_paths_and_frequencies_above_half_the_rate_are_refused():
     for path in (([1.0, np.nan], [0.0, 0.0]), ([1.0], [np.inf]), ([1.0], [1.0, 2.0]), (1.0, 1.0)):
-        with pytest.raises(ValueError, match="depth_mm and velocity_mm_s must be"):
+        with pytest.raises(ValueError, match="depth_mm and velocity_mm_s must have"):
             WALL.renderer().process(*path)
     with pytest.raises(ValueError, match="stiffness_n_mm must be"):
         VirtualWall(TABLE_II["aluminum"], ForceDevice(rate_hz=601.0, band_hz=(30.0, 250.0)), -1.0)

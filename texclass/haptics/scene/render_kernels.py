@@ -10,7 +10,7 @@ import numpy as np
 
 from texclass.compilation import njit
 from texclass.haptics.textures.grid import cell
-from texclass.haptics.textures.motion_renderer import lattice, oscillators
+from texclass.haptics.textures.motion_renderer import is_valid_motion, lattice, oscillators
 from texclass.vibration.reflection import MAX_REFLECTION
 
 
@@ -179,8 +179,8 @@ def start_crossfade(index, state, status, contact):  # type: ignore[no-untyped-d
 
 @njit(cache=True, error_model="numpy")
 def step(bank, index, state, status, contact, vx, vy, force):  # type: ignore[no-untyped-def]
-    """Return the next sample of a contact. If the input is not finite, return NaN and keep the state."""
-    if not (np.isfinite(vx) and np.isfinite(vy) and np.isfinite(force)):
+    """Return the next sample of a contact. If the input is invalid, return NaN and keep the state."""
+    if not is_valid_motion(vx, vy, force):
         return np.nan
     start_crossfade(index, state, status, contact)
     counters = status[contact]
@@ -213,14 +213,14 @@ def step(bank, index, state, status, contact, vx, vy, force):  # type: ignore[no
 
 @njit(cache=True, error_model="numpy")
 def step_all(bank, index, state, status):  # type: ignore[no-untyped-def]
-    """Render one sample of each contact from the motion in `state`; return whether all inputs are finite."""
-    is_finite = True
+    """Render one sample of each contact from the motion in `state`; return whether all inputs are valid."""
+    is_valid = True
     for c in range(state.shape[0]):
         vx, vy, force = state[c, State.VX], state[c, State.VY], state[c, State.INPUT_FORCE]
         x = step(bank, index, state, status, c, vx, vy, force)
         state[c, State.OUTPUT] = x
-        is_finite = is_finite and np.isfinite(x)
-    return is_finite
+        is_valid = is_valid and np.isfinite(x)
+    return is_valid
 
 
 @njit(cache=True, error_model="numpy")

@@ -13,6 +13,7 @@ from texclass.haptics.scene import render_kernels as kernels
 from texclass.haptics.scene.render_kernels import NO_MODEL, Column, Constant, State, Status
 from texclass.haptics.textures.contract import Serializable
 from texclass.haptics.textures.grid import GridModel, update_interval
+from texclass.haptics.textures.motion_renderer import check_path, describe_refused
 from texclass.recording import Samples
 from texclass.signals import positive
 
@@ -289,13 +290,13 @@ class SceneRenderer:
         Raises
         ------
         ValueError
-            If an input is NaN or infinite; the state does not change.
+            If an input is NaN or exceeds `MAX_INPUT` (1e9 mm/s or N); the state does not change.
         """
         if not 0 <= contact < self.n_contacts:
             self._check_contact(contact)
         x: float = kernels.step(*self._arrays, contact, float(speed_x), float(speed_y), float(force))
         if x != x:  # noqa: PLR0124  the fastest test for NaN
-            raise ValueError(f"speed and force must be finite, got {(speed_x, speed_y, force)}")
+            raise ValueError(describe_refused(np.array([speed_x, speed_y]), np.array(force)))
         return x
 
     def step_all(self) -> Samples:
@@ -311,10 +312,11 @@ class SceneRenderer:
         Raises
         ------
         ValueError
-            If `motion` contains NaN or infinity; the state of the affected contacts does not change.
+            If `motion` contains NaN or a value above `MAX_INPUT` (1e9 mm/s or N); the state of the affected
+            contacts does not change.
         """
         if not kernels.step_all(*self._arrays):
-            raise ValueError(f"motion must be finite, got {self.motion.tolist()}")
+            raise ValueError(describe_refused(self.motion[:, :2], self.motion[:, 2]))
         return self.output
 
     def process(
@@ -346,7 +348,8 @@ class SceneRenderer:
         Raises
         ------
         ValueError
-            If a shape does not match, a surface is unknown, or an input is NaN or infinite.
+            If a shape does not match, a surface is unknown, or an input is NaN or exceeds `MAX_INPUT` (1e9
+            mm/s or N); the state does not change.
         """
         v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
         if f.ndim != 2 or len(f) != self.n_contacts or v.shape != (*f.shape, 2):
@@ -354,8 +357,7 @@ class SceneRenderer:
                 f"velocity and force must have shapes ({self.n_contacts}, n, 2) and ({self.n_contacts}, n), "
                 f"got {v.shape} and {f.shape}"
             )
-        if not (np.isfinite(v).all() and np.isfinite(f).all()):
-            raise ValueError("velocity and force must be finite, got NaN or infinity")
+        check_path(v.reshape(-1, 2), f.reshape(-1))
         models = np.zeros((0, 0), dtype=np.int64)
         if surfaces is not None:
             indices = {name: self._model_index(name) for name in {name for row in surfaces for name in row}}

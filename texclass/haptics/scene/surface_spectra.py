@@ -23,6 +23,7 @@ from texclass.haptics.scene.definition import (
     Tolerance,
 )
 from texclass.haptics.textures.contract import constant_stroke
+from texclass.phases import exclude_outliers
 from texclass.recording import ACCELERATION_UNITS, Recording, Samples
 
 MAX_RESAMPLING_FACTOR = 1000
@@ -543,7 +544,11 @@ def _cut_windows(
     x, n = _vibration(recording, scene), scorer.n_segment
     time_s = np.arange(x.size) / scene.device.rate_hz
     recorded_s = np.arange(len(recording.acceleration)) / recording.fs
-    v, f = (np.interp(time_s, recorded_s, channel) for channel in (speed, force))
+    place = recording.source or recording.recording_id
+    v, f = (
+        np.interp(time_s, recorded_s, exclude_outliers(channel, recording.fs, channel_name, unit, place))
+        for channel, channel_name, unit in ((speed, "speed", "mm/s"), (force, "normal_force", "N"))
+    )
     slices = [slice(i, i + n) for i in range(0, x.size - n + 1, n)]
     windows = [(x[s], float(v[s].mean()), float(f[s].mean())) for s in slices]
     (slow, fast), (light, hard) = scene.motion.speeds_mm_s, scene.motion.forces_n

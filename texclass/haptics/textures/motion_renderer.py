@@ -21,6 +21,9 @@ SHRINK = 1 - 2 * float(np.finfo(np.float64).eps)
 """Factor applied to each rotation of the lattice. It outweighs rounding errors, which bounds the states."""
 MAX_BLOCK = 4096
 """Largest number of samples that are rendered at a time, which limits the memory for parameters."""
+MAX_INPUT = 1e9
+"""Largest magnitude of the inputs of all renderers: velocity in mm/s, force in N, position in mm. No hand
+comes near it, and squares of inputs remain exact enough to recover from one wrong sample (our choice)."""
 
 ParameterMap = Callable[[Samples], tuple[Samples, Samples]]
 
@@ -38,24 +41,41 @@ def check_path(velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]
     Raises
     ------
     ValueError
-        If the shapes do not match, or a value is NaN or infinite.
+        If the shapes do not match, or a value is NaN or exceeds `MAX_INPUT` in magnitude.
     """
     v = np.ascontiguousarray(velocity, dtype=np.float64)
     f = np.ascontiguousarray(force, dtype=np.float64)
     if f.ndim != 1 or v.shape != (f.size, 2):
         raise ValueError(f"velocity and force must have shapes (n, 2) and (n,), got {v.shape} and {f.shape}")
-    if not _all_finite(v, f):
-        raise ValueError("velocity and force must be finite, got NaN or infinity")
+    if not _all_within_bounds(v, f):
+        raise ValueError(describe_refused(v, f))
     return v, f
 
 
+def describe_refused(velocity: Samples, force: Samples) -> str:
+    """Return the message about the first invalid sample of velocities (..., 2) and forces (...)."""
+    inputs = np.concatenate([velocity, force[..., np.newaxis]], axis=-1).reshape(-1, 3)
+    first = inputs[np.argmin((np.abs(inputs) <= MAX_INPUT).all(axis=1))]
+    vx, vy, f = (f"{x:g}" for x in first)
+    return (
+        f"velocity and force must be finite and at most {MAX_INPUT:g} mm/s and N in magnitude, "
+        f"got {vx} and {vy} mm/s and {f} N. Check the sensor, or exclude the sample"
+    )
+
+
 @njit(cache=True, error_model="numpy")
-def _all_finite(velocity: Samples, force: Samples) -> bool:
-    """Return whether all values are finite; ten times faster than NumPy for one sample."""
+def _all_within_bounds(velocity: Samples, force: Samples) -> bool:
+    """Return whether no value is NaN or above `MAX_INPUT`; ten times faster than NumPy for one sample."""
+    is_valid = True
     for t in range(force.size):
-        if not (np.isfinite(velocity[t, 0]) and np.isfinite(velocity[t, 1]) and np.isfinite(force[t])):
-            return False
-    return True
+        is_valid = is_valid and is_valid_motion(velocity[t, 0], velocity[t, 1], force[t])
+    return is_valid
+
+
+@njit(cache=True, error_model="numpy")
+def is_valid_motion(vx, vy, force):  # type: ignore[no-untyped-def]
+    """Return whether no input is NaN or exceeds `MAX_INPUT` in magnitude."""
+    return abs(vx) <= MAX_INPUT and abs(vy) <= MAX_INPUT and abs(force) <= MAX_INPUT
 
 
 def stack_motion(velocity: Samples, force: Samples) -> Samples:

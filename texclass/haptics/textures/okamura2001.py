@@ -14,6 +14,7 @@ from scipy import optimize
 
 from texclass.compilation import njit
 from texclass.haptics.textures.contract import Serializable
+from texclass.haptics.textures.motion_renderer import MAX_INPUT
 from texclass.recording import Samples
 from texclass.signals import one_channel, positive, to_unit_scale
 from texclass.vibration.decaying_sinusoid import (
@@ -518,15 +519,15 @@ class WallRenderer:
         Raises
         ------
         ValueError
-            If the shapes differ or a value is NaN or infinite.
+            If the shapes differ, or a value is NaN or exceeds `MAX_INPUT` (1e9) in magnitude.
         """
         x = np.ascontiguousarray(depth_mm, dtype=np.float64)
         v = np.ascontiguousarray(velocity_mm_s, dtype=np.float64)
         fits = np.ndim(depth_mm) == 1 and x.shape == v.shape
-        if not (fits and np.isfinite([x, v]).all()):
+        if not (fits and np.all(np.abs([x, v]) <= MAX_INPUT)):
             raise ValueError(
-                "depth_mm and velocity_mm_s must be finite with the same shape (n,), "
-                f"got {x.shape} and {v.shape}"
+                "depth_mm and velocity_mm_s must have the same shape (n,) and finite values of at most "
+                f"{MAX_INPUT:g} in magnitude, got {x.shape} and {v.shape}"
             )
         out = np.empty(x.size)
         p = self._pole

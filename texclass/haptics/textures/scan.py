@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.haptics.textures.contract import freeze
+from texclass.phases import exclude_outliers
 from texclass.recording import Recording, Samples
 from texclass.signals import positive
 
@@ -36,6 +37,12 @@ class Scan:
     ValueError
         If the shapes do not match, a value is NaN or infinite, or `fs` is not positive.
 
+    Warns
+    -----
+    UserWarning
+        If samples of position, velocity or force are outliers; see
+        `texclass.phases.find_motion_outliers`. Their values are interpolated.
+
     Examples
     --------
     >>> scan = Scan.along_line(np.zeros(500), speed=80.0, force=1.0, fs=1000.0, name="felt")
@@ -54,6 +61,10 @@ class Scan:
     def __post_init__(self) -> None:
         positive(self.fs, f"scan {self.name!r}: fs")
         freeze(self, acceleration=("n",), position=("n", 2), velocity=("n", 2), force=("n",))
+        for name, unit in (("position", "mm"), ("velocity", "mm/s"), ("force", "N")):
+            cleaned = exclude_outliers(getattr(self, name), self.fs, name, unit, f"scan {self.name!r}")
+            object.__setattr__(self, name, cleaned)
+        freeze(self, position=("n", 2), velocity=("n", 2), force=("n",))
         object.__setattr__(self, "speed", np.hypot(*self.velocity.T))
         freeze(self, speed=("n",))
         if not len(self):
@@ -97,6 +108,8 @@ class Scan:
         """
         a = np.asarray(acceleration, dtype=np.float64)
         v = np.broadcast_to(np.asarray(speed, dtype=np.float64), a.shape)
+        if np.isfinite(v).all():  # otherwise the constructor raises the error
+            v = exclude_outliers(v, fs, "speed", "mm/s", f"scan {name!r}")
         x = np.concatenate([[0.0], np.cumsum((v[:-1] + v[1:]) / 2)]) / fs if a.size else v
         zero = np.zeros(a.shape)
         f = np.broadcast_to(np.asarray(force, dtype=np.float64), a.shape)

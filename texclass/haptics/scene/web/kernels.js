@@ -11,10 +11,15 @@ const [SPEED, FORCE, VOICES] = [4, 5, 6];  // columns of `state`; in Python the 
 const [MODEL, PREVIOUS, NEXT, FADE_COUNT, UPDATE_COUNT, HAS_MOTION] = [0, 1, 2, 3, 4, 5];  // columns of `status`
 const N_STATUS = 6;
 const NO_MODEL = -1, UNSET = -1.0;
+const MAX_INPUT = 1e9;  // largest magnitude of velocity (mm/s) and force (N)
 const MAX_REFLECTION = 1 - 2 ** -53;  // largest magnitude of a reflection coefficient
 
 /** Return a sample of unit-variance white noise, at most 3.47: a sum of four uniform random numbers. */
 const randomNoise = () => (Math.random() + Math.random() + Math.random() + Math.random() - 2) * Math.sqrt(3);
+
+/** Return whether no input is NaN or exceeds `MAX_INPUT` in magnitude. */
+const isValidMotion = (vx, vy, force) =>
+  Math.abs(vx) <= MAX_INPUT && Math.abs(vy) <= MAX_INPUT && Math.abs(force) <= MAX_INPUT;
 
 /** Set `position` to [lower node, upper node, weight of the upper node] for x, which is clamped to the nodes. */
 function cell(bank, offset, n, x, position) {
@@ -131,7 +136,9 @@ function createRenderer(bank, index, nContacts, drawNoise = randomNoise) {
     if (status[MODEL] >= 0) startVoice(state, contact, status[MODEL], VOICES);
   }
 
+  /** Return the next sample of a contact. If the input is invalid, return NaN and keep the state. */
   function step(contact, vx, vy, force) {
+    if (!isValidMotion(vx, vy, force)) return NaN;
     const state = states[contact], status = statuses[contact];
     startCrossfade(state, status, contact);
     const model = status[MODEL], previous = status[PREVIOUS], fadeCount = status[FADE_COUNT];

@@ -95,7 +95,7 @@ function defineProcessor(Base) {
       if ("gain" in data) this.targetGain = data.gain;
       if ("values" in data) this.bank.set(data.values, data.offset);
       if ("tap" in data) this.taps.strike(data.tap, data.velocity);
-      if ("contact" in data && [data.vx, data.vy, data.force].every(Number.isFinite)) {
+      if ("contact" in data && isValidMotion(data.vx, data.vy, data.force)) {
         this.renderer.touch(data.contact, data.model);
         this.motion[data.contact] = data;
       }

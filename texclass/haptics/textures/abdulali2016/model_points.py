@@ -11,6 +11,7 @@ from scipy import signal, spatial
 
 from texclass.compilation import njit
 from texclass.haptics.textures.scan import Scan
+from texclass.phases import exclude_outliers
 from texclass.recording import Samples
 from texclass.signals import butterworth, combine, zero_phase
 from texclass.vibration import autoregressive, line_spectrum
@@ -179,6 +180,8 @@ def scan_from_sensors(
         raise ValueError(
             f"position and force must have shape (n_samples, 3), n_samples >= 2, got {x.shape} and {f.shape}"
         )
+    x = exclude_outliers(x, fs, "position", "mm", f"scan {name!r}")
+    f = exclude_outliers(f, fs, "force", "N", f"scan {name!r}")
     tangential = smooth_motion(x @ np.stack([axis, np.cross(n, axis)]).T, fs)
     velocity = np.gradient(tangential, 1 / fs, axis=0)
     pressing = smooth_motion(f @ n, fs)

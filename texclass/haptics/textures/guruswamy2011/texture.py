@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.compilation import njit
 from texclass.haptics.textures.contract import NOMINAL_FORCE_N, Texture, freeze
+from texclass.haptics.textures.motion_renderer import MAX_INPUT
 from texclass.recording import Samples
 
 Course = Literal["line", "travelled"]
@@ -380,10 +381,6 @@ class Count(IntEnum):
     """Indices of `counts`: number of active modes, next feature, and whether a sample has been rendered."""
 
     RINGING, NEXT, STARTED = range(3)
-
-
-MAX_INPUT = 1e9
-"""Largest magnitude of inputs: velocity in mm/s, force in N, position in mm."""
 
 
 @njit(cache=True, error_model="numpy")
