@@ -1,5 +1,7 @@
 from . import interpolation as interpolation
 from . import line_spectrum as line_spectrum
+from . import null_scores as null_scores
+from . import perceptual_distance as perceptual_distance
 from . import scores as scores
 from .autoregressive import Autoregression as Autoregression
 from .autoregressive import fit as fit
