@@ -12,6 +12,11 @@ from .fit import fit_sinusoid as fit_sinusoid
 from .fit import fit_texture as fit_texture
 from .fit import normalise_acceleration as normalise_acceleration
 from .fit import scan_level as scan_level
+from .mesh_renderer import MeshForces as MeshForces
+from .mesh_renderer import MeshRenderer as MeshRenderer
+from .mesh_surface import MeshSurface as MeshSurface
+from .mesh_surface import SurfaceProfile as SurfaceProfile
+from .mesh_surface import register_scan as register_scan
 from .texture import Amplitude as Amplitude
 from .texture import LevelLaw as LevelLaw
 from .texture import SinusoidTexture as SinusoidTexture
