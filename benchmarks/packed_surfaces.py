@@ -26,7 +26,7 @@ from study import command_line, table, write
 from texclass.features.extractor import FeatureExtractor
 from texclass.haptics.scales import scale_values
 from texclass.haptics.textures import Scan, Texture, pack
-from texclass.haptics.textures.packed import LIGHT_N, REST_MM_S
+from texclass.haptics.textures.grid_texture import LIGHT_N, REST_MM_S
 from texclass.haptics.textures.packing import FRAME_S, LOWEST_HZ, SAMPLED_MM_S, SAMPLED_N
 from texclass.loaders import load_recording, open_dataset
 from texclass.recording import Phases, Recording, Samples, Tap

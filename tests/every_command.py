@@ -7,7 +7,10 @@ from texclass.cli import app
 PROGRAM = typer.main.get_command(app)
 COMMANDS = {
     f"{group}{name}": command
-    for group, of in (("", PROGRAM), *((f"{g} ", PROGRAM.commands[g]) for g in ("datasets", "scene")))
+    for group, of in (
+        ("", PROGRAM),
+        *((f"{g} ", PROGRAM.commands[g]) for g in ("datasets", "scene", "texture")),
+    )
     for name, command in of.commands.items()
     if name != "scene"
 }

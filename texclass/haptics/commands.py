@@ -2,14 +2,16 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
+from typer.core import TyperGroup
 
 from texclass.cli import parameters as p
 from texclass.cli.app import app
 from texclass.cli.output import SCENE_KERNELS, announce_start, print_lines, progress_bar, write_json
+from texclass.haptics.fit_command import fit
 
 if TYPE_CHECKING:
     from texclass.haptics.exchange import Rendition
@@ -214,7 +216,22 @@ def _planned_scene(definition: str) -> "PlannedScene":
         return plan_scene(read_scene(definition), progress=progress).scene
 
 
-@app.command(rich_help_panel="Rendering", epilog="Example: texclass texture wood.texture --page wood.html")
+class ShowByDefault(TyperGroup):
+    """Group of commands in which `texture FILE` is `texture show FILE`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Insert the name of the default command, unless the arguments begin with a command."""
+        is_file = args and args[0] not in (*self.commands, "--help")
+        return super().parse_args(ctx, ["show", *args] if is_file else args)
+
+
+textures = typer.Typer(cls=ShowByDefault, no_args_is_help=True)
+textures.command(
+    epilog="Example: texclass texture fit oak.csv --speed-column v --force-column f -o oak.texture --page"
+)(fit)
+
+
+@textures.command("show", epilog="Example: texclass texture wood.texture --page wood.html")
 def texture(
     file: Annotated[Path, Argument(help="Texture (.texture or HaTT .xml).")],
     page_file: Annotated[
@@ -235,7 +252,10 @@ def texture(
     ] = None,
     json_file: p.JsonFile = None,
 ) -> None:
-    """Show the properties of a texture: family, points, order, sampling rate, unit and size in bytes."""
+    """Show the properties of a texture: family, points, order, sampling rate, unit and size in bytes.
+
+    The word `show` can be omitted: `texclass texture wood.texture`.
+    """
     from texclass.haptics.exchange import describe
     from texclass.reporting import Document, print_document
 
@@ -265,6 +285,14 @@ def texture(
         with progress_bar() as progress:
             write_slider_page(slider_file, loaded, file=file.name, unit=facts["unit"], progress=progress)
         typer.echo(f"wrote {slider_file}, {slider_file.stat().st_size} bytes")
+
+
+app.add_typer(
+    textures,
+    name="texture",
+    rich_help_panel="Rendering",
+    help="Show the properties of a texture, or fit a texture to recordings.",
+)
 
 
 def _as_text(value: object) -> str:
@@ -340,8 +368,8 @@ def convert(
         p.output_file(
             "--output",
             "-o",
-            suffixes=[*TEXTURES, *PATTERNS, ".wav"],
-            help="File to write: .texture, .xml, .hjif, .ahap or .wav.",
+            suffixes=[*TEXTURES, *PATTERNS, ".wav", ".h"],
+            help="File to write: .texture, .xml, .hjif, .ahap, .wav or .h.",
         ),
     ],
 ) -> None:
@@ -349,7 +377,8 @@ def convert(
 
     .texture and HaTT .xml contain a texture for all speeds and forces. MPEG
     haptics (.hjif), Apple patterns (.ahap) and WAV contain its vibration at one
-    speed and force. Patterns can be rendered to WAV. A .hjif file can be
+    speed and force. A C header (.h) contains all speeds and forces, for devices.
+    Patterns can be rendered to WAV. A .hjif file can be
     converted to a texture if it contains one.
     """
     scales = p.numbers_by_name("--scale", scale)
@@ -368,12 +397,14 @@ def convert(
             raise ValueError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
     elif kinds[0] in TEXTURES and kinds[1] in (*PATTERNS, ".wav"):
         losses = _write_rendition(_rendition(source, surface, speed, force, duration, seed), output, physical)
+    elif kinds[0] in TEXTURES and kinds[1] == ".h":
+        losses = _write_c_header(source, output)
     elif kinds in {(".xml", ".texture"), (".texture", ".xml")}:
         losses = _convert_texture(source, output, 1000.0 if fs is None else fs, order)
     else:
         raise ValueError(
-            f"cannot convert {source} to {output.name}. Expected .texture to .xml, .hjif, .ahap or "
-            ".wav; .xml to .texture, .hjif, .ahap or .wav; .hjif to .texture or .wav; or .ahap to .wav"
+            f"cannot convert {source} to {output.name}. Expected .texture to .xml, .hjif, .ahap, .wav or "
+            ".h; .xml to .texture, .hjif, .ahap, .wav or .h; .hjif to .texture or .wav; or .ahap to .wav"
         )
     typer.echo(f"wrote {output}, {output.stat().st_size} bytes")
     if losses:
@@ -492,6 +523,17 @@ def _write_rendition(rendition: "Rendition", target: Path, physical: bool) -> di
     encoding: Encoding = "float32" if physical else "audible"
     write_wav(target, rendition.samples, rendition.fs, unit=rendition.unit, encoding=encoding)
     return dict(rendition.losses)
+
+
+def _write_c_header(source: Path, target: Path) -> dict[str, str]:
+    """Write a texture, taps or a scene as a C header next to its renderer, and return the losses."""
+    from texclass.haptics.scene import scene_of_file, write_c_header
+
+    with progress_bar() as progress:
+        scene, taps, losses = scene_of_file(source, progress=progress)
+    _, renderer = write_c_header(target, scene, taps=taps)
+    typer.echo(f"wrote {renderer}, {renderer.stat().st_size} bytes")
+    return losses
 
 
 def _read_texture(source: Path, target: Path) -> dict[str, str]:

@@ -55,6 +55,20 @@ def test_the_texture_command_shows_the_properties_of_a_file(slate, tmp_path):
     assert properties["points"] == {"speed": slate.mesh.speed.size, "triangles": len(slate.mesh.triangles)}
 
 
+def test_convert_writes_a_c_header_next_to_its_renderer(tmp_path):
+    library = TapLibrary(("wood", "steel"), (TapModel(300.0, 80.0, 155.0), TapModel(800.0, 40.0, 600.0)))
+    save_texture(library, tmp_path / "taps.texture")
+    result = run("convert", tmp_path / "taps.texture", "-o", tmp_path / "taps.h")
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "taps.h").read_text()
+    assert "TAPS_WOOD = 0, TAPS_STEEL = 1" in text
+    assert "Losses" not in result.output
+    for name in ("taps.h", "texclass_render.h"):
+        assert f"wrote {tmp_path / name}" in result.output.replace("\n", "")
+    result = run("convert", tmp_path / "taps.texture", "-o", tmp_path / "texclass_render.h")
+    assert isinstance(result.exception, ValueError)
+
+
 def test_unsupported_formats_are_refused(tmp_path):
     for source, target in (("a.texture", "b.mp3"), ("a.xml", "b.xml"), ("a.wav", "b.texture")):
         result = run("convert", tmp_path / source, "-o", tmp_path / target)

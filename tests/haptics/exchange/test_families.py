@@ -4,6 +4,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
+from c_program import build, needs_compiler, run
 from numpy.testing import assert_array_equal
 
 from texclass.haptics.exchange import (
@@ -23,8 +24,16 @@ from texclass.haptics.exchange import (
     write_wav,
 )
 from texclass.haptics.exchange.texture_file import TAPS, TEXTURES
-from texclass.haptics.scene import PlannedScene, SceneSurface
-from texclass.haptics.textures import GridModel, Renderer, Texture, pack
+from texclass.haptics.scene import (
+    PlannedScene,
+    SceneRenderer,
+    SceneSurface,
+    measurement,
+    plan,
+    scene_of_file,
+    surface_spectra,
+)
+from texclass.haptics.textures import GridModel, GridTexture, Renderer, Texture, pack
 from texclass.haptics.textures.abdulali2016 import DelaunayTexture, Frame, NetworkTexture, RadialNetwork, bake
 from texclass.haptics.textures.guruswamy2011 import Amplitude, LevelLaw, SinusoidTexture, SpatialTexture
 from texclass.haptics.textures.oeztuerk2018 import FrequencyTexture, LpcTexture
@@ -71,10 +80,14 @@ def spatial(kind):
     )  # fmt: skip
 
 
+GRID = GridModel(
+    ([40.0, 80.0, 160.0], [0.5, 2.0]), np.repeat(K, 3, axis=0).reshape(3, 2, 3), np.full((3, 2), 0.3), 4.0
+)
 FAMILIES = {
     "abdulali2016": network,
     "abdulali2016-baked": lambda: bake(network(), "slate", (5, 4)),
     "abdulali2016-delaunay": delaunay,
+    "grid": lambda: GridTexture("slate", 1000.0, GRID),
     "guruswamy2011": lambda: spatial(SpatialTexture),
     "guruswamy2011-sinusoid": lambda: spatial(SinusoidTexture),
     "hatt": lambda: to_hatt(network(), order=2),
@@ -113,6 +126,45 @@ def test_every_renderer_refuses_invalid_motion_and_keeps_its_state(kind, motion)
     with pytest.raises(ValueError, match=r"must be finite and at most 1e\+09"):
         renderer.process(bad_velocity, bad_force)
     assert_array_equal(renderer.process(velocity, force), twin.process(velocity, force))
+
+
+@pytest.fixture
+def quick_plans(monkeypatch):
+    """Plan textures with few candidates and samples."""
+    grids = {"n_speeds": (1, 2), "n_forces": (1, 2), "reduced_grids": ((2, 2),), "n_lines": (1, 2)}
+    monkeypatch.setattr(plan, "SEARCH", replace(plan.SEARCH, stages=(range(1, 7),), **grids))
+    sampling = replace(surface_spectra.SAMPLING, n_speeds=2, n_forces=2, n_test_points=2)
+    monkeypatch.setattr(surface_spectra, "SAMPLING", sampling)
+    durations = replace(measurement.MEASUREMENT, n_samples=100, n_surface_samples=50)
+    monkeypatch.setattr(measurement, "MEASUREMENT", durations)
+
+
+@needs_compiler
+@pytest.mark.parametrize("kind", [*FAMILIES, "packed law", "packed vibration", "surface of a scene"])
+def test_the_c_header_of_every_texture_renders_the_samples_of_its_scene(kind, quick_plans, tmp_path):
+    texture, path = (FAMILIES | WITH_AR_MODELS | {"surface of a scene": scene_surface})[kind](), "a.texture"
+    if kind == "surface of a scene":
+        texture.scene.save(tmp_path / path)
+    else:
+        save_texture(texture, tmp_path / path)
+    scene, taps, losses = scene_of_file(tmp_path / path)
+    is_exact = kind in ("grid", "packed law", "packed vibration", "surface of a scene")
+    assert ("model" in losses) is not is_exact
+    if is_exact and kind != "surface of a scene":
+        model = texture.grid if kind == "grid" else texture.model
+        assert_array_equal(scene.models[0].rows, model.rows)
+    assert ("position" in losses) is kind.startswith("guruswamy")
+    t = np.arange(3000)
+    speed, force = 100 * (1 + np.sin(t / 200)), 1.5 * (1 + np.cos(t / 130))
+    surfaces = np.where(t % 900 < 800, 0, -1)
+    velocity = np.column_stack([speed, 0 * speed])
+    samples, _, _ = run(build(tmp_path, scene, taps), surfaces, velocity, force)
+    names = [next(iter(scene.model_indices)), None]
+    expected = SceneRenderer(scene, n_contacts=1).process(
+        velocity[np.newaxis], force[np.newaxis], [[names[i] for i in surfaces]]
+    )[0]
+    assert np.abs(expected).max() > 0
+    assert np.abs(samples - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("kind", EVERY_KIND)

@@ -35,6 +35,7 @@ TEXTURES: dict[str, str | type[Serializable]] = {
     "abdulali2016": "texclass.haptics.textures.abdulali2016:NetworkTexture",
     "abdulali2016-baked": "texclass.haptics.textures.abdulali2016:BakedTexture",
     "abdulali2016-delaunay": "texclass.haptics.textures.abdulali2016:DelaunayTexture",
+    "grid": "texclass.haptics.textures.grid_texture:GridTexture",
     "guruswamy2011": "texclass.haptics.textures.guruswamy2011:SpatialTexture",
     "guruswamy2011-sinusoid": "texclass.haptics.textures.guruswamy2011:SinusoidTexture",
     "hatt": "texclass.haptics.textures.hatt:HattTexture",

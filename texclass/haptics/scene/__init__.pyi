@@ -1,3 +1,5 @@
+from .c_header import c_header as c_header
+from .c_header import write_c_header as write_c_header
 from .definition import Budget as Budget
 from .definition import Device as Device
 from .definition import HandPath as HandPath
@@ -20,7 +22,10 @@ from .pages import write_slider_page as write_slider_page
 from .plan import PlannedSurface as PlannedSurface
 from .plan import ScenePlan as ScenePlan
 from .plan import plan_scene as plan_scene
+from .recording_fit import RecordingFit as RecordingFit
+from .recording_fit import fit_recordings as fit_recordings
 from .renderer import PlannedScene as PlannedScene
 from .renderer import SceneRenderer as SceneRenderer
 from .renderer import SceneSurface as SceneSurface
 from .renderer import load_scene as load_scene
+from .scene_of_file import scene_of_file as scene_of_file

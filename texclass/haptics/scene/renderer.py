@@ -97,6 +97,24 @@ class PlannedScene(Serializable):
                     f"{len(model.axes)} axes and scale {model.scale!r}"
                 )
 
+    @classmethod
+    def of_model(cls, name: str, fs: float, unit: str, model: GridModel) -> "PlannedScene":
+        """Return a scene with one contact and one surface, whose output only the model limits.
+
+        Parameters
+        ----------
+        name : str
+            Name of the scene and of its surface.
+        fs : float
+            Sampling rate in Hz.
+        unit : str
+            Unit of the vibration.
+        model : GridModel
+            Model of the surface.
+        """
+        band = min(20.0, 0.1 * fs), 0.45 * fs
+        return cls(name, fs, unit, band, 1e6, 1, {name: 0}, (model,))
+
     def index_of(self, surface: str) -> int:
         """Return the index of the model of a surface."""
         if surface not in self.model_indices:

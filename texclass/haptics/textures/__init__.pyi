@@ -7,6 +7,7 @@ from .contract import Renderer as Renderer
 from .contract import Serializable as Serializable
 from .contract import Texture as Texture
 from .grid import GridModel as GridModel
+from .grid_texture import GridTexture as GridTexture
 from .packed import PackedTexture as PackedTexture
 from .packing import measure_scales as measure_scales
 from .packing import pack as pack

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.haptics.textures.contract import NOMINAL_FORCE_N, NOMINAL_SPEED_MM_S, Texture
 from texclass.haptics.textures.grid import GridModel
+from texclass.haptics.textures.grid_texture import LIGHT_N, PEAK_FACTOR, REST_MM_S, grid_renderer
 from texclass.haptics.textures.motion_renderer import MotionRenderer
 from texclass.recording import UNITS, Samples
 from texclass.vibration.autoregressive import Autoregression
@@ -68,10 +69,6 @@ MAX_MODES = 4
 """Largest number of modes of a tap."""
 MU_STEP, MAX_MU = 0.01, 2.55
 """Step and largest value of the friction coefficient, which is coded in one byte (0: no friction)."""
-REST_MM_S, LIGHT_N = 5.0, 0.05
-"""Speed and force below which samples of scans are ignored and renderers fade to silence."""
-PEAK_FACTOR = 6.0
-"""Limit of rendered samples, as a multiple of the largest level (RMS)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,29 +213,6 @@ class PackedTexture(Texture):
     def renderer(self, *, seed: int = 0) -> MotionRenderer:
         """Return a renderer whose motion starts at rest; `seed` is the seed of the noise."""
         return grid_renderer(self.model, self.fs, seed=seed)
-
-
-def grid_renderer(model: GridModel, fs: float, *, seed: int = 0) -> MotionRenderer:
-    """Return a renderer of a model over speed and force; it fades to silence at low speed or force."""
-    slow, light = (axis[0] for axis in model.axes)
-
-    def parameter_map(motion: Samples) -> tuple[Samples, Samples]:
-        speed, force = np.hypot(motion[:, 0], motion[:, 1]), motion[:, 2]
-        k, power = model.at(np.maximum(speed, slow), np.maximum(force, light))
-        fade = np.clip(speed / min(slow, REST_MM_S), 0.0, 1.0)
-        fade *= np.clip(force / min(light, LIGHT_N), 0.0, 1.0)
-        return k, (fade * np.sqrt(power))[:, np.newaxis]
-
-    return MotionRenderer(
-        parameter_map,
-        fs=fs,
-        order=model.order,
-        hop=max(1, round(fs / 1000)),
-        limit=PEAK_FACTOR * float(np.sqrt(model.power.max())),
-        seed=seed,
-        motion_hz=30.0,
-        n_stationary=model.order + 1,
-    )
 
 
 def encode_modes(modes: DecayingModes) -> list[list[int]]:

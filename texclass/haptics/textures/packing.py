@@ -18,7 +18,8 @@ from texclass.haptics.scales import SCALES
 from texclass.haptics.textures import packed
 from texclass.haptics.textures.contract import Renderer, Texture, constant_stroke
 from texclass.haptics.textures.grid import fit_gamma_regression, interpolation_weights
-from texclass.haptics.textures.packed import PackedTexture, grid_renderer
+from texclass.haptics.textures.grid_texture import LIGHT_N, REST_MM_S, grid_renderer
+from texclass.haptics.textures.packed import PackedTexture
 from texclass.haptics.textures.scan import Scan
 from texclass.phases import find_phases
 from texclass.recording import UNITS, Phases, Recording, Samples, Tap
@@ -182,7 +183,7 @@ def _cut_frames(source: Any, fs: float | None) -> tuple[list[Frame], float]:
     if isinstance(source, Scan):
         tracks = [_cut(x, source.fs) for x in (source.acceleration, source.speed, source.force)]
         means = [(x, float(v.mean()), float(f.mean())) for x, v, f in zip(*tracks, strict=True)]
-        moving = [frame for frame in means if frame[1] >= packed.REST_MM_S and frame[2] >= packed.LIGHT_N]
+        moving = [frame for frame in means if frame[1] >= REST_MM_S and frame[2] >= LIGHT_N]
         if len(moving) < 8:
             raise ValueError(
                 f"the scan must have at least 8 frames of {FRAME_S} s with motion and contact, "

@@ -70,6 +70,16 @@ def smooth_motion(x: ArrayLike, fs: float) -> Samples:
     return zero_phase(np.asarray(sos), x)
 
 
+def speed_of(position: Samples, fs: float, name: str) -> Samples:
+    """Return the speed (n,) in mm/s from recorded positions (n, n_axes) in mm.
+
+    Outliers are excluded, see `texclass.phases.exclude_outliers`, and the position is smoothed, see
+    `smooth_motion`.
+    """
+    smooth = smooth_motion(exclude_outliers(position, fs, "position", "mm", f"scan {name!r}"), fs)
+    return np.asarray(np.linalg.norm(np.gradient(smooth, 1 / fs, axis=0), axis=1))
+
+
 def limit_vibration(x: ArrayLike, fs: float) -> Samples:
     """Band-pass filter an acceleration to `VIBRATION_HZ` with zero phase.
 
