@@ -12,7 +12,7 @@ COMMANDS = {
         *((f"{g} ", PROGRAM.commands[g]) for g in ("datasets", "scene", "texture")),
     )
     for name, command in of.commands.items()
-    if name != "scene"
+    if name not in ("scene", "texture")
 }
 
 

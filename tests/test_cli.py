@@ -354,7 +354,7 @@ def test_every_reader_option_reaches_the_reader(command, monkeypatch, name):
     options = set(flags(READERS[name]))
     loading = {flag.replace("_", "-") for flag in inspect.signature(load_recording).parameters}
     assert {f"--{option}" for option in loading - {"path", "auxiliary", "topic"}} <= options
-    assert ("--labels" in options) == (name not in {"inspect", "stream", "describe"})
+    assert ("--labels" in options) == (name not in {"inspect", "stream", "describe", "texture fit"})
     values = {
         "fs": 1000.0, "unit": "g", "column": "a, b", "delimiter": "tab", "time_column": "t",
         "time_unit": "ms", "skip_rows": 3, "comment": "!",
@@ -368,8 +368,9 @@ def test_every_reader_option_reaches_the_reader(command, monkeypatch, name):
     monkeypatch.setattr("texclass.cli.parameters.reader_settings", stop)
     options = [word for key, value in values.items() for word in (f"--{key.replace('_', '-')}", value)]
     required = [p.name for p in READERS[name].params if p.required]
-    files = {"output": ("-o", "x.csv" if name == "extract" else "x.skops")}
+    suffixes = {"extract": ".csv", "texture fit": ".texture"}
+    files = {"output": ("-o", f"x{suffixes.get(name, '.skops')}")}
     required = [word for argument in required for word in files.get(argument, ("absent",))]
-    code, _, err = command(name, *required, *options, "--drop-incomplete")
+    code, _, err = command(*name.split(), *required, *options, "--drop-incomplete")
     assert (code, err) == (1, "error: stopped\n")
     assert settings == values | {"column": ("a", "b"), "delimiter": "\t", "drop_incomplete": True}

@@ -39,9 +39,10 @@ EXPECTED = {
     "scene plan report": "a folder",
     "scene render output": ".wav",
     "scene page output": ".html",
-    "texture page_file": ".html",
-    "texture slider_file": ".html",
-    "convert output": ".texture or .xml or .hjif or .ahap or .wav",
+    "texture fit output": ".texture",
+    "texture show page_file": ".html",
+    "texture show slider_file": ".html",
+    "convert output": ".texture or .xml or .hjif or .ahap or .wav or .h",
 }
 """Command and option -> what a message lists; `--json` writes JSON everywhere."""
 

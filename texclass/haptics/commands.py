@@ -231,7 +231,7 @@ textures.command(
 )(fit)
 
 
-@textures.command("show", epilog="Example: texclass texture wood.texture --page wood.html")
+@textures.command("show", epilog="Example: texclass texture show wood.texture --page wood.html")
 def texture(
     file: Annotated[Path, Argument(help="Texture (.texture or HaTT .xml).")],
     page_file: Annotated[

@@ -53,6 +53,7 @@ def fit(
     skip_rows: p.SkipRows = None,
     comment: p.Comment = None,
     drop_incomplete: p.DropIncomplete = False,
+    resample: p.Resample = None,
     output: Annotated[
         Path,
         p.output_file(
@@ -86,12 +87,13 @@ def fit(
     )
     units = {"speed": speed_unit, "normal_force": force_unit}
     columns = {"speed": speed_column, "normal_force": force_column}
-    loaded = [load_motion(path, reader, columns, units, position_columns) for path in recordings]
-    flags = dict.fromkeys(flag for one in loaded for flag in one.flags if not flag.startswith("outliers:"))
-    print_lines("note:", flags)
+    options = reader | {"resample": resample}
+    loaded = [load_motion(path, options, columns, units, position_columns) for path in recordings]
     result = fit_recordings(loaded, name=output.stem)
     write_json(json_file, result.to_json())
     if json_file != Path("-"):
+        flags = dict.fromkeys(flag for one in loaded for flag in one.flags)
+        print_lines("note:", (flag for flag in flags if not flag.startswith("outliers:")))  # in the result
         print_document(result.document())
     texture = result.texture
     written = [save_texture(texture, output, unit=result.unit)]
