@@ -27,7 +27,7 @@ from texclass.features.extractor import FeatureExtractor
 from texclass.haptics.scales import scale_values
 from texclass.haptics.textures import Scan, Texture, pack
 from texclass.haptics.textures.grid_texture import LIGHT_N, REST_MM_S
-from texclass.haptics.textures.packing import FRAME_S, LOWEST_HZ, SAMPLED_MM_S, SAMPLED_N
+from texclass.haptics.textures.packing import FRAME_S, LOWEST_HZ, sampled_axes
 from texclass.loaders import load_recording, open_dataset
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
@@ -179,8 +179,8 @@ def of_strokes() -> Iterator[dict[str, Any]]:
 
 def of_stand_ins() -> Iterator[dict[str, Any]]:
     """Yield scores of nine simulated HaTT models between the recorded speeds and forces."""
-    between = [np.sqrt(axis[1:] * axis[:-1]) for axis in (SAMPLED_MM_S, SAMPLED_N)]
     for texture in stand_ins():
+        between = [np.sqrt(axis[1:] * axis[:-1]) for axis in sampled_axes(texture)]
         packed = [(n, pack(texture, n)) for n in BYTES[1:]]
         for n_bytes, other in [(0, texture), *packed]:
             found = []

@@ -175,6 +175,7 @@ def test_references_without_ridges_rank_the_features_over_time(references, monke
     assert "fewer than two different reference surfaces" in description["reason"]["sticky"]
 
 
+@pytest.mark.filterwarnings("ignore:.*excluded 1 sample of speed")  # a glitch of stylus6
 @pytest.mark.parametrize("name", ["floors10", "fabric_speeds", "stylus6"])
 def test_values_of_real_recordings_stay_on_the_scale(name, data_root):
     dataset = tx.open_dataset(name)
@@ -201,3 +202,26 @@ def test_describe_on_the_command_line(command, monkeypatch, tmp_path, references
     code, _, err = command("describe", "none.txt", "--fs", "10000", "--unit", "m/s^2")
     assert code == 1
     assert "none.txt" in err
+
+
+def test_a_vibration_that_never_rests_is_rated_as_a_movement_and_not_as_a_tap():
+    fs, rng = 10_000.0, np.random.default_rng(2)
+    decay = np.concatenate([np.zeros(1500), 0.3 + 4 * np.exp(-np.arange(8500) / 3000)])
+    x = rng.standard_normal(10_000) * (0.02 + decay)
+    stroke = tx.Recording(x, fs, "m/s^2")
+    assert tx.find_phases(stroke).kind == "taps only"
+    values = tx.haptics.describe(stroke).set_index("scale")["value"]
+    assert np.isnan(values["hard"])
+    assert values[["rough", "bumpy", "fine", "regular"]].notna().all()
+    tap = tx.Recording(x * (0.001 + np.exp(-np.arange(10_000) / 400)), fs, "m/s^2")
+    values = tx.haptics.describe(tap).set_index("scale")["value"]
+    assert values["hard"] >= 0
+    assert values[["rough", "bumpy"]].isna().all()
+
+
+def test_no_excerpt_of_a_movement_is_rated_as_a_tap(data_root):
+    excerpts = sorted((data_root / "lmt_excerpts").glob("*.wav"))
+    description = tx.haptics.describe(excerpts, unit="m/s^2")
+    by_scale = description.groupby("scale")["value"]
+    assert by_scale.count().to_dict()["rough"] == len(excerpts)
+    assert by_scale.count().to_dict()["hard"] == 0

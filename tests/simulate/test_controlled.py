@@ -16,8 +16,10 @@ from texclass.simulate import (
     record_rising_force,
     record_rising_speed,
     record_rising_taps,
+    record_steps,
     surface_catalogue,
 )
+from texclass.simulate.controlled import REST_S
 
 OPERATOR = replace(operator_catalogue(1, 1)[0], direction_deg=0.0)
 ROUGH = replace(surface_catalogue(1, 1)[0], gratings=(), bumps=None, rms_um=2.0, stiffness_n_m=6e4)
@@ -141,3 +143,32 @@ def test_a_dataset_of_a_gesture_has_the_operators_of_its_recipe_and_no_phases():
     assert (recording.phases, recording.fs) == (None, 8000)
     other = taps.load(replace(entry, operator=taps.entries[0].operator))
     assert recording.n_samples != other.n_samples or (recording.acceleration != other.acceleration).any()
+
+
+def test_steps_have_the_level_and_lines_of_strokes_at_constant_speed_and_force():
+    steps, step_s = [(60.0, 0.5), (120.0, 2.0), (80.0, 1.0)], 2.0
+    recording = record_steps(GROOVED, OPERATOR, steps, step_s=step_s, seed=1)
+    assert len(recording.acceleration) == round((REST_S + 3 * step_s) * 10_000)
+    for i, (speed, force) in enumerate(steps):
+        begin, end = (round((REST_S + i * step_s + t) * 10_000) for t in (0.3, step_s))
+        assert recording.speed[begin:end].mean() == pytest.approx(speed, rel=0.05)
+        assert recording.normal_force[begin:end].mean() == pytest.approx(force, rel=0.1)
+        frequency, power = signal.welch(recording.acceleration[begin:end, 2], recording.fs, nperseg=10_000)
+        assert frequency[np.argmax(power * (frequency > 15))] == pytest.approx(speed / 2.0, abs=1.5)
+    assert recording.speed[: round(0.2 * 10_000)].max() < 5.0
+
+
+def test_steps_have_the_spectra_of_separate_recordings():
+    rough, conditions, fs = surface_catalogue(30, 0)[20], [(50.0, 0.6), (150.0, 1.5)], 2000.0
+    steps = record_steps(rough, OPERATOR, conditions, step_s=6.0, fs=fs, seed=3)
+    for i, (speed, force) in enumerate(conditions):
+        alone = record_rising_speed(
+            rough, OPERATOR, duration_s=6.0, fs=fs, seed=4, speed_mm_s=(speed, speed), force_n=force
+        )
+        begin = round((REST_S + 6.0 * i + 0.3) * fs)
+        levels = []
+        for x in (steps.acceleration[begin : begin + 11_000, 2], alone.acceleration[1000:, 2]):
+            _, power = signal.welch(x, fs, nperseg=256)
+            bands = power[: 128 // 16 * 16].reshape(-1, 16).mean(axis=1)
+            levels.append(10 * np.log10(bands[1:]))
+        assert np.sqrt(np.mean((levels[0] - levels[1]) ** 2)) < 1.5

@@ -195,3 +195,12 @@ def test_log_magnitude_equals_the_last_order_of_log_magnitudes():
         k = largest * np.sign(np.random.default_rng(order).uniform(-1, 1, order))
         expected = recursions.log_magnitudes(k, omega)[-1]
         assert_allclose(recursions.log_magnitude(k, omega), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_unit_spectra_equal_those_of_log_magnitudes_at_every_order():
+    omega = np.linspace(0, np.pi, 60)
+    for order, largest in ((0, 0.5), (1, 0.9), (16, 0.9), (400, 0.3), (100, 1 - 1e-9)):
+        k = largest * np.random.default_rng(order).uniform(-1, 1, order)
+        ln_g2 = np.concatenate([[0.0], np.cumsum(np.log1p(-(k**2)))])
+        expected = ln_g2[:, np.newaxis] - 2 * recursions.log_magnitudes(k, omega)
+        assert_allclose(np.log(recursions.unit_spectra(k, omega)), expected, rtol=1e-9, atol=1e-9)

@@ -252,7 +252,7 @@ def texture(
     ] = None,
     json_file: p.JsonFile = None,
 ) -> None:
-    """Show the properties of a texture: family, points, order, sampling rate, unit and size in bytes.
+    """Show the properties of a texture: family, range of speed and force, order, sampling rate, unit.
 
     The word `show` can be omitted: `texclass texture wood.texture`.
     """
@@ -298,6 +298,8 @@ app.add_typer(
 def _as_text(value: object) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name} {_as_text(inner)}" for name, inner in value.items())
+    if isinstance(value, list) and value and isinstance(value[0], float):
+        return " to ".join(f"{end:.4g}" for end in value)
     if isinstance(value, list):
         return " x ".join(map(str, value)) or "number"
     return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
@@ -415,11 +417,15 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
     """Write a texture or a recording as a packed texture of `n_bytes`, and return the losses."""
     from texclass.haptics import exchange
     from texclass.haptics.textures import pack
+    from texclass.haptics.textures.contract import stroke_range
     from texclass.loaders import load_recording
 
     if source.suffix.lower() in TEXTURES:
-        packed = pack(exchange.load_texture(source), n_bytes, unit=exchange.describe(source)["unit"])
-        validity, taps = "40 to 200 mm/s, 0.4 to 2 N", "none in the texture, or too few bytes"
+        loaded = exchange.load_texture(source)
+        packed = pack(loaded, n_bytes, unit=exchange.describe(source)["unit"])
+        (slow, fast), (light, hard) = stroke_range(loaded)
+        validity = f"{slow:.4g} to {fast:.4g} mm/s, {light:.4g} to {hard:.4g} N"
+        taps = "none in the texture, or too few bytes"
         friction = ""
     else:
         packed = pack(load_recording(source, fs=fs, unit=unit), n_bytes, name=source.stem)

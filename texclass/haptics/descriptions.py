@@ -23,13 +23,17 @@ from texclass.haptics.scales import (
 from texclass.loaders import find_recording, open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.phases import find_phases, resolution_problem
-from texclass.recording import Recording
+from texclass.recording import Phases, Recording
 from texclass.reporting import Document, Table
 from texclass.reporting.blocks import Block, Heading
 from texclass.reporting.wording import digits
+from texclass.signals import combine
 
 PLACEHOLDER_FS = 1.0
 """Sampling rate in Hz that loaders use if the true rate is unknown."""
+FRAME_S, REST_DB = 0.02, 20.0
+"""Length of a frame in s, and level in dB below the strongest frame at which a recording counts as at rest.
+Taps decay by more than this in most frames of a recording. A vibration that does not is a movement."""
 LOW, HIGH = 3.0, 7.0
 """Values below and above which a surface is described by the name of the low or high end of a scale."""
 
@@ -87,6 +91,8 @@ def describe(
 
     Notes
     -----
+    If only taps are detected but the vibration never rests, the whole recording is rated as a movement.
+
     A recording with too few distinct values, or whose vibration is below one quantisation step, has no
     values; see `texclass.phases.resolution_problem`.
 
@@ -107,6 +113,7 @@ def describe(
         one if isinstance(one, Recording) else find_recording(one, fs=fs, unit=unit, **reading)
         for one in inputs
     ]
+    loaded = [_with_movement(recording) for recording in loaded]
     if references is None:
         reference_table, reference_unit = reference_surfaces(), "m/s^2"
     else:
@@ -161,6 +168,17 @@ def _rank(scale: Scale, feature: float, ranked: "pd.Series[float]") -> dict[str,
         "nearest": tuple(ranked.index[max(n_below - 1, 0) : n_below + 1]),
         "excess": scale.excess(feature, ranked),
     }
+
+
+def _with_movement(recording: Recording) -> Recording:
+    """Return a recording of detected taps alone, whose vibration never rests, as one movement."""
+    if recording.phases or recording.fs == PLACEHOLDER_FS or find_phases(recording).kind != "taps only":
+        return recording
+    x, n = combine(recording.acceleration), max(round(FRAME_S * recording.fs), 8)
+    levels = x[: x.size // n * n].reshape(-1, n).std(axis=1)
+    if levels.size < 2 or not np.median(levels) > levels.max() * 10 ** (-REST_DB / 20):
+        return recording
+    return recording.with_(phases=Phases(movement=(0, recording.n_samples)))
 
 
 def _phase_resolution(recording: Recording) -> str:

@@ -150,10 +150,16 @@ class Scale(NamedTuple):
     def _link(self, references: ArrayLike | None = None) -> tuple[Samples, Samples]:
         """Return the positions of the references in ascending order, and their values from 0 to 10."""
         if references is None:
-            references = reference_surfaces()[self.column].dropna()
+            return _default_link(self)
         positions, counts = np.unique(self._positions(references), return_counts=True)
         ranks = np.cumsum(counts) - (counts - 1) / 2  # equal references share their mean rank
         return positions, 10 * (ranks - ranks[0]) / (ranks[-1] - ranks[0])
+
+
+@cache
+def _default_link(scale: Scale) -> tuple[Samples, Samples]:
+    """Return the positions and values of the default reference surfaces."""
+    return scale._link(reference_surfaces()[scale.column].dropna())
 
 
 SCALES = {

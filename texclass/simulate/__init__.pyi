@@ -3,6 +3,7 @@ from .controlled import record_gesture as record_gesture
 from .controlled import record_rising_force as record_rising_force
 from .controlled import record_rising_speed as record_rising_speed
 from .controlled import record_rising_taps as record_rising_taps
+from .controlled import record_steps as record_steps
 from .freehand import record_freehand as record_freehand
 from .hand import Operator as Operator
 from .hand import operator_catalogue as operator_catalogue

@@ -1,16 +1,18 @@
 """Simulation of controlled recordings and of single gestures.
 
 In the controlled recordings of `strese2015` (section III), one condition rises linearly and the others are
-constant. A gesture is a tap or a slow, fast or hard stroke that starts from rest.
+constant, or speed and force change in steps. A gesture is a tap or a slow, fast or hard stroke that starts
+from rest.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from texclass.recording import Recording
+from texclass.recording import Recording, Samples
 from texclass.simulate import hand
 from texclass.simulate.freehand import (
     Seed,
@@ -24,6 +26,8 @@ from texclass.simulate.hand import Operator
 from texclass.simulate.surfaces import Surface
 from texclass.simulate.tool import Sensor
 
+REST_S, RAMP_S = 0.3, 0.05
+"""Time in s for which a plate rests at first, and time in which it reaches a new speed."""
 GESTURES: Mapping[str, tuple[float, float, float] | None] = MappingProxyType(
     {
         "tap": None,
@@ -117,6 +121,69 @@ def record_rising_force(
     recording_id = f"{surface.name}, rising force"
     return _record_plate(
         surface, operator, duration_s, fs, seed, (speed_mm_s, speed_mm_s), force_n, sensor, recording_id
+    )
+
+
+def record_steps(
+    surface: Surface,
+    operator: Operator,
+    steps: Sequence[tuple[float, float]],
+    *,
+    step_s: float = 1.0,
+    fs: float = 10_000.0,
+    seed: Seed,
+    sensor: Sensor | None = None,
+) -> Recording:
+    """Simulate a recording on a rotating plate whose speed and normal force change in steps.
+
+    Parameters
+    ----------
+    surface, operator, fs, seed, sensor
+        See `record_rising_speed`.
+    steps : sequence of (float, float)
+        Speed in mm/s and normal force in N of each step.
+    step_s : float
+        Duration of a step in s (default 1). Speed and force change in the first 0.05 s of each step, and the
+        tip moves to a neighbouring line of the surface.
+
+    Returns
+    -------
+    Recording
+        Simulated recording, with the same signals as from `record_freehand`. The plate does not move in the
+        first `REST_S` = 0.3 s.
+
+    Examples
+    --------
+    >>> from texclass.simulate import operator_catalogue, surface_catalogue
+    >>> (surface,), (operator,) = surface_catalogue(1, seed=0), operator_catalogue(1, seed=0)
+    >>> recording = record_steps(surface, operator, [(50.0, 1.0), (100.0, 0.5)], fs=2_000.0, seed=0)
+    >>> recording.acceleration.shape, recording.speed[[2000, 4000]].round().tolist()
+    ((4600, 3), [50.0, 100.0])
+    """
+    duration_s = REST_S + len(steps) * step_s
+    check_duration_and_rate(duration_s, fs, shortest_s=1.0)
+    time_s = np.arange(int(np.ceil(duration_s * hand.CONTROL_RATE)) + 2) / hand.CONTROL_RATE - REST_S
+    starts_s = step_s * np.arange(len(steps))
+    knots_s = np.column_stack([starts_s, starts_s + RAMP_S]).ravel()
+
+    def follow(values: ArrayLike, first: float) -> Samples:
+        """Return a signal that changes from `first` to each of the values in turn."""
+        ends = np.concatenate([[first], np.asarray(values, dtype=np.float64)])
+        return np.asarray(np.interp(time_s, knots_s, np.column_stack([ends[:-1], ends[1:]]).ravel()))
+
+    speed_mm_s, force_n = np.transpose(np.asarray(steps, dtype=np.float64))
+    velocity, force = 1e-3 * follow(speed_mm_s, 0.0), follow(force_n, force_n[0])
+    depth, zeros = pressing_depth(surface, operator, force), np.zeros(time_s.size)
+    path = hand.Gesture(-depth, velocity, zeros, follow(np.arange(len(steps)), 0.0), strokes_s=REST_S)
+    return perform(
+        path,
+        surface,
+        operator,
+        duration_s=duration_s,
+        fs=fs,
+        rngs=generators(seed),
+        sensor=sensor,
+        recording_id=f"{surface.name}, {len(steps)} steps",
     )
 
 
@@ -247,14 +314,13 @@ def _record_plate(
     """Simulate a recording on a plate that rests at first; speed and force then rise linearly."""
     check_duration_and_rate(duration_s, fs, shortest_s=1.0)
     n_knots = int(np.ceil(duration_s * hand.CONTROL_RATE)) + 2
-    rest_s = 0.3
-    begin = int(rest_s * hand.CONTROL_RATE)
+    begin = int(REST_S * hand.CONTROL_RATE)
     time = np.maximum(np.arange(n_knots) - begin, 0) / hand.CONTROL_RATE
     ramp = time / time[-1]
-    velocity = 1e-3 * (speed[0] + (speed[1] - speed[0]) * ramp) * np.minimum(time / 0.05, 1.0)
+    velocity = 1e-3 * (speed[0] + (speed[1] - speed[0]) * ramp) * np.minimum(time / RAMP_S, 1.0)
     normal = -pressing_depth(surface, operator, force[0] + (force[1] - force[0]) * ramp)
     zeros = np.zeros(n_knots)
-    path = hand.Gesture(normal, velocity, zeros, zeros, strokes_s=rest_s)
+    path = hand.Gesture(normal, velocity, zeros, zeros, strokes_s=REST_S)
     return perform(
         path,
         surface,

@@ -180,6 +180,30 @@ def log_magnitudes(k: Samples, omega: Samples) -> Samples:
 
 
 @njit(cache=True, error_model="numpy")
+def unit_spectra(k: Samples, omega: Samples) -> Samples:
+    """Return g_m^2 / |A_m(e^jw)|^2 for the orders m = 0 ... p of one model, shape (p + 1, n_frequencies).
+
+    g_m^2 = prod_{i <= m} (1 - k_i^2)
+
+    This is the recursion of `log_magnitudes`, with each stage divided by sqrt(1 - k^2). Its determinant is
+    then 1, so the result neither overflows nor underflows unless the spectrum itself does.
+    """
+    p, n = k.size, omega.size
+    out = np.ones((p + 1, n))
+    x, y = np.ones(n), np.zeros(n)
+    cosine, sine = np.cos(omega / 2), np.sin(omega / 2)
+    for m in range(p):
+        gain = np.sqrt((1.0 + k[m]) / (1.0 - k[m]))
+        per_gain = 1.0 / gain
+        for j in range(n):
+            u = gain * (cosine[j] * x[j] + sine[j] * y[j])
+            v = per_gain * (cosine[j] * y[j] - sine[j] * x[j])
+            x[j], y[j] = u, v
+            out[m + 1, j] = 1.0 / (u * u + v * v)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
 def log_magnitude(k: Samples, omega: Samples) -> Samples:
     """Return ln |A_p(e^jw)| of one model (p,), shape (n_frequencies,): the last row of `log_magnitudes`.
 

@@ -21,6 +21,8 @@ class Hum(Serializable):
 
     family: ClassVar[str] = "hum"
     operations: ClassVar[float] = 4.0
+    speeds: ClassVar[np.ndarray] = np.array([20.0, 60.0])
+    forces: ClassVar[np.ndarray] = np.array([1.0])
     name: str = "hum"
     fs: float = 1000.0
     note: tuple[str | float | bool | None, ...] = ("low", 1, True, None, 0.1)

@@ -47,11 +47,13 @@ def test_the_texture_command_shows_the_properties_of_a_file(slate, tmp_path):
     path = save_texture(slate, tmp_path / "a.texture")
     result = run("texture", path, "--json", tmp_path / "a.json")
     assert result.exit_code == 0
-    for words in ("hatt", "slate & chalk", "m/s^2", "triangles", str(path.stat().st_size)):
+    limits = "speed (mm/s) 40 to 160, force (N) 0.5 to 3"
+    for words in ("hatt", "slate & chalk", "m/s^2", "triangles", limits, str(path.stat().st_size)):
         assert words in result.output
     properties = json.loads((tmp_path / "a.json").read_text())
     expected = ("hatt", 4, 1000.0, "m/s^2")
     assert tuple(properties[key] for key in ("family", "order", "fs", "unit")) == expected
+    assert properties["range"] == {"speed (mm/s)": [40.0, 160.0], "force (N)": [0.5, 3.0]}
     assert properties["points"] == {"speed": slate.mesh.speed.size, "triangles": len(slate.mesh.triangles)}
 
 

@@ -44,7 +44,7 @@ from texclass.vibration.scores import goodness_of_fit
 
 K = np.array([[-0.8, 0.5, 0.1], [-0.5, 0.6, 0.2]])
 LSF = from_reflection(K[0])
-FRAME = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0)
+FRAME = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0, (16.0, 160.0), (0.2, 2.0))
 POLYNOMIAL = np.vstack([np.append(LSF, 0.4), np.append(0.05 * LSF, 0.1), np.append(0.02 * LSF, 0.1)])
 
 

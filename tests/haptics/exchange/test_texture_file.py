@@ -60,7 +60,7 @@ def test_tap_libraries_and_textures_are_not_confused(path, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"version": 3}, "newer texclass"),
+        ({"version": texture_file.VERSION + 1}, "newer texclass"),
         ({"family": "os.system"}, "one of"),
         ({"unit": "furlong"}, "unit is 'furlong'. Expected one of m/s"),
         ({"parameters/fs": "fast"}, "fs is 'fast'. Expected"),

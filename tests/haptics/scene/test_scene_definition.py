@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from texclass.haptics.scene import read_path, read_scene, sweep_path
+from texclass.haptics.exchange import play_texture, save_texture
+from texclass.haptics.scene import plan_scene, read_path, read_scene, scene_from_texture, sweep_path
 from texclass.haptics.scene.definition import shipped_scenes
+from texclass.haptics.textures.hatt import HattTexture
 
 S8, RANGES = 'simulated = "abdulali2016/S8"', "speeds_mm_s = [60, 120]\nforces_n = [0.8, 1.2]"
 
@@ -89,3 +91,28 @@ def test_a_sweep_covers_every_surface_and_the_whole_range_of_speeds():
     (slow, fast), _ = path.ranges()
     assert (slow, fast) == pytest.approx((48, 192), rel=0.01)  # 5th and 95th percentile of 40 to 200
     assert path.force_n.max() == pytest.approx(2.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("speeds", [(20.0, 60.0), (100.0, 900.0)])
+def test_a_page_of_a_texture_covers_the_range_of_its_recording(speeds, tmp_path):
+    slow, fast = speeds
+    lsf = [[0.6, 1.1]] * 4
+    power = np.array([1.0, 8.0, 1.0, 8.0])
+    fabric = HattTexture.from_models(
+        [slow, fast, slow, fast], [0.1, 0.1, 0.3, 0.3], lsf, power, 1000.0, name="fabric"
+    )
+    path = save_texture(fabric, tmp_path / "fabric.texture")
+    definition = scene_from_texture(path)
+    assert definition.motion.speeds_mm_s == speeds
+    assert definition.motion.forces_n == (0.1, 0.3)
+    model = plan_scene(definition).scene.models[0]
+    for v in speeds:
+        expected = play_texture(fabric, speed=v, force=0.2, seconds=8.0).samples.std()
+        level = np.sqrt(model.at([v], [0.2])[1][0])
+        assert abs(20 * np.log10(level / expected)) < 1.5
+
+
+def test_a_texture_of_one_speed_is_stroked_from_half_to_twice_that_speed(tmp_path):
+    texture = HattTexture.from_models([80.0], [1.0], [[0.6, 1.1]], [1.0], 1000.0, name="oak")
+    motion = scene_from_texture(save_texture(texture, tmp_path / "oak.texture")).motion
+    assert (motion.speeds_mm_s, motion.forces_n) == ((40.0, 160.0), (0.5, 2.0))

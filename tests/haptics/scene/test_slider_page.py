@@ -15,7 +15,7 @@ from texclass.haptics.exchange import save_texture
 from texclass.haptics.scene import PlannedScene, SceneRenderer, pages, write_slider_page
 from texclass.haptics.scene import render_kernels as kernels
 from texclass.haptics.scene.renderer import build_kernel_arrays
-from texclass.haptics.textures import GridModel, pack, retouch
+from texclass.haptics.textures import GridModel, pack, packing, retouch
 from texclass.recording import Phases, Recording
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 
@@ -184,8 +184,8 @@ def test_a_slider_ends_where_interpolation_to_the_next_value_would_change_anothe
     def halfway(one, other):
         return own_values | {"rough": rough - 1, "regular": regular - 1.4}
 
-    monkeypatch.setattr(pages, "measure_scales", lambda texture: {"rough": rough, "regular": regular})
-    monkeypatch.setattr(pages, "scales_halfway", halfway)
+    monkeypatch.setattr(packing, "measure_scales", lambda texture: {"rough": rough, "regular": regular})
+    monkeypatch.setattr(packing, "scales_halfway", halfway)
     monkeypatch.setattr(pages, "SLIDER_VALUES", (rough - 2,))
     assert '"values":' not in pages.slider_page(texture)
 
@@ -205,7 +205,7 @@ def test_the_command_writes_a_small_page_and_rejects_other_suffixes(
     assert page.stat().st_size < 300_000
     source = save_texture(texture, tmp_path / "wood.texture")
     monkeypatch.setattr(pages, "SLIDER_VALUES", (7.0, 60.0))
-    monkeypatch.setattr(pages, "measure_scales", lambda texture: {"rough": own_values["rough"]})
+    monkeypatch.setattr(packing, "measure_scales", lambda texture: {"rough": own_values["rough"]})
     code, _, err = command("texture", source, "--sliders", tmp_path / "wood.html")
     assert code == 0, err
     html = (tmp_path / "wood.html").read_text()

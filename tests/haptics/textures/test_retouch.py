@@ -96,3 +96,26 @@ def test_the_command_line_retouches_a_texture(command, texture, tmp_path):
     assert code == 0, err
     assert "rough" in out
     assert measure_scales(load_texture(target))["rough"] == pytest.approx(rough, abs=0.6)
+
+
+def test_scales_below_the_references_may_stay_below_them():
+    """A weak texture is even by any measure, so that it becomes rougher without becoming bumpy."""
+    pole = 0.97 * np.exp(2j * np.pi * 150.0 / FS)
+    noise = np.random.default_rng(3).standard_normal(round(8 * FS))
+    x = lfilter([1.0, -1.0], np.poly([pole, np.conj(pole)]).real, noise)
+    weak = pack(0.05 * x / x.std(), 128, fs=FS)
+    original = measure_scales(weak)
+    assert original["rough"] == original["bumpy"] == 0
+    result = measure_scales(retouch(weak, rough=1.5), seed=5)
+    assert result["rough"] == pytest.approx(1.5, abs=0.8)
+    for name in ("bumpy", "fine", "regular"):
+        assert result[name] == pytest.approx(original[name], abs=1.0)
+
+
+@COARSE
+def test_the_message_names_the_scales_that_are_missed_or_would_change(texture):
+    with pytest.raises(ValueError, match="cannot be reached") as error:
+        retouch(texture, rough=0.0, bumpy=10.0)
+    assert "instead of" in str(error.value)
+    for name in ("rough", "bumpy"):
+        assert f"{name}=" in str(error.value)

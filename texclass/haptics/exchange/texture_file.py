@@ -47,7 +47,7 @@ TAPS: dict[str, str | type[Serializable]] = {
     "okamura2001": "texclass.haptics.textures.okamura2001:TapLibrary"
 }
 SUFFIX = ".texture"
-VERSION = 2
+VERSION = 3
 """Version of the file format. Files of version 1 are ZIP archives."""
 MAX_FILE_BYTES, MAX_HEADER_BYTES = 64 << 20, 4 << 20
 _KEY = "texclass"
@@ -170,7 +170,9 @@ def load_taps(path: str | Path) -> "TapLibrary":
 
 
 def describe(path: str | Path) -> dict[str, Any]:
-    """Return family, points, order, sampling rate, unit and size of a `.texture` or HaTT `.xml` file.
+    """Return family, range, points, order, sampling rate, unit and size of a `.texture` or `.xml` file.
+
+    The range is that of the speeds and forces of the recording; planned scenes and taps have none.
 
     Parameters
     ----------
@@ -199,15 +201,19 @@ def describe(path: str | Path) -> dict[str, Any]:
     ('packed', 1000.0, 'm/s^2')
     """
     path = Path(path)
+    texture: Texture | None = None
     if path.suffix.lower() == ".xml":
-        hatt = read_hatt(path)
-        header, arrays = make_header(hatt, "m/s^2", path), dict[str, NDArray[Any]](hatt.arrays())
+        texture = read_hatt(path)
+        header, arrays = make_header(texture, "m/s^2", path), dict[str, NDArray[Any]](texture.arrays())
         origin = {"format": "HaTT XML"}
     elif (packed := _read_packed(path)) is not None:
         header, arrays = make_header(packed, packed.unit, path), {"data": packed.data}
+        texture = packed
         origin = {"format": "packed texture"}
     else:
         header, arrays = read_container(path)
+        if header.family in TEXTURES:
+            texture = read_object(path, TEXTURES)
         origin = {
             "format": f"texclass texture {header.version}",
             "written by": f"texclass {header.texclass}",
@@ -225,12 +231,19 @@ def describe(path: str | Path) -> dict[str, Any]:
         **origin,
         "unit": header.unit,
         "fs": header.fs,
+        "range": {} if texture is None else _range(texture),
         "points": {name: shapes[name][0] for name in point_arrays if shapes.get(name)},
         "order": header.order,
         "operations per sample": header.operations,
         "bytes": path.stat().st_size,
         "arrays": shapes,
     }
+
+
+def _range(texture: Texture) -> dict[str, list[float]]:
+    """Return the lowest and highest speed and force of a texture; one value if it does not depend on it."""
+    axes = {"speed (mm/s)": texture.speeds, "force (N)": texture.forces}
+    return {name: [float(end) for end in sorted({axis[0], axis[-1]})] for name, axis in axes.items()}
 
 
 class Header(StrictModel):

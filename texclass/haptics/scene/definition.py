@@ -22,6 +22,7 @@ from pydantic import (
     model_validator,
 )
 
+from texclass.haptics.textures.contract import stroke_range
 from texclass.recording import Samples, Unit
 from texclass.validation import StrictModel, read_toml, validate
 
@@ -383,7 +384,8 @@ def scene_from_texture(file: str | Path) -> SceneDefinition:
     """Return a scene that contains a single texture file.
 
     The device has a sampling rate of at most 2 kHz, a band from 20 Hz to 0.45 times this rate, and the unit
-    of the texture. The motion range is 40 to 200 mm/s and 0.4 to 2 N. The tolerance is 3 dB.
+    of the texture. The motion range is that of the texture, see
+    `texclass.haptics.textures.contract.stroke_range`. The tolerance is 3 dB.
 
     Parameters
     ----------
@@ -413,10 +415,10 @@ def scene_from_texture(file: str | Path) -> SceneDefinition:
     >>> texture = HattTexture.from_models(speed, force, lsf, [1.0] * 4, 1000.0, name="oak")
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     scene = scene_from_texture(save_texture(texture, f"{folder}/oak.texture"))
-    >>> list(scene.surfaces), scene.device.band_hz
-    (['oak'], (20.0, 450.0))
+    >>> list(scene.surfaces), scene.device.band_hz, scene.motion.speeds_mm_s
+    (['oak'], (20.0, 450.0), (20.0, 200.0))
     """
-    from texclass.haptics.exchange import describe
+    from texclass.haptics.exchange import describe, load_texture
 
     path = Path(file)
     facts = describe(path)
@@ -424,6 +426,7 @@ def scene_from_texture(file: str | Path) -> SceneDefinition:
         raise ValueError(f"{path}: expected a texture, got {facts['family']!r}, which has no sampling rate")
     rate = min(float(facts["fs"]), 2000.0)
     band = (min(20.0, 0.1 * rate), 0.45 * rate)
+    speeds, forces = stroke_range(load_texture(path))
     name = facts["name"] or path.stem
     content = {
         "name": name,
@@ -431,7 +434,7 @@ def scene_from_texture(file: str | Path) -> SceneDefinition:
             "rate_hz": rate, "band_hz": band, "noise_floor": 0.0, "largest_output": 1e6,
             "unit": facts["unit"],
         },
-        "motion": {"speeds_mm_s": (40.0, 200.0), "forces_n": (0.4, 2.0)},
+        "motion": {"speeds_mm_s": speeds, "forces_n": forces},
         "tolerance": {"score": "log_spectral_db", "limit": 3.0},
         "budget": {"microseconds": 1e6, "bytes": 1 << 30, "contacts": 1},
         "surfaces": {name: {"texture": str(path.resolve())}},

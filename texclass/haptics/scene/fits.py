@@ -246,8 +246,7 @@ def _mixed_spectra(
     (n_points, n_orders). The remaining power is noise filtered by the lattice of coefficients k (n_points,
     p).
     """
-    shapes = line_shapes(line_hz, scorer)
-    spectra = np.einsum("nol,nlf->nof", power[..., np.newaxis] * line_share, shapes)
+    spectra = power[..., np.newaxis] * line_share @ line_shapes(line_hz, scorer)
     if k.shape[1]:
         noise_power = power * np.maximum(1 - line_share.sum(axis=-1), 0.0)
         for i, row in enumerate(k):
@@ -273,9 +272,8 @@ def unit_spectra(k: Samples, scorer: SpectralScorer) -> Samples:
         Power densities in 1/Hz.
     """
     fs = scorer.device.rate_hz
-    ln_a = recursions.log_magnitudes(np.ascontiguousarray(k), 2 * np.pi * scorer.frequencies / fs)
-    ln_g2 = np.concatenate([[0.0], np.cumsum(np.log1p(-k) + np.log1p(k))])
-    return np.asarray(2 / fs * np.exp(ln_g2[:, np.newaxis] - 2 * ln_a))
+    omega = 2 * np.pi * scorer.frequencies / fs
+    return np.asarray(2 / fs * recursions.unit_spectra(np.ascontiguousarray(k), omega))
 
 
 def line_shapes(hz: Samples, scorer: SpectralScorer) -> Samples:

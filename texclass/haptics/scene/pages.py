@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
@@ -22,12 +22,14 @@ from markupsafe import Markup
 from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.scales import SCALES
 from texclass.haptics.scene.renderer import PlannedScene, build_kernel_arrays
-from texclass.haptics.textures import PackedTexture, Texture, measure_scales, retouch
+from texclass.haptics.textures.contract import Texture
 from texclass.haptics.textures.grid import GridModel
-from texclass.haptics.textures.packing import SPECTRAL_SCALES, scales_halfway
 from texclass.reporting.page import templates
 from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
+
+if TYPE_CHECKING:
+    from texclass.haptics.textures import PackedTexture
 
 MAX_FS = 44_100.0
 """Largest sampling rate of a scene in Hz; the worklet can only upsample, to the rate of the loudspeaker."""
@@ -215,18 +217,20 @@ def slider_page(
     ValueError
         If the texture cannot be changed on any scale.
     """
-    own_values = {name: round(value, 1) for name, value in measure_scales(texture).items()}
-    base = retouch(texture, n_bytes, unit=unit, rough=own_values["rough"])
+    from texclass.haptics.textures import packing
+
+    own_values = {name: round(value, 1) for name, value in packing.measure_scales(texture).items()}
+    base = packing.retouch(texture, n_bytes, unit=unit, rough=own_values["rough"])
     models, scales = [base], dict[str, Any]()
     for n_done, (name, value) in enumerate(own_values.items()):
         if progress is not None:
             progress(n_done, len(own_values), name)
-        source = texture if name in SPECTRAL_SCALES else base
+        source = texture if name in packing.SPECTRAL_SCALES else base
         variants = _slider_variants(source, name, own_values, base, n_bytes, unit)
         if len(variants) == 1:  # no other value can be reached
             continue
         scales[name] = {"value": value, "values": list(variants), "low_end": SCALES[name].low_end}
-        if name in SPECTRAL_SCALES:
+        if name in packing.SPECTRAL_SCALES:
             scales[name]["models"] = list(range(len(models), len(models) + len(variants)))
             models += variants.values()
         elif name == "hard":
@@ -332,26 +336,28 @@ def _estimate_tap(model: GridModel, scene: PlannedScene, middle: list[float], rm
 
 
 def _slider_variants(
-    texture: Texture, name: str, own_values: dict[str, float], base: PackedTexture, n_bytes: int, unit: str
-) -> dict[float, PackedTexture]:
+    texture: Texture, name: str, own_values: dict[str, float], base: "PackedTexture", n_bytes: int, unit: str
+) -> dict[float, "PackedTexture"]:
     """Return the texture at several values of a scale, below and above its own value.
 
     Each direction stops before the first value that cannot be reached, or for which interpolating halfway
     would change another scale.
     """
+    from texclass.haptics.textures import packing
+
     own_value = own_values[name]
     variants = {own_value: base}
     lower = [v for v in reversed(SLIDER_VALUES) if v < own_value - MIN_DISTANCE]
     higher = [v for v in SLIDER_VALUES if v > own_value + MIN_DISTANCE]
     for side in (lower, higher):
         previous = own_value
-        for value in side if name in SPECTRAL_SCALES else side[-1:]:
+        for value in side if name in packing.SPECTRAL_SCALES else side[-1:]:
             try:
-                variant = retouch(texture, n_bytes, unit=unit, **{name: value})
+                variant = packing.retouch(texture, n_bytes, unit=unit, **{name: value})
             except ValueError:
                 break
-            if name in SPECTRAL_SCALES:
-                halfway = scales_halfway(variants[previous], variant)
+            if name in packing.SPECTRAL_SCALES:
+                halfway = packing.scales_halfway(variants[previous], variant)
                 expected = own_values | {name: (previous + value) / 2}
                 errors = [abs(halfway[scale] - expected[scale]) for scale in halfway if scale in own_values]
                 if any(error > MAX_BLEND_ERROR for error in errors):

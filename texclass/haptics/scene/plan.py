@@ -7,7 +7,7 @@ model is within the tolerance for each of them.
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -336,12 +336,18 @@ class Candidates:
     grids : list of (LatticeGrid, ndarray of shape (p + 1,))
         Lattices on different grids, and the tolerance ratio of each order; infinity for orders that were not
         evaluated.
+    lines : dict of (int, str, (int, int)) to (GridModel or None, float)
+        Models of lines by number, kind and size of the grid, and their tolerance ratios. They are fitted when
+        they are first needed.
     """
 
     spectra: SurfaceSpectra
     scorer: SpectralScorer
     motion: MotionRange
-    grids: list[tuple[LatticeGrid, Samples]]
+    grids: list[tuple[LatticeGrid, Samples]] = field(default_factory=list)
+    lines: dict[tuple[int, LineKind, tuple[int, int]], tuple[GridModel | None, float]] = field(
+        default_factory=dict
+    )
 
     def cheapest(self, margin: float, max_speeds: int = MAX_SPEEDS) -> GridModel | None:
         """Return the model with fewest operations (then bytes) among those with a ratio up to `margin`."""
@@ -352,9 +358,8 @@ class Candidates:
         for n, kind, (n_v, n_f) in product(SEARCH.n_lines, get_args(LineKind), SEARCH.reduced_grids):
             if operations(0, n, fs) >= limit:
                 break
-            axes = grid_nodes(self.spectra, self.motion, (min(n_v, max_speeds), n_f))
-            model = fit_lines(self.spectra, self.scorer, axes, n, kind)
-            if model and _selection_score(model, self.spectra, self.scorer)["tolerance_ratio"] <= margin:
+            model, ratio = self._lines(n, kind, (min(n_v, max_speeds), n_f))
+            if model and ratio <= margin:
                 return model
         return lattice
 
@@ -365,11 +370,23 @@ class Candidates:
         assert model is not None
         return model
 
-    @property
+    @cached_property
     def silence_ratio(self) -> float:
         """Tolerance ratio of silence."""
         score = _selection_score(GridModel.silence(), self.spectra, self.scorer)
         return float(score["tolerance_ratio"])
+
+    def _lines(self, n: int, kind: LineKind, size: tuple[int, int]) -> tuple[GridModel | None, float]:
+        """Return the model of n lines on a grid, and its tolerance ratio."""
+        key = n, kind, size
+        if key not in self.lines:
+            axes = grid_nodes(self.spectra, self.motion, size)
+            model = fit_lines(self.spectra, self.scorer, axes, n, kind)
+            ratio = np.inf
+            if model is not None:
+                ratio = _selection_score(model, self.spectra, self.scorer)["tolerance_ratio"]
+            self.lines[key] = model, ratio
+        return self.lines[key]
 
     def _cheapest_lattice(self, margin: float, max_speeds: int) -> GridModel | None:
         fs, lowest_cost, cheapest = self.scorer.device.rate_hz, (np.inf, np.inf), None
@@ -395,7 +412,7 @@ def fit_candidates(spectra: SurfaceSpectra, scorer: SpectralScorer, motion: Moti
     # Each lattice is fitted without lines, and with the most prominent spatial lines.
     per_mm = spatial_frequencies(points, scorer, 12)
     line_sets = [per_mm[:n] for n in (2, 4, 8, per_mm.size) if 0 < n <= per_mm.size]
-    candidates = Candidates(spectra, scorer, motion, [])
+    candidates = Candidates(spectra, scorer, motion)
     for stage in SEARCH.stages:
         orders = np.array([order for order in stage if order < scorer.n_segment])
         for size, lines in (*product(sizes, [per_mm[:0]]), *product(reduced_sizes, line_sets)):

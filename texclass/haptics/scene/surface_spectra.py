@@ -7,7 +7,7 @@ the device and above its noise is compared.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import count, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,9 @@ MIN_SLOPE_RATIO = 1.4
 
 Window = tuple[Samples, float, float]
 """Vibration at the device's sampling rate, its speed (mm/s) and its force (N)."""
-VibrationSource = Callable[[float, float, int], Samples]
-"""Function of speed (mm/s), force (N) and seed that returns vibration at the device's sampling rate."""
+VibrationSource = Callable[[Sequence[tuple[float, float]], int], list[Samples]]
+"""Function of pairs of speed (mm/s) and force (N), and of the seed of the first pair, that returns the
+vibration at each pair at the device's sampling rate."""
 Score = dict[str, Any]
 """Result of `SpectralScorer.score`:
 
@@ -62,6 +63,9 @@ class SamplingSettings:
         Duration of the vibration at each speed and force in s.
     settle_s : float
         Duration in s that is rendered first and discarded.
+    step_s, step_settle_s : float
+        The same durations for surfaces of the simulated catalogue. The simulation of their contact takes most
+        of the time of a plan; with 4 s, the models are not more accurate.
     n_speeds, n_forces : int
         Grid size of the fitting set. The selection set consists of the points midway between the grid points,
         and the corners of the grid.
@@ -74,6 +78,8 @@ class SamplingSettings:
     margin: float = 0.25
     duration_s: float = 4.0
     settle_s: float = 0.5
+    step_s: float = 1.5
+    step_settle_s: float = 0.2
     n_speeds: int = 8
     n_forces: int = 4
     n_test_points: int = 8
@@ -175,9 +181,10 @@ class SpectralScorer:
         level_errors_db : ndarray of shape (...)
             Level of the model minus level of the surface in dB.
         """
-        largest = (surface @ self.subbands.T).max(axis=-1, keepdims=True)
+        S, M = (P @ self.subbands.T for P in (surface, model))
+        largest = S.max(axis=-1, keepdims=True)
         lowest = np.maximum(max(self.noise_density, 1e-300), MIN_RELATIVE_POWER * largest)
-        S, M = (np.maximum(P @ self.subbands.T, lowest) for P in (surface, model))
+        S, M = np.maximum(S, lowest), np.maximum(M, lowest)
         mean = [10 * np.log10(P.mean(axis=-1)) for P in (S, M)]
         if self.tolerance.score == "gfc":
             product = np.sqrt(S * M).sum(axis=-1)
@@ -373,11 +380,12 @@ def _sample_source(
     low, high = np.log(ranges).T
     rng = np.random.default_rng((scene.seed, 1))
     random_points = np.exp(rng.uniform(low, high, (SAMPLING.n_test_points, 2)))
-    seeds = count(1)
-    window_sets = [
-        [(source(float(v), float(f), next(seeds)), float(v), float(f)) for v, f in conditions]
-        for conditions in (product(*grid), [*product(*midpoints), *product(*corners)], random_points)
-    ]
+    window_sets, seed = [], 1
+    for points in (product(*grid), [*product(*midpoints), *product(*corners)], random_points):
+        conditions = [(float(v), float(f)) for v, f in points]
+        signals = source(conditions, seed)
+        window_sets.append([(x, v, f) for x, (v, f) in zip(signals, conditions, strict=True)])
+        seed += len(conditions)
     return _build_sets(name, window_sets, scorer, f"{SAMPLING.n_test_points} random speeds and forces")
 
 
@@ -438,13 +446,13 @@ def _texture_source(path: Path, scene: SceneDefinition) -> VibrationSource:
     texture = load_texture(path)
     factor = unit_factor(describe(path)["unit"], scene.device.unit, path)
 
-    def vibration(speed: float, force: float, seed: int) -> Samples:
+    def render(speed: float, force: float, seed: int) -> Samples:
         settled = round(SAMPLING.settle_s * texture.fs)
         n = round((SAMPLING.duration_s + SAMPLING.settle_s) * texture.fs)
         x = constant_stroke(texture, speed, force, n - settled, n_settling=settled, seed=seed)
         return resample(factor * x, texture.fs, scene.device.rate_hz)
 
-    return vibration
+    return lambda conditions, seed: [render(v, f, seed + i) for i, (v, f) in enumerate(conditions)]
 
 
 def _simulated_source(name: str, scene: SceneDefinition) -> VibrationSource:
@@ -460,34 +468,32 @@ def _simulated_source(name: str, scene: SceneDefinition) -> VibrationSource:
 
     simulated, fs = get_surface(index), scene.device.rate_hz
 
-    def vibration(speed: float, force: float, seed: int) -> Samples:
+    def render(speed: float, force: float, seed: int) -> Samples:
         n = round(SAMPLING.duration_s * fs)
         rng = np.random.default_rng((scene.seed, seed))
         x = simulated.vibration(np.tile([speed, 0.0], (n, 1)), np.full(n, force), fs, rng)
         return resample(x, fs, fs)
 
-    return vibration
+    return lambda conditions, seed: [render(v, f, seed + i) for i, (v, f) in enumerate(conditions)]
 
 
 def _catalogue_source(index: int, scene: SceneDefinition) -> VibrationSource:
     from texclass.signals import combine, remove_hand_motion
-    from texclass.simulate import operator_catalogue, record_rising_speed, surface_catalogue
+    from texclass.simulate import operator_catalogue, record_steps, surface_catalogue
 
     simulated, operator = surface_catalogue(index + 1, 0)[index], operator_catalogue(1, 0)[0]
     fs = max(2000.0, scene.device.rate_hz)
+    step_s = SAMPLING.step_settle_s + SAMPLING.step_s
 
-    def vibration(speed: float, force: float, seed: int) -> Samples:
-        recording = record_rising_speed(
-            simulated,
-            operator,
-            duration_s=SAMPLING.duration_s + SAMPLING.settle_s,
-            fs=fs,
-            seed=(scene.seed, index, seed),
-            speed_mm_s=(speed, speed),
-            force_n=force,
+    def vibration(conditions: Sequence[tuple[float, float]], seed: int) -> list[Samples]:
+        recording = record_steps(
+            simulated, operator, conditions, step_s=step_s, fs=fs, seed=(scene.seed, index, seed)
         )
-        x = combine(recording.acceleration[round(SAMPLING.settle_s * fs) :])
-        return resample(remove_hand_motion(x, fs), fs, scene.device.rate_hz)
+        # the last step ends at the end of the recording
+        ends_s = len(recording.acceleration) / fs - step_s * np.arange(len(conditions))[::-1]
+        slices = [slice(round((end - SAMPLING.step_s) * fs), round(end * fs)) for end in ends_s]
+        windows = [combine(recording.acceleration[window]) for window in slices]
+        return [resample(remove_hand_motion(x, fs), fs, scene.device.rate_hz) for x in windows]
 
     return vibration
 

@@ -180,6 +180,30 @@ class Texture(Serializable, ABC):
         )
 
 
+def stroke_range(texture: Any) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the lowest and highest speed (mm/s) and force (N) over which a texture is stroked.
+
+    These are the limits of the texture, which are those of its recording. If a texture has a single speed or
+    force, the range is half to twice that value.
+
+    Parameters
+    ----------
+    texture : Texture or surface of a planned scene
+        Object with the attributes `speeds` and `forces`.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> stroke_range(SimpleNamespace(speeds=np.array([20.0, 40.0, 60.0]), forces=np.array([1.0])))
+    ((20.0, 60.0), (0.5, 2.0))
+    """
+    (slow, fast), (light, hard) = (
+        (float(axis[0]), float(axis[-1])) if len(axis) > 1 else (float(axis[0] / 2), float(2 * axis[0]))
+        for axis in (texture.speeds, texture.forces)
+    )
+    return (slow, fast), (light, hard)
+
+
 def constant_stroke(
     texture: Any,
     speed: float,

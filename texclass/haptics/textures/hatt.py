@@ -116,6 +116,10 @@ class Mesh:
         return nodes.reshape(shape), weights.reshape(shape)
 
 
+N_SIDE = 6
+"""Number of nodes on each side of the border of a mesh, as in the published files."""
+
+
 def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.int64]]:
     """Triangulate models and a border around them; return the mesh and the model index of each node.
 
@@ -153,7 +157,7 @@ def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.in
             f"speeds and forces must be finite, at least 0, and with positive maxima, got {top.tolist()}"
         )
     scaled = points / top
-    side = np.linspace(0.0, 1.0, 6)
+    side = np.linspace(0.0, 1.0, N_SIDE)
     border = np.array([(x, y) for x in side for y in side if x in (0.0, 1.0) or y in (0.0, 1.0)])
     distance = np.linalg.norm(border[:, np.newaxis] - scaled, axis=2)
     is_new = distance.min(axis=1) > 1e-6
@@ -341,13 +345,32 @@ class HattTexture(Texture):
 
     @cached_property
     def speeds(self) -> Samples:
-        """Nonzero speeds of the nodes in mm/s, increasing."""
-        return np.unique(self.mesh.speed[self.mesh.speed > 0])
+        """Speeds of the models in mm/s, increasing, without the border of the mesh."""
+        return np.unique(self.mesh.speed[self._is_model])
 
     @cached_property
     def forces(self) -> Samples:
-        """Nonzero forces of the nodes in N, increasing."""
-        return np.unique(self.mesh.force[self.mesh.force > 0])
+        """Forces of the models in N, increasing, without the border of the mesh."""
+        return np.unique(self.mesh.force[self._is_model])
+
+    @property
+    def _is_model(self) -> NDArray[np.bool_]:
+        """Whether each node (n,) is a model at a positive speed and force, and no copy of one on the border.
+
+        Files do not mark the border of `triangulate`; its nodes repeat another model.
+        """
+        scaled = np.column_stack([self.mesh.speed, self.mesh.force]) / self.mesh.largest
+        is_on_side = np.any((scaled == 0) | (scaled == 1), axis=1)
+        steps = (N_SIDE - 1) * scaled
+        is_on_border = is_on_side & np.all(np.abs(steps - np.rint(steps)) < 1e-6, axis=1)
+        is_stroke = np.all(scaled > 0, axis=1)
+        rows = np.column_stack([self.ar_lsf, self.ma_lsf, self.variance, self.gain])
+        inner_first = np.argsort(is_on_border, kind="stable")
+        inner_first = inner_first[is_stroke[inner_first]]
+        _, first = np.unique(rows[inner_first], axis=0, return_index=True)
+        is_model = is_stroke & ~is_on_border
+        is_model[inner_first[first]] = True
+        return np.asarray(is_model)
 
     @property
     def order(self) -> int:

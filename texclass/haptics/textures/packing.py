@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from itertools import product
 from typing import Any
 
@@ -16,7 +16,7 @@ from texclass.features.plan import Plan
 from texclass.features.sets import load_feature_set
 from texclass.haptics.scales import SCALES
 from texclass.haptics.textures import packed
-from texclass.haptics.textures.contract import Renderer, Texture, constant_stroke
+from texclass.haptics.textures.contract import Renderer, Texture, constant_stroke, stroke_range
 from texclass.haptics.textures.grid import fit_gamma_regression, interpolation_weights
 from texclass.haptics.textures.grid_texture import LIGHT_N, REST_MM_S, grid_renderer
 from texclass.haptics.textures.packed import PackedTexture
@@ -36,8 +36,8 @@ MAX_ORDER, MAX_BITS = 127, 8
 FRAME_S, LOWEST_HZ = 0.125, 20.0
 """Length of a frame with nearly constant speed and force in s, and frequency in Hz below which hand motion
 dominates."""
-SAMPLED_MM_S, SAMPLED_N = np.geomspace(40.0, 200.0, 5), np.geomspace(0.4, 2.0, 3)
-"""Speeds and forces at which other textures are sampled."""
+N_SAMPLED_SPEEDS, N_SAMPLED_FORCES = 5, 3
+"""Numbers of speeds and forces at which other textures are sampled, over their range."""
 
 Frame = tuple[Samples, float, float]
 """Vibration, mean speed (mm/s) and mean force (N) of a frame; speed and force are 0 if unknown."""
@@ -68,7 +68,7 @@ def pack(
         - a recording: its movement (used as a scan if speed and force are recorded), the tap of median
           hardness, and the mean friction up to 2.55;
         - a scan: spectra and level as functions of speed and force;
-        - a texture: spectra and level, sampled at 15 speeds and forces;
+        - a texture: spectra and level, sampled at 15 speeds and forces over its range;
         - a vibration: one spectrum and one level for all speeds.
     n_bytes : int
         Largest size of the file in bytes, 8 to 512 (default 64).
@@ -174,12 +174,7 @@ def _fit_modes(x: Samples, fs: float, max_modes: int) -> DecayingModes:
 def _cut_frames(source: Any, fs: float | None) -> tuple[list[Frame], float]:
     """Return the frames of a source and its sampling rate in Hz."""
     if isinstance(source, Texture):
-        n, n_settling = round(1.25 * source.fs), round(0.25 * source.fs)
-        frames = []
-        for seed, (v, f) in enumerate(product(SAMPLED_MM_S, SAMPLED_N)):
-            x = constant_stroke(source, v, f, n - n_settling, n_settling=n_settling, seed=seed)
-            frames += [(frame, float(v), float(f)) for frame in _cut(x, source.fs)]
-        return frames, source.fs
+        return _sample_texture(source), source.fs
     if isinstance(source, Scan):
         tracks = [_cut(x, source.fs) for x in (source.acceleration, source.speed, source.force)]
         means = [(x, float(v.mean()), float(f.mean())) for x, v, f in zip(*tracks, strict=True)]
@@ -198,6 +193,23 @@ def _cut_frames(source: Any, fs: float | None) -> tuple[list[Frame], float]:
             f"the vibration must be one finite axis of at least {FRAME_S} s, got shape {x.shape} at {fs:g} Hz"
         )
     return [(frame, 0.0, 0.0) for frame in _cut(x, fs, overlap=2)], fs
+
+
+@lru_cache(maxsize=1)  # `retouch` packs the same texture several times
+def _sample_texture(texture: Texture) -> list[Frame]:
+    """Return the frames of strokes at constant speeds and forces over the range of a texture."""
+    n, n_settling = round(1.25 * texture.fs), round(0.25 * texture.fs)
+    frames = []
+    for seed, (v, f) in enumerate(product(*sampled_axes(texture))):
+        x = constant_stroke(texture, v, f, n - n_settling, n_settling=n_settling, seed=seed)
+        frames += [(frame, float(v), float(f)) for frame in _cut(x, texture.fs)]
+    return frames
+
+
+def sampled_axes(texture: Texture) -> tuple[Samples, Samples]:
+    """Return the speeds (mm/s) and forces (N) at which a texture is sampled before it is packed."""
+    speeds, forces = stroke_range(texture)
+    return np.geomspace(*speeds, N_SAMPLED_SPEEDS), np.geomspace(*forces, N_SAMPLED_FORCES)
 
 
 def _cut(x: Samples, fs: float, overlap: int = 1) -> list[Samples]:
@@ -451,8 +463,7 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
 
 def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: str) -> PackedTexture:
     """Apply the smallest gains that reach the targets, and return the packed texture."""
-    x = _probe(texture.renderer(), texture.fs)
-    present = _spectral_scales(x, texture.fs)
+    x, present = _measure_texture(texture)
     wanted = np.array(
         [targets.get(name, value) for name, value in zip(SPECTRAL_SCALES, present, strict=True)]
     )
@@ -471,32 +482,51 @@ def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: st
         shape = partial(lambda gains, f: basis(f) @ gains, gains)
         candidate = pack(texture, n_bytes, unit=unit, gain_db=shape, max_hz=RETOUCH.max_rate_hz)
         values = _spectral_scales(_probe(candidate.renderer(), candidate.fs), candidate.fs)
-        if (error := (np.abs(values - wanted) / limits).max()) < smallest_error:
+        if (error := (np.abs(_distance(values, wanted)) / limits).max()) < smallest_error:
             nearest, smallest_error, nearest_values = candidate, error, values
         if smallest_error < 0.5:
             break
-        aim = aim + RETOUCH.step * (wanted - values)
+        aim = aim - RETOUCH.step * _distance(values, wanted)
     if smallest_error > 1.0:
-        pairs = zip(SPECTRAL_SCALES, nearest_values, strict=True)
-        reached = ", ".join(f"{name} {value:.1f}" for name, value in pairs)
-        raise ValueError(
-            f"targets {targets} are out of reach with {RETOUCH.max_db:g} dB and {n_bytes} bytes: "
-            f"the nearest texture has {reached}. Use targets closer to these values"
-        )
+        raise ValueError(_unreachable(targets, present.clip(0, 10), nearest_values.clip(0, 10), n_bytes))
     return nearest
+
+
+def _distance(values: Samples, aim: Samples) -> Samples:
+    """Return values minus aim; 0 where both are at the same end of the scale or beyond it."""
+    is_same_end = ((values <= 0) & (aim <= 0)) | ((values >= 10) & (aim >= 10))
+    return np.where(is_same_end, 0.0, values - aim)
+
+
+def _unreachable(targets: dict[str, float], present: Samples, reached: Samples, n_bytes: int) -> str:
+    """Return the message about targets that are missed, and about other scales that would change."""
+    missed, changed = [], []
+    for name, before, after in zip(SPECTRAL_SCALES, present.tolist(), reached.tolist(), strict=True):
+        if name in targets and abs(after - targets[name]) > RETOUCH.tolerance:
+            missed.append(f"{name} {after:.1f} instead of {targets[name]:g}")
+        elif name not in targets and abs(after - before) > RETOUCH.max_change:
+            changed.append(f"{name} from {before:.1f} to {after:.1f}")
+    problems = [f"the nearest texture has {', '.join(missed)}"] if missed else []
+    if changed:
+        problems.append(f"{', '.join(changed)} would change by more than {RETOUCH.max_change:g}")
+    names = ", ".join(f"{name}={value:g}" for name, value in targets.items())
+    return (
+        f"{names} cannot be reached with {RETOUCH.max_db:g} dB and {n_bytes} bytes: {'; '.join(problems)}. "
+        "Use targets closer to the present values, or set these scales too"
+    )
 
 
 def _solve_gains(scales_with: Callable[[Samples], Samples], gains: Samples, aim: Samples) -> Samples:
     """Find the gains (dB) with which the scales reach the aim, by Newton's method with step control."""
     values = scales_with(gains)
     for _ in range(12):
-        if np.abs(values - aim).max() < 0.05:
+        if np.abs(_distance(values, aim)).max() < 0.05:
             break
         slopes = np.column_stack([scales_with(gains + unit) - values for unit in np.eye(gains.size)])
-        step = np.clip(np.linalg.pinv(slopes, rcond=1e-2) @ (values - aim), -4.0, 4.0)
+        step = np.clip(np.linalg.pinv(slopes, rcond=1e-2) @ _distance(values, aim), -4.0, 4.0)
         trials = [np.clip(gains - part * step, -RETOUCH.max_db, RETOUCH.max_db) for part in (1.0, 0.4)]
         trial_values = [scales_with(trial) for trial in trials]
-        best = int(np.argmin([np.abs(trial - aim).max() for trial in trial_values]))
+        best = int(np.argmin([np.abs(_distance(trial, aim)).max() for trial in trial_values]))
         gains, values = trials[best], trial_values[best]
     return gains
 
@@ -516,6 +546,13 @@ def _gain_basis(f: Any, power: Any) -> Callable[[Any], Samples]:
         return np.column_stack([*nodes, np.interp(ln_f, np.log(grid), peaks)])
 
     return basis
+
+
+@lru_cache(maxsize=1)  # a page with sliders changes the same texture many times
+def _measure_texture(texture: Texture) -> tuple[Samples, Samples]:
+    """Return the stroke of `_probe` over a texture, and its unlimited values of `SPECTRAL_SCALES`."""
+    x = _probe(texture.renderer(), texture.fs)
+    return x, _spectral_scales(x, texture.fs)
 
 
 def _probe(renderer: Renderer, fs: float) -> Samples:

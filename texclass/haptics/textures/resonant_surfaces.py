@@ -103,7 +103,10 @@ class ResonantSurface:
         self, velocity: ArrayLike, force: ArrayLike, fs: float, rng: np.random.Generator
     ) -> Samples:
         """Simulate the vibration (n,) in m/s^2 along a path. The sensor noise is 1 % of the nominal level."""
-        k, level = self.models(velocity, force, fs)
+        v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
+        n = 1 if np.all(v == v[0]) and np.all(f == f[0]) else len(f)  # a constant stroke has one model
+        k, level = self.models(v[:n], f[:n], fs)
+        k, level = np.repeat(k, len(f) // n, axis=0), np.repeat(level, len(f) // n)
         lattice = LatticeSynthesis(Autoregression(k[0], np.ones(())), level=float(level[0])).settle(rng)
         noise = rng.standard_normal((2, len(level)))
         return np.asarray(lattice.process_varying(noise[0], k, level) + 0.01 * self.level * noise[1])

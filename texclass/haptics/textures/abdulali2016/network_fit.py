@@ -216,6 +216,10 @@ def model_scan(
         silent = silent._replace(loudness=g.at(silent.u)[:, 0])
     u = points.u * scaling[1] + scaling[0]
     speed = u[:, 0] if isotropic else np.hypot(u[:, 0], u[:, 1])
+    low, high = (
+        np.quantile(np.concatenate(cut.cut(np.column_stack([scan.speed, scan.force]))), q, axis=0)
+        for q in (0.05, 0.95)
+    )
     narrowest = np.diff(points.lsf, axis=1, prepend=0.0, append=np.pi).min(axis=1)
     frame = Frame(
         isotropic,
@@ -227,6 +231,8 @@ def model_scan(
         light=FADE_FRACTION * float(u[:, -1].min()),
         loudest=max(float(np.sqrt(np.mean(x**2))) for x in cut.cut(scan.acceleration)),
         peak=float(np.abs(scan.acceleration).max()),
+        speed_range=(float(low[0]), float(high[0])),
+        force_range=(float(low[1]), float(high[1])),
         # the sharpest quarter is ignored because models of 75 samples overfit
         gap=float(min(np.quantile(narrowest, 0.25), 0.9 * np.pi / (points.lsf.shape[1] + 1))),
     )

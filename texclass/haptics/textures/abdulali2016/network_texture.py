@@ -51,6 +51,8 @@ class Frame:
         Largest RMS of a segment, which is the upper limit of the level.
     peak : float
         Largest recorded sample.
+    speed_range, force_range : (float, float)
+        5th and 95th percentiles of speed (mm/s) and force (N) in the segments, both positive.
     gap : float
         Smallest distance between line spectral frequencies in rad. Rendered resonances are not sharper than
         those in three quarters of the segments.
@@ -70,6 +72,8 @@ class Frame:
     light: float
     loudest: float
     peak: float
+    speed_range: tuple[float, float]
+    force_range: tuple[float, float]
     gap: float = line_spectrum.MIN_GAP
 
     def __post_init__(self) -> None:
@@ -82,6 +86,9 @@ class Frame:
             raise ValueError(
                 f"all values must be finite and non-negative, and deviations positive, got {self}"
             )
+        for name, (low, high) in (("speed_range", self.speed_range), ("force_range", self.force_range)):
+            if not 0 < low <= high < np.inf:
+                raise ValueError(f"{name} must be two increasing, positive numbers, got {low:g} and {high:g}")
 
     @property
     def n_inputs(self) -> int:
@@ -90,13 +97,13 @@ class Frame:
 
     @property
     def speeds(self) -> Samples:
-        """Lowest and highest speed in mm/s; the lowest is at least a tenth of the highest."""
-        return np.array([max(self.slow, self.fastest / 10), self.fastest])
+        """5th and 95th percentile of the speed in mm/s, one value if they are equal."""
+        return np.unique(self.speed_range)
 
     @property
     def forces(self) -> Samples:
-        """Lowest and highest force in N; the lowest is at least a tenth of the highest."""
-        return np.array([max(self.light, self.hardest / 10), self.hardest])
+        """5th and 95th percentile of the force in N, one value if they are equal."""
+        return np.unique(self.force_range)
 
     def motion(self, velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
         """Return speeds (n,) and forces (n,), clipped to the range, for velocities (n, 2) and forces."""
@@ -170,12 +177,12 @@ class FramedTexture(Texture):
 
     @property
     def speeds(self) -> Samples:
-        """Lowest and highest speed in mm/s."""
+        """Range of the recorded speed in mm/s, see `Frame.speeds`."""
         return self.frame.speeds
 
     @property
     def forces(self) -> Samples:
-        """Lowest and highest force in N."""
+        """Range of the recorded force in N, see `Frame.forces`."""
         return self.frame.forces
 
 
