@@ -46,17 +46,21 @@ int main(int argc, char **argv) {
 """
 
 
-def build(folder, scene, taps=None, *, language="c99"):
-    """Write and compile a scene, with all warnings as errors, and return the program."""
-    write_c_header(folder / "scene.h", scene, taps=taps)
-    is_c = language == "c99"
-    source = folder / ("main.c" if is_c else "main.cpp")
-    source.write_text(PROGRAM)
-    compiler = COMPILER if is_c else CPP_COMPILER
-    command = [compiler, f"-std={language}", "-O2", *WARNINGS, source, "-o", folder / "render", "-lm"]
+def compile_c(arguments, *, language="c99"):
+    """Compile with all warnings as errors."""
+    compiler = COMPILER if language == "c99" else CPP_COMPILER
+    command = [compiler, f"-std={language}", "-O2", *WARNINGS, *arguments, "-lm"]
     compiled = subprocess.run(command, capture_output=True, text=True, check=False)
     assert not compiled.returncode, compiled.stderr
     assert not compiled.stderr
+
+
+def build(folder, scene, taps=None, *, language="c99"):
+    """Write and compile a scene, and return the program."""
+    write_c_header(folder / "scene.h", scene, taps=taps)
+    source = folder / ("main.c" if language == "c99" else "main.cpp")
+    source.write_text(PROGRAM)
+    compile_c([source, "-o", folder / "render"], language=language)
     return folder / "render"
 
 

@@ -1,11 +1,13 @@
 """The C renderer compiles without warnings, in C and C++, and renders the samples of `SceneRenderer`."""
 
 import re
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from c_program import CPP_COMPILER, build, needs_compiler, run
+from c_program import CPP_COMPILER, build, compile_c, needs_compiler, run
 
 from texclass.haptics.scene import PlannedScene, SceneRenderer, write_c_header
 from texclass.haptics.scene.c_header import RENDERER, c_header, files
@@ -58,6 +60,12 @@ def render_in_python(scene, surfaces, velocity, force):
     return renderer.process(velocity[np.newaxis], force[np.newaxis], [[names[i] for i in surfaces]])[0]
 
 
+def size_in_header():
+    """Return the largest size of the state of a contact that the header states."""
+    text = files("texclass.haptics.scene").joinpath("c", RENDERER).read_text()
+    return int(re.search(r"at most (\d+) bytes", text)[1])
+
+
 @needs_compiler
 @pytest.mark.parametrize("fs", [1000.0, 3000.0])
 @pytest.mark.parametrize("names", [*([name] for name in MODELS), list(MODELS)], ids=", ".join)
@@ -72,8 +80,7 @@ def test_c_and_python_render_the_same_samples(names, fs, tmp_path):
     assert n_refused == 0
     in_blocks, _, _ = run(program, *path, mode="blocks")
     np.testing.assert_array_equal(in_blocks, samples)
-    text = files("texclass.haptics.scene").joinpath("c", RENDERER).read_text()
-    assert size <= int(re.search(r"at most (\d+) bytes", text)[1]) <= 1.1 * size
+    assert size <= size_in_header() <= 1.1 * size
 
 
 @needs_compiler
@@ -157,6 +164,21 @@ def test_any_surface_name_becomes_a_valid_and_unique_name(surface, tmp_path):
     assert "texclass_scene texclass_scene" not in text
     constants = re.findall(r"(\w+) = \d", re.search("enum {.*}", text)[0])
     assert len(set(constants)) == 4
+
+
+@needs_compiler
+def test_the_program_on_the_page_compiles_and_renders(tmp_path):
+    page = (Path(__file__).parents[3] / "docs/textures.md").read_text(encoding="utf-8")
+    (tmp_path / "main.c").write_text(re.search(r"```c main.c\n(.*?)```", page, re.S)[1])
+    scene = make_scene(["lattice"])
+    write_c_header(tmp_path / "fabric.h", scene)
+    compile_c([tmp_path / "main.c", "-o", tmp_path / "main"])
+    printed = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True).stdout.split()
+    renderer = SceneRenderer(scene)
+    renderer.touch(0, "lattice")
+    expected = [renderer.step(0, 120.0, 0.0, 1.0) for _ in range(1000)]
+    np.testing.assert_allclose(np.array(printed, float), expected, rtol=1e-5, atol=1e-5)
+    assert f"at most\n  {size_in_header()} bytes" in page
 
 
 def test_names_of_header_files_are_checked(tmp_path):

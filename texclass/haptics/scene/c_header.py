@@ -155,7 +155,7 @@ def comment(text: str) -> str:
 
 
 def c_array(kind: str, name: str, values: Iterable[str]) -> str:
-    """Return the definition of a constant array, with eight values per line."""
+    """Return the definition of a constant array, with four values per line."""
     items = list(values)
-    lines = [", ".join(items[i : i + 8]) for i in range(0, len(items), 8)]
+    lines = [", ".join(items[i : i + 4]) for i in range(0, len(items), 4)]
     return f"static const {kind} {name}[{len(items)}] = {{\n  " + ",\n  ".join(lines) + "\n};"
