@@ -30,7 +30,7 @@ PAGES = {
     "simulation": ("phases", "phases_families", "realism", "invariance", "rank_agreement", "scales"),
     "vibrations": ("autoregressive", "line_spectrum", "prony"),
     "speed": ("feature_speed", "whole_path", "scaling", "two_processes", "cluster"),
-    "haptics": ("scene", "scene_page", "hjif", "packed_surfaces"),
+    "haptics": ("scene", "scene_page", "c_renderer", "hjif", "packed_surfaces"),
     "certainty": (
         "cluster_interval",
         "calibration",

@@ -1,5 +1,6 @@
 """The C renderer compiles without warnings, in C and C++, and renders the samples of `SceneRenderer`."""
 
+import json
 import re
 import subprocess
 from dataclasses import replace
@@ -179,6 +180,14 @@ def test_the_program_on_the_page_compiles_and_renders(tmp_path):
     expected = [renderer.step(0, 120.0, 0.0, 1.0) for _ in range(1000)]
     np.testing.assert_allclose(np.array(printed, float), expected, rtol=1e-5, atol=1e-5)
     assert f"at most\n  {size_in_header()} bytes" in page
+
+
+def test_the_page_states_the_measured_times():
+    root = Path(__file__).parents[3]
+    study = json.loads((root / "reports/studies/c_renderer.json").read_text(encoding="utf-8"))
+    times = {(row["order"], row["lines"]): round(row["c"]) for row in study["rows"]}
+    page = " ".join((root / "docs/textures.md").read_text(encoding="utf-8").split())
+    assert f"{times[8, 0]} ns with a model of order 8, and {times[100, 0]} ns with order 100" in page
 
 
 def test_names_of_header_files_are_checked(tmp_path):
