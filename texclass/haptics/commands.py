@@ -263,18 +263,11 @@ def texture(
     print_document(Document(str(file), [{key: _as_text(value) for key, value in facts.items()}]))
     write_json(json_file, json.dumps(facts, indent=1))
     if page_file is not None:
-        from texclass.haptics.scene import load_scene, plan_scene, scene_from_texture, write_scene_page
-        from texclass.haptics.textures import PackedTexture
+        from texclass.haptics.scene import scene_of_file, write_scene_page
+        from texclass.haptics.scene.pages import MAX_FS
 
-        taps = {}
-        if facts["family"] == "scene":
-            planned = load_scene(file)
-        else:
-            with progress_bar() as progress:
-                planned = plan_scene(scene_from_texture(file), progress=progress).scene
-        if facts["family"] == PackedTexture.family:
-            tap = PackedTexture.from_bytes(file.read_bytes()).tap
-            taps = dict.fromkeys(planned.model_indices, tap) if tap.n_modes else {}
+        with progress_bar() as progress:
+            planned, taps, _ = scene_of_file(file, max_fs=MAX_FS, progress=progress)
         write_scene_page(page_file, planned, taps=taps)
         typer.echo(f"wrote {page_file}, {page_file.stat().st_size} bytes")
     if slider_file is not None:

@@ -1,7 +1,9 @@
-"""Convert any texture file to a scene, for C headers: exactly if possible, otherwise by planning."""
+"""Convert any texture file to a scene, for pages and C headers: exactly if possible, or else by planning."""
 
 from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 from texclass.haptics.exchange import describe, load_taps, load_texture
 from texclass.haptics.scene.definition import scene_from_texture
@@ -11,6 +13,7 @@ from texclass.haptics.textures import GridTexture, PackedTexture
 from texclass.haptics.textures.grid import GridModel
 from texclass.haptics.textures.okamura2001 import TapLibrary
 from texclass.vibration import DecayingModes, TapModel
+from texclass.vibration.decaying_modes import NO_MODES
 
 Taps = dict[str, TapModel | DecayingModes]
 TAP_FS = 8000.0
@@ -19,7 +22,7 @@ half of it."""
 
 
 def scene_of_file(
-    path: str | Path, *, progress: Callable[[int, int, str], None] | None = None
+    path: str | Path, *, max_fs: float = np.inf, progress: Callable[[int, int, str], None] | None = None
 ) -> tuple[PlannedScene, Taps, dict[str, str]]:
     """Load a scene, a texture or a tap library as a scene.
 
@@ -27,6 +30,8 @@ def scene_of_file(
     ----------
     path : str or Path
         A `.texture` file, or the `.xml` file of a HaTT texture.
+    max_fs : float
+        Largest sampling rate in Hz of a model that is used without planning (default: no limit).
     progress : callable, optional
         Callback `progress(n_done, n_total, "surfaces")`.
 
@@ -60,11 +65,11 @@ def scene_of_file(
         return silent, dict(library), {}
     texture = load_texture(path)
     name = texture.name or path.stem
-    if isinstance(texture, GridTexture):
-        return PlannedScene.of_model(name, texture.fs, unit, texture.grid), {}, {}
-    if isinstance(texture, PackedTexture):
-        taps: Taps = {name: texture.tap} if texture.tap.n_modes else {}
-        return PlannedScene.of_model(name, texture.fs, unit, texture.model), taps, {}
+    tap = texture.tap if isinstance(texture, PackedTexture) else NO_MODES
+    taps: Taps = {name: tap} if tap.n_modes else {}
+    if isinstance(texture, GridTexture | PackedTexture) and texture.fs <= max_fs:
+        model = texture.model if isinstance(texture, PackedTexture) else texture.grid
+        return PlannedScene.of_model(name, texture.fs, unit, model), taps, {}
     (surface,) = (plan := plan_scene(scene_from_texture(path), progress=progress)).surfaces
     error, order = max(surface.score["scores"]), surface.model.order
     model = (
@@ -73,4 +78,4 @@ def scene_of_file(
     losses = {"model": f"approximated by {model}, up to {error:.1f} dB different in 64 subbands"}
     if getattr(texture, "length_mm", 0.0):
         losses["position"] = "the positions of features on the surface"
-    return plan.scene, {}, losses
+    return plan.scene, taps, losses
