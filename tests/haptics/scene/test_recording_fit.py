@@ -197,6 +197,9 @@ def test_the_command_writes_texture_page_and_json_of_the_recordings_own_range(tm
     assert f'id="speed" min="{round(slow)}" max="{round(fast)}"' in page
     assert "AudioWorklet" in page
     assert run(out).exit_code == 0
+    result = run("show", out, "--page", tmp_path / "again.html")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "again.html").read_text() == page  # the page has the fitted model itself
     words = [sorted(run(*command).output.split()) for command in (("show", out), (out,))]
     assert words[0] == words[1]  # the order of the arrays in a file varies
 

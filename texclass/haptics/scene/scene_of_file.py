@@ -72,10 +72,9 @@ def scene_of_file(
         return PlannedScene.of_model(name, texture.fs, unit, model), taps, {}
     (surface,) = (plan := plan_scene(scene_from_texture(path), progress=progress)).surfaces
     error, order = max(surface.score["scores"]), surface.model.order
-    model = (
-        f"AR of order {order} on {' x '.join(map(str, surface.model.n_nodes))} nodes" if order else "lines"
-    )
-    losses = {"model": f"approximated by {model}, up to {error:.1f} dB different in 64 subbands"}
+    nodes = " x ".join(map(str, surface.model.n_nodes))
+    kind = f"AR of order {order} on {nodes} nodes" if order else f"{surface.model.n_lines} lines"
+    losses = {"model": f"approximated by {kind}, up to {error:.1f} dB different in 64 subbands"}
     if getattr(texture, "length_mm", 0.0):
         losses["position"] = "the positions of features on the surface"
     return plan.scene, taps, losses
