@@ -127,6 +127,22 @@ def test_without_exclusion_one_outlier_would_spoil_the_regression_of_the_level(m
     assert fit_recordings([recording]).level_r_squared < valid - 0.05
 
 
+def test_rest_and_air_are_excluded_wherever_they_are():
+    speed, force = SPEED.copy(), FORCE.copy()
+    speed[:7000], force[12_000:14_000] = 0.0, 0.0
+    fit = fit_recordings([record(speed=speed, force=force)])
+    assert fit.n_frames == pytest.approx(88, abs=2)
+    assert fit.n_frames + fit.n_rest == pytest.approx(160, abs=1)
+    assert fit.candidate.level == (2, 2)
+
+
+@pytest.mark.parametrize("n", [99_999, 100_001, 99_996])
+def test_lengths_that_the_decimation_does_not_divide_are_accepted(n):
+    speed, force = (np.repeat(signal, 10)[:n] for signal in (SPEED, FORCE))
+    fit = fit_recordings([record(speed=speed, force=force, fs=10_000.0)])
+    assert fit.n_frames == pytest.approx(79, abs=1)
+
+
 def test_several_recordings_a_negative_force_and_a_high_rate_are_accepted():
     fits = fit_recordings([record(seed=0), record(seed=1)])
     assert fits.n_frames == 320
@@ -140,12 +156,13 @@ def test_several_recordings_a_negative_force_and_a_high_rate_are_accepted():
 @pytest.mark.parametrize(
     ("recordings", "match"),
     [
-        ([record(speed=SPEED[:3000], force=FORCE[:3000])], "each half must have at least 16 frames"),
+        ([record(speed=SPEED[:3000], force=FORCE[:3000])], "at least 32 frames of 0.125 s .* got 24"),
         ([record(), record(unit="g")], None),
         ([record(), record(unit="V")], "the same unit"),
         ([record(), record(fs=500.0)], "the same fs"),
         ([record(force=np.full(T.size, 0.001))], "check the columns and units"),
         ([record().with_(speed=None)], "no speed or no normal force"),
+        ([record(fs=80.0)], "fs must be at least 100 Hz, got 80 Hz"),
     ],
 )
 def test_unusable_recordings_are_refused_with_their_values(recordings, match):

@@ -31,6 +31,8 @@ from texclass.vibration.autoregressive import from_autocorrelation
 
 MAX_FS = 2000.0
 """Sampling rate in Hz above which recordings are decimated; vibration above 1 kHz is hardly perceived."""
+MIN_FS = 100.0
+"""Smallest sampling rate in Hz, at which a frame has 12 samples."""
 LOWEST_HZ = 20.0
 """Frequency in Hz below which the score ignores the spectrum, because hand motion dominates."""
 QUANTILES = 0.05, 0.95
@@ -268,16 +270,17 @@ def fit_recordings(
             raise ValueError(f"recordings must have the same {attribute}, got {', '.join(values)}")
     factor = max(1, int(scans[0].fs // MAX_FS))
     fs = scans[0].fs / factor
-    all_frames = [_cut_frames(scan, factor) for scan in scans]
-    frames = Frames(*map(np.concatenate, zip(*all_frames, strict=True)))
-    is_moving = (frames.speed >= REST_MM_S) & (frames.force >= LIGHT_N) & (frames.power > 0)
-    n_rest, frames = int((~is_moving).sum()), frames.select(is_moving)
-    n_frames = [int((~frames.is_second_half).sum()), int(frames.is_second_half.sum())]
-    if min(n_frames) < MIN_FRAMES // 2:
+    if fs < MIN_FS:
+        raise ValueError(f"{', '.join(places)}: fs must be at least {MIN_FS:g} Hz, got {fs:g} Hz")
+    frames_of_scans = [_moving_frames(scan, factor) for scan in scans]
+    frames = Frames(*map(np.concatenate, zip(*frames_of_scans, strict=True)))
+    n_frames = len(frames.speed)
+    n_rest = sum(len(scan) // (round(FRAME_S * fs) * factor) for scan in scans) - n_frames
+    if n_frames < MIN_FRAMES:
         raise ValueError(
-            f"{', '.join(places)}: each half must have at least {MIN_FRAMES // 2} frames of {FRAME_S} s "
-            f"with a speed of {REST_MM_S:g} mm/s and a force of {LIGHT_N:g} N or more, got {n_frames[0]} and "
-            f"{n_frames[1]}. Record longer strokes, or check the columns and units of speed and force"
+            f"{', '.join(places)}: recordings must have at least {MIN_FRAMES} frames of {FRAME_S} s with a "
+            f"speed of {REST_MM_S:g} mm/s and a force of {LIGHT_N:g} N or more, got {n_frames}. Record "
+            "longer strokes, or check the columns and units of speed and force"
         )
     ranges = [np.quantile(x, QUANTILES) for x in (frames.speed, frames.force)]
     level, n_levels = select_level(frames, ranges)
@@ -293,7 +296,7 @@ def fit_recordings(
     notices += _notices(recordings, ranges, r_squared)
     return RecordingFit(
         GridTexture(name or scans[0].name, fs, grid), recordings[0].unit, candidate, n_levels + n_spectra,
-        len(frames.speed), n_rest, r_squared,
+        n_frames, n_rest, r_squared,
         (errors[0][0], errors[1][0]), (errors[0][1], errors[1][1]), tuple(notices),
     )  # fmt: skip
 
@@ -314,23 +317,24 @@ def _is_reversed(recording: Recording) -> bool:
     return recording.normal_force is not None and float(np.median(recording.normal_force)) < 0
 
 
-def _cut_frames(scan: Scan, factor: int) -> Frames:
-    """Return the frames of a scan, decimated by a factor."""
+def _moving_frames(scan: Scan, factor: int) -> Frames:
+    """Return the frames of a scan in which the tool moves and presses, decimated by a factor."""
     x = resample_poly(scan.acceleration, 1, factor) if factor > 1 else scan.acceleration
     fs = scan.fs / factor
     n = round(FRAME_S * fs)
-    if x.size < n:
-        raise ValueError(f"scan {scan.name!r} must be at least {FRAME_S} s long, got {x.size / fs:.3g} s")
+    n_rows = len(scan) // (n * factor)
     window = np.hanning(n + 2)[1:-1]
-    rows = x[: x.size // n * n].reshape(-1, n)
+    rows = x[: n_rows * n].reshape(n_rows, n)
     spectra = np.abs(np.fft.rfft((rows - rows.mean(axis=1, keepdims=True)) * window, 2 * n)) ** 2
     spectra *= 2 / (2 * n * (window @ window))
-    n_motion = n * factor
     speed, force = (
-        signal[: len(rows) * n_motion].reshape(len(rows), -1).mean(axis=1)
-        for signal in (np.abs(scan.speed), scan.force)
+        signal[: n_rows * n * factor].reshape(n_rows, n * factor).mean(axis=1)
+        for signal in (scan.speed, scan.force)
     )
-    return Frames(spectra, speed, force, np.arange(len(rows)) >= len(rows) / 2)
+    is_moving = (speed >= REST_MM_S) & (force >= LIGHT_N) & (spectra.sum(axis=1) > 0)
+    n_moving = int(is_moving.sum())
+    is_second_half = np.arange(n_moving) >= n_moving / 2
+    return Frames(spectra[is_moving], speed[is_moving], force[is_moving], is_second_half)
 
 
 def grid_axes(ranges: Sequence[Samples], size: Size) -> Axes:
