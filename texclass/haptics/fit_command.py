@@ -20,7 +20,10 @@ FORCE_UNITS = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
 
 
 def fit(
-    recordings: Annotated[list[Path], Argument(help="Recordings of one surface, with speed and force.")],
+    recordings: Annotated[
+        list[str],
+        Argument(help="Recordings of one surface, with speed and force: files, or DATASET:RECORDING."),
+    ],
     *,
     speed_column: Annotated[
         str, p.data_option(metavar="COLUMN", help="Column of the speed, by name or number.")
@@ -88,7 +91,7 @@ def fit(
     units = {"speed": speed_unit, "normal_force": force_unit}
     columns = {"speed": speed_column, "normal_force": force_column}
     options = reader | {"resample": resample}
-    loaded = [load_motion(path, options, columns, units, position_columns) for path in recordings]
+    loaded = [load_motion(name, options, columns, units, position_columns) for name in recordings]
     result = fit_recordings(loaded, name=output.stem)
     write_json(json_file, result.to_json())
     if json_file != Path("-"):
@@ -105,7 +108,7 @@ def fit(
 
 
 def load_motion(
-    path: Path,
+    recording_name: str,
     reader: dict[str, Any],
     columns: dict[str, str],
     units: dict[str, str | None],
@@ -115,8 +118,8 @@ def load_motion(
 
     Parameters
     ----------
-    path : Path
-        File with columns.
+    recording_name : str
+        File with columns, or DATASET:RECORDING, whose card defines the columns.
     reader : dict
         Keyword arguments of `load_recording`.
     columns, units : dict
@@ -124,11 +127,14 @@ def load_motion(
     position_columns : str or None
         Columns of the position in mm, which replace the speed.
     """
-    from texclass.loaders import load_recording
+    from texclass.loaders import find_recording, load_recording
     from texclass.loaders.columns import resolve_columns, split_columns
     from texclass.loaders.files import column_names
     from texclass.loaders.readers import ReaderSettings
 
+    path = Path(recording_name)
+    if ":" in recording_name and not path.exists():
+        return find_recording(recording_name, **reader)
     names = column_names(
         path, ReaderSettings(**reader | {"drop_incomplete": bool(reader["drop_incomplete"])})
     )
@@ -156,6 +162,8 @@ def load_motion(
             _check_column(path, name, "--position-columns", names)
             for name in resolve_columns(split_columns(position_columns), names)
         )
+        if shared := ", ".join(set(xy) & set(recording.channels)):
+            raise ValueError(f"{path}: {shared} cannot be both position and acceleration. Set --column")
         position = load_recording(path, **reader | {"column": xy, "unit": "arbitrary"}).acceleration
         position = position.reshape(len(position), -1)
         scaled["speed"] = speed_of(position, recording.fs, path.stem)

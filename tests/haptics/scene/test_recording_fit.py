@@ -235,6 +235,19 @@ def test_positions_replace_the_speed(tmp_path):
     np.testing.assert_allclose(speeds[[0, -1]], expected[[0, -1]], rtol=0.1)
 
 
+def test_positions_that_are_read_as_acceleration_are_refused(tmp_path):
+    path = write_csv(tmp_path / "rec.csv", "x,y,z,force", [noise(), noise(1), noise(2), FORCE])
+    options = "--fs", FS, "--unit", "m/s^2", "--force-column", "force", "--position-columns", "x"
+    result = run("fit", path, *options, "-o", tmp_path / "a.texture")
+    assert "x cannot be both position and acceleration. Set --column" in str(result.exception)
+
+
+def test_a_recording_of_a_dataset_has_the_columns_of_its_card(data_root, tmp_path):
+    result = run("fit", "stylus6:T5", "-o", tmp_path / "a.texture")
+    assert result.exit_code == 0, result.output
+    assert "excluded 1 sample of force (505831 N at 7.616 s)" in " ".join(result.output.split())
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
