@@ -1,7 +1,7 @@
-"""Draw figures 4 to 12 of `guruswamy2011` for simulated scans, and the recovery of the ground truth."""
+"""Draw figures 2 to 12 of `guruswamy2011` for simulated scans, and results that the paper does not show."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from guruswamy2011_measures import BOUNDS
@@ -9,12 +9,95 @@ from guruswamy2011_objects import LAWS, OBJECTS, ROW, TABLE_1, Samples
 from matplotlib.figure import Figure as Drawing
 from scipy import ndimage, signal
 
-from texclass.haptics.textures.guruswamy2011 import FittedScan, LevelFit
+from texclass.haptics.textures.guruswamy2011 import FittedScan, LevelFit, MeshForces, SinusoidTexture
 from texclass.haptics.textures.guruswamy2011.fit import SMOOTHING_HZ
 from texclass.reporting.figure_style import FAINT, INK, LOOKS, OTHER, OURS, legend_above
 from texclass.reporting.wording import MINUS
 
 COLOURS = (*(colour for colour, _ in LOOKS), INK)
+
+
+def draw_profiles(width: float, fitted: Mapping[str, FittedScan]) -> Drawing:
+    """Draw whole profiles, and a part with about eight features (figure 2)."""
+    figure, panels = _panels(len(fitted), 2, (width, 2 * len(fitted)), sharey="row")
+    for (whole, part), (name, each) in zip(
+        zip(panels[::2], panels[1::2], strict=True), fitted.items(), strict=True
+    ):
+        t = each.scan.time_s
+        features_per_s = each.texture.n_features / t[-1]
+        shown = (t >= 2) & (t <= 2 + 8 / features_per_s)
+        whole.plot(t, each.acceleration, color=OURS, linewidth=0.5)
+        whole.axvspan(t[shown][0], t[shown][-1], color=FAINT, alpha=0.5)
+        part.plot(t[shown], each.acceleration[shown], color=OURS, linewidth=0.9)
+        whole.set_title(name)
+        part.set_title(f"{name}, shaded part")
+        whole.set_ylabel("acceleration (m/s²)")
+        for axes in (whole, part):
+            axes.margins(x=0)
+    for axes in panels[-2:]:
+        axes.set_xlabel("time (s)")
+    return figure
+
+
+def draw_tutorial(width: float, texture: SinusoidTexture, forces: MeshForces, speed: float) -> Drawing:
+    """Draw the filters of a texture on its profile, and the rendered vibration (figure 3)."""
+    figure, (top, bottom) = _panels(2, 1, (width, 4.6))
+    height = -np.sin(texture.phase) * texture.amplitude
+    top.vlines(texture.position_mm, 0, height, color=OURS)
+    top.plot(texture.position_mm, height, "o", color=OURS, markersize=5)
+    top.set(xlabel="position along the profile (mm)", ylabel="A (m/s²)", xlim=(0, texture.length_mm))
+    top.set_title("filters on the surface")
+    t = np.arange(forces.texture.size) / texture.fs
+    bottom.plot(t, forces.texture, color=OURS, linewidth=1.1)
+    for onset in texture.position_mm / speed:
+        bottom.axvline(onset, color=FAINT, linewidth=0.9, zorder=0)
+    bottom.set(xlabel="time (s)", ylabel="acceleration (m/s²)", xlim=(0, texture.length_mm / speed))
+    bottom.set_title(f"rendered on the plane at {speed:.0f} mm/s")
+    return figure
+
+
+def draw_meshes(width: float, shown: Mapping[str, tuple[Samples, MeshForces]], fs: float) -> Drawing:
+    """Draw contact and texture forces along hand-held paths, one column per mesh."""
+    figure, panels = _panels(3, len(shown), (width, 6.2), sharey="row")
+    for column, (shape, (path, forces)) in enumerate(shown.items()):
+        t = np.arange(len(path)) / fs
+        part = t <= 2
+        own = panels[column :: len(shown)]
+        own[0].plot(t[part], np.linalg.norm(forces.constraint, axis=1)[part], color=OURS, label="constraint")
+        own[0].plot(t[part], np.linalg.norm(forces.friction, axis=1)[part], color=OTHER, label="friction")
+        own[1].plot(t[part], 1e3 * forces.texture[part], color=OURS, linewidth=0.8)
+        for values, colour, label in (
+            (forces.along_mm, OURS, "along the profile"),
+            (forces.across_mm, OTHER, "distance from it"),
+        ):
+            in_contact = np.any(forces.constraint != 0, axis=1)
+            own[2].plot(t[part], np.where(in_contact, values, np.nan)[part], color=colour, label=label)
+        own[0].set_title(shape)
+        own[2].set_xlabel("time (s)")
+    for axes, label in zip(
+        panels[:: len(shown)], ("force (N)", "texture force (mN)", "position (mm)"), strict=True
+    ):
+        axes.set_ylabel(label)
+    panels[0].legend()
+    panels[2 * len(shown)].legend()
+    return figure
+
+
+def draw_complexity(
+    width: float, groups: Mapping[str, Sequence[Mapping[str, Any]]], titles: Mapping[str, str]
+) -> Drawing:
+    """Draw the complexity of the segments of each scan, one row per group."""
+    figure, panels = _panels(1, len(titles), (width, 2.8), sharey=True)
+    for axes, (measure, title) in zip(panels, titles.items(), strict=True):
+        for y, (colour, rows) in enumerate(zip(COLOURS, groups.values(), strict=False)):
+            values = np.array([row[measure] for row in rows], dtype=float)
+            axes.plot(values, np.full(values.size, y), "o", color=colour, markersize=5, alpha=0.6)
+            axes.plot([np.median(values)] * 2, [y - 0.3, y + 0.3], color=colour, linewidth=2)
+        axes.set_title(title)
+        axes.set_xlim(0, None)
+    panels[0].set_yticks(range(len(groups)), list(groups))
+    panels[0].set_ylim(len(groups) - 0.5, -0.5)
+    return figure
 
 
 def draw_orders(width: float, segment: Samples, fits: Sequence[Mapping[str, Any]], fs: float) -> Drawing:
@@ -178,7 +261,7 @@ def draw_recovery(width: float, recovered: Mapping[str, Samples]) -> Drawing:
 
 
 def _panels(
-    rows: int, columns: int, size: tuple[float, float], *, sharey: bool = False
+    rows: int, columns: int, size: tuple[float, float], *, sharey: bool | Literal["row"] = False
 ) -> tuple[Drawing, list[Any]]:
     figure = Drawing(figsize=size, layout="constrained")
     return figure, list(figure.subplots(rows, columns, squeeze=False, sharey=sharey).ravel())

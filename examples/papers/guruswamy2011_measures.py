@@ -1,10 +1,11 @@
 """Compute the results for `guruswamy2011`: scans, recovery, other speeds, and real recordings."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from guruswamy2011_objects import OBJECTS, ROW, TABLE_1, Samples, SimulatedObject, lay_out, simulate_scan
 from scipy import ndimage, signal
 
@@ -18,10 +19,12 @@ from texclass.haptics.textures.guruswamy2011 import (
     extract_profile,
     fit_level_law,
     fit_modes,
+    fit_responses,
     fit_sinusoid,
     fit_texture,
     normalise_acceleration,
 )
+from texclass.haptics.textures.guruswamy2011.fit import LOWER_HZ
 from texclass.haptics.textures.scan import Scan
 from texclass.vibration import DecayingModes, PronyFilter, fit_prony
 from texclass.vibration.decaying_modes import prony
@@ -38,6 +41,8 @@ BOUNDS = {"segments per mm": 0.10, "f_major": 2.0, "k_v": 0.05, "a_0": 0.05}
 """Required accuracy of the recovery: in Hz for f_major, otherwise relative."""
 PRONY_ORDERS = (11, 16, 106)
 """Filter orders in figure 4."""
+N_DRAWS = 2000
+"""Number of bootstrap samples."""
 RELATIVE_BIT = 0.17
 """Ratio of resolution to RMS, used if the sensor resolution is unknown; as in the scans of the paper."""
 HIGHEST_HZ = 350.0
@@ -142,6 +147,34 @@ def modes_row(fitted: FittedScan, law: LevelLaw) -> dict[str, float]:
         "sad_bandpass": 1e3 * mean_absolute_difference(fitted.profile.samples, total),
         "sad_original": 1e3 * mean_absolute_difference(fitted.acceleration, total),
         "sad_sinusoid": 1e3 * mean_absolute_difference(fitted.profile.samples, baseline),
+    }
+
+
+def filter_losses(scan: Scan, law: LevelLaw) -> dict[str, float]:
+    """Measure what the band-pass filter removes from a scan, as mean absolute differences in mm/s^2.
+
+    Returns
+    -------
+    dict
+        profile (between the profile and the scan), magnitude (the same if the filter changed no phases) and
+        power_above (fraction of the power above the cut-off).
+    """
+    a = normalise_acceleration(scan, _amplitude(scan, law))
+    a = a - a.mean()
+    profile = extract_profile(a, scan.fs)
+    is_wide = profile.cutoff_hz >= scan.fs / 2
+    sos = signals.butterworth(
+        "highpass" if is_wide else "bandpass",
+        LOWER_HZ if is_wide else (LOWER_HZ, profile.cutoff_hz),
+        scan.fs,
+    )
+    spectrum, f = np.fft.rfft(a), np.fft.rfftfreq(a.size, 1 / scan.fs)
+    magnitude = np.fft.irfft(spectrum * np.abs(signal.freqz_sos(sos, f, fs=scan.fs)[1]), a.size)
+    power = np.abs(spectrum) ** 2
+    return {
+        "profile": 1e3 * mean_absolute_difference(a, profile.samples),
+        "magnitude": 1e3 * mean_absolute_difference(a, magnitude),
+        "power_above": float(power[f > profile.cutoff_hz].sum() / power.sum()),
     }
 
 
@@ -340,6 +373,86 @@ def excerpt(acceleration: Samples, fs: float, name: str) -> dict[str, Any]:
         "poles": float(np.mean([n_poles(modes) for modes in fitted.responses.modes])),
         "sad_bandpass": _relative_difference(fitted),
     }
+
+
+# Complexity of segments -------------------------------------------------------------------------------------
+
+COMPLEXITY_FS = 1000.0
+"""Sampling rate in Hz at which segments of real and simulated scans are compared: that of `stylus6`."""
+COMPLEXITY = ("order", "order_per_dof", "poles", "poles_per_dof")
+"""Measures of the complexity of a segment. T s with a band of B Hz have 2 B T degrees of freedom (dof)."""
+
+
+def segment_complexity(acceleration: Samples, name: str) -> dict[str, Any]:
+    """Fit the segments of a scan at `COMPLEXITY_FS`, with a resolution relative to its RMS.
+
+    Returns
+    -------
+    dict
+        name, f_max_hz, segment_s (mean duration), order (mean order of Prony's method), order_per_dof
+        (relative to the degrees of freedom 2 f_max_hz segment_s), poles (mean number of poles of the stable
+        modes) and poles_per_dof.
+    """
+    a = acceleration - acceleration.mean()
+    resolution = RELATIVE_BIT * float(a.std())
+    profile = extract_profile(a, COMPLEXITY_FS, resolution=resolution)
+    segments = profile.segmentation.split(profile.samples)
+    order = float(np.mean([f.order for f in fit_published(segments, resolution)]))
+    bounds = profile.segmentation.bounds.tolist()
+    responses = fit_responses(profile.samples, bounds, COMPLEXITY_FS, resolution)
+    poles = float(np.mean([n_poles(modes) for modes in responses.modes]))
+    duration = a.size / COMPLEXITY_FS / len(segments)
+    dof = 2 * profile.band.upper_hz * duration
+    return {
+        "name": name,
+        "f_max_hz": profile.band.upper_hz,
+        "segment_s": duration,
+        "order": order,
+        "order_per_dof": order / dof,
+        "poles": poles,
+        "poles_per_dof": poles / dof,
+    }
+
+
+def published_complexity(name: str) -> dict[str, Any]:
+    """Return the measures of `segment_complexity` that follow from Table I; the number of poles does not."""
+    row = dict(zip(ROW, TABLE_1[name], strict=True))
+    duration = 1 / (row["segments_per_mm"] * row["speed"])
+    order = row["order"] - 1
+    per_dof = order / (2 * row["f_max_hz"] * duration)
+    names = {"name": name, "f_max_hz": row["f_max_hz"], "segment_s": duration}
+    return names | {"order": order, "order_per_dof": per_dof, "poles": None, "poles_per_dof": None}
+
+
+def compare_complexity(
+    simulated: Sequence[dict[str, Any]], real: Sequence[dict[str, Any]], rng: np.random.Generator
+) -> dict[str, tuple[float, float, float]]:
+    """Return the ratio of the medians of simulated and real scans, and its 95 % bootstrap interval.
+
+    Recordings of one surface are averaged first; the surfaces are resampled.
+    """
+    ours, theirs = (pd.DataFrame(each).groupby("name")[list(COMPLEXITY)].mean() for each in (simulated, real))
+
+    def ratio(first: pd.DataFrame, second: pd.DataFrame) -> Samples:
+        return np.asarray(first.median() / second.median())
+
+    draws = [
+        ratio(*(each.iloc[rng.integers(len(each), size=len(each))] for each in (ours, theirs)))
+        for _ in range(N_DRAWS)
+    ]
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    return {
+        name: (float(value), float(a), float(b))
+        for name, value, a, b in zip(COMPLEXITY, ratio(ours, theirs), low, high, strict=True)
+    }
+
+
+def simpler_verdict(ratios: Mapping[str, tuple[float, float, float]]) -> str:
+    """Return whether simulated segments are simpler, which requires intervals below 1."""
+    n_below = sum(high < 1 for _, _, high in ratios.values())
+    if n_below == len(ratios):
+        return "holds"
+    return "holds in part" if n_below else "does not hold"
 
 
 def _band(fitted: FittedScan) -> dict[str, float]:

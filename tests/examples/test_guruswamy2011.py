@@ -1,6 +1,7 @@
 """Chapter of guruswamy2011 on spatial filters, its simulated objects and its measurements."""
 
 import json
+from pathlib import Path
 
 import guruswamy2011
 import numpy as np
@@ -9,18 +10,24 @@ from guruswamy2011_figures import draw_speeds
 from guruswamy2011_measures import (
     BOUNDS,
     clean,
+    compare_complexity,
     excerpt,
+    filter_losses,
     fit_published,
     fits_by_order,
+    published_complexity,
     published_row,
     random_paths,
     recover,
+    segment_complexity,
+    simpler_verdict,
     within_bounds,
 )
 from guruswamy2011_objects import BIT, OBJECTS, ROW, TABLE_1, TABLE_2, TABLE_3, lay_out, simulate_scan
 
 from texclass.haptics.textures.guruswamy2011 import fit_texture
 from texclass.haptics.textures.scan import Scan
+from texclass.loaders import DataNotFoundError, open_dataset
 from texclass.vibration import DecayingModes
 
 FS = 500.0
@@ -36,7 +43,7 @@ def rubber_fit():
 def test_the_chapter_has_every_table_and_figure_and_reports_what_is_simulated(tmp_path):
     paths = guruswamy2011.main(tmp_path, small=True)
     assert all(path.stat().st_size > 0 for path in paths)
-    assert sum(path.suffix == ".png" for path in paths) == 8
+    assert sum(path.suffix == ".png" for path in paths) == 11
     text = (tmp_path / "guruswamy2011.md").read_text(encoding="utf-8")
     for part in (
         "What is simulated",
@@ -54,6 +61,21 @@ def test_the_chapter_has_every_table_and_figure_and_reports_what_is_simulated(tm
     numbers = json.loads((tmp_path / "guruswamy2011.json").read_text(encoding="utf-8"))
     assert set(numbers["scans"]) == set(TABLE_1)
     assert numbers["paths"]["finite"]
+    assert set(numbers["meshes"]) == {"plane", "cylinder", "bump"}
+    for measures in numbers["meshes"].values():
+        assert_rendered_as_specified(measures)
+
+
+def assert_rendered_as_specified(measures):
+    """Check the claims of the section on meshes: smooth surface, continuity, passivity, and eq. (5)."""
+    assert measures["distance_error"] < 0.01
+    assert measures["normal_error"] < 0.5
+    assert measures["change"] < 1.2
+    assert measures["work"] < 5e-3
+    assert measures["most_returned"] < 5e-3
+    assert measures["friction_work"] < -10
+    assert measures["texture_error"] < 2e-3 * measures["texture_peak"]
+    assert measures["n_features"] > 20
 
 
 def test_scan_and_texture_are_each_drawn_around_a_labelled_zero(rubber_fit):
@@ -130,3 +152,89 @@ def test_published_filters_reach_the_resolution_and_two_modes_need_more_than_a_s
     assert fits["stable modes", 4]["error"] < 0.05
     assert fits["stable modes", 4]["pole_radius"] < 1
     assert fits["Prony", 106]["error"] < 1e-9
+
+
+# Complexity of segments, and the committed report -----------------------------------------------------------
+
+
+def test_the_complexity_of_segments_does_not_depend_on_the_unit_and_grows_with_the_number_of_modes():
+    fs, rng = 1000.0, np.random.default_rng(4)
+    one = DecayingModes(*np.array([[80.0], [40.0], [2.0], [-1.5]]))
+    three = DecayingModes(*np.array([[80.0, 130, 190], [40, 55, 70], [2, 2, 2], [-1.5, 0.3, 1.2]]))
+    simple, rich = (
+        np.concatenate([modes.synthesize(int(n), fs) for n in rng.integers(90, 140, 60)])
+        for modes in (one, three)
+    )
+    a, b, c = (segment_complexity(x, "x") for x in (simple, rich, 64 * rich))
+    assert 2 <= a["poles"] < 4  # the filter adds some
+    assert b["poles"] > a["poles"] + 1
+    assert {**c, "name": 0} == pytest.approx({**b, "name": 0}, rel=1e-9)
+    assert a["order_per_dof"] == pytest.approx(a["order"] / (2 * a["f_max_hz"] * a["segment_s"]))
+
+
+def test_the_ratio_of_complexities_is_that_of_the_medians_over_surfaces():
+    def rows(values):
+        names = ("order", "order_per_dof", "poles", "poles_per_dof")
+        return [{"name": f"s{i // 2}", **dict.fromkeys(names, value)} for i, value in enumerate(values)]
+
+    simulated, real = rows([1.0, 3, 2, 2, 2, 2]), rows([4.0] * 8)
+    ratios = compare_complexity(simulated, real, np.random.default_rng(0))
+    assert all(ratio == pytest.approx((0.5, 0.5, 0.5)) for ratio in ratios.values())
+    assert simpler_verdict(ratios) == "holds"
+    assert simpler_verdict(ratios | {"order": (1.2, 0.9, 1.4)}) == "holds in part"
+    assert simpler_verdict(dict.fromkeys(ratios, (1.2, 0.9, 1.4))) == "does not hold"
+
+
+def test_published_orders_are_related_to_the_degrees_of_freedom_of_their_segments():
+    rubber = published_complexity("Rubber mat")
+    assert rubber["segment_s"] == pytest.approx(1 / (0.316 * 21.4))
+    assert rubber["order_per_dof"] == pytest.approx(28.4 * 0.316 * 21.4 / (2 * 78.6))
+
+
+def test_the_losses_of_the_filter_are_those_of_its_magnitude_and_of_its_phase():
+    t = np.arange(5000) / FS
+    low = np.sin(2 * np.pi * 40 * t) * (1 + 0.5 * np.sin(2 * np.pi * 0.3 * t))
+    law = OBJECTS[0].law
+    losses = filter_losses(Scan.along_line(low + 0.3 * np.sin(2 * np.pi * 200 * t), 20.0, 0.5, FS), law)
+    assert losses["power_above"] == pytest.approx(0.09 / (1.125 + 0.09), rel=0.05)
+    assert losses["magnitude"] >= 0.95 * 1e3 * 0.3 * 2 / np.pi
+
+
+def read_report():
+    folder = Path(__file__).parents[2] / "reports" / "papers"
+    text = " ".join((folder / "guruswamy2011.md").read_text(encoding="utf-8").split())
+    return text, json.loads((folder / "guruswamy2011.json").read_text(encoding="utf-8"))
+
+
+def test_the_report_states_the_verdict_that_follows_from_its_numbers():
+    text, numbers = read_report()
+    complexity = numbers["complexity"]
+    verdict = simpler_verdict(complexity["ratios"])
+    assert f"Simulated segments are simpler than real ones: {verdict}." in text
+    assert len(complexity["groups"]["simulated"]) == 5
+    assert len({row["name"] for row in complexity["groups"]["real"]}) == 16
+    for measures in numbers["meshes"].values():
+        assert_rendered_as_specified(measures)
+
+
+def test_the_report_explains_the_difference_to_the_original_signal():
+    _, numbers = read_report()
+    for name in ("Tire tread", "SP 80 grit"):
+        losses, row = numbers["losses"][name], numbers["scans"][name][0]["row"]
+        published = TABLE_1[name][ROW.index("sad_original")]
+        assert row["sad_original"] == pytest.approx(losses["profile"], rel=0.1)
+        assert losses["magnitude"] == pytest.approx(published, rel=0.3)
+        assert losses["profile"] > 1.2 * losses["magnitude"]
+
+
+@pytest.mark.filterwarnings("ignore:scan 'T1'. excluded")
+def test_the_complexity_of_a_real_scan_is_that_of_the_report():
+    try:
+        recording = next(iter(open_dataset("stylus6")))
+    except (DataNotFoundError, FileNotFoundError):
+        pytest.skip("the recordings of `stylus6` are missing")
+    scan = clean(Scan.from_recording(recording))
+    _, numbers = read_report()
+    reported = next(row for row in numbers["complexity"]["groups"]["real"] if row["name"] == scan.name)
+    found = segment_complexity(scan.acceleration, scan.name)
+    assert {**found, "name": 0} == pytest.approx({**reported, "name": 0}, rel=1e-3)

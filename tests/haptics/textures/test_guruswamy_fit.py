@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from texclass.haptics.textures.guruswamy2011 import (
     Amplitude,
@@ -100,6 +101,15 @@ def test_every_impulse_is_one_segment_that_starts_at_its_onset_without_delay():
         assert abs(lags[int(np.argmax(overlap))]) <= 1
 
 
+def test_the_delay_of_the_filter_is_removed_to_a_fraction_of_a_sample():
+    x = 0.3 * impulses(f=20.0) + 2 * impulses(f=112.0, B=150.0)
+    samples = extract_profile(x, FS).samples
+    fine = [signal.resample(each, 16 * x.size) for each in (samples, x)]
+    lags = np.arange(-32, 33)
+    overlap = [np.dot(np.roll(fine[0], lag), fine[1]) for lag in lags]
+    assert abs(lags[int(np.argmax(overlap))]) <= 1
+
+
 def test_a_backward_pass_splits_onsets_into_several_segments():
     x = impulses(f=40.0) + impulses(f=100.0, B=200.0)
     causal, zero = (
@@ -123,9 +133,9 @@ def test_drift_is_removed():
 
 
 def test_constant_short_and_invalid_signals_are_refused():
-    for signal in (np.zeros(100), np.ones(4), np.full(100, np.nan), np.ones((50, 2))):
+    for invalid in (np.zeros(100), np.ones(4), np.full(100, np.nan), np.ones((50, 2))):
         with pytest.raises(ValueError, match="at least 8 samples"):
-            extract_profile(signal, FS)
+            extract_profile(invalid, FS)
 
 
 # Levels -----------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -410,6 +411,18 @@ def test_no_filter_becomes_active_in_the_air_beyond_the_reach_or_while_the_tip_s
     assert count_onsets(texture_force(depth=lifted)) == 5
     decayed = texture_force(depth=np.where(x > 0, -0.5, depth))
     assert not np.any(decayed[-200:])
+
+
+def test_between_the_legs_of_a_profile_its_nearest_point_jumps_and_no_filter_becomes_active(surfaces):
+    legs = [[-20.0, -5, 0], [20, -5, 0], [20, 5, 0], [-20, 5, 0]]
+    path = np.vstack([np.linspace(a, b, 200) for a, b in pairwise(legs)])
+    _, profile = register_scan(surfaces["plane"], np.zeros(600), path, np.ones(600), fs=20.0)
+    n = 1000
+    tip = np.column_stack([np.full(n, -15.0), np.linspace(-3, 3, n), np.full(n, -1.0)])
+    tip[:50, 2] = np.linspace(0.5, -1, 50)
+    forces = MeshRenderer(surfaces["plane"], profile, CLICK, friction=0.0).process(tip)
+    assert forces.along_mm[[60, -1]] == pytest.approx([5, 85], abs=0.3)
+    assert not np.any(forces.texture)
 
 
 def test_each_lap_around_a_cylinder_passes_the_same_features(surfaces):

@@ -23,7 +23,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texclass.haptics.textures.guruswamy2011.mesh_surface import MeshSurface, SurfaceProfile
+from texclass.haptics.textures.guruswamy2011.mesh_surface import (
+    PROFILE_STEP_MM,
+    MeshSurface,
+    SurfaceProfile,
+)
 from texclass.haptics.textures.guruswamy2011.texture import SpatialTexture
 from texclass.recording import Samples
 from texclass.signals import all_finite, positive
@@ -38,8 +42,9 @@ LARGEST_STEP_MM = 50.0
 """Largest movement of the tip in one sample in mm (50 m/s at 1 kHz). Beyond this, the position is considered
 lost, and the contact ends."""
 JUMP_RATIO = 4.0
-"""Ratio of the change of the position along the profile to the movement of the contact point, above which the
-nearest point of the profile has jumped, so that no feature was passed (our choice)."""
+"""Largest ratio of the change of the position along the profile to the movement of the contact point, in
+addition to one segment of the profile (our choice). Beyond it, the nearest point of the profile has jumped,
+and no feature was passed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +306,7 @@ class MeshRenderer:
                 s = located[0, i]
                 if self._profile.is_closed:  # continue in the lap of the last position
                     s += length * np.round((self._along - s) / length)
-                is_continuous = abs(s - self._along) <= JUMP_RATIO * slid[i]
+                is_continuous = abs(s - self._along) <= JUMP_RATIO * slid[i] + PROFILE_STEP_MM
                 is_passing[i] = self._was_in_contact and is_continuous
                 self._along, self._across = float(s), float(located[1, i])
             self._was_in_contact = bool(is_contact[i])

@@ -33,8 +33,9 @@ MAX_CELLS = 4_000_000
 """Largest number of cells of a surface, which limits the memory to about 1 GB."""
 NEWTON_STEPS = 20
 """Largest number of steps of a projection, which usually needs three."""
-PROFILE_STEP_MM = 0.5
-"""Distance between the points of a profile in mm (our choice)."""
+PROFILE_STEP_MM = 2.0
+"""Distance between the points of a profile in mm (our choice). The noise of a tracker turns shorter segments,
+which shifts positions at the side of the profile."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,8 +146,8 @@ class SpatialTexture(Texture):
     name : str
         Name of the surface.
     fs : float
-        Sampling rate of the scan and of the rendered vibration in Hz. To render at another rate, resample the
-        scan before the fit.
+        Sampling rate of the scan and of the rendered vibration in Hz. Modes are functions of time, so
+        `dataclasses.replace(texture, fs=1000.0)` renders at another rate, at least twice their frequencies.
     length_mm : float
         Length of the scanned line in mm; the line is repeated periodically.
     position_mm : array_like of shape (n_features,)
