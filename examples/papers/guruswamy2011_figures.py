@@ -74,6 +74,8 @@ def draw_meshes(width: float, shown: Mapping[str, tuple[Samples, MeshForces]], f
             own[2].plot(t[part], np.where(in_contact, values, np.nan)[part], color=colour, label=label)
         own[0].set_title(shape)
         own[2].set_xlabel("time (s)")
+        for axes in own:
+            axes.set_xlim(0, 2)
     for axes, label in zip(
         panels[:: len(shown)], ("force (N)", "texture force (mN)", "position (mm)"), strict=True
     ):
