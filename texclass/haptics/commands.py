@@ -14,7 +14,7 @@ from texclass.cli.output import SCENE_KERNELS, announce_start, print_lines, prog
 from texclass.haptics.fit_command import fit
 
 if TYPE_CHECKING:
-    from texclass.haptics.exchange import Rendition
+    from texclass.haptics.exchange import Equalizer, Rendition
     from texclass.haptics.exchange.rendition import Playable
     from texclass.haptics.exchange.wav import Encoding
     from texclass.haptics.scene import PlannedScene
@@ -32,6 +32,19 @@ PlannedSceneName = Annotated[
         "(example, twenty).",
     ),
 ]
+DeviceFile = Annotated[
+    Path | None,
+    Option(
+        "--device",
+        metavar="CSV",
+        help="Frequency response of the device that plays the output (columns frequency in Hz, and gain or "
+        "gain_db), which is compensated.",
+    ),
+]
+MaxBoost = Annotated[
+    float, Option("--max-boost", metavar="DB", help="Largest boost in dB that compensates --device.")
+]
+MAX_BOOST_DB = 20.0
 Physical = Annotated[
     bool, Option("--physical", help="Write 32-bit floats in the unit of the vibration, for haptic devices.")
 ]
@@ -140,6 +153,8 @@ def render(
     shift: Annotated[
         float, Option(metavar="HZ", help="Shift the band up by 0 to 10000 Hz, to make it audible.")
     ] = 0.0,
+    device: DeviceFile = None,
+    max_boost: MaxBoost = MAX_BOOST_DB,
     seed: p.Seed = 0,
     output: Annotated[
         Path, p.output_file("--output", "-o", suffixes=[".wav"], help="WAV file to write.")
@@ -156,9 +171,13 @@ def render(
     planned = _planned_scene(definition)
     hand_path = default_path(planned) if path is None else read_path(path)
     rendered = render_path(planned, hand_path, seed=seed)
+    samples, equalizer = rendered.samples, _equalizer(device, max_boost)
+    if equalizer is not None:
+        _print_losses(equalizer.describe(samples, planned.fs))
+        samples = equalizer.apply(samples, planned.fs)
     write_wav(
         output,
-        rendered.samples,
+        samples,
         planned.fs,
         unit=planned.unit,
         encoding="float32" if physical else "audible",
@@ -181,6 +200,8 @@ def page(
             help="Tap library (.texture) with the same surface names (default: estimated taps).",
         ),
     ] = None,
+    device: DeviceFile = None,
+    max_boost: MaxBoost = MAX_BOOST_DB,
     output: Annotated[
         Path, p.output_file("--output", "-o", suffixes=[".html"], help="Page to write (.html).")
     ] = Path("scene.html"),
@@ -193,8 +214,10 @@ def page(
     from texclass.haptics.exchange import load_taps
     from texclass.haptics.scene import write_scene_page
 
-    library = None if taps is None else load_taps(taps)
-    path = write_scene_page(output, _planned_scene(definition), taps=library)
+    library, equalizer = None if taps is None else load_taps(taps), _equalizer(device, max_boost)
+    planned = _planned_scene(definition)
+    path = write_scene_page(output, planned, taps=library, equalizer=equalizer)
+    _describe_page(planned, equalizer)
     typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
 
 
@@ -204,6 +227,28 @@ app.add_typer(
     rich_help_panel="Rendering",
     help="Select the cheapest models for a scene, and render it.",
 )
+
+
+def _equalizer(device: Path | None, max_boost: float) -> "Equalizer | None":
+    from texclass.haptics.exchange import read_response
+
+    return None if device is None else read_response(device, max_boost)
+
+
+def _describe_page(planned: "PlannedScene", equalizer: "Equalizer | None") -> None:
+    """Print the remaining error of each surface of a page on its device."""
+    if equalizer is not None:
+        from texclass.haptics.scene.pages import middle_stroke
+
+        for name in planned.model_indices:
+            losses = equalizer.describe(middle_stroke(planned, name), planned.fs)
+            _print_losses({f"{name}, {topic}": text for topic, text in losses.items()})
+
+
+def _print_losses(losses: dict[str, str]) -> None:
+    from texclass.reporting import Document, print_document
+
+    print_document(Document("Equalisation", [losses]))
 
 
 def _planned_scene(definition: str) -> "PlannedScene":
@@ -250,6 +295,8 @@ def texture(
             help="Also write a page with one slider per scale of `texclass describe`.",
         ),
     ] = None,
+    device: DeviceFile = None,
+    max_boost: MaxBoost = MAX_BOOST_DB,
     json_file: p.JsonFile = None,
 ) -> None:
     """Show the properties of a texture: family, range of speed and force, order, sampling rate, unit.
@@ -262,13 +309,17 @@ def texture(
     facts = describe(file)
     print_document(Document(str(file), [{key: _as_text(value) for key, value in facts.items()}]))
     write_json(json_file, json.dumps(facts, indent=1))
+    equalizer = _equalizer(device, max_boost)
+    if equalizer is not None and page_file is None and slider_file is None:
+        raise ValueError("--device applies to pages: add --page or --sliders, or use texclass convert")
     if page_file is not None:
         from texclass.haptics.scene import scene_of_file, write_scene_page
         from texclass.haptics.scene.pages import MAX_FS
 
         with progress_bar() as progress:
             planned, taps, _ = scene_of_file(file, max_fs=MAX_FS, progress=progress)
-        write_scene_page(page_file, planned, taps=taps)
+        write_scene_page(page_file, planned, taps=taps, equalizer=equalizer)
+        _describe_page(planned, equalizer)
         typer.echo(f"wrote {page_file}, {page_file.stat().st_size} bytes")
     if slider_file is not None:
         from texclass.haptics.exchange import load_texture
@@ -276,7 +327,14 @@ def texture(
 
         loaded = load_texture(file)
         with progress_bar() as progress:
-            write_slider_page(slider_file, loaded, file=file.name, unit=facts["unit"], progress=progress)
+            write_slider_page(
+                slider_file,
+                loaded,
+                file=file.name,
+                unit=facts["unit"],
+                equalizer=equalizer,
+                progress=progress,
+            )
         typer.echo(f"wrote {slider_file}, {slider_file.stat().st_size} bytes")
 
 
@@ -356,7 +414,18 @@ def convert(
         ),
     ] = None,
     duration: Annotated[float, Option(metavar="S", help="Duration of the vibration, at most 30 s.")] = 2.0,
+    full_scale: Annotated[
+        float | None,
+        Option(
+            "--full-scale",
+            metavar="LEVEL",
+            help="RMS (taps: peak) of intensity 1 in .ahap, in the unit of the vibration (default: the "
+            "strongest moment of the file). Use one value for files that are compared.",
+        ),
+    ] = None,
     physical: Physical = False,
+    device: DeviceFile = None,
+    max_boost: MaxBoost = MAX_BOOST_DB,
     seed: p.Seed = 0,
     output: Annotated[
         Path,
@@ -380,6 +449,13 @@ def convert(
     from texclass.reporting import Document, print_document
 
     kinds = source.suffix.lower(), output.suffix.lower()
+    equalizer = _equalizer(device, max_boost)
+    if equalizer is not None and kinds[1] not in (".wav", ".hjif"):
+        raise ValueError(
+            f"--device applies to .wav and .hjif, and to pages (texclass texture --page), got {output.name}"
+        )
+    if full_scale is not None and kinds[1] != ".ahap":
+        raise ValueError(f"--full-scale applies to .ahap, got {output.name}")
     if scales:
         losses = _retouch(source, output, scales, n_bytes)
     elif n_bytes is not None:
@@ -387,11 +463,16 @@ def convert(
     elif kinds[0] in PATTERNS and kinds[1] in (".wav", ".texture") and kinds != (".ahap", ".texture"):
         try:
             is_wav = kinds[1] == ".wav"
-            losses = _render_pattern(source, output, physical) if is_wav else _read_texture(source, output)
+            losses = (
+                _render_pattern(source, output, physical, equalizer)
+                if is_wav
+                else _read_texture(source, output)
+            )
         except ValueError as error:  # the readers of patterns do not name the file
             raise ValueError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
     elif kinds[0] in TEXTURES and kinds[1] in (*PATTERNS, ".wav"):
-        losses = _write_rendition(_rendition(source, surface, speed, force, duration, seed), output, physical)
+        rendition = _rendition(source, surface, speed, force, duration, seed)
+        losses = _write_rendition(rendition, output, physical, equalizer, full_scale)
     elif kinds[0] in TEXTURES and kinds[1] == ".h":
         losses = _write_c_header(source, output)
     elif kinds in {(".xml", ".texture"), (".texture", ".xml")}:
@@ -510,15 +591,23 @@ def _check_surface(source: Path, surface: str | None, names: list[str]) -> None:
         raise ValueError(f"{source}: --surface must be one of {', '.join(names)}, got {surface!r}")
 
 
-def _write_rendition(rendition: "Rendition", target: Path, physical: bool) -> dict[str, str]:
+def _write_rendition(
+    rendition: "Rendition",
+    target: Path,
+    physical: bool,
+    equalizer: "Equalizer | None",
+    full_scale: float | None,
+) -> dict[str, str]:
     """Write a vibration in the format of the suffix, and return the losses."""
-    from texclass.haptics.exchange import write_ahap, write_hjif, write_wav
+    from texclass.haptics.exchange import equalize, write_ahap, write_hjif, write_wav
 
+    if equalizer is not None:
+        rendition = equalize(rendition, equalizer)
     match target.suffix.lower():
         case ".hjif":
             return write_hjif(rendition, target)
         case ".ahap":
-            return write_ahap(rendition, target)
+            return write_ahap(rendition, target, full_scale=full_scale)
     encoding: Encoding = "float32" if physical else "audible"
     write_wav(target, rendition.samples, rendition.fs, unit=rendition.unit, encoding=encoding)
     return dict(rendition.losses)
@@ -545,7 +634,9 @@ def _read_texture(source: Path, target: Path) -> dict[str, str]:
     return losses
 
 
-def _render_pattern(source: Path, target: Path, physical: bool) -> dict[str, str]:
+def _render_pattern(
+    source: Path, target: Path, physical: bool, equalizer: "Equalizer | None"
+) -> dict[str, str]:
     """Render a .hjif or .ahap pattern to WAV, and return the losses."""
     from texclass.haptics.exchange import play_ahap, play_hjif, read_ahap, read_hjif, write_wav
     from texclass.haptics.exchange.hjif import FS
@@ -557,9 +648,14 @@ def _render_pattern(source: Path, target: Path, physical: bool) -> dict[str, str
         if not vibrations:
             raise ValueError(f"{source} contains no vibration. Expected at least one Vibrotactile perception")
         samples = play_hjif(haptics.model_copy(update={"perceptions": tuple(vibrations)}))
-        write_wav(target, samples[:, 0] if samples.shape[1] == 1 else samples, FS, encoding=encoding)
-        n_dropped = len(haptics.perceptions) - len(vibrations)
-        return {"perceptions": f"{n_dropped} other than vibrations omitted"} if n_dropped else {}
-    samples = play_ahap(read_ahap(source), FS)
-    write_wav(target, samples, FS, unit="arbitrary", encoding=encoding)
-    return {"unit": "AHAP has no unit: 1 is its full intensity"}
+        samples = samples[:, 0] if samples.shape[1] == 1 else samples
+        n_dropped, unit = len(haptics.perceptions) - len(vibrations), "m/s^2"
+        losses = {"perceptions": f"{n_dropped} other than vibrations omitted"} if n_dropped else {}
+    else:
+        samples, unit = play_ahap(read_ahap(source), FS), "arbitrary"
+        losses = {"unit": "AHAP has no unit: 1 is its full intensity"}
+    if equalizer is not None:
+        losses |= equalizer.describe(samples if samples.ndim == 1 else samples[:, 0], FS)
+        samples = equalizer.apply(samples, FS)
+    write_wav(target, samples, FS, unit=unit, encoding=encoding)
+    return losses

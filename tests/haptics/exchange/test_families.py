@@ -1,4 +1,6 @@
+import json
 import pkgutil
+import re
 from dataclasses import replace
 from itertools import pairwise, product
 
@@ -6,7 +8,9 @@ import numpy as np
 import pytest
 from c_program import build, needs_compiler, run
 from numpy.testing import assert_array_equal
+from typer.testing import CliRunner
 
+from texclass.cli import app
 from texclass.haptics.exchange import (
     describe,
     load_texture,
@@ -16,6 +20,7 @@ from texclass.haptics.exchange import (
     read_ahap,
     read_hatt,
     read_hjif,
+    read_wav,
     save_texture,
     to_hatt,
     write_ahap,
@@ -35,6 +40,7 @@ from texclass.haptics.scene import (
 )
 from texclass.haptics.textures import GridModel, GridTexture, Renderer, Texture, pack
 from texclass.haptics.textures.abdulali2016 import DelaunayTexture, Frame, NetworkTexture, RadialNetwork, bake
+from texclass.haptics.textures.contract import stroke_range
 from texclass.haptics.textures.guruswamy2011 import Amplitude, LevelLaw, SinusoidTexture, SpatialTexture
 from texclass.haptics.textures.oeztuerk2018 import FrequencyTexture, LpcTexture
 from texclass.vibration import Autoregression
@@ -217,6 +223,67 @@ def test_textures_without_ar_models_are_not_written_as_hatt(kind):
     if kind != "surface of a scene":
         with pytest.raises(ValueError, match="must contain AR models, got"):
             to_hatt(EVERY_KIND[kind]())
+
+
+FORMATS = ("texture", "xml", "hjif", "ahap", "wav", "html")
+NOT_IN_FILES = ("surface of a scene",)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("kind", sorted(EVERY_KIND.keys() - set(NOT_IN_FILES)))
+def test_the_commands_convert_every_kind_of_texture_to_every_format(kind, suffix, tmp_path):
+    texture = EVERY_KIND[kind]()
+    source = save_texture(texture, tmp_path / "slate.texture")
+    target = tmp_path / f"a.{suffix}"
+    assert isinstance(load_texture(source), type(texture))
+    speed, force = np.sqrt(texture.speeds[0] * texture.speeds[-1]), texture.forces[-1]
+    words = ("convert", source, "-o", target)
+    if suffix == "html":
+        words = ("texture", source, "--page", target)
+    elif suffix in ("hjif", "ahap", "wav"):
+        words += ("--speed", speed, "--force", force, "--duration", 1.5)
+        words += ("--physical",) if suffix == "wav" else ()
+    elif suffix == "texture":
+        words += ("--bytes", 128)
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if suffix == "xml" and kind not in WITH_AR_MODELS:
+        assert "must contain AR models, got" in str(result.exception)
+        return
+    assert result.exit_code == 0, result.output or result.exception
+    original = play_texture(texture, speed=speed, force=force, seconds=1.5).samples
+    if suffix in ("texture", "xml"):
+        read = load_texture(target)
+        assert read.fs == (1000.0 if suffix == "xml" else texture.fs)
+        converted = play_texture(read, speed=speed, force=force, seconds=1.5).samples
+        tolerance_db = 3.0
+    elif suffix == "hjif":
+        back = tmp_path / "back.texture"
+        assert CliRunner().invoke(app, ["convert", str(target), "-o", str(back)]).exit_code == 0
+        converted = play_texture(load_texture(back), speed=speed, force=force, seconds=1.5).samples
+        assert_level(play_hjif(read_hjif(target))[:, 0], original, 0.3)
+        tolerance_db = 2.5  # noise of the converted model, and pauses of spatial textures
+    elif suffix == "wav":
+        vibration = read_wav(target)
+        assert (vibration.fs, vibration.unit) == (texture.fs, "m/s^2")
+        converted, tolerance_db = vibration.samples, 1e-3
+    elif suffix == "ahap":
+        assert play_ahap(read_ahap(target)).any()
+        return
+    else:
+        data = re.search(r'id="scene">(.*?)</script>', target.read_text(), re.DOTALL)[1]
+        (surface,) = json.loads(data)["surfaces"]
+        (slow, fast), (light, hard) = stroke_range(texture)
+        assert slow * 0.999 <= surface["speeds"][0] <= surface["speeds"][1] <= fast * 1.001
+        assert light * 0.999 <= surface["forces"][0] <= surface["forces"][1] <= hard * 1.001
+        assert surface["rms"] > 0
+        return
+    if suffix == "xml" and texture.fs > 1000:  # .xml contains the frequencies below 500 Hz
+        return
+    assert_level(converted, original, tolerance_db)
+
+
+def assert_level(x, reference, tolerance_db):
+    assert abs(20 * np.log10(np.sqrt(np.mean(x**2) / np.mean(reference**2)))) < tolerance_db
 
 
 def test_every_family_is_tested():

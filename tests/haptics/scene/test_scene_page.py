@@ -262,3 +262,14 @@ def test_commands_write_a_small_page_of_a_planned_scene_with_measured_taps(tmp_p
         )
     result = CliRunner().invoke(app, ["scene", "page", str(planned), "-o", str(tmp_path / "scene.txt")])
     assert "Expected .html" in str(result.exception)
+
+
+@needs_node
+def test_the_filter_of_a_page_is_that_of_the_equalizer():
+    taps, x = RNG.standard_normal(51), RNG.standard_normal(300)
+    program = """
+    let t = 0;
+    const next = createFilter(() => data.x[t++], data.taps);
+    return data.x.map(() => next());"""
+    samples = run_node(program, {"taps": taps.tolist(), "x": x.tolist()})
+    np.testing.assert_allclose(samples, np.convolve(x, taps)[:300], atol=1e-9)

@@ -1,6 +1,9 @@
 from .ahap import play_ahap as play_ahap
 from .ahap import read_ahap as read_ahap
 from .ahap import write_ahap as write_ahap
+from .equalization import Equalizer as Equalizer
+from .equalization import equalize as equalize
+from .equalization import read_response as read_response
 from .hatt_xml import read_hatt as read_hatt
 from .hatt_xml import to_hatt as to_hatt
 from .hatt_xml import write_hatt as write_hatt

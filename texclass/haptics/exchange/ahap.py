@@ -4,8 +4,12 @@ A pattern contains transient events (taps), continuous events (up to 30 s), and 
 change the intensity (0 to 1, multiplied) and the sharpness (-1 to 1, added) of all events. The times of curve
 points are relative to the start of the curve. Players accept at most 16 points per curve, so longer curves
 are split; each part begins where the previous part ends. Intensity has no unit, and sharpness is not a
-frequency. A pattern therefore preserves only the level relative to the loudest moment and a rough measure of
-the spectrum.
+frequency. A pattern therefore preserves only the level relative to a full scale and a rough measure of the
+spectrum.
+
+Files written with one full scale keep the level differences between surfaces. The sharpness is a fixed
+function of the spectral centroid that covers all frequencies that can be felt, so it keeps the order of
+surfaces and the ratios of their frequencies.
 """
 
 import itertools
@@ -22,13 +26,17 @@ from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.exchange.external_files import ExternalModel, read_external
 from texclass.haptics.exchange.rendition import LONGEST_S, Rendition
 from texclass.recording import Samples
+from texclass.validation import check_positive
 
 MAX_FILE_BYTES = 4 << 20
 MAX_POINTS = 16
 """Largest number of points per curve."""
-SHARPNESS_HZ = (80.0, 230.0)
-"""Frequencies in Hz for sharpness 0 and 1: approximately the range of a phone actuator. Apple publishes no
-values."""
+FELT_HZ = (20.0, 1000.0)
+"""Centroids in Hz for sharpness 0 and 1, logarithmic in between: the range of vibration that humans feel. A
+narrower range, for example that of the actuator, would give most surfaces the sharpness 1."""
+PLAYED_HZ = (65.0, 300.0)
+"""Frequencies in Hz that are played for sharpness 0 and 1, linear in between, as in the AHAP encoder of the
+MPEG reference software. Apple publishes no values."""
 TRANSIENT_S = 0.02
 """Duration of a rendered transient in s. Apple publishes no value."""
 FS = 8000.0
@@ -139,11 +147,11 @@ def read_ahap(path: str | Path) -> Pattern:
     return read_external(Pattern, path, MAX_FILE_BYTES)
 
 
-def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
+def write_ahap(rendition: Rendition, path: str | Path, *, full_scale: float | None = None) -> dict[str, str]:
     """Write a surface to an .ahap file, and return a description of the lost information by topic.
 
     Taps are written as transients. Other vibrations are written as one continuous event: its intensity
-    follows the RMS, and its sharpness follows the spectral centroid.
+    follows the RMS, and its sharpness follows the spectral centroid between 20 and 1000 Hz.
 
     Parameters
     ----------
@@ -151,11 +159,15 @@ def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
         Result of `texclass.haptics.exchange.play_texture` or `play_taps`.
     path : str or Path
         File to write; must end in `.ahap`.
+    full_scale : float, optional
+        RMS (for taps: peak) of intensity 1, in the unit of the rendition; stronger vibration is limited
+        (default: the strongest moment of the rendition). Use one value for all surfaces of a set, so that
+        their levels can be compared.
 
     Raises
     ------
     ValueError
-        If the path does not end in `.ahap`.
+        If the path does not end in `.ahap`, or `full_scale` is not positive.
 
     Examples
     --------
@@ -165,11 +177,17 @@ def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
     >>> rendition = Rendition("tone", "m/s^2", 1000.0, x, speed=80.0, force=1.0)
     >>> losses = write_ahap(rendition, pathlib.Path(tempfile.mkdtemp()) / "tone.ahap")
     >>> losses["band"]
-    'one sharpness, 0 to 1 for 80 to 230 Hz'
+    'one sharpness, 0.52 for 155 Hz (0 to 1 for 20 to 1000 Hz), played at about 188 Hz'
     """
     path = check_suffix(path, ".ahap")
-    items, full, losses = (_convert_taps if rendition.taps.size else _convert_stroke)(rendition)
-    unit = rendition.unit
+    if full_scale is not None:
+        check_positive(full_scale=full_scale)
+    centroid = centroid_hz(rendition.samples, rendition.fs)
+    largest = _levels(rendition).max()
+    full = full_scale or float(largest) or 1.0
+    convert = _convert_taps if rendition.taps.size else _convert_stroke
+    items, losses = convert(rendition, full)
+    unit, sharpness = rendition.unit, _sharpness(centroid)
     metadata = {"Description": rendition.caption, "Intensity1": f"{full:.6g} {unit}", "Project": "texclass"}
     content = {"Version": 1.0, "Metadata": metadata, "Pattern": items}
     pattern = Pattern.model_validate_json(json.dumps(content))
@@ -177,31 +195,50 @@ def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
     return {
         **rendition.losses,
         **losses,
-        "level": f"relative to {full:.4g} {unit}, which is intensity 1",
-        "band": f"one sharpness, 0 to 1 for {SHARPNESS_HZ[0]:g} to {SHARPNESS_HZ[1]:g} Hz",
+        "level": _describe_level(float(largest), full, unit, is_own=full_scale is None),
+        "band": f"one sharpness, {sharpness:.2f} for {centroid:.0f} Hz (0 to 1 for {FELT_HZ[0]:g} to "
+        f"{FELT_HZ[1]:g} Hz), played at about {_played_hz(sharpness):.0f} Hz",
     }
 
 
-def _convert_taps(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]:
-    """Return one transient per tap, the peak that corresponds to intensity 1, and the losses."""
-    full = float(rendition.taps[:, 1].max()) or 1.0
+def _levels(rendition: Rendition) -> Samples:
+    """Return the peak of each tap, or the RMS of each frame of a vibration."""
+    if rendition.taps.size:
+        return rendition.taps[:, 1]
+    return np.array([np.sqrt(np.mean(np.square(frame))) for frame in _frames(rendition)])
+
+
+def _describe_level(largest: float, full: float, unit: str, *, is_own: bool) -> str:
+    """Describe the full scale, and by how much a vibration exceeds it."""
+    text = f"relative to {full:.4g} {unit}, which is intensity 1"
+    if is_own:
+        return f"{text} (the strongest moment of this file; set one full scale for files that are compared)"
+    if largest <= full:
+        return f"{text}; the strongest moment has intensity {largest / full:.3g}"
+    return f"{text}; the strongest moment is {20 * np.log10(largest / full):.1f} dB stronger and is limited"
+
+
+def _convert_taps(rendition: Rendition, full: float) -> tuple[list[Content], dict[str, str]]:
+    """Return one transient per tap, and the losses; `full` is the peak of intensity 1."""
     items = [
-        _event("HapticTransient", time, peak / full, _sharpness(frequency))
+        _event("HapticTransient", time, min(peak / full, 1.0), _sharpness(frequency))
         for time, peak, frequency in rendition.taps.tolist()
     ]
     loss = "chosen by the player: time, peak and frequency of each tap are kept, not its decay"
-    return items, full, {"waveform": loss}
+    return items, {"waveform": loss}
 
 
-def _convert_stroke(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]:
-    """Return a continuous event and its curves, the RMS that corresponds to intensity 1, and the losses."""
+def _frames(rendition: Rendition) -> list[Samples]:
+    """Divide a vibration into frames of 20 ms, or of more in long files, so that 60 curves are enough."""
+    seconds = rendition.samples.size / rendition.fs
+    n = max(round(seconds / max(0.02, seconds / (60 * (MAX_POINTS - 1)))), 1)
+    return [frame for frame in np.array_split(rendition.samples, n) if frame.size]
+
+
+def _convert_stroke(rendition: Rendition, full: float) -> tuple[list[Content], dict[str, str]]:
+    """Return a continuous event with its curves, and the losses; `full` is the RMS of intensity 1."""
     x, fs = rendition.samples, rendition.fs
-    seconds = x.size / fs
-    step = max(0.02, seconds / (60 * (MAX_POINTS - 1)))  # one point per 20 ms, in at most 60 curves
-    n = max(round(seconds / step), 1)
-    frames = [frame for frame in np.array_split(x, n) if frame.size]
-    rms = np.array([np.sqrt(np.mean(np.square(frame))) for frame in frames])
-    full = float(rms.max()) or 1.0
+    seconds, frames, rms = x.size / fs, _frames(rendition), _levels(rendition)
     times = (np.arange(len(frames)) + 0.5) * seconds / len(frames)
     times[0], times[-1] = 0.0, seconds if len(frames) > 1 else 0.0
     sharpness = _sharpness(centroid_hz(x, fs))
@@ -209,11 +246,11 @@ def _convert_stroke(rendition: Rendition) -> tuple[list[Content], float, dict[st
     duration = {"EventDuration": min(max(seconds, 1e-3), LONGEST_S)}
     items = [
         _event("HapticContinuous", 0.0, 1.0, sharpness, **duration),
-        *_curves("HapticIntensityControl", times, rms / full),
+        *_curves("HapticIntensityControl", times, np.minimum(rms / full, 1.0)),
         *_curves("HapticSharpnessControl", times, shift),
     ]
     losses = {"waveform": f"only its RMS and centroid every {1000 * seconds / len(frames):.3g} ms are kept"}
-    return items, full, losses
+    return items, losses
 
 
 def _event(kind: str, time: float, intensity: float, sharpness: float, **more: float) -> Content:
@@ -240,22 +277,28 @@ def _curves(name: Control, times: Samples, values: Samples) -> list[Content]:
 
 
 def centroid_hz(x: Samples, fs: float) -> float:
-    """Return the centroid of the power spectrum of samples (n,) in Hz; 0 for silence."""
-    power = np.abs(np.fft.rfft(x)) ** 2
+    """Return the centroid of the power spectrum of samples (n,) within `FELT_HZ` in Hz; 0 for silence."""
+    power, hz = np.abs(np.fft.rfft(x)) ** 2, np.fft.rfftfreq(x.size, 1 / fs)
     power[1 : (x.size + 1) // 2] *= 2  # one-sided spectrum: the bins at 0 and at fs/2 occur once
+    power[(hz < FELT_HZ[0]) | (hz > FELT_HZ[1])] = 0.0
     total = float(power.sum())
-    return float(np.fft.rfftfreq(x.size, 1 / fs) @ power) / total if total > 0 else 0.0
+    return float(hz @ power) / total if total > 0 else 0.0
 
 
 def _sharpness(frequency_hz: float) -> float:
-    low, high = SHARPNESS_HZ
-    return min(max((frequency_hz - low) / (high - low), 0.0), 1.0)
+    low, high = FELT_HZ
+    return float(np.log(np.clip(frequency_hz, low, high) / low) / np.log(high / low))
+
+
+def _played_hz(sharpness: float) -> float:
+    low, high = PLAYED_HZ
+    return low + sharpness * (high - low)
 
 
 def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
     """Render a pattern for a simple actuator, as samples (n_samples,) relative to intensity 1.
 
-    A continuous event is a sine wave whose frequency follows the sharpness (`SHARPNESS_HZ`). A transient is a
+    A continuous event is a sine wave whose frequency follows the sharpness (`PLAYED_HZ`). A transient is a
     sine wave that decays within 20 ms. Both are assumptions, because the output of real phones is not
     published.
 
@@ -298,7 +341,7 @@ def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
         end = min(math.ceil((event.Time + event.seconds) * fs), out.size)
         part = slice(math.ceil(event.Time * fs), end)
         sharpness = np.clip(event.parameter("HapticSharpness", 0.5) + shift[part], 0, 1)
-        cycles = np.cumsum(SHARPNESS_HZ[0] + sharpness * (SHARPNESS_HZ[1] - SHARPNESS_HZ[0])) / fs
+        cycles = np.cumsum(PLAYED_HZ[0] + sharpness * (PLAYED_HZ[1] - PLAYED_HZ[0])) / fs
         wave = event.parameter("HapticIntensity", 1.0) * gain[part] * np.sin(2 * np.pi * cycles)
         if event.EventType == "HapticTransient":
             wave *= np.exp(-5 * (t[part] - event.Time) / TRANSIENT_S)

@@ -21,14 +21,16 @@ from markupsafe import Markup
 
 from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.scales import SCALES
-from texclass.haptics.scene.renderer import PlannedScene, build_kernel_arrays
-from texclass.haptics.textures.contract import Texture
+from texclass.haptics.scene.renderer import PlannedScene, SceneSurface, build_kernel_arrays
+from texclass.haptics.textures.contract import Texture, constant_stroke
 from texclass.haptics.textures.grid import GridModel
+from texclass.recording import Samples
 from texclass.reporting.page import templates
 from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
 
 if TYPE_CHECKING:
+    from texclass.haptics.exchange import Equalizer
     from texclass.haptics.textures import PackedTexture
 
 MAX_FS = 44_100.0
@@ -37,6 +39,8 @@ N_CONTACTS = 5
 """Number of contacts: four pointers, and one contact for the keyboard or a gamepad."""
 FULL_SCALE_FACTOR = 4.0
 """Ratio of full scale to the RMS of the strongest surface at medium speed and force."""
+TAP_FS = 8000.0
+"""Smallest sampling rate in Hz of the filter that equalises taps."""
 TAP_M_S_PER_N = 0.1
 """Impact velocity of a tap per unit of pointer force, in m/s per N."""
 SLIDER_VALUES = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
@@ -53,6 +57,7 @@ def scene_page(
     *,
     taps: Mapping[str, TapModel | DecayingModes] | None = None,
     title: str = "",
+    equalizer: "Equalizer | None" = None,
     sliders: Mapping[str, Any] | None = None,
 ) -> str:
     """Return a self-contained HTML page on which users stroke the surfaces of a planned scene.
@@ -68,6 +73,9 @@ def scene_page(
         is missing, its tap is estimated from the strongest resonance of its model.
     title : str
         Title of the page (default: from the name of the scene).
+    equalizer : Equalizer, optional
+        Inverse of the response of the device that plays the page (default: no equalisation), see
+        `texclass.haptics.exchange.read_response`.
     sliders : mapping, optional
         Perceptual scales and command line, as set by `slider_page`.
 
@@ -103,7 +111,7 @@ def scene_page(
     scripts = {name: folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in script_names}
     styles = files("texclass.reporting").joinpath("templates", "page.css"), folder.joinpath("page.css")
     bank, index = build_kernel_arrays(scene)
-    surfaces = [_surface(name, scene, taps or {}) for name in scene.model_indices]
+    surfaces = [_surface(name, scene, taps or {}, equalizer) for name in scene.model_indices]
     audible = [surface for surface in surfaces if surface["rms"] > 0]
     nodes = [np.array([surface[key] for surface in audible or surfaces[:1]]) for key in ("speeds", "forces")]
     ranges = [(x.min(), x.max()) if x.min() < x.max() else (x.min() / 2, 2 * x.max()) for x in nodes]
@@ -111,9 +119,11 @@ def scene_page(
     speed, force = np.sqrt(slow * fast), np.sqrt(soft * hard)
     data = {
         "fs": scene.fs, "unit": _display_unit(scene.unit), "forces": (soft, hard), "surfaces": surfaces,
-        "full_scale": FULL_SCALE_FACTOR * max([surface["rms"] for surface in audible], default=1.0),
+        "full_scale": FULL_SCALE_FACTOR * max([surface["output_rms"] for surface in audible], default=1.0),
         "bank": base64.b64encode(bank.astype("<f8").tobytes()).decode(), "index": index.ravel().tolist(),
     }  # fmt: skip
+    if equalizer is not None:
+        data["equalizer"] = equalizer.taps(scene.fs).tolist()
     data |= sliders or {}
     if sliders:
         surfaces[0]["description"] = "set by the sliders"
@@ -147,6 +157,7 @@ def write_scene_page(
     *,
     taps: Mapping[str, TapModel | DecayingModes] | None = None,
     title: str = "",
+    equalizer: "Equalizer | None" = None,
 ) -> Path:
     """Write the page of `scene_page` to a file; an existing file is replaced.
 
@@ -154,7 +165,7 @@ def write_scene_page(
     ----------
     path : str or Path
         File name ending in `.html`.
-    scene, taps, title
+    scene, taps, title, equalizer
         Arguments of `scene_page`.
 
     Returns
@@ -180,7 +191,7 @@ def write_scene_page(
     'desk.html'
     """
     path = check_suffix(path, ".html")
-    write_atomic(path, scene_page(scene, taps=taps, title=title).encode())
+    write_atomic(path, scene_page(scene, taps=taps, title=title, equalizer=equalizer).encode())
     return path
 
 
@@ -190,6 +201,7 @@ def slider_page(
     file: str = "surface.texture",
     unit: str = "m/s^2",
     n_bytes: int = 128,
+    equalizer: "Equalizer | None" = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> str:
     """Return an HTML page of a texture with a slider for each of its perceptual scales.
@@ -204,6 +216,8 @@ def slider_page(
         Unit of the vibration (default "m/s^2").
     n_bytes : int
         Size of each model in bytes (default 128), see `pack`.
+    equalizer : Equalizer, optional
+        See `scene_page`.
     progress : callable, optional
         Callback `progress(n_done, n_total, name)`; `name` is the next scale.
 
@@ -234,7 +248,7 @@ def slider_page(
             scales[name]["models"] = list(range(len(models), len(models) + len(variants)))
             models += variants.values()
         elif name == "hard":
-            scales[name]["taps"] = [tap_modes(variant.tap) for variant in variants.values()]
+            scales[name]["taps"] = [tap_modes(variant.tap, equalizer) for variant in variants.values()]
     grids = [packed.model for packed in (*models, base, base)]  # the page overwrites the last two
     order = max(grid.order for grid in grids)
     grids = [replace(g, rows=np.pad(g.rows, [(0, 0), (0, 0), (0, order - g.order)])) for g in grids]
@@ -244,7 +258,8 @@ def slider_page(
     command += f" --bytes {n_bytes}" if n_bytes != 128 else ""
     taps = {name: base.tap} if base.tap.n_modes else {}
     sliders = {"scales": scales, "command": command}
-    return scene_page(scene, taps=taps, title=f"Perceptual scales of {name}", sliders=sliders)
+    title = f"Perceptual scales of {name}"
+    return scene_page(scene, taps=taps, title=title, equalizer=equalizer, sliders=sliders)
 
 
 def write_slider_page(path: str | Path, texture: Texture, **options: Any) -> Path:
@@ -283,19 +298,32 @@ def write_slider_page(path: str | Path, texture: Texture, **options: Any) -> Pat
     return path
 
 
-def tap_modes(tap: TapModel | DecayingModes) -> list[list[float]]:
+def tap_modes(tap: TapModel | DecayingModes, equalizer: "Equalizer | None" = None) -> list[list[float]]:
     """Return amplitude per m/s, decay rate (1/s), frequency (Hz) and phase (rad, of a sine) of each mode."""
     modes = tap.modes(TAP_M_S_PER_N) if isinstance(tap, TapModel) else tap
-    rows = modes.amplitude / TAP_M_S_PER_N, modes.decay_per_s, modes.frequency_hz, modes.phase + np.pi / 2
+    hz = modes.frequency_hz
+    gain = (
+        np.ones(hz.size) if equalizer is None else equalizer.gain_at(hz, max(TAP_FS, 2.5 * hz.max(initial=0)))
+    )
+    amplitude, phase = modes.amplitude * np.abs(gain), modes.phase + np.angle(gain)
+    rows = amplitude / TAP_M_S_PER_N, modes.decay_per_s, hz, phase + np.pi / 2
     return [[float(x) for x in row] for row in np.transpose(rows)]
 
 
-def _surface(name: str, scene: PlannedScene, taps: Mapping[str, TapModel | DecayingModes]) -> dict[str, Any]:
+def _surface(
+    name: str,
+    scene: PlannedScene,
+    taps: Mapping[str, TapModel | DecayingModes],
+    equalizer: "Equalizer | None",
+) -> dict[str, Any]:
     """Return the data of a surface for the page, except its model."""
     model = scene.model_of(name)
     middle = [float(np.sqrt(axis[0] * axis[-1])) for axis in model.axes]
     rms = float(np.sqrt(model.at(*([x] for x in middle))[1][0]))
     tap = taps[name] if name in taps else _estimate_tap(model, scene, middle, rms)
+    output_rms = rms
+    if equalizer is not None and rms:
+        output_rms = float(equalizer.apply(middle_stroke(scene, name), scene.fs).std())
     components = [f"AR of order {model.order}"] if model.order else []
     components += [f"{model.n_lines} lines"] if model.n_lines else []
     conditions = f"{middle[0]:.0f}\u00a0mm/s and {middle[1]:.2g}\u00a0N"
@@ -306,12 +334,20 @@ def _surface(name: str, scene: PlannedScene, taps: Mapping[str, TapModel | Decay
         "speeds": (model.speeds[0], model.speeds[-1]),
         "forces": (model.forces[0], model.forces[-1]),
         "rms": rms,
-        "tap": None if tap is None else tap_modes(tap),
+        "output_rms": output_rms,
+        "tap": None if tap is None else tap_modes(tap, equalizer),
         "is_tap_estimated": name not in taps,
         "description": f"{' + '.join(components)}, {level} at {conditions}"
         if components
         else "too weak for the device",
     }
+
+
+def middle_stroke(scene: PlannedScene, name: str) -> Samples:
+    """Return 2 s of the vibration of a surface at the middle of its speeds and forces."""
+    surface = SceneSurface(scene, name)
+    speed, force = (float(np.sqrt(axis[0] * axis[-1])) for axis in (surface.speeds, surface.forces))
+    return constant_stroke(surface, speed, force, round(2 * scene.fs), n_settling=round(0.5 * scene.fs))
 
 
 def _display_unit(unit: str) -> str:

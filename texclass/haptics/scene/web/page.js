@@ -21,8 +21,8 @@
     const text = element("kernels").textContent + element("worklet").textContent;
     const module = `data:text/javascript,${encodeURIComponent(text)}`;  // Chromium refuses a Blob in a local file
     await context.audioWorklet.addModule(module);
-    const { index, fs, full_scale: fullScale } = scene;
-    const options = { bank, index, fs, fullScale, gain: volume(), contacts: contacts.length };
+    const { index, fs, full_scale: fullScale, equalizer } = scene;
+    const options = { bank, index, fs, fullScale, equalizer, gain: volume(), contacts: contacts.length };
     node = new AudioWorkletNode(context, "scene",
       { numberOfInputs: 0, numberOfOutputs: 2, outputChannelCount: [1, 1], processorOptions: options });
     analyser = new AnalyserNode(context, { fftSize: 8192, smoothingTimeConstant: 0.6 });

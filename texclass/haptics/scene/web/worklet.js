@@ -1,5 +1,5 @@
 "use strict";
-// Audio worklet: resampling to the rate of the loudspeaker, taps, and a limiter. It is appended to kernels.js.
+// Audio worklet: equalisation, resampling to the rate of the loudspeaker, taps, and a limiter. It is appended to kernels.js.
 
 const HALF_LENGTH = 16, N_PHASES = 128;  // filter taps on each side, and number of filter phases between two samples
 const CEILING = 0.5;  // largest output sample, relative to full scale
@@ -30,6 +30,19 @@ function createInterpolator(source, ratio) {
     let sum = 0;
     for (let i = 0; i < n; i++) sum += ((1 - w) * table[row + i] + w * table[row + n + i]) * ring[begin + i];
     position += ratio;
+    return sum;
+  };
+}
+
+/** Return a function next() that filters `source` with the FIR filter `taps`. */
+function createFilter(source, taps) {
+  const n = taps.length, ring = new Float64Array(2 * n);  // ring[begin + i] is i samples old
+  let begin = 0;
+  return () => {
+    begin = (begin || n) - 1;
+    ring[begin] = ring[begin + n] = source();
+    let sum = 0;
+    for (let i = 0; i < n; i++) sum += taps[i] * ring[begin + i];
     return sum;
   };
 }
@@ -79,14 +92,15 @@ function createTaps(fs) {
  */
 function defineProcessor(Base) {
   return class extends Base {
-    constructor({ processorOptions: { bank, index, fs, contacts, fullScale, gain, script } }) {
+    constructor({ processorOptions: { bank, index, fs, contacts, fullScale, gain, equalizer, script } }) {
       super();
       let n = 0;
       this.renderer = createRenderer(bank, index, contacts, script ? () => script.noise[n++] : randomNoise);
       this.motion = Array.from({ length: contacts }, () => ({ vx: 0, vy: 0, force: 0 }));
       this.taps = createTaps(sampleRate);
       this.limit = createLimiter(sampleRate);
-      this.nextSample = createInterpolator(() => this.renderSample(), fs / sampleRate);
+      const filtered = createFilter(() => this.renderSample(), equalizer || [1]);
+      this.nextSample = createInterpolator(filtered, fs / sampleRate);
       Object.assign(this, { bank, fullScale, gain, targetGain: gain, script, samples: [], isSilent: true });
       this.port.onmessage = ({ data }) => this.receive(data);
     }
