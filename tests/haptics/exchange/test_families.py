@@ -272,10 +272,11 @@ def test_the_commands_convert_every_kind_of_texture_to_every_format(kind, suffix
     else:
         data = re.search(r'id="scene">(.*?)</script>', target.read_text(), re.DOTALL)[1]
         (surface,) = json.loads(data)["surfaces"]
-        (slow, fast), (light, hard) = stroke_range(texture)
-        assert slow * 0.999 <= surface["speeds"][0] <= surface["speeds"][1] <= fast * 1.001
-        assert light * 0.999 <= surface["forces"][0] <= surface["forces"][1] <= hard * 1.001
         assert surface["rms"] > 0
+        if kind != "packed vibration":  # its model has one node, above which it is constant
+            (slow, fast), (light, hard) = stroke_range(texture)
+            assert slow * 0.999 <= surface["speeds"][0] <= surface["speeds"][1] <= fast * 1.001
+            assert light * 0.999 <= surface["forces"][0] <= surface["forces"][1] <= hard * 1.001
         return
     if suffix == "xml" and texture.fs > 1000:  # .xml contains the frequencies below 500 Hz
         return

@@ -1,6 +1,7 @@
 """The page of a scene renders the samples of `SceneRenderer`, limits the level, and responds to a pointer."""
 
 import json
+import re
 import shutil
 import subprocess
 import time
@@ -273,3 +274,12 @@ def test_the_filter_of_a_page_is_that_of_the_equalizer():
     return data.x.map(() => next());"""
     samples = run_node(program, {"taps": taps.tolist(), "x": x.tolist()})
     np.testing.assert_allclose(samples, np.convolve(x, taps)[:300], atol=1e-9)
+
+
+def test_the_controls_of_a_page_are_at_the_nominal_speed_and_force_if_a_model_has_one_node():
+    constant = GridModel(([5.0], [0.05]), np.full((1, 1, 2), 0.5), np.ones((1, 1)), 4.0)
+    html = scene_page(make_scene({"noise": constant}))
+    for name, low, value, high in (("speed", 50, 100, 200), ("force", 0.5, 1, 2)):
+        control = re.search(rf'<input[^>]*id="{name}"[^>]*>', html)[0]
+        limits = [float(re.search(rf'{key}="([^"]+)"', control)[1]) for key in ("min", "value", "max")]
+        assert limits == [low, value, high]

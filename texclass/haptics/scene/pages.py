@@ -22,7 +22,12 @@ from markupsafe import Markup
 from texclass.atomic_write import check_suffix, write_atomic
 from texclass.haptics.scales import SCALES
 from texclass.haptics.scene.renderer import PlannedScene, SceneSurface, build_kernel_arrays
-from texclass.haptics.textures.contract import Texture, constant_stroke
+from texclass.haptics.textures.contract import (
+    NOMINAL_FORCE_N,
+    NOMINAL_SPEED_MM_S,
+    Texture,
+    constant_stroke,
+)
 from texclass.haptics.textures.grid import GridModel
 from texclass.recording import Samples
 from texclass.reporting.page import templates
@@ -114,7 +119,14 @@ def scene_page(
     surfaces = [_surface(name, scene, taps or {}, equalizer) for name in scene.model_indices]
     audible = [surface for surface in surfaces if surface["rms"] > 0]
     nodes = [np.array([surface[key] for surface in audible or surfaces[:1]]) for key in ("speeds", "forces")]
-    ranges = [(x.min(), x.max()) if x.min() < x.max() else (x.min() / 2, 2 * x.max()) for x in nodes]
+    # a model of one speed or force is constant above it
+    nominal = [
+        max(x.max(), typical) for x, typical in zip(nodes, (NOMINAL_SPEED_MM_S, NOMINAL_FORCE_N), strict=True)
+    ]
+    ranges = [
+        (x.min(), x.max()) if x.min() < x.max() else (typical / 2, 2 * typical)
+        for x, typical in zip(nodes, nominal, strict=True)
+    ]
     (slow, fast), (soft, hard) = ranges
     speed, force = np.sqrt(slow * fast), np.sqrt(soft * hard)
     data = {
