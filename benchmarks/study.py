@@ -28,7 +28,7 @@ R = TypeVar("R")
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {
     "simulation": ("phases", "phases_families", "realism", "invariance", "rank_agreement", "scales"),
-    "vibrations": ("autoregressive", "line_spectrum", "prony"),
+    "vibrations": ("score_nulls", "autoregressive", "line_spectrum", "prony"),
     "speed": ("feature_speed", "whole_path", "scaling", "two_processes", "cluster"),
     "haptics": ("scene", "scene_page", "c_renderer", "hjif", "packed_surfaces"),
     "certainty": (

@@ -8,7 +8,7 @@ import csv
 
 import numpy as np
 import shared
-from abdulali2016_study import compare, render_along
+from abdulali2016_study import Score, compare, render_along, score_nulls
 from scipy import signal
 
 from texclass.haptics.textures import Scan
@@ -19,8 +19,7 @@ from texclass.loaders.places import find_folder
 from texclass.vibration import LatticeSynthesis, fit
 
 ORDER = 20
-FABRIC_SPEEDS_MM_S = (50.0, 100.0, 150.0, 200.0)
-"""Speeds v1 to v4 of `fabric_speeds`. They are unknown, and assumed to be equally spaced."""
+SCORES = tuple(name for name in Score._fields if name != "deviation")
 
 
 def joined(parts, name):
@@ -47,7 +46,7 @@ def fabric_pairs(recordings):
         surface, _, step = name.rpartition("_v")
         fs = recording.fs / 4  # vibrations end at 1 kHz
         x = limit_vibration(signal.resample_poly(recording.acceleration.ravel(), 1, 4), fs)
-        parts.setdefault(surface, {})[int(step)] = (x, FABRIC_SPEEDS_MM_S[int(step) - 1], 1.0, fs)
+        parts.setdefault(surface, {})[int(step)] = (x, shared.FABRIC_MM_S[int(step) - 1], 1.0, fs)
     for surface, by_step in parts.items():
         for held_out in (2, 3):
             training = [part for step, part in sorted(by_step.items()) if step != held_out]
@@ -87,7 +86,7 @@ def compare_models(training, validations):
             "one model": lattice.process(rng.standard_normal(len(scan))),
         }
         for name, y in rendered.items():
-            scores[name].append(compare(scan.acceleration, y))
+            scores[name].append(compare(scan.acceleration, y, scan.fs))
     level_db = 20 * np.log10([np.sqrt(np.mean(x**2)) for x in segments.cut(training.acceleration)])
     conditions = np.log([segments.means(training.speed), segments.means(training.force)])
     varying = conditions[conditions.std(axis=1) > 1e-6]
@@ -99,7 +98,7 @@ def compare_models(training, validations):
     } | {
         f"{name}, {key}": float(np.mean([getattr(score, key) for score in values]))
         for name, values in scores.items()
-        for key in ("gfc", "level_db")
+        for key in SCORES
     }
 
 
@@ -120,5 +119,30 @@ def study_real_sets():
         recordings, digest = shared.recordings(card)
         if recordings:
             hashes[card] = digest
-            rows += [{"set": card} | compare_models(*pair) for pair in pairs(recordings)]
+            scans = list(pairs(recordings))
+            compared = [{"set": card} | compare_models(*pair) for pair in scans]
+            rows += [row | nulls for row, nulls in zip(compared, null_columns(scans), strict=True)]
     return rows, hashes
+
+
+def null_columns(scans):
+    """Return for each pair of scans the GFC and the perceptual distance of each candidate without a model.
+
+    Scans with the same held-out speed (the end of the name) are compared with each other.
+    """
+    columns = {}
+    names = [training.name for training, _ in scans]
+    for held_out in dict.fromkeys(name.partition(", v")[2] for name in names):
+        alike = [pair for pair in scans if pair[0].name.partition(", v")[2] == held_out]
+        vibrations = {
+            training.name: (
+                training.acceleration,
+                np.concatenate([scan.acceleration for scan in validations]),
+            )
+            for training, validations in alike
+        }
+        columns |= score_nulls(vibrations, alike[0][0].fs)
+    return [
+        {f"{way}, {key}": getattr(score, key) for way, score in columns[name].items() for key in SCORES}
+        for name in names
+    ]

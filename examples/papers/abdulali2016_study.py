@@ -1,4 +1,4 @@
-"""Cross-validate textures of `abdulali2016`, and measure their computing times."""
+"""Cross-validate textures of `abdulali2016` next to nulls, and measure their computing times."""
 
 from time import perf_counter, thread_time_ns
 from typing import NamedTuple
@@ -11,6 +11,8 @@ from texclass.haptics.textures.abdulali2016.model_points import limit_vibration
 from texclass.haptics.textures.abdulali2016.network_fit import segment_adaptively
 from texclass.haptics.textures.abdulali2016.network_texture import PEAK_FACTOR
 from texclass.vibration import LatticeSynthesis, fit
+from texclass.vibration.null_scores import NULLS, null_scores
+from texclass.vibration.perceptual_distance import perceptual_distance
 from texclass.vibration.scores import goodness_of_fit
 
 FS = 1000.0
@@ -24,14 +26,23 @@ FORCE_BAND, FORCE = (0.7, 1.2), 0.9
 SECTOR_RAD = np.deg2rad(15.0)
 """Half width in rad of the held-out sector around the test direction and its opposite."""
 SPARSITIES = (0.3, 0.1, 0.03, 0.01, 0.0)
+STRONGEST_DB = 30.0
+"""Assumed sensation level in dB of the strongest band, for the perceptual distance."""
+CANDIDATES = ("training", *NULLS)
+"""Candidates without a model: the training recording itself, and the nulls."""
 
 
 class Score(NamedTuple):
-    """Mean and standard deviation over windows of the GFC (score of the paper), and RMS level error in dB."""
+    """Scores of a rendered vibration.
+
+    Mean and standard deviation over windows of the GFC (score of the paper), RMS level error over windows in
+    dB, and perceptual distance of the whole signals at equal level in dB.
+    """
 
     gfc: float
     deviation: float
     level_db: float
+    perceptual_db: float
 
 
 def fit_as_published(scan, isotropic=False):
@@ -45,7 +56,7 @@ def fit_as_published(scan, isotropic=False):
     return modelled.network("sparse", glide=False)
 
 
-def compare(recorded, rendered):
+def compare(recorded, rendered, fs=FS):
     """Score a rendered vibration against a recorded one (`abdulali2016`, section 4, eq. (6))."""
     starts = range(0, recorded.size - WINDOW + 1, WINDOW // 2)
     pairs = [(recorded[i : i + WINDOW], rendered[i : i + WINDOW]) for i in starts]
@@ -53,7 +64,45 @@ def compare(recorded, rendered):
     power = np.array([[np.mean(a**2), np.mean(b**2)] for a, b in pairs])
     floor = 1e-12 * power[:, 0].max() + np.finfo(np.float64).tiny
     level = 10 * np.diff(np.log10(np.maximum(power, floor)), axis=1)
-    return Score(float(gfc.mean()), float(gfc.std()), float(np.sqrt(np.mean(level**2))))
+    distance = (
+        perceptual_distance(recorded, rendered, fs, strongest_db=STRONGEST_DB, equal_level=True)
+        if np.any(rendered)
+        else np.inf
+    )
+    return Score(float(gfc.mean()), float(gfc.std()), float(np.sqrt(np.mean(level**2))), distance)
+
+
+def score_nulls(pairs, fs=FS):
+    """Return the scores of the candidates without a model, by name of the scan and candidate.
+
+    Parameters
+    ----------
+    pairs : mapping of str to tuple of array_like
+        Training and validation vibrations of each surface. The end of the training vibration, as long as the
+        validation, is the candidate "training".
+    fs : float
+        Sampling rate in Hz.
+    """
+    recordings = {}
+    for name, (training, validation) in pairs.items():
+        n = min(len(training), len(validation))
+        recordings[name] = np.concatenate([training[-n:], validation[:n]])
+    tables = {
+        key: null_scores(
+            lambda x, y, key=key: getattr(compare(x, y, fs), key), recordings, fs,
+            higher_is_better=key == "gfc", equal_level=key != "level_db",
+        ).rename(columns={"other half": "training"})
+        for key in ("gfc", "level_db", "perceptual_db")
+    }  # fmt: skip
+    return {
+        name: {
+            way: Score(
+                *(float(tables[key].loc[name, way]) if key in tables else None for key in Score._fields)
+            )
+            for way in CANDIDATES
+        }
+        for name in pairs
+    }
 
 
 def render_along(texture, scan, seed=0):
@@ -66,10 +115,15 @@ def cross_validate(texture, scan, seed=0):
     return compare(scan.acceleration, render_along(texture, scan, seed))
 
 
+def simulate_pair(surface, seed):
+    """Return a training and a validation scan of a simulated surface, and the random generator."""
+    rng = np.random.default_rng([seed, SURFACES.index(surface)])
+    return *(simulate_scan(surface, s, FS, rng) for s in (TRAINING_S, VALIDATION_S)), rng
+
+
 def study_surface(surface, seed):
     """Fit each method to 20 s of a simulated surface, and validate it on 10 s."""
-    rng = np.random.default_rng([seed, SURFACES.index(surface)])
-    training, validation = (simulate_scan(surface, s, FS, rng) for s in (TRAINING_S, VALIDATION_S))
+    training, validation, rng = simulate_pair(surface, seed)
     second = limit_vibration(surface.vibration(validation.velocity, validation.force, FS, rng), FS)
     result = study_scans(training, validation, isotropic=False)
     result["scores"]["the truth again"] = compare(validation.acceleration, second)
@@ -136,11 +190,27 @@ def study_held_out(surface, seed):
     return {axis: cross_validate(textures[axis], test, seed).gfc for axis, test in tests.items()}
 
 
+def study_held_out_nulls(surfaces, seed):
+    """Return the GFC of the candidates without a model at the held-out conditions, by axis and surface."""
+    rng = np.random.default_rng([seed, 2])
+    conditions = {"speed": {"speed": SPEED}, "force": {"force": FORCE}, "direction": {"direction": 0.5}}
+    return {
+        axis: null_scores(
+            lambda x, y: compare(x, y).gfc,
+            {
+                surface.name: simulate_constant(surface, 2 * HELD_OUT_S, FS, rng, **condition).acceleration
+                for surface in surfaces
+            },
+            FS,
+            higher_is_better=True,
+        ).to_dict("index")
+        for axis, condition in conditions.items()
+    }
+
+
 def study_sparsity(surface, seed):
     """Return rows of sparsity, number of centres and GFC; sparsity 0 is the exact network."""
-    rng = np.random.default_rng([seed, SURFACES.index(surface)])
-    training, validation = (simulate_scan(surface, s, FS, rng) for s in (TRAINING_S, VALIDATION_S))
-
+    training, validation, _ = simulate_pair(surface, seed)
     modelled = model_scan(training, pooling="none", mirror="none")
     rows = []
     for sparsity in SPARSITIES:

@@ -18,7 +18,9 @@ from texclass.signals import combine, remove_hand_motion
 from texclass.simulate import operator_catalogue, record_rising_speed, surface_catalogue
 from texclass.vibration import fit, fit_major_frequencies, select_order
 from texclass.vibration.major_frequencies import beat_threshold_hz
+from texclass.vibration.null_scores import NULLS, distance_to_null, null_scores
 from texclass.vibration.order import spectral_error
+from texclass.vibration.perceptual_distance import perceptual_distance
 from texclass.vibration.scores import band_energy_distance, goodness_of_fit, log_spectral_distance
 
 FS = 10_000.0
@@ -44,6 +46,8 @@ PATH_SAMPLES = 2000
 """Samples of a random path."""
 NOTABLE_SHARE = 0.05
 """Smallest share of the samples in a notable bin. The thesis uses visual inspection instead."""
+STRONGEST_DB = 30.0
+"""Assumed sensation level in dB of the strongest band, for the perceptual distance."""
 DURATION_S = 10.0
 N_COPIES = 5
 """Number of mirrored copies in a seamless signal; section 3.2."""
@@ -200,13 +204,19 @@ def simulate_recordings(seed, n_surfaces):
 
 
 def score(recorded, predicted):
-    """Compare two signals of any length: spectra, energies of nine bands, 20 Hz wide bands, and level."""
+    """Compare two signals of any length: spectra, nine bands, 20 Hz wide bands, level and perception.
+
+    The perceptual distance is computed at equal level.
+    """
     n = min(recorded.size, predicted.size)
     return {
         "log_spectral_db": log_spectral_distance(recorded, predicted, n_segment=512),
         "band_db": band_energy_distance(recorded, predicted, FS),
         "gfc": goodness_of_fit(recorded[:n], predicted[:n], window=2800, n_hamming=500),
         "level_db": float(20 * np.log10(np.std(predicted) / np.std(recorded))),
+        "perceptual_db": perceptual_distance(
+            recorded, predicted, FS, strongest_db=STRONGEST_DB, equal_level=True
+        ),
     }
 
 
@@ -245,6 +255,53 @@ def predict_held_out_speeds(signals, speeds, surface, *, order=400, seed=0, n_dr
             {"surface": surface, "speed": float(v), "fitting_speeds": fitting_speeds, "scores": scores}
         )
     return predictions
+
+
+def add_nulls(predictions, signals):
+    """Add the scores of the nulls to predictions of held-out speeds.
+
+    Parameters
+    ----------
+    predictions : list of dict
+        Results of `predict_held_out_speeds` for all surfaces.
+    signals : mapping of str to list of array_like
+        Recordings of each surface at all speeds.
+    """
+    keys = next(iter(predictions[0]["scores"].values()))
+    for i in (1, 2):
+        recordings = {name: x[i] for name, x in signals.items()}
+        tables = {
+            key: null_scores(
+                lambda x, y, key=key: abs(score(x, y)[key]), recordings, FS,
+                higher_is_better=key == "gfc", equal_level=key != "level_db", n_draws=1,
+            )
+            for key in keys
+        }  # fmt: skip
+        held_out = [p for p in predictions if p["speed"] == sorted({p["speed"] for p in predictions})[i - 1]]
+        for prediction in held_out:
+            prediction["scores"] |= {
+                way: {key: float(table.loc[prediction["surface"], way]) for key, table in tables.items()}
+                for way in (*NULLS, "best null")
+            }
+
+
+def distance_of(predictions, method, key):
+    """Return by how much a method is better than the best null, with its interval over surfaces."""
+    rows = [(p["surface"], p["scores"][method][key], p["scores"]["best null"][key]) for p in predictions]
+    means = pd.DataFrame(rows, columns=["surface", "score", "best null"]).groupby("surface").mean()
+    return distance_to_null(means["score"], means[["best null"]], higher_is_better=key == "gfc")
+
+
+def fit_of_nulls(excerpts):
+    """Return the median goodness of fit (bands of 20 Hz) of nulls and of the other half, for 1 s excerpts."""
+    nulls = null_scores(
+        lambda x, y: goodness_of_fit(x, y, window=2800, n_hamming=500),
+        {name: x[: round(FS)] for name, x in excerpts.items()},
+        FS,
+        surfaces={name: name.partition("_")[0] for name in excerpts},
+        higher_is_better=True,
+    )
+    return nulls.median().to_dict()
 
 
 def mean_scores(predictions):

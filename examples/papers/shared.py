@@ -13,6 +13,9 @@ from texclass.loaders import DataNotFoundError, open_dataset
 from texclass.recording import Recording
 from texclass.reporting import Document, Figure, Table, print_document, write_document
 
+FABRIC_MM_S = (20.0, 30.0, 50.0, 60.0)
+"""Speeds v1 to v4 of `fabric_speeds` in mm/s, from the program of the experiment (its file sound.pde). They
+were not measured."""
 ABSENT = "Skipped: the recordings are not on this machine (`TEXCLASS_DATA`)."
 
 

@@ -80,6 +80,7 @@ def test_the_network_gains_nothing_where_nothing_follows_the_motion():
     assert scores["network, level_db"] > 0.9 * scores["one model, level_db"]
 
 
+@pytest.mark.filterwarnings("ignore:scan 'T1'. excluded 1 sample of speed:UserWarning")
 def test_the_reasons_of_the_report_hold_on_the_real_recordings():
     rows = pd.DataFrame(json.loads(REPORT.read_text(encoding="utf-8"))["real"]).set_index("set")
     assert rows.loc["stylus6", "explained"].max() < 0.5

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 from scipy import fft, signal, stats
-from sklearn.metrics import roc_auc_score
 
 from texclass.recording import Samples
 from texclass.signals import one_channel
@@ -210,8 +209,8 @@ def _auroc(scores: Samples, labels: np.ndarray, i: np.ndarray) -> float:
     """Return the AUROC of the recordings i: the diagonal against the pairs of different surfaces."""
     is_different = labels[i][:, np.newaxis] != labels[i]
     same, different = scores[i, i], scores[np.ix_(i, i)][is_different]
-    truth = np.repeat([1, 0], [same.size, different.size])
-    return float(roc_auc_score(truth, np.concatenate([same, different])))
+    ranks = stats.rankdata(np.concatenate([same, different]))[: same.size]
+    return float((ranks.mean() - (same.size + 1) / 2) / different.size)
 
 
 def _halves(recordings: Mapping[str, ArrayLike]) -> dict[str, tuple[Samples, Samples]]:
