@@ -1,4 +1,4 @@
-"""Held-out speed, force and direction on every simulated surface, and the bound of the output.
+"""Held-out speed, force and direction on every simulated surface next to nulls, and the bound of the output.
 
 `python benchmarks/abdulali2016_recovery.py` (some minutes) writes reports/papers/abdulali2016-recovery.
 """
@@ -12,7 +12,7 @@ from study import command_line, table, write
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples" / "papers"))
 from abdulali2016_simulated import SURFACES, simulate_scan
-from abdulali2016_study import FS, study_bound, study_held_out
+from abdulali2016_study import FS, study_bound, study_held_out, study_held_out_nulls
 
 from texclass.haptics.textures.abdulali2016 import bake, model_scan
 from texclass.reporting import Table
@@ -36,7 +36,12 @@ def main() -> None:
         {"surface": s.name, **study_held_out(s, seed)} for s in SURFACES for seed in range(args.seeds)
     )
     gfc = study_scores.groupby("surface", sort=False)[list(KEPT)]
+    nulls = pd.concat(
+        {axis: pd.DataFrame(rows).T for axis, rows in study_held_out_nulls(SURFACES, 0).items()},
+        names=["held out", "surface"],
+    ).reset_index()
     result = {
+        "nulls": nulls.to_dict("records"),
         "n_seeds": args.seeds,
         "n_paths": args.paths,
         "gfc": {name: scores.to_dict("list") for name, scores in gfc},
@@ -55,6 +60,16 @@ def main() -> None:
         "GFC at held-out speeds, forces and directions (see abdulali2016.md), "
         f"{args.seeds} seeds each; required: {LEAST}.",
         Table(score_table.astype({"mean": str, "min": str}), n_words=2),
+        "GFC of nulls, and of the other half of a recording, under the same conditions. "
+        f"{(nulls['best null'] > LEAST).sum()} of {len(nulls)} best nulls are above {LEAST}, too: the limit "
+        "alone proves nothing, and the distance to the null does.",
+        table(
+            nulls,
+            "surface = {surface} | held out = {held out} | white noise = {white noise:.4f} | "
+            "next surface = {next surface:.4f} | mean of others = {mean of others:.4f} | "
+            "best null = {best null:.4f} | other half = {other half:.4f}",
+            n_words=2,
+        ),
         f"Output on {args.paths} wild paths, largest sample over the recorded peak (limit: 2):",
         table(bound, "texture = `{family}` | largest = {top:.2f} | share held there = {held:.1e}"),
     ]

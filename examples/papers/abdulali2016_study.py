@@ -1,5 +1,6 @@
 """Cross-validate textures of `abdulali2016` next to nulls, and measure their computing times."""
 
+from functools import partial
 from time import perf_counter, thread_time_ns
 from typing import NamedTuple
 
@@ -59,17 +60,29 @@ def fit_as_published(scan, isotropic=False):
 def compare(recorded, rendered, fs=FS):
     """Score a rendered vibration against a recorded one (`abdulali2016`, section 4, eq. (6))."""
     starts = range(0, recorded.size - WINDOW + 1, WINDOW // 2)
-    pairs = [(recorded[i : i + WINDOW], rendered[i : i + WINDOW]) for i in starts]
-    gfc = np.array([goodness_of_fit(a, b, window=WINDOW) for a, b in pairs])
-    power = np.array([[np.mean(a**2), np.mean(b**2)] for a, b in pairs])
-    floor = 1e-12 * power[:, 0].max() + np.finfo(np.float64).tiny
-    level = 10 * np.diff(np.log10(np.maximum(power, floor)), axis=1)
-    distance = (
-        perceptual_distance(recorded, rendered, fs, strongest_db=STRONGEST_DB, equal_level=True)
-        if np.any(rendered)
-        else np.inf
+    gfc = [goodness_of_fit(recorded[i : i + WINDOW], rendered[i : i + WINDOW], window=WINDOW) for i in starts]
+    return Score(
+        float(np.mean(gfc)),
+        float(np.std(gfc)),
+        level_error(recorded, rendered),
+        perceived_difference(recorded, rendered, fs),
     )
-    return Score(float(gfc.mean()), float(gfc.std()), float(np.sqrt(np.mean(level**2))), distance)
+
+
+def level_error(recorded, rendered):
+    """Return the RMS error of the level over windows, in dB."""
+    windows = np.lib.stride_tricks.sliding_window_view([recorded, rendered], WINDOW, axis=1)
+    power = np.mean(windows[:, :: WINDOW // 2] ** 2, axis=2)
+    floor = 1e-12 * power[0].max() + np.finfo(np.float64).tiny
+    level = 10 * np.diff(np.log10(np.maximum(power, floor)), axis=0)
+    return float(np.sqrt(np.mean(level**2)))
+
+
+def perceived_difference(recorded, rendered, fs):
+    """Return the perceptual distance at equal level in dB, infinite for silence."""
+    if not np.any(rendered):
+        return np.inf
+    return perceptual_distance(recorded, rendered, fs, strongest_db=STRONGEST_DB, equal_level=True)
 
 
 def score_nulls(pairs, fs=FS):
@@ -87,13 +100,17 @@ def score_nulls(pairs, fs=FS):
     for name, (training, validation) in pairs.items():
         n = min(len(training), len(validation))
         recordings[name] = np.concatenate([training[-n:], validation[:n]])
+    functions = {
+        "gfc": partial(goodness_of_fit, window=WINDOW),
+        "level_db": level_error,
+        "perceptual_db": partial(perceived_difference, fs=fs),
+    }
     tables = {
         key: null_scores(
-            lambda x, y, key=key: getattr(compare(x, y, fs), key), recordings, fs,
-            higher_is_better=key == "gfc", equal_level=key != "level_db",
+            score, recordings, fs, higher_is_better=key == "gfc", equal_level=key != "level_db"
         ).rename(columns={"other half": "training"})
-        for key in ("gfc", "level_db", "perceptual_db")
-    }  # fmt: skip
+        for key, score in functions.items()
+    }
     return {
         name: {
             way: Score(
@@ -196,7 +213,7 @@ def study_held_out_nulls(surfaces, seed):
     conditions = {"speed": {"speed": SPEED}, "force": {"force": FORCE}, "direction": {"direction": 0.5}}
     return {
         axis: null_scores(
-            lambda x, y: compare(x, y).gfc,
+            partial(goodness_of_fit, window=WINDOW),
             {
                 surface.name: simulate_constant(surface, 2 * HELD_OUT_S, FS, rng, **condition).acceleration
                 for surface in surfaces
