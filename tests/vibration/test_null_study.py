@@ -3,7 +3,11 @@
 import json
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
+
+from texclass.vibration.null_scores import distance_to_null
 
 REPORTS = Path(__file__).parents[2] / "reports"
 STUDY = json.loads((REPORTS / "studies" / "score_nulls.json").read_text(encoding="utf-8"))
@@ -76,3 +80,56 @@ def test_every_page_states_the_speeds_of_the_fabrics_from_their_source():
     assert not [page.name for page in pages if "unknown speeds" in page.read_text(encoding="utf-8")]
     for page in ("papers/oeztuerk2018.md", "papers/strese2015.md", "studies/haptics.md"):
         assert "20, 30, 50 and 60 mm/s" in (REPORTS / page).read_text(encoding="utf-8")
+
+
+def held_out_margins(rows, key, sign):
+    """Return the margins of packed surfaces of 64 bytes, held out, to the best null, per recording."""
+    best = {(row["part"], row["name"]): row[key] for row in rows if row["known"] == "best null"}
+    is_simulated = rows[0]["set"].startswith("simulated")
+    known = {"first half", "the others", "all"} if is_simulated else {"first half", "the others"}
+    margins = {}
+    for row in rows:
+        if row["asked"] == 64 and row["known"] in known:
+            margin = sign * (row[key] - best[row["part"], row["name"]])
+            margins.setdefault(row["name"], []).append(margin)
+    return pd.Series({name: np.mean(values) for name, values in margins.items()})
+
+
+@pytest.mark.parametrize("name", ["lmt_excerpts", "fabric_speeds", "stylus6", "simulated HaTT models"])
+def test_the_report_of_packed_surfaces_states_whether_64_bytes_beat_the_nulls(name):
+    study = json.loads((REPORTS / "studies" / "packed_surfaces.json").read_text(encoding="utf-8"))
+    rows = [row for row in study["rows"] if row["set"] == name and not row["known"].startswith("MPEG")]
+    statements = []
+    for key, sign, title in (("gfc", 1, "GFC"), ("perceptual", -1, "perceptual distance")):
+        margins = held_out_margins(rows, key, sign)
+        none = pd.DataFrame({"best null": 0 * margins})
+        distance = distance_to_null(margins, none, higher_is_better=True)
+        verdict = "better than" if distance["low"] > 0 else "not better than"
+        verdict = "worse than" if distance["high"] < 0 else verdict
+        statements.append(f"{verdict} the best null by its {title}")
+    page = (REPORTS / "studies" / "haptics.md").read_text(encoding="utf-8")
+    assert f"`{name}`, 64 bytes held out: {', '.join(statements)}." in page
+
+
+def test_packed_surfaces_are_next_to_nulls_and_ceiling_on_the_same_recordings():
+    study = json.loads((REPORTS / "studies" / "packed_surfaces.json").read_text(encoding="utf-8"))
+    nulls = {"white noise", "next surface", "mean of others", "other half"}
+    frame = pd.DataFrame(study["rows"])
+    frame = frame[~frame["known"].str.startswith("MPEG") & (frame["judged"] != "all of it")]
+    for _, rows in frame.groupby(["set", "judged"]):
+        assert nulls < set(rows["known"])
+
+
+@pytest.mark.parametrize("kind", ["simulated", "fabric_speeds"])
+def test_the_chapter_of_oeztuerk2018_states_that_interpolation_is_no_better_than_nulls(kind):
+    chapter = json.loads((REPORTS / "papers" / "oeztuerk2018.json").read_text(encoding="utf-8"))
+    for key, higher in (("gfc", True), ("perceptual_db", False)):
+        rows = [
+            (p["surface"], p["scores"]["LPC, log level"][key], p["scores"]["best null"][key])
+            for p in chapter["predictions"][kind]["predictions"]
+        ]
+        means = pd.DataFrame(rows, columns=["surface", "score", "best null"]).groupby("surface").mean()
+        distance = distance_to_null(means["score"], means[["best null"]], higher_is_better=higher)
+        assert distance["low"] < 0 < distance["high"]
+    text = (REPORTS / "papers" / "oeztuerk2018.md").read_text(encoding="utf-8")
+    assert text.count("positive is better). This proves nothing.") == 2
