@@ -6,6 +6,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import signal
 
+from texclass.signals import remove_hand_motion
+from texclass.simulate import operator_catalogue, record_rising_speed, surface_catalogue
 from texclass.vibration.null_scores import NULLS, distance_to_null, null_scores, same_or_different
 from texclass.vibration.perceptual_distance import perceptual_distance
 from texclass.vibration.scores import band_energy_distance, goodness_of_fit
@@ -121,3 +123,18 @@ def test_invalid_recordings_are_named():
         for call in (null_scores, same_or_different):
             with pytest.raises(ValueError, match=message):
                 call(bands, recordings, FS, higher_is_better=False)
+
+
+def test_no_gfc_separates_the_surfaces_of_the_gallery_but_a_perceptual_distance_of_3_db_does():
+    """The claims of examples/haptics/scores_and_nulls.py."""
+    operator = operator_catalogue(1, seed=0)[0]
+    vibrations = {}
+    for one in surface_catalogue(8, seed=0):
+        recording = record_rising_speed(one, operator, duration_s=5.0, fs=FS, seed=1, speed_mm_s=(80.0, 80.0))
+        vibrations[one.name] = remove_hand_motion(recording.acceleration[2500:, 2], FS)
+    gfc = null_scores(goodness_of_fit, vibrations, FS, higher_is_better=True)
+    assert gfc["best null"].max() > 0.98 > gfc["other half"].min()
+    distance = null_scores(perceptual, vibrations, FS, higher_is_better=False)
+    assert distance["other half"].max() < 3 < distance["best null"].min()
+    for table, higher in ((gfc, True), (distance, False)):
+        assert distance_to_null(table["other half"], table, higher_is_better=higher)["low"] > 0
