@@ -143,3 +143,9 @@ def test_invalid_textures_are_refused(monkeypatch):
     monkeypatch.setattr("texclass.haptics.textures.hatt.MAX_WORK", 100)
     with pytest.raises(ValueError, match=r"p\^2"):
         replace(TEXTURE)
+
+
+def test_a_mesh_without_a_model_of_a_stroke_has_the_range_of_its_nodes():
+    mesh = Mesh([0.0, 100.0, 0.0], [0.0, 0.0, 2.0], [[0, 1, 2]])
+    texture = HattTexture(mesh, [[0.6, 1.1]] * 3, np.zeros((3, 0)), [1.0] * 3, [1.0] * 3, 1000.0)
+    assert (texture.speeds.tolist(), texture.forces.tolist()) == ([100.0], [2.0])

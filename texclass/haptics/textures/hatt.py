@@ -346,12 +346,17 @@ class HattTexture(Texture):
     @cached_property
     def speeds(self) -> Samples:
         """Speeds of the models in mm/s, increasing, without the border of the mesh."""
-        return np.unique(self.mesh.speed[self._is_model])
+        return self._values_of_models(self.mesh.speed)
 
     @cached_property
     def forces(self) -> Samples:
         """Forces of the models in N, increasing, without the border of the mesh."""
-        return np.unique(self.mesh.force[self._is_model])
+        return self._values_of_models(self.mesh.force)
+
+    def _values_of_models(self, values: Samples) -> Samples:
+        """Return the values (n,) of the models; without a model of a stroke, those of all nodes above 0."""
+        of_models = values[self._is_model]
+        return np.unique(of_models if of_models.size else values[values > 0])
 
     @property
     def _is_model(self) -> NDArray[np.bool_]:
