@@ -1,4 +1,4 @@
-"""Commands that describe and render surfaces: describe, scene (plan, render, page), texture, convert."""
+"""Commands that describe and render surfaces: describe, scene, texture (show, fit), convert."""
 
 import json
 from pathlib import Path

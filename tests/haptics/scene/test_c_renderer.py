@@ -205,3 +205,9 @@ def test_constants_of_the_header_are_those_of_python():
     }  # fmt: skip
     includes = re.findall(r"#include <(.*)>", text)
     assert includes == ["math.h", "stdint.h", "string.h"]
+
+
+def test_the_pages_state_the_input_bound():
+    root = Path(__file__).parents[3]
+    for page in ("scene", "textures"):
+        assert f"above {MAX_INPUT:.0e}".replace("+0", "") in (root / f"docs/{page}.md").read_text("utf-8")
