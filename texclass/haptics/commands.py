@@ -1,6 +1,7 @@
 """Commands that describe and render surfaces: describe, scene, texture (show, fit), convert."""
 
 import json
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -528,7 +529,11 @@ def _retouch(source: Path, target: Path, scales: dict[str, float], n_bytes: int 
 
     texture = exchange.load_texture(source)
     unit = exchange.describe(source)["unit"]
-    retouched = retouch(texture, 128 if n_bytes is None else n_bytes, unit=unit, **scales)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        retouched = retouch(texture, 128 if n_bytes is None else n_bytes, unit=unit, **scales)
+    for warning in caught:
+        typer.echo(f"notice: {warning.message}", err=True)
     exchange.save_texture(retouched, target)
     old_values, new_values = measure_scales(texture), measure_scales(retouched)
     return {name: f"{old_values[name]:.1f} before, {new_values[name]:.1f} now" for name in new_values}

@@ -10,6 +10,7 @@ texture that `texclass convert --scale` writes.
 import base64
 import json
 import shlex
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib.resources import files
@@ -401,8 +402,9 @@ def _slider_variants(
         previous = own_value
         for value in side if name in packing.SPECTRAL_SCALES else side[-1:]:
             try:
-                variant = packing.retouch(texture, n_bytes, unit=unit, **{name: value})
-            except ValueError:
+                with warnings.catch_warnings(action="error"):  # another scale would change
+                    variant = packing.retouch(texture, n_bytes, unit=unit, **{name: value})
+            except (ValueError, UserWarning):
                 break
             if name in packing.SPECTRAL_SCALES:
                 halfway = packing.scales_halfway(variants[previous], variant)

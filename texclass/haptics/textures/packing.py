@@ -1,5 +1,6 @@
 """Fit packed textures to surfaces, and measure and change their perceptual scales."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -422,8 +423,12 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
     ------
     ValueError
         If there is no target, a scale is unknown or a target is not from 0 to 10, if the texture has no tap
-        or friction to change, or if a target cannot be reached within half a point without changing another
-        scale by more than one point.
+        or friction to change, or if a target cannot be reached within half a point.
+
+    Warns
+    -----
+    UserWarning
+        If another scale changes by more than one point.
 
     Examples
     --------
@@ -466,7 +471,7 @@ def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: st
     x, present = _measure_texture(texture)
     wanted = np.array(
         [targets.get(name, value) for name, value in zip(SPECTRAL_SCALES, present, strict=True)]
-    )
+    ).clip(0, 10)
     f = np.fft.rfftfreq(x.size, 1 / texture.fs)
     f = f[f <= RETOUCH.max_rate_hz / 2]
     spectrum = np.fft.rfft(x)[: f.size] * (2 * (f.size - 1) / x.size)
@@ -476,57 +481,66 @@ def _reshape(texture: Texture, targets: dict[str, float], n_bytes: int, unit: st
         return _spectral_scales(np.fft.irfft(spectrum * 10 ** (basis(f) @ gains / 20)), 2 * f[-1])
 
     limits = [RETOUCH.tolerance if name in targets else RETOUCH.max_change for name in SPECTRAL_SCALES]
-    gains, aim, smallest_error = np.zeros(len(RETOUCH.nodes_hz) + 1), wanted, np.inf
+    is_target = np.array([name in targets for name in SPECTRAL_SCALES])
+    gains, aim, smallest_error = np.zeros(len(RETOUCH.nodes_hz) + 1), wanted, (True, np.inf)
     for _ in range(6):  # the aim compensates for changes caused by packing
-        gains = _solve_gains(scales_with, gains, aim)
+        gains = _solve_gains(scales_with, gains, aim, wanted)
         shape = partial(lambda gains, f: basis(f) @ gains, gains)
         candidate = pack(texture, n_bytes, unit=unit, gain_db=shape, max_hz=RETOUCH.max_rate_hz)
         values = _spectral_scales(_probe(candidate.renderer(), candidate.fs), candidate.fs)
-        if (error := (np.abs(_distance(values, wanted)) / limits).max()) < smallest_error:
+        errors = np.abs(_distance(values, wanted, wanted)) / limits
+        error = bool(errors[is_target].max(initial=0.0) > 1), float(errors.max())  # targets come first
+        if error < smallest_error:
             nearest, smallest_error, nearest_values = candidate, error, values
-        if smallest_error < 0.5:
+        if smallest_error[1] < 0.5:
             break
-        aim = aim - RETOUCH.step * _distance(values, wanted)
-    if smallest_error > 1.0:
-        raise ValueError(_unreachable(targets, present.clip(0, 10), nearest_values.clip(0, 10), n_bytes))
+        aim = aim - RETOUCH.step * _distance(values, wanted, wanted)
+    if smallest_error[1] > 1.0:
+        _report_errors(targets, present.clip(0, 10), nearest_values.clip(0, 10), n_bytes)
     return nearest
 
 
-def _distance(values: Samples, aim: Samples) -> Samples:
-    """Return values minus aim; 0 where both are at the same end of the scale or beyond it."""
-    is_same_end = ((values <= 0) & (aim <= 0)) | ((values >= 10) & (aim >= 10))
-    return np.where(is_same_end, 0.0, values - aim)
+def _distance(values: Samples, aim: Samples, wanted: Samples) -> Samples:
+    """Return values minus aim; 0 for scales at an end (0 or 10) if that end is wanted, or exceeded."""
+    is_at_end = ((values <= 0) & (wanted == 0)) | ((values >= 10) & (wanted == 10))
+    return np.where(is_at_end, 0.0, values - aim)
 
 
-def _unreachable(targets: dict[str, float], present: Samples, reached: Samples, n_bytes: int) -> str:
-    """Return the message about targets that are missed, and about other scales that would change."""
+def _report_errors(targets: dict[str, float], present: Samples, reached: Samples, n_bytes: int) -> None:
+    """Raise a ValueError about targets that are missed, or warn about other scales that change."""
     missed, changed = [], []
     for name, before, after in zip(SPECTRAL_SCALES, present.tolist(), reached.tolist(), strict=True):
         if name in targets and abs(after - targets[name]) > RETOUCH.tolerance:
             missed.append(f"{name} {after:.1f} instead of {targets[name]:g}")
         elif name not in targets and abs(after - before) > RETOUCH.max_change:
             changed.append(f"{name} from {before:.1f} to {after:.1f}")
-    problems = [f"the nearest texture has {', '.join(missed)}"] if missed else []
-    if changed:
-        problems.append(f"{', '.join(changed)} would change by more than {RETOUCH.max_change:g}")
     names = ", ".join(f"{name}={value:g}" for name, value in targets.items())
-    return (
-        f"{names} cannot be reached with {RETOUCH.max_db:g} dB and {n_bytes} bytes: {'; '.join(problems)}. "
-        "Use targets closer to the present values, or set these scales too"
-    )
+    if missed:
+        raise ValueError(
+            f"{names} cannot be reached with {RETOUCH.max_db:g} dB and {n_bytes} bytes: the nearest texture "
+            f"has {', '.join(missed)}. Use targets closer to the present values"
+        )
+    if changed:
+        warnings.warn(
+            f"{names} also changes {', '.join(changed)}. To keep a scale, set it as well, or use a target "
+            "closer to the present value",
+            stacklevel=4,
+        )
 
 
-def _solve_gains(scales_with: Callable[[Samples], Samples], gains: Samples, aim: Samples) -> Samples:
+def _solve_gains(
+    scales_with: Callable[[Samples], Samples], gains: Samples, aim: Samples, wanted: Samples
+) -> Samples:
     """Find the gains (dB) with which the scales reach the aim, by Newton's method with step control."""
     values = scales_with(gains)
     for _ in range(12):
-        if np.abs(_distance(values, aim)).max() < 0.05:
+        if np.abs(_distance(values, aim, wanted)).max() < 0.05:
             break
         slopes = np.column_stack([scales_with(gains + unit) - values for unit in np.eye(gains.size)])
-        step = np.clip(np.linalg.pinv(slopes, rcond=1e-2) @ _distance(values, aim), -4.0, 4.0)
+        step = np.clip(np.linalg.pinv(slopes, rcond=1e-2) @ _distance(values, aim, wanted), -4.0, 4.0)
         trials = [np.clip(gains - part * step, -RETOUCH.max_db, RETOUCH.max_db) for part in (1.0, 0.4)]
         trial_values = [scales_with(trial) for trial in trials]
-        best = int(np.argmin([np.abs(_distance(trial, aim)).max() for trial in trial_values]))
+        best = int(np.argmin([np.abs(_distance(trial, aim, wanted)).max() for trial in trial_values]))
         gains, values = trials[best], trial_values[best]
     return gains
 

@@ -293,7 +293,8 @@ class NetworkTexture(MapTexture):
 
     Examples
     --------
-    >>> frame = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0)
+    >>> ranges = (16.0, 160.0), (0.2, 2.0)
+    >>> frame = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0, *ranges)
     >>> polynomial = np.array([[1.0, 2.0, 0.4], [0.05, 0.05, 0.1], [0.0, 0.0, 0.1]])
     >>> network = RadialNetwork(np.zeros((1, 2)), np.zeros((1, 3)), polynomial)
     >>> texture = NetworkTexture("slate", 1000.0, frame, network)
@@ -490,7 +491,8 @@ def bake(texture: MapTexture, name: str, nodes: tuple[int, ...] | None = None) -
 
     Examples
     --------
-    >>> frame = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0)
+    >>> ranges = (16.0, 160.0), (0.2, 2.0)
+    >>> frame = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0, *ranges)
     >>> polynomial = np.array([[1.0, 2.0, 0.4], [0.05, 0.05, 0.1], [0.0, 0.0, 0.1]])
     >>> network = RadialNetwork(np.zeros((1, 2)), np.zeros((1, 3)), polynomial)
     >>> bake(NetworkTexture("slate", 1000.0, frame, network), "slate", (5, 4)).grid.n_nodes
