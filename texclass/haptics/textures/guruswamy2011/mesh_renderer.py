@@ -34,9 +34,10 @@ from texclass.signals import all_finite, positive
 
 SLIDING_TOLERANCE_MM = 1e-6
 """Distance of the contact point from its equilibrium in mm at which sliding ends."""
-SLIDING_STEPS = 40
-"""Largest number of steps of the contact point per movement of the tip."""
-HALVINGS = 20
+SLIDING_STEPS = 10
+"""Largest number of steps of the contact point per sample, which limits the computing time. On smooth
+surfaces, two to four are necessary; a longer way is continued at the next sample."""
+HALVINGS = 4
 """Largest number of times that a step of the contact point is halved."""
 LARGEST_STEP_MM = 50.0
 """Largest movement of the tip in one sample in mm (50 m/s at 1 kHz). Beyond this, the position is considered
@@ -241,19 +242,23 @@ class MeshRenderer:
         if self._contact is None:
             n_steps = int(length / (self._surface.radius_mm / 2)) + 1
             shares = (np.arange(n_steps) + 1) / n_steps
-            touches = (self._touch(start + share * (tip - start)) for share in shares)
+            touches = (self._touch(start + share * (tip - start), length / n_steps) for share in shares)
             self._contact = next((touch for touch in touches if touch is not None), None)
         if self._contact is not None:
             self._contact = self._slide(tip, *self._contact)
 
-    def _touch(self, p: Samples) -> tuple[Samples, Samples] | None:
-        """Return the contact point and its normal if the tip has just crossed the surface."""
+    def _touch(self, p: Samples, step: float) -> tuple[Samples, Samples] | None:
+        """Return the contact point and its normal if the tip has just crossed the surface in a step (mm)."""
         here = self._surface.evaluate(p)
         was_outside, self._is_outside = self._is_outside, here is not None and here[0] >= 0
         if here is None or here[0] >= 0 or not was_outside:
             return None
         contact = self._surface.project(p)
-        return None if contact is None else self._slide(p, *contact, friction=0.0)
+        contact = contact and self._slide(p, *contact, friction=0.0)
+        # a crossed surface is closer than the step; otherwise, the mesh has a gap or wrong normals here
+        if contact is None or np.linalg.norm(p - contact[0]) > 1.001 * step:
+            return None
+        return contact
 
     def _slide(
         self, p: Samples, q: Samples, n: Samples, friction: float | None = None
