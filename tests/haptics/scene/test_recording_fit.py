@@ -162,6 +162,7 @@ def test_several_recordings_a_negative_force_and_a_high_rate_are_accepted():
         ([record(), record(fs=500.0)], "the same fs"),
         ([record(force=np.full(T.size, 0.001))], "check the columns and units"),
         ([record().with_(speed=None)], "no speed or no normal force"),
+        ([], "at least one recording"),
         ([record(fs=80.0)], "fs must be at least 100 Hz, got 80 Hz"),
     ],
 )

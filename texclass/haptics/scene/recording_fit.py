@@ -44,7 +44,6 @@ MIN_FRAMES = 32
 MIN_R_SQUARED = 0.1
 """Fraction of the variance of the level, below which a notice states that it hardly depends on the motion."""
 
-
 Size = tuple[int, int]
 """Numbers of nodes along speed and force; 1 means no dependence."""
 Axes = tuple[Samples, Samples]
@@ -258,6 +257,8 @@ def fit_recordings(
     >>> fit.candidate.level, fit.texture.speeds.round(-1).tolist()
     ((2, 1), [50.0, 200.0])
     """
+    if not recordings:
+        raise ValueError("recordings must contain at least one recording, got none")
     with warnings.catch_warnings(record=True) as caught:  # outliers are notices of the result
         warnings.simplefilter("always")
         scans = [_scan(recording) for recording in recordings]
@@ -292,7 +293,8 @@ def fit_recordings(
     peak = max(float(np.abs(scan.acceleration).max()) for scan in scans)
     grid = fit_grid(frames, ranges, candidate, peak)
     r_squared = _level_r_squared(frames)
-    notices = [str(warning.message).removesuffix(". Check the sensor") for warning in caught]
+    messages = [str(warning.message) for warning in caught if warning.category is UserWarning]
+    notices = [message.removesuffix(". Check the sensor") for message in messages]
     notices += _notices(recordings, ranges, r_squared)
     return RecordingFit(
         GridTexture(name or scans[0].name, fs, grid), recordings[0].unit, candidate, n_levels + n_spectra,
