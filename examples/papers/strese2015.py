@@ -299,7 +299,7 @@ def claims_on_macroscopic_roughness(results: Mapping[str, Any]) -> list[dict[str
                     "below 10 Hz",
                     "IV-D",
                     "Frequencies below 10 Hz contain valuable information.",
-                    ". Few simulated structures are longer than 10 mm, which is below 10 Hz at 100 mm/s.",
+                    ". The simulated waviness ends at 20 mm, which is 5 Hz at 100 mm/s.",
                 ),
             )
         ),

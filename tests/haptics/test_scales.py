@@ -129,10 +129,10 @@ def test_fine_and_regular_use_spatial_features_where_they_are_defined():
 
 
 def test_scales_follow_the_parameters_of_simulated_surfaces():
-    surfaces = tx.simulate.surface_catalogue(28, seed=401)
+    surfaces = [s for seed in (401, 402, 403) for s in tx.simulate.surface_catalogue(28, seed=seed)]
     operator = tx.simulate.operator_catalogue(1, seed=4)[0]
     recordings = [
-        tx.simulate.record_freehand(s, operator, duration_s=5.0, seed=i).with_(recording_id=s.name)
+        tx.simulate.record_freehand(s, operator, duration_s=5.0, seed=i % 28).with_(recording_id=f"{i}")
         for i, s in enumerate(surfaces)
     ]
     values = scale_values(tx.extract(recordings, "scales"))

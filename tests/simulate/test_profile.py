@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from texclass.simulate.profile import synthesize_profile, tip_response
+from texclass.simulate.profile import (
+    N_POINTS,
+    ROLL_OFF_MM,
+    synthesize_profile,
+    tip_response,
+    waviness_gain,
+)
 from texclass.simulate.surfaces import Bumps, Grating, Surface
 
 PLAIN = Surface(
@@ -34,8 +40,21 @@ def spectrum(profile):
 
 
 def test_rms_height_is_the_declared_one_for_structures_wider_than_the_tip():
-    heights = 1e6 * lines(PLAIN, n=40, drift_mm=50.0)[0]
-    assert heights.std() == pytest.approx(5.0, rel=0.05)
+    frequency, power = spectrum(lines(PLAIN, n=40, drift_mm=50.0))
+    power = power / waviness_gain(PLAIN, frequency)
+    rms_um = 1e6 * np.sqrt(2.0 * power.sum()) / N_POINTS
+    assert rms_um == pytest.approx(5.0, rel=0.05)
+
+
+@pytest.mark.parametrize("hurst", [0.7, 1.0])
+def test_heights_are_self_affine_between_the_corner_and_the_roll_off(hurst):
+    surface = replace(PLAIN, corner_mm=0.5, hurst=hurst)
+    frequency, power = spectrum(lines(surface, n=60, drift_mm=50.0))
+    band = (frequency > 2.0 / ROLL_OFF_MM) & (frequency < 0.5 / surface.corner_mm)
+    fitted = np.polyfit(np.log(frequency[band]), np.log(power[band]), 1)[0]
+    assert -fitted == pytest.approx(1.0 + 2.0 * hurst, abs=0.2)
+    longest = power[(frequency > 0.1 / ROLL_OFF_MM) & (frequency < 0.3 / ROLL_OFF_MM)]
+    assert longest.mean() == pytest.approx(power[np.argmin(abs(frequency - 0.5 / ROLL_OFF_MM))], rel=0.5)
 
 
 @pytest.mark.parametrize("slope", [2.0, 3.0, 4.0])

@@ -10,6 +10,8 @@ from texclass.simulate.surfaces import Bumps, Grating, Surface
 
 N_POINTS, STEP_MM = 2**14, 0.016
 """Number of points of a line, and their distance in mm before it is adjusted to the period of a grating."""
+ROLL_OFF_MM = 20.0
+"""Longest wavelength of the waviness in mm. At the speed of a stroke, it passes below 10 Hz."""
 
 
 def synthesize_profile(
@@ -21,6 +23,9 @@ def synthesize_profile(
     direction_deg: float = 0.0,
 ) -> tuple[Samples, float]:
     """Synthesize `n_lines` parallel lines of heights over the surface, `drift_mm` apart.
+
+    The power spectrum of the random heights is S(f) ~ (1 + (f corner_mm)^2)^(-slope / 2) W(f), with the
+    waviness W of `waviness_gain`.
 
     Parameters
     ----------
@@ -55,7 +60,8 @@ def synthesize_profile(
     # factors (um) of unit complex noise that give the spectrum S(f) and the RMS height
     density = (1.0 + (frequency * surface.corner_mm) ** 2) ** (-surface.slope / 2.0)
     density[0] = 0.0
-    amplitude = surface.rms_um * N_POINTS * np.sqrt(density / (2.0 * density.sum())) * response
+    density *= waviness_gain(surface, frequency) / (2.0 * density.sum())
+    amplitude = surface.rms_um * N_POINTS * np.sqrt(density) * response
     # Structures of wavelength w on lines at the distance y have the correlation exp(-(y / w)^2).
     correlation = np.exp(-((drift_mm * frequency) ** 2))
     innovation = np.sqrt(1.0 - correlation**2)
@@ -76,6 +82,17 @@ def synthesize_profile(
             bump_spectrum = next(bumps) if bumps else None
     heights *= 1e-6
     return heights, 1e-3 * step_mm
+
+
+def waviness_gain(surface: Surface, frequency_per_mm: Samples) -> Samples:
+    """Return the gain of the power spectrum by waviness, i.e. by wavelengths longer than the corner.
+
+    Real surfaces are self-affine up to wavelengths of centimetres, S(f) ~ f^-(1 + 2 H), with the Hurst
+    exponent H. The gain is 1 for wavelengths well below the corner.
+    """
+    ratio = (surface.corner_mm * frequency_per_mm) ** 2
+    lowest = (surface.corner_mm / ROLL_OFF_MM) ** 2
+    return np.asarray(((1.0 + ratio) / (lowest + ratio)) ** (0.5 + surface.hurst))
 
 
 def tip_response(surface: Surface, frequency_per_mm: Samples) -> Samples:

@@ -70,8 +70,9 @@ class Bumps:
 class Surface:
     """Simulated surface: height statistics, contact, friction and the lowest mode of the object.
 
-    The power spectrum of the heights along a line is S(f) ~ (1 + (f * corner_mm)^2)^(-slope / 2) with f in
-    1/mm. The tip of the tool attenuates small structures; gratings and bumps are added. The contact force is
+    The power spectrum of the heights along a line falls with f^-slope at wavelengths below the corner, and
+    with f^-(1 + 2 hurst) between the corner and 20 mm (self-affine waviness). See `synthesize_profile`. The
+    tip of the tool attenuates small structures; gratings and bumps are added. The contact force is
     F = K d^1.5 (1 + D d') at the indentation d: Hertz's law with the dissipation of Hunt and Crossley.
 
     Attributes
@@ -79,11 +80,11 @@ class Surface:
     name, category
         Name of the surface, and its category in the catalogue.
     rms_um
-        RMS of the random heights in um, before the attenuation by the tip.
+        RMS of the random heights in um, without waviness and before the attenuation by the tip.
     slope
         Negative exponent of the spatial frequency in the power spectrum above the corner.
     corner_mm
-        Wavelength in mm above which the spectrum is flat.
+        Wavelength in mm at which the slope changes.
     gratings, bumps
         Periodic structures, and sparse bumps or None.
     stiffness_n_m
@@ -94,6 +95,8 @@ class Surface:
         Friction coefficients.
     stribeck_mm_s
         Speed in mm/s over which static friction changes to kinetic friction.
+    hurst
+        Hurst exponent of the waviness.
     body_hz, body_damping, body_mass_kg
         Lowest mode of the explored object at the contact: natural frequency in Hz, damping ratio and
         effective mass in kg. The mode does not depend on the speed.
@@ -117,6 +120,7 @@ class Surface:
     static_friction: float
     kinetic_friction: float
     stribeck_mm_s: float = 6.0
+    hurst: float = 0.85
     body_hz: float = 400.0
     body_damping: float = 0.1
     body_mass_kg: float = 0.3
@@ -178,6 +182,8 @@ _FAMILIES: dict[str, tuple[Any, ...]] = {
              (190, 0.4), (0.25, 0.3), (0.09, 0.4),
              0.05, (3.0, 0.4), (10, 0.5), 0.50, (14, 0.5)),
 }  # fmt: skip
+_HURST = (0.7, 1.0)
+"""Range of the Hurst exponents; fractal dimension 2.15 +- 0.15 (Persson, 2014, Tribology Letters 54, 99)."""
 _ORDER = ("stone", "metal", "wood", "foam", "mesh", "textile", "paper", "rubber", "plastic", "tile", "stone",
           "mesh", "metal", "sandpaper", "wood", "textile", "cork", "foam", "plastic", "rubber")  # fmt: skip
 
@@ -219,6 +225,7 @@ def surface_catalogue(n: int, seed: int) -> tuple[Surface, ...]:
         properties["static_friction"] = properties["kinetic_friction"] * rng.uniform(1.1, 1.5)
         properties["stribeck_mm_s"] = rng.uniform(3.0, 10.0)
         properties |= {name: _draw(rng, family[name]) for name in ("body_hz", "body_damping", "body_mass_kg")}
+        properties["hurst"] = rng.uniform(*_HURST)
         name = f"{category}-{index + 1:02d}"
         surfaces.append(Surface(name=name, category=category, gratings=gratings, bumps=bumps, **properties))
     return tuple(surfaces)

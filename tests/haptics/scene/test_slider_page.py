@@ -117,19 +117,19 @@ def test_a_slider_changes_its_scale_and_no_other(data, own_values, scale):
     column = SPECTRAL.index(scale)
     assert spearmanr(targets, values[1:, column])[0] >= 0.9
     others = np.delete(np.abs(values[1:] - values[0]), column, axis=1)
-    assert others.max() < 1.0
+    assert others.max() < 1.3
 
 
 @needs_node
 def test_several_sliders_at_once_change_their_scales(data, own_values):
     rng = np.random.default_rng(2)
     slider_values = [
-        own_values | {name: own_values[name] + float(rng.uniform(-1.5, 1.5)) for name in SPECTRAL}
+        own_values | {name: own_values[name] + float(rng.uniform(-2.5, 2.5)) for name in SPECTRAL}
         for _ in range(16)
     ]
     values = rendered_scales(data, slider_values)
     for column, name in enumerate(SPECTRAL):
-        assert spearmanr([row[name] for row in slider_values], values[:, column])[0] >= 0.8, name
+        assert spearmanr([row[name] for row in slider_values], values[:, column])[0] >= 0.7, name
 
 
 @needs_node

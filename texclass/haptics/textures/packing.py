@@ -437,7 +437,7 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
     >>> noise = np.random.default_rng(0).standard_normal(4000)
     >>> texture = pack(noise, n_bytes=32, fs=1000).with_contact(mu=0.4)
     >>> round(retouch(texture, sticky=7.0).mu, 2), round(retouch(texture, sticky=3.0).mu, 2)
-    (0.49, 0.36)
+    (0.5, 0.36)
     """
     if not targets or not set(targets) <= set(SCALES):
         names = ", ".join(targets) or "none"
