@@ -62,7 +62,7 @@ def main() -> None:
         Table(score_table.astype({"mean": str, "min": str}), n_words=2),
         "GFC of nulls, and of the other half of a recording, under the same conditions. "
         f"{(nulls['best null'] > LEAST).sum()} of {len(nulls)} best nulls are above {LEAST}, too: the limit "
-        "alone proves nothing, and the distance to the null does.",
+        "alone proves nothing; only the distance to the null does.",
         table(
             nulls,
             "surface = {surface} | held out = {held out} | white noise = {white noise:.4f} | "

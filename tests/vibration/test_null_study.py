@@ -133,3 +133,10 @@ def test_the_chapter_of_oeztuerk2018_states_that_interpolation_is_no_better_than
         assert distance["low"] < 0 < distance["high"]
     text = (REPORTS / "papers" / "oeztuerk2018.md").read_text(encoding="utf-8")
     assert text.count("positive is better). This proves nothing.") == 2
+
+
+def test_the_report_of_the_recovery_states_how_many_nulls_reach_its_limit():
+    study = json.loads((REPORTS / "papers" / "abdulali2016-recovery.json").read_text(encoding="utf-8"))
+    best = [row["best null"] for row in study["nulls"]]
+    text = (REPORTS / "papers" / "abdulali2016-recovery.md").read_text(encoding="utf-8")
+    assert f"{sum(gfc > 0.95 for gfc in best)} of {len(best)} best nulls are above 0.95, too" in text
