@@ -196,7 +196,7 @@ def test_with_contents_taps_no_movement_is_searched_for():
     assert phases.movement is None
 
 
-def test_all_taps_of_a_quarter_of_the_embedded_dataset_are_found():
+def test_all_taps_of_a_quarter_of_the_embedded_dataset_are_found_and_at_most_one_other():
     dataset = open_dataset("simulated")
     recipe, *_ = dataset.load.args  # the dataset does not provide the true phases
     surfaces = [surface.name for surface in recipe.surfaces]
@@ -208,7 +208,8 @@ def test_all_taps_of_a_quarter_of_the_embedded_dataset_are_found():
         n_true += len(recording.phases.taps)
         n_detected += len(phases.taps)
         assert overlap(recording.phases, phases) > 0.95
-    assert n_true == n_correct == n_detected == 285
+    assert n_true == n_correct == 285
+    assert n_detected <= n_true + 1
 
 
 def test_eight_bit_quantisation_hides_at_most_one_tap():

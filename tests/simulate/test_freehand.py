@@ -242,3 +242,11 @@ def test_round_ends_of_strokes_reduce_the_acceleration_at_the_turns():
 def test_a_recording_without_a_name_is_named_after_surface_and_operator():
     assert record().recording_id == f"{PLAIN.name} by {OPERATORS[0].name}"
     assert record(recording_id="mine").recording_id == "mine"
+
+
+@pytest.mark.parametrize("surface", SURFACES[:4], ids=lambda surface: surface.name)
+def test_without_taps_the_tip_rests_on_the_surface_from_the_start(surface):
+    recording = record_freehand(surface, OPERATORS[0], duration_s=1.0, seed=0, with_taps=False)
+    start = recording.normal_force[:100]  # 10 ms
+    assert start[0] == pytest.approx(start.mean(), rel=0.3)
+    assert start.max() < 2.0 * np.median(recording.normal_force)

@@ -103,6 +103,12 @@ def test_a_line_is_periodic():
     assert seam <= 1.5 * np.abs(np.diff(heights)).max()
 
 
+def test_lines_have_mean_0_and_the_first_one_starts_there():
+    heights = lines(PLAIN)[0]
+    assert abs(heights[0, 0]) < 0.01 * heights.std()
+    np.testing.assert_allclose(heights.mean(axis=1), 0.0, atol=1e-3 * heights.std())
+
+
 def test_bumps_stand_out_of_the_profile():
     bumpy = replace(PLAIN, rms_um=1.0, bumps=Bumps(0.1, 30.0, 0.6))
     heights = 1e6 * lines(bumpy, n=6)[0]

@@ -45,7 +45,8 @@ def synthesize_profile(
     Returns
     -------
     heights_m : ndarray of shape (n_lines, n_points)
-        Heights in m along the lines. Every line is periodic with the period `step_m * n_points`.
+        Heights in m along the lines, with mean 0. Every line is periodic with the period `step_m * n_points`,
+        and the first one starts at the height 0.
     step_m : float
         Distance between adjacent points of a line in m.
     """
@@ -75,12 +76,15 @@ def synthesize_profile(
         spectrum += grating_spectrum
         if bump_spectrum is not None:
             spectrum += np.multiply(bump_spectrum, response, out=bump_spectrum)
+        spectrum[0] = 0.0
         heights[line] = fft.irfft(spectrum, N_POINTS, overwrite_x=True)
         if line + 1 < n_lines:
             state *= correlation
             state += np.multiply(innovation, _complex_normal(rng, frequency.size), out=spectrum)
             bump_spectrum = next(bumps) if bumps else None
     heights *= 1e-6
+    # The tool starts on the mean plane, so that the mean force of the strokes is that of the hand.
+    heights = np.roll(heights, -int(np.argmin(np.abs(heights[0]))), axis=1)
     return heights, 1e-3 * step_mm
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from texclass.compilation import njit
 from texclass.recording import STANDARD_GRAVITY, Samples
@@ -246,12 +247,20 @@ def move_tool(
     n_substeps = steps_per_sample(fs)
     _run(
         mechanics,
-        (path, float(gesture.normal_m[0]), profile),
+        (path, (float(gesture.normal_m[0]), _tip_at_rest(gesture.normal_m[0], mechanics)), profile),
         np.ascontiguousarray(sos),
         (n_substeps, 1.0 / (fs * n_substeps)),
         (acceleration, other),
     )
     return Motion(acceleration, *other.T)
+
+
+def _tip_at_rest(hand_m: float, mechanics: Mechanics) -> float:
+    """Return the height of the tip at which contact and grip are in balance when the hand does not move."""
+    if hand_m >= 0.0:
+        return float(hand_m)
+    excess = lambda d: mechanics.hertz * d**1.5 + mechanics.stiffness * (hand_m + d)  # noqa: E731
+    return -float(brentq(excess, 0.0, -hand_m, xtol=1e-12))
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -354,13 +363,13 @@ def _filter(sos, memory, values):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _run(p, drive, sos, clock, out):  # type: ignore[no-untyped-def]
-    path, height, surface = drive
+    path, (hand, tip), surface = drive
     n_substeps, dt = clock
     acceleration, other = out
     memory = np.zeros((sos.shape[0], 3, 2))
     profile = surface[0], 1.0 / surface[1]
-    height += _under_tip(profile[0], profile[1], 0.0, path[0, 3])[0]
-    state = (height, path[0, 0], 0.0, path[0, 1]), (0.0, 0.0, 0.0, 0.0), (0.0, height, 0.0)
+    height = _under_tip(profile[0], profile[1], 0.0, path[0, 3])[0]
+    state = (tip + height, path[0, 0], 0.0, path[0, 1]), (0.0, 0.0, 0.0, 0.0), (0.0, hand + height, 0.0)
     other[:] = 0.0
     axes = np.empty((3, n_substeps))
     k = 0
@@ -370,13 +379,13 @@ def _run(p, drive, sos, clock, out):  # type: ignore[no-untyped-def]
             knot_time = k * dt * CONTROL_RATE
             knot = min(int(knot_time), path.shape[0] - 2)
             w, a, b = knot_time - knot, path[knot], path[knot + 1]
-            hand = (  # velocities and line, linear between knots
+            motion = (  # velocities and line, linear between knots
                 a[0] + w * (b[0] - a[0]),
                 a[1] + w * (b[1] - a[1]),
                 a[2] + w * (b[2] - a[2]),
                 a[3] + w * (b[3] - a[3]),
             )
-            az, ax, aq, force, grip, state = _advance(p, state, hand, profile, dt)
+            az, ax, aq, force, grip, state = _advance(p, state, motion, profile, dt)
             axes[0, j], axes[1, j], axes[2, j] = az + 0.4 * aq, ax + 0.6 * aq, 0.4 * aq + 0.1 * az
             sums[0] += force / n_substeps
             sums[1] += grip / n_substeps
