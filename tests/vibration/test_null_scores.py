@@ -125,7 +125,7 @@ def test_invalid_recordings_are_named():
                 call(bands, recordings, FS, higher_is_better=False)
 
 
-def test_no_gfc_separates_the_surfaces_of_the_gallery_but_a_perceptual_distance_of_3_db_does():
+def test_other_surfaces_of_the_gallery_have_a_high_gfc_but_a_larger_perceptual_distance():
     """The claims of examples/haptics/scores_and_nulls.py."""
     operator = operator_catalogue(1, seed=0)[0]
     vibrations = {}
@@ -133,8 +133,9 @@ def test_no_gfc_separates_the_surfaces_of_the_gallery_but_a_perceptual_distance_
         recording = record_rising_speed(one, operator, duration_s=5.0, fs=FS, seed=1, speed_mm_s=(80.0, 80.0))
         vibrations[one.name] = remove_hand_motion(recording.acceleration[2500:, 2], FS)
     gfc = null_scores(goodness_of_fit, vibrations, FS, higher_is_better=True)
-    assert gfc["best null"].max() > 0.98 > gfc["other half"].min()
+    is_near = (gfc["best null"] > 0.975) & (gfc["other half"] - gfc["best null"] < 0.01)
+    assert is_near.any()
     distance = null_scores(perceptual, vibrations, FS, higher_is_better=False)
-    assert distance["other half"].max() < 3 < distance["best null"].min()
+    assert (distance["other half"] < distance["best null"]).all()
     for table, higher in ((gfc, True), (distance, False)):
         assert distance_to_null(table["other half"], table, higher_is_better=higher)["low"] > 0
