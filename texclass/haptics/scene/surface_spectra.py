@@ -64,8 +64,8 @@ class SamplingSettings:
     settle_s : float
         Duration in s that is rendered first and discarded.
     step_s, step_settle_s : float
-        The same durations for surfaces of the simulated catalogue. The simulation of their contact takes most
-        of the time of a plan; with 4 s, the models are not more accurate.
+        The same durations for surfaces of the simulated catalogue, which are shorter because the simulation
+        of their contact takes most of the time of a plan.
     n_speeds, n_forces : int
         Grid size of the fitting set. The selection set consists of the points midway between the grid points,
         and the corners of the grid.
