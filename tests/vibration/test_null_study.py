@@ -33,7 +33,7 @@ def test_simulated_surfaces_are_separated_by_every_spectral_score(name):
     rows = [row for (set_, score), row in ROWS.items() if set_ == name and not score.startswith("level")]
     assert len(rows) == 5
     assert all(row["proves"] for row in rows)
-    assert ROWS[name, PERCEPTUAL]["pairs"]["low"] > 0.99
+    assert ROWS[name, PERCEPTUAL]["pairs"]["low"] > 0.95
 
 
 def test_different_textures_of_the_stylus_have_the_gfc_of_two_halves():
