@@ -24,7 +24,7 @@ def texture(request):
     pole = 0.93 * np.exp(2j * np.pi * request.param / FS)
     noise = np.random.default_rng(1).standard_normal(round(8 * FS))
     x = lfilter([1.0], np.poly([pole, np.conj(pole), 0.6]).real, noise)
-    return pack(1.5 * x / x.std(), 100, fs=FS).with_contact(tap=TAP, mu=0.5)
+    return pack(2.2 * x / x.std(), 100, fs=FS).with_contact(tap=TAP, mu=0.5)
 
 
 @pytest.mark.parametrize("scale", SCALES)
