@@ -192,8 +192,10 @@ class MotionRenderer:
         n, index, hop = force.size, self._index, self._hop
         smoothed = self._motion(velocity, force)
         _smooth(smoothed, self._smoothing, self._smoothed)
-        # contiguous, because another memory layout would trigger a compilation during rendering
-        stages, taps = map(np.ascontiguousarray, self._parameter_map(smoothed[-index % hop :: hop]))
+        updates = smoothed[-index % hop :: hop]
+        stages, taps = self._stages[:0], self._taps[:0]
+        if len(updates):  # contiguous, because another memory layout would trigger a compilation
+            stages, taps = map(np.ascontiguousarray, self._parameter_map(updates))
         if len(stages) and not self._has_begun:
             self._stages[1], self._has_begun = stages[0], True
         noise = self._rng.standard_normal(n) if self._order else np.zeros(n)
