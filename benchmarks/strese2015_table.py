@@ -7,13 +7,66 @@ surfaces with 10 recordings of 25 s each. A seed draws other surfaces, operators
 
 import os
 import tempfile
+from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import pandas as pd
-from rank_agreement_study import N_RECORDINGS, TITLES, accuracies, agreement, summary
+from scipy import stats
 from study import command_line, table, write
 
-SEED, N_SURFACES, DURATION_S = 2015, 69, 25.0
+from texclass.evaluation.benchmark import run_benchmark
+from texclass.evaluation.pipeline import load_pipeline
+
+SEED, N_SURFACES, DURATION_S, N_RECORDINGS, N_OPERATORS = 2015, 69, 25.0, 10, 5
+TITLES = {"naive_bayes": "Naive Bayes", "lda": "LDA", "euclidean": "Euclidean"}
+
+
+def accuracies(seed: int, n_surfaces: int, duration_s: float) -> pd.DataFrame:
+    """Return the rows of Table I on the surfaces of one seed: row, classifier, ours, published."""
+    pipeline = load_pipeline("strese2015")
+    pipeline = pipeline.model_copy(
+        update={"rows": tuple(r for r in pipeline.rows if r.published), "seed": seed}
+    )
+    recipe = {
+        "n_surfaces": n_surfaces, "n_recordings": N_RECORDINGS, "n_operators": N_OPERATORS,
+        "duration_s": duration_s, "fs": 10000, "seed": seed,
+    }  # fmt: skip
+    recipe_text = "".join(f"{key} = {value}\n" for key, value in recipe.items())
+    with tempfile.TemporaryDirectory() as folder:
+        card = Path(folder) / f"catalogue{seed}.toml"
+        card.write_text(
+            'title = "Catalogue"\nsource = "study"\nlicence = "MIT"\nformat = "simulated"\n[recipe]\n'
+            + recipe_text
+        )
+        rows = run_benchmark(card, pipeline).data["rows"]
+    return pd.DataFrame(
+        {
+            "seed": seed,
+            "row": row["name"],
+            "classifier": name,
+            "ours": ours["mean"],
+            "published": row["paper"][name],
+        }
+        for row in rows
+        for name, ours in row["accuracy"].items()
+    )
+
+
+def agreement(ranks: pd.DataFrame) -> pd.Series:
+    """Return the rank correlation of ours with the published accuracies for each seed."""
+    of_seed = ranks.groupby("seed")[["ours", "published"]]
+    return of_seed.apply(lambda rows: float(stats.spearmanr(rows["ours"], rows["published"]).statistic))
+
+
+def summary(values: pd.Series) -> dict[str, Any]:
+    """Return mean, 95 % interval of the mean (t over catalogues), least, largest and all values."""
+    half = stats.t.ppf(0.975, len(values) - 1) * stats.sem(values)
+    mean = values.mean()
+    return {
+        "mean": mean, "low": max(-1.0, mean - half), "high": min(1.0, mean + half), "least": values.min(),
+        "largest": values.max(), "of_catalogues": values.round(4).tolist(),
+    }  # fmt: skip
 
 
 def accuracies_of_seed(seed: int) -> pd.DataFrame:
