@@ -171,10 +171,10 @@ def blocks(results: pd.DataFrame, accuracy: pd.DataFrame, size: pd.DataFrame) ->
     )
     lpc, macroscopic, combined = "10 LPC Coefficients", "Macroscopic Roughness", COMBINED[-1]
     causes = [
-        f"Number of surfaces: with 16 surfaces, LDA has {mean.loc[('16 surfaces', SPECTROGRAM), 'lda']} in "
-        f"the row {SPECTROGRAM}, and naive Bayes {mean.loc[('16 surfaces', SPECTROGRAM), 'naive_bayes']}: "
-        "144 training recordings minus 16 surfaces are about as many as its 125 columns. This lowers the rank "
-        "correlation of LDA.",
+        f"Number of surfaces: with 16 surfaces, LDA has {mean.loc[('16 surfaces', SPECTROGRAM), 'lda']} "
+        f"in the row {SPECTROGRAM}, naive Bayes {mean.loc[('16 surfaces', SPECTROGRAM), 'naive_bayes']}: "
+        "144 training recordings minus 16 surfaces are about as many as its 125 columns. This lowers the "
+        "rank correlation of LDA.",
         f"Bandwidth: the row {lpc} falls from {mean.loc[(STANDARD, lpc), 'naive_bayes']} to "
         f"{mean.loc[(LOW_PASS, lpc), 'naive_bayes']} (naive Bayes, 5 % published) if the recordings have the "
         "bandwidth of the excerpts that the laboratory published. At 10 kHz, the coefficients then describe "
