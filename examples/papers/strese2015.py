@@ -203,7 +203,7 @@ def claims_on_roughness(results: Mapping[str, Any]) -> list[dict[str, str]]:
     runs, force, speed = results["runs"], spreads_of(results, "force"), spreads_of(results, "speed")
     wide = spreads_of(results, "force, wide band")
     sensor, wide_band = (study.variance_ratios(runs, run) for run in ("force", "force, wide band"))
-    heights = {name: surface.rms_um for name, surface in results["surfaces"].items()}
+    heights = {name: study.rms_height_um(surface) for name, surface in results["surfaces"].items()}
     height = study.rank_correlation(runs[runs["run"] == "force"], "spectral_roughness", heights)
     return [
         claim(
@@ -229,7 +229,7 @@ def claims_on_roughness(results: Mapping[str, Any]) -> list[dict[str, str]]:
             (force["spectral_roughness"]["ratio"] >= INVARIANT, height >= 0.5),
             f"""Ratio {force["spectral_roughness"]["ratio"]:.1f} (force) and
             {speed["spectral_roughness"]["ratio"]:.1f} (speed); rank correlation with the true RMS height
-            {height:.2f}.""",
+            of wavelengths up to 10 mm {height:.2f}.""",
         ),
     ]
 

@@ -47,6 +47,7 @@ from texclass.simulate import (
     record_rising_taps,
     surface_catalogue,
 )
+from texclass.simulate.profile import synthesize_profile
 
 SEED, FS = 2015, 10_000
 """Seed of surfaces and operator, and sampling rate of the paper in Hz."""
@@ -165,6 +166,14 @@ def spread(values: pd.DataFrame, column: str) -> dict[str, float]:
     return {
         "between": between, "within": within, "ratio": between / within, "trend": float(trend.mean()),
     }  # fmt: skip
+
+
+def rms_height_um(surface: Surface, longest_mm: float = 10.0) -> float:
+    """Return the RMS of the heights under the tip in µm, of wavelengths up to `longest_mm`."""
+    heights_m, step_m = synthesize_profile(surface, 4, np.random.default_rng(SEED))
+    spectrum = np.fft.rfft(heights_m, axis=1)
+    spectrum[:, np.fft.rfftfreq(heights_m.shape[1], 1e3 * step_m) < 1.0 / longest_mm] = 0.0
+    return float(1e6 * np.fft.irfft(spectrum, axis=1).std())
 
 
 def rank_correlation(values: pd.DataFrame, column: str, truth: Mapping[str, float]) -> float:

@@ -29,7 +29,7 @@ HARD = np.kron(np.eye(2), np.full((2, 2), 0.5))
 """Confusion matrix that separates cork and felt from oak and slate."""
 ROUGH = np.kron(np.full((2, 2), 0.5), np.eye(2))
 """Confusion matrix that separates cork and oak from felt and slate."""
-RECIPE = Recipe(n_surfaces=3, n_recordings=7, n_operators=3, duration_s=5, fs=10_000, seed=6)
+RECIPE = Recipe(n_surfaces=3, n_recordings=7, n_operators=3, duration_s=5, fs=10_000, seed=3)
 
 
 def create_exploration(confidence=0.95, **gestures):

@@ -106,7 +106,7 @@ def describe(
     >>> tone = tx.Recording(x, 10_000.0, "m/s^2", phases=tx.Phases(movement=(0, x.size)))
     >>> rough = tx.haptics.describe(tone).set_index("scale").loc["rough"]
     >>> print(f"{rough['value']:.1f}, {rough['excess']:.1f} {rough['excess_unit']} above the highest")
-    10.0, 5.6 dB above the highest
+    10.0, 5.0 dB above the highest
     """
     inputs = [recordings] if isinstance(recordings, Recording | str | Path) else recordings
     loaded = [

