@@ -62,9 +62,10 @@ def _planned() -> PlannedScene:
 
 def _families() -> list[bytes]:
     """Return a texture of every family that is stroked: those that the tests of families make."""
-    folder = str(Path(__file__).parents[2] / "tests" / "haptics" / "exchange")
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
+    tests = Path(__file__).parents[2] / "tests"
+    for folder in (str(tests), str(tests / "haptics" / "exchange")):
+        if folder not in sys.path:
+            sys.path.insert(0, folder)
     from test_families import FAMILIES
 
     return [written("a.texture", partial(save_texture, make())) for make in FAMILIES.values()]
