@@ -46,6 +46,7 @@ MaxBoost = Annotated[
     float, Option("--max-boost", metavar="DB", help="Largest boost in dB that compensates --device.")
 ]
 MAX_BOOST_DB = 20.0
+"""Default of `read_response` in dB; importing it would load SciPy for `--help`."""
 Physical = Annotated[
     bool, Option("--physical", help="Write 32-bit floats in the unit of the vibration, for haptic devices.")
 ]

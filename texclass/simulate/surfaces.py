@@ -82,7 +82,7 @@ class Surface:
     rms_um
         RMS of the random heights in um, without waviness and before the attenuation by the tip.
     slope
-        Negative exponent of the spatial frequency in the power spectrum above the corner.
+        Negative exponent of the spatial frequency in the power spectrum at wavelengths below the corner.
     corner_mm
         Wavelength in mm at which the slope changes.
     gratings, bumps

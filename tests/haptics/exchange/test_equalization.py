@@ -10,6 +10,7 @@ from scipy import signal
 from typer.testing import CliRunner
 
 from texclass.cli import app
+from texclass.haptics import commands
 from texclass.haptics.exchange import (
     Equalizer,
     Rendition,
@@ -23,6 +24,7 @@ from texclass.haptics.exchange import (
     save_texture,
     write_hjif,
 )
+from texclass.haptics.exchange.equalization import MAX_BOOST_DB
 from texclass.haptics.scene import PlannedScene, write_scene_page
 from texclass.haptics.scene.pages import FULL_SCALE_FACTOR, middle_stroke, tap_modes
 from texclass.haptics.textures import GridModel, pack
@@ -211,3 +213,7 @@ def test_pages_and_rendered_scenes_are_equalised(files, tmp_path):
     assert run("scene", "render", saved, "-o", tmp_path / "d.wav", "--physical").exit_code == 0
     played, plain = (read_wav(tmp_path / name).samples for name in ("b.wav", "d.wav"))
     assert_allclose(played, equalizer.apply(plain, FS), atol=1e-4)
+
+
+def test_commands_have_the_default_boost_of_python():
+    assert commands.MAX_BOOST_DB == MAX_BOOST_DB

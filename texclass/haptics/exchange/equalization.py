@@ -103,9 +103,9 @@ class Equalizer:
         y = self.apply(x, fs)
         if not np.any(x):
             return {"device": "silence"}
-        before, after = (self._band_errors_db(x, played, fs) for played in (x, y))
+        original, equalized = (self._band_errors_db(x, played, fs) for played in (x, y))
         (rms, largest), (rms_before, largest_before) = (
-            (np.sqrt(np.mean(errors**2)), np.abs(errors).max()) for errors in (after, before)
+            (np.sqrt(np.mean(errors**2)), np.abs(errors).max()) for errors in (equalized, original)
         )
         text = (
             f"third-octave levels on the device differ by {rms:.1f} dB RMS, at most {largest:.1f} dB "

@@ -509,11 +509,11 @@ def _distance(values: Samples, aim: Samples, wanted: Samples) -> Samples:
 def _report_errors(targets: dict[str, float], present: Samples, reached: Samples, n_bytes: int) -> None:
     """Raise a ValueError about targets that are missed, or warn about other scales that change."""
     missed, changed = [], []
-    for name, before, after in zip(SPECTRAL_SCALES, present.tolist(), reached.tolist(), strict=True):
-        if name in targets and abs(after - targets[name]) > RETOUCH.tolerance:
-            missed.append(f"{name} {after:.1f} instead of {targets[name]:g}")
-        elif name not in targets and abs(after - before) > RETOUCH.max_change:
-            changed.append(f"{name} from {before:.1f} to {after:.1f}")
+    for name, old, new in zip(SPECTRAL_SCALES, present.tolist(), reached.tolist(), strict=True):
+        if name in targets and abs(new - targets[name]) > RETOUCH.tolerance:
+            missed.append(f"{name} {new:.1f} instead of {targets[name]:g}")
+        elif name not in targets and abs(new - old) > RETOUCH.max_change:
+            changed.append(f"{name} from {old:.1f} to {new:.1f}")
     names = ", ".join(f"{name}={value:g}" for name, value in targets.items())
     if missed:
         raise ValueError(

@@ -211,7 +211,7 @@ class MeshRenderer:
         if p.ndim != 2 or p.shape[1] != 3:
             raise ValueError(f"position must have shape (n, 3), got {p.shape}")
         n = len(p)
-        before = np.vstack([p[:1] if self._tip is None else self._tip, p[:-1]])
+        previous = np.vstack([p[:1] if self._tip is None else self._tip, p[:-1]])
         q, normal, is_contact, slid = p.copy(), np.zeros((n, 3)), np.zeros(n, bool), np.zeros(n)
         for i, tip in enumerate(p):
             last = self._last[0]
@@ -224,7 +224,7 @@ class MeshRenderer:
         spring = self._stiffness * (q - p)
         pressure = np.einsum("ij,ij->i", spring, normal)
         constraint = pressure[:, np.newaxis] * normal
-        step = p - before
+        step = p - previous
         sideways = step - np.einsum("ij,ij->i", step, normal)[:, np.newaxis] * normal
         speed = np.where(is_contact, np.linalg.norm(sideways, axis=1) * self.fs, 0.0)
         along, across, texture = self._render(q, normal, is_contact, slid, speed, pressure)
@@ -286,10 +286,10 @@ class MeshRenderer:
 
     def _descend(self, p: Samples, q: Samples, n: Samples, step: Samples) -> tuple[Samples, Samples] | None:
         """Return the contact point after a step that reduces its distance from p, or None at a border."""
-        before = float(np.linalg.norm(p - q))
+        distance = float(np.linalg.norm(p - q))
         for _ in range(HALVINGS):
             moved = self._surface.project(q + step)
-            if moved is None or float(np.linalg.norm(p - moved[0])) < before:
+            if moved is None or float(np.linalg.norm(p - moved[0])) < distance:
                 return moved
             step = step / 2
         return q, n

@@ -366,14 +366,14 @@ def register_scan(
         padded = np.pad(x, margin, "wrap") if is_closed else np.pad(x, margin, "reflect", reflect_type="odd")
         smooth = signals.lowpass(padded, PATH_CUTOFF_HZ, fs)[n : n + len(x)]
     on_surface = [surface.project(each) for each in smooth]
-    missing = [i for i, found in enumerate(on_surface) if found is None]
+    missing = [i for i, projection in enumerate(on_surface) if projection is None]
     if missing:
         raise ValueError(
             f"the position of {len(missing)} samples is too far from the surface, the first is sample "
             f"{missing[0]} at {smooth[missing[0]].round(2).tolist()} mm. Align the mesh with the positions, "
             "or pass a larger smoothing_mm to MeshSurface.from_mesh"
         )
-    point = np.array([found[0] for found in on_surface if found is not None])
+    point = np.array([projection[0] for projection in on_surface if projection is not None])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(point, axis=0), axis=1))])
     if not along[-1] > 0:
         raise ValueError(f"scan {name!r} must contain a movement, got a path of {along[-1]:g} mm")
