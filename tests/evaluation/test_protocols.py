@@ -15,6 +15,9 @@ from texclass.evaluation.folds import evaluate
 from texclass.evaluation.protocols import PROTOCOLS, find_protocol, repeated_splits
 from texclass.evaluation.splits import n_starts
 
+RECORDING_PROTOCOLS = {name: one for name, one in PROTOCOLS.items() if one.separates_recordings}
+"""Protocols that split recordings; `shuffled-windows` splits windows regardless of their recording."""
+
 
 def split(name, table, n_folds=10, seed=0):
     return find_protocol(name).split(table, n_folds, seed)
@@ -22,7 +25,7 @@ def split(name, table, n_folds=10, seed=0):
 
 def test_no_recording_trains_and_tests_in_one_fold_and_each_is_tested_once_where_folds_cover_all():
     table = a_table()
-    for name, protocol in PROTOCOLS.items():
+    for name, protocol in RECORDING_PROTOCOLS.items():
         folds = split(name, table)
         for train, test in folds:
             assert not set(train) & set(test)
@@ -34,7 +37,7 @@ def test_no_recording_trains_and_tests_in_one_fold_and_each_is_tested_once_where
 
 
 def test_a_protocol_needs_its_labels_and_no_other():
-    for name, protocol in PROTOCOLS.items():
+    for name, protocol in RECORDING_PROTOCOLS.items():
         needless = {"operator", "session", "repetition"} - set(protocol.needs)
         assert split(name, a_table().assign(**dict.fromkeys(needless, None)))
         if protocol.needs:
@@ -53,7 +56,7 @@ def test_permuted_labels_stay_at_chance_under_every_protocol():
     recordings = a_table(4, 20).assign(session=[f"{m}/{r // 2}" for m in range(4) for r in range(20)])
     table = recordings.loc[recordings.index.repeat(3)].rename(columns={"recording_id": "parent"})
     table = table.assign(recording_id=[f"w{i}" for i in range(240)]).reset_index(drop=True)
-    for name, protocol in PROTOCOLS.items():
+    for name, protocol in RECORDING_PROTOCOLS.items():
         _, unit = np.unique(protocol.clusters(table), return_inverse=True)
         chooser = (
             ForwardSelector(GaussianNB(), n_features_to_select=2) if protocol.is_nested else StandardScaler()
@@ -66,6 +69,26 @@ def test_permuted_labels_stay_at_chance_under_every_protocol():
                 evaluate(X, table["surface"].to_numpy(), splits, chooser, GaussianNB()).accuracy.mean
             )
         assert np.mean(right) == pytest.approx(0.25, abs=0.1), name
+
+
+def test_shuffled_windows_are_split_by_surface_and_not_by_recording():
+    table = a_table().rename(columns={"recording_id": "parent"}).loc[lambda t: t.index.repeat(4)]
+    table = table.assign(recording_id=[f"w{i}" for i in range(120)]).reset_index(drop=True)
+    folds = split("shuffled-windows", table)
+    assert sorted(np.concatenate([test for _, test in folds])) == list(range(120))
+    for train, test in folds:
+        assert not set(train) & set(test)
+        assert len(train) + len(test) == len(table)
+        assert table["surface"][test].value_counts().to_dict() == {"m0": 4, "m1": 4, "m2": 4}
+        assert set(table["parent"][test]) <= set(table["parent"][train])
+    # Windows that overlap others contain parts of test windows. They are in neither set.
+    mixed = table.assign(is_train_only=table.index % 2 == 1)
+    for train, test in split("shuffled-windows", mixed):
+        assert len(train) + len(test) == 60
+        assert not mixed["is_train_only"][[*train, *test]].any()
+    protocol = find_protocol("shuffled-windows")
+    name, units = protocol.independent(table)
+    assert (name, len(set(units)), len(set(protocol.clusters(table)))) == ("recording", 30, 120)
 
 
 def test_operator_leaves_one_out_entirely_and_falls_back_to_sessions():
@@ -189,6 +212,16 @@ def test_an_impossible_split_raises_an_error_with_value_and_expectation():
             "leave-out session",
             a_table(),
             "0 sessions, and 30 recordings without a label. Leave-one-out .* at least 2 different",
+        ),
+        (
+            "shuffled-windows",
+            a_table(),
+            "contains whole recordings. Cut them into windows: `texclass benchmark --window",
+        ),
+        (
+            "shuffled-windows",
+            a_table(2, 7).assign(parent=lambda table: table["recording_id"]),
+            "m0 has 7 windows; 10 folds need at least 10 of each. Use 2 to 7 folds",
         ),
         ("leave-one", a_table(), "unknown protocol 'leave-one'.*leave-out LABEL"),
         ("leave-out surface", a_table(), "has no recording without surface"),

@@ -94,7 +94,7 @@ def test_overlapping_windows_are_in_training_sets_only(toy_dataset):
         metadata(windows_of_recordings.entries),
         metadata(add_overlapping_windows(windows_of_recordings, 2).entries),
     )
-    for protocol in PROTOCOLS.values():
+    for protocol in filter(lambda one: one.separates_recordings, PROTOCOLS.values()):
         splits = zip(protocol.split(alone, 3, 0), protocol.split(closer, 3, 0), strict=True)
         for (train, test), (more, same) in splits:
             assert alone["recording_id"][test].tolist() == closer["recording_id"][same].tolist()
@@ -145,12 +145,15 @@ def test_extraction_gives_what_the_extractor_gives_for_each_window(toy_dataset, 
     assert len(table.flags) == 3  # once a recording, not once a window
 
 
-def test_no_protocol_parts_the_windows_of_a_recording_and_they_are_split_as_recordings_are(toy_dataset):
+def test_only_shuffled_windows_divide_a_recording_and_they_are_split_as_recordings_are(toy_dataset):
     dataset = toy_dataset(3, 6)
     whole, cut = metadata(dataset.entries), metadata(cut_windows(dataset, 0.1).entries)
     shuffled = cut.sample(frac=1, random_state=1, ignore_index=True)
     for name, protocol in PROTOCOLS.items():
         for train, test in protocol.split(shuffled, 3, 0):
+            if not protocol.separates_recordings:
+                assert set(shuffled["parent"][train]) & set(shuffled["parent"][test])
+                continue
             assert not set(shuffled["parent"][train]) & set(shuffled["parent"][test])
             for rows in (train, test):  # all windows of a recording, or none
                 assert (shuffled.iloc[rows].groupby("parent").size() == 3).all()
@@ -181,6 +184,23 @@ def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy
     overlapping_windows = run_benchmark(windows_of_recordings, closer, protocol="grouped").data
     assert overlapping_windows["dataset"] == facts
     assert np.sum(overlapping_windows["confusion"]["counts"]) == facts["n_windows"]
+
+
+def test_the_benchmark_of_shuffled_windows_counts_windows_and_never_trains_on_overlapping_ones(
+    toy_dataset, pipeline
+):
+    two = {name: CLASSIFIERS[name] for name in list(CLASSIFIERS)[:2]}
+    settings = {"classifiers": two, "steps": (), "protocol": FoldSettings(folds=3)}
+    closer = pipeline(row("Level", "level"), **settings).model_copy(update={"overlap": 2})
+    windows_of_recordings = cut_windows(toy_dataset(3, 6), 0.02)
+    result = run_benchmark(windows_of_recordings, closer, protocol="shuffled-windows", nested_cv=True)
+    assert "optimistic" in result.data["protocol_description"]
+    accuracy = result.data["rows"][0]["accuracy"][next(iter(two))]
+    assert (accuracy["clusters"], accuracy["n_clusters"]) == ("recording", 18)
+    assert not any(key.startswith("per_") for key in accuracy)  # no recording is tested by itself
+    assert result.data["nested_cv"]["inner_protocols"] == ["shuffled-windows"]
+    assert np.sum(result.data["confusion"]["counts"]) == result.data["dataset"]["n_windows"]
+    assert "optimistic" in " ".join(map(str, result.document().blocks))
 
 
 def test_movements_are_detected_again_when_the_code_of_the_phases_changes(counting, monkeypatch):

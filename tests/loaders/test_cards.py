@@ -131,6 +131,38 @@ def test_an_invalid_recipe_is_a_card_error(tmp_path, changes, message):
     assert card_error(tmp_path, SIMULATED | {"recipe": RECIPE | changes}) == f"mine.toml: {message}"
 
 
+LATER = {"question": "later", "protocol": "chronological"}
+
+
+def test_a_card_declares_protocols_which_do_not_change_its_recordings(tmp_path):
+    windows = LATER | {"folds": 5, "window_s": 5, "max_windows": 3, "note": "n"}
+    read = card(tmp_path, FILES | {"protocols": [LATER, windows]})
+    assert [(p.protocol, p.folds, p.window_s, p.max_windows, p.note) for p in read.protocols] == [
+        ("chronological", 10, None, None, ""),
+        ("chronological", 5, 5.0, 3, "n"),
+    ]
+    assert read.hash_input == card(tmp_path, FILES).hash_input
+    assert card(tmp_path, SIMULATED | {"protocols": [LATER]}).protocols == read.protocols[:1]
+
+
+@pytest.mark.parametrize(
+    ("protocols", "message"),
+    [
+        ([LATER | {"question": "why"}], "protocols.1.question is 'why'. Expected one of published, same op"),
+        ([LATER | {"folds": 1}], "protocols.1.folds is 1. Expected a number of folds of at least 2"),
+        ([LATER | {"window_s": 0}], "protocols.1.window_s is 0. Expected a length in s above 0"),
+        ([LATER | {"max_windows": 3}], "protocols.1: max_windows limits windows, but window_s is missing"),
+        ([{"question": "later"}], "missing key protocols.1.protocol"),
+        (
+            [LATER | {"window_s": 5}, LATER, LATER | {"window_s": 5, "note": "b"}],
+            "protocols lists 'chronological' with windows of 5 s twice for the question 'later'",
+        ),
+    ],
+)
+def test_an_invalid_protocol_of_a_card_is_a_card_error(tmp_path, protocols, message):
+    assert message in card_error(tmp_path, FILES | {"protocols": protocols})
+
+
 def test_a_card_that_is_not_toml_is_a_card_error(tmp_path):
     (tmp_path / "mine.toml").write_text("title =")
     with pytest.raises(CardError, match=r"not valid TOML|refused as TOML"):

@@ -7,8 +7,17 @@ import pytest
 
 from texclass import shipped
 from texclass.evaluation import find_protocol
-from texclass.loaders import fetch_recordings, open_dataset, read_card
+from texclass.evaluation.feature_table import metadata
+from texclass.loaders import DataNotFoundError, fetch_recordings, open_dataset, read_card
 from texclass.phases import find_phases
+
+
+def open_dataset_or_skip(name):
+    try:
+        return open_dataset(name)
+    except DataNotFoundError as error:
+        pytest.skip(str(error))
+
 
 PUBLISHED = [name for name in shipped.names("datasets") if getattr(read_card(name), "download", None)]
 
@@ -36,6 +45,24 @@ def test_a_card_opens_its_recordings(name, size, facts):
         recording = dataset[index]
         channels = recording.acceleration.reshape(recording.n_samples, -1).shape[1]
         assert (recording.fs, recording.unit, channels, find_phases(recording).kind) == facts
+
+
+SPLIT_CARDS = [name for name in shipped.names("datasets") if read_card(name).protocols]
+
+
+@pytest.mark.parametrize("name", SPLIT_CARDS)
+def test_the_protocols_of_a_card_split_its_recordings(name, data_root):
+    dataset = open_dataset_or_skip(name)
+    for one in read_card(name).protocols:
+        protocol = find_protocol(one.protocol)
+        table = metadata(dataset.entries)
+        if one.window_s is not None:
+            table = table.loc[table.index.repeat(2)].rename(columns={"recording_id": "parent"})
+            table = table.assign(recording_id=[f"w{i}" for i in range(len(table))]).reset_index(drop=True)
+        else:
+            assert protocol.separates_recordings, "shuffled windows need the key window_s"
+        splits = protocol.split(table, one.folds, 0)
+        assert all(train.size and test.size for train, test in splits)
 
 
 @pytest.mark.usefixtures("data_root")

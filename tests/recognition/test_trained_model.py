@@ -163,6 +163,7 @@ def test_invalid_recordings_are_left_out_and_listed():
         ({"row": "Colour"}, r"no row 'Colour'. Expected one of Roughness, Spectrum"),
         ({"classifier": "svm"}, r"no classifier 'svm'. Expected one of lda, kernel"),
         ({"protocol": "paper"}, r"protocol 'paper' fits scaling and selection on the test recordings"),
+        ({"protocol": "shuffled-windows"}, r"'shuffled-windows' has windows of one recording in training"),
         ({"false_alarms": 0.001}, r"requires at least 999 held-out recordings, got 40"),
         ({"false_alarms": 1.5}, r"false_alarms must be between 0 and 1, got 1.5"),
     ],

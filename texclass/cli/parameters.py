@@ -18,7 +18,9 @@ baseline_option = partial(Option, rich_help_panel="Baselines")
 running_option = partial(Option, rich_help_panel="Running")
 output_option = partial(Option, rich_help_panel="Output")
 
-ProtocolName = Literal["recording", "operator", "chronological", "few-shot", "grouped", "paper"]
+ProtocolName = Literal[
+    "recording", "operator", "chronological", "few-shot", "grouped", "paper", "shuffled-windows"
+]
 """Names in `texclass.evaluation.protocols.PROTOCOLS`, copied because importing that module is slow."""
 
 

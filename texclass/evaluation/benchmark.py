@@ -215,8 +215,9 @@ def run_benchmark(
     Parameters
     ----------
     dataset : Dataset, str or path
-        Labelled recordings, or windows from `cut_windows`. Windows of one recording stay in the same fold,
-        and the accuracy of their majority vote is also reported. Alternatively, an argument of
+        Labelled recordings, or windows from `cut_windows`. Windows of one recording stay in the same fold
+        (except with "shuffled-windows"), and the accuracy of their majority vote is also reported.
+        Alternatively, an argument of
         `open_dataset`: the name of a shipped dataset, the path of a dataset card, or the path of a folder
         whose files state the sampling rate and the unit.
     pipeline : PipelineDefinition, str or path
@@ -225,7 +226,7 @@ def run_benchmark(
     protocol : str, optional
         Name of a protocol; see `find_protocol` (default: the protocol of the pipeline).
     n_folds : int, optional
-        Number of folds for "recording", "grouped" and "paper" (default: the number in the pipeline).
+        Number of folds for protocols that draw folds (default: the number in the pipeline).
     nested_cv : bool
         Whether to also run nested cross-validation, which selects the row and the classifier inside each
         training set (default False).
@@ -263,8 +264,9 @@ def run_benchmark(
     dataset = dataset.with_phase_settings(pipeline.phase_settings.changes, override=False)
     channels, axes_reason = decide_axes(dataset, pipeline.channels, axes)
     pipeline = pipeline.model_copy(update={"channels": channels})
-    dataset = add_overlapping_windows(dataset, pipeline.overlap)
     split_protocol = find_protocol(protocol or pipeline.protocol.name)
+    if split_protocol.separates_recordings:
+        dataset = add_overlapping_windows(dataset, pipeline.overlap)
     n_folds = pipeline.protocol.folds if n_folds is None else n_folds
     # Split before the features are computed, so that an impossible split fails at once.
     labels = metadata(dataset.entries)

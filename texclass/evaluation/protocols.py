@@ -58,9 +58,12 @@ class Protocol(ABC):
         Syntax of the name on the command line, for protocols with parameters.
     needs : tuple of str
         Required labels: at least one of them must have a value for every recording.
-    unit : {"recording", "run"}
+    unit : {"recording", "run", "window"}
         Unit whose rows are never divided between training set and test set. The predictions of these rows are
         combined by majority vote.
+    separates_recordings : bool
+        Whether all windows of a recording are in the same set. It is False only for the protocol
+        "shuffled-windows".
     is_random : bool
         Whether the folds depend on the seed.
     is_nested : bool
@@ -78,7 +81,8 @@ class Protocol(ABC):
     description: str
     choice: ClassVar[str] = ""
     needs: tuple[str, ...] = ()
-    unit: Literal["recording", "run"] = "recording"
+    unit: Literal["recording", "run", "window"] = "recording"
+    separates_recordings: bool = True
     is_random: bool = False
     is_nested: bool = True
 
@@ -169,6 +173,47 @@ class Grouped(Protocol):
         from texclass.evaluation.splits import grouped
 
         return grouped(table, n_folds, seed)
+
+
+class ShuffledWindows(Protocol):
+    """Protocol that draws stratified folds over windows, as many publications do.
+
+    Windows of one recording are in the training set and in the test set, so the accuracy is optimistic.
+    Overlapping training windows are not used, because they would contain parts of the test windows.
+    """
+
+    name = "shuffled-windows"
+    title = "folds over shuffled windows (optimistic)"
+    description = (
+        "stratified folds over windows, whichever recording they are from: windows of one recording are in "
+        "training set and test set, so the accuracy is optimistic; for comparison with published results only"
+    )
+    unit = "window"
+    separates_recordings = False
+    is_random = True
+
+    def split(self, table: "pd.DataFrame", n_folds: int, seed: int) -> "Splits":
+        """Return (train, test) row indices for each fold, without overlapping training windows."""
+        from texclass.evaluation.windows import is_testable
+
+        rows = is_testable(table).to_numpy().nonzero()[0]
+        splits = self._split(table.iloc[rows].reset_index(drop=True), n_folds, seed)
+        return tuple((rows[train], rows[test]) for train, test in splits)
+
+    def _split(self, table: "pd.DataFrame", n_folds: int, seed: int) -> "Splits":
+        from texclass.evaluation.splits import shuffled_windows
+
+        return shuffled_windows(table, n_folds, seed)
+
+    def clusters(self, table: "pd.DataFrame") -> "NDArray[np.str_]":
+        """Return the id of each window."""
+        return table["recording_id"].to_numpy(dtype=str)
+
+    def independent(self, table: "pd.DataFrame") -> "tuple[str, NDArray[np.str_]]":
+        """Return "recording", and the recording of each window."""
+        from texclass.evaluation.windows import parents
+
+        return "recording", parents(table).to_numpy(dtype=str)
 
 
 class LeaveOneOut(Protocol):
@@ -271,7 +316,15 @@ class ByLabels(Protocol):
 
 PROTOCOLS: dict[str, Protocol] = {
     protocol.name: protocol
-    for protocol in (Stratified(), Operator(), Chronological(), FewShot(), Grouped(), Paper())
+    for protocol in (
+        Stratified(),
+        Operator(),
+        Chronological(),
+        FewShot(),
+        Grouped(),
+        Paper(),
+        ShuffledWindows(),
+    )
 }
 """Protocols without parameters by name, in display order."""
 

@@ -1,7 +1,7 @@
 """Functions that split the rows of a feature table into training and test sets by the label columns.
 
 A table has one row per recording or one row per window. Windows of one recording are never divided between
-training set and test set.
+training set and test set, except by `shuffled_windows`.
 """
 
 import functools
@@ -94,6 +94,24 @@ def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
         If a surface has fewer recordings than folds, or there is only one surface.
     """
     _require_folds(table["surface"].value_counts(), n_folds)
+    folds = StratifiedKFold(n_folds, shuffle=True, random_state=seed)
+    return tuple(folds.split(table, table["surface"]))
+
+
+def shuffled_windows(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
+    """Split windows into stratified folds, whichever recording they are from.
+
+    Raises
+    ------
+    ValueError
+        If the table contains whole recordings, or a surface has fewer windows than folds.
+    """
+    if "parent" not in table:
+        raise ValueError(
+            "the protocol `shuffled-windows` splits windows, but the dataset contains whole recordings. Cut "
+            "them into windows: `texclass benchmark --window SECONDS`, in Python `cut_windows`"
+        )
+    _require_folds(table["surface"].value_counts(), n_folds, "window")
     folds = StratifiedKFold(n_folds, shuffle=True, random_state=seed)
     return tuple(folds.split(table, table["surface"]))
 

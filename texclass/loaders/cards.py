@@ -1,6 +1,7 @@
 """Dataset cards: pydantic models of the TOML files that describe datasets, one model per format."""
 
 import re
+from collections import Counter
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -22,6 +23,10 @@ MAX_MAGNITUDE = 1e100
 """Largest sampling rate in Hz and scale factor accepted in a card; real values are far smaller."""
 Convert = Literal["", "frames", "rounded", "counts", "sheets"]
 DeclaredPhases = Literal["detect", "movement", "tap", "taps"]
+Question = Literal[
+    "published", "same operator", "other operator", "later", "other speed", "few-shot", "other condition"
+]
+"""Question that an evaluation protocol answers: accuracy under which conditions of the test recordings."""
 if TYPE_CHECKING:
     Signal = str
     Role = str
@@ -66,6 +71,48 @@ class CardError(ValueError):
     """Invalid dataset card; the message contains the file, the key and what was expected."""
 
 
+class DeclaredProtocol(StrictModel):
+    """Evaluation protocol that a card declares for its dataset.
+
+    Attributes
+    ----------
+    question
+        Question that the protocol answers. "published" is the split of the publication, which may be
+        optimistic. The others name the test recordings relative to the training set.
+    protocol
+        Name of the protocol as on the command line, for example "recording" or "leave-out speed"; see
+        `texclass.evaluation.find_protocol`.
+    folds
+        Number of folds, for protocols that draw folds (default 10).
+    window_s
+        Length in s of the windows that are classified (default: whole recordings).
+    max_windows
+        Largest number of windows per recording; the first windows are used (default: all windows).
+    note
+        Remark on the protocol.
+
+    Examples
+    --------
+    >>> DeclaredProtocol(question="later", protocol="chronological").folds
+    10
+    """
+
+    question: Question
+    protocol: str = Field(min_length=1)
+    folds: int = Field(default=10, ge=2, description="a number of folds of at least 2")
+    window_s: float | None = Field(default=None, gt=0, description="a length in s above 0")
+    max_windows: int | None = Field(default=None, ge=1, description="a number of windows")
+    note: str = ""
+
+    @model_validator(mode="after")
+    def _has_window(self) -> "DeclaredProtocol":
+        if self.max_windows is not None and self.window_s is None:
+            raise ValueError(
+                "max_windows limits windows, but window_s is missing. Set window_s, or remove it"
+            )
+        return self
+
+
 class Card(StrictModel):
     """Keys common to all dataset cards; each format has a subclass.
 
@@ -83,6 +130,8 @@ class Card(StrictModel):
         Remarks shown in every report, such as known defects and assumptions.
     phase_settings
         Settings of the segmentation into taps and movement; see `PhaseSettings`.
+    protocols
+        Evaluation protocols that suit the dataset, each with the question that it answers.
 
     Examples
     --------
@@ -97,6 +146,7 @@ class Card(StrictModel):
     citation: str = ""
     notes: tuple[str, ...] = ()
     phase_settings: PhaseSettings = PhaseSettings()
+    protocols: tuple[DeclaredProtocol, ...] = ()
     _path: Path = PrivateAttr(default=Path())
 
     @property
@@ -108,6 +158,18 @@ class Card(StrictModel):
     def name(self) -> str:
         """Name of the card."""
         return self._path.stem
+
+    @model_validator(mode="after")
+    def _has_distinct_protocols(self) -> "Card":
+        keys = Counter((one.question, one.protocol, one.window_s) for one in self.protocols)
+        if copies := [key for key, n in keys.items() if n > 1]:
+            question, protocol, window_s = copies[0]
+            window = "" if window_s is None else f" with windows of {window_s:g} s"
+            raise ValueError(
+                f"protocols lists {protocol!r}{window} twice for the question {question!r}. Expected "
+                "different protocols: remove one"
+            )
+        return self
 
 
 class Reading(StrictModel):

@@ -86,15 +86,20 @@ def select_protocol(
     reason : str
         Reason, for the model card.
     """
+    if not (protocol := find_protocol(protocol_name or default)).separates_recordings:
+        raise ValueError(
+            f"protocol {protocol.name!r} has windows of one recording in training set and test set, so its "
+            "accuracy does not hold for other recordings. Use another protocol, for example 'recording'"
+        )
     if protocol_name is not None:
-        return find_protocol(protocol_name), "requested"
+        return protocol, "requested"
     counts = table.loc[~parents(table).duplicated(), "surface"].value_counts()
     n_held_out = int((counts - counts // 2).sum())
     is_enough = counts.min() >= LIMITS.min_repetitions and n_held_out >= min_held_out(false_alarms)
     if default == RANDOM_PROTOCOL and is_sequence(table) and is_enough:
         reason = f"at least {counts.min()} numbered repetitions per surface: the sensor may drift"
         return find_protocol(CHRONOLOGICAL_PROTOCOL), reason
-    return find_protocol(default), "default of the pipeline"
+    return protocol, "default of the pipeline"
 
 
 def is_sequence(table: pd.DataFrame) -> bool:
