@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
+from scipy.signal import lfilter
 
 START_NS = 1_700_000_000_000_000_000
 IMU = "sensor_msgs/msg/Imu"
@@ -49,6 +50,20 @@ def write_bag(folder: Path, kind: str, topics: dict[str, Topic], *, compression:
     with writer:
         _write(writer, store, topics, ros1=kind == "bag")
     return path
+
+
+def write_drives(folder: Path, n: int = 8) -> None:
+    """Write bags of n drives of 10 s over each of two floors, with IMUs at front and rear."""
+    rng = np.random.default_rng(0)
+    stamps = regular(1000, 100.0)
+    for floor, pole in (("carpet", 0.9), ("tile", -0.5)):
+        for drive in range(1, n + 1):
+            topics = {}
+            for place in ("front", "rear"):
+                values = np.tile([0, 0, 9.81, 0, 0, 0], (1000, 1))
+                values[:, :3] += lfilter([1], [1, -pole], rng.standard_normal((1000, 3)), axis=0)
+                topics[f"/{place}/imu"] = Topic(IMU, values, stamps)
+            write_bag(folder / floor, "mcap", topics, name=f"drive_{drive}")
 
 
 def _write(writer, store, topics, *, ros1):

@@ -353,16 +353,16 @@ def test_benchmark_uses_the_given_training_set_and_test_set(run, tmp_path):
 def test_every_reader_option_reaches_the_reader(command, monkeypatch, name):
     options = set(flags(READERS[name]))
     loading = {flag.replace("_", "-") for flag in inspect.signature(load_recording).parameters}
-    assert {f"--{option}" for option in loading - {"path", "auxiliary", "topic"}} <= options
+    assert {f"--{option}" for option in loading - {"path", "auxiliary"}} <= options
     assert ("--labels" in options) == (name not in {"inspect", "stream", "describe", "texture fit"})
     values = {
         "fs": 1000.0, "unit": "g", "column": "a, b", "delimiter": "tab", "time_column": "t",
-        "time_unit": "ms", "skip_rows": 3, "comment": "!",
+        "time_unit": "ms", "skip_rows": 3, "comment": "!", "topic": "/imu",
     }  # fmt: skip
     settings = {}
 
-    def stop(*positional):
-        settings.update(reader_settings(*positional))
+    def stop(**options):
+        settings.update(reader_settings(**options))
         raise ValueError("stopped")
 
     monkeypatch.setattr("texclass.cli.parameters.reader_settings", stop)
@@ -373,4 +373,5 @@ def test_every_reader_option_reaches_the_reader(command, monkeypatch, name):
     required = [word for argument in required for word in files.get(argument, ("absent",))]
     code, _, err = command(*name.split(), *required, *options, "--drop-incomplete")
     assert (code, err) == (1, "error: stopped\n")
-    assert settings == values | {"column": ("a", "b"), "delimiter": "\t", "drop_incomplete": True}
+    expected = values | {"column": ("a", "b"), "delimiter": "\t", "drop_incomplete": True, "resample": None}
+    assert settings == expected | ({"unit": None} if name == "stream" else {})  # it passes --unit on its own

@@ -47,10 +47,7 @@ def test_the_guide_lists_every_format_as_it_is_registered():
         rows.setdefault(kind, []).append(f"`{suffix}`")
     page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
     for kind, suffixes in rows.items():
-        options = [
-            "`bag:FILE?topic=/NAME`" if name == "topic" else f"`--{name.replace('_', '-')}`"
-            for name in kind.settings
-        ]
+        options = [f"`--{name.replace('_', '-')}`" for name in kind.settings]
         extra = kind.extra and f"`{kind.extra}`"
         cells = (kind.name, ", ".join(suffixes), kind.rate, ", ".join(options), extra)
         row = "|".join(f" {cell} " if cell else " " for cell in cells)

@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -101,17 +103,29 @@ def test_a_topic_must_be_selected_by_name_if_several_have_an_acceleration(tmp_pa
         "/odd": Topic(ARRAY, values, None, regular(N, 9)),
     }
     path = write_bag(tmp_path, "mcap", topics)
-    with pytest.raises(
-        RecordingError, match="several topics with an acceleration: '/left/imu', '/right/imu'"
-    ):
+    described = r"/left/imu (sensor_msgs/msg/Imu, 300 messages at 200 Hz), /right/imu (sensor_msgs/msg/Imu, "
+    with pytest.raises(RecordingError, match=re.escape(described) + ".* Select one with --topic /left/imu"):
         load_recording(path)
     for recording in (
         find_recording(f"bag:{path}?topic=/right/imu"),
         load_recording(path, topic="right/imu"),
     ):
         np.testing.assert_array_equal(recording.acceleration, -values[:, :3])
-    with pytest.raises(RecordingError, match=r"has no topic '/x'. Expected one of '/left/imu'"):
-        load_recording(path, topic="/x")
+    with pytest.raises(
+        RecordingError, match=r"'/odd', '/right/imu'|'/right/imu', '/odd'. Try --topic /left/imu"
+    ):
+        load_recording(path, topic="/lef/imu")
+    with pytest.raises(
+        RecordingError, match="is a pattern with groups, which selects one recording per topic"
+    ):
+        load_recording(path, topic="/(?P<session>left|right)/imu")
+    with pytest.raises(RecordingError, match=r"topic '/left/imu' contradicts it\. Expected the topic in one"):
+        load_recording(f"bag:{path}?topic=/right/imu", topic="/left/imu")
+    with pytest.raises(RecordingError, match=r"'/\(' is not a valid regular expression"):
+        load_recording(path, topic="/(")
+    np.savetxt(tmp_path / "one.csv", values)
+    with pytest.raises(RecordingError, match="topic '/imu' cannot be selected, it is not a bag"):
+        load_recording(tmp_path / "one.csv", fs=FS, unit="g", column=("1", "2"), topic="/imu")
     for no_topic in (f"bag:{path}?top=/left/imu", f"bag:{path}?/left/imu"):
         with pytest.raises(RecordingError, match=r"Expected bag:FILE\?topic="):
             find_recording(no_topic)
@@ -167,6 +181,36 @@ def test_a_folder_of_bags_is_a_dataset(tmp_path, values):
     (tmp_path / "steel/metadata.yaml").write_text("somebody else's")
     write_bag(tmp_path, "mcap", {"/imu": _imu(-values)}, name="new").replace(tmp_path / "wood/b/b.mcap")
     assert open_dataset(tmp_path).input_hash != old_hash
+
+
+def test_a_topic_selects_the_recordings_of_a_folder_of_bags(tmp_path, values):
+    topics = {"/steel/imu": _imu(values), "/wood/imu": _imu(-values)}
+    for name in ("one", "two"):
+        write_bag(tmp_path / "drives/floor", "mcap", topics, name=name)
+    with pytest.raises(RecordingError, match="several topics with an acceleration"):
+        open_dataset(tmp_path / "drives")
+    dataset = open_dataset(tmp_path / "drives", topic="wood/imu")
+    assert [(one.recording_id, one.surface) for one in dataset] == [
+        ("floor/one", "floor"),
+        ("floor/two", "floor"),
+    ]
+    assert not dataset.notes or "session" not in " ".join(dataset.notes)
+    for recording in dataset:
+        np.testing.assert_array_equal(recording.acceleration, -values[:, :3])
+    dataset = open_dataset(tmp_path / "drives", topic="/(?P<session>[a-z]+)/imu")
+    assert [(one.recording_id, one.session) for one in dataset] == [
+        (f"floor/{bag}/{session}/imu", session) for bag in ("one", "two") for session in ("steel", "wood")
+    ]
+    for folder in (tmp_path / "drives", tmp_path / "drives/floor"):  # the pattern names the surface
+        dataset = open_dataset(folder, topic="/(?P<surface>[a-z]+)/imu")
+        assert [one.surface for one in dataset] == ["steel", "wood"] * 2
+        for recording in dataset:
+            sign = 1 if recording.surface == "steel" else -1
+            np.testing.assert_array_equal(recording.acceleration, sign * values[:, :3])
+    with pytest.raises(RecordingError, match=r"no topic matches .* /steel/imu, /wood/imu"):
+        open_dataset(tmp_path / "drives", topic="/(?P<surface>[a-z]+)/gyro")
+    with pytest.raises(ValueError, match=r"topic defines unknown groups \['floor'\]"):
+        open_dataset(tmp_path / "drives", topic="/(?P<floor>[a-z]+)/imu")
 
 
 CARD = """
@@ -283,7 +327,7 @@ def test_messages_of_a_custom_type_are_read_by_the_names_of_their_fields(tmp_pat
     recording = load_recording(f"bag:{path}?topic=/tm200", column=FIELDS, unit="m/s^2")
     assert (recording.fs, recording.channels) == (100.0, FIELDS)
     np.testing.assert_array_equal(recording.acceleration, values)
-    with pytest.raises(RecordingError, match=r"bag:own\..*\?topic=NAME, --column FIELD\.x"):
+    with pytest.raises(RecordingError, match=r"--topic NAME --column FIELD\.x"):
         load_recording(path)
     with pytest.raises(RecordingError, match="unit is missing"):
         load_recording(f"bag:{path}?topic=/tm200", column=FIELDS)

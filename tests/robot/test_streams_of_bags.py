@@ -136,6 +136,26 @@ def test_a_bag_may_have_other_column_names_than_the_training_files(bags, imu_bag
     np.testing.assert_array_equal(in_g.find(str(imu)).acceleration, rows[:, :3])
 
 
+def test_the_topic_of_the_training_files_is_read_unless_another_is_given(bags, imu_bag, tmp_path):
+    rows = values("sand", 3)
+    spare = bags.Topic(bags.IMU, -rows, bags.regular(N, FS))
+    bag = imu_bag(tmp_path, rows, **{"/spare": spare})
+    trained_on = TrainingFiles(fs=FS, unit="m/s^2", topic="/imu")
+    np.testing.assert_array_equal(trained_on.find(bag).acceleration, rows[:, :3])
+    np.testing.assert_array_equal(trained_on.find(bag, topic="/spare").acceleration, -rows[:, :3])
+    with pytest.raises(RecordingError, match=r"has no topic '/imu2'. .* Try --topic /imu"):
+        trained_on.find(bag, topic="/imu2")
+    other = trained_on.model_copy(update={"topic": "/front"})  # which the bag does not have
+    with pytest.raises(RecordingError, match="Select one with --topic /imu"):
+        other.find(bag)
+    (tmp_path / "drives/sand").mkdir(parents=True)
+    bag = bag.parent.rename(tmp_path / "drives/sand/one") / "metadata.yaml"
+    members = other.members(tmp_path / "drives", topic="/(?P<session>[a-z]+)")
+    for (name, load, surface), topic, sign in zip(members, ("/imu", "/spare"), (1, -1), strict=True):
+        assert (name, surface) == (f"{bag}?topic={topic}", "sand")
+        np.testing.assert_array_equal(load().acceleration, sign * rows[:, :3])
+
+
 @pytest.mark.parametrize(
     ("change", "error"),
     [

@@ -34,6 +34,7 @@ def sample(
     rich_help_panel="Recordings",
     epilog="Example: texclass card recordings --fs 10000 --unit m/s^2 -o recordings.toml",
 )
+@p.with_reader_options
 def card(
     folder: Annotated[
         Path,
@@ -41,16 +42,8 @@ def card(
             help="Folder of recordings: one subfolder per surface, or files named by surface and number."
         ),
     ],
-    fs: p.SamplingRate = None,
-    unit: p.Unit = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
-    resample: p.Resample = None,
+    *,
+    reader: p.Reader,
     labels: p.Labels = None,
     output: Annotated[
         Path, p.output_file("--output", "-o", suffixes=[".toml"], help="Dataset card to write (.toml).")
@@ -63,10 +56,7 @@ def card(
 
     if output.exists():
         raise FileExistsError(f"{output} already exists. Remove it, or choose another file with --output")
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
-    text = draft_card(folder, output.parent, labels=labels, **reader, resample=resample)
+    text = draft_card(folder, output.parent, labels=labels, **reader)
     write_atomic(output, text)
     lines = text.splitlines()
     print_lines("question:", (line.removeprefix(QUESTION) for line in lines if line.startswith(QUESTION)))
@@ -77,21 +67,14 @@ def card(
     rich_help_panel="Recordings",
     epilog="Example: texclass inspect recordings/oak/oak_01.txt --fs 10000 --unit m/s^2",
 )
+@p.with_reader_options
 def inspect(
     recording: Annotated[
         str, Argument(help="File in any supported format, or DATASET:RECORDING, e.g. simulated:wood-03-01.")
     ],
     features: p.FeatureSet = "strese2015",
-    fs: p.SamplingRate = None,
-    unit: p.Unit = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
-    resample: p.Resample = None,
+    *,
+    reader: p.Reader,
     tap_spacing: p.TapSpacing = None,
     output: Annotated[
         Path | None,
@@ -106,10 +89,7 @@ def inspect(
     """Plot one recording: phases, taps, spectrum and features."""
     from texclass.loaders import find_recording
 
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
-    one = find_recording(recording, **reader, resample=resample)
+    one = find_recording(recording, **reader)
     if tap_spacing is not None:
         one = one.with_(phase_settings=replace(one.phase_settings, tap_spacing_s=tap_spacing))
     from texclass.atomic_write import write_atomic

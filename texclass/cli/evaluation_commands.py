@@ -37,20 +37,12 @@ def features(
     rich_help_panel="Evaluation",
     epilog="Example: texclass extract recordings --fs 10000 --unit m/s^2 -o features.parquet",
 )
+@p.with_reader_options
 def extract(
     dataset: p.Dataset,
     *,
     features: p.FeatureSet = "texclass",
-    fs: p.SamplingRate = None,
-    unit: p.Unit = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
-    resample: p.Resample = None,
+    reader: p.Reader,
     labels: p.Labels = None,
     tap_spacing: p.TapSpacing = None,
     skip_bad: p.SkipBad = False,
@@ -84,12 +76,7 @@ def extract(
     announce_start(*RECORDING_KERNELS)
     from texclass.loaders import open_dataset
 
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
-    recordings = open_dataset(
-        dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad
-    )
+    recordings = open_dataset(dataset, **reader, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad)
     from texclass.evaluation.workers import begin_loading
 
     if backend == "local":
@@ -125,6 +112,7 @@ def extract(
     rich_help_panel="Evaluation",
     epilog="Example: texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1",
 )
+@p.with_reader_options
 def benchmark(
     dataset: p.Dataset = "simulated",
     pipeline: Annotated[
@@ -150,16 +138,8 @@ def benchmark(
         int | None,
         Option(min=1, metavar="N", help="Use the first N windows of each recording (default: all)."),
     ] = None,
-    fs: p.SamplingRate = None,
-    unit: p.Unit = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
-    resample: p.Resample = None,
+    *,
+    reader: p.Reader,
     labels: p.Labels = None,
     tap_spacing: p.TapSpacing = None,
     skip_bad: p.SkipBad = False,
@@ -249,12 +229,7 @@ def benchmark(
     announce_start(*RECORDING_KERNELS)
     from texclass.loaders import open_dataset
 
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
-    recordings = open_dataset(
-        dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad
-    )
+    recordings = open_dataset(dataset, **reader, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad)
     from texclass.evaluation.workers import begin_loading
 
     if backend == "local":
@@ -318,6 +293,7 @@ def _baseline_settings(
     rich_help_panel="Evaluation",
     epilog="Example: texclass tradeoff recordings --fs 10000 --unit m/s^2 --max-ms 5",
 )
+@p.with_reader_options
 def tradeoff(
     dataset: p.Dataset = "simulated",
     features: p.FeatureSet = "texclass",
@@ -340,16 +316,8 @@ def tradeoff(
             help="Also measure accuracy against signal length, training set size, rate, bits and model order."
         ),
     ] = True,
-    fs: p.SamplingRate = None,
-    unit: p.Unit = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
-    resample: p.Resample = None,
+    *,
+    reader: p.Reader,
     labels: p.Labels = None,
     tap_spacing: p.TapSpacing = None,
     protocol: p.Protocol = None,
@@ -384,12 +352,7 @@ def tradeoff(
     from texclass.tradeoff import Limits, trade_off
     from texclass.tradeoff.study import tradeoff_stem
 
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
-    recordings = open_dataset(
-        dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=True
-    )
+    recordings = open_dataset(dataset, **reader, labels=labels, tap_spacing=tap_spacing, skip_bad=True)
     scene = tuple(name.strip() for name in (surfaces or "").split(",") if name.strip())
     stem = tradeoff_stem({"name": recordings.name, "surfaces": scene, "max_seconds": max_seconds})
     with use_backend(backend, scheduler), progress_bar() as progress:

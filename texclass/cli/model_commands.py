@@ -23,6 +23,7 @@ NewModelFile = Annotated[
     rich_help_panel="Models",
     epilog="Example: texclass train recordings --fs 10000 --unit m/s^2 -o surfaces.skops",
 )
+@p.with_reader_options
 def train(
     dataset: p.Dataset,
     *,
@@ -61,16 +62,7 @@ def train(
     exportable: Annotated[
         bool, Option("--exportable", help="Use only features that `texclass export --from samples` supports.")
     ] = False,
-    fs: p.SamplingRate = None,
-    unit: p.Unit = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
-    resample: p.Resample = None,
+    reader: p.Reader,
     labels: p.Labels = None,
     tap_spacing: p.TapSpacing = None,
     skip_bad: p.SkipBad = False,
@@ -98,12 +90,7 @@ def train(
     announce_start(*RECORDING_KERNELS)
     from texclass.loaders import open_dataset
 
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
-    recordings = open_dataset(
-        dataset, **reader, resample=resample, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad
-    )
+    recordings = open_dataset(dataset, **reader, labels=labels, tap_spacing=tap_spacing, skip_bad=skip_bad)
     from texclass.evaluation.workers import begin_loading
 
     begin_loading(jobs, "texclass.evaluation.checkpoints", "texclass.recognition.training")
@@ -150,6 +137,7 @@ def model(model: p.ModelFile, json_file: p.JsonFile = None) -> None:
 
 
 @app.command(rich_help_panel="Models", epilog="Example: texclass predict surfaces.skops new.txt")
+@p.with_reader_options
 def predict(
     model: p.ModelFile,
     files: Annotated[
@@ -160,16 +148,8 @@ def predict(
             "accuracy and confusion matrix are reported."
         ),
     ],
-    fs: p.SamplingRate = None,
-    unit: p.Unit = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
-    resample: p.Resample = None,
+    *,
+    reader: p.Reader,
     labels: p.Labels = None,
     skip_bad: Annotated[
         bool, p.data_option("--skip-bad", help="Exit with code 0 even if files are unreadable.")
@@ -206,9 +186,6 @@ def predict(
     from texclass.recognition.model_document import answers_document
     from texclass.reporting import print_document
 
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
     trained, predictions = recognition.load_model(model), list[recognition.Prediction]()
 
     def show(prediction: recognition.Prediction) -> None:
@@ -218,7 +195,7 @@ def predict(
             typer.echo(json.dumps(_result(prediction)))
 
     with progress_bar() as progress:
-        for prediction in recognition.predict(trained, files, labels=labels, **reader, resample=resample):
+        for prediction in recognition.predict(trained, files, labels=labels, **reader):
             predictions.append(prediction)
             if not adapt:
                 show(prediction)
@@ -295,6 +272,7 @@ def _answer_again(model: "Model", prediction: "Prediction") -> "Prediction":
     rich_help_panel="Models",
     epilog="Example: texclass adapt surfaces.skops oak=new/1.txt slate=new/2.txt foam=new/3.txt -o new.skops",
 )
+@p.with_reader_options
 def adapt(
     model: p.ModelFile,
     references: Annotated[
@@ -308,16 +286,7 @@ def adapt(
     unlabelled: Annotated[
         bool, Option("--unlabelled", help="Ignore the surface labels of the reference recordings.")
     ] = False,
-    fs: p.SamplingRate = None,
-    unit: p.Unit = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
-    resample: p.Resample = None,
+    reader: p.Reader,
     labels: p.Labels = None,
     output: NewModelFile,
 ) -> None:
@@ -326,12 +295,9 @@ def adapt(
     from texclass.recognition import adaptation
     from texclass.recognition.model_document import describe_adaptation
 
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
     trained = recognition.load_model(model)
-    recordings = trained.manifest.input.references(references, labels=labels, **reader, resample=resample)
-    adapted = adaptation.adapt(trained, recordings, use_labels=not unlabelled, resample=resample is not None)
+    recordings = trained.manifest.input.references(references, labels=labels, **reader)
+    adapted = adaptation.adapt(trained, recordings, use_labels=not unlabelled is not None)
     adapted.save(output)
     typer.echo(f"adapted to {describe_adaptation(adapted.manifest)}")
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")

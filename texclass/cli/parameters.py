@@ -1,5 +1,7 @@
 """Arguments and options shared by several commands, as annotated types of their parameters."""
 
+import functools
+import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -78,6 +80,10 @@ Column = Annotated[
         metavar="COLUMNS", help="Columns of the acceleration, by name or number, e.g. ax,ay,az or 2,3,4."
     ),
 ]
+Topic = Annotated[
+    str | None,
+    data_option(metavar="NAME", help="Topic of a bag that has several topics with an acceleration."),
+]
 Delimiter = Annotated[
     str | None, data_option(metavar="CHAR", help="Column delimiter of text files, e.g. ';' or 'tab'.")
 ]
@@ -122,6 +128,9 @@ TapSpacing = Annotated[
 SkipBad = Annotated[
     bool, data_option("--skip-bad", help="Skip and list unreadable recordings instead of stopping.")
 ]
+
+Reader = dict[str, Any]
+"""Options of `load_recording`, for commands with `with_reader_options`."""
 
 # Evaluation
 Protocol = Annotated[
@@ -222,30 +231,59 @@ JsonLines = Annotated[bool, output_option("--jsonl", help="Print one JSON object
 
 
 def reader_settings(
-    fs: float | None,
-    unit: str | None,
-    column: str | None,
-    delimiter: str | None,
-    time_column: str | None,
-    time_unit: str | None,
-    skip_rows: int | None,
-    comment: str | None,
-    drop_incomplete: bool,
-) -> dict[str, Any]:
-    """Convert the options of the panel "Data" to keyword arguments of `load_recording`."""
-    from texclass.loaders.columns import split_columns
+    fs: SamplingRate = None,
+    unit: Unit = None,
+    column: Column = None,
+    topic: Topic = None,
+    delimiter: Delimiter = None,
+    time_column: TimeColumn = None,
+    time_unit: TimeUnit = None,
+    skip_rows: SkipRows = None,
+    comment: Comment = None,
+    drop_incomplete: DropIncomplete = False,
+    resample: Resample = None,
+) -> Reader:
+    """Convert the options for reading recordings to keyword arguments of `load_recording`."""
+    columns = None
+    if column:  # the import is slow
+        from texclass.loaders.columns import split_columns
 
+        columns = split_columns(column)
     return {
         "fs": fs,
         "unit": unit,
-        "column": split_columns(column) if column else None,
+        "column": columns,
+        "topic": topic,
         "delimiter": "\t" if delimiter in ("tab", "\\t") else delimiter,
         "time_column": time_column,
         "time_unit": time_unit,
         "skip_rows": skip_rows,
         "comment": comment,
         "drop_incomplete": drop_incomplete or None,
+        "resample": resample,
     }
+
+
+def with_reader_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace the parameter `reader` of a command by the options of `reader_settings`.
+
+    The command receives the settings as `reader`. An option that it declares itself is not a setting.
+    """
+    own = inspect.signature(command).parameters
+    options = [one for name, one in inspect.signature(reader_settings).parameters.items() if name not in own]
+
+    @functools.wraps(command)
+    def run(**values: Any) -> None:
+        reader = reader_settings(**{option.name: values.pop(option.name) for option in options})
+        command(**values, reader=reader)
+
+    parameters = [
+        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for name in own
+        for parameter in (options if name == "reader" else [own[name]])
+    ]
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run
 
 
 def protocol_name(

@@ -22,6 +22,7 @@ contact_option = partial(Option, rich_help_panel="Contact")
 @app.command(
     rich_help_panel="Models", epilog="Example: texclass stream surfaces.skops new.txt --fs 10000 --unit m/s^2"
 )
+@p.with_reader_options
 def stream(
     model: Annotated[
         Path,
@@ -85,17 +86,11 @@ def stream(
             "--always-in-contact", help="For wheels and legs: detect no lift-off, and let evidence decay."
         ),
     ] = False,
-    fs: p.SamplingRate = None,
+    *,
     unit: Annotated[
         str | None, p.data_option(metavar="UNIT", help="Unit of the acceleration (default: as in training).")
     ] = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
+    reader: p.Reader,
     resample: Annotated[
         bool, p.data_option("--resample", help="Resample to the sampling rate of the model.")
     ] = False,
@@ -160,9 +155,6 @@ def stream(
         open_source,
     )
 
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
     settings = OnlineSettings(
         window_s=window,
         hop_s=hop,
@@ -188,7 +180,7 @@ def stream(
         model=trained,
         paced=real_time,
         raw_channels=channels,
-        **reader,
+        **reader | {"unit": unit},
         **topic,
     )
     publisher = answer_publisher(publish, diagnostics, domain=domain) if publish else None

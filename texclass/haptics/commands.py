@@ -56,6 +56,7 @@ Physical = Annotated[
     rich_help_panel="Recordings",
     epilog="Example: texclass describe recordings/oak/oak_01.txt --fs 10000 --unit m/s^2",
 )
+@p.with_reader_options
 def describe(
     recordings: Annotated[list[str], Argument(help="Recordings: files, or DATASET:RECORDING.")],
     references: Annotated[
@@ -67,16 +68,8 @@ def describe(
             autocompletion=p.shipped_names("datasets"),
         ),
     ] = None,
-    fs: p.SamplingRate = None,
-    unit: p.Unit = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
-    resample: p.Resample = None,
+    *,
+    reader: p.Reader,
     jobs: p.Jobs = -1,
     json_file: p.JsonFile = None,
 ) -> None:
@@ -86,10 +79,7 @@ def describe(
     """
     from texclass.loaders import find_recording
 
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
-    loaded = [find_recording(name, **reader, resample=resample) for name in recordings]
+    loaded = [find_recording(name, **reader) for name in recordings]
     from texclass import haptics
     from texclass.reporting import print_document
 

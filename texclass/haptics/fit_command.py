@@ -19,6 +19,7 @@ FORCE_UNITS = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
 """Factors from units of speed to mm/s, and of force to N."""
 
 
+@p.with_reader_options
 def fit(
     recordings: Annotated[
         list[str],
@@ -47,16 +48,7 @@ def fit(
             metavar="UNIT", help="Unit of the force: N, mN or gf (default: as in the column, or N)."
         ),
     ] = None,
-    fs: p.SamplingRate = None,
-    unit: p.Unit = None,
-    column: p.Column = None,
-    delimiter: p.Delimiter = None,
-    time_column: p.TimeColumn = None,
-    time_unit: p.TimeUnit = None,
-    skip_rows: p.SkipRows = None,
-    comment: p.Comment = None,
-    drop_incomplete: p.DropIncomplete = False,
-    resample: p.Resample = None,
+    reader: p.Reader,
     output: Annotated[
         Path,
         p.output_file(
@@ -85,13 +77,9 @@ def fit(
     from texclass.haptics.scene import PlannedScene, fit_recordings, write_scene_page
     from texclass.reporting import print_document
 
-    reader = p.reader_settings(
-        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
-    )
     units = {"speed": speed_unit, "normal_force": force_unit}
     columns = {"speed": speed_column, "normal_force": force_column}
-    options = reader | {"resample": resample}
-    loaded = [load_motion(name, options, columns, units, position_columns) for name in recordings]
+    loaded = [load_motion(name, reader, columns, units, position_columns) for name in recordings]
     result = fit_recordings(loaded, name=output.stem)
     write_json(json_file, result.to_json())
     if json_file != Path("-"):

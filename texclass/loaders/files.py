@@ -123,7 +123,7 @@ def load_recording(
     >>> load_recording("oak.csv", fs=1000, unit="g")
     <Recording 'oak': 1 s at 1000 Hz, 3 axes in m/s^2>
     """
-    path, path_topic = locate_recording(path)
+    path, topic = locate_recording(path, topic)
     settings = ReaderSettings(
         fs=fs,
         unit=unit,
@@ -132,7 +132,7 @@ def load_recording(
         time_column=time_column,
         time_unit=time_unit,
         resample=resample,
-        topic=topic or path_topic,
+        topic=topic,
         skip_rows=skip_rows,
         comment=comment,
         drop_incomplete=drop_incomplete,
@@ -156,21 +156,30 @@ def load_recording(
     )
 
 
-def locate_recording(name: str | Path) -> tuple[Path, str | None]:
-    """Return the file and topic of a name such as "bag:FILE?topic=/name"; the topic is None if there is none.
+def locate_recording(name: str | Path, topic: str | None = None) -> tuple[Path, str | None]:
+    """Return the file and topic of a name such as "bag:FILE?topic=/name".
+
+    Parameters
+    ----------
+    name : str or Path
+        File, or "bag:FILE", optionally with a topic.
+    topic : str, optional
+        Topic, if the name has none.
 
     Raises
     ------
     RecordingError
-        If the file does not exist.
+        If the file does not exist, or `topic` differs from that in the name.
     """
-    topic = None
     path = Path(name).expanduser()
     if is_bag_name(name):
         rest, _, query = str(name).removeprefix("bag:").partition("?")
-        path, topic = Path(rest).expanduser(), query.removeprefix("topic=") or None
+        path, named_topic = Path(rest).expanduser(), query.removeprefix("topic=")
         if query and not query.startswith("topic="):
             raise reader_error(name, f"unknown query {query!r}", "bag:FILE?topic=/name")
+        if topic and named_topic and topic.strip("/") != named_topic.strip("/"):
+            raise reader_error(name, f"topic {topic!r} contradicts it", "the topic in one place")
+        topic = topic or named_topic or None
     if not path.exists():
         raise RecordingError(f"{path}: cannot be opened (no such file)")
     return path / BAG_METADATA if (path / BAG_METADATA).is_file() else path, topic
@@ -416,6 +425,8 @@ def _read(
     reader, time_column = _reader(path), settings.time_column
     if is_bag(path):  # the reader of bags uses their time stamps
         return reader.read(path, wanted, settings)  # type: ignore[no-any-return]
+    if settings.topic is not None:
+        raise reader_error(path, f"topic {settings.topic!r} cannot be selected, it is not a bag", "a bag")
     if time_column is not None and time_column != NO_TIME_COLUMN:
         (time,) = resolve_columns((time_column,), reader.names(path, settings))
         read = reader.read(path, tuple(dict.fromkeys((*wanted, time))), settings)

@@ -23,6 +23,7 @@ from texclass.loaders.readers import (
     STORAGE_SUFFIXES,
     ReadSignals,
     is_bag,
+    is_topic_pattern,
     reader_error,
     storage_suffix,
 )
@@ -507,20 +508,10 @@ def _entries(
     path, pattern = root / names[0], reading.topic
     renamed = {normalize_name(name): surface for name, surface in reading.surfaces.items()}
     by_topic: dict[str | None, Groups] = {None: groups}
-    if pattern and re.compile(pattern).groupindex and is_bag(path):
-        topic_names = topics(path)
-        matches = {name: match for name in sorted(topic_names) if (match := _match(pattern, name))}
-        if not matches:
-            raise reader_error(
-                path,
-                f"no topic matches {pattern!r}",
-                f"a pattern that matches some of {', '.join(topic_names)}",
-            )
+    if pattern and is_topic_pattern(pattern) and is_bag(path):
         by_topic = {
-            name: groups
-            | {"recording": f"{groups['recording']}/{name.strip('/')}"}
-            | {group: text for group, text in match.groupdict().items() if text is not None}
-            for name, match in matches.items()
+            name: groups | {"recording": f"{groups['recording']}/{name.strip('/')}"} | topic_groups
+            for name, topic_groups in matching_topics(path, pattern).items()
         }
     for topic, topic_groups in by_topic.items():
         recording_id = topic_groups["recording"]
@@ -538,6 +529,25 @@ def _entries(
             paths=names,
             topic=topic,
         )
+
+
+def matching_topics(path: Path, pattern: str) -> dict[str, Groups]:
+    """Return the values of the groups of a pattern, by topic of a bag that matches it.
+
+    Raises
+    ------
+    RecordingError
+        If no topic matches, or the bag cannot be read.
+    """
+    names = topics(path)
+    matches = {name: match for name in sorted(names) if (match := _match(pattern, name))}
+    if not matches:
+        expected = f"a pattern that matches some of {', '.join(names)}"
+        raise reader_error(path, f"no topic matches {pattern!r}", expected)
+    return {
+        name: {group: text for group, text in match.groupdict().items() if text is not None}
+        for name, match in matches.items()
+    }
 
 
 def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]:

@@ -5,6 +5,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from texclass.loaders.data_files import data_files, normalize_name
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.exports import Export, export_companions, export_pattern, find_exports
 from texclass.loaders.files import axis_files, is_bag_name, load_recording, read_signals
-from texclass.loaders.filesets import bag_parts, open_files, open_rows
+from texclass.loaders.filesets import bag_parts, matching_topics, open_files, open_rows
 from texclass.loaders.labels import find_label_columns
 from texclass.loaders.places import data_roots, find_folder, is_outside
 from texclass.loaders.plausibility import folder_level_notes, resolve_rate, resolve_unit
@@ -34,11 +35,13 @@ from texclass.loaders.readers import (
     as_column_names,
     formats,
     is_bag,
+    is_topic_pattern,
     reader_error,
 )
 from texclass.phase_settings import PhaseSettings
 from texclass.recording import Recording, RecordingError
 from texclass.reporting.wording import counted
+from texclass.validation import validate
 
 
 def open_dataset(
@@ -126,8 +129,8 @@ def find_recording(
     unit : str, optional
         Unit of the acceleration in a file that does not state it.
     **reading : optional
-        Further arguments of `load_recording` and `open_dataset`: column, delimiter, time_column, time_unit,
-        resample, skip_rows, comment, drop_incomplete.
+        Further arguments of `load_recording` and `open_dataset`: column, topic, delimiter, time_column,
+        time_unit, resample, skip_rows, comment, drop_incomplete.
 
     Returns
     -------
@@ -205,16 +208,21 @@ def _open_folder(
     root, root_as_typed = root.absolute(), root
     all_files, files = data_files(root), recording_files(root)
     exports = find_exports(path.relative_to(root).as_posix() for path in all_files)
-    files, columns = _labelled_files(files, root, labels)
+    topic = settings.topic or ""
+    names_surface = is_topic_pattern(topic) and "surface" in re.compile(topic).groupindex
+    columns = None
+    if not names_surface or labels is not None:
+        files, columns = _labelled_files(files, root, labels)
     if not files:
         layout = "one subfolder per surface with files" if labels is None else "files"
         hint = "" if labels else ", or --labels LABELS.csv with columns `file` and `surface`"
         raise RecordingError(
             f"{root_as_typed} contains no recordings. Expected {layout} of {', '.join(formats())}{hint}"
         )
-    # The name of an export's folder identifies the recording; its files have the same names in all exports.
-    export_files = {root / export.acceleration for export in exports}
-    path_parts = [(path.parent if path in export_files else path).relative_to(root).parts for path in files]
+    # The folder of an export or a bag is the recording; its files have the same names in all of them.
+    in_folder = {root / export.acceleration for export in exports}
+    in_folder |= {path for path in files if path.name == BAG_METADATA}
+    path_parts = [(path.parent if path in in_folder else path).relative_to(root).parts for path in files]
     notes = [] if labels else folder_level_notes(path_parts)
     fs, unit, rate_of = settings.fs, settings.unit, ""
     channels = {ACCELERATION: as_column_names(settings.column)} if settings.column else {}
@@ -233,16 +241,16 @@ def _open_folder(
     other_files = {path.relative_to(root).as_posix() for path in all_files if not _is_recording(path)}
     if n_others := len(other_files - ignored):
         notes.append(f"{counted(n_others, 'file')} of other formats ignored")
-    reading = FileReading(
-        fs_hz=fs,
-        unit=unit,
-        files=_folder_patterns(exports, is_labelled=columns is not None),
-        labels=columns,
-        channels=channels,
-        companions=export_companions(exports),
-        resample_hz=settings.resample,
-        **settings.card_keys,
-    )
+    keys = {
+        "fs_hz": fs,
+        "unit": unit,
+        "files": _folder_patterns(exports, is_labelled=names_surface or columns is not None),
+        "labels": columns and columns.model_dump(),
+        "channels": channels,
+        "companions": export_companions(exports),
+        "resample_hz": settings.resample,
+    }
+    reading = validate(FileReading, keys | settings.card_keys, root_as_typed)
     reading._rate_of = rate_of
     return open_files(
         reading,
@@ -275,7 +283,9 @@ def _first_unit_and_rate(
     settings = ReaderSettings(unit=settings.unit, **settings.card_keys)
     for path in files:
         try:
-            first = read_signals({"": path}, channels, settings)
+            if (topic := settings.topic) and is_topic_pattern(topic) and is_bag(path):
+                topic = next(iter(matching_topics(path, topic)))
+            first = read_signals({"": path}, channels, replace(settings, topic=topic))
             break
         except RecordingError:
             if not skip_bad or path == files[-1]:

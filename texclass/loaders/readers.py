@@ -143,7 +143,8 @@ class ReaderSettings:
     resample : float, optional
         Target sampling rate in Hz.
     topic : str, optional
-        Topic of a bag (default: the only one with an acceleration).
+        Topic of a bag (default: the only one with an acceleration). For a dataset, also a pattern; see
+        `is_topic_pattern`.
     skip_rows : int, optional
         Number of lines to skip at the start of a text file (default 0).
     comment : str, optional
@@ -186,8 +187,8 @@ class ReaderSettings:
         Raises
         ------
         RecordingError
-            If a unit is unknown, a rate is out of range, the delimiter is not one character, `skip_rows` is
-            negative, or `comment` is blank.
+            If a unit is unknown, a rate is out of range, the topic is no valid pattern, the delimiter is not
+            one character, `skip_rows` is negative, or `comment` is blank.
         """
         low, high = RATES_HZ
         if self.unit not in (None, *UNITS):
@@ -195,6 +196,11 @@ class ReaderSettings:
         for name, rate in {"fs": self.fs, "resample": self.resample}.items():
             if rate is not None and not low <= rate <= high:
                 raise reader_error(where, f"{name} is {rate:g} Hz", f"a rate from {low:g} to {high:g} Hz")
+        try:
+            is_topic_pattern(self.topic)
+        except re.error as error:
+            problem = f"topic {self.topic!r} is not a valid regular expression ({error})"
+            raise reader_error(where, problem, "the name of a topic, or a pattern with groups") from error
         if self.delimiter is not None and (len(self.delimiter) != 1 or self.delimiter in '"\r\n'):
             raise reader_error(where, f"delimiter is {self.delimiter!r}", "one character other than a quote")
         if self.time_unit not in (None, *TIME_UNITS):
@@ -207,6 +213,17 @@ class ReaderSettings:
             raise reader_error(
                 where, f"comment is {self.comment!r}", "1 to 8 characters without blanks, digits and quotes"
             )
+
+
+def is_topic_pattern(topic: str | None) -> bool:
+    """Return whether a topic is a regular expression with named groups: every match is one recording.
+
+    Examples
+    --------
+    >>> is_topic_pattern("/imu"), is_topic_pattern("/(?P<surface>[a-z]+)/imu")
+    (False, True)
+    """
+    return topic is not None and bool(re.compile(topic).groupindex)
 
 
 def require_columns(wanted: Sequence[str], names: Sequence[str], where: object, *, hint: str = "") -> None:

@@ -163,8 +163,8 @@ class Model:
         unit : str, optional
             Unit of files that do not state it (default: that of the training files).
         **options : optional
-            Options of `load_recording` for files that differ from the training files: column, delimiter,
-            time_column, time_unit, resample, skip_rows, comment, drop_incomplete.
+            Options of `load_recording` for files that differ from the training files: column, topic,
+            delimiter, time_column, time_unit, resample, skip_rows, comment, drop_incomplete.
 
         Returns
         -------

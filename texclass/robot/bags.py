@@ -4,6 +4,7 @@ Columns of the selected topic have short names: the `linear_acceleration` of an 
 other topics are named "/topic/column", and are interpolated at the sample times of the selected topic.
 """
 
+import difflib
 from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
@@ -15,12 +16,14 @@ from texclass.loaders.readers import (
     ReaderSettings,
     ReadSignals,
     check_size,
+    is_topic_pattern,
     quote_names,
     reader_error,
     require_columns,
 )
 from texclass.loaders.timestamps import Timestamps, to_uniform_rate
 from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
+from texclass.reporting.wording import counted
 from texclass.robot.bag_files import Connection, bag_messages, bag_topics
 from texclass.robot.ros_messages import (
     MULTI_ARRAY,
@@ -157,7 +160,14 @@ def select_topic(topics: Mapping[str, Connection], name: str | None, path: Path)
     if name is not None:
         connection = topics.get(name) or topics.get(f"/{name}")
         if connection is None:
-            raise RecordingError(f"{path} has no topic {name!r}. Expected one of {quote_names([*topics])}")
+            if is_topic_pattern(name):
+                problem = f"topic {name!r} is a pattern with groups, which selects one recording per topic"
+                raise reader_error(path, problem, f"the name of one topic of {quote_names([*topics])}")
+            closest = difflib.get_close_matches(name, topics, n=1)
+            hint = f". Try --topic {closest[0]}" if closest else ""
+            raise RecordingError(
+                f"{path} has no topic {name!r}. Expected one of {quote_names([*topics])}{hint}"
+            )
         if connection.type_name not in READABLE and type_of(*connection.type_key) is None:
             expected = f"{', '.join(READABLE)}, or a type with a header and numbers that the bag defines"
             raise reader_error(path, f"topic {name!r} has type {connection.type_name!r}", expected)
@@ -167,18 +177,26 @@ def select_topic(topics: Mapping[str, Connection], name: str | None, path: Path)
         if len(candidates) == 1:
             return candidates[0]
         if candidates:
+            described = ", ".join(_describe_topic(path, connection) for connection in candidates[:8])
+            n_others = f" and {len(candidates) - 8} more" if len(candidates) > 8 else ""
             raise RecordingError(
-                f"{path} has several topics with an acceleration: "
-                f"{quote_names([c.topic for c in candidates])}. Select one with bag:{path.name}?topic=NAME, "
-                "or with `topic` in a dataset card"
+                f"{path} has several topics with an acceleration: {described}{n_others}. Select one with "
+                f"--topic {candidates[0].topic} (`topic` in Python or in a dataset card)"
             )
     available = quote_names([f"{c.topic} ({c.type_name})" for c in topics.values()])
     readable = ", ".join(name for name in READABLE if name == MULTI_ARRAY or TYPES[name].unit)
     raise RecordingError(
         f"{path} has no topic with an acceleration ({readable}), only {available}. To read another "
-        f"topic, name it and its fields: bag:{path.name}?topic=NAME, --column FIELD.x,FIELD.y,FIELD.z, "
-        "--unit UNIT"
+        "topic, name it and its fields: --topic NAME --column FIELD.x,FIELD.y,FIELD.z --unit UNIT"
     )
+
+
+def _describe_topic(path: Path, connection: Connection) -> str:
+    """Return name, message type, number of messages and rate of a topic as text."""
+    received = [receipt_ns for receipt_ns, _ in bag_messages(path, connection)]
+    seconds = (max(received, default=0) - min(received, default=0)) / 1e9
+    rate = f" at {(len(received) - 1) / seconds:.4g} Hz" if seconds > 0 else ""
+    return f"{connection.topic} ({connection.type_name}, {counted(len(received), 'message')}{rate})"
 
 
 def _channel_names(n: int) -> tuple[str, ...]:

@@ -27,7 +27,16 @@ BLOCK_S = 0.025
 """Default length of a block in seconds."""
 MAX_CHANNELS = 1024
 """Largest number of channels; a larger number indicates a wrong file format."""
-FILE_OPTIONS = ("column", "delimiter", "time_column", "time_unit", "skip_rows", "comment", "drop_incomplete")
+FILE_OPTIONS = (
+    "column",
+    "topic",
+    "delimiter",
+    "time_column",
+    "time_unit",
+    "skip_rows",
+    "comment",
+    "drop_incomplete",
+)
 STDIN = "standard input"
 
 
@@ -83,10 +92,10 @@ def open_source(
         them. Files and bags are read and conditioned like its training files; live sources are not
         conditioned.
     **reading : optional
-        Further options, which depend on the source. Files accept column, delimiter, time_column, time_unit,
-        skip_rows, comment and drop_incomplete (see `load_recording`). Standard input accepts column (by
-        number) and delimiter. ROS 2 topics accept domain, reliability, depth, wait_s and end_s (see
-        `topic_blocks`).
+        Further options, which depend on the source. Files accept column, topic, delimiter, time_column,
+        time_unit, skip_rows, comment and drop_incomplete (see `load_recording`). Standard input accepts
+        column (by number) and delimiter. ROS 2 topics accept domain, reliability, depth, wait_s and end_s
+        (see `topic_blocks`).
 
     Returns
     -------

@@ -1,6 +1,5 @@
 """Input of a trained model: the columns of a stream, and files to be read like the training files."""
 
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,7 +19,14 @@ from texclass.loaders.exports import find_export
 from texclass.loaders.filesets import condition_recording
 from texclass.loaders.open import flat_files
 from texclass.loaders.plausibility import build_recording, resolve_unit
-from texclass.loaders.readers import BAG_METADATA, FORMATS, ReaderSettings, as_column_names, is_bag
+from texclass.loaders.readers import (
+    BAG_METADATA,
+    FORMATS,
+    ReaderSettings,
+    as_column_names,
+    is_bag,
+    is_topic_pattern,
+)
 from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.validation import StrictModel
@@ -174,7 +180,7 @@ class TrainingFiles(StrictModel):
             channels = dict(card.channels)
             facts["acceleration"] = channels.pop("acceleration", ())
             facts |= {"auxiliary": channels, "resample": card.resample_hz is not None}
-            if card.topic is not None and re.compile(card.topic).groupindex:  # a pattern for several topics
+            if is_topic_pattern(card.topic):
                 facts["topic"] = None
         return cls(**facts, fs=recording.fs, axes=recording.channels)
 
@@ -192,7 +198,7 @@ class TrainingFiles(StrictModel):
         unit : str, optional
             Unit of the acceleration (default: that of the training files).
         **reading : optional
-            Further options of `load_recording`: column, delimiter, time_column, time_unit, resample,
+            Further options of `load_recording`: column, topic, delimiter, time_column, time_unit, resample,
             skip_rows, comment, drop_incomplete.
 
         Raises
@@ -204,10 +210,10 @@ class TrainingFiles(StrictModel):
         is_file = path.suffix.lower() in FORMATS and (path.exists() or ":" not in str(name))
         is_file |= find_export(path) is not None
         if is_file or _is_bag(name):
-            resample = reading.pop("resample", None)
+            resample, topic = reading.pop("resample", None), reading.pop("topic", None)
             options = {"acceleration": as_column_names(reading.pop("column", None)), **reading}
             training_files = self.model_copy(update={key: value for key, value in options.items() if value})
-            return training_files.load(name, fs=fs, unit=unit, resample=resample)
+            return training_files.load(name, fs=fs, unit=unit, resample=resample, topic=topic)
         return find_recording(name, fs=fs, unit=unit, **reading)
 
     def references(
@@ -274,7 +280,11 @@ class TrainingFiles(StrictModel):
             export_folders = {folder for folder in {file.parent for file in paths} if find_export(folder)}
             paths = [file.parent if file.parent in export_folders else file for file in paths]
             return [
-                Member(str(file), partial(self.find, file, **reading), entry.surface)
+                Member(
+                    f"{file}?topic={entry.topic}" if entry.topic else str(file),
+                    partial(self.find, file, **reading | ({"topic": entry.topic} if entry.topic else {})),
+                    entry.surface,
+                )
                 for file, entry in zip(paths, entries, strict=True)
             ]
         if labels is not None:
@@ -296,6 +306,7 @@ class TrainingFiles(StrictModel):
         fs: float | None = None,
         unit: str | None = None,
         resample: float | None = None,
+        topic: str | None = None,
     ) -> Recording:
         """Load a file in the same way as the training files.
 
@@ -315,13 +326,18 @@ class TrainingFiles(StrictModel):
             Unit of the acceleration (default: that of the training files).
         resample : float, optional
             New sampling rate in Hz.
+        topic : str, optional
+            Topic of a bag (default: that of the training files if the bag has it, otherwise the only one with
+            an acceleration).
 
         Raises
         ------
         RecordingError
             If the file is invalid, or contradicts `fs` or `unit`.
         """
-        path, topic = files.locate_recording(name) if _is_bag(name) else (Path(name).expanduser(), None)
+        path = Path(name).expanduser()
+        if _is_bag(name):
+            path, topic = files.locate_recording(name, topic)
         if not topic and self.topic is not None and is_bag(path) and self.topic in files.topics(path):
             topic = self.topic
         settings = ReaderSettings(
