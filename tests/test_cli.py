@@ -346,7 +346,7 @@ def test_benchmark_uses_the_given_training_set_and_test_set(run, tmp_path):
     result = json.loads((tmp_path / "here/tiny-few-few-shot-1.json").read_text())
     assert (result["protocol"], result["n_starts"], result["n_folds"]) == ("few-shot 1", 2, 4)
     code, _, err = run(*arguments, "--leave-out", "hand")
-    assert (code, "unknown label 'hand'" in err) == (1, True), err
+    assert (code, "the label 'hand'. Expected one of surface, operator, repetition" in err) == (1, True), err
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -71,6 +71,22 @@ def test_table_holds_metadata_features_and_reasons_on_disk_too(toy_dataset, feat
     assert list(tmp_path.glob("*.parts")) == []
 
 
+def test_labels_stand_between_metadata_and_features_and_cannot_have_their_names(
+    toy_dataset, extract, tmp_path
+):
+    def with_label(name):
+        dataset = toy_dataset()
+        entries = (replace(one, labels=((name, f"{one.repetition % 2}"),)) for one in dataset.entries)
+        return replace(dataset, entries=tuple(entries))
+
+    table = extract(with_label("speed"))
+    assert list(table.frame.columns[: len(METADATA) + 1]) == [*METADATA, "speed"]
+    assert read_table(tmp_path / "t.parquet").frame["speed"].tolist() == ["1", "0"] * 6
+    assert "speed" not in table.columns
+    with pytest.raises(ValueError, match=r"toy.*: the label 'level' has the name of a feature"):
+        extract(with_label("level"))
+
+
 def _with_axes(numbers):
     """Return a dataset of recordings with such numbers of axes."""
 

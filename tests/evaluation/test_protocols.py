@@ -199,19 +199,27 @@ def test_an_impossible_split_raises_an_error_with_value_and_expectation():
         ("operator", single, "surface m0 has no recording without operator a"),
         ("chronological", a_table(3, 1), "surface m0 has 1 recording"),
         ("chronological", a_table(repetition=None), "recording m0_1 has no repetition number"),
-        ("random", a_table(), f"{', '.join(PROTOCOLS)}, few-shot NUMBER, leave-out LABEL, LABEL=VALUES"),
+        (
+            "random",
+            a_table(),
+            f"{', '.join(PROTOCOLS)}, few-shot NUMBER, leave-out LABEL\\[,LABEL\\], LABEL=VALUES",
+        ),
         (
             "repetition=0-4 -> repetition=4-9",
             a_table(),
             "recording m0_4 is in the training set and in the test set",
         ),
         ("repetition=0-4 -> repetition=40-49", a_table(), "has repetition '40-49'. Expected one of: 1, 2, 3"),
-        ("repetition=0-4 -> smell=a", a_table(), "unknown label 'smell'. Expected one of surface, operator"),
+        (
+            "repetition=0-4 -> smell=a",
+            a_table(),
+            "no recording has the label 'smell'. Expected one of surface, repetition, operator",
+        ),
         ("repetition=0-4 -> session", a_table(), "by 'session'. Expected LABEL=VALUE,VALUE"),
         (
             "leave-out session",
             a_table(),
-            "0 sessions, and 30 recordings without a label. Leave-one-out .* at least 2 different",
+            "30 of 30 recordings have no session, for example 'm0_1'. .* needs a value for every recording",
         ),
         (
             "shuffled-windows",
@@ -241,6 +249,77 @@ def test_any_label_defines_training_set_and_test_set():
     assert [set(table["session"][test]) for _, test in folds] == [{"a"}, {"b"}]
     for train, test in folds:
         assert not set(table["session"][train]) & set(table["session"][test])
+
+
+def labelled():
+    """A table with speeds and forces: each surface at each of six conditions, twice."""
+    conditions = [(speed, force) for speed in ("20", "30", "50") for force in ("0.5", "2.5")]
+    speeds, forces = zip(*(conditions * 2), strict=True)
+    return a_table(2, 12).assign(speed=[*speeds] * 2, force=[*forces] * 2)
+
+
+def test_combinations_of_labels_are_left_out_in_turn_and_are_independent():
+    table = labelled()
+    folds = split("leave-out speed,force", table)
+    combinations = [set(zip(table["speed"][test], table["force"][test], strict=True)) for _, test in folds]
+    assert len(folds) == len({*map(frozenset, combinations)}) == 6
+    for (train, test), (left_out,) in zip(folds, combinations, strict=True):
+        assert left_out not in set(zip(table["speed"][train], table["force"][train], strict=True))
+        assert len(train) + len(test) == len(table)
+    unit, values = find_protocol("leave-out speed, force").independent(table)
+    assert (unit, len(set(values))) == ("speed-force combination", 6)
+    assert find_protocol("leave-out speed").independent(table)[0] == "speed"
+
+
+@pytest.mark.parametrize(
+    ("name", "trained", "tested"),
+    [
+        ("speed=20-30 -> speed=50", {"20", "30"}, {"50"}),
+        ("speed=20,50 -> speed=25.5-30", {"20", "50"}, {"30"}),
+        ("speed=20 & force=0.4-0.6 -> speed=50 & force=0.5", {"20"}, {"50"}),
+    ],
+)
+def test_ranges_of_any_label_may_have_decimals(name, trained, tested):
+    table = labelled()
+    ((train, test),) = split(name, table)
+    assert (set(table["speed"][train]), set(table["speed"][test])) == (trained, tested)
+    if "force" in name:
+        assert set(table["force"][test]) == set(table["force"][train]) == {"0.5"}
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "message"),
+    [
+        (
+            "leave-out tool",
+            {},
+            "no recording has the label 'tool'. Expected one of surface, repetition, operator, ",
+        ),
+        ("leave-out speed,tool", {}, "no recording has the label 'tool'. .*speed, force"),
+        ("leave-out recording_id", {}, "no recording has the label 'recording_id'"),
+        ("tool=a -> tool=b", {}, "no recording has the label 'tool'"),
+        ("speed=70 -> speed=20", {}, "no recording has speed '70'. Expected one of: 20, 30, 50"),
+        ("leave-out speed", {"speed": "20"}, "all recordings have the same speed, '20'. .* at least 2"),
+        ("leave-out speed,force", {"speed": "20", "force": "1"}, "the same speed and force, '20, 1'"),
+        ("leave-out speed", {"speed": ["20", None, "30"] * 8}, "8 of 24 recordings have no speed, .* 'm0_2'"),
+        (
+            "leave-out speed",
+            {"speed": ["20"] * 12 + ["20", "30"] * 6, "surface": ["m0"] * 12 + ["m1"] * 12},
+            "surface m0 has no recording without speed 20. The training set must contain",
+        ),
+        ("leave-out ", {}, "cannot leave out ''. Expected different labels"),
+        ("leave-out speed,speed", {}, "cannot leave out 'speed,speed'"),
+        ("=20 -> speed=20", {}, "cannot select recordings by ''"),
+    ],
+)
+def test_a_split_by_unsuitable_labels_raises_an_error(name, changes, message):
+    with pytest.raises(ValueError, match=message):
+        split(name, labelled().assign(**changes))
+
+
+def test_a_feature_is_no_label_in_messages():
+    with pytest.raises(ValueError, match=r"Expected one of surface, repetition, operator, speed, force$"):
+        split("leave-out tool", labelled().assign(hardness=1.5, is_train_only=False))
 
 
 def test_what_is_left_out_is_independent_else_runs_or_recordings():

@@ -47,6 +47,22 @@ def test_windows_follow_each_other_within_the_movement_with_all_signals_and_fact
     np.testing.assert_array_equal(window.friction, 2 * window.acceleration)
 
 
+def test_windows_and_tables_keep_further_labels(counting, tmp_path):
+    speeds = {1: (("speed", "20"),), 2: (("speed", "50"), ("tool", "steel")), 3: ()}
+    entries = tuple(replace(entry, labels=speeds[entry.repetition]) for entry in counting.entries)
+    dataset = replace(counting, entries=entries)
+    assert dataset.table["speed"].isna().sum() == 2
+    assert "speed (2)" in repr(dataset)
+    assert "tool" not in repr(dataset)  # one value
+    cut = pickle.loads(pickle.dumps(add_overlapping_windows(cut_windows(dataset, 0.5), 2)))
+    assert {dict(w.labels).get("tool") for w in cut.entries if w.repetition == 2} == {"steel"}
+    frame = metadata(cut.entries)
+    assert frame.groupby("repetition")["speed"].unique().map(list).to_dict()[2] == ["50"]
+    assert frame["speed"].isna().groupby(frame["repetition"]).all().to_dict() == {1: False, 2: False, 3: True}
+    ((train, test),) = PROTOCOLS["recording"].split(frame, 3, 0)[:1]
+    assert set(frame["parent"][train]).isdisjoint(frame["parent"][test])
+
+
 def test_windows_may_be_one_a_recording_or_overlap(counting):
     first = cut_windows(counting, 1.2, per_recording=1)
     assert len(first) == len(counting)

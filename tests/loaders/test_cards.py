@@ -97,8 +97,12 @@ def test_all_missing_and_unknown_keys_are_listed_at_once(tmp_path):
         ({"files": []}, "files is []. Expected text or a list of text"),
         ({"files": "(?P<surface>"}, "files contains '(?P<surface>', which is not a valid regular expression"),
         (
-            {"files": "(?P<colour>.*)"},
-            "files defines unknown groups ['colour']. Expected some of recording, surface, ",
+            {"files": "(?P<surface>.*)_(?P<sesion>.*)"},
+            "files defines the group 'sesion', which resembles 'session'. Correct it",
+        ),
+        (
+            {"files": "(?P<surface>.*)_(?P<parent>.*)"},
+            "files defines the group 'parent', which cannot be the name of a label",
         ),
         (
             {"files": r".*\.txt"},
@@ -109,8 +113,13 @@ def test_all_missing_and_unknown_keys_are_listed_at_once(tmp_path):
         ({"labels": {"file": "l.csv"}}, "missing key labels.recording"),
         (
             {"labels": {"file": "l", "recording": "r", "axis": "a"}},
-            "unknown key labels.axis (expected one",
+            "labels: [labels] defines 'axis', which cannot be the name of a label",
         ),
+        (
+            {"labels": {"file": "l", "recording": "r", "operater": "a"}},
+            "labels: [labels] defines 'operater', which resembles 'operator'",
+        ),
+        ({"labels": {"file": "l", "recording": "r", "speed": 3}}, "labels.speed is 3. Expected text"),
     ],
 )
 def test_an_invalid_value_is_named_with_file_and_key(tmp_path, changes, message):

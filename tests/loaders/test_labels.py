@@ -69,6 +69,33 @@ def test_groups_are_read_and_blank_groups_are_unknown(mine):
     assert by_id["more/rec003"].repetition == 3
 
 
+def test_all_other_columns_are_labels_under_normalized_names(mine):
+    table = (
+        "file;surface;Speed (mm/s);Tool;;axis\nrec001;a;20;steel;x;1\nrec002;b;020;;x;2\nrec003;c;50;NA;x;3\n"
+    )
+    dataset = open_labelled(mine, table)
+    assert list(dataset.table.columns[-2:]) == ["speed_mm_s", "tool"]
+    assert dataset.table["speed_mm_s"].to_dict() == {"rec001": "20", "rec002": "020", "more/rec003": "50"}
+    assert dataset.table["tool"].dropna().to_dict() == {"rec001": "steel", "more/rec003": "NA"}
+    assert "speed_mm_s (3), tool (2)" in repr(dataset)
+    other = open_labelled(mine, table.replace("50;NA", "60;NA"))
+    assert other.input_hash != dataset.input_hash
+    card = draft_card(mine, mine, labels=mine.parent / "labels.csv", **OPTIONS)
+    (mine / "card.toml").write_text(card)
+    from_card = open_dataset(mine / "card.toml")
+    assert from_card.table.equals(other.table)
+
+
+def test_a_column_that_differs_between_axes_is_no_label_of_their_recording(tmp_path):
+    root = tmp_path / "mine"
+    root.mkdir()
+    for k, axis in enumerate("XYZ"):
+        np.savetxt(root / f"rec_{axis}.txt", np.random.default_rng(k).normal(size=2000))
+    rows = "".join(f"rec_{axis}.txt,a,20,{offset}\n" for offset, axis in enumerate("XYZ"))
+    (entry,) = open_labelled(root, f"file,surface,speed,offset\n{rows}").entries
+    assert entry.labels == (("speed", "20"),)
+
+
 @pytest.mark.parametrize(
     ("table", "message"),
     [
@@ -87,6 +114,8 @@ def test_groups_are_read_and_blank_groups_are_unknown(mine):
         ("file,surface\nrec001,a,b\n", "row 2 has 3 cells. Expected 2"),
         ("file,what\nrec001,a\n", r"no column for the surface: 'file', 'what'\. Expected one column `file`"),
         ("file,surface,label\nrec001,a,b\n", "several columns for the surface: 'surface', 'label'"),
+        ("file,surface,sesion\nrec001,a,b\n", "defines the label 'sesion', which resembles 'session'"),
+        ("file,surface,Tool,tool\nrec001,a,b,c\n", "several columns for the label 'tool': 'Tool', 'tool'"),
         ("", "no rows. Expected a header"),
         (b"file,surface\n\xff\xfa\x80,a\n", "cannot be read"),
         ('file,surface\n"rec001,a\n', "cannot be read"),

@@ -1,5 +1,6 @@
 """The shipped cards: on their recordings (skipped where absent), or on files laid out as documents say."""
 
+import itertools
 from collections import Counter
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from texclass import shipped
 from texclass.evaluation import find_protocol
+from texclass.evaluation.benchmark import run_benchmark
 from texclass.evaluation.feature_table import metadata
 from texclass.loaders import DataNotFoundError, fetch_recordings, open_dataset, read_card
 from texclass.phases import find_phases
@@ -91,6 +93,13 @@ def test_borealtc_has_turn_rate_no_gravity_and_one_session_per_run():
     assert recording.turn_rate.shape == recording.acceleration.shape
 
 
+@pytest.mark.usefixtures("data_root")
+def test_speeds_of_fabrics_are_left_out_in_turn():
+    table = metadata(open_dataset("fabric_speeds").entries)
+    folds = find_protocol("leave-out speed").split(table, 10, 0)
+    assert [set(table["speed"][test]) for _, test in folds] == [{"v1"}, {"v2"}, {"v3"}, {"v4"}]
+
+
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_local_recordings_equal_the_converted_published_ones(name, data_root, monkeypatch):
     monkeypatch.setenv("https_proxy", "http://127.0.0.1:9")  # all files are there, so no request is sent
@@ -110,27 +119,66 @@ def place(tmp_path, monkeypatch):
     return write
 
 
-def parts(dataset, label):
-    """Return what `--leave-out LABEL` trains and tests on, in turn, as two lists of ids each."""
-    table = dataset.table.reset_index()
-    split = find_protocol(f"leave-out {label}").split(table, 5, 0)
-    return [[set(table["recording_id"].iloc[rows]) for rows in fold] for fold in split]
+PIPELINE = """
+features = "strese2015"
+seed = 1
+[[steps]]
+use = "sklearn.preprocessing.StandardScaler"
+[classifiers.lda]
+use = "sklearn.discriminant_analysis.LinearDiscriminantAnalysis"
+[[rows]]
+name = "MFCC"
+features = ["mfcc_constant"]
+"""
 
 
-def test_cluster118_is_split_by_speed_and_not_by_repetition(place):
-    rng = np.random.default_rng(0)
-    t = np.arange(6000) / 6000 + rng.uniform(-4e-5, 4e-5, 6000)
+@pytest.fixture
+def folds_of(tmp_path):
+    """Return what runs each protocol of a card, and gives the labels of both sets of each fold."""
+    (tmp_path / "small.toml").write_text(PIPELINE)
+
+    def run(name):
+        dataset, folds = open_dataset(name), {}
+        for one in read_card(name).protocols:
+            result = run_benchmark(dataset, tmp_path / "small.toml", protocol=one.protocol, n_folds=one.folds)
+            table = metadata(dataset.entries)
+            splits = find_protocol(one.protocol).split(table, one.folds, 1)
+            assert result.data["n_folds"] == len(splits)
+            assert result.best == ("MFCC", "lda")
+            folds[one.protocol] = [(table.iloc[train], table.iloc[test]) for train, test in splits]
+        return folds
+
+    return run
+
+
+def values_of(folds, label):
+    """Return the values of a label in the training set and the test set of each fold."""
+    return [(set(train[label]), set(test[label])) for train, test in folds]
+
+
+def test_cluster118_is_split_by_speed_direction_and_force_and_not_by_repetition(place, folds_of):
+    rng, n = np.random.default_rng(0), 1500
+    t = np.arange(n) / 6000 + rng.uniform(-4e-5, 4e-5, n)
+    conditions = list(itertools.product((0, 135), (20, 40, 60), (500, 1000), (0, 1)))
     for surface, inside in ((0, ""), (1, "1/")):
-        for speed, repetition in ((20, 0), (20, 1), (60, 0), (60, 1)):
-            axes = np.sin(2 * np.pi * 50 * t), 0.1 * rng.standard_normal(6000), 0.01 * t - 0.96
-            name = f"sensor_data/accel/{inside}{surface}_135_{speed}_500_{repetition}.csv"
+        for direction, speed, force, repetition in conditions:
+            axes = np.sin(2 * np.pi * 50 * t), 0.1 * rng.standard_normal(n), 0.01 * t - 0.96
+            name = f"sensor_data/accel/{inside}{surface}_{direction}_{speed}_{force}_{repetition}.csv"
             place("cluster118", name, np.column_stack([t, *axes]), delimiter=",", header="time,X,Y,Z")
     place("cluster118", "sensor_data/force/0_135_20_500_0.csv", t, header="force")
     dataset = open_dataset("cluster118")
-    assert (len(dataset), dataset.surfaces) == (8, ("0", "1"))
-    for train, test in parts(dataset, "session"):
-        speeds = [{recording.split("_")[2] for recording in ids} for ids in (train, test)]
-        assert sorted(map(sorted, speeds)) == [["20"], ["60"]]
+    assert (len(dataset), dataset.surfaces) == (48, ("0", "1"))
+    assert dict(dataset.entries[0].labels) == {"direction": "0", "speed": "20", "force": "500"}
+    assert dataset.table["session"].isna().all()
+    folds = folds_of("cluster118")
+    speeds = {"20", "40", "60"}
+    assert values_of(folds["leave-out speed"], "speed") == [
+        (speeds - {speed}, {speed}) for speed in sorted(speeds)
+    ]
+    assert values_of(folds["leave-out direction"], "speed") == [(speeds, speeds)] * 2
+    assert values_of(folds["leave-out direction"], "direction") == [({"135"}, {"0"}), ({"0"}, {"135"})]
+    assert values_of(folds["leave-out force"], "force") == [({"500"}, {"1000"}), ({"1000"}, {"500"})]
+    assert len(folds["recording"]) == 5
     recording = dataset[0]
     assert (recording.fs, recording.unit, recording.phases.kind) == (6000, "m/s^2", "movement only")
     true = np.sin(2 * np.pi * 50 * np.arange(recording.n_samples) / 6000)
@@ -138,37 +186,44 @@ def test_cluster118_is_split_by_speed_and_not_by_repetition(place):
     np.testing.assert_allclose(np.median(recording.acceleration, axis=0), 0, atol=1e-12)
 
 
-def test_lmt108_joins_axes_and_friction_and_keeps_its_own_training_set(place):
+def test_lmt108_joins_axes_and_friction_and_keeps_its_own_training_set(place, folds_of):
     rng = np.random.default_rng(0)
     for surface in ("G1EpoxyRasterPlate", "G2Paper"):
         for folder, part in (("Training", "train"), ("Testing", "test")):
-            for k in (1, 2):
+            for k in range(1, 6):
                 for axis in "XYZ":
                     name = f"AccelScansComponents/Movement/{folder}/{surface}_Movement_{axis}_{part}{k}.txt"
                     place("lmt108", name, rng.standard_normal(1000 + k))
                 name = f"FricScans/FSR1/{folder}/{surface}_FrictionFSR1_Movement_{part}{k}.txt"
                 place("lmt108", name, rng.uniform(1, 2, 1000))
     dataset = open_dataset("lmt108")
-    assert len(dataset) == 8
+    assert len(dataset) == 20
     assert dataset.surfaces == ("G1EpoxyRasterPlate", "G2Paper")
     assert dataset[0].acceleration.shape == (1000, 3)
     assert dataset[0].friction.shape == (1000,)
-    table = dataset.table.reset_index()
-    ((train, test),) = find_protocol("session=train -> session=test").split(table, 5, 0)
-    assert (set(table["session"].iloc[train]), set(table["session"].iloc[test])) == ({"train"}, {"test"})
+    folds = folds_of("lmt108")
+    assert values_of(folds["session=train -> session=test"], "session") == [({"train"}, {"test"})]
+    assert values_of(folds["leave-out session"], "session") == [
+        ({"train"}, {"test"}),
+        ({"test"}, {"train"}),
+    ]
+    assert len(folds["recording"]) == 10
 
 
-def test_lmt69_contains_queries_operators_and_friction(place):
+def test_lmt69_contains_queries_operators_and_friction(place, folds_of):
     rng = np.random.default_rng(0)
     for surface in ("Brick", "Cork"):
-        for k in (1, 2):
+        for k in range(1, 7):
             place("lmt69", f"Training/Accel/{surface}_query{k}.txt", rng.standard_normal(2000))
-        for who in ("1", "Anna"):
+        for who in ("1", "2", "3", "Anna"):
             place("lmt69", f"Testing/AccelScansDFT321/{surface}_{who}.txt", rng.standard_normal(2000))
             place("lmt69", f"Testing/FricScans/{surface}_Friction_{who}.txt", rng.uniform(1, 2, 1900))
     dataset = open_dataset("lmt69")
-    assert dataset.table["session"].value_counts().to_dict() == {"Training": 4, "Testing": 4}
+    assert dataset.table["session"].value_counts().to_dict() == {"Training": 12, "Testing": 8}
     assert set(dataset.table["operator"].dropna()) == {"Anna"}
     for entry, recording in zip(dataset.entries, dataset, strict=True):
         assert (recording.friction is not None) == (entry.session == "Testing")
         assert len(recording.acceleration) == (2000 if recording.friction is None else 1900)
+    folds = folds_of("lmt69")
+    assert values_of(folds["session=Training -> session=Testing"], "session") == [({"Training"}, {"Testing"})]
+    assert len(folds["recording"]) == 10

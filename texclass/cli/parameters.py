@@ -149,7 +149,8 @@ TrainingSet = Annotated[
     evaluation_option(
         "--train",
         metavar="LABEL=VALUES",
-        help="Training set, e.g. repetition=1-20 or session=a,b (repeatable: all conditions must hold).",
+        help="Training set, e.g. repetition=1-20 or speed=20,30 (repeatable: all conditions must hold). Any "
+        "label of the dataset can be used.",
     ),
 ]
 TestSet = Annotated[
@@ -157,13 +158,15 @@ TestSet = Annotated[
     evaluation_option(
         "--test",
         metavar="LABEL=VALUES",
-        help="Test set, e.g. repetition=31-40 (repeatable: all conditions must hold).",
+        help="Test set, e.g. repetition=31-40 or speed=50 (repeatable: all conditions must hold).",
     ),
 ]
 LeaveOut = Annotated[
     str | None,
     evaluation_option(
-        metavar="LABEL", help="Leave out one value of a label at a time: operator, session or repetition."
+        metavar="LABEL",
+        help="Leave out one value of a label at a time, e.g. operator, session or speed; speed,force leaves "
+        "out each combination.",
     ),
 ]
 Axes = Annotated[

@@ -34,7 +34,7 @@ from texclass.features.phase_view import Channels, separate_channels
 from texclass.features.plan import Plan
 from texclass.features.reasons import Reason, describe_missing_values
 from texclass.features.sets import FeatureSet, code_hash
-from texclass.loaders.dataset import Dataset, Entry
+from texclass.loaders.dataset import Dataset, Entry, label_columns
 from texclass.recording import RecordingError, Samples, axes_differ, describe_axes
 from texclass.reporting.wording import counted
 
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 METADATA = ("recording_id", "surface", "operator", "session", "repetition")
-"""Label columns of every table; the feature columns follow them. Tables of windows also have `parent` (the
-recording) and, if training windows overlap, `is_train_only`."""
+"""Label columns of every table. Columns of further labels follow, if the dataset has some. Tables of windows
+also have `parent` (the recording) and, if training windows overlap, `is_train_only`."""
 
 
 class PhaseSummary(NamedTuple):
@@ -71,8 +71,8 @@ class FeatureTable:
     Attributes
     ----------
     frame : DataFrame
-        One row per recording (or window) in the order of the dataset: the columns of `METADATA`, then the
-        features (NaN where undefined).
+        One row per recording (or window) in the order of the dataset: the columns of `METADATA`, further
+        labels, then the features (NaN where undefined).
     columns : tuple of str
         Names of the feature columns.
     ms : ndarray of shape (n_recordings,)
@@ -187,6 +187,8 @@ def metadata(entries: Sequence[Entry]) -> pd.DataFrame:
     frame = pd.DataFrame([[getattr(e, name) for name in METADATA] for e in entries], columns=METADATA)
     text_columns = [name for name in METADATA if name != "repetition"]
     frame = frame.astype({**dict.fromkeys(text_columns, "str"), "repetition": "Int64"})
+    for name, values in label_columns(entries).items():
+        frame[name] = pd.Series(values, dtype="str")
     if any(isinstance(entry, Window) for entry in entries):
         frame["parent"] = pd.Series([parent_id(entry) for entry in entries], dtype="str")
     train_only = [isinstance(entry, Window) and entry.is_train_only for entry in entries]
@@ -310,7 +312,7 @@ def extract_table(
         If a recording is bad and `skip_bad` is False, or no recording can be used. The checkpoints of
         finished recordings are kept.
     ValueError
-        If the suffix of `path` is not .parquet or .csv.
+        If the suffix of `path` is not .parquet or .csv, or a label has the name of a feature column.
     """
     path, key = check_suffix(path, ".parquet", ".csv"), table_key(dataset, feature_set, channels)
     if path.suffix.lower() == ".csv":
@@ -325,6 +327,11 @@ def extract_table(
     while table is None or table.key != key:
         folder = sibling_path(path, ".parts") / key
         plan = _plan(dataset, feature_set, channels, skip_bad)
+        if common := [name for name in label_columns(dataset.entries) if name in plan.columns]:
+            raise ValueError(
+                f"{dataset.name}: the label {common[0]!r} has the name of a feature. Expected another name: "
+                "rename the group in the dataset card, or the column of the label table"
+            )
         left_out = _compute_missing(dataset, plan, folder, n_jobs, skip_bad, progress)
         table = _join(dataset, plan, folder, key, left_out)
         if table is not None:

@@ -18,29 +18,19 @@ if TYPE_CHECKING:
 
     from texclass.evaluation.splits import Splits
 
-LABELS = ("surface", "operator", "session", "repetition")
-"""Label columns that a protocol can use to select recordings."""
 Terms = list[tuple[str, list[str]]]
 """Conditions (label, values) that must all hold: the parsed form of "repetition=1-20,25 & session=a"."""
-
-
-def _checked_label(label: str) -> str:
-    if label not in LABELS:
-        raise ValueError(f"unknown label {label!r}. Expected one of {', '.join(LABELS)}")
-    return label
 
 
 def _terms(text: str) -> Terms:
     """Parse conditions such as "repetition=1-20,25 & session=a"."""
     terms = [term.partition("=") for term in text.split("&")]
     for label, equals, values in terms:
-        if not (equals and values.strip()):
+        if not (label.strip() and equals and values.strip()):
             raise ValueError(
                 f"cannot select recordings by {label.strip()!r}. Expected LABEL=VALUE,VALUE or LABEL=1-20"
             )
-    return [
-        (_checked_label(label.strip()), [v.strip() for v in values.split(",")]) for label, _, values in terms
-    ]
+    return [(label.strip(), [v.strip() for v in values.split(",")]) for label, _, values in terms]
 
 
 class Protocol(ABC):
@@ -57,7 +47,7 @@ class Protocol(ABC):
     choice : str
         Syntax of the name on the command line, for protocols with parameters.
     needs : tuple of str
-        Required labels: at least one of them must have a value for every recording.
+        Required labels, which must have a value for every recording. The protocol "operator" needs only one.
     unit : {"recording", "run", "window"}
         Unit whose rows are never divided between training set and test set. The predictions of these rows are
         combined by majority vote.
@@ -217,27 +207,35 @@ class ShuffledWindows(Protocol):
 
 
 class LeaveOneOut(Protocol):
-    """Protocol that tests the recordings with each value of a label once. Values are independent units."""
+    """Protocol that tests the recordings with each value of a label once. Values are independent units.
 
-    choice = "leave-out LABEL"
+    Parameters
+    ----------
+    *labels : str
+        Label. If there are several, each combination of their values is tested once.
+    """
 
-    def __init__(self, label: str) -> None:
-        self.needs = (_checked_label(label),)
-        self.name = f"leave-out {label}"
-        self.title = f"leave one {label} out"
+    choice = "leave-out LABEL[,LABEL]"
+
+    def __init__(self, *labels: str) -> None:
+        if not all(labels) or len({*labels}) < len(labels):
+            raise ValueError(f"cannot leave out {','.join(labels)!r}. Expected different labels: LABEL,LABEL")
+        self.needs = labels
+        self.unit_left_out = labels[0] if len(labels) == 1 else f"{'-'.join(labels)} combination"
+        self.name = f"leave-out {','.join(labels)}"
+        self.title = f"leave one {self.unit_left_out} out"
         self.description = f"{self.title}; scaling and selection fitted inside each fold"
 
     def _split(self, table: "pd.DataFrame", n_folds: int, seed: int) -> "Splits":
-        from texclass.evaluation.splits import leave_one_out, left_out_label
+        from texclass.evaluation.splits import leave_one_out
 
-        return leave_one_out(table, left_out_label(table, self.needs))
+        return leave_one_out(table, self.needs)
 
     def independent(self, table: "pd.DataFrame") -> "tuple[str, NDArray[np.str_]]":
-        """Return the held-out label and its value for each row."""
-        from texclass.evaluation.splits import left_out_label
+        """Return the held-out label (or combination of labels) and its value for each row."""
+        from texclass.evaluation.splits import label_combinations
 
-        label = left_out_label(table, self.needs)
-        return label, table[label].to_numpy(dtype=str)
+        return self.unit_left_out, label_combinations(table, self.needs).to_numpy(dtype=str)
 
 
 class Operator(LeaveOneOut):
@@ -251,6 +249,18 @@ class Operator(LeaveOneOut):
         self.description = (
             "leave one operator (or session) out; scaling and selection fitted inside each fold"
         )
+
+    def _split(self, table: "pd.DataFrame", n_folds: int, seed: int) -> "Splits":
+        from texclass.evaluation.splits import leave_one_out, left_out_label
+
+        return leave_one_out(table, [left_out_label(table, self.needs)])
+
+    def independent(self, table: "pd.DataFrame") -> "tuple[str, NDArray[np.str_]]":
+        """Return "operator" or "session", and its value for each row."""
+        from texclass.evaluation.splits import left_out_label
+
+        label = left_out_label(table, self.needs)
+        return label, table[label].to_numpy(dtype=str)
 
 
 class Chronological(Protocol):
@@ -336,9 +346,10 @@ def find_protocol(name: str) -> Protocol:
     ----------
     name : str
         Name in `PROTOCOLS`, or a name with parameters: "few-shot 1" (one training repetition per surface),
-        "leave-out session" (each session is the test set once), or "repetition=1-20 -> repetition=31-40"
-        (training set and test set selected by labels). In the last form, "operator=2,5 & session=a" selects
-        the recordings of operators 2 and 5 in session a.
+        "leave-out speed" (each value of a label is the test set once), "leave-out speed,force" (each
+        combination of values), or "repetition=1-20 -> repetition=31-40" (training set and test set selected
+        by labels). In the last form, "operator=2,5 & force=0.5-2" selects the recordings of operators 2 and 5
+        with forces from 0.5 to 2. Labels are those of the dataset; they are checked when it is split.
 
     Returns
     -------
@@ -352,15 +363,17 @@ def find_protocol(name: str) -> Protocol:
 
     Examples
     --------
-    >>> find_protocol("leave-out session").title
-    'leave one session out'
+    >>> find_protocol("leave-out speed").title
+    'leave one speed out'
+    >>> find_protocol("leave-out speed,force").title
+    'leave one speed-force combination out'
     """
     if name in PROTOCOLS:
         return PROTOCOLS[name]
     if match := re.fullmatch("few-shot ([1-9][0-9]{0,5})", name):
         return FewShot(int(match[1]))
     if name.startswith("leave-out "):
-        return LeaveOneOut(name.removeprefix("leave-out "))
+        return LeaveOneOut(*(label.strip() for label in name.removeprefix("leave-out ").split(",")))
     train, arrow, test = name.partition(" -> ")
     if arrow:
         return ByLabels(train, test)

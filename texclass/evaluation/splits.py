@@ -23,6 +23,8 @@ Split = tuple[Indices, Indices]
 """Row indices of a training set and of its test set."""
 Splits = tuple[Split, ...]
 P = ParamSpec("P")
+_NUMBER = r"\d{1,9}(?:\.\d{1,9})?"
+"""Pattern of a limit of a range of label values."""
 
 
 def runs(table: pd.DataFrame) -> "pd.Series[str]":
@@ -39,6 +41,7 @@ def left_out_label(table: pd.DataFrame, labels: Sequence[str]) -> str:
     ValueError
         If there is no such label.
     """
+    _require_labels(table, labels)
     for label in labels:
         if table[label].notna().all() and table[label].nunique() >= 2:
             return label
@@ -48,6 +51,42 @@ def left_out_label(table: pd.DataFrame, labels: Sequence[str]) -> str:
         f"the dataset has {counts}, and {unnamed} recordings without a label. Leave-one-out needs a label "
         f"({', '.join(labels)}) that has a value for every recording and at least 2 different values"
     )
+
+
+def label_combinations(table: pd.DataFrame, labels: Sequence[str]) -> "pd.Series[str]":
+    """Return the value of a label, or the combination of the values of several labels, in each row.
+
+    Raises
+    ------
+    ValueError
+        If the table has no such label, a recording has no value, or there is only one combination.
+    """
+    _require_labels(table, labels)
+    for label in labels:
+        if (unnamed := parents(table)[table[label].isna()].unique()).size:
+            raise ValueError(
+                f"{unnamed.size} of {parents(table).nunique()} recordings have no {label}, for example "
+                f"{unnamed[0]!r}. The protocol `leave-out` needs a value for every recording"
+            )
+    combinations = table[list(labels)].astype(str).agg(", ".join, axis=1)
+    if combinations.nunique() < 2:
+        raise ValueError(
+            f"all recordings have the same {' and '.join(labels)}, {combinations.iloc[0]!r}. The protocol "
+            "`leave-out` needs at least 2 different values"
+        )
+    return combinations
+
+
+def _require_labels(table: pd.DataFrame, labels: Sequence[str]) -> None:
+    """Raise ValueError if a table has no column of a label. The message lists the labels with values."""
+    identifiers = {"recording_id", "parent", "is_train_only"}
+    if unknown := [label for label in labels if label not in table or label in identifiers]:
+        known = [
+            str(name)
+            for name, column in table.items()
+            if name not in identifiers and column.notna().any() and not pd.api.types.is_float_dtype(column)
+        ]
+        raise ValueError(f"no recording has the label {unknown[0]!r}. Expected one of {', '.join(known)}")
 
 
 def split_testable(split: Callable[[pd.DataFrame], Splits], table: pd.DataFrame) -> Splits:
@@ -137,18 +176,22 @@ def grouped(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
 
 
 @of_recordings
-def leave_one_out(table: pd.DataFrame, label: str) -> Splits:
+def leave_one_out(table: pd.DataFrame, labels: Sequence[str]) -> Splits:
     """Use the recordings with each value of a label once as the test set, and all others for training.
+
+    Several labels define one test set for each combination of their values.
 
     Raises
     ------
     ValueError
-        If a surface of a test set would be missing from the training set, or there is only one surface.
+        If a surface of a test set would be missing from the training set, there is only one surface, or the
+        labels do not divide the recordings.
     """
     _require_each(table["surface"].value_counts())
-    splits = tuple(LeaveOneGroupOut().split(table, groups=table[label]))
+    splits = tuple(LeaveOneGroupOut().split(table, groups=label_combinations(table, labels)))
     for train, test in splits:
-        _require_trained(table, (train, test), f"without {label} {table[label].iloc[test[0]]}")
+        left_out = " and ".join(f"{label} {table[label].iloc[test[0]]}" for label in labels)
+        _require_trained(table, (train, test), f"without {left_out}")
     return splits
 
 
@@ -226,8 +269,8 @@ def by_labels(table: pd.DataFrame, train: Terms, test: Terms) -> Splits:
     Raises
     ------
     ValueError
-        If a value does not occur in any recording, a set is empty, a recording is in both sets, or a surface
-        of the test set is not in the training set.
+        If a label or a value does not occur in any recording, a set is empty, a recording is in both sets, or
+        a surface of the test set is not in the training set.
     """
     in_train, in_test = _select_rows(table, train), _select_rows(table, test)
     for name, rows in (("training", in_train), ("test", in_test)):
@@ -250,15 +293,20 @@ def by_labels(table: pd.DataFrame, train: Terms, test: Terms) -> Splits:
 
 def _select_rows(table: pd.DataFrame, terms: Terms) -> NDArray[np.bool_]:
     """Return, for each row, whether every label in `terms` has one of the listed values."""
+    _require_labels(table, [label for label, _ in terms])
     selection = np.ones(len(table), dtype=bool)
     for label, values in terms:
         column = table[label].astype("string").fillna("")
         numbers = pd.to_numeric(column, errors="coerce")
         has_value = np.zeros(len(table), dtype=bool)
         for value in values:
-            limits = re.fullmatch(r"(\d{1,9})-(\d{1,9})", value)  # for example repetitions 1-20
+            limits = re.fullmatch(rf"({_NUMBER})-({_NUMBER})", value)  # for example repetitions 1-20
             is_range = limits is not None and not (column == value).any()
-            rows = numbers.between(int(limits[1]), int(limits[2])) if limits and is_range else column == value
+            rows = (
+                numbers.between(float(limits[1]), float(limits[2]))
+                if limits and is_range
+                else column == value
+            )
             if not rows.any():
                 choices = ", ".join(sorted(set(column) - {""}, key=lambda v: (len(v), v))[:8]) or "none"
                 raise ValueError(f"no recording has {label} {value!r}. Expected one of: {choices}")

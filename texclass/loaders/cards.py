@@ -1,5 +1,6 @@
 """Dataset cards: pydantic models of the TOML files that describe datasets, one model per format."""
 
+import difflib
 import re
 from collections import Counter
 from dataclasses import fields
@@ -7,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from annotated_types import Predicate
-from pydantic import BeforeValidator, Field, PrivateAttr, RootModel, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, RootModel, model_validator
 
 from texclass import shipped
 from texclass.loaders.dataset import GROUPS
@@ -18,7 +19,15 @@ from texclass.simulate.recipe import Recipe
 from texclass.validation import StrictModel, read_toml, validate
 
 PATTERN_GROUPS = ("recording", *GROUPS, "axis")
-"""Named groups allowed in file name patterns; all except `axis` can also be columns of a label table."""
+"""Named groups with a meaning in file name patterns; any other group is a further label.
+
+All except `axis` can also be columns of a label table.
+"""
+RESERVED_LABELS = (*PATTERN_GROUPS, "recording_id", "parent", "is_train_only")
+"""Names that a further label cannot have: the groups, and other columns of feature tables."""
+SIMILAR_NAME = 0.85
+"""Similarity (`difflib`, 0 to 1) above which a label name counts as a typing error. One wrong letter in the
+name of a group of seven letters or more gives 0.857 or more."""
 MAX_MAGNITUDE = 1e100
 """Largest sampling rate in Hz and scale factor accepted in a card; real values are far smaller."""
 Convert = Literal["", "frames", "rounded", "counts", "sheets"]
@@ -224,7 +233,17 @@ class LabelTable(StrictModel):
         Column of the recording ids or file names.
     surface, operator, session, repetition
         Columns of labels and groups that the file names do not contain.
+
+    Any other key is the name of a further label, for example `speed = "speed in mm/s"`.
+
+    Examples
+    --------
+    >>> LabelTable(file="labels.csv", recording="file", surface="material", speed="v").columns
+    {'recording': 'file', 'surface': 'material', 'speed': 'v'}
     """
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, str] = Field(init=False)
 
     file: str
     recording: str
@@ -235,8 +254,14 @@ class LabelTable(StrictModel):
 
     @property
     def columns(self) -> dict[str, str]:
-        """Column of each group of `PATTERN_GROUPS` that the table contains."""
+        """Column of each group of `PATTERN_GROUPS` and of each further label that the table contains."""
         return {group: column for group, column in self if group != "file" and column is not None}
+
+    @model_validator(mode="after")
+    def _has_valid_labels(self) -> "LabelTable":
+        for name in self.model_extra or ():
+            check_label_name(name, "[labels] defines")
+        return self
 
 
 class FileReading(Reading):
@@ -245,7 +270,8 @@ class FileReading(Reading):
     Attributes
     ----------
     files
-        Patterns (regular expressions) of relative file names, with the named groups of `PATTERN_GROUPS`.
+        Patterns (regular expressions) of relative file names, with the named groups of `PATTERN_GROUPS`. Any
+        other named group is a further label.
     surfaces
         Surface in the dataset for each surface in the file names; surfaces that are not listed are unchanged.
     labels
@@ -271,8 +297,8 @@ class FileReading(Reading):
         Target sampling rate in Hz of a band-limited resampling. If it is set, the files may have different
         rates, and `fs_hz` is the rate of files that do not store one.
     topic
-        Topic of a bag, or a regular expression with groups of `PATTERN_GROUPS`. In the second case, every
-        matching topic is a recording.
+        Topic of a bag, or a regular expression with groups as in `files`. In the second case, every matching
+        topic is a recording.
     trim
         Cut signals of different lengths to the shortest one.
     """
@@ -331,11 +357,31 @@ def _groups(key: str, patterns: tuple[str, ...]) -> set[str]:
             raise ValueError(
                 f"{key} contains {pattern!r:.200}, which is not a valid regular expression ({error})"
             ) from error
-    if unknown := groups - set(PATTERN_GROUPS):
-        raise ValueError(
-            f"{key} defines unknown groups {sorted(unknown)}. Expected some of {', '.join(PATTERN_GROUPS)}"
-        )
+    for name in sorted(groups - set(PATTERN_GROUPS)):
+        check_label_name(name, f"{key} defines the group")
     return groups
+
+
+def check_label_name(name: str, subject: str) -> None:
+    """Raise ValueError for the name of a label that is reserved, or similar to the name of a group.
+
+    Parameters
+    ----------
+    name : str
+        Name of a label.
+    subject : str
+        Start of the message, for example "files defines the group".
+    """
+    if name in RESERVED_LABELS or not re.fullmatch(r"\w+", name):
+        raise ValueError(
+            f"{subject} {name!r}, which cannot be the name of a label. Expected letters, digits and "
+            f"underscores, and a name other than {', '.join(RESERVED_LABELS)}"
+        )
+    if similar := difflib.get_close_matches(name.lower(), PATTERN_GROUPS, n=1, cutoff=SIMILAR_NAME):
+        raise ValueError(
+            f"{subject} {name!r}, which resembles {similar[0]!r}. Correct it, or choose a label name that is "
+            "less similar"
+        )
 
 
 class Download(StrictModel):

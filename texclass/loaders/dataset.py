@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 GROUPS = ("surface", "operator", "session", "repetition")
-"""Label and groups of a recording, by which evaluation protocols split a dataset."""
+"""Label and groups that every recording has; a dataset can have further labels."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,14 @@ class Entry:
         Files relative to the dataset's folder; empty for simulated recordings.
     topic
         Topic of a bag with several recordings.
+    labels
+        Further labels, such as the speed, as pairs of name and value.
 
     Examples
     --------
-    >>> Entry("oak_01", "oak", repetition=1).surface
-    'oak'
+    >>> entry = Entry("oak_01", "oak", repetition=1, labels=(("speed", "20"),))
+    >>> entry.surface, dict(entry.labels)
+    ('oak', {'speed': '20'})
     """
 
     recording_id: str
@@ -46,11 +49,27 @@ class Entry:
     repetition: int | None = None
     paths: tuple[str, ...] = ()
     topic: str | None = None
+    labels: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("recording_id", "surface", "operator", "session"):
             if (text := getattr(self, name)) is not None:
                 object.__setattr__(self, name, normalize_name(text))
+        labels = tuple((normalize_name(name), normalize_name(value)) for name, value in self.labels)
+        object.__setattr__(self, "labels", labels)
+
+
+def label_columns(entries: Sequence[Entry]) -> dict[str, list[str | None]]:
+    """Return the values of each further label of some recordings, None where it is missing.
+
+    Examples
+    --------
+    >>> label_columns([Entry("a", "oak", labels=(("speed", "20"),)), Entry("b", "oak")])
+    {'speed': ['20', None]}
+    """
+    labels = [dict(entry.labels) for entry in entries]
+    names = dict.fromkeys(name for values in labels for name in values)
+    return {name: [values.get(name) for values in labels] for name in names}
 
 
 @dataclass(frozen=True)
@@ -157,11 +176,15 @@ class Dataset(Sequence[Recording]):
 
     @property
     def table(self) -> "pd.DataFrame":
-        """Surface, operator, session and repetition: one row per recording, indexed by `recording_id`."""
+        """Surface, operator, session, repetition and further labels: one row per recording.
+
+        The index is `recording_id`.
+        """
         import pandas as pd
 
         index = pd.Index([entry.recording_id for entry in self.entries], name="recording_id")
         columns = {name: [getattr(entry, name) for entry in self.entries] for name in GROUPS}
+        columns |= label_columns(self.entries)
         return pd.DataFrame(columns, index).astype({"repetition": "Int64"})
 
     @property
@@ -175,12 +198,14 @@ class Dataset(Sequence[Recording]):
         return tuple(sorted({entry.surface for entry in self.entries}))
 
     def __repr__(self) -> str:
-        """Return a one-line summary: name and numbers of recordings, surfaces, operators and sessions."""
+        """Return a one-line summary: name, and numbers of recordings and of values of the labels."""
         counts = {"recording": len(self)}
         for name in ("surface", "operator", "session"):
             counts[name] = len({getattr(entry, name) for entry in self.entries} - {None})
         summary = ", ".join(f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n)
-        return f"<Dataset {self.name!r}: {summary}>"
+        further = {name: len({*values} - {None}) for name, values in label_columns(self.entries).items()}
+        labels = ", ".join(f"{name} ({n})" for name, n in further.items() if n > 1)
+        return f"<Dataset {self.name!r}: {summary}{f'; values of {labels}' if labels else ''}>"
 
     def _repr_html_(self) -> str:
         """Return title, size and the first rows of the table for notebooks."""

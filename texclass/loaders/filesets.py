@@ -10,7 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from texclass.loaders.cards import CardError, DeclaredPhases, FileCard, FileReading, Reading, RowCard
+from texclass.loaders.cards import (
+    PATTERN_GROUPS,
+    CardError,
+    DeclaredPhases,
+    FileCard,
+    FileReading,
+    Reading,
+    RowCard,
+)
 from texclass.loaders.columns import ACCELERATION, signal_columns
 from texclass.loaders.data_files import data_files, is_hidden, normalize_name
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
@@ -296,7 +304,7 @@ def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
     Parameters
     ----------
     patterns : sequence of str
-        Regular expressions with groups of `PATTERN_GROUPS`.
+        Regular expressions with named groups.
     name : str
         Relative name of the file, compared in Unicode normal form C.
 
@@ -445,7 +453,13 @@ def _check_names(entries: Sequence[Entry], root: Path) -> None:
         raise reader_error(root, "it contains no recordings", "at least one file that matches the card")
     entry_by_id: dict[str, Entry] = {}
     for entry in entries:
-        names = (entry.recording_id, entry.surface, entry.operator, entry.session)
+        names = (
+            entry.recording_id,
+            entry.surface,
+            entry.operator,
+            entry.session,
+            *dict(entry.labels).values(),
+        )
         if unprintable := next((name for name in names if name and not name.isprintable()), None):
             problem = f"the name {unprintable!r} contains a control character"
             raise reader_error(root, problem, "printable names: rename the file")
@@ -520,6 +534,7 @@ def _entries(
         if repetition is not None and not repetition.isdecimal():
             raise CardError(f"{path}: repetition is {repetition!r}. Expected a whole number")
         surface = normalize_name(all_groups["surface"])
+        further = {name: text for name, text in all_groups.items() if name not in PATTERN_GROUPS and text}
         yield Entry(
             recording_id=recording_id,
             surface=renamed.get(surface, surface),
@@ -528,6 +543,7 @@ def _entries(
             repetition=int(repetition) if repetition is not None else None,
             paths=names,
             topic=topic,
+            labels=tuple(further.items()),
         )
 
 

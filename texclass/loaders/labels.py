@@ -1,14 +1,15 @@
-"""Label tables: CSV files with the surface, operator, session and repetition of each recording."""
+"""Label tables: CSV files with the surface, the groups and further labels of each recording."""
 
 import codecs
 import csv
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
-from texclass.loaders.cards import CardError, LabelTable
+from texclass.loaders.cards import PATTERN_GROUPS, RESERVED_LABELS, CardError, LabelTable, check_label_name
 from texclass.loaders.data_files import normalize_name
 from texclass.loaders.readers import formats
 from texclass.recording import RecordingError
@@ -27,6 +28,9 @@ HEADERS = {
 def find_label_columns(path: Path, file: str) -> LabelTable:
     """Find the columns of file, surface and groups in a label table by their conventional names.
 
+    All other columns are further labels. Their names are lower case, with underscores for blanks and symbols:
+    the column "Speed (mm/s)" is the label "speed_mm_s". Columns with names of `RESERVED_LABELS` are ignored.
+
     Parameters
     ----------
     path : Path
@@ -37,10 +41,28 @@ def find_label_columns(path: Path, file: str) -> LabelTable:
     Raises
     ------
     CardError
-        If the table is unreadable, has no column for the file or the surface, or has several columns for one
-        group.
+        If the table is unreadable, has no column for the file or the surface, has several columns for one
+        group or label, or a column name resembles that of a group.
     """
     header = _rows(path)[0][1]
+    columns = _group_columns(path, header)
+    for column in header:
+        name = re.sub(r"\W+", "_", normalize_name(column)).strip("_").lower()
+        if column in columns.values() or name in ("", *RESERVED_LABELS):
+            continue
+        if name in columns:
+            problem = f"several columns for the label {name!r}: {columns[name]!r}, {column!r}"
+            raise CardError(f"{path}: {problem}. Expected different names: rename one of them")
+        try:
+            check_label_name(name, "a column defines the label")
+        except ValueError as error:
+            raise CardError(f"{path}: {error}") from error
+        columns[name] = column
+    return LabelTable(file=file, **columns)
+
+
+def _group_columns(path: Path, header: Sequence[str]) -> dict[str, str]:
+    """Return the column of each group, found by conventional names."""
     group_columns: dict[str, str] = {}
     for group, names in HEADERS.items():
         columns = [column for column in header if column.lower().replace("_", " ") in names]
@@ -53,13 +75,13 @@ def find_label_columns(path: Path, file: str) -> LabelTable:
                 "optionally `operator`, `session` and `repetition`"
             )
         group_columns |= dict.fromkeys([group] * len(columns), "".join(columns))
-    return LabelTable(file=file, **group_columns)
+    return group_columns
 
 
 def is_label_table(path: Path) -> bool:
     """Return whether a file is a CSV with a column of files and a column of surfaces."""
     try:
-        return path.suffix.lower() == ".csv" and bool(find_label_columns(path, path.name))
+        return path.suffix.lower() == ".csv" and bool(_group_columns(path, _rows(path)[0][1]))
     except CardError:
         return False
 
@@ -73,8 +95,8 @@ class Labels:
     path : Path
         File of the table.
     rows : mapping of str to mapping of str to str
-        Groups of each recording, by its name in the table. Values are text exactly as written: "001" differs
-        from "1", and "NA" is text.
+        Groups and further labels of each recording, by its name in the table. Values are text exactly as
+        written: "001" differs from "1", and "NA" is text.
     lines : mapping of str to int
         Line number of each recording.
     recording_ids : dict of str to str
@@ -132,10 +154,10 @@ class Labels:
         return cls(path, recordings, lines)
 
     def groups_of(self, recording_id: str, files: Sequence[str], folder: str) -> Mapping[str, str]:
-        """Return the groups of a recording.
+        """Return the groups and further labels of a recording.
 
         Rows are matched by the id of the recording, or by the name of a file, with or without path and
-        suffix.
+        suffix. If each axis has a file and a row, further labels that differ between these rows are omitted.
 
         Parameters
         ----------
@@ -171,7 +193,9 @@ class Labels:
                 f"{self.path}: no row for {recording_id!r} ({', '.join(files)}){closest}. Expected one row "
                 "per recording: add it, or leave the recording out with --skip-bad"
             )
-        if len(names) > len(files) or any(self.rows[name] != self.rows[names[0]] for name in names):
+        rows = [self.rows[name] for name in names]
+        groups = [{key: text for key, text in row.items() if key in PATTERN_GROUPS} for row in rows]
+        if len(names) > len(files) or any(row != groups[0] for row in groups):
             row_list = ", ".join(f"{name!r} (row {self.lines[name]})" for name in names)
             raise CardError(
                 f"{self.path}: {row_list} all match {recording_id!r} ({', '.join(files)}). Expected one row "
@@ -183,7 +207,8 @@ class Labels:
                     f"{self.path}: {name!r} matches both {other!r} and {recording_id!r}. "
                     "Expected a path within the folder of the dataset instead of a file name"
                 )
-        return self.rows[names[0]]
+        shared = {key: text for key, text in rows[0].items() if all(row.get(key) == text for row in rows)}
+        return groups[0] | shared
 
     @cached_property
     def _names_by_stem(self) -> dict[str, list[str]]:

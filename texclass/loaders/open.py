@@ -69,7 +69,7 @@ def open_dataset(
         Target sampling rate in Hz of a band-limited resampling of all recordings.
     labels : str or Path, optional
         Table (CSV) with a column `file` and a column `surface` for a folder of any layout, optionally with
-        `operator`, `session` and `repetition`. A dataset card has the table [labels] instead.
+        `operator`, `session`, `repetition` and further labels. A dataset card has the table [labels] instead.
     tap_spacing : float, optional
         Time in s. Impulses that are less than this time apart are one tap and its rebounds (default: the
         value of the card, or 0.08).
