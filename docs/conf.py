@@ -56,7 +56,7 @@ sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
     "filename_pattern": r"\.py$",
-    "ignore_pattern": r"(ros2_node|stream_logic)\.py",
+    "ignore_pattern": r"stream_logic\.py",
     "subsection_order": [
         f"../examples/{group}" for group in ("surface", "feature", "certainty", "robot", "haptics")
     ],

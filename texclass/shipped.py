@@ -29,11 +29,13 @@ from typing import Any, Literal
 Kind = Literal["feature_defs", "pipelines", "datasets"]
 
 
-def folder(kind: Kind) -> Path:
+def folder(kind: Kind | Literal["texclass_msgs"]) -> Path:
     """Return the folder of shipped definitions, in the installed package or next to it in the repository."""
     package = Path(__file__).resolve().parent
     installed = package / "_shipped" / kind
-    return installed if installed.is_dir() else package.parent / kind
+    if installed.is_dir():
+        return installed
+    return package.parent / ("ros2/texclass_msgs/msg" if kind == "texclass_msgs" else kind)
 
 
 def names(kind: Kind) -> tuple[str, ...]:

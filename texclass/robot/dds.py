@@ -22,17 +22,17 @@ from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from texclass import shipped
 from texclass.recording import Samples
+from texclass.robot.answer_messages import OK, WARN, diagnostics_message, header, status_message
 
 Reliability = Literal["reliable", "best effort"]
 DEPTH = 20_000
 """Default queue length in messages: 2 s at 10 kHz. The default of ROS 2 for sensor data, 5, is too short."""
 MAX_DOMAIN = 232
 """Largest DDS domain; higher numbers have no valid ports."""
-OK, WARN = 0, 1
-"""Levels of `diagnostic_msgs/DiagnosticStatus`."""
 
 
 def dds_topic(topic: str) -> str:
@@ -66,12 +66,12 @@ def ros_type(dds_name: str) -> str:
 
 @cache
 def message_class(type_name: str) -> Any:
-    """Return the DDS type of a standard ROS 2 message, from its definition in rosbags.
+    """Return the DDS type of a message: of ROS 2, from its definition in rosbags, or of `texclass_msgs`.
 
     Parameters
     ----------
     type_name : str
-        Message type, such as "sensor_msgs/msg/Imu".
+        Message type, such as "sensor_msgs/msg/Imu" or "texclass_msgs/msg/SurfaceAnswer".
 
     Returns
     -------
@@ -83,9 +83,7 @@ def message_class(type_name: str) -> Any:
     >>> message_class("geometry_msgs/msg/Vector3")(z=9.81)
     Vector3(x=0.0, y=0.0, z=9.81)
     """
-    members = {
-        name: _member(kind) for name, kind in get_typestore(Stores.ROS2_HUMBLE).get_msgdef(type_name).fields
-    }
+    members = {name: _member(kind) for name, kind in _typestore().get_msgdef(type_name).fields}
     body = {"__annotations__": {name: kind for name, (kind, _) in members.items()}, "__module__": __name__}
     body |= {name: field(default_factory=default) for name, (_, default) in members.items()}
     name = {"typename": dds_type(type_name)}
@@ -93,11 +91,36 @@ def message_class(type_name: str) -> Any:
     return dataclass(class_)
 
 
+@cache
+def _typestore() -> Any:
+    """Return the message definitions of ROS 2 and of `texclass_msgs`."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    definitions: dict[str, Any] = {}
+    for path in shipped.folder("texclass_msgs").glob("*.msg"):
+        text = path.read_text(encoding="utf-8")
+        definitions |= get_types_from_msg(text, f"texclass_msgs/msg/{path.stem}")
+    store.register(definitions)
+    return store
+
+
+def make_message(name: str, /, **fields: Any) -> Any:
+    """Return a DDS message from the name of its type and its fields.
+
+    Examples
+    --------
+    >>> make_message("geometry_msgs/msg/Vector3", z=9.81)
+    Vector3(x=0.0, y=0.0, z=9.81)
+    """
+    return message_class(name)(**fields)
+
+
 def _member(description: Any) -> tuple[Any, Any]:
     """Return the type and the default factory of a field of a message."""
     match description[0].name, description[1]:
         case "BASE", ("string", _):
             return str, str
+        case "BASE", ("bool", _):
+            return bool, bool
         case "BASE", (number, _):
             kind = getattr(idl.types, {"byte": "uint8"}.get(number, number))
             return kind, float if number.startswith("float") else int
@@ -202,21 +225,17 @@ class AnswerPublisher:
         stamp_ns : int, optional
             Time stamp of the answer in nanoseconds (default: now).
         """
-        self._text.write(message_class("std_msgs/msg/String")(json.dumps(answer)))
+        self._text.write(make_message("std_msgs/msg/String", data=json.dumps(answer)))
         if self._array is not None:
             self._array.write(self.diagnostics(answer, time.time_ns() if stamp_ns is None else stamp_ns))
 
     def diagnostics(self, answer: Mapping[str, Any], stamp_ns: int) -> Any:
         """Return the message `diagnostic_msgs/DiagnosticArray` for an answer."""
-        key_value = message_class("diagnostic_msgs/msg/KeyValue")
         is_unknown = bool(answer.get("unknown"))
         message = "unknown surface" if is_unknown else str(answer.get("surface", ""))
-        texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in answer.items()}
-        values = [key_value(*pair) for pair in texts.items()]
-        status = message_class("diagnostic_msgs/msg/DiagnosticStatus")
-        array = message_class("diagnostic_msgs/msg/DiagnosticArray")
         level = WARN if is_unknown else OK
-        return array(_header(stamp_ns), [status(level, self._name, message, "", values)])
+        status = status_message(make_message, self._name, level, message, answer)
+        return diagnostics_message(make_message, [status], stamp_ns)
 
     def close(self) -> None:
         """Disconnect from the domain."""
@@ -260,7 +279,7 @@ class ImuPublisher:
         self._participant = participant(domain)
         self._writer = _writer(self._participant, topic, "sensor_msgs/msg/Imu", quality(reliability, depth))
         orientation = message_class("geometry_msgs/msg/Quaternion")(w=1.0)
-        self._message = message_class("sensor_msgs/msg/Imu")(_header(0, frame), orientation)
+        self._message = message_class("sensor_msgs/msg/Imu")(header(make_message, 0, frame), orientation)
         # Serialising each message takes longer than a sampling period at 10 kHz. Therefore, one message is
         # serialised, and the 37 numbers at its end are overwritten for each sample.
         self._bytes = bytearray(self._message.serialize(use_version_2=False))
@@ -298,8 +317,3 @@ class ImuPublisher:
 
 def _writer(member: DomainParticipant, topic: str, type_name: str, qos: Qos) -> Any:
     return DataWriter(member, Topic(member, dds_topic(topic), message_class(type_name), qos=qos), qos=qos)
-
-
-def _header(stamp_ns: int, frame: str = "") -> Any:
-    stamp = message_class("builtin_interfaces/msg/Time")(*divmod(stamp_ns, 10**9))
-    return message_class("std_msgs/msg/Header")(stamp, frame)

@@ -7,13 +7,16 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from texclass.loaders.columns import TURN_RATE
 from texclass.loaders.timestamps import Timestamps
 from texclass.recording import RecordingError, Samples
+
+if TYPE_CHECKING:
+    from texclass.recognition.sources.training_input import InputColumns
 
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 MAX_CHANNELS = 1024
@@ -89,6 +92,54 @@ TYPES = {
 }
 """Types with a header, by name. Speeds are in mm/s, all other columns in SI units."""
 READABLE = (*TYPES, MULTI_ARRAY)
+LIVE = ("sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", MULTI_ARRAY)
+"""Message types with an acceleration, which can be classified live."""
+
+
+def live_signals(
+    type_name: str, columns: "InputColumns", unit: str | None, where: str
+) -> tuple[tuple[str, ...], str]:
+    """Return the columns to read from messages of a type, and the unit of their acceleration.
+
+    Parameters
+    ----------
+    type_name : str
+        Message type.
+    columns : InputColumns
+        Columns that the model needs.
+    unit : str or None
+        Unit stated by the user.
+    where : str
+        Topic named in the messages.
+
+    Returns
+    -------
+    names : tuple of str
+        Columns of `TYPES`; empty for an array, which must have the columns of the model in their order.
+    unit : str
+        Unit of the acceleration.
+
+    Raises
+    ------
+    RecordingError
+        If the type has no acceleration or lacks a signal that the model needs, or `unit` is not its unit.
+    """
+    if type_name not in LIVE:
+        raise RecordingError(
+            f"{where}: cannot read messages of type {type_name!r}. Expected {', '.join(LIVE)}"
+        )
+    if type_name not in TYPES:
+        return (), unit or "arbitrary"
+    type_ = TYPES[type_name]
+    turn = TURN_RATE if "turn_rate" in columns.auxiliary else ()
+    for signal in columns.auxiliary:
+        if signal != "turn_rate" or not set(turn) <= set(type_.columns):
+            raise RecordingError(f"{where}: {type_name} has {columns.missing_signal(signal)}")
+    if unit not in (None, type_.unit):
+        raise RecordingError(
+            f"{where}: unit must be {type_.unit!r} for {type_name}, got {unit!r}. Omit --unit"
+        )
+    return (*type_.acceleration, *turn), type_.unit or "arbitrary"
 
 
 @functools.cache
@@ -148,10 +199,6 @@ def decode_stamped(
 ) -> tuple[Timestamps, Samples]:
     """Decode columns of messages with a header, in the units of `Recording`.
 
-    A covariance that starts with -1 declares its columns as not measured [sensor_msgs/Imu]. Some drivers also
-    send such a covariance when only the covariance is unknown. The declaration is therefore ignored unless
-    the values are 0 or NaN in every message.
-
     Parameters
     ----------
     type_ : MessageType
@@ -177,13 +224,46 @@ def decode_stamped(
     RecordingError
         If the messages declare a column as not measured.
     """
-    names = list(dict.fromkeys(name for column in columns for name in type_.columns[column]))
     messages = [_deserialize(raw, type_.name, ros1, type_.definition) for raw in raws]
+    return stamped_samples(type_, messages, columns)
+
+
+def stamped_samples(
+    type_: MessageType, messages: Sequence[Any], columns: Sequence[str]
+) -> tuple[Timestamps, Samples]:
+    """Return time stamps and columns of decoded messages with a header, in the units of `Recording`.
+
+    A covariance that starts with -1 declares its columns as not measured [sensor_msgs/Imu]. Some drivers also
+    send such a covariance when only the covariance is unknown. The declaration is therefore ignored unless
+    the values are 0 or NaN in every message.
+
+    Parameters
+    ----------
+    type_ : MessageType
+        Type of the messages.
+    messages : sequence of object
+        Messages with the fields of the type as attributes, at least one: of rosbags, rclpy or DDS.
+    columns : sequence of str
+        Columns to return, from `type_.columns`.
+
+    Returns
+    -------
+    timestamps_ns : ndarray of shape (n,)
+        Time stamps of the headers in nanoseconds.
+    samples : ndarray of shape (n, n_columns)
+        Values of the columns.
+
+    Raises
+    ------
+    RecordingError
+        If the messages declare a column as not measured.
+    """
+    names = list(dict.fromkeys(name for column in columns for name in type_.columns[column]))
     stamp = attrgetter("header.stamp.sec", "header.stamp.nanosec")
     timestamps = np.array([stamp(message) for message in messages], np.int64) @ (1_000_000_000, 1)
     values = {name: np.array([*map(attrgetter(name), messages)], np.float64) for name in names}
     missing = []
-    samples = np.empty((len(raws), len(columns)))
+    samples = np.empty((len(messages), len(columns)))
     for i, column in enumerate(columns):
         first, *others = type_.columns[column]
         covariance = attrgetter(type_.covariances[column]) if column in type_.covariances else None
@@ -223,16 +303,26 @@ def decode_multi_array(raw: bytes, *, ros1: bool) -> Samples:
     MessageError
         If the message is damaged or empty, or its dimensions do not fit its data.
     """
-    message = _deserialize(raw, MULTI_ARRAY, ros1)
+    return multi_array_samples(_deserialize(raw, MULTI_ARRAY, ros1))
+
+
+def multi_array_samples(message: Any) -> Samples:
+    """Return the samples (n, n_channels) of a decoded `std_msgs/Float64MultiArray`.
+
+    Raises
+    ------
+    MessageError
+        If the message is empty, or its dimensions do not fit its data.
+    """
     sizes = [dimension.size for dimension in message.layout.dim]
-    data = message.data[message.layout.data_offset :]
+    data = np.asarray(message.data[message.layout.data_offset :], np.float64)
     shape = tuple(sizes) if len(sizes) == 2 else (1, len(data))
     if not data.size or shape[0] * shape[1] != data.size or len(sizes) > 2 or shape[1] > MAX_CHANNELS:
         raise MessageError(
             f"{MULTI_ARRAY}: got {data.size} numbers with dimensions {sizes}. Expected (samples, channels), "
             f"or a single sample, with at most {MAX_CHANNELS} channels"
         )
-    return np.asarray(data, np.float64).reshape(shape)
+    return data.reshape(shape)
 
 
 def _deserialize(raw: bytes, type_name: str, ros1: bool, definition: str = "") -> Any:

@@ -28,15 +28,15 @@ from texclass.robot.dds import (
     ros_type,
 )
 from texclass.robot.ros_messages import (
+    LIVE,
     MULTI_ARRAY,
     TYPES,
     MessageError,
     decode_multi_array,
     decode_stamped,
+    live_signals,
 )
 
-SIGNALS = ("sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", MULTI_ARRAY)
-"""Message types that a `Subscriber` can decode."""
 MAX_MESSAGES = 4096
 """Largest number of messages that are read at once; the limit bounds the memory."""
 SILENCE_S = 1.0
@@ -145,26 +145,11 @@ def topic_blocks(
         type_name = type_name or publishers[0][0]
         are_reliable = all(offer == "reliable" for _, offer in publishers)
         reliability = reliability or ("reliable" if are_reliable else "best effort")
-    if type_name not in SIGNALS:
-        raise RecordingError(
-            f"ros2:{topic}: cannot read messages of type {type_name!r}. Expected {', '.join(SIGNALS)}"
-        )
-    names, type_unit = (), "arbitrary"  # an array has no names and no unit
-    if type_name in TYPES:
-        type_ = TYPES[type_name]
-        turn = TURN_RATE if "turn_rate" in columns.auxiliary else ()
-        for signal in columns.auxiliary:
-            if signal != "turn_rate" or not set(turn) <= set(type_.columns):
-                raise RecordingError(f"ros2:{topic}: {type_name} has {columns.missing_signal(signal)}")
-        names, type_unit = (*type_.acceleration, *turn), type_.unit or type_unit
-    if type_unit != "arbitrary" and unit not in (None, type_unit):
-        raise RecordingError(
-            f"ros2:{topic}: unit must be {type_unit!r} for {type_name}, got {unit!r}. Omit --unit"
-        )
+    names, unit = live_signals(type_name, columns, unit, f"ros2:{topic}")
     subscriber = Subscriber(
         topic, type_name, reliability=reliability, depth=depth, domain=domain, columns=names
     )
-    blocks = _read_blocks(subscriber, BlockAssembler(fs, unit or type_unit), end_s)
+    blocks = _read_blocks(subscriber, BlockAssembler(fs, unit), end_s)
     turn_columns = [subscriber.columns.index(name) for name in TURN_RATE if name in subscriber.columns]
     return _check_turn_rate(blocks, turn_columns) if turn_columns else blocks
 
@@ -255,8 +240,8 @@ class Subscriber:
         domain: int | None = None,
         columns: tuple[str, ...] = (),
     ) -> None:
-        if type_name not in SIGNALS:
-            raise ValueError(f"{topic}: type_name must be one of {', '.join(SIGNALS)}, got {type_name!r}")
+        if type_name not in LIVE:
+            raise ValueError(f"{topic}: type_name must be one of {', '.join(LIVE)}, got {type_name!r}")
         names = TYPES[type_name].columns if type_name in TYPES else {}
         if unknown := set(columns) - set(names):
             raise ValueError(
@@ -362,7 +347,7 @@ def decode_messages(
     sent_ns : list of int
         Times of sending in nanoseconds.
     type_name : str
-        Message type, one of `SIGNALS`.
+        Message type, one of `LIVE`.
     columns : tuple of str
         Columns to return, for types with a header.
 

@@ -1,0 +1,1 @@
+"""ROS 2 node that classifies surfaces with texclass."""
