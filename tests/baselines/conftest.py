@@ -85,4 +85,4 @@ def bench(noises, tmp_path_factory):
     pipeline = pipeline.model_copy(update={"rows": rows, "protocol": FoldSettings(folds=4)})
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TEXCLASS_CACHE", str(tmp_path_factory.mktemp("cache")))
-        return dataset, pipeline, run_benchmark(dataset, pipeline)
+        return dataset, pipeline, run_benchmark(dataset, pipeline, nested_cv=False)

@@ -67,7 +67,10 @@ def test_json_has_the_keys_that_were_promised_and_the_table_the_same_figures(res
 
 
 def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_path):
-    assert repr(result) == "<BenchmarkResult: toy, toy, recording; best 100.0 %, Level with euclidean>"
+    assert repr(result) == (
+        "<BenchmarkResult: toy, toy, recording; nested cross-validation 91.7 %; best 100.0 %, Level with "
+        "euclidean>"
+    )
     assert result._repr_html_().count("<tr") == 1 + len(result.table)
     written = result.save(tmp_path)
     assert {path.suffix for path in written} >= {".json", ".md", ".png", ".csv"}
@@ -263,13 +266,67 @@ def test_permuted_labels_leave_the_choice_at_chance_where_the_best_of_the_table_
 
 
 def test_nested_cv_uses_the_selected_pair_of_each_fold(toy_dataset, two):
-    outcome = run_benchmark(toy_dataset(), two, nested_cv=True).data
+    outcome = run_benchmark(toy_dataset(), two).data
     accuracies = {line["name"]: line["accuracy"] for line in outcome["rows"]}
     chosen = outcome["nested_cv"]["selected"]
     expected = [accuracies[name][classifier]["folds"][k] for k, (name, classifier) in enumerate(chosen)]
     assert outcome["nested_cv"]["accuracy"]["folds"] == expected
     assert len(expected) == 4
-    assert run_benchmark(toy_dataset(), two).data["nested_cv"] is None
+    assert outcome["nested_cv_skipped"] is None
+
+
+def test_hits_of_nested_cv_and_of_the_best_pair_are_listed_with_their_recordings(toy_dataset, two):
+    dataset = toy_dataset(3, 6)
+    data = run_benchmark(dataset, two).data
+    tests = data["tests"]
+    assert sorted(name for fold in tests["recordings"] for name in fold) == sorted(
+        entry.recording_id for entry in dataset.entries
+    )
+    for name, accuracy in (
+        ("nested_cv", data["nested_cv"]["accuracy"]),
+        ("best", data["rows"][1]["accuracy"]["euclidean"]),
+    ):
+        hits = "".join(tests["hits"][name])
+        assert hits.count("1") / len(hits) == accuracy["mean"]
+        assert [len(fold) for fold in tests["hits"][name]] == [len(fold) for fold in tests["recordings"]]
+    assert tests["units"] is None
+    by_operator = run_benchmark(toy_dataset(3, 6, operators=2), two, protocol="operator").data["tests"]
+    assert [set(fold) for fold in by_operator["units"]] == [{"o0"}, {"o1"}]
+    assert by_operator["folds_hash"] != tests["folds_hash"]
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"nested_cv": False}, "was not run: it was switched off (`--no-nested-cv`)."),
+        ({"protocol": "paper"}, "was not run: protocol 'paper' fits scaling and selection on the test"),
+        (
+            {"protocol": "few-shot 1"},
+            "a training set cannot be split for nested cross-validation: surface m0 has 1 recording",
+        ),
+    ],
+)
+def test_without_nested_cv_the_report_opens_with_the_reason_and_the_best_pair(
+    toy_dataset, two, options, reason
+):
+    result = run_benchmark(toy_dataset(3, 8), two, **options)
+    assert result.data["nested_cv"] is None
+    finding = result.document().finding
+    assert reason in finding.sentence
+    assert "the best of 2 pairs of row and classifier, selected on the test folds (optimistic" in finding.rest
+    assert finding.value == f"{100 * result.table['mean'].max():.1f}"
+
+
+def test_a_report_opens_with_nested_cv_and_marks_the_best_pair_in_a_footnote(result):
+    document = result.document()
+    nested, finding = result.data["nested_cv"], document.finding
+    assert finding.value == f"{100 * nested['accuracy']['mean']:.1f}" == "91.7"
+    assert "nested cross-validation" in finding.sentence
+    assert f"Selected: {nested['selected'][0][0]} with " in finding.sentence
+    assert "100.0" not in finding.rest
+    text = render_markdown(document)
+    assert text.index("91.7 %") < text.index("Optimistic: 100.0 %")
+    assert "by Level with Euclidean, the best of 8 pairs of row and classifier, selected on the test" in text
 
 
 def test_of_rows_with_equal_accuracy_the_one_with_most_columns_is_selected(toy_dataset, pipeline):
@@ -282,11 +339,12 @@ def test_of_rows_with_equal_accuracy_the_one_with_most_columns_is_selected(toy_d
 
 def test_a_single_pair_of_row_and_classifier_needs_no_inner_folds(toy_dataset, pipeline):
     one = pipeline(row("Both", "level", "peaks"), classifiers=EUCLIDEAN, steps=STEPS[1:])
-    outcome = run_benchmark(
-        toy_dataset(), one, protocol="repetition=1 -> repetition=2-4", nested_cv=True
-    ).data
+    result = run_benchmark(toy_dataset(), one, protocol="repetition=1 -> repetition=2-4")
+    outcome = result.data
     assert outcome["nested_cv"]["inner_protocols"] == []
     assert outcome["nested_cv"]["accuracy"] == outcome["rows"][0]["accuracy"]["euclidean"]
+    assert "the only pair of row and classifier: nothing was selected" in result.document().finding.sentence
+    assert "Optimistic" not in render_markdown(result.document())
 
 
 def test_inner_splits_use_the_outer_protocol_where_possible():

@@ -142,8 +142,8 @@ def _selection_text(data: Data) -> str:
     if data.get("n_pairs") == 1:
         return baseline
     return (
-        f"Ours is the most accurate{pairs}, selected on the test folds (optimistic; `--nested-cv` gives an "
-        f"unbiased accuracy). {baseline}"
+        f"Ours is the most accurate{pairs}, selected on the test folds (optimistic: without nested "
+        f"cross-validation). {baseline}"
     )
 
 

@@ -284,7 +284,8 @@ def _our_contestants(
     best_classifier = max(accuracies[widest], key=lambda name: accuracies[widest][name]["mean"])
     pairs = list(dict.fromkeys((result.best, (widest, best_classifier))))
     nested = result.data["nested_cv"]
-    selected = [tuple(pair) for pair in nested["selected"]] if nested else []
+    # Without inner folds there is only one pair.
+    selected = [tuple(pair) for pair in nested["selected"]] if nested and nested["inner_protocols"] else []
     measurements: dict[tuple[str, str], Contestant] = {}
     for name, classifier in dict.fromkeys((*pairs, *selected)):
         row = MatchedRow.match(definitions[name], pipeline.features, table)

@@ -154,12 +154,13 @@ def benchmark(
         p.evaluation_option(min=2, metavar="N", help="Number of folds (default: as in the pipeline)."),
     ] = None,
     nested_cv: Annotated[
-        bool,
+        bool | None,
         p.evaluation_option(
-            "--nested-cv",
-            help="Add nested cross-validation: select feature subset and classifier in each training set.",
+            "--nested-cv/--no-nested-cv",
+            help="Nested cross-validation: select feature subset and classifier in each training set "
+            "(default: where possible).",
         ),
-    ] = False,
+    ] = None,
     baselines: Annotated[
         bool,
         p.baseline_option(
@@ -211,8 +212,8 @@ def benchmark(
 ) -> None:
     """Evaluate every feature subset and classifier of a pipeline on a dataset.
 
-    The report contains accuracies with 95 % confidence intervals, the chance level, and published accuracies
-    if the pipeline contains any.
+    The report opens with the accuracy of nested cross-validation. Its table contains accuracies with 95 %
+    confidence intervals, the chance level, and published accuracies if the pipeline contains any.
     """
     if confusion and feature:
         raise typer.BadParameter(

@@ -1,11 +1,13 @@
 """Benchmark: evaluate every row of a pipeline with every classifier on a dataset.
 
-The best row of a benchmark is selected on the test folds, so its accuracy is optimistic. `run_nested_cv`
-computes an unbiased accuracy.
+The best row of a benchmark is selected on the test folds, so its accuracy is optimistic. The report therefore
+opens with the accuracy of nested cross-validation (`run_nested_cv`), which is unbiased.
 """
 
+import hashlib
+import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +23,7 @@ from texclass.evaluation.axes import AxesOption, decide_axes
 from texclass.evaluation.confusion import write_confusion
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, cached_table, metadata
-from texclass.evaluation.folds import Evaluation
+from texclass.evaluation.folds import Evaluation, Labels
 from texclass.evaluation.pipeline import DEFAULT_PIPELINE, MatchedRow, PipelineDefinition, load_pipeline
 from texclass.evaluation.protocols import (
     Protocol,
@@ -53,6 +55,11 @@ if TYPE_CHECKING:
 
 MIN_TRAINING_RECORDINGS = 2
 """Smallest number of training recordings per surface: estimating the variance within a surface needs two."""
+INNER_FOLDS = 3
+"""Largest number of inner folds of nested cross-validation, as in the forward selection of the shipped
+pipelines. The time of nested cross-validation is proportional to it."""
+SWITCHED_OFF = "it was switched off (`--no-nested-cv`)"
+"""Reason in the result of a benchmark without nested cross-validation."""
 
 
 class BenchmarkResult(Result, kind="benchmark"):
@@ -60,9 +67,11 @@ class BenchmarkResult(Result, kind="benchmark"):
 
     `data` contains `dataset` (facts about it), `pipeline`, `protocol`, `rows` (accuracies by classifier,
     published accuracies, latency, missing features), `confusion` (confusion matrix of the best row),
-    `ablation` (gain of each feature group), `nested_cv` (nested cross-validation), `example` (a recording and
-    its phases), `left_out` (unusable recordings), `flags` (notices of the loaders), `undefined` (undefined
-    features with reasons), and the settings, hashes and versions that are needed to reproduce the result.
+    `ablation` (gain of each feature group), `nested_cv` (nested cross-validation) or `nested_cv_skipped`
+    (reason why it was not run), `tests` (tested recordings and correct predictions), `example` (a recording
+    and its phases), `left_out` (unusable recordings), `flags` (notices of the loaders), `undefined`
+    (undefined features with reasons), and the settings, hashes and versions that are needed to reproduce the
+    result.
 
     Examples
     --------
@@ -76,8 +85,9 @@ class BenchmarkResult(Result, kind="benchmark"):
         title = f"{self.data['dataset']['name']}, {self.data['pipeline']['name']}, {self.data['protocol']}"
         if self.best is None:
             return f"<{type(self).__name__}: {title}; no row could be evaluated>"
-        mean = 100 * self.table["mean"].max()
-        return f"<{type(self).__name__}: {title}; best {mean:.1f} %, {' with '.join(self.best)}>"
+        nested, mean = self.data.get("nested_cv"), 100 * self.table["mean"].max()
+        unbiased = f"nested cross-validation {100 * nested['accuracy']['mean']:.1f} %; " if nested else ""
+        return f"<{type(self).__name__}: {title}; {unbiased}best {mean:.1f} %, {' with '.join(self.best)}>"
 
     def _repr_html_(self) -> str:
         """Return the table as HTML for a notebook."""
@@ -204,7 +214,7 @@ def run_benchmark(
     *,
     protocol: str | None = None,
     n_folds: int | None = None,
-    nested_cv: bool = False,
+    nested_cv: bool | None = None,
     axes: AxesOption = "auto",
     n_jobs: int = 1,
     skip_bad: bool = False,
@@ -227,9 +237,10 @@ def run_benchmark(
         Name of a protocol; see `find_protocol` (default: the protocol of the pipeline).
     n_folds : int, optional
         Number of folds for protocols that draw folds (default: the number in the pipeline).
-    nested_cv : bool
-        Whether to also run nested cross-validation, which selects the row and the classifier inside each
-        training set (default False).
+    nested_cv : bool, optional
+        Whether to run nested cross-validation, which selects the row and the classifier inside each training
+        set. By default, it is run where this is possible; otherwise the result contains the reason. If True,
+        an error is raised where it is impossible.
     axes : {"auto", "merged", "separate"}
         Whether to merge the axes of the accelerometer (default "auto": as in the pipeline, or decided from
         the recordings if it leaves this open); see `decide_axes`.
@@ -252,7 +263,7 @@ def run_benchmark(
     RecordingError
         If a recording is bad and `skip_bad` is False.
     ValueError
-        If the protocol cannot split the dataset.
+        If the protocol cannot split the dataset, or `nested_cv` is True and a training set cannot be split.
     """
     dataset = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
     if pipeline is None:
@@ -282,9 +293,14 @@ def run_benchmark(
     rows = [MatchedRow.match(row, pipeline.features, table) for row in pipeline.rows]
     meter = CostMeter.from_dataset(dataset, frame["recording_id"].tolist(), pipeline.channels)
     evaluations = _evaluate(rows, table, splits, pipeline, split_protocol, **work)
-    nested = None
-    if nested_cv:
-        nested = run_nested_cv(rows, table, splits, pipeline, split_protocol, evaluations, **work)
+    nested, skipped = None, None if nested_cv is not False else SWITCHED_OFF
+    if nested_cv is not False:
+        try:
+            nested = run_nested_cv(rows, table, splits, pipeline, split_protocol, evaluations, **work)
+        except ValueError as error:  # inner folds are impossible, or too small for a classifier
+            if nested_cv:
+                raise
+            skipped = str(error)
     ablation = None
     if pipeline.additions and (base := select_base(pipeline, rows, evaluations)):
         ablation = measure_ablation(pipeline, table, base, split_protocol, n_folds, meter, **work)
@@ -318,6 +334,8 @@ def run_benchmark(
             "confusion": _confusion(lines, evaluations, dataset.surfaces),
             "ablation": ablation,
             "nested_cv": nested,
+            "nested_cv_skipped": skipped,
+            "tests": _tests(frame, splits, split_protocol, _predictions(lines, evaluations, nested)),
             "left_out": [list(item) for item in table.left_out],
             "flags": [list(item) for item in table.flags],
             "undefined": _undefined(table),
@@ -369,9 +387,9 @@ def _evaluate(
     tasks, calls = [], []
     for row in rows:
         classifiers = row.definition.select_classifiers(pipeline.classifiers) if row.columns else ()
-        # Forward selection depends on the classifier; some classifiers reject surfaces with one recording.
-        is_separate = is_single or row.definition.select is not None
-        for names in [(name,) for name in classifiers] if is_separate else filter(None, [classifiers]):
+        # Some classifiers reject surfaces with one recording.
+        groups = [(name,) for name in classifiers] if is_single else _groups(row, classifiers)
+        for names in groups:
             trial = partial(pipeline.trials(row, names, table), splits, **options)
             calls.append(partial(_evaluate_if_possible, trial) if is_single else trial)
             tasks.append((row.definition.name, names))
@@ -382,6 +400,14 @@ def _evaluate(
         if row_evaluations:
             evaluations.setdefault(row_name, {}).update(zip(names, row_evaluations, strict=True))
     return evaluations
+
+
+def _groups(row: MatchedRow, classifiers: Iterable[str]) -> list[tuple[str, ...]]:
+    """Return groups of classifiers that share the preparation of a row. Forward selection has a criterion."""
+    names = tuple(classifiers)
+    if row.definition.select is not None:
+        return [(name,) for name in names]
+    return [names] if names else []
 
 
 def _undefined(table: FeatureTable) -> list[Any]:
@@ -472,6 +498,51 @@ def rank_agreement(
     return r, (float(low), float(high))
 
 
+def _predictions(
+    lines: Sequence[Mapping[str, Any]],
+    evaluations: Mapping[str, Mapping[str, Evaluation]],
+    nested: Mapping[str, Any] | None,
+) -> dict[str, list[Labels]]:
+    """Return the predictions of each fold by nested cross-validation and by the best pair."""
+    predictions = dict[str, list[Labels]]()
+    if nested:
+        predictions["nested_cv"] = [
+            evaluations[row][name].y_pred[k] for k, (row, name) in enumerate(nested["selected"])
+        ]
+    if best := best_pair({"rows": lines}):
+        predictions["best"] = [*evaluations[best.row["name"]][best.classifier].y_pred]
+    return predictions
+
+
+def _tests(
+    frame: pd.DataFrame, splits: Sequence[Split], protocol: Protocol, predictions: Mapping[str, list[Labels]]
+) -> dict[str, Any]:
+    """Return the tested recordings of each fold and the correct predictions as JSON values.
+
+    `folds_hash` is a hash of the training and test recordings of each fold. `recordings` are the tested
+    recordings or windows of each fold. `units` are their independent units, or None if each recording is its
+    own unit. `n_train` are the sizes of the training sets. `hits` contains, for nested cross-validation and
+    for the best pair, one text per fold with "1" for each correct and "0" for each wrong prediction.
+    """
+    ids, surfaces = frame["recording_id"].to_numpy(dtype=str), frame["surface"].to_numpy(dtype=str)
+    folds = [[sorted(ids[train].tolist()), ids[test].tolist()] for train, test in splits]
+    units = protocol.independent(frame)[1]
+    hits = {
+        name: [
+            "".join(np.where(surfaces[test] == predicted, "1", "0"))
+            for (_, test), predicted in zip(splits, labels, strict=True)
+        ]
+        for name, labels in predictions.items()
+    }
+    return {
+        "folds_hash": hashlib.sha256(json.dumps(folds).encode()).hexdigest()[:16],
+        "recordings": [test for _, test in folds],
+        "units": None if (units == ids).all() else [units[test].tolist() for _, test in splits],
+        "n_train": [int(train.size) for train, _ in splits],
+        "hits": hits,
+    }
+
+
 def _confusion(
     lines: Sequence[Mapping[str, Any]],
     evaluations: Mapping[str, Mapping[str, Evaluation]],
@@ -539,14 +610,19 @@ def run_nested_cv(
         return {"accuracy": accuracy.to_dict(*units), "selected": selected, "inner_protocols": []}
     inner = inner_splits(protocol, table.frame, splits, pipeline.seed)
     unit_name, units_of_rows = protocol.independent(table.frame)
-    trials = [pipeline.trial(row, name, table) for row, name in pairs]
+    trials = [
+        pipeline.trials(row, names, table)
+        for row in rows
+        for names in _groups(row, evaluations.get(row.definition.name, ()))
+    ]
     calls = [
         partial(trial, [(train[a], train[b]) for a, b in inner_folds])
         for (train, _), (_, inner_folds) in zip(splits, inner, strict=True)
         for trial in trials
     ]
     options: dict[str, Any] = {"progress": progress, "stage": "choices", "total": len(calls)}
-    hits = [e.accuracy.n_hits for e in run_parallel(calls, n_jobs=n_jobs, **options)]
+    results = run_parallel(calls, n_jobs=n_jobs, **options)
+    hits = [evaluation.accuracy.n_hits for group in results for evaluation in group]
     # A bonus of less than one hit only breaks ties between pairs with equal numbers of hits.
     bonus = np.array([row.n_features for row, _ in pairs]) / (1 + sum(row.n_features for row, _ in pairs))
     best = (np.reshape(hits, (len(splits), len(pairs))) + bonus).argmax(axis=1)
@@ -585,7 +661,7 @@ def _inner_split(protocol: Protocol, training_set: pd.DataFrame, seed: int) -> t
     for name in dict.fromkeys((protocol.name, "recording")):
         inner_protocol = find_protocol(name)
         try:
-            splits = make_splits(inner_protocol, training_set, seed)
+            splits = make_splits(inner_protocol, training_set, seed, INNER_FOLDS)
             n_train = min(min_per_surface(inner_protocol, training_set.iloc[train]) for train, _ in splits)
             if n_train >= MIN_TRAINING_RECORDINGS:
                 return name, splits
@@ -596,6 +672,5 @@ def _inner_split(protocol: Protocol, training_set: pd.DataFrame, seed: int) -> t
         except ValueError as error:
             problem = str(error)
     raise ValueError(
-        f"a training set cannot be split for nested cross-validation: {problem}. Record more repetitions, or "
-        "run the benchmark without nested cross-validation"
+        f"a training set cannot be split for nested cross-validation: {problem}. Record more repetitions"
     )

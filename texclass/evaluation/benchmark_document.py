@@ -83,8 +83,8 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
         yield _example(data["example"])
     yield Heading("All rows, with published accuracies" if published else "All rows")
     yield _rows(data, best)
-    if data.get("default"):
-        yield [_default_pipeline(data)]
+    if footnotes := [*_best_on_test_folds(data, best), *_default_pipeline(data)]:
+        yield footnotes
     further = _further_accuracies(data)
     if further is not None:
         yield further
@@ -105,39 +105,62 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
 
 
 def _finding(data: Data, best: Pair) -> Finding:
-    """Return the accuracy of nested cross-validation if it was run, else the highest accuracy of a row."""
-    name, n_pairs = classifier_title(best.classifier), len(list_pairs(data))
+    """Return the accuracy of nested cross-validation; without it, that of the best pair, and the reason."""
+    n_pairs, nested = len(list_pairs(data)), data.get("nested_cv")
     share = f"of the {_test_units(data)} of {data['dataset']['n_surfaces']} surfaces classified correctly"
     folds = f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""
     folds += f" of {counted(data['n_starts'], 'start')}" if data.get("n_starts") else ""
     protocol = f"Protocol: {data['protocol_description']}{folds}."
-    selection = f"the best of {n_pairs} pairs of row and classifier, selected on the test folds"
-    row, chance = f"{best.row['name']} with {name}", f"chance level {percent(chance_level(data))} %"
-    comparison, brief = _compare_with_paper(data, best)
-    note = ""
-    if nested := data.get("nested_cv"):
-        accuracy = nested["accuracy"]
-        sentence_start = (
-            f"{share}, with row and classifier selected inside each training set (nested cross-validation)"
-        )
-        comparison = (
-            f"{percent(best.accuracy['mean'])} % by {row}: {selection} (optimistic). {comparison}".rstrip()
-        )
-        brief = "Nested cross-validation."
+    pair, chance = _pair_title(best), f"chance level {percent(chance_level(data))} %"
+    accuracy, comparison, brief, note, why = best.accuracy, *_compare_with_paper(data, best), "", ""
+    brief = f"{pair}; {brief}" if brief else f"{pair}."
+    if n_pairs == 1:
+        start = f"{share}, with {pair}, the only pair of row and classifier: nothing was selected"
+    elif nested:
+        accuracy, comparison, brief = nested["accuracy"], "", "Nested cross-validation."
+        start = f"{share}, with row and classifier selected inside each training set"
+        note, why = "nested cross-validation; ", f"Selected: {_selected_pairs(nested)}. "
     else:
-        accuracy, sentence_start = best.accuracy, f"{share}, with {row}"
-        if n_pairs > 1:
-            sentence_start, note = f"{sentence_start}: {selection}", "optimistic; "
-            protocol = f"`--nested-cv` gives an unbiased accuracy. {protocol}"
-        brief = f"{row}; {brief}" if brief else f"{row}."
+        start = f"{share}, with {pair}: {_selection(data)}"
+        note = "optimistic; "
+        reason = data.get("nested_cv_skipped") or "the command that wrote this result did not run it"
+        why = f"Nested cross-validation, which gives an unbiased accuracy, was not run: {reason}. "
     if data.get("n_starts"):
         protocol += f" Accuracy in the worst fold: {percent(accuracy['worst'])} %."
     remarks = f"{note}95 % confidence interval{cluster_phrase(accuracy)}; {chance}"
     return Finding(
         percent(accuracy["mean"]), "%", interval(accuracy),
-        f"{sentence_start} ({remarks}). {protocol} {caution(accuracy)}".rstrip(),
+        f"{start} ({remarks}). {why}{protocol} {caution(accuracy)}".rstrip(),
         comparison, brief,
     )  # fmt: skip
+
+
+def _pair_title(pair: Pair) -> str:
+    return f"{pair.row['name']} with {classifier_title(pair.classifier)}"
+
+
+def _selection(data: Data) -> str:
+    n_pairs = counted(len(list_pairs(data)), "pair")
+    return f"the best of {n_pairs} of row and classifier, selected on the test folds"
+
+
+def _selected_pairs(nested: Data) -> str:
+    """Return the pairs that nested cross-validation selected, with the number of folds of each."""
+    n, counts = len(nested["selected"]), Counter(map(tuple, nested["selected"]))
+    return "; ".join(
+        f"{row} with {classifier_title(name)} ({k} of {counted(n, 'fold')})"
+        for (row, name), k in counts.most_common()
+    )
+
+
+def _best_on_test_folds(data: Data, best: Pair | None) -> Iterator[str]:
+    """Yield the footnote on the best pair if the report opens with nested cross-validation instead."""
+    if best is not None and data.get("nested_cv") and len(list_pairs(data)) > 1:
+        yield (
+            f"Optimistic: {percent(best.accuracy['mean'])} % {interval(best.accuracy)} by "
+            f"{_pair_title(best)}, {_selection(data)}. "
+            f"{_compare_with_paper(data, best)[0]}"
+        )
 
 
 def _compare_with_paper(data: Data, best: Pair) -> tuple[str, str]:
@@ -218,8 +241,10 @@ def _rows(data: Data, best: Pair | None) -> Table:
     )
 
 
-def _default_pipeline(data: Data) -> str:
-    """Return the accuracy of the default pipeline of `texclass train` on the same folds."""
+def _default_pipeline(data: Data) -> Iterator[str]:
+    """Yield the accuracy of the default pipeline of `texclass train`, if it was evaluated."""
+    if not data.get("default"):
+        return
     name, row = data["default"]["pipeline"]["name"], data["default"]["rows"][0]
     accuracies = list(row["accuracy"].values())
     result = f"not evaluated ({row['missing']})"
@@ -229,7 +254,7 @@ def _default_pipeline(data: Data) -> str:
             f"{row['ms_per_recording']:.3g} ms"
         )
         result += f"; axes {axes}" if (axes := data["default"]["axes"]) else ""
-    return (
+    yield (
         f"This table contains the published feature subsets. `texclass train` uses the pipeline `{name}` by "
         f"default: {result}. For its report, use `--pipeline {name}`."
     )
@@ -516,15 +541,11 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
         by_share = sorted(columns.items(), key=lambda item: -item[1])
         shares = ", ".join(f"{column} {share:.0%}" for column, share in by_share)
         yield f"Columns selected in {best.row['name']}, with the fraction of folds: {shares}."
-    if nested := data.get("nested_cv"):
-        folds = Counter((row, name) for row, name in nested["selected"]).most_common()
-        n, accuracy = len(nested["selected"]), nested["accuracy"]
-        mean, low, high = (digits(round(100 * accuracy[key], 1)) for key in ("mean", "low", "high"))
-        pairs = "; ".join(f"{row}, {classifier_title(name)} ({k} of {n} folds)" for (row, name), k in folds)
+    if (nested := data.get("nested_cv")) and nested["inner_protocols"]:
         titles = ", ".join(find_protocol(name).title for name in nested["inner_protocols"])
         yield (
-            "Nested cross-validation (inner folds: "
-            f"{titles or 'none, one pair'}): {mean} % [{low}, {high}]; selected: {pairs}."
+            f"Nested cross-validation selects the pair with the highest accuracy in inner folds ({titles}); "
+            "of equal pairs, the one with the most columns."
         )
     for row in data["rows"]:
         if row["accuracy"] and row.get("note"):

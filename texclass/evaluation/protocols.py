@@ -427,8 +427,8 @@ def repeated_splits(
     return tuple(protocol.split(table, n_folds, seed + r) for r in range(n_repeats))
 
 
-def make_splits(protocol: Protocol, table: "pd.DataFrame", seed: int) -> "Splits":
-    """Return the splits of a protocol. A protocol that draws folds draws at most five.
+def make_splits(protocol: Protocol, table: "pd.DataFrame", seed: int, max_folds: int = 5) -> "Splits":
+    """Return the splits of a protocol. A protocol that draws folds draws at most `max_folds`.
 
     Raises
     ------
@@ -436,7 +436,7 @@ def make_splits(protocol: Protocol, table: "pd.DataFrame", seed: int) -> "Splits
         If the table cannot be split, or the protocol fits scaling and selection on test recordings.
     """
     require_nested(protocol)
-    return protocol.split(table, max(2, min(5, min_per_surface(protocol, table))), seed)
+    return protocol.split(table, max(2, min(max_folds, min_per_surface(protocol, table))), seed)
 
 
 def require_nested(protocol: Protocol) -> None:
