@@ -65,7 +65,7 @@ def measure(card: Path, way: str, output: Path) -> dict[str, float]:
                     if way == "table":
                         extract_table(dataset, features, output)
                     else:
-                        extract_partitions(dataset, features, output, SIZE)
+                        extract_partitions(dataset, features, output, SIZE, suffix=".parquet")
                 seconds = time.perf_counter() - start
                 moved = psutil.net_io_counters(pernic=True)["lo"].bytes_sent - moved
                 busy = peak_mb(processes[0].pid)

@@ -3,7 +3,7 @@
 Run it by hand from the project's root, on a machine that does nothing else: `python
 benchmarks/scaling_study.py`. It writes reports/studies/scaling.json and .png. `--only cores`
 (numbers, cores, length, kill) measures one part again and keeps the others. Everything goes the real way:
-WAV files of a card are opened, loaded, segmented, computed, written to Parquet and joined. One thread a
+WAV files of a card are opened, loaded, segmented, computed, written to a table and joined. One thread a
 process. Runs that are compared take turns; of cores the best of each counts, because what else runs can only
 make one slower, of numbers of recordings, whose runs differ in length, the median. With one process it is
 CPU time.
@@ -31,7 +31,7 @@ import soundfile
 from matplotlib.figure import Figure
 from study import command_line, table, timed, write
 
-from texclass.evaluation import extract_table
+from texclass.evaluation import extract_table, read_table
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
@@ -117,12 +117,12 @@ def numbers(n_rounds: int, largest: int) -> dict[str, Any]:
     sizes = [n for n in NUMBERS if n <= largest]
     with workplace() as folder:
         cards = {n: card_of(folder, n, SHORT_S, folder / "pool") for n in sizes}
-        extract(cards[sizes[0]], 1, folder / "warm.parquet")
+        extract(cards[sizes[0]], 1, folder / "warm.npz")
         seconds, memory, batches = {n: [] for n in sizes}, {}, []
         for i in range(n_rounds):
             for n in sizes if i % 2 == 0 else sizes[::-1]:
                 ticks: list[float] = []
-                run = partial(extract, cards[n], 1, folder / f"{n}-{i}.parquet")
+                run = partial(extract, cards[n], 1, folder / f"{n}-{i}.npz")
                 progress = lambda *_, ticks=ticks: ticks.append(time.process_time())  # noqa: E731
                 seconds[n].append(timed(partial(run, progress), time.process_time)[1])
                 memory.setdefault(n, peak_mb())
@@ -173,11 +173,11 @@ def cores(n_rounds: int, n_long: int) -> dict[str, Any]:
     with workplace() as folder:
 
         def wall(card: Path, n_jobs: int, name: str) -> float:
-            return timed(partial(extract, card, n_jobs, folder / f"{name}.parquet"), time.perf_counter)[1]
+            return timed(partial(extract, card, n_jobs, folder / f"{name}.npz"), time.perf_counter)[1]
 
         small_card = card_of(folder, 4, LONG_S, folder / "pool")
         card = card_of(folder, n_long, LONG_S, folder / "pool")
-        extract(small_card, 1, folder / "warm.parquet")
+        extract(small_card, 1, folder / "warm.npz")
         first_run, repeated = wall(small_card, 2, "start"), wall(small_card, 2, "again")
         seconds: dict[int, list[float]] = {1: [], 2: []}
         load = []
@@ -238,7 +238,7 @@ def measure_length(card: Path) -> dict[str, float]:
 def kill() -> dict[str, object]:
     """Kill an extraction half-way with SIGKILL, start it again, and count what was computed."""
     with workplace() as folder:
-        card, output = card_of(folder, N_KILLED, SHORT_S, folder / "pool"), folder / "t.parquet"
+        card, output = card_of(folder, N_KILLED, SHORT_S, folder / "pool"), folder / "t.npz"
         child = [sys.executable, __file__, "--child", "extract", str(card), str(output)]
         parts = output.with_name(f"{output.name}.parts")
         process = subprocess.Popen(child, start_new_session=True)
@@ -255,7 +255,7 @@ def kill() -> dict[str, object]:
                 untouched.append(all(part.stat().st_mtime_ns == at for part, at in mtimes.items()))
 
         extract(card, 2, output, watch)
-        extract(card, 1, folder / "whole.parquet")
+        extract(card, 1, folder / "whole.npz")
         return {
             "n_recordings": N_KILLED,
             "exit_code": process.returncode,
@@ -263,7 +263,7 @@ def kill() -> dict[str, object]:
             "found_at_restart": calls[0][0],
             "computed_after": calls[-1][0] - calls[0][0],
             "parts_untouched": untouched == [True],
-            "table_identical": pd.read_parquet(output).equals(pd.read_parquet(folder / "whole.parquet")),
+            "table_identical": read_table(output).frame.equals(read_table(folder / "whole.npz").frame),
         }
 
 
@@ -397,7 +397,7 @@ def main() -> None:
         "input_hash": hashlib.sha256(json.dumps(settings).encode()).hexdigest()[:16],
         "seed": SEED,
         "short_s": SHORT_S,
-        "versions": versions("numpy", "scipy", "joblib", "pyarrow", "soundfile"),
+        "versions": versions("numpy", "scipy", "joblib", "soundfile"),
     }
     report(result, args.out)
 

@@ -23,7 +23,7 @@ PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 EXPECTED = {
     "benchmark output": "a folder",
     "benchmark confusion": ".csv",
-    "extract output": ".parquet or .csv",
+    "extract output": ".csv or .parquet",
     "tradeoff output": "a folder",
     "stability output": "a folder",
     "report output": ".html or .htm or .md",

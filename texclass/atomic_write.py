@@ -4,6 +4,7 @@ import contextlib
 import os
 import time
 import uuid
+from importlib.util import find_spec
 from pathlib import Path
 
 import platformdirs
@@ -28,7 +29,7 @@ def check_suffix(path: str | Path, *suffixes: str) -> Path:
     Raises
     ------
     ValueError
-        If the suffix is not valid.
+        If the suffix is not valid, or the library that writes this format is not installed.
 
     Examples
     --------
@@ -39,6 +40,11 @@ def check_suffix(path: str | Path, *suffixes: str) -> Path:
     if path.suffix.lower() not in suffixes:
         formats = " or ".join(filter(None, suffixes))
         raise ValueError(f"cannot write {path}: the suffix is {path.suffix!r}. Expected {formats}")
+    if path.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
+        raise ValueError(
+            f"cannot write {path}: needs pyarrow, which is not installed: pip install 'texclass[parquet]', "
+            "or write a .csv file"
+        )
     return path
 
 

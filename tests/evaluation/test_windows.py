@@ -121,11 +121,11 @@ def test_overlapping_windows_are_in_training_sets_only(toy_dataset):
 def test_short_movements_and_bad_recordings_raise_an_error_when_loaded(toy_dataset, feature_set, tmp_path):
     bad = toy_dataset(bad=("m1_1",))
     with pytest.raises(RecordingError, match="value 'x' in line 3"):
-        extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.parquet")
-    table = extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.parquet", skip_bad=True)
+        extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.npz")
+    table = extract_table(cut_windows(bad, 0.1), feature_set, tmp_path / "t.npz", skip_bad=True)
     assert (table.n_recordings, [b.recording_id for b in table.left_out]) == (11 * 3, ["m1_1"])
     with pytest.raises(RecordingError, match=r"m0_1: the movement lasts 0\.3 s, but a window lasts 0\.4 s"):
-        extract_table(cut_windows(toy_dataset(), 0.4), feature_set, tmp_path / "t.parquet")
+        extract_table(cut_windows(toy_dataset(), 0.4), feature_set, tmp_path / "t.npz")
 
 
 def test_lengths_are_above_0_and_windows_are_not_cut_again(counting):
@@ -154,7 +154,7 @@ def test_each_file_is_read_once_and_movements_are_remembered(toy_dataset, featur
 
 def test_extraction_gives_what_the_extractor_gives_for_each_window(toy_dataset, feature_set, tmp_path):
     dataset = cut_windows(toy_dataset(), 0.1)
-    table = extract_table(dataset, feature_set, tmp_path / "t.parquet")
+    table = extract_table(dataset, feature_set, tmp_path / "t.npz")
     direct = FeatureExtractor(feature_set).fit(dataset).extract(dataset)
     np.testing.assert_array_equal(table.values, direct.values)
     assert table.frame["recording_id"].tolist() == list(direct.recording_ids)

@@ -88,7 +88,7 @@ def test_a_wrong_unit_is_reported_once_for_all_recordings(command, tmp_path, mon
         (tmp_path / "own" / surface).mkdir(parents=True)
         for i in range(3):
             np.savetxt(tmp_path / "own" / surface / f"{i}.csv", AT_REST / 9.81, delimiter=",")
-    arguments = "own --fs 1000 --unit m/s^2 --column 1,2,3 --jobs 1 --features coarse -o t.parquet"
+    arguments = "own --fs 1000 --unit m/s^2 --column 1,2,3 --jobs 1 --features coarse -o t.csv"
     message = "6 of 6 recordings: unit: the level at rest is 1 m/s^2, but gravity is 9.81 m/s^2"
     code, out, _ = command("extract", *arguments.split())
     assert (code, out.count(message)) == (0, 1)

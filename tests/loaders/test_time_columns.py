@@ -269,7 +269,7 @@ def test_recordings_that_were_resampled_up_are_reported_before_any_table(tmp_pat
         for k in range(2):
             write(tmp_path / surface / f"r{k}.csv", numbers(np.arange(N) / fs))
     dataset = open_dataset(tmp_path, unit="counts", resample=1000)
-    table = extract_table(dataset, load_feature_set("coarse"), tmp_path / "t.parquet")
+    table = extract_table(dataset, load_feature_set("coarse"), tmp_path / "t.npz")
     assert table.notices == (
         "2 of 4 recordings: narrow band: sampled at 300 Hz, so no content above 150 Hz (the first: slate/r0)",
     )

@@ -160,11 +160,12 @@ def compare_with_baselines(
     """
     settings = settings or BaselineSettings()
     pipeline = pipeline.model_copy(update={"channels": result.data["channels"]})
-    options = {"channels": pipeline.channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
     protocol = find_protocol(result.data["protocol"])
     if protocol.separates_recordings:
         dataset = add_overlapping_windows(dataset, pipeline.overlap)
-    table = cached_table(dataset, *pipeline.needed, **options)
+    table = cached_table(
+        dataset, *pipeline.needed, channels=pipeline.channels, n_jobs=n_jobs, skip_bad=skip_bad
+    )
     n_folds = pipeline.protocol.folds if n_folds is None else n_folds
     splits = protocol.split(table.frame, n_folds, pipeline.seed)
     report = progress or (lambda done, total, what: None)

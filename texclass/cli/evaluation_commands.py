@@ -35,7 +35,7 @@ def features(
 
 @app.command(
     rich_help_panel="Evaluation",
-    epilog="Example: texclass extract recordings --fs 10000 --unit m/s^2 -o features.parquet",
+    epilog="Example: texclass extract recordings --fs 10000 --unit m/s^2 -o features.csv",
 )
 @p.with_reader_options
 def extract(
@@ -55,7 +55,7 @@ def extract(
             "--output",
             "-o",
             metavar="FILE",
-            help="Feature table to write (.parquet or .csv); with --partition a folder of Parquet files.",
+            help="Feature table to write (.csv or .parquet); with --partition a folder of files.",
         ),
     ],
     partition: Annotated[
@@ -66,13 +66,17 @@ def extract(
             help="Write one file per N recordings, for tables that do not fit into memory.",
         ),
     ] = None,
+    partition_format: Annotated[
+        Literal["csv", "parquet"], p.output_option(help="Format of the files of --partition.")
+    ] = "csv",
 ) -> None:
     """Compute a feature table. An interrupted run resumes where it stopped."""
     p.check_scheduler(backend, scheduler)
     if partition is None:
-        check_suffix(output, ".parquet", ".csv")
+        check_suffix(output, ".csv", ".parquet")
     else:
         p.check_folder(output)
+        check_suffix(output / f"part.{partition_format}", ".csv", ".parquet")
     announce_start(*RECORDING_KERNELS)
     from texclass.loaders import open_dataset
 
@@ -89,7 +93,14 @@ def extract(
     with use_backend(backend, scheduler), progress_bar() as progress:
         work: dict[str, Any] = {"n_jobs": jobs, "skip_bad": skip_bad, "progress": progress}
         if partition is not None:
-            parts = extract_partitions(recordings, feature_set, output, partition, **work)
+            parts = extract_partitions(
+                recordings,
+                feature_set,
+                output,
+                partition,
+                suffix=".csv" if partition_format == "csv" else ".parquet",
+                **work,
+            )
             for name, _, left_out, notes in parts.itertuples():
                 print_lines(f"{name}: left out:", left_out)
                 print_lines(f"{name}: note:", notes)

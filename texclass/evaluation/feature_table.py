@@ -1,8 +1,8 @@
 """Feature table of a dataset, which is computed one recording at a time and cached.
 
-The table is stored in one Parquet file, which also contains the reasons for undefined values. Until it is
+The table is stored in one NPZ file, which also contains the reasons for undefined values. Until it is
 complete, each finished recording is stored in a checkpoint next to the file, so that an interrupted
-computation can be continued.
+computation can be continued. CSV and Parquet files are written from the table in the cache.
 """
 
 import hashlib
@@ -12,18 +12,16 @@ import logging
 import re
 import shutil
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from texclass import __version__
 from texclass.atomic_write import cache_root, check_suffix, sibling_path, write_atomic
@@ -185,17 +183,28 @@ class FeatureTable:
 def metadata(entries: Sequence[Entry]) -> pd.DataFrame:
     """Return a table with the labels of each recording or window, without loading their signals."""
     frame = pd.DataFrame([[getattr(e, name) for name in METADATA] for e in entries], columns=METADATA)
-    text_columns = [name for name in METADATA if name != "repetition"]
-    frame = frame.astype({**dict.fromkeys(text_columns, "str"), "repetition": "Int64"})
     for name, values in label_columns(entries).items():
-        frame[name] = pd.Series(values, dtype="str")
+        frame[name] = values
     if any(isinstance(entry, Window) for entry in entries):
-        frame["parent"] = pd.Series([parent_id(entry) for entry in entries], dtype="str")
+        frame["parent"] = [parent_id(entry) for entry in entries]
     train_only = [isinstance(entry, Window) and entry.is_train_only for entry in entries]
-    return frame.assign(is_train_only=train_only) if any(train_only) else frame
+    return _with_types(frame.assign(is_train_only=train_only) if any(train_only) else frame)
 
 
-def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) -> FeatureTable:
+def _with_types(labels: pd.DataFrame) -> pd.DataFrame:
+    """Convert label columns to text, `repetition` to integers, and `is_train_only` to booleans."""
+    types: dict[Hashable, str] = {"repetition": "Int64", "is_train_only": "bool"}
+    return labels.astype({name: types.get(name, "str") for name in labels})
+
+
+def cached_table(
+    dataset: Dataset,
+    *feature_sets: FeatureSet,
+    channels: Channels = "combine",
+    n_jobs: int = 1,
+    skip_bad: bool = False,
+    progress: Progress | None = None,
+) -> FeatureTable:
     """Compute the feature table of a dataset, or read it from the cache folder.
 
     Each feature set has its own file, so that adding a feature does not require computing all features again.
@@ -206,8 +215,8 @@ def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) ->
         Recordings or windows. If several recordings have the same content, only the first is used.
     *feature_sets : FeatureSet
         Feature sets without common columns.
-    **options
-        Options of `extract_table`: `channels`, `n_jobs`, `skip_bad`, `progress`.
+    channels, n_jobs, skip_bad, progress
+        See `extract_table`.
 
     Returns
     -------
@@ -220,11 +229,19 @@ def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) ->
         If a recording is bad (or recordings of different surfaces have the same content) and `skip_bad` is
         False, or no recording can be used.
     """
-    dataset, copies = _without_copies(dataset, skip_bad=options.get("skip_bad", False))
-    tables = []
-    for one in feature_sets:
-        key = table_key(dataset, one, options.get("channels", "combine"))
-        tables.append(extract_table(dataset, one, _in_cache(one, key), **options))
+    dataset, copies = _without_copies(dataset, skip_bad=skip_bad)
+    tables = [
+        extract_table(
+            dataset,
+            one,
+            _in_cache(one, table_key(dataset, one, channels)),
+            channels=channels,
+            n_jobs=n_jobs,
+            skip_bad=skip_bad,
+            progress=progress,
+        )
+        for one in feature_sets
+    ]
     table = reduce(_merge, tables)
     table = replace(table, left_out=table.left_out + copies)
     for notice in table.notices:
@@ -262,7 +279,7 @@ def _without_copies(dataset: Dataset, *, skip_bad: bool) -> tuple[Dataset, tuple
 
 
 def _in_cache(feature_set: FeatureSet, key: str) -> Path:
-    return cache_root() / "features" / f"{feature_set.name}-{key}.parquet"
+    return cache_root() / "features" / f"{feature_set.name}-{key}.npz"
 
 
 def extract_table(
@@ -275,7 +292,7 @@ def extract_table(
     skip_bad: bool = False,
     progress: Progress | None = None,
 ) -> FeatureTable:
-    """Compute the features of all recordings of a dataset and write them to a Parquet or CSV file.
+    """Compute the features of all recordings of a dataset and write them to a file.
 
     Each finished recording is stored in a checkpoint next to `path`, under a key computed from the input, the
     feature set, the code and the version. An interrupted run continues with the missing recordings. If the
@@ -288,9 +305,9 @@ def extract_table(
     feature_set : FeatureSet
         Features to compute.
     path : str or path
-        Output file with the suffix .parquet or .csv. A Parquet file contains the key, and a file with a
-        different key is replaced. A CSV file cannot contain the key, so the table is also written to the
-        cache.
+        Output file with the suffix .csv, .parquet (extra `parquet`) or .npz. An NPZ file contains the
+        complete table and its key; a file with a different key is replaced. A CSV or Parquet file contains
+        only the labels and features, so the complete table is also written to the cache.
     channels : {"combine", "each", "auto", "all"}
         See `FeatureExtractor`.
     n_jobs : int
@@ -312,14 +329,22 @@ def extract_table(
         If a recording is bad and `skip_bad` is False, or no recording can be used. The checkpoints of
         finished recordings are kept.
     ValueError
-        If the suffix of `path` is not .parquet or .csv, or a label has the name of a feature column.
+        If the suffix of `path` is not valid, or a label has the name of a feature column.
     """
-    path, key = check_suffix(path, ".parquet", ".csv"), table_key(dataset, feature_set, channels)
-    if path.suffix.lower() == ".csv":
-        options: dict[str, Any] = {"channels": channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
-        cache_path = _in_cache(feature_set, key)
-        cached = extract_table(dataset, feature_set, cache_path, **options, progress=progress)
-        write_atomic(path, cached.frame.to_csv(index=False))
+    path = check_suffix(path, ".csv", ".parquet", ".npz")
+    key = table_key(dataset, feature_set, channels)
+    if (suffix := path.suffix.lower()) != ".npz":
+        cached = extract_table(
+            dataset,
+            feature_set,
+            _in_cache(feature_set, key),
+            channels=channels,
+            n_jobs=n_jobs,
+            skip_bad=skip_bad,
+            progress=progress,
+        )
+        frame = cached.frame
+        write_atomic(path, frame.to_csv(index=False) if suffix == ".csv" else frame.to_parquet(index=False))
         return cached
     table: FeatureTable | None = None
     with suppress(FileNotFoundError, ValueError):  # compute a missing or damaged table
@@ -352,15 +377,16 @@ def extract_partitions(
     folder: str | Path,
     size: int,
     *,
+    suffix: Literal[".csv", ".parquet"] = ".csv",
     n_jobs: int = 1,
     skip_bad: bool = False,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
-    """Compute the features of a large dataset and write them to a folder of Parquet files.
+    """Compute the features of a large dataset and write them to a folder of files.
 
     Each file of `size` recordings is computed and written by one worker, so that no process holds the whole
-    table in memory. Existing files and finished recordings of an incomplete file are not computed again.
-    ``pd.read_parquet`` and Dask read the folder as one table.
+    table in memory. Features in the cache, also of an incomplete file, are not computed again. Dask reads
+    the folder as one table, and so does ``pd.read_parquet``.
 
     Parameters
     ----------
@@ -370,6 +396,8 @@ def extract_partitions(
         Output folder. Each file is named after the index of its first recording.
     size : int
         Number of recordings per file.
+    suffix : {".csv", ".parquet"}
+        Suffix and format of the files (default ".csv"). Parquet requires the extra `parquet`.
     progress : callable, optional
         Function called with (done, total, "partitions") after each file.
 
@@ -382,7 +410,7 @@ def extract_partitions(
     Raises
     ------
     ValueError
-        If `size` is less than 1.
+        If `size` is less than 1, or the suffix is not valid.
     RecordingError
         If a recording is bad and `skip_bad` is False. Finished files and checkpoints are kept.
     """
@@ -392,7 +420,7 @@ def extract_partitions(
     calls = []
     for first in range(0, len(groups), size):
         subset = replace(dataset, entries=tuple(chain.from_iterable(groups[first : first + size])))
-        path = Path(folder) / f"{first:09d}.parquet"
+        path = check_suffix(Path(folder) / f"{first:09d}{suffix}", ".csv", ".parquet")
         calls.append(partial(_write_partition, subset, feature_set, path, skip_bad))
     facts = run_parallel(calls, n_jobs=n_jobs, progress=progress, stage="partitions", total=len(calls))
     with closing(facts):
@@ -416,12 +444,12 @@ def table_key(dataset: Dataset, feature_set: FeatureSet, channels: str) -> str:
 
 
 def read_table(path: str | Path) -> FeatureTable:
-    """Read a feature table from a Parquet file.
+    """Read a feature table from an NPZ file.
 
     Parameters
     ----------
     path : str or path
-        File written by `extract_table`.
+        File with the suffix .npz, written by `extract_table`.
 
     Returns
     -------
@@ -436,37 +464,37 @@ def read_table(path: str | Path) -> FeatureTable:
         If the file is not a complete feature table.
     """
     try:
-        arrow = pq.read_table(path, use_threads=False)
-        facts = json.loads((arrow.schema.metadata or {})[b"texclass"])
-        columns, ms = tuple(facts["columns"]), np.array(facts["ms"], dtype=np.float64)
-        missing = [name for name in (*METADATA, *columns) if arrow.schema.names.count(name) != 1]
-        if missing:
-            raise ValueError(f"columns {missing} are missing or duplicated; expected each column once")
-        if ms.shape != (arrow.num_rows,) or not isinstance(facts["key"], str):
-            raise ValueError(f"expected one computing time per row ({arrow.num_rows}), got shape {ms.shape}")
-        frame = arrow.to_pandas()
-        if list(frame.columns) != arrow.schema.names:
-            raise ValueError(f"the columns {list(frame.columns)!r:.80} differ from the columns of the schema")
+        with np.load(path) as arrays:
+            values, facts = arrays["values"], json.loads(arrays["facts"].tobytes())
+        labels, columns = facts["labels"], tuple(facts["columns"])
+        missing = [name for name in METADATA if name not in labels]
+        if missing or len(set(columns) - set(labels)) < len(columns):
+            raise ValueError(f"label columns {missing} are missing, or columns are duplicated")
+        n_rows, ms = len(labels["recording_id"]), np.array(facts["ms"], dtype=np.float64)
+        if values.dtype != np.float64 or values.shape != (n_rows, len(columns)) or ms.shape != (n_rows,):
+            raise ValueError(f"expected {len(columns)} numbers and a computing time in each of {n_rows} rows")
+        if not isinstance(facts["key"], str):
+            raise ValueError("the key must be a text")
+        frame = pd.concat([_with_types(pd.DataFrame(labels)), pd.DataFrame(values, columns=columns)], axis=1)
         reasons = tuple(Reason(*reason) for reason in facts["reasons"])
         flags = tuple((name, flag) for name, flag in facts["flags"])
         left_out = tuple(LeftOutRecording(*bad) for bad in facts["left_out"])
-        phases = tuple(PhaseSummary(*values) for values in facts["phases"])
-        table = FeatureTable(frame, columns, ms, reasons, flags, left_out, facts["key"], phases)
-        table.select(columns)  # raises if a column does not contain numbers
-        return table
+        phases = tuple(PhaseSummary(*one) for one in facts["phases"])
+        return FeatureTable(frame, columns, ms, reasons, flags, left_out, facts["key"], phases)
     except FileNotFoundError:
         raise
-    except Exception as error:  # pyarrow and pandas raise many types of errors on damaged files
+    except Exception as error:  # numpy, zipfile and pandas raise many types of errors on damaged files
         raise ValueError(
-            f"{path}: not a feature table of texclass ({error}). Expected a Parquet file written by "
-            "`texclass extract`"
+            f"{path}: not a feature table of texclass ({error}). Expected an NPZ file of `extract_table`"
         ) from error
 
 
 def write_table(table: FeatureTable, path: Path) -> None:
-    """Write a feature table to a Parquet file atomically."""
+    """Write a feature table to an NPZ file atomically."""
+    labels = table.frame.drop(columns=list(table.columns)).astype(object)
     facts = {
         "key": table.key,
+        "labels": labels.where(labels.notna(), None).to_dict("list"),
         "columns": table.columns,
         "ms": table.ms.tolist(),
         "reasons": table.reasons,
@@ -474,10 +502,8 @@ def write_table(table: FeatureTable, path: Path) -> None:
         "left_out": table.left_out,
         "phases": table.phases,
     }
-    arrow = pa.Table.from_pandas(table.frame, preserve_index=False)
-    schema_metadata = {**(arrow.schema.metadata or {}), b"texclass": json.dumps(facts).encode()}
     buffer = io.BytesIO()
-    pq.write_table(arrow.replace_schema_metadata(schema_metadata), buffer)
+    np.savez(buffer, values=table.values, facts=np.frombuffer(json.dumps(facts).encode(), np.uint8))
     write_atomic(path, buffer.getvalue())
 
 

@@ -69,7 +69,7 @@ _HDF5 = Format("HDF5", "texclass.loaders.arrays", rate="scalar or attribute `fs`
 FORMATS: Mapping[str, Format] = {
     **dict.fromkeys((".txt", ".csv", ".tsv"), _TEXT),
     ".lvm": _LABVIEW,
-    ".parquet": Format("Parquet", _TEXT.module),
+    ".parquet": Format("Parquet", "texclass.loaders.parquet", extra="parquet"),
     **dict.fromkeys((".wav", ".flac"), _AUDIO),
     ".mat": Format("MATLAB", _HDF5.module, rate="scalar `fs`"),
     ".npy": Format("NPY", _HDF5.module),

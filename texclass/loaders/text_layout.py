@@ -14,8 +14,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
-import pyarrow as pa
-
 from texclass.loaders.columns import ACCELERATION, ROW_NUMBER, add_unit, parse_unit
 from texclass.loaders.dates import is_date
 from texclass.loaders.readers import ReaderSettings, reader_error
@@ -29,7 +27,7 @@ MAX_COLUMNS = 10_000
 MISSING = ("", "na", "n/a", "null", "none", "-")
 """Cells without a value."""
 DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d(?::?\d\d){0,2}(?:\.\d+)?(Z|[+-]\d\d:?\d*)?")
-"""Date and time in a notation that pyarrow can parse; the group is the time zone."""
+"""Date and time in a notation that pandas can parse; the group is the time zone."""
 
 
 @dataclass(frozen=True)
@@ -92,18 +90,18 @@ class _Row:
 
 
 def open_text(
-    data: pa.Buffer, encoding: str, *, errors: str = "strict", newline: str | None = None
+    data: bytes, encoding: str, *, errors: str = "strict", newline: str | None = None
 ) -> io.TextIOWrapper:
     """Open bytes as a text file."""
-    return io.TextIOWrapper(pa.BufferReader(data), encoding, errors, newline)
+    return io.TextIOWrapper(io.BytesIO(data), encoding, errors, newline)
 
 
-def find_layout(data: pa.Buffer, where: str, settings: ReaderSettings) -> TextLayout:
+def find_layout(data: bytes, where: str, settings: ReaderSettings) -> TextLayout:
     """Find the layout of a text table.
 
     Parameters
     ----------
-    data : pyarrow.Buffer
+    data : bytes
         Content of the file.
     where : str
         File (or file and sheet), for messages. If it ends with ".txt", blanks may delimit columns.
@@ -177,9 +175,9 @@ def split_cells(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], bool]:
+def _head(data: bytes, where: str, n_skipped: int) -> tuple[str, list[str], bool]:
     """Return the encoding, the first lines that are not skipped, and whether the text ends with them."""
-    is_wide = data[:4].to_pybytes().startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     for codec in ("utf-16" if is_wide else "utf-8-sig", "cp1252"):
         try:
             lines, is_whole = _first_lines(open_text(data, codec, newline=""), where, n_skipped)

@@ -14,7 +14,6 @@ from typing import IO, Any, NamedTuple
 from xml.parsers import expat
 
 import openpyxl
-import pyarrow as pa
 
 from texclass.loaders import tables
 from texclass.loaders.columns import is_time
@@ -48,7 +47,7 @@ class Sheet(NamedTuple):
     """File and sheet, for messages."""
     prefix: str
     """Prefix of the column names."""
-    data: pa.Buffer
+    data: bytes
 
     def names(self, settings: ReaderSettings) -> tuple[str, ...]:
         """Return the names of the columns."""
@@ -113,7 +112,7 @@ def _read_sheets(path: Path, modified: int, size: int) -> tuple[Sheet, ...]:
                 where = f"{path} (sheet {sheet.title!r:.40})"
                 if text := _text(sheet.iter_rows(values_only=True), where, max_size):
                     prefix = f"{sheet.title}/" if sheets else ""
-                    data = pa.py_buffer(text.encode("utf-8", "replace"))
+                    data = text.encode("utf-8", "replace")
                     sheets.append(Sheet(sheet.title, where, prefix, data))
     if not sheets:
         hint = "to store the results of formulas, save the file in Excel"

@@ -101,8 +101,14 @@ class Conditions:
 
     def table(self, dataset: Dataset) -> FeatureTable:
         """Return the feature table of a dataset, without unusable recordings."""
-        options = {"n_jobs": self.n_jobs, "progress": self.progress}
-        return cached_table(dataset, self.features, channels=self.channels, skip_bad=True, **options)
+        return cached_table(
+            dataset,
+            self.features,
+            channels=self.channels,
+            n_jobs=self.n_jobs,
+            skip_bad=True,
+            progress=self.progress,
+        )
 
     def splits(self, frame: pd.DataFrame) -> tuple[Split, ...]:
         """Return the folds of all repeats, with at most as many folds as a surface has recordings."""
