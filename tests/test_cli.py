@@ -323,6 +323,9 @@ def test_an_invalid_recording_stops_the_command_unless_skip_bad_is_set(run, tmp_
     [
         (("--version",), f"texclass {__version__}\n"),
         (("datasets",), "simulated69"),
+        (("datasets", "show", "simulated6"), "operator-4"),
+        (("datasets", "show", "simulated6"), "other operator"),
+        (("datasets", "show", "cluster118"), "leave-out direction"),
         (("features",), "waviness"),
         (("features", "texclass"), "waviness"),
     ],
@@ -347,6 +350,14 @@ def test_benchmark_uses_the_given_training_set_and_test_set(run, tmp_path):
     assert (result["protocol"], result["n_starts"], result["n_folds"]) == ("few-shot 1", 2, 4)
     code, _, err = run(*arguments, "--leave-out", "hand")
     assert (code, "the label 'hand'. Expected one of surface, operator, repetition" in err) == (1, True), err
+
+
+def test_a_card_with_an_unknown_protocol_is_an_error_when_it_is_shown(run, tmp_path):
+    protocol = '[[protocols]]\nquestion = "later"\nprotocol = "tomorrow"\n'
+    (tmp_path / "odd.toml").write_text((tmp_path / "tiny.toml").read_text() + protocol)
+    code, _, err = run("datasets", "show", "odd.toml")
+    assert code == 1
+    assert "odd.toml: protocols: unknown protocol 'tomorrow'. Expected one of recording, " in err
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -12,7 +12,7 @@ from texclass.cli import parameters as p
 from texclass.cli.app import app
 from texclass.cli.output import print_lines, progress_bar
 
-cards = typer.Typer(invoke_without_command=True, epilog="Example: texclass datasets get taps5")
+cards = typer.Typer(invoke_without_command=True, epilog="Example: texclass datasets show taps5")
 
 
 @app.command(rich_help_panel="Recordings", epilog="Example: texclass sample recordings")
@@ -112,12 +112,28 @@ def inspect(
 
 @cards.callback()
 def datasets(context: typer.Context) -> None:
-    """List the shipped dataset cards, or download their published recordings with `get`."""
+    """List the shipped dataset cards, show one of them, or download its published recordings."""
     if context.invoked_subcommand is None:
         from texclass.cli.listings import datasets_document
         from texclass.reporting import print_document
 
         print_document(datasets_document())
+
+
+@cards.command(epilog="Example: texclass datasets show fabric_speeds")
+def show(
+    name: Annotated[
+        str,
+        Argument(
+            help="Shipped dataset card, or card file (TOML).", autocompletion=p.shipped_names("datasets")
+        ),
+    ],
+) -> None:
+    """Show the labels of a dataset, and the evaluation protocols that its card declares."""
+    from texclass.cli.listings import dataset_document
+    from texclass.reporting import print_document
+
+    print_document(dataset_document(name))
 
 
 @cards.command(epilog="Example: texclass datasets get taps5")

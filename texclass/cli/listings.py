@@ -1,14 +1,17 @@
-"""Tables of the shipped dataset cards and of the features."""
+"""Tables of the shipped dataset cards, of one dataset, and of the features."""
+
+from pathlib import Path
 
 import pandas as pd
 
 from texclass import shipped
+from texclass.evaluation.protocols import find_protocol
 from texclass.features.contract import list_features
 from texclass.features.sets import load_feature_set
-from texclass.loaders import read_card
-from texclass.loaders.cards import SimulatedCard
+from texclass.loaders import open_dataset, read_card
+from texclass.loaders.cards import CardError, SimulatedCard
 from texclass.loaders.places import DataNotFoundError, find_folder
-from texclass.reporting import Document, Table
+from texclass.reporting import Document, Heading, Table
 from texclass.signals import HAND_WINDOW_S
 
 
@@ -27,6 +30,51 @@ def datasets_document() -> Document:
         rows.append((card.path.stem, card.title, f"{fs:g} Hz", available))
     frame = pd.DataFrame(rows, columns=["dataset", "title", "rate", "available"])
     return Document("Shipped datasets", [Table(frame, n_words=4)])
+
+
+def dataset_document(name_or_path: str | Path) -> Document:
+    """Return tables of the labels of a dataset and of the protocols that its card declares.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a shipped card, or path of a card.
+
+    Raises
+    ------
+    CardError
+        If the card is invalid, or declares an unknown protocol.
+    """
+    card = read_card(name_or_path)
+    protocols = []
+    for one in card.protocols:
+        try:
+            protocol = find_protocol(one.protocol)
+        except ValueError as error:
+            raise CardError(f"{card.path}: protocols: {error}") from error
+        windows = "" if one.window_s is None else f"{one.window_s:g} s"
+        if one.max_windows:
+            windows += f", first {one.max_windows}"
+        folds = str(one.folds) if protocol.is_random else ""
+        protocols.append((one.question, one.protocol, folds, windows, one.note))
+    blocks: list[str | Heading | Table] = []
+    try:
+        dataset = open_dataset(name_or_path)
+    except DataNotFoundError as error:
+        blocks.append(f"{error}.")
+    else:
+        labels = {name: column.dropna().astype(str).unique() for name, column in dataset.table.items()}
+        rows = [
+            (str(name), str(len(values)), f"{', '.join(values[:6])}{', ...' if len(values) > 6 else ''}")
+            for name, values in labels.items()
+            if len(values)
+        ]
+        blocks += [f"{len(dataset)} recordings.", Heading("Labels")]
+        blocks.append(Table(pd.DataFrame(rows, columns=["label", "values", "examples"]), n_words=3))
+    if protocols:
+        columns = ["question", "protocol", "folds", "windows", "note"]
+        blocks += [Heading("Protocols"), Table(pd.DataFrame(protocols, columns=columns), n_words=5)]
+    return Document(card.title, blocks)
 
 
 def features_document(feature_set: str | None = None) -> Document:

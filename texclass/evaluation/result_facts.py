@@ -7,6 +7,7 @@ import numpy as np
 
 from texclass.evaluation.accuracy import MIN_CLUSTERS
 from texclass.evaluation.windows import is_testable, parents
+from texclass.loaders.dataset import label_columns
 from texclass.recording import Recording, Samples
 from texclass.reporting.wording import counted
 
@@ -94,6 +95,7 @@ def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
     facts = data["dataset"]
     others = ("operator", "session", "test")
     counts = [counted(facts[f"n_{what}s"], what) for what in others if facts.get(f"n_{what}s")]
+    counts += [f"{counted(n, 'value')} of {name}" for name, n in facts.get("labels", {}).items()]
     values = {
         "Dataset": facts.get("title"),
         "Size": ", ".join([dataset_size(facts), *counts]),
@@ -140,6 +142,7 @@ def describe_dataset(dataset: "Dataset", frame: "pd.DataFrame", like: Recording)
         "n_recordings": int(parents(frame).nunique()),
         **({"n_windows": len(frame)} if "parent" in frame else {}),
         **{f"n_{of}s": int(frame[of].nunique()) for of in ("surface", "operator", "session")},
+        "labels": {name: int(frame[name].nunique()) for name in label_columns(dataset.entries)},
         "surfaces": list(dataset.surfaces),
         "chance": float(frame["surface"].value_counts(normalize=True).max()),
         "fs_hz": float(like.fs),
