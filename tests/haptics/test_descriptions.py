@@ -198,7 +198,7 @@ def test_describe_on_the_command_line(command, monkeypatch, tmp_path, references
     assert "sticky: no friction signal" in out
     code, out, _ = command(*arguments, "--json", "-")
     assert code == 0
-    assert {row["scale"] for row in json.loads(out)} == set(tx.haptics.SCALES)
+    assert {row["scale"] for row in json.loads(out)["descriptions"]} == set(tx.haptics.SCALES)
     code, _, err = command("describe", "none.txt", "--fs", "10000", "--unit", "m/s^2")
     assert code == 1
     assert "none.txt" in err

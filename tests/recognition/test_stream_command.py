@@ -120,12 +120,12 @@ def test_text_lines_show_contact_and_surface(run):
 def test_a_stream_of_another_rate_is_unknown_unless_resampled(run):
     x = np.repeat(oscillation(SURFACES["oak"], 3, 6000), 2)  # twice the rate
     options = ("--fs", 2 * FS, "--unit", "m/s^2", "--window", 0.5, "--in-contact")
-    code, out, err = run(*options, "--resample", x=x)
+    code, out, err = run(*options, "--resample", FS, x=x)
     assert code == 0
     assert "resampled" in err
     assert "final: oak" in out
     _, out, err = run(*options, x=x)
-    assert "--resample converts" in err
+    assert f"--resample {FS:g} converts" in err
     assert "unknown surface" in out
 
 

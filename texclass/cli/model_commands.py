@@ -132,8 +132,7 @@ def model(model: p.ModelFile, json_file: p.JsonFile = None) -> None:
 
     loaded = load_model(model)
     write_json(json_file, loaded.manifest.to_json())
-    if json_file != Path("-"):
-        print_document(model_document(loaded))
+    print_document(model_document(loaded))
 
 
 @app.command(rich_help_panel="Models", epilog="Example: texclass predict surfaces.skops new.txt")

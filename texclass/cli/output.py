@@ -2,9 +2,9 @@
 
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
@@ -20,10 +20,25 @@ CLEAR_LINE = "\r\x1b[2K"
 """Control sequence that erases the line of the cursor on a terminal."""
 
 
+_standard_outputs: list[TextIO] = []
+"""Standard output of the program during `text_on_standard_error`, for `write_json`."""
+
+
+@contextmanager
+def text_on_standard_error() -> Iterator[None]:
+    """Print the text of a command on standard error, so that `--json -` prints only JSON."""
+    _standard_outputs.append(sys.stdout)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _standard_outputs.pop()
+
+
 def write_json(path: Path | None, text: str) -> None:
     """Write a result as JSON to the file given by the option --json, if any; `-` is standard output."""
     if path == Path("-"):
-        typer.echo(text)
+        typer.echo(text, file=_standard_outputs[-1])
     elif path is not None:
         from texclass.atomic_write import write_atomic
 

@@ -11,6 +11,7 @@ import typer
 from typer import Argument, Option
 
 from texclass.atomic_write import check_suffix
+from texclass.cli.output import text_on_standard_error
 from texclass.shipped import Kind
 
 # Options in one panel of the help page.
@@ -44,6 +45,14 @@ def output_file(*flags: str, suffixes: Sequence[str], help: str) -> Any:
         return None if path is None else check_suffix(path, *suffixes)
 
     return output_option(*flags, metavar="FILE", callback=check, help=help)
+
+
+def check_json_file(context: typer.Context, path: Path | None) -> Path | None:
+    """Check the suffix of a JSON file. If it is `-`, print the text of the command on standard error."""
+    if path == Path("-"):
+        context.with_resource(text_on_standard_error())
+        return path
+    return None if path is None else check_suffix(path, ".json", "")
 
 
 def check_folder(path: Path | None) -> Path | None:
@@ -109,7 +118,9 @@ Comment = Annotated[
 DropIncomplete = Annotated[
     bool, data_option("--drop-incomplete", help="Drop lines of text files in which a column has no number.")
 ]
-Resample = Annotated[float | None, data_option(metavar="HZ", help="Resample all recordings to this rate.")]
+Resample = Annotated[
+    float | None, data_option(metavar="HZ", help="Resample all recordings (or the stream) to this rate.")
+]
 Labels = Annotated[
     Path | None,
     data_option(
@@ -228,7 +239,12 @@ OutputFolder = Annotated[
 ]
 JsonFile = Annotated[
     Path | None,
-    output_file("--json", suffixes=(".json", ""), help="Also write the result as JSON; '-' prints it."),
+    output_option(
+        "--json",
+        metavar="FILE",
+        callback=check_json_file,
+        help="Also write the result as JSON; '-' prints it (and all text on standard error).",
+    ),
 ]
 JsonLines = Annotated[bool, output_option("--jsonl", help="Print one JSON object per line instead of text.")]
 

@@ -91,9 +91,7 @@ def stream(
         str | None, p.data_option(metavar="UNIT", help="Unit of the acceleration (default: as in training).")
     ] = None,
     reader: p.Reader,
-    resample: Annotated[
-        bool, p.data_option("--resample", help="Resample to the sampling rate of the model.")
-    ] = False,
+    resample: p.Resample = None,
     channels: Annotated[
         int | None,
         p.data_option(
@@ -176,7 +174,7 @@ def stream(
         topic["domain"] = domain
     blocks = open_source(
         source,
-        rate=trained.manifest.fs if resample else None,
+        rate=resample,
         model=trained,
         paced=real_time,
         raw_channels=channels,

@@ -85,9 +85,10 @@ def describe(
 
     with progress_bar() as progress:
         description = haptics.describe(loaded, references, n_jobs=jobs, progress=progress)
-    write_json(json_file, description.to_json(orient="records", indent=1))
-    if json_file != Path("-"):
-        print_document(haptics.description_document(description))
+    # pandas writes undefined values as null.
+    rows = json.loads(description.to_json(orient="records"))
+    write_json(json_file, json.dumps({"descriptions": rows}, indent=1))
+    print_document(haptics.description_document(description))
 
 
 @scene.command(epilog="Example: texclass scene plan example -o example.texture")
@@ -385,6 +386,7 @@ def convert(
     unit: Annotated[
         str | None, Option(metavar="UNIT", help="Unit of a recording: m/s^2, g, mg, counts, V or arbitrary.")
     ] = None,
+    resample: p.Resample = None,
     order: Annotated[
         int, Option(min=1, max=100, metavar="N", help="Largest order of the models in .xml.")
     ] = 20,
@@ -438,6 +440,8 @@ def convert(
     converted to a texture if it contains one.
     """
     scales = p.numbers_by_name("--scale", scale)
+    if resample is not None and n_bytes is None:
+        raise typer.BadParameter("--resample applies to a recording, which requires --bytes")
     from texclass.reporting import Document, print_document
 
     kinds = source.suffix.lower(), output.suffix.lower()
@@ -451,7 +455,7 @@ def convert(
     if scales:
         losses = _retouch(source, output, scales, n_bytes)
     elif n_bytes is not None:
-        losses = _pack(source, output, n_bytes, fs, unit)
+        losses = _pack(source, output, n_bytes, fs, unit, resample)
     elif kinds[0] in PATTERNS and kinds[1] in (".wav", ".texture") and kinds != (".ahap", ".texture"):
         try:
             is_wav = kinds[1] == ".wav"
@@ -479,7 +483,9 @@ def convert(
         print_document(Document("Perceptual scales" if scales else "Losses of the conversion", [losses]))
 
 
-def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str | None) -> dict[str, str]:
+def _pack(
+    source: Path, target: Path, n_bytes: int, fs: float | None, unit: str | None, resample: float | None
+) -> dict[str, str]:
     """Write a texture or a recording as a packed texture of `n_bytes`, and return the losses."""
     from texclass.haptics import exchange
     from texclass.haptics.textures import pack
@@ -494,7 +500,7 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
         taps = "none in the texture, or too few bytes"
         friction = ""
     else:
-        packed = pack(load_recording(source, fs=fs, unit=unit), n_bytes, name=source.stem)
+        packed = pack(load_recording(source, fs=fs, unit=unit, resample=resample), n_bytes, name=source.stem)
         validity = "speeds and forces of the recording"
         taps = "none detected, or too few bytes"
         friction = ", in the unit of the recording's channel; devices interpret it as a friction coefficient"

@@ -82,17 +82,16 @@ def fit(
     loaded = [load_motion(name, reader, columns, units, position_columns) for name in recordings]
     result = fit_recordings(loaded, name=output.stem)
     write_json(json_file, result.to_json())
-    if json_file != Path("-"):
-        flags = dict.fromkeys(flag for one in loaded for flag in one.flags)
-        print_lines("note:", (flag for flag in flags if not flag.startswith("outliers:")))  # in the result
-        print_document(result.document())
+    flags = dict.fromkeys(flag for one in loaded for flag in one.flags)
+    print_lines("note:", (flag for flag in flags if not flag.startswith("outliers:")))  # in the result
+    print_document(result.document())
     texture = result.texture
     written = [save_texture(texture, output, unit=result.unit)]
     if page:
         planned = PlannedScene.of_model(texture.name, texture.fs, result.unit, texture.grid)
         written.append(write_scene_page(output.with_suffix(".html"), planned))
     for path in written:
-        typer.echo(f"wrote {path}, {path.stat().st_size} bytes", err=json_file == Path("-"))
+        typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
 
 
 def load_motion(

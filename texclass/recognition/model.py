@@ -245,7 +245,7 @@ class Model:
             If a channel is missing.
         """
         problems = [
-            *self.rate_and_unit_problems(recording.fs, recording.unit, f"--resample {self.manifest.fs:g}"),
+            *self.rate_and_unit_problems(recording.fs, recording.unit),
             *self.axis_problems(recording.channels),
             *self.bandwidth_problems(recording.native_fs or recording.fs),
         ]
@@ -491,7 +491,7 @@ class Model:
         probabilities, _ = self.classify(np.nan_to_num(self.ranges.median)[None])
         return np.asarray(probabilities[0])
 
-    def rate_and_unit_problems(self, fs: float, unit: str, option: str = "--resample") -> list[str]:
+    def rate_and_unit_problems(self, fs: float, unit: str) -> list[str]:
         """Return the problems of recordings with another sampling rate or unit, and how to solve them.
 
         Parameters
@@ -500,14 +500,13 @@ class Model:
             Sampling rate in Hz.
         unit : str
             Unit of the acceleration.
-        option : str
-            Command line option that converts the sampling rate.
         """
         manifest = self.manifest
         problems = []
         if abs(fs / manifest.fs - 1) > CLOCK_TOLERANCE:
             problems.append(
-                f"wrong rate: {fs:g} Hz, trained at {manifest.fs:g} Hz; {option} converts the rate"
+                f"wrong rate: {fs:g} Hz, trained at {manifest.fs:g} Hz; --resample {manifest.fs:g} converts "
+                "the rate"
             )
         if unit != manifest.unit:
             problems.append(

@@ -48,12 +48,12 @@ def export(
     from texclass.robot import check_onnx, export_onnx
 
     if output is None or check:
-        typer.echo(f"{model}: {check_onnx(model)}")
+        summary = check_onnx(model)
+        typer.echo(f"{model}: {summary}")
+        write_json(json_file, json.dumps({"check": summary}, indent=1))
         return
     exported = export_onnx(load_model(model), output, start=start, window_s=window)
     write_json(json_file, json.dumps(exported.facts, indent=1))
-    if json_file == Path("-"):
-        return
     typer.echo(str(exported.parity))
     if exported.sample_parity is not None:
         typer.echo(str(exported.sample_parity))
