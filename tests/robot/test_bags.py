@@ -209,8 +209,10 @@ def test_a_topic_selects_the_recordings_of_a_folder_of_bags(tmp_path, values):
             np.testing.assert_array_equal(recording.acceleration, sign * values[:, :3])
     with pytest.raises(RecordingError, match=r"no topic matches .* /steel/imu, /wood/imu"):
         open_dataset(tmp_path / "drives", topic="/(?P<surface>[a-z]+)/gyro")
-    with pytest.raises(ValueError, match=r"topic defines unknown groups \['floor'\]"):
-        open_dataset(tmp_path / "drives", topic="/(?P<floor>[a-z]+)/imu")
+    dataset = open_dataset(tmp_path / "drives", topic="/(?P<wheel>[a-z]+)/imu")  # a further label
+    assert dataset.table["wheel"].tolist() == ["steel", "wood"] * 2
+    with pytest.raises(ValueError, match="topic defines the group 'surfce', which resembles 'surface'"):
+        open_dataset(tmp_path / "drives", topic="/(?P<surfce>[a-z]+)/imu")
 
 
 CARD = """

@@ -125,7 +125,8 @@ Labels = Annotated[
     Path | None,
     data_option(
         metavar="CSV",
-        help="Table with the columns `file` and `surface`, for a folder without subfolders per surface.",
+        help="Table with the columns `file` and `surface`, for a folder without subfolders per surface. "
+        "Other columns are further labels, such as the speed.",
     ),
 ]
 TapSpacing = Annotated[

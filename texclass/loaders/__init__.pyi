@@ -1,6 +1,7 @@
 from .card_draft import draft_card as draft_card
 from .cards import Card as Card
 from .cards import CardError as CardError
+from .cards import DeclaredProtocol as DeclaredProtocol
 from .cards import read_card as read_card
 from .dataset import Dataset as Dataset
 from .dataset import Entry as Entry
