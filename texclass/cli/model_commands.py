@@ -296,7 +296,9 @@ def adapt(
 
     trained = recognition.load_model(model)
     recordings = trained.manifest.input.references(references, labels=labels, **reader)
-    adapted = adaptation.adapt(trained, recordings, use_labels=not unlabelled is not None)
+    adapted = adaptation.adapt(
+        trained, recordings, use_labels=not unlabelled, resample=reader["resample"] is not None
+    )
     adapted.save(output)
     typer.echo(f"adapted to {describe_adaptation(adapted.manifest)}")
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")
