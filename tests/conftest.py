@@ -58,6 +58,7 @@ def command(monkeypatch, capsys):
     for module in (
         "texclass.cli.evaluation_commands",
         "texclass.cli.model_commands",
+        "texclass.cli.score_command",
         "texclass.haptics.commands",
     ):
         monkeypatch.setattr(f"{module}.announce_start", lambda *subpackages: None)

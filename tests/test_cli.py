@@ -365,7 +365,16 @@ def test_every_reader_option_reaches_the_reader(command, monkeypatch, name):
     options = set(flags(READERS[name]))
     loading = {flag.replace("_", "-") for flag in inspect.signature(load_recording).parameters}
     assert {f"--{option}" for option in loading - {"path", "auxiliary"}} <= options
-    assert ("--labels" in options) == (name not in {"inspect", "stream", "describe", "texture fit"})
+    assert ("--labels" in options) == (
+        name
+        not in {
+            "inspect",
+            "stream",
+            "score-stream",
+            "describe",
+            "texture fit",
+        }
+    )
     values = {
         "fs": 1000.0, "unit": "g", "column": "a, b", "delimiter": "tab", "time_column": "t",
         "time_unit": "ms", "skip_rows": 3, "comment": "!", "topic": "/imu",

@@ -27,7 +27,7 @@ from texclass.tradeoff import trade_off
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 NEW_FEATURE = ROOT / "docs" / "evaluate-feature.md"
-BLOCK = re.compile(r"```(sh|python|toml|text output)(?: (\S+))?\n(.*?)```", re.S)
+BLOCK = re.compile(r"```(sh|python|toml|csv|text output)(?: (\S+))?\n(.*?)```", re.S)
 """Kind, file that the reader is to save it as (or none), text."""
 BLOCK_OF_ANY_KIND = re.compile(r"^```.*?^```", re.S | re.M)
 

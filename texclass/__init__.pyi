@@ -26,6 +26,7 @@ from .phases import find_phases as find_phases
 from .recognition import adapt as adapt
 from .recognition import listen as listen
 from .recognition import load_model as load_model
+from .recognition import score_stream as score_stream
 from .recognition import train as train
 from .recording import Phases as Phases
 from .recording import Recording as Recording

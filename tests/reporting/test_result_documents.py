@@ -41,6 +41,9 @@ def figure(report, name):
                    "not installed",
                    "exact McNemar", "60 s"]),
         ("invariance", ["2.5 times", "related work: 0.5", "Trend"]),
+        ("stream_score", ["4 intervals of contact in 2 recordings", "intervals end with the right answer",
+                          "1 of 4 intervals", "1 in 30 s", "tin (not trained)", "left out: bad.csv",
+                          "lost: 40 samples"]),
         ("stability", ["of 2 pairs of subject and input are wrong", "same rules: 1 of 2", "not installed"]),
     ],
 )  # fmt: skip

@@ -107,6 +107,27 @@ def test_a_stream_of_a_bag_has_the_same_answers_as_predict(run, folder, imu_bag)
         assert [a["probability"] for a in _answers(out)] == [pytest.approx(expected["probability"])]
 
 
+def test_bags_are_scored_against_intervals(run, folder, imu_bag):
+    rows = ["recording,start_s,end_s,surface"]
+    for terrain in TERRAINS:
+        imu_bag(folder / "scored" / terrain, values(terrain, 60), terrain)
+        rows.append(f"{terrain},0,{N / FS},{terrain}")
+    (folder / "intervals.csv").write_text("\n".join(rows))
+    arguments = (
+        "score-stream",
+        "terrains.skops",
+        "scored",
+        "--intervals",
+        "intervals.csv",
+        "--topic",
+        "/imu",
+    )
+    code, out, err = run(*arguments, "--always-in-contact", "--json", "-")
+    assert code == 0, err
+    summary = json.loads(out)["summary"]
+    assert (summary["right"]["n_hits"], summary["missed"]["n_hits"]) == (3, 0)
+
+
 def test_a_bag_is_conditioned_like_the_training_bags(folder):
     model = load_model(folder / "terrains.skops")
     bag = folder / "bags/sand2"

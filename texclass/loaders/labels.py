@@ -15,7 +15,7 @@ from texclass.loaders.readers import formats
 from texclass.recording import RecordingError
 from texclass.reporting.wording import counted
 
-HEADERS = {
+HEADERS: dict[str, tuple[str, ...]] = {
     "recording": ("file", "recording", "filename", "file name", "name", "path", "id"),
     "surface": ("surface", "material", "label", "class", "texture"),
     "operator": ("operator", "subject", "participant", "user"),
@@ -44,7 +44,7 @@ def find_label_columns(path: Path, file: str) -> LabelTable:
         If the table is unreadable, has no column for the file or the surface, has several columns for one
         group or label, or a column name resembles that of a group.
     """
-    header = _rows(path)[0][1]
+    header = read_rows(path)[0][1]
     columns = _group_columns(path, header)
     for column in header:
         name = re.sub(r"\W+", "_", normalize_name(column)).strip("_").lower()
@@ -81,7 +81,7 @@ def _group_columns(path: Path, header: Sequence[str]) -> dict[str, str]:
 def is_label_table(path: Path) -> bool:
     """Return whether a file is a CSV with a column of files and a column of surfaces."""
     try:
-        return path.suffix.lower() == ".csv" and bool(_group_columns(path, _rows(path)[0][1]))
+        return path.suffix.lower() == ".csv" and bool(_group_columns(path, read_rows(path)[0][1]))
     except CardError:
         return False
 
@@ -125,7 +125,7 @@ class Labels:
             If the file is unreadable or lacks a column, a row has a blank label or does not have as many
             cells as the header, or two rows have the same recording.
         """
-        (_, header), *rows = _rows(path)
+        (_, header), *rows = read_rows(path)
         if missing := sorted(set(table.columns.values()) - set(header)):
             raise CardError(f"{path}: missing columns {missing}. Expected all columns named in [labels]")
         recordings: dict[str, dict[str, str]] = {}
@@ -221,8 +221,21 @@ class Labels:
         return stems
 
 
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Return line number and cells of all rows that are not blank; the first row is the header."""
+def read_rows(path: Path, kind: str = "label table") -> list[tuple[int, list[str]]]:
+    """Return line number and cells of all rows of a CSV that are not blank; the first row is the header.
+
+    Parameters
+    ----------
+    path : Path
+        CSV file, with commas, semicolons or tabs.
+    kind : str
+        Content of the file, for messages (default "label table").
+
+    Raises
+    ------
+    CardError
+        If the file is unreadable or has no rows.
+    """
     try:
         data = path.read_bytes()
         is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
@@ -231,10 +244,10 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         reader = csv.reader(text.splitlines(), delimiter=max(",;\t", key=first.count), strict=True)
         rows = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CardError(f"{path}: the label table cannot be read ({error})") from error
+        raise CardError(f"{path}: the {kind} cannot be read ({error})") from error
     rows = [(line, cells) for line, cells in rows if any(cells)]
     if not rows:
-        raise CardError(f"{path}: no rows. Expected a header and one row per recording")
+        raise CardError(f"{path}: the {kind} has no rows. Expected a header and the rows below it")
     header = rows[0][1]
     while header and not header[-1]:
         header.pop()
