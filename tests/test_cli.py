@@ -365,16 +365,8 @@ def test_every_reader_option_reaches_the_reader(command, monkeypatch, name):
     options = set(flags(READERS[name]))
     loading = {flag.replace("_", "-") for flag in inspect.signature(load_recording).parameters}
     assert {f"--{option}" for option in loading - {"path", "auxiliary"}} <= options
-    assert ("--labels" in options) == (
-        name
-        not in {
-            "inspect",
-            "stream",
-            "score-stream",
-            "describe",
-            "texture fit",
-        }
-    )
+    without_labels = {"inspect", "stream", "score-stream", "describe", "texture fit"}
+    assert ("--labels" in options) == (name not in without_labels)
     values = {
         "fs": 1000.0, "unit": "g", "column": "a, b", "delimiter": "tab", "time_column": "t",
         "time_unit": "ms", "skip_rows": 3, "comment": "!", "topic": "/imu",
@@ -389,7 +381,7 @@ def test_every_reader_option_reaches_the_reader(command, monkeypatch, name):
     options = [word for key, value in values.items() for word in (f"--{key.replace('_', '-')}", value)]
     required = [p.name for p in READERS[name].params if p.required]
     suffixes = {"extract": ".csv", "texture fit": ".texture"}
-    files = {"output": ("-o", f"x{suffixes.get(name, '.skops')}")}
+    files = {"output": ("-o", f"x{suffixes.get(name, '.skops')}"), "intervals": ("--intervals", "x.csv")}
     required = [word for argument in required for word in files.get(argument, ("absent",))]
     code, _, err = command(*name.split(), *required, *options, "--drop-incomplete")
     assert (code, err) == (1, "error: stopped\n")

@@ -66,9 +66,6 @@ def score_stream(
             "--always-in-contact", help="For wheels and legs: detect no lift-off, and let evidence decay."
         ),
     ] = False,
-    unit: Annotated[
-        str | None, p.data_option(metavar="UNIT", help="Unit of the acceleration (default: as in training).")
-    ] = None,
     reader: p.Reader,
     resample: Annotated[
         bool, p.data_option("--resample", help="Resample to the sampling rate of the model.")
@@ -115,7 +112,7 @@ def score_stream(
             adapt=adapt,
             skip_bad=True,
             progress=progress,
-            **reader | {"unit": unit, "resample": resample},
+            **reader | {"resample": resample},
         )
     left_out = result.data["left_out"]
     for one in left_out:
