@@ -32,7 +32,7 @@ EXPECTED = {
     "predict save": ".skops",
     "adapt output": ".skops",
     "export output": ".onnx",
-    "inspect output": " or ".join(PICTURES),
+    "inspect output": " or ".join((*PICTURES, ".html")),
     "card output": ".toml",
     "explore output": "a folder",
     "scene plan output": ".texture",

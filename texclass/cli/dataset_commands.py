@@ -1,6 +1,8 @@
 """Commands on recordings and datasets: sample, card, inspect, datasets."""
 
 import io
+import shlex
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -69,6 +71,7 @@ def card(
 )
 @p.with_reader_options
 def inspect(
+    context: typer.Context,
     recording: Annotated[
         str, Argument(help="File in any supported format, or DATASET:RECORDING, e.g. simulated:wood-03-01.")
     ],
@@ -81,33 +84,81 @@ def inspect(
         p.output_file(
             "--output",
             "-o",
-            suffixes=[".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp"],
-            help="Figure to write: .png, .pdf, .svg, .jpg, .tif or .webp (default: RECORDING.inspect.png).",
+            suffixes=[".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".html"],
+            help="Figure to write: .png, .pdf, .svg, .jpg, .tif or .webp (default: RECORDING.inspect.png). "
+            "With --edit: page to write (.html).",
+        ),
+    ] = None,
+    edit: Annotated[
+        bool,
+        p.output_option(
+            "--edit", help="Write a page on which taps, movement and surfaces are corrected and saved."
+        ),
+    ] = False,
+    phases: Annotated[
+        Path | None,
+        p.data_option(
+            "--phases",
+            metavar="FILE",
+            help="File saved by the page of --edit: check it, and copy it next to the recording.",
         ),
     ] = None,
 ) -> None:
-    """Plot one recording: phases, taps, spectrum and features."""
+    """Plot one recording: phases, taps, spectrum and features. With --edit, correct its phases."""
     from texclass.loaders import find_recording
+    from texclass.loaders.phases_files import split_part
 
+    if edit and output is None:
+        raise typer.BadParameter("--edit requires --output, the page to write, for example -o phases.html")
+    if output is not None and (output.suffix.lower() == ".html") != edit:
+        expected = "Expected .html with --edit" if edit else "Pass --edit to write a page (.html)"
+        raise typer.BadParameter(f"cannot write {output}: the suffix is {output.suffix!r}. {expected}")
+    if edit or phases is not None:
+        recording, _ = split_part(recording)
     one = find_recording(recording, **reader)
+    if phases is not None:
+        from texclass.evaluation.phases_page import copy_phases
+
+        typer.echo(f"wrote {copy_phases(phases, one)}")
+        one = find_recording(recording, **reader)
     if tap_spacing is not None:
         one = one.with_(phase_settings=replace(one.phase_settings, tap_spacing_s=tap_spacing))
     from texclass.atomic_write import write_atomic
+
+    if edit and output is not None:
+        from texclass.evaluation.phases_page import phases_page
+
+        write_atomic(output, phases_page(one, command=_repeat(context, {"edit", "output", "phases"})))
+        typer.echo(f"wrote {output}. Open it in a browser, correct the phases, and save them")
+        return
     from texclass.evaluation.inspection import inspect_recording
     from texclass.reporting.wording import counted
 
-    figure, phases = inspect_recording(one, features)
+    figure, found = inspect_recording(one, features)
     path = output or Path(f"{Path(one.recording_id).name}.inspect.png")
     image = io.BytesIO()
     figure.savefig(image, dpi=130, format=path.suffix[1:].lower())
     write_atomic(path, image.getvalue())
     movement = "none"
-    if phases.movement is not None:
-        start, stop = phases.movement
+    if found.movement is not None:
+        start, stop = found.movement
         movement = f"{start / one.fs:.2f} to {stop / one.fs:.2f} s"
-    typer.echo(f"{phases.kind}: {counted(len(phases.taps), 'tap')}, movement {movement}")
-    print_lines("note:", (*one.flags, *phases.notes))
+    typer.echo(f"{found.kind}: {counted(len(found.taps), 'tap')}, movement {movement}")
+    print_lines("note:", (*one.flags, *found.notes))
     typer.echo(f"wrote {path}")
+
+
+def _repeat(context: typer.Context, left_out: Collection[str]) -> str:
+    """Return the command line of a context without the given options."""
+    words = context.command_path.split()
+    for parameter in context.command.params:
+        value, name = context.params.get(str(parameter.name)), str(parameter.name)
+        source = context.get_parameter_source(name)
+        if name in left_out or source is None or source.name != "COMMANDLINE":
+            continue
+        flag = [] if parameter.param_type_name == "argument" else [parameter.opts[-1]]
+        words += [*flag, *([] if value is True else [str(value)])]
+    return shlex.join(words)
 
 
 @cards.callback()

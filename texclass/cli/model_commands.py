@@ -291,11 +291,14 @@ def adapt(
 ) -> None:
     """Adapt a model to another sensor with a few reference recordings, without retraining."""
     from texclass import recognition
+    from texclass.loaders.phases_files import is_marked, marked_note
     from texclass.recognition import adaptation
     from texclass.recognition.model_document import describe_adaptation
 
     trained = recognition.load_model(model)
     recordings = trained.manifest.input.references(references, labels=labels, **reader)
+    if n_marked := sum(map(is_marked, recordings)):
+        typer.echo(f"note: {marked_note(n_marked)}", err=True)
     adapted = adaptation.adapt(
         trained, recordings, use_labels=not unlabelled, resample=reader["resample"] is not None
     )

@@ -26,7 +26,7 @@ import pandas as pd
 from texclass import __version__
 from texclass.atomic_write import cache_root, check_suffix, sibling_path, write_atomic
 from texclass.evaluation.checkpoints import CheckpointRow, read_checkpoint, write_checkpoint
-from texclass.evaluation.windows import Window, group_by_recording, parent_id
+from texclass.evaluation.windows import Window, file_id, group_by_recording, parent_id
 from texclass.evaluation.workers import Progress, run_parallel
 from texclass.features.phase_view import Channels, separate_channels
 from texclass.features.plan import Plan
@@ -187,6 +187,9 @@ def metadata(entries: Sequence[Entry]) -> pd.DataFrame:
         frame[name] = values
     if any(isinstance(entry, Window) for entry in entries):
         frame["parent"] = [parent_id(entry) for entry in entries]
+    file_ids = [file_id(entry) for entry in entries]
+    if file_ids != [parent_id(entry) for entry in entries]:
+        frame["file_id"] = file_ids
     train_only = [isinstance(entry, Window) and entry.is_train_only for entry in entries]
     return _with_types(frame.assign(is_train_only=train_only) if any(train_only) else frame)
 
@@ -255,7 +258,7 @@ def _without_copies(dataset: Dataset, *, skip_bad: bool) -> tuple[Dataset, tuple
     The first of several copies is kept. If the copies have different surfaces, none of them is kept.
     """
     left_out: dict[str, LeftOutRecording] = {}
-    recording_ids = {parent_id(entry) for entry in dataset.entries}
+    recording_ids = {file_id(entry) for entry in dataset.entries}
     for copies in dataset.copies:
         first, *others = [entry for entry in copies if entry.recording_id in recording_ids] or copies[:1]
         if len({entry.surface for entry in (first, *others)}) > 1:
@@ -274,7 +277,7 @@ def _without_copies(dataset: Dataset, *, skip_bad: bool) -> tuple[Dataset, tuple
             left_out.setdefault(one.recording_id, copy)
     if not left_out:
         return dataset, ()
-    entries = tuple(entry for entry in dataset.entries if parent_id(entry) not in left_out)
+    entries = tuple(entry for entry in dataset.entries if file_id(entry) not in left_out)
     return replace(dataset, entries=entries), tuple(left_out.values())
 
 

@@ -118,7 +118,17 @@ class Protocol(ABC):
 
     def independent(self, table: "pd.DataFrame") -> "tuple[str, NDArray[np.str_]]":
         """Return the kind of the independent units of intervals and tests, and the unit of each row."""
-        return self.unit, self.clusters(table)
+        is_in_files = self.unit == "recording" and "file_id" in table
+        return "file" if is_in_files else self.unit, self.groups(table)
+
+    def groups(self, table: "pd.DataFrame") -> "NDArray[np.str_]":
+        """Return the group of each row that is never divided: its `unit`, or the file of its recording.
+
+        Recordings of several surfaces that were cut from one file are correlated, so they form one group.
+        """
+        from texclass.evaluation.windows import files
+
+        return files(table).to_numpy(dtype=str) if self.unit == "recording" else self.clusters(table)
 
 
 class Stratified(Protocol):
@@ -450,5 +460,5 @@ def require_nested(protocol: Protocol) -> None:
 
 def min_per_surface(protocol: Protocol, table: "pd.DataFrame") -> int:
     """Return the smallest number of recordings (or runs, depending on the protocol) over all surfaces."""
-    units = table[["surface"]].assign(unit=protocol.clusters(table))
+    units = table[["surface"]].assign(unit=protocol.groups(table))
     return int(units.groupby("surface")["unit"].nunique().min())

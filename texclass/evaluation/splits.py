@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sklearn.model_selection import LeaveOneGroupOut, StratifiedGroupKFold, StratifiedKFold
 
 from texclass.evaluation.protocols import Terms
-from texclass.evaluation.windows import is_testable, parents
+from texclass.evaluation.windows import files, is_testable, parents
 
 Indices = NDArray[np.intp]
 Split = tuple[Indices, Indices]
@@ -28,9 +28,9 @@ _NUMBER = r"\d{1,9}(?:\.\d{1,9})?"
 
 
 def runs(table: pd.DataFrame) -> "pd.Series[str]":
-    """Return the session of each row as its run, or its recording if there are not at least two sessions."""
+    """Return the session of each row as its run, or its whole recording unless there are two sessions."""
     is_named = table["session"].notna().all() and table["session"].nunique() >= 2
-    return table["session"].astype(str) if is_named else parents(table)
+    return table["session"].astype(str) if is_named else files(table)
 
 
 def left_out_label(table: pd.DataFrame, labels: Sequence[str]) -> str:
@@ -79,7 +79,7 @@ def label_combinations(table: pd.DataFrame, labels: Sequence[str]) -> "pd.Series
 
 def _require_labels(table: pd.DataFrame, labels: Sequence[str]) -> None:
     """Raise ValueError if a table has no column of a label. The message lists the labels with values."""
-    identifiers = {"recording_id", "parent", "is_train_only"}
+    identifiers = {"recording_id", "parent", "file_id", "is_train_only"}
     if unknown := [label for label in labels if label not in table or label in identifiers]:
         known = [
             str(name)
@@ -90,13 +90,22 @@ def _require_labels(table: pd.DataFrame, labels: Sequence[str]) -> None:
 
 
 def split_testable(split: Callable[[pd.DataFrame], Splits], table: pd.DataFrame) -> Splits:
-    """Split the testable rows. Then add overlapping windows to the training sets of their recordings."""
+    """Split the testable rows. Then add overlapping windows to the training sets of their recordings.
+
+    If several recordings were cut from one file, those of the test set's files are removed from the training
+    set.
+    """
     rows, recording = np.flatnonzero(is_testable(table)), parents(table)
+    splits = split(table if len(rows) == len(table) else table.iloc[rows].reset_index(drop=True))
+    if "file_id" in table:
+        file = files(table).to_numpy()[rows]
+        splits = tuple((train[~np.isin(file[train], file[test])], test) for train, test in splits)
+        for train, test in splits:
+            _require_trained(table, (rows[train], rows[test]), "in files outside the test set")
     if len(rows) == len(table):
-        return split(table)
+        return splits
     return tuple(
-        (np.flatnonzero(recording.isin(recording.iloc[rows[train]])), rows[test])
-        for train, test in split(table.iloc[rows].reset_index(drop=True))
+        (np.flatnonzero(recording.isin(recording.iloc[rows[train]])), rows[test]) for train, test in splits
     )
 
 
@@ -127,11 +136,15 @@ def of_recordings(
 def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
     """Split recordings into stratified folds, which contain all surfaces in equal proportions.
 
+    Recordings that were cut from one file are in the same fold.
+
     Raises
     ------
     ValueError
-        If a surface has fewer recordings than folds, or there is only one surface.
+        If a surface has fewer recordings (or files) than folds, or there is only one surface.
     """
+    if "file_id" in table:
+        return _split_groups(table, table["file_id"], "file", n_folds, seed)
     _require_folds(table["surface"].value_counts(), n_folds)
     folds = StratifiedKFold(n_folds, shuffle=True, random_state=seed)
     return tuple(folds.split(table, table["surface"]))
@@ -163,13 +176,17 @@ def grouped(table: pd.DataFrame, n_folds: int, seed: int) -> Splits:
     ValueError
         If a surface has fewer runs than folds, or would be missing from a training set.
     """
-    run = runs(table)
-    _require_folds(run.groupby(table["surface"]).nunique(), n_folds, "run")
+    return _split_groups(table, runs(table), "run", n_folds, seed)
+
+
+def _split_groups(table: pd.DataFrame, group: "pd.Series[str]", unit: str, n_folds: int, seed: int) -> Splits:
+    """Split groups of rows into stratified folds; `unit` names a group in messages."""
+    _require_folds(group.groupby(table["surface"]).nunique(), n_folds, unit)
     folds = StratifiedGroupKFold(n_folds, shuffle=True, random_state=seed)
     with warnings.catch_warnings():
-        # scikit-learn counts rows per surface and warns. `_require_folds` has checked the number of runs.
+        # scikit-learn counts rows per surface and warns. `_require_folds` has checked the number of groups.
         warnings.filterwarnings("ignore", message="The least populated class", category=UserWarning)
-        splits = tuple(s for s in folds.split(table, table["surface"], run) if s[1].size)
+        splits = tuple(s for s in folds.split(table, table["surface"], group) if s[1].size)
     for number, split in enumerate(splits, start=1):
         _require_trained(table, split, f"outside fold {number}")
     return splits
@@ -341,7 +358,7 @@ def _require_folds(counts: "pd.Series[int]", n_folds: int, unit: str = "recordin
         hint = f". Use 2 to {n} folds: `--folds {n}`" if n >= 2 else ""
         raise ValueError(
             f"surface {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; {n_folds} folds"
-            f"{' grouped by run' * (unit == 'run')} need at least {n_folds} of each{hint}"
+            f"{f' grouped by {unit}' * (unit in {'run', 'file'})} need at least {n_folds} of each{hint}"
         )
 
 

@@ -202,6 +202,11 @@ def parent_id(entry: Entry) -> str:
     return entry.parent.recording_id if isinstance(entry, Window) else entry.recording_id
 
 
+def file_id(entry: Entry) -> str:
+    """Return the id of the whole recording of an entry: of the files that contain its window or part."""
+    return (entry.parent if isinstance(entry, Window) else entry).whole_id
+
+
 def group_by_recording(entries: Iterable[Entry]) -> Iterator[tuple[Entry, ...]]:
     """Yield a tuple of the consecutive entries of each recording, so that its file is read only once."""
     return (tuple(group) for _, group in groupby(entries, key=parent_id))
@@ -210,6 +215,11 @@ def group_by_recording(entries: Iterable[Entry]) -> Iterator[tuple[Entry, ...]]:
 def parents(table: pd.DataFrame) -> "pd.Series[str]":
     """Return the recording id of each row of a feature table: the parent of a window, or the row itself."""
     return table["parent" if "parent" in table else "recording_id"]
+
+
+def files(table: pd.DataFrame) -> "pd.Series[str]":
+    """Return the id of the whole recording of each row; several surfaces may be marked in one recording."""
+    return table["file_id"] if "file_id" in table else parents(table)
 
 
 def is_testable(table: pd.DataFrame) -> "pd.Series[bool]":

@@ -21,12 +21,13 @@ from texclass.loaders.columns import (
 )
 from texclass.loaders.data_files import data_files
 from texclass.loaders.exports import Export, export_companions, export_pattern, find_exports
-from texclass.loaders.files import AXIS, axis_files, column_names, read_signals
+from texclass.loaders.files import column_names, read_signals
 from texclass.loaders.filesets import match_name
 from texclass.loaders.labels import Labels, find_label_columns, is_label_table
 from texclass.loaders.open import recording_files
 from texclass.loaders.plausibility import folder_level_notes
 from texclass.loaders.readers import ReaderSettings, ReadSignals, as_column_names, formats, quote_names
+from texclass.loaders.source_files import AXIS, axis_files
 from texclass.recording import AUXILIARY_UNITS, RecordingError, Samples
 from texclass.reporting.wording import counted
 

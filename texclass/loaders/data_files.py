@@ -3,13 +3,18 @@
 import unicodedata
 from pathlib import Path
 
+PHASES_SUFFIX = ".phases.json"
+"""End of the names of files with the phases that a user marked."""
+
 
 def data_files(folder: Path) -> list[Path]:
-    """Return the files in a folder and its subfolders, sorted, without hidden and system files."""
+    """Return the files in a folder and its subfolders, sorted, without hidden, system and phases files."""
     return [
         path
         for path in sorted(folder.rglob("*"))
-        if not any(map(is_hidden, path.relative_to(folder).parts)) and path.is_file()
+        if not any(map(is_hidden, path.relative_to(folder).parts))
+        and not path.name.endswith(PHASES_SUFFIX)
+        and path.is_file()
     ]
 
 

@@ -34,6 +34,9 @@ class Entry:
         Topic of a bag with several recordings.
     labels
         Further labels, such as the speed, as pairs of name and value.
+    part
+        Number of the marked surface in the files, from 1; 0 (default) for the whole recording. Parts have the
+        id of the whole recording with "#" and this number.
 
     Examples
     --------
@@ -50,6 +53,12 @@ class Entry:
     paths: tuple[str, ...] = ()
     topic: str | None = None
     labels: tuple[tuple[str, str], ...] = ()
+    part: int = 0
+
+    @property
+    def whole_id(self) -> str:
+        """Id of the whole recording."""
+        return self.recording_id.removesuffix(f"#{self.part}") if self.part else self.recording_id
 
     def __post_init__(self) -> None:
         for name in ("recording_id", "surface", "operator", "session"):

@@ -1,7 +1,6 @@
 """Load a recording from a file of any format, or from one file per axis."""
 
 import importlib
-import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -26,7 +25,8 @@ from texclass.loaders.columns import (
     time_unit,
     turn_rate_factor,
 )
-from texclass.loaders.exports import find_export, other_sensor_name
+from texclass.loaders.exports import other_sensor_name
+from texclass.loaders.phases_files import split_part, use_marked_phases
 from texclass.loaders.plausibility import build_recording
 from texclass.loaders.readers import (
     BAG_METADATA,
@@ -40,11 +40,10 @@ from texclass.loaders.readers import (
     is_bag,
     reader_error,
 )
+from texclass.loaders.source_files import recording_name, source_files
 from texclass.loaders.time_columns import is_increasing, resample_by_time_column
 from texclass.recording import AUXILIARY_UNITS, Recording, RecordingError, Samples, make_read_only
 
-AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
-"""Part of a file name that states the axis: `<name>_X.txt`, `<name>_X_train1.txt`."""
 _COMPANION = "companion\0"
 """Prefix of signals from companion files; no column name contains a null character."""
 
@@ -74,7 +73,7 @@ def load_recording(
         WAV, FLAC, MATLAB, NPY, NPZ or HDF5; with the extra `formats` also Excel (.xlsx) and TDMS; with the
         extra `robot` also ROS bags (.bag, .mcap, .db3, a rosbag2 folder, or "bag:FILE?topic=/name"). Files
         `_X`, `_Y` and `_Z` of the same name form one recording, as do the files in a folder exported by a
-        sensor app.
+        sensor app. "FILE#2" is the second surface that is marked in FILE.phases.json.
     fs : float, optional
         Sampling rate in Hz, required if the file does not state it. Time stamps must agree with it.
     unit : {"m/s^2", "g", "mg", "counts", "V", "arbitrary"}, optional
@@ -108,7 +107,8 @@ def load_recording(
     Returns
     -------
     recording : Recording
-        Recording without surface, operator and session.
+        Recording without surface, operator and session. Phases that a user marked (NAME.phases.json next to
+        the file) are its `phases`.
 
     Raises
     ------
@@ -123,7 +123,8 @@ def load_recording(
     >>> load_recording("oak.csv", fs=1000, unit="g")
     <Recording 'oak': 1 s at 1000 Hz, 3 axes in m/s^2>
     """
-    path, topic = locate_recording(path, topic)
+    name, part = split_part(path)
+    path, topic = locate_recording(name, topic)
     settings = ReaderSettings(
         fs=fs,
         unit=unit,
@@ -145,7 +146,7 @@ def load_recording(
     signals = read_signals(axes, roles, settings, companions=companions)
     if unit is None and signals.unit is not None and not is_bag(path):
         flags = (*flags, f"unit {signals.unit}, from the column names")
-    return build_recording(
+    recording = build_recording(
         signals,
         fs=fs,
         unit=unit,
@@ -154,6 +155,7 @@ def load_recording(
         recording_id=recording_name(path, axes),
         source=str(path),
     )
+    return use_marked_phases(recording, path, part)
 
 
 def locate_recording(name: str | Path, topic: str | None = None) -> tuple[Path, str | None]:
@@ -238,52 +240,6 @@ def _reader(path: Path) -> ModuleType:
             f"{path}: {suffix} files require the extra `{kind.extra}` ({error}): "
             f"pip install 'texclass[{kind.extra}]'"
         ) from error
-
-
-def source_files(path: Path) -> tuple[dict[str, Path], dict[str, Path], tuple[str, ...]]:
-    """Return the files of one recording.
-
-    Parameters
-    ----------
-    path : Path
-        File, or folder exported by a sensor app.
-
-    Returns
-    -------
-    axes : dict of str to Path
-        Files by axis; the axis is "" if one file contains all.
-    companions : dict of str to Path
-        Files of other signals, by field of `Recording`.
-    flags : tuple of str
-        Notes for the user.
-    """
-    if (export := find_export(path)) is None:
-        return axis_files(path), {}, ()
-    companions = {"turn_rate": path / export.turn_rate} if export.turn_rate else {}
-    return {"": path / export.acceleration}, companions, (f"export: {export.summary}",)
-
-
-def recording_name(path: Path, axes: Mapping[str, Path]) -> str:
-    """Return the name of a recording: the name of its file or folder without suffix and axis."""
-    if path.is_dir():
-        return path.name
-    if len(axes) == 1:
-        return (path.parent if path.name == BAG_METADATA else path).stem
-    *_, axis = AXIS.finditer(path.name)
-    return (path.name[: axis.start()] + path.name[axis.end() :]).rpartition(".")[0]
-
-
-def axis_files(path: Path) -> dict[str, Path]:
-    """Return the files of all axes, given the file of one axis; a file without axis has the key ""."""
-    matches = list(AXIS.finditer(path.name))
-    if not matches:
-        return {"": path}
-    first, last = matches[-1].span("axis")
-    letters = "XYZ" if path.name[first].isupper() else "xyz"
-    siblings = {
-        letter.lower(): path.with_name(path.name[:first] + letter + path.name[last:]) for letter in letters
-    }
-    return {axis: file for axis, file in siblings.items() if file.is_file()} or {"": path}
 
 
 def read_signals(

@@ -24,6 +24,13 @@ from texclass.loaders.data_files import data_files, is_hidden, normalize_name
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
 from texclass.loaders.files import column_names, read_signals, topics
 from texclass.loaders.labels import Labels
+from texclass.loaders.phases_files import (
+    PhasesFile,
+    find_phases_file,
+    marked_note,
+    phases_path,
+    use_marked_phases,
+)
 from texclass.loaders.places import combine_digests, digest_files, file_digests, is_outside
 from texclass.loaders.plausibility import build_recording, similar_label_notes
 from texclass.loaders.readers import (
@@ -95,7 +102,9 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
         signals = {name: signal[:shortest] for name, signal in signals.items()}
         flags.append(f"trimmed: {lengths} samples cut to {shortest}")
     read = replace(read, signals=signals, flags=(*flags, *read.flags))
-    return _build_recording(read, reading, entry, str(root / entry.paths[0]))
+    path = root / entry.paths[0]
+    whole = replace(entry, recording_id=entry.whole_id)
+    return use_marked_phases(_build_recording(read, reading, whole, str(path)), path, entry.part)
 
 
 def open_files(
@@ -134,10 +143,14 @@ def open_files(
     unmatched = candidates.difference(ignored)
     left_out: list[str] = []
     entries: list[Entry] = []
+    marks: dict[str, PhasesFile] = {}
     for names, groups in _match_files(reading, candidates, ignored):
         unmatched -= set(names)
         try:
-            entries += _entries(reading, root, names, groups, labels)
+            if marked := find_phases_file(root / names[0]):
+                marks[names[0]] = marked
+            is_marked = marked is not None and bool(marked.surfaces)
+            entries += _entries(reading, root, names, groups, labels, is_marked=is_marked)
         except RecordingError as error:
             if not skip_bad:
                 raise
@@ -148,11 +161,14 @@ def open_files(
         raise reader_error(root, f"it contains no recordings{example}", expected)
     _check_names(entries, root)
     contents = {entry: _content_files(root, entry) for entry in entries}
-    digests = file_digests(root, [*table_files, *(name for names in contents.values() for name in names)])
+    phases_files = [phases_path(root / name).relative_to(root).as_posix() for name in marks]
+    files = [*table_files, *phases_files, *(name for names in contents.values() for name in names)]
+    digests = file_digests(root, files)
     keys = {
         entry: (*(digests[name] for name in names), entry.topic or "") for entry, names in contents.items()
     }
     copies, copy_notes = _find_copies(keys)
+    entries = [part for entry in entries for part in _parts(entry, marks.get(entry.paths[0]))]
     file_notes = [
         *similar_label_notes(entry.surface for entry in entries),
         *_unmatched_file_notes(reading, candidates - unmatched, unmatched),
@@ -161,6 +177,8 @@ def open_files(
         file_notes.append(f"the label table {table.file!r} is outside the folder of the recordings")
     unused_rows = sorted(set(labels.rows).difference(labels.recording_ids)) if labels else []
     file_notes += [f"{name} is in the label table, but has no file" for name in unused_rows]
+    if marks:
+        file_notes.append(marked_note(len(marks), "file"))
     return Dataset(
         entries=tuple(entries),
         load=partial(load_files, reading, root),
@@ -513,11 +531,18 @@ def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[st
 
 
 def _entries(
-    reading: FileReading, root: Path, names: tuple[str, ...], groups: Groups, labels: Labels | None
+    reading: FileReading,
+    root: Path,
+    names: tuple[str, ...],
+    groups: Groups,
+    labels: Labels | None,
+    *,
+    is_marked: bool,
 ) -> Iterator[Entry]:
     """Yield the recordings in a file: one, or one per matching topic of a bag.
 
-    The card key `topic` is a pattern if it has named groups, otherwise the name of a topic.
+    The card key `topic` is a pattern if it has named groups, otherwise the name of a topic. If surfaces are
+    marked in the recording (`is_marked`), the label table may lack it.
     """
     path, pattern = root / names[0], reading.topic
     renamed = {normalize_name(name): surface for name, surface in reading.surfaces.items()}
@@ -529,11 +554,16 @@ def _entries(
         }
     for topic, topic_groups in by_topic.items():
         recording_id = topic_groups["recording"]
-        all_groups = topic_groups | (dict(labels.groups_of(recording_id, names, root.name)) if labels else {})
+        all_groups = dict(topic_groups)
+        try:
+            all_groups |= labels.groups_of(recording_id, names, root.name) if labels else {}
+        except RecordingError:
+            if not is_marked:
+                raise
         repetition = all_groups.get("repetition")
         if repetition is not None and not repetition.isdecimal():
             raise CardError(f"{path}: repetition is {repetition!r}. Expected a whole number")
-        surface = normalize_name(all_groups["surface"])
+        surface = normalize_name(all_groups.get("surface", "") if is_marked else all_groups["surface"])
         further = {name: text for name, text in all_groups.items() if name not in PATTERN_GROUPS and text}
         yield Entry(
             recording_id=recording_id,
@@ -564,6 +594,16 @@ def matching_topics(path: Path, pattern: str) -> dict[str, Groups]:
         name: {group: text for group, text in match.groupdict().items() if text is not None}
         for name, match in matches.items()
     }
+
+
+def _parts(entry: Entry, marked: PhasesFile | None) -> list[Entry]:
+    """Return an entry for each surface that is marked in a recording, or the entry itself."""
+    if marked is None or not marked.surfaces:
+        return [entry]
+    return [
+        replace(entry, recording_id=f"{entry.recording_id}#{number}", surface=one.surface, part=number)
+        for number, one in enumerate(marked.surfaces, start=1)
+    ]
 
 
 def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]:

@@ -24,9 +24,10 @@ from texclass.loaders.columns import ACCELERATION
 from texclass.loaders.data_files import data_files, normalize_name
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.exports import Export, export_companions, export_pattern, find_exports
-from texclass.loaders.files import axis_files, is_bag_name, load_recording, read_signals
+from texclass.loaders.files import is_bag_name, load_recording, read_signals
 from texclass.loaders.filesets import bag_parts, matching_topics, open_files, open_rows
 from texclass.loaders.labels import find_label_columns
+from texclass.loaders.phases_files import find_phases_file
 from texclass.loaders.places import data_roots, find_folder, is_outside
 from texclass.loaders.plausibility import folder_level_notes, resolve_rate, resolve_unit
 from texclass.loaders.readers import (
@@ -38,6 +39,7 @@ from texclass.loaders.readers import (
     is_topic_pattern,
     reader_error,
 )
+from texclass.loaders.source_files import axis_files
 from texclass.phase_settings import PhaseSettings
 from texclass.recording import Recording, RecordingError
 from texclass.reporting.wording import counted
@@ -155,6 +157,9 @@ def find_recording(
         return load_recording(name, fs=fs, unit=unit, **reading)
     dataset = open_dataset(dataset_name, fs=fs, unit=unit, **reading)
     ids, recording_id = [entry.recording_id for entry in dataset.entries], normalize_name(recording_id)
+    parts = (entry for entry in dataset.entries if entry.part and entry.whole_id == recording_id)
+    if part := next(parts, None):  # a recording of several marked surfaces as a whole
+        return dataset.load(replace(part, recording_id=recording_id, part=0))
     if recording_id not in ids:
         similar_ids = ", ".join(difflib.get_close_matches(recording_id, ids, n=3) or ids[:3])
         raise reader_error(
@@ -223,7 +228,7 @@ def _open_folder(
     in_folder = {root / export.acceleration for export in exports}
     in_folder |= {path for path in files if path.name == BAG_METADATA}
     path_parts = [(path.parent if path in in_folder else path).relative_to(root).parts for path in files]
-    notes = [] if labels else folder_level_notes(path_parts)
+    notes = [] if labels else folder_level_notes(parts for parts in path_parts if len(parts) > 1)
     fs, unit, rate_of = settings.fs, settings.unit, ""
     channels = {ACCELERATION: as_column_names(settings.column)} if settings.column else {}
     if fs is None or unit is None:
@@ -241,10 +246,11 @@ def _open_folder(
     other_files = {path.relative_to(root).as_posix() for path in all_files if not _is_recording(path)}
     if n_others := len(other_files - ignored):
         notes.append(f"{counted(n_others, 'file')} of other formats ignored")
+    marked = [path.name for path in files if path.parent == root]
     keys = {
         "fs_hz": fs,
         "unit": unit,
-        "files": _folder_patterns(exports, is_labelled=names_surface or columns is not None),
+        "files": _folder_patterns(exports, marked, is_labelled=names_surface or columns is not None),
         "labels": columns and columns.model_dump(),
         "channels": channels,
         "companions": export_companions(exports),
@@ -268,9 +274,9 @@ def _open_folder(
 def _labelled_files(
     files: Sequence[Path], root: Path, labels: str | Path | None
 ) -> tuple[list[Path], LabelTable | None]:
-    """Return the files whose surface follows from a table or a subfolder, and the columns of the table."""
+    """Return the files whose surface is in a table, folder name or phases file, and the table's columns."""
     if labels is None:
-        return [path for path in files if path.parent != root], None
+        return [path for path in files if path.parent != root or _has_marked_surfaces(path)], None
     table = Path(labels).expanduser().absolute()
     columns = find_label_columns(table, Path(os.path.relpath(table, root)).as_posix())
     return [path for path in files if path != table], columns
@@ -293,17 +299,30 @@ def _first_unit_and_rate(
     return first.unit, first.fs, path
 
 
-def _folder_patterns(exports: Sequence[Export], *, is_labelled: bool) -> tuple[str, ...]:
-    """Return the file name patterns of exports, files per axis, files per recording, and bag folders."""
+def _folder_patterns(
+    exports: Sequence[Export], marked: Sequence[str], *, is_labelled: bool
+) -> tuple[str, ...]:
+    """Return the file name patterns of exports, files per axis, files per recording, and bag folders.
+
+    The surfaces of the files `marked`, which are in no subfolder, are marked in their phases files.
+    """
     suffixes = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in formats())})"
     surface = "" if is_labelled else "(?P<surface>[^/]+)/"
     export_patterns = (export_pattern(exports, is_labelled=is_labelled),) if exports else ()
+    names = "|".join(map(re.escape, marked))
+    marked_patterns = (rf"(?=(?:{names})$).+_(?P<axis>[XYZxyz])(?:_[^/]*)?{suffixes}", names) if names else ()
     return (
         *export_patterns,
+        *(() if is_labelled else marked_patterns),
         rf"{surface}(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{suffixes}",
         rf"{surface}.+{suffixes}",
         rf"{surface}.+/{re.escape(BAG_METADATA)}",
     )
+
+
+def _has_marked_surfaces(path: Path) -> bool:
+    marked = find_phases_file(path)
+    return marked is not None and bool(marked.surfaces)
 
 
 def recording_files(folder: Path) -> list[Path]:

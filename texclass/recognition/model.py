@@ -1,5 +1,6 @@
 """Trained models: predict the surface of a recording, save and load."""
 
+import logging
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,6 +12,7 @@ import numpy as np
 from texclass.features.cepstrum import Banks, use_filter_banks
 from texclass.features.phase_view import TURN_CHANNELS
 from texclass.features.plan import Computed, Plan
+from texclass.loaders.phases_files import is_marked, marked_note
 from texclass.phases import find_phases
 from texclass.recognition.answers import Answer, FeatureRow, Prediction, average_answers, rank_surfaces
 from texclass.recognition.array_form import ArrayStep, apply_all, decide, estimators_in
@@ -580,6 +582,7 @@ def predict(
     >>> for name, answer, problem, _ in predict(model, ["strokes/"]):  # doctest: +SKIP
     ...     print(name, answer.surface if answer else problem)
     """
+    n_marked = 0
     for name in names:
         try:
             members = model.manifest.input.members(name, labels, fs=fs, unit=unit, **options)
@@ -589,10 +592,13 @@ def predict(
         for member in members:
             try:
                 recording = member.load()
+                n_marked += is_marked(recording)
                 answer = model.predict(recording)
                 yield Prediction(member.name, answer, surface=member.surface or recording.surface)
             except (ValueError, OSError) as error:
                 yield _failed_prediction(member.name, error, member.surface)
+    if n_marked:
+        logging.getLogger(__name__).warning("note: %s", marked_note(n_marked))
 
 
 def _failed_prediction(name: str, error: Exception, surface: str | None = None) -> Prediction:

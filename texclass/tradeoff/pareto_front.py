@@ -90,7 +90,7 @@ class LabelledData(NamedTuple):
 def label_data(X: Samples, frame: pd.DataFrame, protocol: Protocol) -> LabelledData:
     """Return the columns X (n, n_columns) with the labels, groups and independent units of a table."""
     y = frame["surface"].to_numpy(dtype=str)
-    return LabelledData(X, y, protocol.clusters(frame), protocol.independent(frame)[1])
+    return LabelledData(X, y, protocol.groups(frame), protocol.independent(frame)[1])
 
 
 def study_facts(

@@ -18,6 +18,7 @@ from texclass.loaders.dataset import Dataset
 from texclass.loaders.exports import find_export
 from texclass.loaders.filesets import condition_recording
 from texclass.loaders.open import flat_files
+from texclass.loaders.phases_files import find_phases_file, split_part, use_marked_phases
 from texclass.loaders.plausibility import build_recording, resolve_unit
 from texclass.loaders.readers import (
     BAG_METADATA,
@@ -27,6 +28,7 @@ from texclass.loaders.readers import (
     is_bag,
     is_topic_pattern,
 )
+from texclass.loaders.source_files import recording_name, source_files
 from texclass.loaders.timestamps import TIMESTAMPS
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.validation import StrictModel
@@ -206,10 +208,11 @@ class TrainingFiles(StrictModel):
         RecordingError, FileNotFoundError, CardError
             If `load` or `find_recording` raises it.
         """
-        path = Path(name).expanduser()
+        whole_name, _ = split_part(name)
+        path = Path(whole_name).expanduser()
         is_file = path.suffix.lower() in FORMATS and (path.exists() or ":" not in str(name))
         is_file |= find_export(path) is not None
-        if is_file or _is_bag(name):
+        if is_file or _is_bag(whole_name):
             resample, topic = reading.pop("resample", None), reading.pop("topic", None)
             options = {"acceleration": as_column_names(reading.pop("column", None)), **reading}
             training_files = self.model_copy(update={key: value for key, value in options.items() if value})
@@ -271,7 +274,7 @@ class TrainingFiles(StrictModel):
         path = Path(name).expanduser()
         if path.is_dir() and not (path / BAG_METADATA).is_file() and not find_export(path):
             if labels is None and (flat := flat_files(path)):
-                return [Member(str(file), partial(self.find, file, **reading)) for file in flat]
+                return [member for file in flat for member in self._file_members(file, reading)]
             options: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
             options |= {key: value for key, value in reading.items() if value is not None}
             entries = open_dataset(path, labels=labels, **options).entries
@@ -279,13 +282,17 @@ class TrainingFiles(StrictModel):
             # An export of a recording app is a folder: its files are one recording.
             export_folders = {folder for folder in {file.parent for file in paths} if find_export(folder)}
             paths = [file.parent if file.parent in export_folders else file for file in paths]
+            names = [
+                f"{file}#{entry.part}" if entry.part else str(file)
+                for file, entry in zip(paths, entries, strict=True)
+            ]
             return [
                 Member(
-                    f"{file}?topic={entry.topic}" if entry.topic else str(file),
-                    partial(self.find, file, **reading | ({"topic": entry.topic} if entry.topic else {})),
+                    f"{name}?topic={entry.topic}" if entry.topic else name,
+                    partial(self.find, name, **reading | ({"topic": entry.topic} if entry.topic else {})),
                     entry.surface,
                 )
-                for file, entry in zip(paths, entries, strict=True)
+                for name, entry in zip(names, entries, strict=True)
             ]
         if labels is not None:
             raise RecordingError(
@@ -297,7 +304,18 @@ class TrainingFiles(StrictModel):
                 Member(f"{name}:{entry.recording_id}", partial(dataset.load, entry), entry.surface)
                 for entry in dataset.entries
             ]
-        return [Member(str(name), partial(self.find, name, **reading))]
+        return self._file_members(name, reading)
+
+    def _file_members(self, name: str | Path, reading: dict[str, Any]) -> list[Member]:
+        """Return the recording of a file, or one recording for each surface that is marked in it."""
+        path = Path(name).expanduser()
+        marked = find_phases_file(path) if path.exists() else None
+        if marked is None or not marked.surfaces:
+            return [Member(str(name), partial(self.find, name, **reading))]
+        return [
+            Member(f"{name}#{number}", partial(self.find, f"{name}#{number}", **reading), one.surface)
+            for number, one in enumerate(marked.surfaces, start=1)
+        ]
 
     def load(
         self,
@@ -335,6 +353,7 @@ class TrainingFiles(StrictModel):
         RecordingError
             If the file is invalid, or contradicts `fs` or `unit`.
         """
+        name, part = split_part(name)
         path = Path(name).expanduser()
         if _is_bag(name):
             path, topic = files.locate_recording(name, topic)
@@ -353,7 +372,7 @@ class TrainingFiles(StrictModel):
             drop_incomplete=self.drop_incomplete,
         )
         settings.check(path)
-        axes, companions, flags = files.source_files(path)
+        axes, companions, flags = source_files(path)
         first_file = next(iter(axes.values()))
         from_bag = is_bag(first_file)
         roles = {"acceleration": self.acceleration, **self.auxiliary}
@@ -375,18 +394,19 @@ class TrainingFiles(StrictModel):
             fs=fs or (self.fs if signals.fs is None else None),
             unit=unit,
             resample=resample or (self.fs if self.resample else None),
-            recording_id=files.recording_name(path, axes),
+            recording_id=recording_name(path, axes),
             source=str(path),
             flags=flags,
         )
         has_trained_columns = roles.get("turn_rate") == self.auxiliary.get("turn_rate")
-        return condition_recording(
+        recording = condition_recording(
             recording,
             scale,
             self.phases,
             remove_resting_level=self.remove_resting_level,
             turn_rate_scale=self.turn_rate_scale if has_trained_columns else 1.0,
         )
+        return use_marked_phases(recording, path, part)
 
     def _roles_in(self, path: Path, settings: ReaderSettings) -> dict[str, tuple[str, ...]]:
         """Return the columns of a bag for each signal: as in the training files or, if missing, its own."""
