@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from texclass.baselines import BaselineSettings
 
 
-@app.command(rich_help_panel="Evaluation", epilog="Example: texclass features strese2015")
+@app.command(rich_help_panel="Evaluation", epilog="Example: texclass features strese2015 --phase tap")
 def features(
     name: Annotated[
         str | None,
@@ -25,12 +25,25 @@ def features(
             autocompletion=p.shipped_names("feature_defs"),
         ),
     ] = None,
+    feature_set: Annotated[
+        list[str] | None,
+        Option(
+            "--set",
+            metavar="NAME",
+            help="List the features of this set, too (repeatable).",
+            autocompletion=p.shipped_names("feature_defs"),
+        ),
+    ] = None,
+    phase: Annotated[
+        Literal["tap", "movement", "travel", "friction", "pair"] | None,
+        Option(help="List only features that are computed from this phase (default: all)."),
+    ] = None,
 ) -> None:
-    """List all features, or the features of a set, with unit and reference."""
+    """List all features, or the features of sets, with unit and reference."""
     from texclass.cli.listings import features_document
     from texclass.reporting import print_document
 
-    print_document(features_document(name))
+    print_document(features_document([*([name] if name else []), *(feature_set or [])], phase))
 
 
 @app.command(

@@ -1,5 +1,6 @@
 """Tables of the shipped dataset cards, of one dataset, and of the features."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -7,11 +8,13 @@ import pandas as pd
 from texclass import shipped
 from texclass.evaluation.protocols import find_protocol
 from texclass.features.contract import list_features
+from texclass.features.phase_view import Phase
 from texclass.features.sets import load_feature_set
 from texclass.loaders import open_dataset, read_card
 from texclass.loaders.cards import CardError, SimulatedCard
 from texclass.loaders.places import DataNotFoundError, find_folder
 from texclass.reporting import Document, Heading, Table
+from texclass.reporting.wording import counted
 from texclass.signals import HAND_WINDOW_S
 
 
@@ -77,26 +80,49 @@ def dataset_document(name_or_path: str | Path) -> Document:
     return Document(card.title, blocks)
 
 
-def features_document(feature_set: str | None = None) -> Document:
-    """Return a table of all features, or of one set: phase, columns, unit, description."""
-    if feature_set is None:
-        title, notes = "All features", []
-        columns = {name: (feature, feature.columns(name, {})) for name, feature in list_features().items()}
-    else:
-        members = load_feature_set(feature_set)
-        title = f"Features of {members.name}"
+def features_document(feature_sets: Sequence[str] = (), phase: Phase | None = None) -> Document:
+    """Return a table of features: name, phase, number of columns and unit; description and reference.
+
+    Parameters
+    ----------
+    feature_sets : sequence of str
+        Names or files of feature sets (default: all features).
+    phase : {"tap", "movement", "travel", "friction", "pair"}, optional
+        Phase from which the features are computed (default: all phases).
+
+    Raises
+    ------
+    ValueError
+        If a feature set does not exist or is invalid.
+    """
+    sets = [load_feature_set(name) for name in feature_sets]
+    notes = []
+    for members in sets:
         conditioning = "Conditioning of movements: mean removed"
         if members.remove_hand_motion:
             conditioning += (
                 f"; for recordings in m/s^2 with gravity, a moving average over {HAND_WINDOW_S:g} s removed"
             )
-        notes = [f"{members.description}. {conditioning}."]
-        columns = {member.name: (member.feature, member.columns) for member in members.members}
+        name = f"{members.name}: " if len(sets) > 1 else ""
+        notes.append(f"{name}{members.description}. {conditioning}.")
+    if sets:
+        features = dict.fromkeys((one.name, one.feature, one.columns) for of in sets for one in of.members)
+    else:
+        all_features = list_features().items()
+        features = dict.fromkeys((name, one, one.columns(name, {})) for name, one in all_features)
     rows = []
-    for name, (feature, names) in columns.items():
+    for name, feature, columns in features:
+        if phase not in (None, feature.phase):
+            continue
         contract = f"{feature.reference}; signal x g: {feature.gain}"
         if feature.depends_on:
             contract += f"; depends on {' and '.join(sorted(feature.depends_on))}"
-        rows.append((name, feature.phase, str(len(names)), feature.unit, f"{feature.summary}\n{contract}\n"))
-    frame = pd.DataFrame(rows, columns=["feature", "phase", "columns", "unit", "description"])
-    return Document(title, [*notes, Table(frame, n_words=5)])
+        facts = f"{name}\n{feature.phase}, {counted(len(columns), 'column')}\n{feature.unit}\n"
+        rows.append((facts, f"{feature.summary}\n{contract}\n"))
+    title = f"Features of {' and '.join(one.name for one in sets)}" if sets else "All features"
+    if phase:
+        title += f": {phase}"
+    if not rows:
+        return Document(title, [*notes, f"No feature is computed from the phase {phase!r}."])
+    table = Table(pd.DataFrame(rows, columns=["feature", "description"]), n_words=2)
+    return Document(title, [*notes, f"{counted(len(rows), 'feature')}.", table])

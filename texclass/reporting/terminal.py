@@ -98,7 +98,7 @@ class _FittingTable:
 
         words, rest = list(range(n_words)), list(range(n_words, self.table.n_narrow or n_columns))
         if not rest:
-            yield narrow()
+            yield narrow(min_words=1)
         while rest:
             n = next((n for n in range(len(rest), 1, -1) if fits(narrow(columns=words + rest[:n]))), 1)
             yield narrow(columns=words + rest[:n])
@@ -106,7 +106,12 @@ class _FittingTable:
 
 
 def _rich_table(
-    table: Table, *, intervals_below: bool = False, break_titles: bool = False, columns: Sequence[int] = ()
+    table: Table,
+    *,
+    intervals_below: bool = False,
+    break_titles: bool = False,
+    columns: Sequence[int] = (),
+    min_words: int = 16,
 ) -> RichTable:
     rich_table = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     cells: list[list[Any]] = []
@@ -128,7 +133,8 @@ def _rich_table(
         title_lines = re.sub(r"(?<!\d) (?!%)", "\n", title_lines) if break_titles else title_lines
         if i < table.n_words:
             # Row names get at least 16 characters, other text columns at least 10.
-            rich_table.add_column(title, min_width=min(10 if i else 16, _width((title, *column))))
+            min_width = min(10 if i else 16, min_words, _width((title, *column)))
+            rich_table.add_column(title, min_width=min_width, overflow="fold")
             cells.append([Text(text) for text in column])
         else:
             numbers = _align_numbers(column, intervals_below)
