@@ -88,7 +88,10 @@ def test_all_missing_and_unknown_keys_are_listed_at_once(tmp_path):
     [
         ({"fs": 3}, "unknown key fs (expected one of fs_hz, unit, files, "),
         ({"label_column": "plate"}, "unknown key label_column ("),
-        ({"format": "magic"}, "format is 'magic'. Expected one of files, rows, hatt-models, simulated"),
+        (
+            {"format": "magic"},
+            "format is 'magic'. Expected one of files, rows, lerobot, hatt-models, simulated",
+        ),
         ({"unit": "m"}, "unit is 'm'. Expected one of m/s^2, g, mg, counts, V, arbitrary"),
         ({"phases": "all"}, "phases is 'all'. Expected one of detect, movement, tap"),
         ({"fs_hz": 0}, "fs_hz is 0. Expected a rate in Hz above 0"),

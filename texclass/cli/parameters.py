@@ -126,7 +126,7 @@ Labels = Annotated[
     data_option(
         metavar="CSV",
         help="Table with the columns `file` and `surface`, for a folder without subfolders per surface. "
-        "Other columns are further labels, such as the speed.",
+        "Other columns are further labels, such as speed. For a LeRobot dataset also 'task' or a feature.",
     ),
 ]
 TapSpacing = Annotated[

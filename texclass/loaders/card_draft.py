@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
+from texclass.loaders import lerobot
 from texclass.loaders.columns import (
     ACCELERATION,
     choose_acceleration,
@@ -109,6 +110,11 @@ def draft_card(
     settings.check(root)
     if not root.is_dir():
         raise RecordingError(f"{root} is not a folder. Expected a folder of recordings")
+    if lerobot.is_lerobot(root):
+        raise RecordingError(
+            f"{root} is a LeRobot dataset, which needs no card. Expected its folder as the dataset, with "
+            "--labels; or write a card with format = 'lerobot'"
+        )
     files = recording_files(root)
     table = Path(labels).expanduser() if labels else next(filter(is_label_table, files), None)
     names = [path.relative_to(root).as_posix() for path in files if path != table]

@@ -444,6 +444,43 @@ class RowCard(StoredCard, Reading):
     label_column: str
 
 
+class EpisodeReading(Reading):
+    """Keys that define how the episodes of a LeRobot dataset are converted to recordings.
+
+    Attributes
+    ----------
+    files
+        Description of the dataset.
+    channels
+        Features, or components of features, of the acceleration and of auxiliary signals.
+    surface, operator, session
+        Feature with the label or group of an episode, or "task" for the text of its task.
+    labels
+        Label table with labels and groups, by the ids of the recordings (episode_000000).
+    surfaces
+        Surface in the dataset for each label; labels that are not listed are unchanged.
+    resample_hz
+        Target sampling rate in Hz of a band-limited resampling.
+    """
+
+    files: Texts = ("meta/info.json",)
+    channels: dict[Role, Columns] = Field(default_factory=dict)
+    surface: str | None = None
+    operator: str | None = None
+    session: str | None = None
+    labels: LabelTable | None = None
+    surfaces: dict[str, str] = Field(default_factory=dict)
+    resample_hz: float | None = Field(
+        default=None, gt=0, le=MAX_MAGNITUDE, description="a rate in Hz above 0"
+    )
+
+
+class LeRobotCard(StoredCard, EpisodeReading):
+    """Card of a LeRobot dataset, with one recording per episode."""
+
+    format: Literal["lerobot"]
+
+
 class ModelsCard(StoredCard):
     """Card of recordings synthesized from texture models of the Penn Haptic Texture Toolkit.
 
@@ -489,7 +526,7 @@ class SimulatedCard(Card):
     recipe: Recipe
 
 
-AnyCard = FileCard | RowCard | ModelsCard | SimulatedCard
+AnyCard = FileCard | RowCard | LeRobotCard | ModelsCard | SimulatedCard
 
 
 class _Content(RootModel[Annotated[AnyCard, Field(discriminator="format")]]):
@@ -506,7 +543,7 @@ def read_card(name_or_path: str | Path) -> AnyCard:
 
     Returns
     -------
-    FileCard, RowCard, ModelsCard or SimulatedCard
+    FileCard, RowCard, LeRobotCard, ModelsCard or SimulatedCard
         Card. Its class is determined by the key `format` (default: inferred from the other keys).
 
     Raises

@@ -1,5 +1,6 @@
 """Datasets that keep all labels in memory and load the signals of one recording at a time."""
 
+import difflib
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -161,6 +162,25 @@ class Dataset(Sequence[Recording]):
             if not self.skip_bad:
                 raise
             return error
+
+    def find(self, recording_id: str) -> Recording:
+        """Return the recording with the given id.
+
+        Raises
+        ------
+        RecordingError
+            If there is no such recording, or it is invalid.
+        """
+        ids, wanted = [entry.recording_id for entry in self.entries], normalize_name(recording_id)
+        parts = (entry for entry in self.entries if entry.part and entry.whole_id == wanted)
+        if part := next(parts, None):  # a recording of several marked surfaces as a whole
+            return self.load(replace(part, recording_id=wanted, part=0))
+        if wanted not in ids:
+            similar_ids = ", ".join(difflib.get_close_matches(wanted, ids, n=3) or ids[:3])
+            raise RecordingError(
+                f"{self.name}: there is no recording {wanted!r}. Expected an id such as {similar_ids}"
+            )
+        return self[ids.index(wanted)]
 
     def with_phase_settings(self, changes: Mapping[str, Any], *, override: bool = True) -> "Dataset":
         """Return a copy of the dataset with changed segmentation settings.

@@ -1,6 +1,5 @@
 """Open datasets by name, dataset card or folder, and load single recordings by name."""
 
-import difflib
 import os
 import re
 from collections import Counter
@@ -10,18 +9,20 @@ from pathlib import Path
 from typing import Any
 
 from texclass import shipped
+from texclass.loaders import lerobot
 from texclass.loaders.cards import (
     AnyCard,
     FileCard,
     FileReading,
     LabelTable,
+    LeRobotCard,
     ModelsCard,
     RowCard,
     SimulatedCard,
     read_card,
 )
 from texclass.loaders.columns import ACCELERATION
-from texclass.loaders.data_files import data_files, normalize_name
+from texclass.loaders.data_files import data_files
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.exports import Export, export_companions, export_pattern, find_exports
 from texclass.loaders.files import is_bag_name, load_recording, read_signals
@@ -62,7 +63,8 @@ def open_dataset(
     Parameters
     ----------
     name_or_path : str or Path
-        Name of a shipped dataset, path of a dataset card (TOML), or a folder with one subfolder per surface.
+        Name of a shipped dataset, path of a dataset card (TOML), a folder with one subfolder per surface, or
+        the folder of a LeRobot dataset.
     fs : float, optional
         Sampling rate in Hz of files that do not state it. It must agree with the card, if there is one.
     unit : str, optional
@@ -72,6 +74,7 @@ def open_dataset(
     labels : str or Path, optional
         Table (CSV) with a column `file` and a column `surface` for a folder of any layout, optionally with
         `operator`, `session`, `repetition` and further labels. A dataset card has the table [labels] instead.
+        For a LeRobot dataset also "task" or the name of a feature.
     tap_spacing : float, optional
         Time in s. Impulses that are less than this time apart are one tap and its rebounds (default: the
         value of the card, or 0.08).
@@ -110,6 +113,8 @@ def open_dataset(
         card = read_card(name_or_path)
         dataset = _open_card(card, settings, labels, skip_bad=skip_bad)
         return dataset.with_phase_settings(card.phase_settings.changes | changes)
+    if lerobot.is_lerobot(path):
+        return _open_lerobot(path, settings, labels, skip_bad=skip_bad).with_phase_settings(changes)
     try:
         return _open_folder(path, settings, labels, skip_bad=skip_bad).with_phase_settings(changes)
     except RecordingError as error:
@@ -155,17 +160,13 @@ def find_recording(
     is_drive = len(dataset_name) == 1 and recording_id[:1] in {"/", "\\"}  # as in C:\oak\oak_01.txt
     if not colon or is_drive or Path(name).exists() or is_bag_name(name):
         return load_recording(name, fs=fs, unit=unit, **reading)
-    dataset = open_dataset(dataset_name, fs=fs, unit=unit, **reading)
-    ids, recording_id = [entry.recording_id for entry in dataset.entries], normalize_name(recording_id)
-    parts = (entry for entry in dataset.entries if entry.part and entry.whole_id == recording_id)
-    if part := next(parts, None):  # a recording of several marked surfaces as a whole
-        return dataset.load(replace(part, recording_id=recording_id, part=0))
-    if recording_id not in ids:
-        similar_ids = ", ".join(difflib.get_close_matches(recording_id, ids, n=3) or ids[:3])
-        raise reader_error(
-            dataset_name, f"there is no recording {recording_id!r}", f"an id such as {similar_ids}"
-        )
-    return dataset[ids.index(recording_id)]
+    if lerobot.is_lerobot(folder := Path(dataset_name).expanduser()):  # the surface is not needed
+        settings = ReaderSettings(fs=fs, unit=unit, **reading)
+        settings.check(folder)
+        dataset = _open_lerobot(folder, settings, None, is_labelled=False)
+    else:
+        dataset = open_dataset(dataset_name, fs=fs, unit=unit, **reading)
+    return dataset.find(recording_id)
 
 
 def _open_card(
@@ -180,13 +181,15 @@ def _open_card(
                 f"{option_names.get(key, key)} = {value!r} cannot be combined with a dataset card",
                 f"the key {key} in the card",
             )
-    if settings.resample is not None and not isinstance(card, FileCard):
+    if settings.resample is not None and not isinstance(card, FileCard | LeRobotCard):
         problem = f"its recordings cannot be resampled to {settings.resample:g} Hz"
-        raise reader_error(card.path, problem, "a card with format = 'files'")
+        raise reader_error(card.path, problem, "a card with format = 'files' or 'lerobot'")
     attributes: dict[str, Any] = {"name": card.name, "title": card.title, "licence": card.licence}
     attributes |= {"source": card.source, "notes": card.notes, "skip_bad": skip_bad}
     resolve_rate(card.recipe.fs if isinstance(card, SimulatedCard) else card.fs_hz, settings.fs, card.path)
-    resolve_unit(card.unit if isinstance(card, FileCard | RowCard) else "m/s^2", settings.unit, card.path)
+    resolve_unit(
+        card.unit if isinstance(card, FileCard | RowCard | LeRobotCard) else "m/s^2", settings.unit, card.path
+    )
     if isinstance(card, SimulatedCard):
         from texclass.loaders.simulated import open_simulated
 
@@ -203,7 +206,23 @@ def _open_card(
         return open_rows(card, root, **attributes)
     if settings.resample is not None:
         card = card.model_copy(update={"resample_hz": settings.resample})
+    if isinstance(card, LeRobotCard):
+        return lerobot.open_episodes(card, root, **attributes)
     return open_files(card, root, **attributes)
+
+
+def _open_lerobot(root: Path, settings: ReaderSettings, labels: str | Path | None, **options: Any) -> Dataset:
+    """Open a folder in the layout of LeRobot."""
+    return lerobot.open_folder(
+        root.absolute(),
+        settings,
+        labels,
+        name=root.resolve().name,
+        title=f"Episodes in {root}",
+        licence="not stated",
+        source=str(root),
+        **options,
+    )
 
 
 def _open_folder(

@@ -10,8 +10,8 @@ import numpy as np
 
 from texclass import shipped
 from texclass.features.phase_view import TURN_CHANNELS
-from texclass.loaders import files, find_recording, open_dataset
-from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
+from texclass.loaders import files, find_recording, lerobot, open_dataset
+from texclass.loaders.cards import DeclaredPhases, EpisodeReading, FileReading, Reading
 from texclass.loaders.columns import TURN_RATE, choose_acceleration
 from texclass.loaders.data_files import normalize_name
 from texclass.loaders.dataset import Dataset
@@ -178,12 +178,12 @@ class TrainingFiles(StrictModel):
         if not isinstance(card, Reading):
             return cls(fs=recording.fs, unit=recording.unit, axes=recording.channels)
         facts = {name: value for name, value in card if name in cls.model_fields}
-        if isinstance(card, FileReading):
+        if isinstance(card, FileReading | EpisodeReading):
             channels = dict(card.channels)
             facts["acceleration"] = channels.pop("acceleration", ())
             facts |= {"auxiliary": channels, "resample": card.resample_hz is not None}
-            if is_topic_pattern(card.topic):
-                facts["topic"] = None
+        if isinstance(card, FileReading) and is_topic_pattern(card.topic):
+            facts["topic"] = None
         return cls(**facts, fs=recording.fs, axes=recording.channels)
 
     def find(
@@ -217,6 +217,10 @@ class TrainingFiles(StrictModel):
             options = {"acceleration": as_column_names(reading.pop("column", None)), **reading}
             training_files = self.model_copy(update={key: value for key, value in options.items() if value})
             return training_files.load(name, fs=fs, unit=unit, resample=resample, topic=topic)
+        folder, _, recording_id = str(name).rpartition(":")
+        if folder and lerobot.is_lerobot(Path(folder).expanduser()):
+            dataset = self._open_lerobot(Path(folder).expanduser(), None, fs=fs, unit=unit, **reading)
+            return dataset.find(recording_id)
         return find_recording(name, fs=fs, unit=unit, **reading)
 
     def references(
@@ -272,6 +276,12 @@ class TrainingFiles(StrictModel):
             folder.
         """
         path = Path(name).expanduser()
+        if lerobot.is_lerobot(path):
+            dataset = self._open_lerobot(path, labels, **reading)
+            return [
+                Member(f"{name}:{entry.recording_id}", partial(dataset.load, entry), entry.surface or None)
+                for entry in dataset.entries
+            ]
         if path.is_dir() and not (path / BAG_METADATA).is_file() and not find_export(path):
             if labels is None and (flat := flat_files(path)):
                 return [member for file in flat for member in self._file_members(file, reading)]
@@ -316,6 +326,19 @@ class TrainingFiles(StrictModel):
             Member(f"{name}#{number}", partial(self.find, f"{name}#{number}", **reading), one.surface)
             for number, one in enumerate(marked.surfaces, start=1)
         ]
+
+    def _open_lerobot(self, root: Path, labels: str | Path | None, **reading: Any) -> Dataset:
+        """Open a dataset of LeRobot with the columns and the conditioning of the training files."""
+        options = {name: value for name, value in reading.items() if value is not None}
+        trained = {"unit": self.unit, "column": self.acceleration or None}
+        resample = {"resample": self.fs if self.resample else None}
+        settings = ReaderSettings(**{**resample, **trained, **options})
+        settings.check(root)
+        names = ("scale", "turn_rate_scale", "phases", "remove_resting_level")
+        keys = {name: getattr(self, name) for name in names} | {"channels": dict(self.auxiliary)}
+        return lerobot.open_folder(
+            root.absolute(), settings, labels, is_labelled=labels is not None, keys=keys, name=root.name
+        )
 
     def load(
         self,
