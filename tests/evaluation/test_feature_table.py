@@ -88,6 +88,20 @@ def test_labels_stand_between_metadata_and_features_and_cannot_have_their_names(
         extract(with_label("level"))
 
 
+def test_every_partition_has_the_column_of_a_label_that_few_recordings_have(
+    toy_dataset, feature_set, tmp_path
+):
+    dataset = toy_dataset()
+    tools = {f"m2_{r}": "steel" for r in (1, 2)}
+    entries = (replace(one, labels=(("tool", tools.get(one.recording_id, "")),)) for one in dataset.entries)
+    tables.extract_partitions(replace(dataset, entries=tuple(entries)), feature_set, tmp_path / "parts", 4)
+    parts = [pd.read_csv(path) for path in sorted((tmp_path / "parts").iterdir())]
+    assert len({tuple(part.columns) for part in parts}) == 1
+    table = pd.concat(parts).set_index("recording_id")
+    assert len(table) == 12
+    assert table["tool"].dropna().to_dict() == tools
+
+
 def _with_axes(numbers):
     """Return a dataset of recordings with such numbers of axes."""
 

@@ -93,7 +93,7 @@ def test_a_column_that_differs_between_axes_is_no_label_of_their_recording(tmp_p
         np.savetxt(root / f"rec_{axis}.txt", np.random.default_rng(k).normal(size=2000))
     rows = "".join(f"rec_{axis}.txt,a,20,{offset}\n" for offset, axis in enumerate("XYZ"))
     (entry,) = open_labelled(root, f"file,surface,speed,offset\n{rows}").entries
-    assert entry.labels == (("speed", "20"),)
+    assert entry.labels == (("speed", "20"), ("offset", ""))
 
 
 @pytest.mark.parametrize(

@@ -334,6 +334,14 @@ class FileReading(Reading):
         fs = self.fs_hz if self.resample_hz is None else None
         return ReaderSettings(fs=fs, rate_of=self._rate_of, **{name: getattr(self, name) for name in names})
 
+    @property
+    def label_names(self) -> tuple[str, ...]:
+        """Names of the further labels that file names, topics and the label table define."""
+        patterns = (*self.files, *([self.topic] if self.topic else []))
+        groups = [name for pattern in patterns for name in re.compile(pattern).groupindex]
+        columns = self.labels.columns if self.labels else ()
+        return tuple(name for name in dict.fromkeys((*groups, *columns)) if name not in PATTERN_GROUPS)
+
     @model_validator(mode="after")
     def _has_surface(self) -> "FileReading":
         groups = _groups("files", self.files) | set(self.labels.columns if self.labels else ())

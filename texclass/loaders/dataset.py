@@ -34,7 +34,7 @@ class Entry:
     topic
         Topic of a bag with several recordings.
     labels
-        Further labels, such as the speed, as pairs of name and value.
+        Further labels, such as the speed, as pairs of name and value. The value is "" if it is missing.
     part
         Number of the marked surface in the files, from 1; 0 (default) for the whole recording. Parts have the
         id of the whole recording with "#" and this number.
@@ -79,7 +79,7 @@ def label_columns(entries: Sequence[Entry]) -> dict[str, list[str | None]]:
     """
     labels = [dict(entry.labels) for entry in entries]
     names = dict.fromkeys(name for values in labels for name in values)
-    return {name: [values.get(name) for values in labels] for name in names}
+    return {name: [values.get(name) or None for values in labels] for name in names}
 
 
 @dataclass(frozen=True)

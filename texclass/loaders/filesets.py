@@ -10,15 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from texclass.loaders.cards import (
-    PATTERN_GROUPS,
-    CardError,
-    DeclaredPhases,
-    FileCard,
-    FileReading,
-    Reading,
-    RowCard,
-)
+from texclass.loaders.cards import CardError, DeclaredPhases, FileCard, FileReading, Reading, RowCard
 from texclass.loaders.columns import ACCELERATION, signal_columns
 from texclass.loaders.data_files import data_files, is_hidden, normalize_name
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
@@ -564,7 +556,6 @@ def _entries(
         if repetition is not None and not repetition.isdecimal():
             raise CardError(f"{path}: repetition is {repetition!r}. Expected a whole number")
         surface = normalize_name(all_groups.get("surface", "") if is_marked else all_groups["surface"])
-        further = {name: text for name, text in all_groups.items() if name not in PATTERN_GROUPS and text}
         yield Entry(
             recording_id=recording_id,
             surface=renamed.get(surface, surface),
@@ -573,7 +564,7 @@ def _entries(
             repetition=int(repetition) if repetition is not None else None,
             paths=names,
             topic=topic,
-            labels=tuple(further.items()),
+            labels=tuple((name, all_groups.get(name, "")) for name in reading.label_names),
         )
 
 
