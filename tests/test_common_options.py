@@ -1,6 +1,7 @@
 """The options --json, --output and --resample mean the same in every command."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from toy_surfaces import FS, recording
 from texclass.haptics.exchange import save_texture
 from texclass.haptics.textures import pack
 
+RESULT = Path(__file__).parent / "reporting" / "data" / "benchmark.json"
 FEW = """
 features = "coarse"
 seed = 1
@@ -49,6 +51,7 @@ JSON_CALLS = {
     "benchmark": ("tiny.toml", "--pipeline", "few.toml", "--folds", "2", "--jobs", "1"),
     "tradeoff": ("tiny.toml", "--features", "coarse", "--no-curves", "--max-features", "2", "--jobs", "1"),
     "stability": ("--quick", "--only", "transforms"),
+    "report": ("a.json", "a.json", "--compare"),
     "model": ("model.skops",),
     "predict": ("model.skops", "signal.txt", *SIGNAL),
     "stream": ("model.skops", "signal.txt", *SIGNAL),
@@ -118,6 +121,10 @@ def folder(tmp_path, monkeypatch, kernel_model):
     stroke = np.column_stack([y, np.linspace(50, 150, y.size), np.ones(y.size)])
     np.savetxt("stroke.csv", stroke, delimiter=",", header="a,v,f", comments="", fmt="%.6f")
     save_texture(pack(one, 64), tmp_path / "a.texture")
+    result = json.loads(RESULT.read_text())
+    tests = {"folds_hash": "0", "recordings": [["r"], ["s"]], "units": None, "n_train": [1, 1]}
+    result["tests"] = tests | {"hits": {"best": ["1", "0"]}}
+    (tmp_path / "a.json").write_text(json.dumps(result))
     return tmp_path
 
 
@@ -129,3 +136,22 @@ def test_json_to_standard_output_is_one_object_and_text_goes_to_standard_error(n
     assert code == 0, err
     assert isinstance(json.loads(out), dict)
     assert err
+
+
+def test_report_compares_two_results_and_refuses_others(folder, command):
+    code, out, _ = command("report", "a.json", "a.json", "--compare", "-o", "page.html", "--json", "c.json")
+    assert code == 0
+    assert "No setting, version or code has changed." in out
+    assert "wrote page.html" in out
+    assert "Comparison of two results" in (folder / "page.html").read_text()
+    assert command("report", "c.json", "-o", "again.md")[0] == 0
+    assert "# Comparison of two results" in (folder / "again.md").read_text()
+    code, _, err = command("report", "a.json", RESULT, "--compare")
+    assert (code, f"{RESULT} contains no predictions" in err) == (1, True)
+    broken = json.loads((folder / "a.json").read_text())
+    broken["tests"]["recordings"] = 3
+    (folder / "broken.json").write_text(json.dumps(broken))
+    code, _, err = command("report", "a.json", "broken.json", "--compare")
+    assert (code, "the result is damaged" in err) == (1, True)
+    assert command("report", "a.json", "--compare")[0] == 2
+    assert command("report", "a.json", "--json", "x.json")[0] == 2

@@ -17,6 +17,7 @@ from .features import FeatureExtractor as FeatureExtractor
 from .features import feature as feature
 from .features import load_feature_set as load_feature_set
 from .front_door import benchmark as benchmark
+from .front_door import compare_results as compare_results
 from .front_door import extract as extract
 from .front_door import plot_recording as plot_recording
 from .loaders import load_recording as load_recording

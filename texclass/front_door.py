@@ -10,9 +10,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from texclass.evaluation import BenchmarkResult, PipelineDefinition
+    from texclass.evaluation.result_comparison import ResultComparison
     from texclass.features import FeatureSet
     from texclass.loaders import Dataset
     from texclass.recording import Recording
+    from texclass.reporting.result_files import Result
 
 
 def extract(
@@ -119,6 +121,33 @@ def benchmark(
     from texclass.evaluation import run_benchmark
 
     return run_benchmark(as_dataset(dataset, fs, unit), pipeline, **options)
+
+
+def compare_results(first: "Result | str | Path", second: "Result | str | Path") -> "ResultComparison":
+    """Compare two results of one kind that were computed on the same folds.
+
+    Parameters
+    ----------
+    first, second : Result, str or Path
+        Results of `benchmark` or of a comparison with baselines, or the JSON files that their commands write.
+
+    Returns
+    -------
+    ResultComparison
+        Changed settings, paired differences of the accuracies (second minus first), and the recordings whose
+        prediction is correct in only one of the results. `document()` is the report.
+
+    Raises
+    ------
+    ValueError
+        If the results are of different kinds, contain no predictions, or have different folds.
+    """
+    from texclass.baselines import comparison  # noqa: F401 - registers its kind of results
+    from texclass.evaluation import result_comparison
+
+    sides = {"first result": first, "second result": second}
+    names = [str(one) if isinstance(one, str | Path) else side for side, one in sides.items()]
+    return result_comparison.compare_results(first, second, names=(names[0], names[1]))
 
 
 def plot_recording(

@@ -19,6 +19,7 @@ from texclass.evaluation.benchmark import BenchmarkResult
 from texclass.evaluation.feature_table import FeatureTable, cached_table
 from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
 from texclass.evaluation.protocols import Protocol, find_protocol
+from texclass.evaluation.result_comparison import list_tests
 from texclass.evaluation.result_facts import CODE_DEPENDENCIES, NESTED_CV_TITLE
 from texclass.evaluation.splits import Split
 from texclass.evaluation.windows import add_overlapping_windows
@@ -204,6 +205,7 @@ def compare_with_baselines(
                 _line(contestant, contestants[0], table, protocol, splits, segmentation_s)
                 for contestant in contestants
             ],
+            "tests": list_tests(table.frame, splits, protocol, _hits(contestants, table, splits)),
             "signals": DESCRIPTIONS[settings.signals],
             "time_limit_s": settings.time_limit_s,
             "versions": benchmark["versions"],
@@ -215,6 +217,20 @@ def compare_with_baselines(
             "accuracy_unit": "fraction of tests; low and high are the 95 % interval",
         }
     )
+
+
+def _hits(
+    contestants: Sequence[Contestant], table: FeatureTable, splits: Sequence[Split]
+) -> dict[str, list[NDArray[np.bool_]]]:
+    """Return whether each contestant predicts each test of its finished folds correctly."""
+    return {
+        f"{one['title']}, {one['classifier']}": [
+            table.surfaces[test] == predicted
+            for (_, test), predicted in zip(splits, one["predicted"], strict=False)
+        ]
+        for one in contestants
+        if len(one["predicted"])
+    }
 
 
 def whole_surfaces(dataset: Dataset, limit: int) -> Dataset:

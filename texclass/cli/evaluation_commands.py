@@ -10,7 +10,14 @@ from typer import Argument, Option
 from texclass.atomic_write import check_suffix
 from texclass.cli import parameters as p
 from texclass.cli.app import app
-from texclass.cli.output import RECORDING_KERNELS, announce_start, print_and_save, print_lines, progress_bar
+from texclass.cli.output import (
+    RECORDING_KERNELS,
+    announce_start,
+    print_and_save,
+    print_lines,
+    progress_bar,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from texclass.baselines import BaselineSettings
@@ -446,16 +453,40 @@ def report(
             "changed.",
         ),
     ] = False,
-    output: Annotated[
-        Path,
-        p.output_file(
-            "--output", "-o", suffixes=[".html", ".htm", ".md"], help="Page to write (.html or .md)."
+    compare: Annotated[
+        bool,
+        Option(
+            "--compare",
+            help="Print what changed from the first of two results to the second, on the same folds.",
         ),
-    ] = Path("report.html"),
+    ] = False,
+    output: Annotated[
+        Path | None,
+        p.output_file(
+            "--output",
+            "-o",
+            suffixes=[".html", ".htm", ".md"],
+            help="Page to write, .html or .md (default: report.html; with --compare: none).",
+        ),
+    ] = None,
+    json_file: p.JsonFile = None,
 ) -> None:
     """Write one self-contained page with the tables, figures, datasets and versions of results."""
-    from texclass.cli.result_files import stale_results, write_page
+    if json_file and not compare:
+        raise typer.BadParameter("--json requires --compare: results are JSON files already")
+    if compare and (stale or len(results) != 2):
+        raise typer.BadParameter(f"--compare requires two results and no --stale, got {len(results)} results")
+    from texclass.cli.result_files import compare_files, stale_results, write_document_page, write_page
 
+    if compare:
+        from texclass.reporting import print_document
+
+        comparison = compare_files(*results)
+        print_document(comparison.document())
+        write_json(json_file, comparison.to_json())
+        if output is not None:
+            typer.echo(f"wrote {write_document_page(comparison.document(), output, title)}")
+        return
     if stale:
         reasons, skipped = stale_results(results)
         for path, reason in reasons.items():
@@ -463,4 +494,4 @@ def report(
         print_lines("skipped", (f"{path}: {reason}" for path, reason in skipped.items()))
         typer.echo(f"{len(reasons)} of {len(results) - len(skipped)} results are out of date")
         return
-    typer.echo(f"wrote {write_page(results, output, title)}")
+    typer.echo(f"wrote {write_page(results, output or Path('report.html'), title)}")

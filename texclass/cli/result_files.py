@@ -15,6 +15,7 @@ from texclass.baselines import comparison  # noqa: F401
 from texclass.cli import invariance_document  # noqa: F401
 from texclass.evaluation import new_feature  # noqa: F401
 from texclass.evaluation.pipeline import load_pipeline
+from texclass.evaluation.result_comparison import ResultComparison, compare_results
 from texclass.evaluation.result_facts import CODE_DEPENDENCIES
 from texclass.features.sets import load_feature_set
 from texclass.provenance import code_hash
@@ -53,10 +54,12 @@ def _parse_number(text: str) -> float:
 
 
 @contextmanager
-def damage_as_value_error(files: str) -> Iterator[None]:
-    """Convert errors that damaged results raise to a ValueError that names the files."""
+def damage_as_value_error(files: str, *other: type[Exception]) -> Iterator[None]:
+    """Convert errors that damaged results raise, except `other`, to a ValueError that names the files."""
     try:
         yield
+    except other:
+        raise
     except (ValueError, TypeError, LookupError, ArithmeticError, AttributeError) as error:
         raise ValueError(
             f"{files}: the result is damaged ({type(error).__name__}: {error}). Run the command that "
@@ -132,6 +135,24 @@ def _changed_definitions(result: Result) -> Iterator[str]:
                     yield f"{kind} {name} has changed"
             except (ValueError, OSError):
                 yield f"{kind} {name} does not exist"
+
+
+def compare_files(first: Path, second: Path) -> ResultComparison:
+    """Read and compare two results; `compare_results` describes the errors."""
+    results = [read_result(path, _parse_number) for path in (first, second)]
+    with damage_as_value_error(f"{first}, {second}", ValueError):
+        comparison = compare_results(*results, names=(str(first), str(second)))
+        comparison.document()
+    return comparison
+
+
+def write_document_page(document: Document, output: Path, title: str = "") -> Path:
+    """Write one document as self-contained HTML, or as Markdown if the suffix is .md."""
+    if output.suffix.lower() == ".md":
+        write_atomic(output, render_markdown(document))
+    else:
+        write_atomic(output, render_page([document], title or document.title, written_by="texclass report"))
+    return output
 
 
 def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "") -> Path:

@@ -26,6 +26,7 @@ from .protocols import PROTOCOLS as PROTOCOLS
 from .protocols import Protocol as Protocol
 from .protocols import find_protocol as find_protocol
 from .protocols import repeated_splits as repeated_splits
+from .result_comparison import compare_results as compare_results
 from .windows import Window as Window
 from .windows import cut_windows as cut_windows
 from .workers import use_backend as use_backend

@@ -4,8 +4,6 @@ The best row of a benchmark is selected on the test folds, so its accuracy is op
 opens with the accuracy of nested cross-validation (`run_nested_cv`), which is unbiased.
 """
 
-import hashlib
-import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -14,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.stats import spearmanr
 from sklearn.metrics import confusion_matrix
 
@@ -23,7 +22,7 @@ from texclass.evaluation.axes import AxesOption, decide_axes
 from texclass.evaluation.confusion import write_confusion
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, cached_table, metadata
-from texclass.evaluation.folds import Evaluation, Labels
+from texclass.evaluation.folds import Evaluation
 from texclass.evaluation.pipeline import DEFAULT_PIPELINE, MatchedRow, PipelineDefinition, load_pipeline
 from texclass.evaluation.protocols import (
     Protocol,
@@ -32,6 +31,7 @@ from texclass.evaluation.protocols import (
     min_per_surface,
     require_nested,
 )
+from texclass.evaluation.result_comparison import list_tests
 from texclass.evaluation.result_facts import (
     CODE_DEPENDENCIES,
     best_pair,
@@ -335,7 +335,7 @@ def run_benchmark(
             "ablation": ablation,
             "nested_cv": nested,
             "nested_cv_skipped": skipped,
-            "tests": _tests(frame, splits, split_protocol, _predictions(lines, evaluations, nested)),
+            "tests": list_tests(frame, splits, split_protocol, _hits(lines, evaluations, nested)),
             "left_out": [list(item) for item in table.left_out],
             "flags": [list(item) for item in table.flags],
             "undefined": _undefined(table),
@@ -498,49 +498,20 @@ def rank_agreement(
     return r, (float(low), float(high))
 
 
-def _predictions(
+def _hits(
     lines: Sequence[Mapping[str, Any]],
     evaluations: Mapping[str, Mapping[str, Evaluation]],
     nested: Mapping[str, Any] | None,
-) -> dict[str, list[Labels]]:
-    """Return the predictions of each fold by nested cross-validation and by the best pair."""
-    predictions = dict[str, list[Labels]]()
+) -> dict[str, list[NDArray[np.bool_]]]:
+    """Return whether nested cross-validation and the best pair predict each test correctly, by fold."""
+    hits = dict[str, list[NDArray[np.bool_]]]()
     if nested:
-        predictions["nested_cv"] = [
-            evaluations[row][name].y_pred[k] for k, (row, name) in enumerate(nested["selected"])
+        hits["nested_cv"] = [
+            evaluations[row][name].hits[k] for k, (row, name) in enumerate(nested["selected"])
         ]
     if best := best_pair({"rows": lines}):
-        predictions["best"] = [*evaluations[best.row["name"]][best.classifier].y_pred]
-    return predictions
-
-
-def _tests(
-    frame: pd.DataFrame, splits: Sequence[Split], protocol: Protocol, predictions: Mapping[str, list[Labels]]
-) -> dict[str, Any]:
-    """Return the tested recordings of each fold and the correct predictions as JSON values.
-
-    `folds_hash` is a hash of the training and test recordings of each fold. `recordings` are the tested
-    recordings or windows of each fold. `units` are their independent units, or None if each recording is its
-    own unit. `n_train` are the sizes of the training sets. `hits` contains, for nested cross-validation and
-    for the best pair, one text per fold with "1" for each correct and "0" for each wrong prediction.
-    """
-    ids, surfaces = frame["recording_id"].to_numpy(dtype=str), frame["surface"].to_numpy(dtype=str)
-    folds = [[sorted(ids[train].tolist()), ids[test].tolist()] for train, test in splits]
-    units = protocol.independent(frame)[1]
-    hits = {
-        name: [
-            "".join(np.where(surfaces[test] == predicted, "1", "0"))
-            for (_, test), predicted in zip(splits, labels, strict=True)
-        ]
-        for name, labels in predictions.items()
-    }
-    return {
-        "folds_hash": hashlib.sha256(json.dumps(folds).encode()).hexdigest()[:16],
-        "recordings": [test for _, test in folds],
-        "units": None if (units == ids).all() else [units[test].tolist() for _, test in splits],
-        "n_train": [int(train.size) for train, _ in splits],
-        "hits": hits,
-    }
+        hits["best"] = [*evaluations[best.row["name"]][best.classifier].hits]
+    return hits
 
 
 def _confusion(
