@@ -55,6 +55,7 @@ JSON_CALLS = {
     "model": ("model.skops",),
     "predict": ("model.skops", "signal.txt", *SIGNAL),
     "stream": ("model.skops", "signal.txt", *SIGNAL),
+    "score-stream": ("model.skops", "signal.txt", *SIGNAL, "--intervals", "intervals.csv"),
     "export": ("model.skops", "-o", "model.onnx"),
     "describe": ("signal.txt", *SIGNAL, "--references", "tiny.toml", "--jobs", "1"),
     "scene plan": ("small.toml",),
@@ -118,6 +119,7 @@ def folder(tmp_path, monkeypatch, kernel_model):
     x = one.acceleration.ravel()
     np.savetxt("signal.txt", x, fmt="%.6f")
     y = np.random.default_rng(0).standard_normal(int(6 * FS))
+    (tmp_path / "intervals.csv").write_text(f"start_s,end_s,surface\n0,0.5,{one.surface}\n")
     stroke = np.column_stack([y, np.linspace(50, 150, y.size), np.ones(y.size)])
     np.savetxt("stroke.csv", stroke, delimiter=",", header="a,v,f", comments="", fmt="%.6f")
     save_texture(pack(one, 64), tmp_path / "a.texture")

@@ -67,9 +67,6 @@ def score_stream(
         ),
     ] = False,
     reader: p.Reader,
-    resample: Annotated[
-        bool, p.data_option("--resample", help="Resample to the sampling rate of the model.")
-    ] = False,
     skip_bad: Annotated[
         bool,
         p.data_option(
@@ -112,17 +109,13 @@ def score_stream(
             adapt=adapt,
             skip_bad=True,
             progress=progress,
-            **reader | {"resample": resample},
+            **reader,
         )
     left_out = result.data["left_out"]
     for one in left_out:
         typer.echo(f"error: {escape_control_characters(one['problem'])}", err=True)
-    is_json_printed = json_file == Path("-")
-    if not is_json_printed:
-        print_document(result.document())
+    print_document(result.document())
     write_json(json_file, result.to_json())
-    written = () if output is None else result.save(output)
-    if not is_json_printed:
-        print_lines("wrote", written)
+    print_lines("wrote", () if output is None else result.save(output))
     if left_out and not skip_bad:
         raise typer.Exit(1)

@@ -338,7 +338,7 @@ def listen(
     *,
     fs: float | None = None,
     unit: str | None = None,
-    resample: bool = False,
+    resample: float | None = None,
     paced: bool = False,
     raw_channels: int | None = None,
     settings: OnlineSettings | None = None,
@@ -356,8 +356,8 @@ def listen(
         the scale and unit of the training recordings.
     fs, unit, paced, raw_channels : optional
         See `open_source`.
-    resample : bool
-        Whether to resample the stream to the rate of the model (default False).
+    resample : float, optional
+        Rate in Hz to which the stream is resampled, usually that of the model (default: its own rate).
     settings : OnlineSettings, optional
         Settings of the recognition.
     adapt : bool
@@ -381,8 +381,7 @@ def listen(
     trained = model if isinstance(model, Model) else load_model(model)
     if not isinstance(source, str | Recording):
         return Session(trained, settings=settings, adapt=adapt).run(source)
-    rate = trained.manifest.fs if resample else None
     blocks = open_source(
-        source, fs=fs, unit=unit, rate=rate, paced=paced, raw_channels=raw_channels, model=trained
+        source, fs=fs, unit=unit, rate=resample, paced=paced, raw_channels=raw_channels, model=trained
     )
     return Session(trained, raw=is_live(source), settings=settings, adapt=adapt).run(blocks)

@@ -144,7 +144,7 @@ def replay(
     *,
     settings: OnlineSettings | None = None,
     adapt: bool = False,
-    resample: bool = False,
+    resample: float | None = None,
 ) -> StreamLog:
     """Play a recording like a live stream, but as fast as possible, and collect contacts and answers.
 
@@ -164,9 +164,8 @@ def replay(
     """
     settings = settings or OnlineSettings()
     is_tap_model = "movement" not in model.manifest.phases
-    rate = model.manifest.fs if resample else None
     session = Session(model, raw=False, settings=settings, adapt=adapt)
-    updates = list(session.run(open_source(recording, rate=rate, model=model)))
+    updates = list(session.run(open_source(recording, rate=resample, model=model)))
     if session.recogniser is None:
         raise RecordingError(f"{recording.source or recording.recording_id}: contains no samples")
     fs, duration_s = session.recogniser.fs, session.recogniser.n_samples / session.recogniser.fs
@@ -592,7 +591,7 @@ def score_stream(
     *,
     settings: OnlineSettings | None = None,
     adapt: bool = False,
-    resample: bool = False,
+    resample: float | None = None,
     skip_bad: bool = False,
     progress: Callable[[int, int, str], None] | None = None,
     **reading: Any,
@@ -614,8 +613,8 @@ def score_stream(
     adapt : bool
         Whether the model is adapted to the last contacts without labels, for each recording anew (default
         False); see `Session`.
-    resample : bool
-        Whether to resample the recordings to the rate of the model (default False).
+    resample : float, optional
+        Rate in Hz to which the recordings are resampled, usually that of the model (default: their own rate).
     skip_bad : bool
         Whether to leave out recordings that are unreadable or have no rows in the table (default False).
     progress : callable, optional
@@ -779,7 +778,7 @@ def _clip(name: str, intervals: Sequence[Interval], duration_s: float) -> tuple[
     return [interval._replace(end_s=min(interval.end_s, duration_s)) for interval in intervals], notices
 
 
-def _changed_settings(settings: OnlineSettings | None, **options: bool) -> Data:
+def _changed_settings(settings: OnlineSettings | None, **options: bool | float | None) -> Data:
     """Return the settings that differ from their defaults, as JSON values."""
     default = OnlineSettings()
     changes = {

@@ -168,11 +168,10 @@ def _delay_table(summary: Data) -> Table:
             if value is None:
                 rows.append((f"{kind}: {title}", "", "", 0, summary["n_intervals"]))
             else:
-                median = f"{value['median']:.2f} [{value['low']:.2f}, {value['high']:.2f}]".replace(
-                    "-", MINUS
-                )
-                if value["low"] is None:
-                    median = f"{value['median']:.2f}"
+                median = f"{value['median']:.2f}"
+                if value["low"] is not None:
+                    median += f" [{value['low']:.2f}, {value['high']:.2f}]"
+                median = median.replace("-", MINUS)
                 rows.append(
                     (f"{kind}: {title}", median, f"{value['p95']:.2f}", value["n"], value["n_without"])
                 )
