@@ -1,6 +1,6 @@
 """Recordings, each of one exploration of one surface, and their phases."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -117,6 +117,40 @@ class Phases:
                 return "movement only"
         return "nothing"
 
+    def at_rate(self, ratio: float, n_samples: int) -> "Phases":
+        """Return the phases in samples of another sampling rate.
+
+        Parameters
+        ----------
+        ratio : float
+            New rate divided by the present one.
+        n_samples : int
+            Number of samples at the new rate. Taps that start after them are left out.
+
+        Examples
+        --------
+        >>> Phases(movement=(1000, 5000), onset=1000).at_rate(0.1, 500)
+        Phases(taps=(), movement=(100, 500), onset=100, notes=())
+        """
+
+        def convert(sample: int) -> int:
+            return min(n_samples, round(sample * ratio))
+
+        taps = tuple(
+            Tap(
+                convert(tap.start),
+                convert(tap.impact),
+                max(convert(tap.end), convert(tap.impact) + 1),
+                convert(tap.width),
+                tap.quality,
+            )
+            for tap in self.taps
+            if convert(tap.impact) < n_samples
+        )
+        movement = self.movement and (convert(self.movement[0]), convert(self.movement[1]))
+        onset = None if self.onset is None else convert(self.onset)
+        return Phases(taps, movement, onset, self.notes)
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -127,7 +161,7 @@ class Recording:
     acceleration : array_like of shape (n_samples,) or (n_samples, n_channels)
         Acceleration of the tool in `unit` (converted to m/s^2 if the unit is physical).
     fs : float
-        Sampling rate in Hz of all signals.
+        Sampling rate in Hz of the acceleration, and of the other signals unless `auxiliary_fs` names them.
     unit : str, default "arbitrary"
         "m/s^2", "g" or "mg" (converted to m/s^2), or "counts", "V", "arbitrary" (not converted). With a
         physical unit and gravity in the signal, corrected feature sets remove hand motion.
@@ -138,9 +172,13 @@ class Recording:
     repetition : int, optional
         Number of the recording, in chronological order.
     friction, normal_force, speed, sound : array_like of shape (n_samples,), optional
-        FSR bridge voltage (V), normal force (N), tangential speed (mm/s), sound (arbitrary).
+        FSR bridge voltage (V), normal force (N), tangential speed (mm/s), sound (arbitrary), for example of a
+        contact microphone.
     turn_rate : array_like of shape (n_samples, 3), optional
         Angular velocity (rad/s).
+    auxiliary_fs : mapping of str to float, optional
+        Sampling rates in Hz of the signals that have another rate than the acceleration, by name. All signals
+        start at the same time and have the same duration.
     channels : tuple of str, optional
         Names of the columns of a two-dimensional `acceleration` (default x, y, z for three columns).
     phases : Phases, optional
@@ -179,6 +217,7 @@ class Recording:
     speed: Samples | None = None
     sound: Samples | None = None
     turn_rate: Samples | None = None
+    auxiliary_fs: Mapping[str, float] = field(default_factory=dict)
     channels: tuple[str, ...] = ()
     phases: Phases | None = None
     phase_settings: PhaseSettings = field(default=PhaseSettings())
@@ -204,14 +243,20 @@ class Recording:
         object.__setattr__(self, "acceleration", acceleration)
         object.__setattr__(self, "unit", "m/s^2" if self.unit in ACCELERATION_UNITS else self.unit)
         object.__setattr__(self, "channels", self._channel_names(where))
+        if unknown := set(self.auxiliary_fs) - set(AUXILIARY_UNITS):
+            raise RecordingError(
+                f"{where}: auxiliary_fs names {', '.join(sorted(unknown))}. Expected some of "
+                f"{', '.join(AUXILIARY_UNITS)}"
+            )
+        rates = {name: _sampling_rate(rate, where) for name, rate in self.auxiliary_fs.items()}
+        other_rates = {
+            name: rate for name, rate in rates.items() if rate != fs and getattr(self, name) is not None
+        }
+        object.__setattr__(self, "auxiliary_fs", other_rates)
         for name in AUXILIARY_UNITS:
             if (signal := getattr(self, name)) is not None:
                 array = _as_frozen_array(signal, name, where)
-                if len(array) != self.n_samples:
-                    raise RecordingError(
-                        f"{where}: {name} has {len(array)} samples, but acceleration has {self.n_samples}. "
-                        "Expected the same rate and length for all signals of a recording"
-                    )
+                self._check_length(name, len(array), where)
                 object.__setattr__(self, name, array)
 
     @property
@@ -227,7 +272,11 @@ class Recording:
     @property
     def facts(self) -> dict[str, str]:
         """Labels, duration, sampling rate, unit, channels, other signals and flags as text, by name."""
-        other_signals = ", ".join(name for name in AUXILIARY_UNITS if getattr(self, name) is not None)
+        other_signals = ", ".join(
+            f"{name} at {self.auxiliary_fs[name]:g} Hz" if name in self.auxiliary_fs else name
+            for name in AUXILIARY_UNITS
+            if getattr(self, name) is not None
+        )
         facts = {
             "recording": self.recording_id,
             "surface": self.surface,
@@ -262,12 +311,85 @@ class Recording:
         return self if is_unchanged else replace(self, **changes)
 
     def cut(self, start: int, stop: int, recording_id: str) -> "Recording":
-        """Return a recording of the samples [start, stop) of every signal, all of which count as movement."""
-        signals = {name: getattr(self, name) for name in ("acceleration", *AUXILIARY_UNITS)}
+        """Return the part of all signals in the time of the samples [start, stop) of the acceleration.
+
+        The whole part counts as movement.
+        """
+        signals = {
+            name: signal[slice(*self.span_of(name, start, stop))]
+            for name in AUXILIARY_UNITS
+            if (signal := getattr(self, name)) is not None
+        }
         return self.with_(
-            **{name: signal[start:stop] for name, signal in signals.items() if signal is not None},
+            acceleration=self.acceleration[start:stop],
+            **signals,
             recording_id=recording_id,
             phases=Phases(movement=(0, stop - start)),
+        )
+
+    def rate_of(self, name: str) -> float:
+        """Return the sampling rate in Hz of an auxiliary signal."""
+        return self.auxiliary_fs.get(name, self.fs)
+
+    def span_of(self, name: str, start: int, stop: int) -> tuple[int, int]:
+        """Return the samples of an auxiliary signal in the time of acceleration samples [start, stop).
+
+        If the rates differ, start and stop are those of the nearest samples, and the span contains at least
+        one sample. Adjacent spans share no sample, unless they are shorter than a sample.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> friction = {"friction": np.zeros(500), "auxiliary_fs": {"friction": 100}}
+        >>> recording = Recording(np.zeros(5000), fs=1000, **friction)
+        >>> recording.span_of("friction", 1000, 2000)
+        (100, 200)
+        """
+        if name not in self.auxiliary_fs:
+            return start, stop
+        ratio, n = self.auxiliary_fs[name] / self.fs, len(getattr(self, name))
+        first = min(round(start * ratio), n - 1)
+        return first, min(max(round(stop * ratio), first + 1), n)
+
+    def with_interpolated(self, *names: str) -> "Recording":
+        """Return a recording with these auxiliary signals, if present, at the times of the acceleration.
+
+        Signals with another rate are interpolated linearly.
+        """
+        changed = [name for name in names if name in self.auxiliary_fs]
+        rates = {name: rate for name, rate in self.auxiliary_fs.items() if name not in changed}
+        signals = {name: self.at_acceleration(name, getattr(self, name)) for name in changed}
+        return self.with_(**signals, auxiliary_fs=rates) if changed else self
+
+    def at_acceleration(self, name: str, signal: Samples) -> Samples:
+        """Interpolate the samples of an auxiliary signal linearly at the times of the acceleration.
+
+        If it has the rate of the acceleration, it is returned unchanged.
+        """
+        if name not in self.auxiliary_fs:
+            return signal
+        index = np.arange(self.n_samples) * (self.auxiliary_fs[name] / self.fs)
+        samples = np.arange(len(signal))
+        columns = [np.interp(index, samples, column) for column in signal.reshape(len(signal), -1).T]
+        return np.column_stack(columns).reshape(self.n_samples, *signal.shape[1:])
+
+    def as_acceleration(self, name: str, unit: str = "arbitrary") -> "Recording":
+        """Return a recording in which an auxiliary signal, at its own rate, replaces the acceleration.
+
+        Phases are converted to its samples; of the other signals, only the speed is kept.
+        """
+        signal = getattr(self, name)
+        rate = self.rate_of(name)
+        others = dict.fromkeys(set(AUXILIARY_UNITS) - {"speed"})
+        return self.with_(
+            acceleration=signal,
+            fs=rate,
+            unit=unit,
+            channels=(),
+            phases=self.phases and self.phases.at_rate(rate / self.fs, len(signal)),
+            native_fs=None,
+            auxiliary_fs={"speed": self.rate_of("speed")},
+            **others,
         )
 
     def to_xarray(self) -> "xarray.DataArray":
@@ -284,6 +406,23 @@ class Recording:
         coords = {"time": time, "axis": list(self.channels)}
         coords = {dim: coords[dim] for dim in dims}
         return xarray.DataArray(self.acceleration, coords, dims, self.recording_id, attributes)
+
+    def _check_length(self, name: str, n: int, where: str) -> None:
+        rate = self.rate_of(name)
+        # Signals start at nearest samples, so that their durations may differ by some samples.
+        tolerance_s = 2 / min(rate, self.fs) if name in self.auxiliary_fs else 0.0
+        if abs(n / rate - self.duration_s) <= tolerance_s:
+            return
+        own_rate = f" at {rate:g} Hz" if name in self.auxiliary_fs else ""
+        hint = (
+            ""
+            if own_rate
+            else ". If it has another rate, pass it in auxiliary_fs (`auxiliary_fs_hz` in a card)"
+        )
+        raise RecordingError(
+            f"{where}: {name} has {n} samples{own_rate}, but acceleration has {self.n_samples} at "
+            f"{self.fs:g} Hz. Expected the same duration for all signals of a recording{hint}"
+        )
 
     def _channel_names(self, where: str) -> tuple[str, ...]:
         n_channels = 1 if self.acceleration.ndim == 1 else self.acceleration.shape[1]

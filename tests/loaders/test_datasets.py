@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.io
 
 from texclass.atomic_write import cache_root
 from texclass.features import FeatureExtractor, load_feature_set
@@ -170,6 +171,50 @@ def test_signals_of_different_length_are_refused_unless_the_card_trims(mine):
     trimmed = mine("trim = true\n" + COMPANIONS)[1]
     assert trimmed.n_samples == len(trimmed.friction) == 490
     assert trimmed.flags[0].startswith("trimmed")
+
+
+def test_a_companion_keeps_the_rate_that_its_file_or_the_card_states(mine):
+    slow = np.sin(np.arange(50) / 5)  # 1 kHz; the acceleration has 500 samples at 10 kHz
+    np.savetxt(mine.root / "wood_Friction_2.txt", slow)
+    card = COMPANIONS + "\n[auxiliary_fs_hz]\nfriction = 1000\n"
+    wood = mine(card)[1]
+    assert (wood.fs, wood.auxiliary_fs) == (FS, {"friction": 1000})
+    np.testing.assert_array_equal(wood.friction, slow)
+    assert "joined: friction of wood_Friction_2.txt, at its own rate, 1000 Hz" in wood.flags
+    np.savez(mine.root / "wood_Friction_2.npz", friction=slow, fs=1000)
+    stated = COMPANIONS.replace(".txt", ".npz")
+    np.testing.assert_array_equal(mine(stated)[1].friction, slow)
+    assert mine(stated)[1].auxiliary_fs == {"friction": 1000}
+    with pytest.raises(RecordingError, match=r"wood_Friction_2\.npz: fs is 1000 Hz, but 500 Hz"):
+        mine(stated + "\n[auxiliary_fs_hz]\nfriction = 500\n")[1]
+    with pytest.raises(RecordingError, match="friction has 50 samples at 900 Hz, but acceleration has 500"):
+        mine(card.replace("1000", "900"))[1]
+    trimmed = mine("trim = true\n" + card.replace("1000", "2000"))[1]
+    assert (trimmed.n_samples, len(trimmed.friction)) == (250, 50)
+    with pytest.raises(CardError, match=r"auxiliary_fs_hz.*rotation"):
+        mine(card.replace("friction = 1000", "rotation = 1000"))
+    resampled = mine("resample_hz = 2000\n" + card)[1]
+    assert (resampled.fs, resampled.auxiliary_fs) == (2000, {})
+    np.testing.assert_allclose(resampled.friction[10:-10:2], slow[5:-5], atol=0.02)
+
+
+def test_arrays_of_one_file_have_the_rate_of_their_group(mine):
+    fast, slow = np.random.default_rng(0).standard_normal(5000), np.sin(np.arange(500) / 5)
+    tool, sensor = {"acc": fast, "fs": 10_000.0}, {"force": slow, "fs": 1000.0}
+    scipy.io.savemat(mine.root / "tin_AB_1.mat", {"tool": tool, "sensor": sensor})
+    channels = '[channels]\nacceleration = "tool.acc"\nfriction = "sensor.force"\n'
+    card = CARD.replace(".csv", ".mat")
+    (tin,) = mine(channels, card=card)
+    assert (tin.fs, tin.auxiliary_fs) == (FS, {"friction": 1000})
+    np.testing.assert_array_equal(tin.acceleration, fast)
+    np.testing.assert_array_equal(tin.friction, slow)
+    with pytest.raises(RecordingError, match="1000 Hz for the friction, but 500 Hz in auxiliary_fs_hz"):
+        mine(channels + "[auxiliary_fs_hz]\nfriction = 500\n", card=card)[0]
+    np.savez(mine.root / "tin_AB_1.npz", acceleration=fast, force=slow)
+    channels = '[channels]\nfriction = "force"\n[auxiliary_fs_hz]\nfriction = 1000\n'
+    channels = channels.replace("[channels]\n", '[channels]\nacceleration = "acceleration"\n')
+    (tin,) = mine(channels, card=CARD.replace(".csv", ".npz"))
+    assert tin.auxiliary_fs == {"friction": 1000}
 
 
 def test_a_rate_or_unit_that_contradicts_a_card_is_refused(mine):

@@ -191,7 +191,7 @@ def test_a_file_of_another_sensor_is_no_acceleration(tmp_path, name):
 
 def test_files_of_two_sensors_must_share_their_time(tmp_path):
     sensor_logger(tmp_path / "rec", late_s=5.0)
-    with pytest.raises(RecordingError, match=r"Gyroscope\.csv: it covers 50% of the time stamps of"):
+    with pytest.raises(RecordingError, match=r"Gyroscope\.csv: it covers 50% of the duration of"):
         load_recording(tmp_path / "rec", unit="m/s^2")
     gyroscope = tmp_path / "rec/Gyroscope.csv"
     gyroscope.write_text(gyroscope.read_text().replace("time,", "clock,", 1))
@@ -216,8 +216,10 @@ def test_a_card_joins_two_files_by_their_times(tmp_path):
         "normal_force = 'force_{repetition}.csv'\nturn_rate = 'turn_{repetition}.csv'\n"
     )
     recording = open_dataset(tmp_path / "card.toml")[0]
-    np.testing.assert_allclose(recording.normal_force[:-4], force[:-4], atol=1e-3)
-    np.testing.assert_allclose(recording.turn_rate[:-4, 0], np.pi / 2 * np.sin(t)[:-4], atol=1e-3)
+    assert recording.auxiliary_fs == {"normal_force": 50.0, "turn_rate": 50.0}
+    np.testing.assert_allclose(recording.normal_force, force[::4], atol=1e-9)
+    np.testing.assert_allclose(recording.turn_rate[:, 0], np.pi / 2 * np.sin(slow), atol=1e-9)
+    assert "joined: normal_force of force_1.csv, at its own rate, 50 Hz" in recording.flags
     (tmp_path / "force_1.csv").write_text("Fz\n" + "".join(f"{np.sin(a)}\n" for a in slow))
     with pytest.raises(RecordingError, match=r"force_1\.csv: no column 'time'"):
         open_dataset(tmp_path / "card.toml")[0]

@@ -95,7 +95,7 @@ def one_array_more(members):
     return {**members, "9999999.npy": next(v for k, v in members.items() if k.endswith(".npy"))}
 
 
-OTHER_FORMAT = r"its format is {}, written by texclass \S+\. Expected format 6: train the model again"
+OTHER_FORMAT = r"its format is {}, written by texclass \S+\. Expected format 7: train the model again"
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_an_invalid_manifest_is_refused(linear_model):
         b"{",
         b"[]",
         b'{"format_version": "1.0"}',
-        b'{"format_version": 6}',
+        b'{"format_version": 7}',
         b"[" * 100_000,
         b"\xff",
     ):

@@ -79,7 +79,7 @@ def test_arrays_are_samples_or_blocks_of_samples(tmp_path, values, kind, per_mes
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_speed_and_force_of_other_topics_are_interpolated_at_the_samples(tmp_path, values, kind):
+def test_speed_and_force_of_other_topics_keep_their_rate(tmp_path, values, kind):
     slow = regular(60, 40.0)
     ramp = np.zeros((60, 6))
     ramp[:, 0] = np.arange(60) / 40
@@ -91,9 +91,55 @@ def test_speed_and_force_of_other_topics_are_interpolated_at_the_samples(tmp_pat
     path = write_bag(tmp_path, kind, topics)
     auxiliary = {"speed": "/twist/speed", "normal_force": "/wrench/force"}
     recording = load_recording(path, auxiliary=auxiliary)
-    expected = np.minimum(np.arange(N) / FS, 59 / 40)
-    np.testing.assert_allclose(recording.speed, 1000 * expected, atol=1e-3)
-    np.testing.assert_allclose(recording.normal_force, expected, atol=1e-6)
+    assert recording.auxiliary_fs == {"speed": 40, "normal_force": 40}
+    np.testing.assert_allclose(recording.speed, 1000 * ramp[:, 0], atol=1e-9)
+    np.testing.assert_array_equal(recording.normal_force, ramp[:, 0])
+    one_rate = load_recording(path, auxiliary=auxiliary, resample=100)
+    assert (one_rate.fs, one_rate.auxiliary_fs, len(one_rate.speed)) == (100, {}, one_rate.n_samples)
+    expected = np.minimum(1000 * np.arange(150) / 100, 1475)
+    np.testing.assert_allclose(one_rate.speed[5:-10], expected[5:-10], atol=15)
+    assert any("band-limited, speed from 40 Hz" in flag for flag in one_rate.flags)
+
+
+def test_topics_of_three_rates_are_aligned_in_time(tmp_path):
+    """An IMU at 100 Hz, a microphone at 10 kHz in blocks without headers, a wrench at 1 kHz; one event."""
+    imu, wrench = (np.random.default_rng(0).normal(scale=1e-3, size=(n, 6)) for n in (500, 5000))
+    mic = np.random.default_rng(1).normal(scale=1e-3, size=(500, 100, 2))
+    event_s = 2.0  # after the first message of the IMU
+    imu[200] += 1
+    early_ns, late_ns = START_NS - 250_000_000, START_NS + 100_000_000
+    wrench[2250] += 1  # starts 0.25 s before
+    mic.reshape(-1, 2)[19_000] += 1  # starts 0.1 s after
+    received = regular(500, 100.0, late_ns + 9_900_000)  # a block is received with its last sample
+    topics = {
+        "/imu": Topic(IMU, imu, regular(500, 100.0), regular(500, 100.0)),
+        "/wrench": Topic("geometry_msgs/msg/WrenchStamped", wrench, regular(5000, 1000.0, early_ns)),
+        "/mic": Topic(ARRAY, mic, None, received),
+    }
+    path = write_bag(tmp_path, "mcap", topics)
+    auxiliary = {"friction": "/wrench/fz", "sound": "/mic/c2"}
+    recording = load_recording(path, auxiliary=auxiliary)
+    assert (recording.fs, recording.auxiliary_fs) == (100, {"friction": 1000, "sound": 10_000})
+    for name, signal in (("friction", recording.friction), ("sound", recording.sound)):
+        assert len(signal) == 5 * recording.rate_of(name)
+        assert np.argmax(signal) / recording.rate_of(name) == event_s
+    # Before the first and after the last sample, the signal is constant.
+    assert np.ptp(recording.sound[:1000]) == 0
+    np.testing.assert_array_equal(recording.sound[1000:], mic.reshape(-1, 2)[:49_000, 1])
+    np.testing.assert_array_equal(recording.friction[:4750], wrench[250:, 2])
+    assert "/mic: aligned by the times of receipt, since a topic has no time stamps" in recording.flags
+    own = load_recording(path, topic="/mic", unit="V", column=["c1"], auxiliary={"turn_rate": ["/imu/wx"]})
+    assert (own.fs, own.auxiliary_fs, own.n_samples) == (10_000, {"turn_rate": 100}, 50_000)
+    with pytest.raises(RecordingError, match="column '/mic/c3' does not exist"):
+        load_recording(path, auxiliary={"sound": "/mic/c3"})
+    with pytest.raises(RecordingError, match=r"columns differ in rate: '/mic/c1' at 10000 Hz, '/wrench/fx'"):
+        load_recording(path, auxiliary={"turn_rate": ["/mic/c1", "/wrench/fx", "/wrench/fy"]})
+    short = topics | {
+        "/wrench": Topic("geometry_msgs/msg/WrenchStamped", wrench[:4000], regular(4000, 1000.0))
+    }
+    path = write_bag(tmp_path, "mcap", short, name="short")
+    with pytest.raises(RecordingError, match=r"topic=/wrench: it covers 80% of the duration"):
+        load_recording(path, auxiliary=auxiliary)
 
 
 def test_a_topic_must_be_selected_by_name_if_several_have_an_acceleration(tmp_path, values):

@@ -327,12 +327,12 @@ def _write_signals(
     """Write signals and folds for the baselines. Return the number of samples of each recording."""
     entries = {entry.recording_id: entry for entry in dataset.entries}
     ordered = [entries[recording_id] for recording_id in table.frame["recording_id"]]
-    first = dataset.load(ordered[0])
+    first = dataset.load(ordered[0]).with_(sound=None)  # baselines need signals of one rate
     separate, remove_hand_motion = (
         separate_channels(first, pipeline.channels),
         pipeline.features.remove_hand_motion,
     )
-    recordings = map(dataset.load, ordered)
+    recordings = (dataset.load(entry).with_(sound=None) for entry in ordered)
     signals = (
         every_channel(r)
         if choice == "each"
@@ -439,7 +439,7 @@ def same_signals(
     If the recording has no movement, its taps are concatenated. If it has no taps either, the whole recording
     is returned.
     """
-    views = views_of(recording, separate)
+    views = views_of(recording.with_interpolated("turn_rate"), separate)
     prefixes = [f"{name}/" for name in separate] or [""]
     return np.stack([_movement_samples(views[prefix], remove_hand_motion) for prefix in prefixes])
 
@@ -447,7 +447,7 @@ def same_signals(
 def every_channel(recording: Recording) -> Samples:
     """Return each axis during the movement, with its mean removed, shape (n_axes, n_samples)."""
     start, stop = find_phases(recording).movement or (0, recording.n_samples)
-    signals = (recording.acceleration, recording.turn_rate)
+    signals = (recording.acceleration, recording.with_interpolated("turn_rate").turn_rate)
     axes = np.column_stack([signal[start:stop] for signal in signals if signal is not None])
     return np.ascontiguousarray((axes - axes.mean(axis=0)).T)
 

@@ -75,6 +75,8 @@ def decide_axes(dataset: Dataset, channels: Channels, axes: AxesOption = "auto")
     example = next(_load_valid(dataset, dataset.entries), None) if channels == "auto" else None
     if example is None:
         return AxesDecision(channels, "")
+    if example.sound is not None:
+        return AxesDecision("all", "separate, because there is a sound")
     if not has_axes_of_one_sensor(example):
         return AxesDecision(channels if example.turn_rate is None else "all", "")
     return _decide_by_orientation(dataset, has_turn_rate=example.turn_rate is not None)

@@ -24,6 +24,8 @@ class CheckpointRow(BaseModel):
         Feature values in the order of the columns.
     axes : list of str
         Channels of the recording.
+    rates : dict of str to float
+        Sampling rates in Hz of the signals that have another rate than the acceleration.
     phases : tuple of (int, float, float)
         Number of taps, duration of the movement in s, and duration of the recording in s.
     reasons : list of (str, str)
@@ -36,6 +38,7 @@ class CheckpointRow(BaseModel):
 
     features: list[float]
     axes: list[str]
+    rates: dict[str, float]
     phases: tuple[int, float, float]
     reasons: list[tuple[str, str]]
     flags: list[str]
@@ -74,8 +77,9 @@ def write_checkpoint(
             values: list[float] = row.values.tolist()
             start, stop = row.phases.movement or (0, 0)
             phases = len(row.phases.taps), (stop - start) / recording.fs, recording.duration_s
+            rates = {name: rate for name, rate in recording.auxiliary_fs.items() if name in plan.signals}
             facts = {"features": values, "axes": recording.channels, "phases": phases, "ms": row.ms}
-            rows.append(facts | {"reasons": row.reasons, "flags": recording.flags})
+            rows.append(facts | {"rates": rates, "reasons": row.reasons, "flags": recording.flags})
     except RecordingError as error:
         return str(error)
     write_atomic(path, json.dumps(rows).encode())

@@ -12,7 +12,7 @@ import logging
 import re
 import shutil
 from collections import Counter
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
@@ -569,17 +569,28 @@ def _join(
         )
     axes = Counter(tuple(row.axes) for _, row in pairs)
     usual_axes, n_usual = axes.most_common(1)[0]
-    if any(axes_differ(names, usual_axes) for names in axes):
-        expected = (
-            f"but {n_usual} of {len(pairs)} have {describe_axes(usual_axes)}. Expected the same axes in each "
-            "recording: select axes with --column, or leave this recording out with --skip-bad"
-        )
-        for entry, row in pairs:
-            if axes_differ(row.axes, usual_axes):
-                problem = f"{parent_id(entry)}: {describe_axes(row.axes)}, {expected}"
-                left_out += (LeftOutRecording(parent_id(entry), problem),)
-        left_out = tuple(dict.fromkeys(left_out))
-        pairs = [(entry, row) for entry, row in pairs if not axes_differ(row.axes, usual_axes)]
+    expected = (
+        f"but {n_usual} of {len(pairs)} have {describe_axes(usual_axes)}. Expected the same axes in each "
+        "recording: select axes with --column, or leave this recording out with --skip-bad"
+    )
+    problems = {
+        parent_id(entry): f"{describe_axes(row.axes)}, {expected}"
+        for entry, row in pairs
+        if axes_differ(row.axes, usual_axes)
+    }
+    rates = Counter(tuple(row.rates.items()) for _, row in pairs)
+    usual_rates, n_usual = rates.most_common(1)[0]
+    expected = (
+        f"but {n_usual} of {len(pairs)} have {_describe_rates(dict(usual_rates))}. Expected the same rates "
+        "in each recording: convert them with --resample HZ, or leave this recording out with --skip-bad"
+    )
+    problems |= {
+        parent_id(entry): f"{_describe_rates(row.rates)}, {expected}"
+        for entry, row in pairs
+        if row.rates != dict(usual_rates)
+    }
+    left_out += tuple(LeftOutRecording(name, f"{name}: {problem}") for name, problem in problems.items())
+    pairs = [(entry, row) for entry, row in pairs if parent_id(entry) not in problems]
     entries, rows = zip(*pairs, strict=True)
     values = pd.DataFrame(np.array([row.features for row in rows]), columns=plan.columns)
     frame, ms = pd.concat([metadata(entries), values], axis=1), np.array([row.ms for row in rows])
@@ -587,6 +598,12 @@ def _join(
     flags = dict.fromkeys((parent_id(entry), flag) for entry, row in pairs for flag in row.flags)
     phases = tuple(PhaseSummary(*row.phases) for _, row in pairs)
     return FeatureTable(frame, plan.columns, ms, reasons, tuple(flags), left_out, key, phases)
+
+
+def _describe_rates(rates: Mapping[str, float]) -> str:
+    """Return the sampling rates of signals as text, such as "friction at 1000 Hz"."""
+    texts = (f"{name} at {rate:g} Hz" for name, rate in rates.items())
+    return ", ".join(texts) or "signals with the rate of the acceleration"
 
 
 def _merge(table: FeatureTable, other: FeatureTable) -> FeatureTable:

@@ -93,7 +93,7 @@ class FeatureExtractor(_Values):
         - "combine" (default) reduces the channels to one by DFT321 [strese2015, section III];
         - "each" computes the feature set on each channel, with the column prefix "x/" for channel x;
         - "auto" combines the axes of a single accelerometer, and keeps all other channels separate;
-        - "all" is like "each", and includes the axes of the turn rate.
+        - "all" is like "each", and includes the axes of the turn rate, and the sound.
 
     fs : float, optional
         Sampling rate in Hz; required if X contains arrays.
@@ -194,11 +194,16 @@ class FeatureExtractor(_Values):
             results = Parallel(n_jobs=self.n_jobs)(
                 delayed(_extract)(self.plan_, load, entry) for entry in entries
             )
-        ids, rows, axes = zip(*results, strict=True)
+        ids, rows, axes, rates = zip(*results, strict=True)
         if other := next((i for i, names in enumerate(axes) if axes_differ(names, axes[0])), 0):
             raise RecordingError(
                 f"{ids[other]}: {describe_axes(axes[other])}, but {ids[0]} has {describe_axes(axes[0])}. "
                 "Expected the same axes in each recording"
+            )
+        if other := next((i for i, one in enumerate(rates) if one != rates[0]), 0):
+            raise RecordingError(
+                f"{ids[other]}: the rates of signals in Hz are {rates[other]}, but those of {ids[0]} are "
+                f"{rates[0]}. Expected the same rates in each recording"
             )
         return Extraction(
             np.stack([row.values for row in rows]),  # noqa: PD011
@@ -272,7 +277,8 @@ def _time_first(x: NDArray[Any]) -> NDArray[Any]:
 
 def _extract(
     plan: Plan, load: Callable[[Any], Recording] | None, entry: Any
-) -> tuple[str, Computed, tuple[str, ...]]:
+) -> tuple[str, Computed, tuple[str, ...], dict[str, float]]:
     """Compute the features of one recording. An entry of a lazy dataset is loaded in the same process."""
     recording: Recording = entry if load is None else load(entry)
-    return recording.recording_id, plan.compute(recording), recording.channels
+    rates = {name: rate for name, rate in recording.auxiliary_fs.items() if name in plan.signals}
+    return recording.recording_id, plan.compute(recording), recording.channels, rates

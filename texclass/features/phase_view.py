@@ -31,6 +31,8 @@ Phase = Literal["tap", "movement", "travel", "friction", "pair"]
 Channels = Literal["combine", "each", "auto", "all"]
 TURN_CHANNELS = ("turn_x", "turn_y", "turn_z")
 """Names of the channels of the turn rate, which follow the channels of the acceleration."""
+SOUND_CHANNEL = "sound"
+"""Name of the channel of the sound, which is the last channel."""
 LONG_SAMPLES = 5000
 """Number of samples above which a movement is shortened to a length with a fast Fourier transform; see
 `trimmed_length`."""
@@ -278,8 +280,7 @@ class Views:
     phases : Phases
         Taps and movement of the recording.
     channel : int, optional
-        Index of the channel: first the columns of the acceleration, then those of the turn rate. By default,
-        the columns of the acceleration are combined by DFT321 [strese2015, section III].
+        Column of the acceleration. By default, the columns are combined by DFT321 [strese2015, section III].
     sides : tuple of two Views, optional
         Views of two channels. If given, "pair" is the only phase.
     """
@@ -315,6 +316,7 @@ class Views:
         if phase != "pair":
             raise UndefinedFeatureError(f"got two channels. Expected one channel for the phase {phase!r}")
         one, other = (side.vibration if remove_hand_motion else side.movement for side in self.sides)
+        undefined_if(one.fs != other.fs, f"the channels have rates of {one.fs:g} and {other.fs:g} Hz")
         return PairView((one, other))
 
     @cached_property
@@ -358,7 +360,8 @@ class Views:
         x = self.vibration.samples
         first = self.phases.movement[0] if self.phases.movement else 0
         where = self.recording.source or self.recording.recording_id
-        speed = exclude_outliers(speed, self.recording.fs, "speed", "mm/s", where)
+        speed = exclude_outliers(speed, self.recording.rate_of("speed"), "speed", "mm/s", where)
+        speed = self.recording.at_acceleration("speed", speed)
         steps = 1e-3 * np.abs(speed[first : first + x.size]) / self.recording.fs
         s, integral = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, x * steps))
         undefined_if(s[-1] == 0, "the speed of the tool is always 0. Expected a moving tool")
@@ -403,7 +406,8 @@ class Views:
         if self.recording.friction is None:
             raise UndefinedFeatureError("no friction signal")
         start, stop = self.phases.movement or (0, self.recording.n_samples)
-        return PhaseView(self.recording.friction[start:stop], self.recording.fs)
+        span = slice(*self.recording.span_of("friction", start, stop))
+        return PhaseView(self.recording.friction[span], self.recording.rate_of("friction"))
 
     @property
     def _moving(self) -> Samples:
@@ -414,10 +418,7 @@ class Views:
         return self._axes(start, start + trimmed_length(stop - start))
 
     def _axes(self, start: int, stop: int) -> Samples:
-        axes, turn = self.recording.acceleration[start:stop], self.recording.turn_rate
-        n_axes = len(self.recording.channels)
-        if self.channel is not None and self.channel >= n_axes and turn is not None:
-            return turn[start:stop, self.channel - n_axes]
+        axes = self.recording.acceleration[start:stop]
         return axes if self.channel is None or axes.ndim == 1 else axes[:, self.channel]
 
 
@@ -469,8 +470,8 @@ def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Vi
     recording : Recording
         The recording. Its phases are located unless they are declared.
     channels : sequence of str, optional
-        Channels to keep separate, with the prefix "x/" for channel x and "x*y/" for a pair. By default, all
-        channels are combined, with the prefix "".
+        Channels to keep separate, with the prefix "x/" for channel x and "x*y/" for a pair. Each has its own
+        sampling rate. By default, all channels are combined, with the prefix "".
 
     Returns
     -------
@@ -491,19 +492,44 @@ def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Vi
     ['', 'a/', 'b/', 'a*b/']
     """
     phases = find_phases(recording)
-    if channels and tuple(channels) not in (recording.channels, _with_turn_rate(recording)):
-        axes = ", ".join(_with_turn_rate(recording))
+    if channels and tuple(channels) not in (recording.channels, all_channels(recording)):
+        axes = ", ".join(all_channels(recording))
         raise RecordingError(
             f"{recording.source or recording.recording_id} has the axes {axes}. "
             f"Expected {', '.join(channels)}, as in the first recording"
         )
     combined = {"": Views(recording, phases)}
-    single = {f"{name}/": Views(recording, phases, i) for i, name in enumerate(channels)}
+    single = _views_of_channels(recording, phases, channels)
+    sides = single
+    if "turn_rate" in recording.auxiliary_fs:  # pairs need one rate
+        sides = _views_of_channels(recording.with_interpolated("turn_rate"), phases, channels)
     pairs = {
-        pair_prefix(a, b): Views(recording, phases, sides=(single[f"{a}/"], single[f"{b}/"]))
-        for a, b in combinations(channels, 2)
+        pair_prefix(a, b): Views(recording, phases, sides=(sides[a], sides[b])) for a, b in pairs_of(channels)
     }
-    return combined | single | pairs
+    return combined | {f"{name}/": views for name, views in single.items()} | pairs
+
+
+def _views_of_channels(recording: Recording, phases: Phases, channels: Sequence[str]) -> dict[str, Views]:
+    """Return the views of each channel, at its own sampling rate."""
+    views = {name: Views(recording, phases, i) for i, name in enumerate(recording.channels)}
+    # With this unit, a turn rate is conditioned like the acceleration, as in exported models.
+    signals = (("turn_rate", TURN_CHANNELS, recording.unit), ("sound", (SOUND_CHANNEL,), "arbitrary"))
+    for signal, names, unit in signals:
+        if not set(names).isdisjoint(channels):
+            own = recording.with_(phases=phases).as_acceleration(signal, unit)
+            views |= {name: Views(own, own.phases or Phases(), i) for i, name in enumerate(names)}
+    return {name: views[name] for name in channels}
+
+
+def pairs_of(channels: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of channels of one sensor: all channels except the sound.
+
+    Examples
+    --------
+    >>> pairs_of(("x", "y", "sound"))
+    (('x', 'y'),)
+    """
+    return tuple(combinations((name for name in channels if name != SOUND_CHANNEL), 2))
 
 
 def pair_prefix(one: str, other: str) -> str:
@@ -520,8 +546,8 @@ def separate_channels(recording: Recording, channels: Channels) -> tuple[str, ..
         Recording with the names of its channels.
     channels : {"combine", "each", "auto", "all"}
         "combine" combines all channels. "each" keeps all axes separate, and "all" also includes the axes of
-        the turn rate. "auto" combines the axes of one accelerometer (channel names ending in x, y or z) and
-        keeps all other channels separate.
+        the turn rate, and the sound. "auto" combines the axes of one accelerometer (channel names ending in
+        x, y or z) and keeps all other channels separate.
 
     Raises
     ------
@@ -531,11 +557,13 @@ def separate_channels(recording: Recording, channels: Channels) -> tuple[str, ..
     if channels not in ("combine", "each", "auto", "all"):
         raise ValueError(f"channels must be 'combine', 'each', 'auto' or 'all', got {channels!r}")
     if channels == "all":
-        return _with_turn_rate(recording)
+        return all_channels(recording)
     names = recording.channels
     one_sensor = len(names) == 1 or {name.lower()[-1] for name in names} <= set("xyz")
     return () if channels == "combine" or (channels == "auto" and one_sensor) else names
 
 
-def _with_turn_rate(recording: Recording) -> tuple[str, ...]:
-    return recording.channels + (() if recording.turn_rate is None else TURN_CHANNELS)
+def all_channels(recording: Recording) -> tuple[str, ...]:
+    """Return the names of all channels of a recording: axes, turn rate, sound."""
+    turn = () if recording.turn_rate is None else TURN_CHANNELS
+    return recording.channels + turn + (() if recording.sound is None else (SOUND_CHANNEL,))

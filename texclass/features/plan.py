@@ -5,13 +5,12 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from texclass.features.contract import find_feature
-from texclass.features.phase_view import pair_prefix, views_of
+from texclass.features.phase_view import SOUND_CHANNEL, TURN_CHANNELS, pair_prefix, pairs_of, views_of
 from texclass.features.sets import FeatureSet, Member, code_hash
 from texclass.recording import Phases, Recording, Samples
 
@@ -64,13 +63,13 @@ class Plan:
         """Return the plan of a feature set.
 
         The features are computed on the combined channels, or on each of the given channels and each pair of
-        them. The friction signal is always a separate part.
+        them except the sound. The friction signal is always a separate part.
         """
         if not channels:
             return cls((("", feature_set),))
         per_channel = feature_set.with_phases("tap", "movement", "travel")
         per_pair = feature_set.with_phases("pair")
-        pairs = list(combinations(channels, 2)) if per_pair.members else []
+        pairs = pairs_of(channels) if per_pair.members else ()
         # Without pairs, features of pairs stay in the combined part, which reports why they are undefined.
         combined = feature_set.with_phases(*(() if pairs else ("pair",)), "friction")
         parts = [(f"{name}/", per_channel) for name in channels]
@@ -103,6 +102,18 @@ class Plan:
         phases = next(iter(views.values())).phases
         ms = 1e3 * (time.perf_counter() - start)
         return Computed(np.concatenate(values), tuple(reasons), ms, phases)
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Auxiliary signals of a recording that the features read."""
+        phases = {member.feature.phase for _, part in self.parts for member in part.members}
+        is_read = {
+            "friction": "friction" in phases,
+            "speed": "travel" in phases,
+            "turn_rate": not set(TURN_CHANNELS).isdisjoint(self.channels),
+            "sound": SOUND_CHANNEL in self.channels,
+        }
+        return tuple(name for name, value in is_read.items() if value)
 
     def to_json(self) -> str:
         """Return the plan as JSON, with the registered names of the functions and a digest of their code."""

@@ -61,23 +61,26 @@ def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadS
     require_columns(wanted, signals, path, hint=f"; {_describe_others(others)} cannot be read" * bool(others))
     for name in wanted:
         check_announced_size(sizes[name], path)
-    stored_rates = _rates_of(wanted, signals, rates, _separator(path))
-    if len(set(stored_rates.values())) > 1 and settings.fs not in stored_rates.values():
-        rate_list = ", ".join(f"{name} = {rate:g}" for name, rate in stored_rates.items())
-        raise reader_error(
-            path, f"it contains several sampling rates: {rate_list}", "one rate; pass --fs to select one"
-        )
-    names_of_fs = (name for name, rate in stored_rates.items() if rate == settings.fs)
-    rate_name = next(names_of_fs, next(iter(stored_rates), None))
-    fs = None if rate_name is None else stored_rates[rate_name]
-    flags = [f"time: fs is {fs:g} Hz, from {rate_name!r} in the file"] if fs is not None else []
+    names_of_rates, signal_rates = dict[str, None](), dict[str, float]()
+    for signal in wanted:
+        stored_rates = _rates_of(signal, signals, rates, _separator(path))
+        if len(set(stored_rates.values())) > 1 and settings.fs not in stored_rates.values():
+            rate_list = ", ".join(f"{name} = {rate:g}" for name, rate in stored_rates.items())
+            raise reader_error(
+                path, f"it contains several sampling rates: {rate_list}", "one rate; pass --fs to select one"
+            )
+        names_of_fs = (name for name, rate in stored_rates.items() if rate == settings.fs)
+        if rate_name := next(names_of_fs, next(iter(stored_rates), None)):
+            names_of_rates[rate_name], signal_rates[signal] = None, stored_rates[rate_name]
+    fs = next(iter(signal_rates.values())) if len(set(signal_rates.values())) == 1 else None
+    flags = [f"time: fs is {rates[name]:g} Hz, from {name!r} in the file" for name in names_of_rates]
     if objects := {name: kind for name, kind in others.items() if kind != _TEXT}:
         flags.append(f"ignored: {_describe_others(objects)}")
     with wrap_library_errors(path, _kind(path)):
         arrays = (array for array in _arrays(path) if not array.is_attribute)
         values = {array.name: array.values() for array in arrays if array.name in wanted}
         samples = {name: as_samples(values[name], name, path) for name in wanted}
-    return ReadSignals(samples, fs, tuple(flags))
+    return ReadSignals(samples, fs, tuple(flags), rates=signal_rates)
 
 
 def is_rate(name: str) -> bool:
@@ -119,27 +122,24 @@ def _describe_others(others: Mapping[str, str]) -> str:
 
 
 def _rates_of(
-    wanted: tuple[str, ...], signals: tuple[str, ...], rates: Mapping[str, float], separator: str
+    signal: str, signals: tuple[str, ...], rates: Mapping[str, float], separator: str
 ) -> dict[str, float]:
-    """Return the sampling rates in Hz of the wanted arrays, by name of the scalar that contains the rate.
+    """Return the sampling rates in Hz of an array, by name of the scalar that contains the rate.
 
     A scalar is the rate of the arrays in its group, or in the nearest enclosing group that contains arrays.
     """
 
-    def is_in(signal: str, scope: str) -> bool:
-        return not scope or f"{signal}{separator}".startswith(f"{scope}{separator}")
+    def is_in(name: str, scope: str) -> bool:
+        return not scope or f"{name}{separator}".startswith(f"{scope}{separator}")
 
     scopes = {}
     for name in rates:
         scope = name.rpartition(separator)[0]
-        while not any(is_in(signal, scope) for signal in signals):
+        while not any(is_in(other, scope) for other in signals):
             scope = scope.rpartition(separator)[0]
         scopes[name] = scope
-    stored_rates: dict[str, float] = {}
-    for signal in wanted:
-        nearest = max((scope for scope in scopes.values() if is_in(signal, scope)), key=len, default=None)
-        stored_rates |= {name: rates[name] for name, scope in scopes.items() if scope == nearest}
-    return stored_rates
+    nearest = max((scope for scope in scopes.values() if is_in(signal, scope)), key=len, default=None)
+    return {name: rates[name] for name, scope in scopes.items() if scope == nearest}
 
 
 def _separator(path: Path) -> str:

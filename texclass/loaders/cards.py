@@ -76,6 +76,9 @@ Columns = Annotated[
 """Columns of a file, by name or number."""
 
 
+Rate = Annotated[float, Field(gt=0, le=MAX_MAGNITUDE, description="a rate in Hz above 0")]
+
+
 class CardError(ValueError):
     """Invalid dataset card; the message contains the file, the key and what was expected."""
 
@@ -203,7 +206,7 @@ class Reading(StrictModel):
         Subtract the median of each channel.
     """
 
-    fs_hz: float = Field(gt=0, le=MAX_MAGNITUDE, description="a rate in Hz above 0")
+    fs_hz: Rate
     unit: Unit
     files: Texts
     scale: Factor = 1.0
@@ -281,6 +284,9 @@ class FileReading(Reading):
     companions
         Possible file names of each auxiliary signal, in which {group} stands for the value of a group of
         `files`.
+    auxiliary_fs_hz
+        Sampling rates in Hz of auxiliary signals that have another rate than the acceleration, for files that
+        do not state them.
     delimiter
         Column delimiter of text files.
     skip_rows
@@ -307,6 +313,7 @@ class FileReading(Reading):
     labels: LabelTable | None = None
     channels: dict[Role, Columns] = Field(default_factory=dict)
     companions: dict[Signal, Texts] = Field(default_factory=dict)
+    auxiliary_fs_hz: dict[Signal, Rate] = Field(default_factory=dict)
     delimiter: str | None = Field(default=None, pattern=r'^[^"\r\n]$', description="one character, no quote")
     skip_rows: int | None = Field(default=None, ge=0, description="a number of lines")
     comment: str | None = Field(
@@ -332,7 +339,8 @@ class FileReading(Reading):
         """Options for reading the files."""
         names = {field.name for field in fields(ReaderSettings)} & set(FileReading.model_fields)
         fs = self.fs_hz if self.resample_hz is None else None
-        return ReaderSettings(fs=fs, rate_of=self._rate_of, **{name: getattr(self, name) for name in names})
+        options = {name: getattr(self, name) for name in names} | {"auxiliary_fs": self.auxiliary_fs_hz}
+        return ReaderSettings(fs=fs, rate_of=self._rate_of, **options)
 
     @property
     def label_names(self) -> tuple[str, ...]:

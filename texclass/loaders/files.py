@@ -36,12 +36,15 @@ from texclass.loaders.readers import (
     ReadSignals,
     as_column_names,
     as_samples,
+    check_coverage,
     formats,
     is_bag,
+    rate_conflict_error,
     reader_error,
 )
 from texclass.loaders.source_files import recording_name, source_files
 from texclass.loaders.time_columns import is_increasing, resample_by_time_column
+from texclass.loaders.timestamps import align
 from texclass.recording import AUXILIARY_UNITS, Recording, RecordingError, Samples, make_read_only
 
 _COMPANION = "companion\0"
@@ -264,8 +267,9 @@ def read_signals(
     trim : bool
         Cut axes of different lengths to the shortest (default False: raise an error).
     companions : mapping of str to Path, optional
-        File by auxiliary field. The file must have the same time column as the acceleration; its signal is
-        interpolated at the times of the acceleration. Without a time column, the result lacks the field.
+        File by auxiliary field. The file must have the same time column as the acceleration; its signal keeps
+        its sampling rate or, if the rates are nearly equal, is interpolated at the times of the acceleration.
+        Without a time column, the result lacks the field.
 
     Returns
     -------
@@ -308,7 +312,7 @@ def read_signals(
     )
     signals = {**first.signals, ACCELERATION: acceleration}
     flags = tuple(dict.fromkeys(flag for part in parts.values() for flag in part.flags))
-    return ReadSignals(signals, first.fs, flags, tuple(parts), next(iter(units), None))
+    return ReadSignals(signals, first.fs, flags, tuple(parts), next(iter(units), None), first.rates)
 
 
 def _read_file(
@@ -330,13 +334,20 @@ def _read_file(
     columns[ACCELERATION] = chosen
     wanted_columns = tuple(dict.fromkeys(name for wanted in columns.values() for name in wanted))
     read = _read(path, wanted_columns, settings, companions)
+    joined = [field for field in companions if _COMPANION + field in read.signals]
+    columns |= {field: (_COMPANION + field,) for field in joined}
+    rates = {field: _rate_of_columns(read, wanted, path) for field, wanted in columns.items()}
     signals = {field: _stack_columns(read, wanted, path) for field, wanted in columns.items()}
-    signals |= {
-        field: read.signals[_COMPANION + field] for field in companions if _COMPANION + field in read.signals
-    }
+    fs = rates.pop(ACCELERATION)
+    for field, rate in settings.auxiliary_fs.items():
+        if field in columns and rates[field] not in (None, fs, rate):
+            raise rate_conflict_error(path, f"{rates[field]:g} Hz for the {field}", rate, "auxiliary_fs_hz")
+        rates |= {field: rate} if field in columns else {}
     return replace(
         read,
         signals=signals,
+        fs=fs,
+        rates={field: rate for field, rate in rates.items() if rate not in (None, fs)},
         flags=(*read.flags, *ambiguous_number_flags(acceleration, names)),
         unit=read.unit or acceleration_unit(chosen, path),
         channels=tuple(map(strip_unit, chosen)) if len(chosen) > 1 else (),
@@ -351,6 +362,16 @@ def _stack_columns(read: ReadSignals, names: Sequence[str], path: Path) -> Sampl
         problem = f"its columns differ in length: {lengths} samples"
         raise reader_error(path, problem, "the same length for all columns")
     return make_read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
+
+
+def _rate_of_columns(read: ReadSignals, names: Sequence[str], path: Path) -> float | None:
+    """Return the sampling rate in Hz of the columns of one signal, None if it is not stated."""
+    rates = {name: read.rates.get(name, None if read.rates else read.fs) for name in names}
+    stated = {name: rate for name, rate in rates.items() if rate is not None}
+    if len(set(stated.values())) > 1:
+        rate_list = ", ".join(f"{name!r} at {rate:g} Hz" for name, rate in stated.items())
+        raise reader_error(path, f"its columns differ in rate: {rate_list}", "the same rate in one signal")
+    return next(iter(stated.values()), None)
 
 
 def _varying_columns(path: Path, settings: ReaderSettings, names: Sequence[str]) -> list[str]:
@@ -436,8 +457,6 @@ def _resample_columns(
     """Resample signals to a uniform rate, given a column of time stamps."""
     times = read.signals[time]
     signals = {name: as_samples(read.signals[name], name, path) for name in wanted}
-    for field, file in companions.items():
-        signals[_COMPANION + field] = _interpolate_companion(file, field, time, times, settings)
     if lengths := {len(signal) for signal in signals.values()} - {len(times)}:
         raise reader_error(
             path,
@@ -445,7 +464,7 @@ def _resample_columns(
             "the same length, or --time-column none",
         )
     columns = [signal.reshape(len(times), -1) for signal in signals.values()]
-    uniform, fs, flags = resample_by_time_column(
+    uniform, fs, start_s, flags = resample_by_time_column(
         np.column_stack(columns),
         times,
         time,
@@ -453,22 +472,32 @@ def _resample_columns(
         where=str(path),
         unit=settings.time_unit,
         rate_of=settings.rate_of,
+        origin=times[0],
     )
     parts = np.split(uniform, np.cumsum([column.shape[1] for column in columns])[:-1], axis=1)
     resampled = {
         name: part.reshape(len(part), *signal.shape[1:])
         for (name, signal), part in zip(signals.items(), parts, strict=True)
     }
-    join_flags = [
-        f"joined: {field} of {file.name}, at the times of {path.name}" for field, file in companions.items()
-    ]
-    return replace(read, signals=resampled, fs=fs, flags=(*read.flags, *flags, *join_flags))
+    rates, join_flags = dict.fromkeys(resampled, fs), list[str]()
+    for field, file in companions.items():
+        companion, companion_fs, companion_start_s = _read_companion(file, field, time, times, settings)
+        signal, rate, coverage = align(
+            companion, companion_fs, companion_start_s - start_s, to_fs=fs, n=len(uniform)
+        )
+        check_coverage(coverage, file)
+        name = _COMPANION + field
+        resampled[name] = signal[:, 0] if signal.shape[1] == 1 else signal
+        rates[name] = rate
+        kept = f"at its own rate, {rate:g} Hz" if rate != fs else f"at the times of {path.name}"
+        join_flags.append(f"joined: {field} of {file.name}, {kept}")
+    return replace(read, signals=resampled, fs=fs, rates=rates, flags=(*read.flags, *flags, *join_flags))
 
 
-def _interpolate_companion(
+def _read_companion(
     path: Path, field: str, time: str, times: NDArray[np.generic], settings: ReaderSettings
-) -> Samples:
-    """Return the signal of a companion file, linearly interpolated at the times of the acceleration."""
+) -> tuple[Samples, float, float]:
+    """Return signal (n, n_columns) and rate in Hz of a companion file, and its start in s after times[0]."""
     reader = _reader(path)
     names = signal_columns(reader.names(path, settings), path)
     read = reader.read(path, (*names, time), settings)
@@ -479,16 +508,10 @@ def _interpolate_companion(
             f"the type of its column {time!r} differs from that column in the acceleration file",
             "numbers in both files, or dates in both",
         )
-    new_t, t = (
-        clock.astype(np.int64 if clock.dtype.kind == "M" else float).astype(float)
-        for clock in (times, companion_times)
-    )
-    coverage = float(np.mean((new_t >= t.min()) & (new_t <= t.max())))
-    if coverage < 0.9:
-        problem = f"it covers {coverage:.0%} of the time stamps of the acceleration"
-        raise reader_error(path, problem, "at least 90%")
-    order = np.argsort(t, kind="stable")
     factor = turn_rate_factor(names, path) if field == "turn_rate" else 1.0
-    columns = [as_samples(read.signals[name], name, path)[order] * factor for name in names]
-    interpolated = np.column_stack([np.interp(new_t, t[order], column) for column in columns])
-    return interpolated[:, 0] if len(names) == 1 else interpolated
+    columns = np.column_stack([as_samples(read.signals[name], name, path) * factor for name in names])
+    unit, stated_fs = settings.time_unit, settings.auxiliary_fs.get(field)
+    uniform, fs, start_s, _ = resample_by_time_column(
+        columns, companion_times, time, stated_fs, where=str(path), unit=unit, origin=times[0]
+    )
+    return uniform, fs, start_s

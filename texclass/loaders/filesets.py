@@ -24,7 +24,7 @@ from texclass.loaders.phases_files import (
     use_marked_phases,
 )
 from texclass.loaders.places import combine_digests, digest_files, file_digests, is_outside
-from texclass.loaders.plausibility import build_recording, similar_label_notes
+from texclass.loaders.plausibility import build_recording, resolve_rate, similar_label_notes
 from texclass.loaders.readers import (
     BAG_METADATA,
     STORAGE_SUFFIXES,
@@ -75,25 +75,25 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
                         companions[signal] = root / other_name
     settings = replace(reading.settings, topic=entry.topic or reading.topic)
     read = read_signals(axes, reading.channels, settings, trim=reading.trim, companions=companions)
-    signals = dict(read.signals)
+    signals, rates = dict(read.signals), dict(read.rates)
     flags = [f"missing: no file with the {name}" for name in reading.companions if name not in companions]
     for name, path in companions.items():
         if name not in signals:
             columns = signal_columns(column_names(path, settings), path)
             companion = read_signals({"": path}, {ACCELERATION: columns}, replace(settings, time_column=None))
-            if companion.fs and read.fs and abs(companion.fs / read.fs - 1) > TIMESTAMPS.near_rate:
-                raise reader_error(
-                    path,
-                    f"its sampling rate is {companion.fs:g} Hz, but the acceleration has {read.fs:g} Hz",
-                    "the same rate in both files",
-                )
             signals[name] = companion.signals[ACCELERATION]
+            stated_fs, fs = reading.auxiliary_fs_hz.get(name), read.fs or reading.fs_hz
+            rate = resolve_rate(companion.fs, stated_fs, path) if companion.fs or stated_fs else fs
+            if abs(rate / fs - 1) > TIMESTAMPS.near_rate:
+                rates[name] = rate
+                flags.append(f"joined: {name} of {path.name}, at its own rate, {rate:g} Hz")
+    rate_of = {name: rates.get(name, read.fs or reading.fs_hz) for name in signals}
     lengths = {name: len(signal) for name, signal in signals.items()}
-    if reading.trim and len(set(lengths.values())) > 1:
-        shortest = min(lengths.values())
-        signals = {name: signal[:shortest] for name, signal in signals.items()}
-        flags.append(f"trimmed: {lengths} samples cut to {shortest}")
-    read = replace(read, signals=signals, flags=(*flags, *read.flags))
+    shortest_s = min(lengths[name] / rate for name, rate in rate_of.items())
+    if reading.trim and any(lengths[name] > round(shortest_s * rate) for name, rate in rate_of.items()):
+        signals = {name: signal[: round(shortest_s * rate_of[name])] for name, signal in signals.items()}
+        flags.append(f"trimmed: {lengths} samples cut to {shortest_s:.4g} s")
+    read = replace(read, signals=signals, flags=(*flags, *read.flags), rates=rates)
     path = root / entry.paths[0]
     whole = replace(entry, recording_id=entry.whole_id)
     return use_marked_phases(_build_recording(read, reading, whole, str(path)), path, entry.part)

@@ -121,7 +121,7 @@ def _read_xarray(data: Any, fs: float | None) -> Iterator[tuple[ReadSignals, str
         times = time.to_numpy() + (np.datetime64(0, "ns") if time.dtype.kind == "m" else 0)
         time_name = f"time ({time.attrs['units']})" if "units" in time.attrs else "time"
         rows = samples.reshape(len(samples), -1)
-        rows, rate, flags = resample_by_time_column(rows, times, time_name, rate, where=name)
+        rows, rate, _, flags = resample_by_time_column(rows, times, time_name, rate, where=name)
         samples = rows.reshape(-1, *samples.shape[1:])
     attributes = {key: data.attrs[key] for key in (*GROUPS, "native_fs") if key in data.attrs}
     unit = data.attrs.get("unit", data.attrs.get("units"))

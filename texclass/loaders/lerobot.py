@@ -263,7 +263,10 @@ def _at_uniform_rate(
     if n_per_frame > 1:
         problem = f"its time stamps deviate by up to {deviation:.3g} s from {fps:g} frames per second"
         raise reader_error(where, problem, "uniform time stamps, because a frame has several samples")
-    return resample_by_time_column(samples, times, "timestamp", fps, where=where, unit="s", rate_of=INFO)
+    uniform, fs, _, flags = resample_by_time_column(
+        samples, times, "timestamp", fps, where=where, unit="s", rate_of=INFO
+    )
+    return uniform, fs, flags
 
 
 def _labels(

@@ -69,19 +69,26 @@ def build_recording(
     """
     unit = resolve_unit(signals.unit if scale == 1.0 else None, unit, source)
     attributes |= {**signals.signals, "channels": signals.channels, "unit": unit, "source": source}
+    attributes["auxiliary_fs"] = signals.rates
     rate = resolve_rate(signals.fs, fs if resample is None or signals.fs is None else None, source, rate_of)
     recording = Recording(fs=rate, **attributes)
     flags = (*flags, *signals.flags, *acceleration_flags(recording.acceleration, recording.channels, source))
-    flags = (*flags, *plausibility_flags(signals.signals, rate, unit, scale, flags))
+    flags = (*flags, *plausibility_flags(signals.signals, rate, unit, scale, flags, signals.rates))
     if resolution := resolution_problem(recording.acceleration, rate):
         flags = (*flags, resolution)
-    if resample is not None and resample != rate:
+    if resample is not None and (resample != rate or recording.auxiliary_fs):
         sources = {name: getattr(recording, name) for name in signals.signals}
+        rates = {name: recording.rate_of(name) for name in sources}
         for name in {"speed", "normal_force"} & set(sources):  # an outlier would ring for many samples
-            sources[name] = interpolate_outliers(sources[name], find_motion_outliers(sources[name], rate))
-        resampled = {name: band_limited(signal, rate, resample) for name, signal in sources.items()}
-        recording = recording.with_(fs=resample, native_fs=rate, **resampled)
-        flags = (*flags, f"resampled: from {rate:g} Hz to {resample:g} Hz, band-limited")
+            outliers = find_motion_outliers(sources[name], rates[name])
+            sources[name] = interpolate_outliers(sources[name], outliers)
+        resampled = {name: band_limited(signal, rates[name], resample) for name, signal in sources.items()}
+        n = len(resampled[ACCELERATION])
+        for name, signal in resampled.items():  # the last sample of signals with another rate is held
+            resampled[name] = signal[np.minimum(np.arange(n), len(signal) - 1)]
+        recording = recording.with_(fs=resample, native_fs=rate, auxiliary_fs={}, **resampled)
+        others = "".join(f", {name} from {other:g} Hz" for name, other in signals.rates.items())
+        flags = (*flags, f"resampled: from {rate:g} Hz to {resample:g} Hz, band-limited{others}")
         if rate < resample:
             flags = (*flags, f"narrow band: sampled at {rate:g} Hz, so no content above {rate / 2:g} Hz")
     return recording.with_(flags=flags) if flags else recording
@@ -235,7 +242,12 @@ def clipped_share(signal: Samples) -> float:
 
 
 def plausibility_flags(
-    signals: Mapping[str, Samples], fs: float, unit: str, scale: float = 1.0, flags: Iterable[str] = ()
+    signals: Mapping[str, Samples],
+    fs: float,
+    unit: str,
+    scale: float = 1.0,
+    flags: Iterable[str] = (),
+    rates: Mapping[str, float] | None = None,
 ) -> tuple[str, ...]:
     """Return flags for implausible signals: clipping, outliers, and a level at rest that is not gravity.
 
@@ -251,6 +263,8 @@ def plausibility_flags(
         Factor from stored values to `unit`.
     flags : iterable of str
         Flags of the reader. The level at rest is not checked if the reader has flagged the unit.
+    rates : mapping of str to float, optional
+        Sampling rates in Hz of signals with another rate.
     """
     new_flags = []
     for name in ("turn_rate", "friction"):
@@ -260,9 +274,10 @@ def plausibility_flags(
                 new_flags.append(f"clipped: {100 * share:.1f} % of the samples of the {name} at full scale")
     for name in ("speed", "normal_force"):
         if (signal := signals.get(name)) is not None and np.isfinite(signal).all():
-            outliers = find_motion_outliers(signal, fs)
+            rate = (rates or {}).get(name, fs)
+            outliers = find_motion_outliers(signal, rate)
             if len(outliers):
-                text = describe_outliers(signal, outliers, fs, name, AUXILIARY_UNITS[name])
+                text = describe_outliers(signal, outliers, rate, name, AUXILIARY_UNITS[name])
                 new_flags.append(f"outliers: {text}, excluded from fits of textures")
     acceleration = signals[ACCELERATION]
     is_unit_flagged = any(flag.startswith("unit:") for flag in flags)

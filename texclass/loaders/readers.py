@@ -7,7 +7,7 @@ a file, and `read(path, wanted, settings)` returns the columns named in `wanted`
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -105,12 +105,17 @@ class ReadSignals:
         dates has the type `datetime64[ns]`.
     fs : float or None
         Sampling rate in Hz, if the files state it.
+    rates : mapping of str to float
+        Sampling rates in Hz of the signals whose rate differs from `fs`, by column name or field.
     flags : tuple of str
         Notes for the user on how the files were read.
     channels : tuple of str
         Names of the axes of the acceleration.
     unit : str or None
         Unit of the acceleration, if the message type or the column names state it.
+    rates : mapping of str to float
+        Sampling rates in Hz of all signals whose own rate is stated, by column name; once the columns are
+        assigned, of the signals whose rate differs from `fs`, by field of `Recording`.
     """
 
     signals: Mapping[str, Samples]
@@ -118,6 +123,7 @@ class ReadSignals:
     flags: tuple[str, ...] = ()
     channels: tuple[str, ...] = ()
     unit: str | None = None
+    rates: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -151,6 +157,9 @@ class ReaderSettings:
         Start of comment lines in a text file (default: #, % or //).
     drop_incomplete : bool
         Drop lines of a text file that lack a number in a column (default False: raise an error).
+    auxiliary_fs : mapping of str to float
+        Sampling rates in Hz of auxiliary signals with another rate that the files do not state, by field of
+        `Recording`.
     rate_of : str
         File from which `fs` was read; "" if it is set by the user or the card.
     """
@@ -166,13 +175,14 @@ class ReaderSettings:
     skip_rows: int | None = None
     comment: str | None = None
     drop_incomplete: bool | None = None
+    auxiliary_fs: Mapping[str, float] = field(default_factory=dict)
     rate_of: str = ""
 
     @property
     def card_keys(self) -> dict[str, Any]:
         """Options that are set and have the same name as a key of dataset cards."""
-        other_names = ("fs", "unit", "column", "resample", "rate_of")
-        names = (field.name for field in fields(self) if field.name not in other_names)
+        other_names = ("fs", "unit", "column", "resample", "auxiliary_fs", "rate_of")
+        names = (one.name for one in fields(self) if one.name not in other_names)
         values = {name: getattr(self, name) for name in names}
         return {name: value for name, value in values.items() if value not in {None, False}}
 
@@ -260,6 +270,14 @@ def check_announced_size(n_values: int, path: Path) -> None:
         problem = f"its header announces {n_values} values, but the file has {size} bytes"
         expected = f"at most {MAX_EXPANSION} times as many bytes after decompression"
         raise reader_error(path, problem, expected)
+
+
+def check_coverage(coverage: float, where: object) -> None:
+    """Raise an error if a signal covers less than 90 % of the duration of the acceleration."""
+    if coverage < 0.9:
+        raise reader_error(
+            where, f"it covers {coverage:.0%} of the duration of the acceleration", "at least 90%"
+        )
 
 
 def as_samples(array: Any, name: str, path: Path) -> Samples:

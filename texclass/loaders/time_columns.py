@@ -30,7 +30,8 @@ def resample_by_time_column(
     where: str,
     unit: str | None = None,
     rate_of: str = "",
-) -> tuple[Samples, float, tuple[str, ...]]:
+    origin: Any = None,
+) -> tuple[Samples, float, float, tuple[str, ...]]:
     """Resample signals to a uniform rate, given their time stamps.
 
     Parameters
@@ -50,6 +51,8 @@ def resample_by_time_column(
         otherwise the unit that agrees with `user_fs` or is inferred from range and step).
     rate_of : str
         File from which `user_fs` was read; "" if it is set by the user.
+    origin : number or datetime64, optional
+        Time stamp from which `start_s` is counted (default: the first one).
 
     Returns
     -------
@@ -57,6 +60,8 @@ def resample_by_time_column(
         Samples at `fs`.
     fs : float
         Sampling rate in Hz.
+    start_s : float
+        Time of the first sample in s after `origin`.
     flags : tuple of str
         Inferred unit, measured rate and corrections.
 
@@ -88,7 +93,7 @@ def resample_by_time_column(
         )
     stamps = np.rint(span).astype(np.int64)
     by = f"column {name!r}"
-    uniform, fs, _, flags = to_uniform_rate(
+    uniform, fs, start_s, flags = to_uniform_rate(
         samples[:, None, :], stamps, stamps, user_fs, by_header=True, where=where, by=by, rate_of=rate_of
     )
     if is_inferred and unit != "s":
@@ -96,7 +101,9 @@ def resample_by_time_column(
             f"time: unit of column {name!r} is {unit}, inferred from range and step (--time-unit)",
             *flags,
         )
-    return uniform, fs, merge_flags + flags
+    if origin is not None:
+        start_s += float(np.diff(_numbers(np.array([origin, times[0]])))[0]) * TIME_UNITS[unit] / 1e9
+    return uniform, fs, start_s, merge_flags + flags
 
 
 def _new_rows(samples: Samples) -> NDArray[np.bool_]:

@@ -430,6 +430,50 @@ def to_uniform_rate(
     return uniform, fs, float(used[0]) / 1e9, tuple(flags)
 
 
+def align(samples: Samples, fs: float, start_s: float, to_fs: float, n: int) -> tuple[Samples, float, float]:
+    """Align uniform samples with another signal, which they need not cover completely.
+
+    Samples before and after the signal repeat its first and last sample. The start is that of the nearest
+    sample. Samples with nearly the rate of the other signal are interpolated (linearly) at its times.
+
+    Parameters
+    ----------
+    samples : ndarray of shape (n_samples, n_channels)
+        Samples.
+    fs : float
+        Their sampling rate in Hz.
+    start_s : float
+        Time of the first sample in s after the start of the other signal.
+    to_fs : float
+        Sampling rate of the other signal in Hz.
+    n : int
+        Number of samples of the other signal.
+
+    Returns
+    -------
+    aligned : ndarray of shape (n_aligned, n_channels)
+        Samples from the start of the other signal on, with the same duration.
+    rate : float
+        Their sampling rate in Hz: `fs`, or `to_fs` after an interpolation.
+    coverage : float
+        Fraction of the duration of the other signal in which the samples were measured.
+
+    Examples
+    --------
+    >>> slow = np.arange(5.0)[:, np.newaxis]  # starts 0.1 s before the other signal
+    >>> aligned, rate, coverage = align(slow, 10.0, -0.1, to_fs=100.0, n=50)
+    >>> aligned.ravel().tolist(), rate, coverage
+    ([1.0, 2.0, 3.0, 4.0, 4.0], 10.0, 0.8)
+    """
+    is_near = abs(fs / to_fs - 1) <= TIMESTAMPS.near_rate_jittering
+    rate, count = (to_fs, n) if is_near else (fs, max(1, round(n * fs / to_fs)))
+    first = -start_s * fs if is_near else round(-start_s * fs)
+    position = first + np.arange(count) * (fs / rate)
+    coverage = float(np.mean((position > -1) & (position < len(samples))))
+    columns = [np.interp(position, np.arange(len(samples)), column) for column in samples.T]
+    return np.column_stack(columns), rate, coverage
+
+
 def _interpolate_on_grid(samples: Samples, index: NDArray[np.int64], offset: Samples | None) -> Samples:
     """Interpolate samples at 0, 1, 2, ... periods; message k is at `index[k] + offset[k]` periods."""
     n, per_message, n_channels = samples.shape

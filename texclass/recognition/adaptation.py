@@ -468,6 +468,7 @@ def reference_rows(
     rows, one_hot, recording_index = [], [], []
     for i, recording in enumerate(recordings):
         problems = model.rate_and_unit_problems(recording.fs, recording.unit)
+        problems += model.auxiliary_rate_problems(recording)
         if problems := problems + model.axis_problems(recording.channels):
             raise ValueError(f"{recording.recording_id}: {problems[0]}")
         label = recording.surface if use_labels else None

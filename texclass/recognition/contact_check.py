@@ -117,8 +117,9 @@ def measure_vibration(recording: Recording, phases: Phases) -> Vibration | None:
         return None
     acceleration = _detrended(recording.acceleration, spans)
     signals = [acceleration]
-    if recording.turn_rate is not None:
-        signals.append(_detrended(recording.turn_rate, spans))
+    turn_rate = recording.with_interpolated("turn_rate").turn_rate
+    if turn_rate is not None:
+        signals.append(_detrended(turn_rate, spans))
     level = float(np.sqrt((acceleration**2).mean(axis=0).sum()))
     columns = np.concatenate(signals, axis=1)
     power = np.abs(np.fft.rfft(columns * np.hanning(len(columns))[:, None], axis=0)) ** 2

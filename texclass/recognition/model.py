@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from texclass.features.cepstrum import Banks, use_filter_banks
-from texclass.features.phase_view import TURN_CHANNELS
+from texclass.features.phase_view import SOUND_CHANNEL, TURN_CHANNELS
 from texclass.features.plan import Computed, Plan
 from texclass.loaders.phases_files import is_marked, marked_note
 from texclass.phases import find_phases
@@ -35,7 +35,7 @@ from texclass.recognition.novelty import (
 from texclass.recognition.prediction_sets import DEFAULT_LEVELS, ConformalCalibration
 from texclass.recognition.probabilities import Calibration, log_probabilities
 from texclass.recognition.sources.training_input import AuxiliarySignal, InputColumns
-from texclass.recording import Phases, Recording, Samples, axes_differ, describe_axes
+from texclass.recording import Phases, Recording, RecordingError, Samples, axes_differ, describe_axes
 
 if TYPE_CHECKING:
     from texclass.evaluation.feature_table import LeftOutRecording
@@ -120,8 +120,23 @@ class Model:
 
     @property
     def input_columns(self) -> InputColumns:
-        """Columns that a stream must have: axes of the training recordings, turn rate, friction."""
+        """Columns that a stream must have: axes of the training recordings, turn rate, friction.
+
+        Raises
+        ------
+        RecordingError
+            If the model needs a sound, or a signal with another rate than the acceleration.
+        """
         channels = self.plan.channels
+        if self.manifest.auxiliary_fs or SOUND_CHANNEL in channels:
+            names = dict.fromkeys([*self.manifest.auxiliary_fs, *channels[-1:]])
+            rates = {SOUND_CHANNEL: self.manifest.fs} | dict(self.manifest.auxiliary_fs)
+            needed = ", ".join(f"{name} at {rate:g} Hz" for name, rate in rates.items() if name in names)
+            raise RecordingError(
+                f"the model needs {needed} besides the acceleration at {self.manifest.fs:g} Hz, but the "
+                "signals of a stream have one rate, and no sound. Classify recordings with 'texclass "
+                "predict', or train a model without the sound and with --resample HZ"
+            )
         axes = tuple(name for name in channels if name not in TURN_CHANNELS)
         signals: list[AuxiliarySignal] = ["turn_rate"] if len(axes) < len(channels) else []
         members = [member for _, part in self.plan.parts for member in part.members]
@@ -248,6 +263,7 @@ class Model:
         """
         problems = [
             *self.rate_and_unit_problems(recording.fs, recording.unit),
+            *self.auxiliary_rate_problems(recording),
             *self.axis_problems(recording.channels),
             *self.bandwidth_problems(recording.native_fs or recording.fs),
         ]
@@ -515,6 +531,19 @@ class Model:
                 f"wrong unit: {unit}, trained with {manifest.unit}; --unit declares the unit of a file"
             )
         return problems
+
+    def auxiliary_rate_problems(self, recording: Recording) -> list[str]:
+        """Return the problems of signals whose sampling rate differs from that in training."""
+        manifest = self.manifest
+        names = {*manifest.auxiliary_fs, *recording.auxiliary_fs}.intersection(self.plan.signals)
+        rates = {name: manifest.auxiliary_fs.get(name, manifest.fs) for name in sorted(names)}
+        return [
+            f"wrong rate of {name}: {recording.rate_of(name):g} Hz, trained at {rate:g} Hz; record it at "
+            "that rate, or train and classify with --resample HZ"
+            for name, rate in rates.items()
+            if getattr(recording, name) is not None
+            and abs(recording.rate_of(name) / rate - 1) > CLOCK_TOLERANCE
+        ]
 
     def axis_problems(self, axes: Sequence[str]) -> list[str]:
         """Return the problem of recordings with other axes, and the option that selects axes."""

@@ -26,14 +26,14 @@ from texclass.evaluation.skops_archive import (
     read_bounded,
     read_members,
 )
-from texclass.features.phase_view import TURN_CHANNELS
+from texclass.features.phase_view import SOUND_CHANNEL, TURN_CHANNELS
 from texclass.features.plan import Plan
 from texclass.phase_settings import PhaseSettings
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import StrictModel, validate
 
-FORMAT = 6
+FORMAT = 7
 """Version of the format of model files; files of other versions are refused."""
 MANIFEST, ARRAYS = "manifest.json", "arrays.json"
 """Members of the archive that are not written by skops; the second one refers to the arrays."""
@@ -120,6 +120,8 @@ class Manifest(StrictModel):
         sets), has_trained_variation (False if the variation within a surface is from other datasets), and the
         change of the columns (`texclass.recognition.adaptation.describe_map`). Accuracy and probabilities
         still describe the original model.
+    auxiliary_fs : mapping
+        Sampling rates in Hz of the signals that the model needs and whose rate differs from `fs`.
     native_fs : float or None
         Lowest native sampling rate of the sensors in Hz; below `fs` if recordings were resampled.
     phase_settings : PhaseSettings
@@ -151,6 +153,7 @@ class Manifest(StrictModel):
     peak_acceleration: Annotated[float, Field(gt=0)] | None = None
     contact: Mapping[str, float] = {}
     adapted: Mapping[str, Any] = {}
+    auxiliary_fs: Mapping[str, Positive] = {}
     native_fs: Positive | None = None
     phase_settings: PhaseSettings = PhaseSettings()
     format_version: int = FORMAT
@@ -347,7 +350,8 @@ def probe_values(plan: Plan, fs: float, unit: str) -> Samples:
     """
     n = max(PROBE_SAMPLES[0], min(round(PROBE_S * fs), PROBE_SAMPLES[1]))
     turn = tuple(name for name in plan.channels if name in TURN_CHANNELS)
-    channels = plan.channels[: len(plan.channels) - len(turn)] or ("x", "y", "z")
+    sound = SOUND_CHANNEL in plan.channels
+    channels = plan.channels[: len(plan.channels) - len(turn) - sound] or ("x", "y", "z")
     axes = np.column_stack([_noise(n, i) for i in range(len(channels))])
     tap_start, tap_stop = n // 10, n // 5
     axes[:tap_start] *= 0.01
@@ -360,6 +364,7 @@ def probe_values(plan: Plan, fs: float, unit: str) -> Samples:
         channels=channels,
         friction=1 + 0.1 * _noise(n, 7),
         turn_rate=np.column_stack([_noise(n, 8 + i) for i in range(3)]) if turn else None,
+        sound=_noise(n, 11) if sound else None,
         phases=Phases((Tap(tap_start // 2, tap_start, tap_stop),), (tap_stop, n), tap_stop),
     )
     return plan.compute(probe).values

@@ -1,13 +1,14 @@
 """Reader for bags of ROS 1 and 2, without ROS.
 
 Columns of the selected topic have short names: the `linear_acceleration` of an Imu is ax, ay, az. Columns of
-other topics are named "/topic/column", and are interpolated at the sample times of the selected topic.
+other topics are named "/topic/column", and keep their sampling rate.
 """
 
 import difflib
 from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,13 +16,14 @@ from texclass.loaders.columns import TURN_RATE
 from texclass.loaders.readers import (
     ReaderSettings,
     ReadSignals,
+    check_coverage,
     check_size,
     is_topic_pattern,
     quote_names,
     reader_error,
     require_columns,
 )
-from texclass.loaders.timestamps import Timestamps, to_uniform_rate
+from texclass.loaders.timestamps import Timestamps, align, to_uniform_rate
 from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
 from texclass.reporting.wording import counted
 from texclass.robot.bag_files import Connection, bag_messages, bag_topics
@@ -52,18 +54,26 @@ def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     """
     topics = bag_topics(path)
     connection = select_topic(topics, settings.topic, path)
+    others = (c for c in topics.values() if c.topic != connection.topic and c.type_name in READABLE)
+    return (
+        *_columns_of(path, connection),
+        *(f"{other.topic}/{column}" for other in others for column in _columns_of(path, other)),
+    )
+
+
+def _columns_of(path: Path, connection: Connection) -> tuple[str, ...]:
+    """Return the columns of a topic; those of arrays are numbered."""
     if (type_ := type_of(*connection.type_key)) is not None:
-        columns = tuple(type_.columns)
-    else:
-        _, message = next(bag_messages(path, connection), (0, None))
-        if message is None:
-            raise RecordingError(f"{path}: topic {connection.topic!r} has no messages")
-        try:
-            columns = _channel_names(decode_multi_array(message, ros1=connection.ros1).shape[1])
-        except ValueError as error:
-            raise RecordingError(f"{path}: {error}") from error
-    others = (c for c in topics.values() if c.topic != connection.topic and c.type_name in TYPES)
-    return (*columns, *(f"{c.topic}/{column}" for c in others for column in TYPES[c.type_name].columns))
+        return tuple(type_.columns)
+    if connection.type_name != MULTI_ARRAY:
+        return ()
+    _, message = next(bag_messages(path, connection), (0, None))
+    if message is None:
+        raise RecordingError(f"{path}: topic {connection.topic!r} has no messages")
+    try:
+        return _channel_names(decode_multi_array(message, ros1=connection.ros1).shape[1])
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}") from error
 
 
 def readable_topics(path: Path) -> tuple[str, ...]:
@@ -79,7 +89,10 @@ def readable_topics(path: Path) -> tuple[str, ...]:
 
 
 def read(path: Path, columns: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
-    """Read columns at a uniform sampling rate, which is the stated one if the time stamps agree with it.
+    """Read columns at uniform sampling rates; that of the selected topic is the stated one if they agree.
+
+    Columns of another topic keep its sampling rate, unless it is nearly that of the selected topic. They are
+    aligned by the time stamps in the headers or, if one of the topics has none, by the times of receipt.
 
     Parameters
     ----------
@@ -93,14 +106,59 @@ def read(path: Path, columns: tuple[str, ...], settings: ReaderSettings) -> Read
     Raises
     ------
     RecordingError
-        If a column is missing or not measured, a message is damaged, or the time stamps contradict the stated
-        rate.
+        If a column is missing or not measured, a message is damaged, the time stamps contradict the stated
+        rate, or another topic covers less than 90 % of the time of the selected one.
     """
     topics = bag_topics(path)
     connection = select_topic(topics, settings.topic, path)
-    where = f"{path}?topic={connection.topic}"
     own_columns = tuple(name for name in columns if not name.startswith("/"))
-    timestamps, received, samples = _read_messages(path, connection, own_columns)
+    own = _read_topic(path, connection, own_columns, settings)
+    signals = {name: np.ascontiguousarray(own.samples[:, i]) for i, name in enumerate(own_columns)}
+    rates, flags = dict.fromkeys(own_columns, own.fs), list(own.flags)
+    for topic, names in _by_topic(path, topics, columns).items():
+        other = _read_topic(path, topics[topic], tuple(names.values()), ReaderSettings())
+        start_s = other.received_s - own.received_s
+        if has_stamps := own.stamped_s is not None and other.stamped_s is not None:
+            start_s = other.stamped_s - own.stamped_s
+        aligned, rate, coverage = align(other.samples, other.fs, start_s, to_fs=own.fs, n=len(own.samples))
+        if coverage == 0:
+            problem = f"{topic} and {connection.topic} do not overlap in time"
+            raise reader_error(path, problem, "time stamps of one clock")
+        check_coverage(coverage, f"{path}?topic={topic}")
+        signals |= {name: np.ascontiguousarray(aligned[:, i]) for i, name in enumerate(names)}
+        rates |= dict.fromkeys(names, rate)
+        flags += [f"{topic}: {flag}" for flag in other.flags]
+        if not has_stamps:
+            flags.append(f"{topic}: aligned by the times of receipt, since a topic has no time stamps")
+    axes = [signals[name] for name in ("ax", "ay", "az") if name in signals]
+    rest = float(np.median(np.sqrt(sum(axis**2 for axis in axes)))) if len(axes) == 3 else 0.0
+    if abs(rest - 1) <= 0.05 and connection.type_name in TYPES:
+        flags.append(
+            f"unit: {rest:.3g} m/s^2 at rest, but gravity is {STANDARD_GRAVITY:.3g} m/s^2. Check whether "
+            "the driver sends g"
+        )
+    type_ = type_of(*connection.type_key)
+    return ReadSignals(
+        signals, own.fs, tuple(flags), unit=type_.unit if type_ is not None else None, rates=rates
+    )
+
+
+class _Uniform(NamedTuple):
+    """Samples (n, n_columns) of a topic at fs Hz, with their start in s by headers (if any) and receipt."""
+
+    samples: Samples
+    fs: float
+    stamped_s: float | None
+    received_s: float
+    flags: tuple[str, ...]
+
+
+def _read_topic(
+    path: Path, connection: Connection, columns: tuple[str, ...], settings: ReaderSettings
+) -> _Uniform:
+    """Read columns of one topic at a uniform sampling rate."""
+    where = f"{path}?topic={connection.topic}"
+    timestamps, received, samples = _read_messages(path, connection, columns)
     # NaN and values above 1e100 are damage; for smaller values, sums of squares remain finite.
     is_valid = (np.abs(samples) < 1e100).all(axis=(1, 2))
     if n_invalid := int(np.count_nonzero(~is_valid)):
@@ -112,7 +170,7 @@ def read(path: Path, columns: tuple[str, ...], settings: ReaderSettings) -> Read
             )
         samples, received = samples[is_valid], received[is_valid]
         timestamps = None if timestamps is None else timestamps[is_valid]
-    turn = [own_columns.index(name) for name in TURN_RATE if name in own_columns]
+    turn = [columns.index(name) for name in TURN_RATE if name in columns]
     if turn and not samples[:, :, turn].any():  # a real gyroscope has noise, so there is none
         raise reader_error(where, "the turn rate is 0 in every message", "a sensor that measures it")
     by_header = timestamps is not None and bool(np.any(timestamps != 0))
@@ -122,21 +180,27 @@ def read(path: Path, columns: tuple[str, ...], settings: ReaderSettings) -> Read
     uniform, fs, start_s, rate_flags = to_uniform_rate(
         samples, times, received, settings.fs, by_header=by_header, where=where, rate_of=settings.rate_of
     )
-    signals = {name: np.ascontiguousarray(uniform[:, i]) for i, name in enumerate(own_columns)}
-    t = start_s + np.arange(len(uniform)) / fs
-    signals |= {name: _interpolate(path, topics, name, t) for name in columns if name not in signals}
+    delay_s = float(np.median(received - times)) / 1e9
+    # A block of samples is received after its last sample.
+    received_s = start_s + delay_s - (samples.shape[1] - 1) / fs
     flags = ["time stamps: none in the headers"] if timestamps is not None and not by_header else []
     flags += [f"not finite: {n_invalid} messages left out"] if n_invalid else []
-    flags += rate_flags
-    axes = [signals[name] for name in ("ax", "ay", "az") if name in signals]
-    rest = float(np.median(np.sqrt(sum(axis**2 for axis in axes)))) if len(axes) == 3 else 0.0
-    if abs(rest - 1) <= 0.05 and connection.type_name in TYPES:
-        flags.append(
-            f"unit: {rest:.3g} m/s^2 at rest, but gravity is {STANDARD_GRAVITY:.3g} m/s^2. Check whether "
-            "the driver sends g"
-        )
-    type_ = type_of(*connection.type_key)
-    return ReadSignals(signals, fs, tuple(flags), unit=type_.unit if type_ is not None else None)
+    return _Uniform(uniform, fs, start_s if by_header else None, received_s, (*flags, *rate_flags))
+
+
+def _by_topic(
+    path: Path, topics: Mapping[str, Connection], columns: tuple[str, ...]
+) -> dict[str, dict[str, str]]:
+    """Return the columns named "/topic/column": for each topic, the column of the topic by full name."""
+    by_topic: dict[str, dict[str, str]] = {}
+    for name in columns:
+        topic, slash, column = name.rpartition("/")
+        if not slash:
+            continue
+        if topic not in topics or column not in _columns_of(path, topics[topic]):
+            raise reader_error(path, f"column {name!r} does not exist", "/topic/column of a bag")
+        by_topic.setdefault(topic, {})[name] = column
+    return by_topic
 
 
 def select_topic(topics: Mapping[str, Connection], name: str | None, path: Path) -> Connection:
@@ -241,20 +305,3 @@ def _read_messages(
         samples = samples[:, :, [channels.index(name) for name in columns]]
     timestamps_ns = np.concatenate(timestamp_batches) if timestamp_batches else None
     return timestamps_ns, np.array(received, np.int64), samples
-
-
-def _interpolate(path: Path, topics: Mapping[str, Connection], name: str, t: Samples) -> Samples:
-    """Interpolate a column of another topic at the times t (s), with constant extrapolation."""
-    topic, _, column = name.rpartition("/")
-    if topic not in topics or column not in getattr(type_of(*topics[topic].type_key), "columns", ()):
-        raise reader_error(path, f"column {name!r} does not exist", "/topic/column of a bag")
-    timestamps, _, samples = _read_messages(path, topics[topic], (column,))
-    if timestamps is None or not timestamps.any():
-        raise reader_error(path, f"{topic} has no time stamps in its headers", "time stamps of one clock")
-    order = np.argsort(timestamps, kind="stable")
-    topic_t = timestamps[order] / 1e9
-    if topic_t[0] > t[-1] or topic_t[-1] < t[0]:
-        raise reader_error(
-            path, f"{topic} and the acceleration do not overlap in time", "time stamps of one clock"
-        )
-    return np.asarray(np.interp(t, topic_t, samples[order, 0, 0]))

@@ -26,7 +26,7 @@ from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Channels, views_of
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.recording import AUXILIARY_UNITS, Phases, Recording, RecordingError, Samples, Tap
+from texclass.recording import AUXILIARY_UNITS, Recording, RecordingError, Samples
 from texclass.tradeoff.pareto_front import (
     Facts,
     LabelledData,
@@ -336,28 +336,12 @@ def resample(recording: Recording, fs: float) -> Recording:
         if (signal := getattr(recording, name)) is not None:
             # The DCT-II is the Fourier transform of the signal extended by its mirror image. Its first n bins
             # are below the new fs/2.
-            spectrum = fft.dct(signal, axis=0, norm="ortho")[:n]
-            changes[name] = fft.idct(spectrum, axis=0, norm="ortho") * np.sqrt(ratio)
-    if (phases := recording.phases) is not None:
-
-        def convert(sample: int) -> int:
-            return min(n, round(sample * ratio))
-
-        taps = tuple(
-            Tap(
-                convert(tap.start),
-                convert(tap.impact),
-                max(convert(tap.end), convert(tap.impact) + 1),
-                convert(tap.width),
-                tap.quality,
-            )
-            for tap in phases.taps
-            if convert(tap.impact) < n
-        )
-        movement = phases.movement and (convert(phases.movement[0]), convert(phases.movement[1]))
-        onset = None if phases.onset is None else convert(phases.onset)
-        changes["phases"] = Phases(taps, movement, onset, phases.notes)
-    return recording.with_(**changes, fs=ratio * recording.fs)
+            n_new = n if len(signal) == recording.n_samples else max(1, round(ratio * len(signal)))
+            spectrum = fft.dct(signal, axis=0, norm="ortho")[:n_new]
+            changes[name] = fft.idct(spectrum, axis=0, norm="ortho") * np.sqrt(n_new / len(signal))
+    phases = recording.phases and recording.phases.at_rate(ratio, n)
+    rates = {name: ratio * rate for name, rate in recording.auxiliary_fs.items()}
+    return recording.with_(**changes, phases=phases, fs=ratio * recording.fs, auxiliary_fs=rates)
 
 
 def full_scale_of(dataset: Dataset, n: int = 12) -> float:

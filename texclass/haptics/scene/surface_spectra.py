@@ -23,6 +23,7 @@ from texclass.haptics.scene.definition import (
     Tolerance,
 )
 from texclass.haptics.textures.contract import constant_stroke
+from texclass.haptics.textures.scan import motion_at_acceleration
 from texclass.phases import exclude_outliers
 from texclass.recording import ACCELERATION_UNITS, Recording, Samples
 
@@ -512,7 +513,7 @@ def _dataset_windows(
             f"surfaces.{name}: surface must be one of dataset {surface.dataset} ({names:.200}), got {label!r}"
         )
     windows: list[Window] = []
-    for r in recordings:
+    for r in map(motion_at_acceleration, recordings):
         if r.speed is None or r.normal_force is None:
             raise ValueError(
                 f"surfaces.{name}: recordings must contain speed and force, but {r.recording_id} does not. "

@@ -21,7 +21,7 @@ from texclass.haptics.textures.contract import Renderer, Texture, constant_strok
 from texclass.haptics.textures.grid import fit_gamma_regression, interpolation_weights
 from texclass.haptics.textures.grid_texture import LIGHT_N, REST_MM_S, grid_renderer
 from texclass.haptics.textures.packed import PackedTexture
-from texclass.haptics.textures.scan import Scan
+from texclass.haptics.textures.scan import Scan, motion_at_acceleration
 from texclass.phases import find_phases
 from texclass.recording import UNITS, Phases, Recording, Samples, Tap
 from texclass.signals import combine
@@ -133,13 +133,18 @@ def _contents_of(
 ) -> tuple[Scan | Samples, float, str, DecayingModes, float]:
     """Return movement, sampling rate, unit, modes of the tap of median hardness, and mean friction."""
     phases = recording.phases or find_phases(recording)
+    recording = motion_at_acceleration(recording)
     begin, end = phases.movement or (0, recording.n_samples)
     combined = combine(recording.acceleration[begin:end])
     movement: Scan | Samples = combined
     if recording.speed is not None and recording.normal_force is not None:
         tracks = recording.speed[begin:end], recording.normal_force[begin:end]
         movement = Scan.along_line(combined, *tracks, recording.fs)
-    mu = 0.0 if recording.friction is None else float(np.abs(recording.friction[begin:end]).mean())
+    mu = (
+        0.0
+        if recording.friction is None
+        else float(np.abs(recording.friction[slice(*recording.span_of("friction", begin, end))]).mean())
+    )
     modes = NO_MODES
     with suppress(UndefinedFeatureError):  # the hardness is undefined for all taps
         taps = Views(recording, phases).tap.taps

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from texclass.haptics.textures.contract import freeze
 from texclass.phases import exclude_outliers
-from texclass.recording import Recording, Samples
+from texclass.recording import AUXILIARY_UNITS, Recording, Samples
 from texclass.signals import positive
 
 
@@ -134,6 +134,7 @@ class Scan:
         """
         a = np.asarray(recording.acceleration if acceleration is None else acceleration)
         where = recording.source or recording.recording_id
+        recording = motion_at_acceleration(recording)
         if recording.speed is None or recording.normal_force is None:
             raise ValueError(f"{where} has no speed or no normal force. Expected both channels")
         if a.ndim == 2 and a.shape[1] == 1:
@@ -145,3 +146,16 @@ class Scan:
             )
         name = recording.surface or recording.recording_id
         return cls.along_line(a, recording.speed, recording.normal_force, recording.fs, name)
+
+
+def motion_at_acceleration(recording: Recording) -> Recording:
+    """Return a recording with speed and force at the times of the acceleration, interpolated if necessary.
+
+    Outlier samples of an interpolated signal are excluded before, at its own rate.
+    """
+    where, changes = recording.source or recording.recording_id, {}
+    for name in ("speed", "normal_force"):
+        if name in recording.auxiliary_fs:
+            rate, unit = recording.rate_of(name), AUXILIARY_UNITS[name]
+            changes[name] = exclude_outliers(getattr(recording, name), rate, name, unit, where)
+    return recording.with_(**changes).with_interpolated("speed", "normal_force")

@@ -148,6 +148,8 @@ class TrainingFiles(StrictModel):
         Column of the time stamps, and their unit.
     resample
         Whether files with another sampling rate are resampled to `fs`.
+    auxiliary_fs
+        Sampling rates in Hz of auxiliary signals with another rate, if the files do not state them.
     """
 
     fs: float
@@ -167,6 +169,7 @@ class TrainingFiles(StrictModel):
     time_column: str | None = None
     time_unit: str | None = None
     resample: bool = False
+    auxiliary_fs: Mapping[str, float] = {}
 
     @classmethod
     def from_dataset(cls, dataset: Dataset, recording: Recording) -> "TrainingFiles":
@@ -182,8 +185,10 @@ class TrainingFiles(StrictModel):
             channels = dict(card.channels)
             facts["acceleration"] = channels.pop("acceleration", ())
             facts |= {"auxiliary": channels, "resample": card.resample_hz is not None}
-        if isinstance(card, FileReading) and is_topic_pattern(card.topic):
-            facts["topic"] = None
+        if isinstance(card, FileReading):
+            facts["auxiliary_fs"] = card.auxiliary_fs_hz
+            if is_topic_pattern(card.topic):
+                facts["topic"] = None
         return cls(**facts, fs=recording.fs, axes=recording.channels)
 
     def find(
@@ -393,6 +398,7 @@ class TrainingFiles(StrictModel):
             skip_rows=self.skip_rows,
             comment=self.comment,
             drop_incomplete=self.drop_incomplete,
+            auxiliary_fs=self.auxiliary_fs,
         )
         settings.check(path)
         axes, companions, flags = source_files(path)

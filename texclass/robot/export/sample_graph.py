@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from texclass.features.phase_view import MIN_SEGMENT_SAMPLES, TURN_CHANNELS, trimmed_length
+from texclass.features.phase_view import MIN_SEGMENT_SAMPLES, SOUND_CHANNEL, TURN_CHANNELS, trimmed_length
 from texclass.features.plan import Plan
 from texclass.recognition.live.online_recogniser import RecordingBuilder
 from texclass.recognition.model import Model
@@ -104,6 +104,11 @@ def check_graphs(model: Model) -> None:
     OnnxExportError
         If features have no graph; the message names them.
     """
+    if model.manifest.auxiliary_fs or SOUND_CHANNEL in model.plan.channels:
+        raise OnnxExportError(
+            f"the model needs {', '.join(model.plan.signals)}, but the input of a graph has one rate and no "
+            "sound. Train with --resample HZ and without sound"
+        )
     parts = [part for _, part in model.plan.parts]
     if missing := tuple(dict.fromkeys(name for part in parts for name in features_without_graph(part))):
         raise OnnxExportError(
