@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -174,6 +175,22 @@ def test_intervals_and_nested_cross_validation_are_over_held_out_operators(toy_d
     for outcome in (data["rows"][0]["accuracy"]["euclidean"], data["nested_cv"]["accuracy"]):
         assert (outcome["clusters"], outcome["n_clusters"]) == ("operator", 6)
         assert outcome["interval"].endswith("over operators")
+
+
+def test_intervals_and_report_are_over_combinations_of_any_labels(toy_dataset, pipeline):
+    dataset = toy_dataset(3, 12)
+    labels = {r: (("speed", str(20 + 10 * (r % 3))), ("tool", "ab"[r % 2])) for r in range(1, 13)}
+    entries = tuple(replace(entry, labels=labels[entry.repetition]) for entry in dataset.entries)
+    few = pipeline(row("Level", "level"), classifiers=EUCLIDEAN, steps=())
+    result = run_benchmark(replace(dataset, entries=entries), few, protocol="leave-out speed, tool")
+    outcome = result.data["rows"][0]["accuracy"]["euclidean"]
+    assert (result.data["protocol"], result.data["n_folds"]) == ("leave-out speed,tool", 6)
+    assert (outcome["clusters"], outcome["n_clusters"]) == ("speed-tool combination", 6)
+    assert result.data["dataset"]["labels"] == {"speed": 3, "tool": 2}
+    report = render_markdown(result.document())
+    assert "over 6 speed-tool combinations" in report
+    assert "3 values of speed, 2 values of tool" in report
+    assert result.stem == "toy-toy-leave-out-speed-tool"
 
 
 def test_several_starts_tell_mean_and_worst_and_count_each_recording_once(toy_dataset, pipeline):
