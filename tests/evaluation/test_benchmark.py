@@ -190,6 +190,10 @@ def test_intervals_and_report_are_over_combinations_of_any_labels(toy_dataset, p
     report = render_markdown(result.document())
     assert "over 6 speed-tool combinations" in report
     assert "3 values of speed, 2 values of tool" in report
+    names = sorted({f"{speed}, {tool}" for (_, speed), (_, tool) in labels.values()})
+    shares = [f"{name}: {100 * share:.1f}" for name, share in zip(names, outcome["folds"], strict=True)]
+    note = re.search(r"Accuracy in % of each speed-tool combination outside .*?: (20.*)\.", report)
+    assert note[1] == "; ".join(shares)
     assert result.stem == "toy-toy-leave-out-speed-tool"
 
 

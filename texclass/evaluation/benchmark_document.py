@@ -49,6 +49,8 @@ MAX_LISTED = 6
 """Largest number of recordings, notices or features in a note. The JSON file lists all of them."""
 NEAR = 0.05
 """Largest loss of accuracy at which a faster row is named as an alternative to the best row."""
+MAX_UNITS = 20
+"""Largest number of operators, speeds, ... whose accuracies a note lists."""
 Data = Mapping[str, Any]
 
 
@@ -510,6 +512,21 @@ def draw_row_costs(pairs: Sequence[Pair], width: float) -> "Drawing":
     return figure
 
 
+def _accuracy_of_each_unit(data: Data, best: Pair | None) -> Iterator[str]:
+    """Yield the accuracy of each operator (or speed, ...) if each fold tests one of them."""
+    units = (data.get("tests") or {}).get("units") or []
+    if best is None or not 1 < len(units) <= MAX_UNITS or any(len({*fold}) > 1 for fold in units):
+        return
+    nested = data.get("nested_cv")
+    accuracy = nested["accuracy"] if nested else best.accuracy
+    shares = zip((fold[0] for fold in units), accuracy["folds"], strict=True)
+    yield (
+        f"Accuracy in % of each {accuracy['clusters']} outside the training set, with "
+        f"{'nested cross-validation' if nested else _pair_title(best)}: "
+        f"{'; '.join(f'{unit}: {percent(share)}' for unit, share in shares)}."
+    )
+
+
 def _notes(data: Data, best: Pair | None) -> Iterator[str]:
     """Yield the notes on the table of accuracies."""
     if data.get("axes"):
@@ -525,6 +542,7 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
             "(t interval, jackknife of the logit)."
         )
     yield from dict.fromkeys(filter(None, map(caution, clustered)))
+    yield from _accuracy_of_each_unit(data, best)
     agreement = {n: value for n, value in data.get("rank_agreement", {}).items() if value is not None}
     if agreement:
         bounds = data.get("rank_agreement_interval", {})
