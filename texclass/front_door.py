@@ -10,7 +10,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from texclass.evaluation import BenchmarkResult, PipelineDefinition
+    from texclass.evaluation.axes import AxesOption
     from texclass.evaluation.result_comparison import ResultComparison
+    from texclass.evaluation.workers import Progress
     from texclass.features import FeatureSet
     from texclass.loaders import Dataset
     from texclass.recording import Recording
@@ -93,7 +95,13 @@ def benchmark(
     *,
     fs: float | None = None,
     unit: str | None = None,
-    **options: Any,
+    protocol: str | None = None,
+    n_folds: int | None = None,
+    nested_cv: bool | None = None,
+    axes: "AxesOption" = "auto",
+    n_jobs: int = 1,
+    skip_bad: bool = False,
+    progress: "Progress | None" = None,
 ) -> "BenchmarkResult":
     """Evaluate every feature subset and classifier of a pipeline on a dataset.
 
@@ -108,9 +116,8 @@ def benchmark(
         Sampling rate in Hz of files that do not state it.
     unit : str, optional
         Unit of the acceleration in files that do not state it.
-    **options
-        Arguments of `evaluation.run_benchmark`: `protocol`, `n_folds`, `nested_cv`, `axes`, `n_jobs`,
-        `skip_bad` and `progress`.
+    protocol, n_folds, nested_cv, axes, n_jobs, skip_bad, progress : optional
+        See `evaluation.run_benchmark`.
 
     Returns
     -------
@@ -120,7 +127,17 @@ def benchmark(
     """
     from texclass.evaluation import run_benchmark
 
-    return run_benchmark(as_dataset(dataset, fs, unit), pipeline, **options)
+    return run_benchmark(
+        as_dataset(dataset, fs, unit),
+        pipeline,
+        protocol=protocol,
+        n_folds=n_folds,
+        nested_cv=nested_cv,
+        axes=axes,
+        n_jobs=n_jobs,
+        skip_bad=skip_bad,
+        progress=progress,
+    )
 
 
 def compare_results(first: "Result | str | Path", second: "Result | str | Path") -> "ResultComparison":

@@ -193,7 +193,15 @@ class Evaluation:
 
 
 def evaluate(
-    X: Samples, y: Labels, splits: Sequence[Split], preparation: Any, classifier: Any, **options: Any
+    X: Samples,
+    y: Labels,
+    splits: Sequence[Split],
+    preparation: Any,
+    classifier: Any,
+    *,
+    nested: bool = True,
+    clusters: Labels | None = None,
+    independent: Labels | None = None,
 ) -> Evaluation:
     """Evaluate one classifier by cross-validation; `evaluate_each` describes the parameters.
 
@@ -207,6 +215,7 @@ def evaluate(
     >>> evaluate(X, y, splits, StandardScaler(), KNeighborsClassifier(1)).accuracy.mean
     1.0
     """
+    options: dict[str, Any] = {"nested": nested, "clusters": clusters, "independent": independent}
     return evaluate_each(X, y, splits, preparation, [classifier], **options)[0]
 
 

@@ -15,13 +15,14 @@ from sklearn.preprocessing import StandardScaler
 
 from texclass.evaluation.ablation import detectable
 from texclass.evaluation.accuracy import LEVEL
+from texclass.evaluation.axes import AxesOption
 from texclass.evaluation.benchmark import BenchmarkResult, run_benchmark
 from texclass.evaluation.benchmark_document import benchmark_blocks, benchmark_document
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable, cached_table
 from texclass.evaluation.pipeline import PipelineDefinition
 from texclass.evaluation.result_facts import classifier_title, cluster_phrase
-from texclass.evaluation.workers import one_thread
+from texclass.evaluation.workers import Progress, one_thread
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
 from texclass.features.contract_checks import MAX_LAW_DEVIATION, check_degenerate_inputs, measure_gain_law
 from texclass.features.phase_view import View, views_of
@@ -68,7 +69,17 @@ class FeatureStudy(BenchmarkResult, kind="feature"):
 
 
 def study_feature(
-    dataset: Dataset, pipeline: PipelineDefinition, feature: Feature, **options: Any
+    dataset: Dataset,
+    pipeline: PipelineDefinition,
+    feature: Feature,
+    *,
+    protocol: str | None = None,
+    n_folds: int | None = None,
+    nested_cv: bool | None = None,
+    axes: AxesOption = "auto",
+    n_jobs: int = 1,
+    skip_bad: bool = False,
+    progress: Progress | None = None,
 ) -> FeatureStudy:
     """Compare a new feature with the rows of a pipeline.
 
@@ -80,8 +91,8 @@ def study_feature(
         Pipeline whose rows are compared with the feature. The feature replaces its additions.
     feature : Feature
         New feature; see `texclass.features.load_feature`.
-    **options
-        Options of `run_benchmark`.
+    protocol, n_folds, nested_cv, axes, n_jobs, skip_bad, progress : optional
+        See `run_benchmark`.
 
     Returns
     -------
@@ -95,11 +106,20 @@ def study_feature(
         cannot split the dataset.
     """
     extended = pipeline.with_feature(feature)
-    result = run_benchmark(dataset, extended, **options)
-    table_options = {key: options[key] for key in ("n_jobs", "skip_bad") if key in options}
+    result = run_benchmark(
+        dataset,
+        extended,
+        protocol=protocol,
+        n_folds=n_folds,
+        nested_cv=nested_cv,
+        axes=axes,
+        n_jobs=n_jobs,
+        skip_bad=skip_bad,
+        progress=progress,
+    )
     channels = result.data["channels"]
     # This reads the table from the cache, because `run_benchmark` has computed it.
-    table = cached_table(dataset, *extended.needed, channels=channels, **table_options)
+    table = cached_table(dataset, *extended.needed, channels=channels, n_jobs=n_jobs, skip_bad=skip_bad)
     meter = CostMeter.from_dataset(dataset, table.frame["recording_id"].tolist(), channels)
     alone = extended.features.restricted_to([feature.name])
     views: list[View] = []

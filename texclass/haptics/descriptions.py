@@ -1,6 +1,6 @@
 """Rate recordings on six perceptual scales, and rank them among reference surfaces."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from texclass.haptics.scales import (
 )
 from texclass.loaders import find_recording, open_dataset
 from texclass.loaders.dataset import Dataset
+from texclass.loaders.readers import LoadingOptions
 from texclass.phases import find_phases, resolution_problem
 from texclass.recording import Phases, Recording
 from texclass.reporting import Document, Table
@@ -46,7 +47,15 @@ def describe(
     unit: str | None = None,
     n_jobs: int = 1,
     progress: Progress | None = None,
-    **reading: Any,
+    column: str | Sequence[str] | None = None,
+    topic: str | None = None,
+    delimiter: str | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
+    drop_incomplete: bool = False,
+    resample: float | None = None,
 ) -> pd.DataFrame:
     """Rate recordings on the scales hard, rough, bumpy, sticky, fine and regular, among reference surfaces.
 
@@ -66,8 +75,10 @@ def describe(
         Number of processes for the references (default 1).
     progress : callable, optional
         Callback `progress(n_done, n_total, label)`, which counts recordings.
-    **reading
-        Other arguments of `load_recording`.
+    column, topic, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
+        How the files are read, see `load_recording`.
+    resample : float, optional
+        Target sampling rate of the files in Hz.
 
     Returns
     -------
@@ -109,10 +120,20 @@ def describe(
     10.0, 5.0 dB above the highest
     """
     inputs = [recordings] if isinstance(recordings, Recording | str | Path) else recordings
-    loaded = [
-        one if isinstance(one, Recording) else find_recording(one, fs=fs, unit=unit, **reading)
-        for one in inputs
-    ]
+    reading: LoadingOptions = {
+        "fs": fs,
+        "unit": unit,
+        "resample": resample,
+        "column": column,
+        "topic": topic,
+        "delimiter": delimiter,
+        "time_column": time_column,
+        "time_unit": time_unit,
+        "skip_rows": skip_rows,
+        "comment": comment,
+        "drop_incomplete": drop_incomplete,
+    }
+    loaded = [one if isinstance(one, Recording) else find_recording(one, **reading) for one in inputs]
     loaded = [_with_movement(recording) for recording in loaded]
     if references is None:
         reference_table, reference_unit = reference_surfaces(), "m/s^2"

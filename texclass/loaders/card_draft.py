@@ -70,7 +70,14 @@ def draft_card(
     unit: str | None = None,
     resample: float | None = None,
     labels: str | Path | None = None,
-    **reading: Any,
+    column: str | Sequence[str] | None = None,
+    topic: str | None = None,
+    delimiter: str | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
+    drop_incomplete: bool = False,
 ) -> str:
     """Draft a dataset card for a folder.
 
@@ -80,11 +87,13 @@ def draft_card(
         Folder of recordings: one subfolder per surface, or files named by surface and number.
     card_folder : str or Path
         Folder in which the card will be written.
-    fs, unit, resample, **reading : optional
-        Arguments of `open_dataset`.
+    fs, unit, resample : optional
+        See `open_dataset`.
     labels : str or Path, optional
         Table with the surface of each file (default: a CSV in the folder with the columns `file` and
         `surface`, if there is one).
+    column, topic, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
+        How the files are read, see `load_recording`.
 
     Returns
     -------
@@ -106,7 +115,19 @@ def draft_card(
     # 4 surfaces, with number of files: foam (6), mesh (6), oak (6), slate (6)
     """
     root = Path(folder).expanduser()
-    settings = ReaderSettings(fs=fs, unit=unit, resample=resample, **reading)
+    settings = ReaderSettings(
+        fs=fs,
+        unit=unit,
+        resample=resample,
+        column=column,
+        topic=topic,
+        delimiter=delimiter,
+        time_column=time_column,
+        time_unit=time_unit,
+        skip_rows=skip_rows,
+        comment=comment,
+        drop_incomplete=drop_incomplete,
+    )
     settings.check(root)
     if not root.is_dir():
         raise RecordingError(f"{root} is not a folder. Expected a folder of recordings")

@@ -33,6 +33,7 @@ from texclass.loaders.places import data_roots, find_folder, is_outside
 from texclass.loaders.plausibility import folder_level_notes, resolve_rate, resolve_unit
 from texclass.loaders.readers import (
     BAG_METADATA,
+    LoadingOptions,
     ReaderSettings,
     as_column_names,
     formats,
@@ -56,7 +57,14 @@ def open_dataset(
     labels: str | Path | None = None,
     tap_spacing: float | None = None,
     skip_bad: bool = False,
-    **reading: Any,
+    column: str | Sequence[str] | None = None,
+    topic: str | None = None,
+    delimiter: str | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
+    drop_incomplete: bool = False,
 ) -> Dataset:
     """Open a dataset without reading its recordings; each is read when it is used.
 
@@ -80,9 +88,8 @@ def open_dataset(
         value of the card, or 0.08).
     skip_bad : bool
         Let `Dataset.attempt` return the error of an invalid recording instead of raising it (default False).
-    **reading : optional
-        Further arguments of `load_recording` for a folder: column, delimiter, time_column, time_unit, topic,
-        skip_rows, comment, drop_incomplete. A dataset card has keys for these instead.
+    column, topic, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
+        How the files of a folder are read, see `load_recording`. A dataset card has keys for these instead.
 
     Returns
     -------
@@ -107,7 +114,19 @@ def open_dataset(
     path = Path(name_or_path).expanduser()
     changes: dict[str, Any] = {} if tap_spacing is None else {"tap_spacing_s": tap_spacing}
     PhaseSettings(**changes)  # checks the value before any file is read
-    settings = ReaderSettings(fs=fs, unit=unit, resample=resample, **reading)
+    settings = ReaderSettings(
+        fs=fs,
+        unit=unit,
+        resample=resample,
+        column=column,
+        topic=topic,
+        delimiter=delimiter,
+        time_column=time_column,
+        time_unit=time_unit,
+        skip_rows=skip_rows,
+        comment=comment,
+        drop_incomplete=drop_incomplete,
+    )
     settings.check(path)
     if str(name_or_path) in shipped.names("datasets") or not path.is_dir():
         card = read_card(name_or_path)
@@ -123,7 +142,19 @@ def open_dataset(
 
 
 def find_recording(
-    name: str | Path, *, fs: float | None = None, unit: str | None = None, **reading: Any
+    name: str | Path,
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    resample: float | None = None,
+    column: str | Sequence[str] | None = None,
+    topic: str | None = None,
+    delimiter: str | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
+    drop_incomplete: bool = False,
 ) -> Recording:
     """Load one recording from a file, a bag or a dataset.
 
@@ -135,9 +166,10 @@ def find_recording(
         Sampling rate in Hz of a file that does not state it.
     unit : str, optional
         Unit of the acceleration in a file that does not state it.
-    **reading : optional
-        Further arguments of `load_recording` and `open_dataset`: column, topic, delimiter, time_column,
-        time_unit, resample, skip_rows, comment, drop_incomplete.
+    resample : float, optional
+        Target sampling rate in Hz.
+    column, topic, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
+        How a file, or the files of a dataset folder, are read; see `load_recording`.
 
     Returns
     -------
@@ -156,16 +188,29 @@ def find_recording(
     >>> find_recording("simulated6:wood-03-01")
     <Recording 'wood-03-01' of wood-03: 5 s at 10000 Hz, 3 axes in m/s^2>
     """
+    reading: LoadingOptions = {
+        "fs": fs,
+        "unit": unit,
+        "resample": resample,
+        "column": column,
+        "topic": topic,
+        "delimiter": delimiter,
+        "time_column": time_column,
+        "time_unit": time_unit,
+        "skip_rows": skip_rows,
+        "comment": comment,
+        "drop_incomplete": drop_incomplete,
+    }
     dataset_name, colon, recording_id = str(name).rpartition(":")
     is_drive = len(dataset_name) == 1 and recording_id[:1] in {"/", "\\"}  # as in C:\oak\oak_01.txt
     if not colon or is_drive or Path(name).exists() or is_bag_name(name):
-        return load_recording(name, fs=fs, unit=unit, **reading)
+        return load_recording(name, **reading)
     if lerobot.is_lerobot(folder := Path(dataset_name).expanduser()):  # the surface is not needed
-        settings = ReaderSettings(fs=fs, unit=unit, **reading)
+        settings = ReaderSettings(**reading)
         settings.check(folder)
         dataset = _open_lerobot(folder, settings, None, is_labelled=False)
     else:
-        dataset = open_dataset(dataset_name, fs=fs, unit=unit, **reading)
+        dataset = open_dataset(dataset_name, **reading)
     return dataset.find(recording_id)
 
 

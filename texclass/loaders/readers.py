@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -124,6 +124,22 @@ class ReadSignals:
     channels: tuple[str, ...] = ()
     unit: str | None = None
     rates: Mapping[str, float] = field(default_factory=dict)
+
+
+class LoadingOptions(TypedDict, total=False):
+    """Options of `load_recording`; see `ReaderSettings`."""
+
+    fs: float | None
+    unit: str | None
+    resample: float | None
+    column: str | Sequence[str] | None
+    topic: str | None
+    delimiter: str | None
+    time_column: str | None
+    time_unit: str | None
+    skip_rows: int | None
+    comment: str | None
+    drop_incomplete: bool
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from texclass.features.cepstrum import Banks, use_filter_banks
 from texclass.features.phase_view import SOUND_CHANNEL, TURN_CHANNELS
 from texclass.features.plan import Computed, Plan
 from texclass.loaders.phases_files import is_marked, marked_note
+from texclass.loaders.readers import LoadingOptions
 from texclass.phases import find_phases
 from texclass.recognition.answers import Answer, FeatureRow, Prediction, average_answers, rank_surfaces
 from texclass.recognition.array_form import ArrayStep, apply_all, decide, estimators_in
@@ -146,26 +147,29 @@ class Model:
         axes = axes or self.manifest.input.axes
         return InputColumns(axes, tuple(signals), friction_features)
 
-    @overload
-    def predict(
-        self,
-        recordings: Recording | str | Path,
-        *,
-        fs: float | None = ...,
-        unit: str | None = ...,
-        **options: Any,
+    @overload  # mypy: a text is an iterable of texts, too, but the first signature comes first
+    def predict(  # type: ignore[overload-overlap]
+        self, recordings: Recording | str | Path, **options: Unpack[LoadingOptions]
     ) -> Answer: ...
     @overload
     def predict(
-        self,
-        recordings: Iterable[Recording | str | Path],
-        *,
-        fs: float | None = ...,
-        unit: str | None = ...,
-        **options: Any,
+        self, recordings: Iterable[Recording | str | Path], **options: Unpack[LoadingOptions]
     ) -> list[Answer]: ...
     def predict(
-        self, recordings: Any, *, fs: float | None = None, unit: str | None = None, **options: Any
+        self,
+        recordings: Any,
+        *,
+        fs: float | None = None,
+        unit: str | None = None,
+        resample: float | None = None,
+        column: str | Sequence[str] | None = None,
+        topic: str | None = None,
+        delimiter: str | None = None,
+        time_column: str | None = None,
+        time_unit: str | None = None,
+        skip_rows: int | None = None,
+        comment: str | None = None,
+        drop_incomplete: bool = False,
     ) -> Any:
         """Predict the surface of one or several recordings.
 
@@ -179,9 +183,10 @@ class Model:
             Sampling rate in Hz of files that do not state it (default: that of the training files).
         unit : str, optional
             Unit of files that do not state it (default: that of the training files).
-        **options : optional
-            Options of `load_recording` for files that differ from the training files: column, topic,
-            delimiter, time_column, time_unit, resample, skip_rows, comment, drop_incomplete.
+        resample : float, optional
+            Target sampling rate in Hz of files that differ from the training files.
+        column, topic, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
+            How files are read that differ from the training files, see `load_recording`.
 
         Returns
         -------
@@ -193,15 +198,42 @@ class Model:
             If a file is invalid, or `answer` raises an error. The function `predict` continues after an
             invalid file; this method does not.
         """
+        reading: LoadingOptions = {
+            "fs": fs,
+            "unit": unit,
+            "resample": resample,
+            "column": column,
+            "topic": topic,
+            "delimiter": delimiter,
+            "time_column": time_column,
+            "time_unit": time_unit,
+            "skip_rows": skip_rows,
+            "comment": comment,
+            "drop_incomplete": drop_incomplete,
+        }
         if not isinstance(recordings, Recording | str | Path):
-            return [self.predict(one, fs=fs, unit=unit, **options) for one in recordings]
+            return [self.predict(one, **reading) for one in recordings]
         recording = recordings
         if not isinstance(recording, Recording):
-            recording = self.manifest.input.find(recording, fs=fs, unit=unit, **options)
+            recording = self.manifest.input.find(recording, **reading)
         return self.answer_windows(recording)
 
     def predict_set(
-        self, recording: Recording | str | Path, level: float = DEFAULT_LEVELS[-1], **options: Any
+        self,
+        recording: Recording | str | Path,
+        level: float = DEFAULT_LEVELS[-1],
+        *,
+        fs: float | None = None,
+        unit: str | None = None,
+        resample: float | None = None,
+        column: str | Sequence[str] | None = None,
+        topic: str | None = None,
+        delimiter: str | None = None,
+        time_column: str | None = None,
+        time_unit: str | None = None,
+        skip_rows: int | None = None,
+        comment: str | None = None,
+        drop_incomplete: bool = False,
     ) -> tuple[str, ...]:
         """Return the prediction set of a recording: it contains the true surface with probability `level`.
 
@@ -214,8 +246,10 @@ class Model:
             Recording, as for `predict`.
         level : float
             Coverage for recordings of trained surfaces (default 0.95). Answers contain the sets of `levels`.
-        **options : optional
-            Options of `predict`.
+        fs, unit, resample : optional
+            See `predict`.
+        column, topic, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
+            See `predict`.
 
         Returns
         -------
@@ -229,7 +263,21 @@ class Model:
         """
         if not 0 < level < 1:
             raise ValueError(f"level must be between 0 and 1, got {level!r}. Use 0.95 for 95 %")
-        return replace(self, levels=(level,)).predict(recording, **options).prediction_sets.get(level, ())
+        reading: LoadingOptions = {
+            "fs": fs,
+            "unit": unit,
+            "resample": resample,
+            "column": column,
+            "topic": topic,
+            "delimiter": delimiter,
+            "time_column": time_column,
+            "time_unit": time_unit,
+            "skip_rows": skip_rows,
+            "comment": comment,
+            "drop_incomplete": drop_incomplete,
+        }
+        answer = replace(self, levels=(level,)).predict(recording, **reading)
+        return answer.prediction_sets.get(level, ())
 
     def answer(self, recording: Recording) -> Answer:
         """Predict the surface of a recording, or of one window, as a whole.
@@ -591,7 +639,15 @@ def predict(
     fs: float | None = None,
     unit: str | None = None,
     labels: str | Path | None = None,
-    **options: Any,
+    resample: float | None = None,
+    column: str | Sequence[str] | None = None,
+    topic: str | None = None,
+    delimiter: str | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
+    drop_incomplete: bool = False,
 ) -> Iterator[Prediction]:
     """Yield the prediction for each recording, in the order of the names; continue after invalid files.
 
@@ -601,20 +657,35 @@ def predict(
         Trained model.
     names : iterable of str
         Files, folders, dataset cards, or DATASET:RECORDING.
-    fs, unit, **options : optional
-        Options of `Model.predict`.
+    fs, unit, resample : optional
+        See `Model.predict`.
     labels : str or Path, optional
         Table with the surfaces of the recordings of a folder, as for `open_dataset`.
+    column, topic, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
+        See `Model.predict`.
 
     Examples
     --------
     >>> for name, answer, problem, _ in predict(model, ["strokes/"]):  # doctest: +SKIP
     ...     print(name, answer.surface if answer else problem)
     """
+    reading: LoadingOptions = {
+        "fs": fs,
+        "unit": unit,
+        "resample": resample,
+        "column": column,
+        "topic": topic,
+        "delimiter": delimiter,
+        "time_column": time_column,
+        "time_unit": time_unit,
+        "skip_rows": skip_rows,
+        "comment": comment,
+        "drop_incomplete": drop_incomplete,
+    }
     n_marked = 0
     for name in names:
         try:
-            members = model.manifest.input.members(name, labels, fs=fs, unit=unit, **options)
+            members = model.manifest.input.members(name, labels, **reading)
         except (ValueError, OSError) as error:
             yield _failed_prediction(name, error)
             continue

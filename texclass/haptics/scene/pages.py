@@ -275,7 +275,16 @@ def slider_page(
     return scene_page(scene, taps=taps, title=title, equalizer=equalizer, sliders=sliders)
 
 
-def write_slider_page(path: str | Path, texture: Texture, **options: Any) -> Path:
+def write_slider_page(
+    path: str | Path,
+    texture: Texture,
+    *,
+    file: str = "surface.texture",
+    unit: str = "m/s^2",
+    n_bytes: int = 128,
+    equalizer: "Equalizer | None" = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Path:
     """Write the page of `slider_page` to a file; an existing file is replaced.
 
     Parameters
@@ -284,8 +293,8 @@ def write_slider_page(path: str | Path, texture: Texture, **options: Any) -> Pat
         File name ending in `.html`.
     texture : Texture
         Texture to change.
-    **options
-        Other arguments of `slider_page`.
+    file, unit, n_bytes, equalizer, progress : optional
+        See `slider_page`.
 
     Returns
     -------
@@ -307,7 +316,8 @@ def write_slider_page(path: str | Path, texture: Texture, **options: Any) -> Pat
     ValueError: cannot write oak.htm: the suffix is '.htm'. Expected .html
     """
     path = check_suffix(path, ".html")
-    write_atomic(path, slider_page(texture, **options).encode())
+    page = slider_page(texture, file=file, unit=unit, n_bytes=n_bytes, equalizer=equalizer, progress=progress)
+    write_atomic(path, page.encode())
     return path
 
 

@@ -402,7 +402,18 @@ def scales_halfway(one: PackedTexture, other: PackedTexture) -> dict[str, float]
     return dict(zip(SPECTRAL_SCALES, values.tolist(), strict=True))
 
 
-def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targets: float) -> PackedTexture:
+def retouch(
+    texture: Texture,
+    n_bytes: int = 128,
+    *,
+    unit: str = "m/s^2",
+    hard: float | None = None,
+    rough: float | None = None,
+    bumpy: float | None = None,
+    sticky: float | None = None,
+    fine: float | None = None,
+    regular: float | None = None,
+) -> PackedTexture:
     """Change a texture on some perceptual scales and preserve its values on the other scales.
 
     Spectrum: gains around 25, 60, 120 and 300 Hz and a sharpening of the peaks are applied, equally at all
@@ -420,15 +431,15 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
         Largest size of the result in bytes (default 128); see `pack`.
     unit : str
         Unit of the vibration (default "m/s^2").
-    **targets : float
-        New value of each scale, from 0 to 10. `hard` requires a texture with a `tap`, and `sticky` a
-        texture with friction (`mu`).
+    hard, rough, bumpy, sticky, fine, regular : float, optional
+        New value of each scale, from 0 to 10 (default: as before). `hard` requires a texture with a `tap`,
+        and `sticky` a texture with friction (`mu`).
 
     Raises
     ------
     ValueError
-        If there is no target, a scale is unknown or a target is not from 0 to 10, if the texture has no tap
-        or friction to change, or if a target cannot be reached within half a point.
+        If there is no target or a target is not from 0 to 10, if the texture has no tap or friction to
+        change, or if a target cannot be reached within half a point.
 
     Warns
     -----
@@ -444,9 +455,17 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **targ
     >>> round(retouch(texture, sticky=7.0).mu, 2), round(retouch(texture, sticky=3.0).mu, 2)
     (0.5, 0.36)
     """
-    if not targets or not set(targets) <= set(SCALES):
-        names = ", ".join(targets) or "none"
-        raise ValueError(f"pass one or more of the scales {', '.join(SCALES)}, got {names}")
+    values = {
+        "hard": hard,
+        "rough": rough,
+        "bumpy": bumpy,
+        "sticky": sticky,
+        "fine": fine,
+        "regular": regular,
+    }
+    targets = {name: value for name, value in values.items() if value is not None}
+    if not targets:
+        raise ValueError(f"pass one or more of the scales {', '.join(SCALES)}")
     if outside := [f"{name}={value:g}" for name, value in targets.items() if not 0 <= value <= 10]:
         raise ValueError(f"values on a scale must be from 0 to 10, got {', '.join(outside)}")
     tap, mu = _contact(texture)

@@ -23,7 +23,7 @@ from scipy.special import chdtri
 from texclass.atomic_write import write_atomic
 from texclass.evaluation.accuracy import MIN_CLUSTERS, cluster_interval, wilson_interval
 from texclass.evaluation.result_facts import CODE_DEPENDENCIES
-from texclass.loaders.readers import BAG_METADATA
+from texclass.loaders.readers import BAG_METADATA, LoadingOptions
 from texclass.provenance import code_provenance, versions
 from texclass.recognition.evaluation import UNKNOWN
 from texclass.recognition.live.contact import Event
@@ -594,7 +594,16 @@ def score_stream(
     resample: float | None = None,
     skip_bad: bool = False,
     progress: Callable[[int, int, str], None] | None = None,
-    **reading: Any,
+    fs: float | None = None,
+    unit: str | None = None,
+    column: str | Sequence[str] | None = None,
+    topic: str | None = None,
+    delimiter: str | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
+    drop_incomplete: bool = False,
 ) -> StreamScore:
     """Evaluate the recognition in a stream on recordings whose contacts are known.
 
@@ -619,9 +628,10 @@ def score_stream(
         Whether to leave out recordings that are unreadable or have no rows in the table (default False).
     progress : callable, optional
         Function called with (n_done, n_total, "recordings").
-    **reading : optional
-        Further options of `load_recording`: fs, unit, column, delimiter, time_column, time_unit, skip_rows,
-        comment, drop_incomplete.
+    fs, unit : optional
+        Sampling rate in Hz, and unit of the files (default: those of the training files).
+    column, topic, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
+        How the files are read, see `load_recording`.
 
     Returns
     -------
@@ -646,6 +656,18 @@ def score_stream(
     trained = model if isinstance(model, Model) else load_model(model)
     table = read_intervals(intervals)
     names = [recordings] if isinstance(recordings, str | Path | Recording) else recordings
+    reading: LoadingOptions = {
+        "fs": fs,
+        "unit": unit,
+        "column": column,
+        "topic": topic,
+        "delimiter": delimiter,
+        "time_column": time_column,
+        "time_unit": time_unit,
+        "skip_rows": skip_rows,
+        "comment": comment,
+        "drop_incomplete": drop_incomplete,
+    }
     members = _members(trained, names, reading, table.name)
     paths = [Path(name).expanduser() for name in names if isinstance(name, str | Path)]
     folders = [str(path) for path in paths if path.is_dir()]
@@ -735,7 +757,7 @@ def _score_members(
 
 
 def _members(
-    model: Model, names: Iterable[str | Path | Recording], reading: Mapping[str, Any], table: str
+    model: Model, names: Iterable[str | Path | Recording], reading: LoadingOptions, table: str
 ) -> dict[str, Member]:
     """Return the recordings by name, without the table of intervals."""
     members: dict[str, Member] = {}
@@ -744,8 +766,7 @@ def _members(
             key = name.source or name.recording_id
             members[key] = Member(key, partial(Recording.with_, name))
             continue
-        options = {key: value for key, value in reading.items() if value is not None}
-        for member in model.manifest.input.members(name, **options):
+        for member in model.manifest.input.members(name, **reading):
             if Path(member.name).expanduser().resolve() != Path(table).expanduser().resolve():
                 members[member.name] = member
     return members

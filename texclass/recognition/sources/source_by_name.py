@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from itertools import chain
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
@@ -62,7 +62,19 @@ def open_source(
     raw_channels: int | None = None,
     file: BinaryIO | None = None,
     model: Model | None = None,
-    **reading: Any,
+    column: str | Sequence[str] | None = None,
+    topic: str | None = None,
+    delimiter: str | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
+    drop_incomplete: bool = False,
+    domain: int | None = None,
+    reliability: Literal["reliable", "best effort"] | None = None,
+    depth: int | None = None,
+    wait_s: float | None = None,
+    end_s: float | None = None,
 ) -> BlockSource:
     r"""Open a source of blocks by its name.
 
@@ -91,11 +103,10 @@ def open_source(
         Trained model, which determines the columns: acceleration, then turn rate and friction if it needs
         them. Files and bags are read and conditioned like its training files; live sources are not
         conditioned.
-    **reading : optional
-        Further options, which depend on the source. Files accept column, topic, delimiter, time_column,
-        time_unit, skip_rows, comment and drop_incomplete (see `load_recording`). Standard input accepts
-        column (by number) and delimiter. ROS 2 topics accept domain, reliability, depth, wait_s and end_s
-        (see `topic_blocks`).
+    column, topic, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
+        How files are read, see `load_recording`. Standard input accepts column (by number) and delimiter.
+    domain, reliability, depth, wait_s, end_s : optional
+        Options of ROS 2 topics, see `topic_blocks`.
 
     Returns
     -------
@@ -118,7 +129,24 @@ def open_source(
     >>> [block.samples.ravel().tolist() for block in blocks]
     [[0.1, 0.2], [0.3]]
     """
-    reading = {name: value for name, value in reading.items() if value is not None}
+    options = {
+        "column": column,
+        "topic": topic,
+        "delimiter": delimiter,
+        "time_column": time_column,
+        "time_unit": time_unit,
+        "skip_rows": skip_rows,
+        "comment": comment,
+        "drop_incomplete": drop_incomplete,
+        "domain": domain,
+        "reliability": reliability,
+        "depth": depth,
+        "wait_s": wait_s,
+        "end_s": end_s,
+    }
+    reading: dict[str, Any] = {
+        name: value for name, value in options.items() if value is not None and value is not False
+    }
     _check_options(source, reading, raw_channels)
     columns = ACCELERATION_ONLY if model is None else model.input_columns
     if not block_s > 0:

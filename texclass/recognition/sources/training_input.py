@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from texclass.loaders.plausibility import build_recording, resolve_unit
 from texclass.loaders.readers import (
     BAG_METADATA,
     FORMATS,
+    LoadingOptions,
     ReaderSettings,
     as_column_names,
     is_bag,
@@ -191,22 +192,15 @@ class TrainingFiles(StrictModel):
                 facts["topic"] = None
         return cls(**facts, fs=recording.fs, axes=recording.channels)
 
-    def find(
-        self, name: str | Path, *, fs: float | None = None, unit: str | None = None, **reading: Any
-    ) -> Recording:
+    def find(self, name: str | Path, **reading: Unpack[LoadingOptions]) -> Recording:
         """Load a file or bag like the training files, or "DATASET:RECORDING" as its dataset card defines.
 
         Parameters
         ----------
         name : str or Path
             File, bag or "DATASET:RECORDING".
-        fs : float, optional
-            Sampling rate in Hz, if the file does not state it.
-        unit : str, optional
-            Unit of the acceleration (default: that of the training files).
         **reading : optional
-            Further options of `load_recording`: column, topic, delimiter, time_column, time_unit, resample,
-            skip_rows, comment, drop_incomplete.
+            Options of `find_recording` (default of the unit: that of the training files).
 
         Raises
         ------
@@ -218,18 +212,22 @@ class TrainingFiles(StrictModel):
         is_file = path.suffix.lower() in FORMATS and (path.exists() or ":" not in str(name))
         is_file |= find_export(path) is not None
         if is_file or _is_bag(whole_name):
-            resample, topic = reading.pop("resample", None), reading.pop("topic", None)
-            options = {"acceleration": as_column_names(reading.pop("column", None)), **reading}
+            options: dict[str, Any] = dict(reading)
+            loading = {key: options.pop(key, None) for key in ("fs", "unit", "resample", "topic")}
+            options["acceleration"] = as_column_names(options.pop("column", None))
             training_files = self.model_copy(update={key: value for key, value in options.items() if value})
-            return training_files.load(name, fs=fs, unit=unit, resample=resample, topic=topic)
+            return training_files.load(name, **loading)
         folder, _, recording_id = str(name).rpartition(":")
         if folder and lerobot.is_lerobot(Path(folder).expanduser()):
-            dataset = self._open_lerobot(Path(folder).expanduser(), None, fs=fs, unit=unit, **reading)
+            dataset = self._open_lerobot(Path(folder).expanduser(), None, **reading)
             return dataset.find(recording_id)
-        return find_recording(name, fs=fs, unit=unit, **reading)
+        return find_recording(name, **reading)
 
     def references(
-        self, names: Iterable[str | Path], labels: str | Path | None = None, **reading: Any
+        self,
+        names: Iterable[str | Path],
+        labels: str | Path | None = None,
+        **reading: Unpack[LoadingOptions],
     ) -> list[Recording]:
         """Load recordings by name, with their surfaces.
 
@@ -261,7 +259,9 @@ class TrainingFiles(StrictModel):
                     recordings.append(recording)
         return recordings
 
-    def members(self, name: str | Path, labels: str | Path | None = None, **reading: Any) -> list[Member]:
+    def members(
+        self, name: str | Path, labels: str | Path | None = None, **reading: Unpack[LoadingOptions]
+    ) -> list[Member]:
         """Return the recordings of a dataset card or folder, or the single recording of a file.
 
         Parameters
@@ -321,7 +321,7 @@ class TrainingFiles(StrictModel):
             ]
         return self._file_members(name, reading)
 
-    def _file_members(self, name: str | Path, reading: dict[str, Any]) -> list[Member]:
+    def _file_members(self, name: str | Path, reading: LoadingOptions) -> list[Member]:
         """Return the recording of a file, or one recording for each surface that is marked in it."""
         path = Path(name).expanduser()
         marked = find_phases_file(path) if path.exists() else None
@@ -332,9 +332,11 @@ class TrainingFiles(StrictModel):
             for number, one in enumerate(marked.surfaces, start=1)
         ]
 
-    def _open_lerobot(self, root: Path, labels: str | Path | None, **reading: Any) -> Dataset:
+    def _open_lerobot(
+        self, root: Path, labels: str | Path | None, **reading: Unpack[LoadingOptions]
+    ) -> Dataset:
         """Open a dataset of LeRobot with the columns and the conditioning of the training files."""
-        options = {name: value for name, value in reading.items() if value is not None}
+        options: dict[str, Any] = {name: value for name, value in reading.items() if value is not None}
         trained = {"unit": self.unit, "column": self.acceleration or None}
         resample = {"resample": self.fs if self.resample else None}
         settings = ReaderSettings(**{**resample, **trained, **options})

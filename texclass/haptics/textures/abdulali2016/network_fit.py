@@ -2,7 +2,7 @@
 
 import warnings
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -84,7 +84,12 @@ class ModelledScan:
     is_symmetric: bool
 
     def network(
-        self, solver: Solver = "exact", *, sparsity: float = SPARSITY, **options: Any
+        self,
+        solver: Solver = "exact",
+        *,
+        sparsity: float = SPARSITY,
+        buffer: int = 16,
+        glide: bool = True,
     ) -> NetworkTexture:
         """Fit a network to the points and return its texture.
 
@@ -94,15 +99,22 @@ class ModelledScan:
             "exact" (default) interpolates all points; "sparse" uses few centres.
         sparsity : float
             Sparsity of the solver "sparse"; see `fit_sparse`.
-        **options
-            Parameters `buffer` and `glide` of `MapTexture`.
+        buffer, glide : optional
+            Parameters of `MapTexture`.
         """
         if solver not in get_args(Solver):
             raise ValueError(f"solver must be one of {get_args(Solver)}, got {solver!r}")
         u, outputs = self._training_data()
         network = fit_sparse(u, outputs, sparsity) if solver == "sparse" else fit_exact(u, outputs)
         return NetworkTexture(
-            self.name, self.fs, self.frame, network, loudness=self.loudness, growth=self.growth, **options
+            self.name,
+            self.fs,
+            self.frame,
+            network,
+            loudness=self.loudness,
+            growth=self.growth,
+            buffer=buffer,
+            glide=glide,
         )
 
     def delaunay(self) -> DelaunayTexture:
@@ -117,7 +129,19 @@ class ModelledScan:
         return points.u, np.column_stack([points.lsf, points.loudness])
 
 
-def fit_texture(scan: Scan, *, solver: Solver = "exact", buffer: int = 16, **options: Any) -> NetworkTexture:
+def fit_texture(
+    scan: Scan,
+    *,
+    solver: Solver = "exact",
+    buffer: int = 16,
+    isotropic: bool = False,
+    order: int = ORDER,
+    loudness: Loudness = "level",
+    pooling: Choice = "auto",
+    mirror: Choice = "auto",
+    method: Method = "burg",
+    segments: InputSegments | None = None,
+) -> NetworkTexture:
     """Fit the texture of a conditioned scan.
 
     Parameters
@@ -126,8 +150,8 @@ def fit_texture(scan: Scan, *, solver: Solver = "exact", buffer: int = 16, **opt
         Result of `condition` or `scan_from_sensors`.
     solver, buffer
         Parameters of `ModelledScan.network`.
-    **options
-        Further parameters of `model_scan`.
+    isotropic, order, loudness, pooling, mirror, method, segments : optional
+        Parameters of `model_scan`.
 
     Examples
     --------
@@ -141,7 +165,17 @@ def fit_texture(scan: Scan, *, solver: Solver = "exact", buffer: int = 16, **opt
     >>> renderer.process(np.full((500, 2), 60.0), np.full(500, 1.0)).shape
     (500,)
     """
-    return model_scan(scan, **options).network(solver, buffer=buffer)
+    modelled = model_scan(
+        scan,
+        isotropic=isotropic,
+        order=order,
+        loudness=loudness,
+        pooling=pooling,
+        mirror=mirror,
+        method=method,
+        segments=segments,
+    )
+    return modelled.network(solver, buffer=buffer)
 
 
 def model_scan(
