@@ -522,7 +522,11 @@ def _pack(
 def _retouch(source: Path, target: Path, scales: dict[str, float], n_bytes: int | None) -> dict[str, str]:
     """Write a texture with new values on some scales, and return the old and new values of all scales."""
     from texclass.haptics import exchange
+    from texclass.haptics.scales import SCALES
     from texclass.haptics.textures import measure_scales, retouch
+
+    if unknown := ", ".join(scales.keys() - SCALES.keys()):
+        raise ValueError(f"--scale: unknown scale {unknown}. Expected one of {', '.join(SCALES)}")
 
     texture = exchange.load_texture(source)
     unit = exchange.describe(source)["unit"]
