@@ -203,8 +203,11 @@ def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy
 
 
 def test_the_benchmark_of_shuffled_windows_counts_windows_and_never_trains_on_overlapping_ones(
-    toy_dataset, pipeline
+    toy_dataset, pipeline, monkeypatch
 ):
+    monkeypatch.setattr(
+        "texclass.evaluation.benchmark.add_overlapping_windows", None
+    )  # their cost is avoided
     two = {name: CLASSIFIERS[name] for name in list(CLASSIFIERS)[:2]}
     settings = {"classifiers": two, "steps": (), "protocol": FoldSettings(folds=3)}
     closer = pipeline(row("Level", "level"), **settings).model_copy(update={"overlap": 2})
