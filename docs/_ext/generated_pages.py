@@ -10,17 +10,19 @@ from feature_pages import write_feature_pages
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from paper_page import write_paper_page
+from pygments.lexers.special import TextLexer
 from sphinx_gallery.scrapers import figure_rst, matplotlib_scraper
 
 import texclass as tx
 from texclass.reporting.figure_style import DPI, LOOKS, STYLE
 
 ROOT = Path(__file__).parents[2]
-GENERATED = ("reports", "features", "papers", "api")
+GENERATED = ("reports", "features", "papers", "api", "ros2")
 """Folders below the source folder that each build generates."""
 LINKS = {
     r"\]\(\.\./reports/README\.md\)": "](figures.md)",
-    r"\]\(\.\./reports/": "](reports/",
+    r"\]\(\.\./(reports|ros2)/": r"](\1/",
+    r"\]\(\.\./docs/": "](../",
     r"\]\(\.\./examples/((?:surface|feature|certainty|robot|haptics)/\w+)\.py\)": r"](gallery/\1.rst)",
 }
 """Pattern of a link between files of the repository -> link between pages."""
@@ -30,6 +32,7 @@ MARKUP = re.compile(r"``.*?``|\||\*\*?(?=\w)|(?<=\w)_(?![\w`])")
 
 def setup(app):
     """Generate pages before Sphinx lists them; convert links and docstrings while Sphinx reads them."""
+    app.add_lexer("csv", TextLexer)  # Pygments has none
     app.connect("config-inited", generate_pages, priority=100)
     app.connect("source-read", link_pages)
     app.connect("autodoc-process-docstring", escape_markup, priority=100)
@@ -50,6 +53,7 @@ def generate_pages(app, _config):
         if len(re.findall(r"^# ", text, flags=re.M)) > 1 or page.parent.name == "tables":
             text = re.sub(r"^#", "##", text, flags=re.M)
             page.write_text(f"# {page.stem.capitalize()}\n\n{text}", encoding="utf-8")
+    shutil.copytree(ROOT / "ros2", source / "ros2")
     write_feature_pages(source / "features")
     write_paper_page(source / "papers")
     write_subpackage(source / "api", "texclass", tx)
