@@ -32,6 +32,7 @@ from texclass.recognition import (
 )
 from texclass.recognition.live.intervals import assign_intervals
 from texclass.recognition.live.stream_score import StreamScore, label_seconds, summarize
+from texclass.recognition.live.stream_score_document import COLOURS, MAX_LINES, _lines
 from texclass.recording import RecordingError
 from texclass.reporting import render_markdown
 
@@ -187,12 +188,21 @@ def test_a_contact_that_continues_has_no_start_or_end_between_two_intervals():
         StreamAnswer(5.1, 4.0, 5.0, 0, "cork", sure=True),
     ]
     score = score_recording(intervals, StreamLog(10.0, contacts, answers), TRAINED)
-    assert column(score, "joins_previous") == [False, True, False]
+    assert column(score, "is_merged") == [None, None, False]  # the first two have no gap between them
     assert column(score, "start_error_s") == [0.0, None, 0.0]
     assert column(score, "end_error_s") == [None, pytest.approx(0.1), None]  # the last contact does not end
     assert column(score, "n_sure_wrong") == [0, 1, 0]
     assert column(score, "right_to_end_s") == [pytest.approx(1.1), pytest.approx(2.1), None]
     assert score["false_alarms"] == []
+
+
+def test_a_contact_that_continues_through_a_gap_is_merged():
+    intervals = [Interval(1.0, 3.0, "oak"), Interval(3.3, 6.0, "oak"), Interval(8.0, 9.0, "oak")]
+    log = StreamLog(10.0, [DetectedContact(1.0, 6.0, 1.2, 6.5)], [])
+    score = score_recording(intervals, log, TRAINED)
+    assert column(score, "is_merged") == [None, True, False]
+    merged = summarize([score], TRAINED)["merged"]
+    assert (merged["n_hits"], merged["n"]) == (1, 2)
 
 
 def test_an_answer_after_a_short_contact_belongs_to_its_interval():
@@ -410,6 +420,20 @@ def test_several_recordings_require_their_column(command, folder, tmp_path):
     assert "no column `recording`, but there are 2 recordings" in err
 
 
+@pytest.mark.parametrize(
+    ("source", "problem"),
+    [
+        ("absent.csv", "absent.csv: cannot be opened"),
+        ("-", "cannot score the live source -"),
+        ("ros2:/imu", "cannot score the live source ros2:/imu"),
+    ],
+)
+def test_sources_that_are_no_recordings_are_reported(command, folder, source, problem):
+    table = folder / "drives/intervals.csv"
+    code, _, err = command("score-stream", folder / "toy.skops", source, "--intervals", table, "--fs", FS)
+    assert (code, problem in err) == (1, True), err
+
+
 def test_an_interval_is_shortened_to_its_recording_with_a_notice(window_model, stream):
     recording = tx.Recording(stream[0], FS, "m/s^2", "stream")
     frame = stream[1].assign(end_s=[*stream[1]["end_s"][:2], 20.0], surface=["Oak", "tin", "cork"])
@@ -426,6 +450,19 @@ def test_a_recording_without_contact_counts_false_alarms(window_model):
     score = score_stream(window_model, noise, frame, settings=AT_REST)
     assert (len(score.table), score.data["summary"]["false_alarms"]["n"]) == (0, 0)
     assert "false alarms" in render_markdown(score.document())
+
+
+def test_a_single_interval_has_no_interval_of_its_delays(score):
+    one = score | {"intervals": score["intervals"][:1]}
+    summary = summarize([one], TRAINED)
+    assert (summary["first_right_s"]["low"], summary["merged"]) == (None, None)
+    model = {"name": "toy", "surfaces": TRAINED, "trained_on": "toy", "window_s": 1.0, "hop_s": 0.5}
+    recordings = [one | {"recording": "one.csv", "notices": ["drift: a", "drift: b", "lost: 3 samples"]}]
+    data = {"model": model, "summary": summary, "recordings": recordings, "left_out": [], "notices": []}
+    more = {"settings": {}, "table": "i.csv", "seed": 0, "versions": {}, "code_hash": ""}
+    text = render_markdown(StreamScore(data | more).document())
+    assert "| Delay to: first right answer | 1.70 | 1.70 | 1 | 0 |" in text
+    assert "one.csv: drift: a (1 similar)" in text
 
 
 def test_a_tap_counts_as_contact_if_the_model_uses_taps_only():
@@ -453,11 +490,20 @@ def test_long_recordings_are_divided_into_lines(stream, tmp_path):
     rows = [Interval(10.0 * k + 1, 10.0 * k + 5, "oak") for k in range(360)]
     log = StreamLog(3600.0, [DetectedContact(*one[:2], one[0] + 0.2, one[1] + 0.5) for one in rows], [])
     data = score_recording(rows, log, TRAINED)
-    from texclass.recognition.live.stream_score_document import MAX_LINES, _lines
-
     lines = _lines([{"recording": "long", **data}])
     assert 1 < len(lines) <= MAX_LINES
     assert lines[-1][2] == pytest.approx(3600.0)
+
+
+def test_the_plot_shows_intervals_and_answers(score):
+    data = {"recordings": [score | {"recording": "one.csv"}, score | {"recording": "two.csv"}]}
+    axes = StreamScore(data).plot()
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["one.csv", "two.csv"]
+    handles, labels = axes.get_legend_handles_labels()
+    assert labels[0] == "right answer"
+    assert set(labels) == set(COLOURS)  # the scripted stream has all kinds
+    alarms = handles[labels.index("false alarm")]
+    assert [bar.get_x() for bar in alarms] == pytest.approx([5.0, 5.55] * 2)  # no answer yet, then cork
 
 
 def test_a_saved_result_is_read_again(window_model, stream, tmp_path):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -36,14 +36,17 @@ from texclass.recognition.live.intervals import (
 )
 from texclass.recognition.live.online_recogniser import OnlineRecogniser, OnlineSettings, WindowAnswer
 from texclass.recognition.live.session import Notice, Session
-from texclass.recognition.live.stream_score_document import stream_score_document
+from texclass.recognition.live.stream_score_document import plot_timeline, stream_score_document
 from texclass.recognition.model import Model, load_model
-from texclass.recognition.sources.source_by_name import open_source
+from texclass.recognition.sources.source_by_name import is_live, open_source
 from texclass.recognition.sources.training_input import Member
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.reporting import Document
 from texclass.reporting.result_files import Result
 from texclass.reporting.wording import counted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 DELAYS = ("contact_delay_s", "first_answer_s", "first_right_s", "right_to_end_s")
 """Keys of the delays of an interval, in seconds since its start."""
@@ -194,6 +197,8 @@ def score_recording(intervals: Sequence[Interval], log: StreamLog, surfaces: Seq
 
     - A contact is found if a detected contact overlaps the interval. A detected contact that overlaps no
       interval is a false alarm.
+    - A contact is merged with the previous one if a detected contact continues through the gap between their
+      intervals.
     - An answer belongs to the last interval that its last window overlaps.
     - The right answer is the surface of the interval or, if the model was not trained on it, "unknown".
     - The time line consists of the answers as they are known at each time: a contact begins when its start is
@@ -288,6 +293,7 @@ def _outcome(
     # A contact that continues from one interval to the next has no start or end of its own between them.
     joins_previous = bool(found) and previous is not None and _overlap(found[0], previous)
     joins_following = bool(found) and following is not None and _overlap(found[-1], following)
+    has_gap_before = previous is not None and previous.end_s < interval.start_s
     has_start = bool(found) and not joins_previous
     has_end = bool(found) and not joins_following and found[-1].released_s is not None
     right_times = [answer.t_s for answer in answers if answer.label == right]
@@ -302,7 +308,7 @@ def _outcome(
         "start_s": interval.start_s,
         "end_s": interval.end_s,
         "n_contacts": len(found),
-        "joins_previous": joins_previous,
+        "is_merged": joins_previous if has_gap_before else None,
         "start_error_s": found[0].start_s - interval.start_s if has_start else None,
         "end_error_s": found[-1].end_s - interval.end_s if has_end else None,
         "contact_delay_s": delay(found[0].detected_s if has_start else None),
@@ -422,6 +428,7 @@ def summarize(recordings: Sequence[Data], surfaces: Sequence[str]) -> Data:
     return summary | {
         "unit": "recording" if has_clusters else "interval",
         "missed": _proportion(rows["n_contacts"] == 0, units),
+        "merged": _proportion(rows["is_merged"].dropna(), units[rows["is_merged"].notna()]),
         "right": _proportion(rows["is_right"], units),
         "ends_sure_wrong": _proportion(is_sure_wrong, units),
         "has_sure_wrong": _proportion(rows["n_sure_wrong"] > 0, units),
@@ -572,6 +579,21 @@ class StreamScore(Result, kind="stream_score"):
         matrix = self.data["summary"]["confusion"]
         return pd.DataFrame(matrix["seconds"], index=matrix["true"], columns=matrix["answered"])
 
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Plot the true intervals (above) and the answers (below) of each recording over time.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on (default: axes of a new figure).
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes, with one line per recording. Long recordings are divided into several lines.
+        """
+        return plot_timeline(self.data["recordings"], ax)
+
     def document(self) -> Document:
         """Return the evaluation as a document."""
         return stream_score_document(self.data)
@@ -671,7 +693,11 @@ def score_stream(
     members = _members(trained, names, reading, table.name)
     paths = [Path(name).expanduser() for name in names if isinstance(name, str | Path)]
     folders = [str(path) for path in paths if path.is_dir()]
-    assigned, notices = assign_intervals(table, list(members), folders)
+    try:
+        assigned, notices = assign_intervals(table, list(members), folders)
+    except ValueError:
+        next(iter(members.values())).load()  # if the file does not exist, this error is the better one
+        raise
     short_names = _short_names(members, folders)
     scores, left_out = _score_members(
         trained,
@@ -752,7 +778,8 @@ def _score_members(
                 raise
             left_out.append({"recordings": [name], "problem": str(error)})
     if not scores:
-        raise ValueError("; ".join(one["problem"] for one in left_out[:3]))
+        more = f". {len(left_out) - 1} more problems with other recordings" if len(left_out) > 1 else ""
+        raise ValueError(left_out[0]["problem"] + more)
     return scores, left_out
 
 
@@ -766,6 +793,8 @@ def _members(
             key = name.source or name.recording_id
             members[key] = Member(key, partial(Recording.with_, name))
             continue
+        if is_live(str(name)):
+            raise ValueError(f"cannot score the live source {name}. Expected recordings: record it first")
         for member in model.manifest.input.members(name, **reading):
             if Path(member.name).expanduser().resolve() != Path(table).expanduser().resolve():
                 members[member.name] = member

@@ -7,16 +7,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from texclass.evaluation.plots import axes_or_new
 from texclass.recognition.evaluation import UNKNOWN
 from texclass.recognition.live.intervals import NO_ANSWER, NO_CONTACT
 from texclass.reporting import Document, Figure, Finding, Heading, HeatMap, Shade, Table
-from texclass.reporting.figure_style import FAINT, FOURTH, INK, OTHER, OURS, PALETTE, legend_above, row_axes
+from texclass.reporting.figure_style import (
+    FAINT,
+    FOURTH,
+    INK,
+    OTHER,
+    OURS,
+    PALETTE,
+    WIDTH,
+    label_rows,
+    legend_above,
+    row_axes,
+)
 from texclass.reporting.wording import MINUS, counted, digits, estimate, interval, percent
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Drawing
 
 Data = Mapping[str, Any]
+Line = tuple[str, float, float, Data]
+"""Line of the time line: name, start and end in seconds, and recording."""
 DELAY_TITLES = {
     "contact_delay_s": "contact reported",
     "first_answer_s": "first answer",
@@ -135,6 +150,7 @@ def _main_table(summary: Data) -> Table:
             )
 
     add("Missed contacts", "missed", "interval")
+    add("Merged with the previous contact", "merged", "interval")
     add("Right answer at the end", "right", "interval")
     add("Sure but wrong at the end", "ends_sure_wrong", "interval")
     add("Sure but wrong at any time", "has_sure_wrong", "interval")
@@ -154,7 +170,8 @@ def _main_table(summary: Data) -> Table:
     return Table(
         pd.DataFrame(rows, columns=["Result", "Value", "Based on"]),
         "A contact is missed if no detected contact overlaps its interval. A false alarm is a detected "
-        f"contact that overlaps no interval; its rate refers to the time outside of the intervals.{unit} "
+        "contact that overlaps no interval; its rate refers to the time outside of the intervals. A contact "
+        f"is merged if a detected contact continues through the gap before its interval.{unit} "
         "For rates, they assume that false alarms within a recording are independent.",
     )
 
@@ -164,17 +181,13 @@ def _delay_table(summary: Data) -> Table:
     rows = []
     for titles, kind in ((DELAY_TITLES, "Delay to"), (ERROR_TITLES, "Error of")):
         for key, title in titles.items():
-            value = summary[key]
-            if value is None:
+            if (value := summary[key]) is None:
                 rows.append((f"{kind}: {title}", "", "", 0, summary["n_intervals"]))
-            else:
-                median = f"{value['median']:.2f}"
-                if value["low"] is not None:
-                    median += f" [{value['low']:.2f}, {value['high']:.2f}]"
-                median = median.replace("-", MINUS)
-                rows.append(
-                    (f"{kind}: {title}", median, f"{value['p95']:.2f}", value["n"], value["n_without"])
-                )
+                continue
+            limits = "" if value["low"] is None else f" [{value['low']:.2f}, {value['high']:.2f}]"
+            median = f"{value['median']:.2f}{limits}".replace("-", MINUS)
+            p95 = f"{value['p95']:.2f}"
+            rows.append((f"{kind}: {title}", median, p95, value["n"], value["n_without"]))
     return Table(
         pd.DataFrame(rows, columns=["Seconds", "Median", "95th percentile", "Intervals", "Without"]),
         "Delays count from the start of the interval. Errors are positive if the detected contact starts or "
@@ -256,11 +269,14 @@ def _interval_table(rows: pd.DataFrame, recordings: Sequence[Data]) -> Table:
 def _notices(data: Data) -> list[str]:
     """Return the notices about the table and the recordings."""
     left_out = [f"left out: {one['problem']}" for one in data["left_out"]]
-    notices = [
-        f"{recording['recording']}: {notice}"
-        for recording in data["recordings"]
-        for notice in recording["notices"]
-    ]
+    notices = []
+    for recording in data["recordings"]:
+        kinds: dict[str, list[str]] = {}
+        for notice in recording["notices"]:
+            kinds.setdefault(notice.partition(":")[0], []).append(notice)
+        for similar in kinds.values():
+            more = f" ({len(similar) - 1} similar)" if len(similar) > 1 else ""
+            notices.append(f"{recording['recording']}: {similar[0]}{more}")
     return [*left_out, *data["notices"], *notices]
 
 
@@ -307,35 +323,53 @@ def _confusion(matrix: Data, surfaces: Sequence[str]) -> HeatMap:
 
 def _timeline(recordings: Sequence[Data], rows: pd.DataFrame) -> Figure:
     """Return the figure of the true intervals and the answers over time."""
-    order = sorted(recordings, key=lambda recording: -_n_errors(recording))
-    lines = _lines(recordings)
-    while len(lines) > MAX_LINES and len(order) > 1:  # the recordings with most errors
-        order = order[: max(1, len(order) * MAX_LINES // len(lines))]
-        lines = _lines([recording for recording in recordings if recording in order])
-    n_hidden = len(recordings) - len(order)
+    lines, n_hidden = _shown_lines(recordings)
     hidden = f" The {counted(n_hidden, 'recording')} with fewest errors are not shown." if n_hidden else ""
-    wrong = sum(map(_n_errors, recordings))
+    n_errors = sum(map(_n_errors, recordings))
     return Figure(
         "timeline",
         "True intervals (above) and answers (below)",
-        f"{counted(wrong, 'error')}: intervals that are missed or end with a wrong answer, and false alarms."
-        f"{hidden}",
+        f"{counted(n_errors, 'error')}: intervals that are missed or end with a wrong answer, and false "
+        f"alarms.{hidden}",
         lambda width: _draw_timeline(lines, width),
         _interval_table(rows, recordings),
     )
+
+
+def plot_timeline(recordings: Sequence[Data], ax: "Axes | None" = None) -> "Axes":
+    """Plot the true intervals and the answers over time on axes; see `StreamScore.plot`."""
+    lines = _shown_lines(recordings)[0]
+    ax = axes_or_new(ax, WIDTH, 1.2 + 0.5 * len(lines))
+    label_rows(ax, [name for name, *_ in lines], _x_title(lines))
+    figure = ax.get_figure(root=True)
+    _draw_lines(ax, lines, WIDTH if figure is None else figure.get_figwidth())
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False)
+    return ax
+
+
+def _shown_lines(recordings: Sequence[Data]) -> tuple[list[Line], int]:
+    """Return the lines of the time line, and the number of recordings that do not fit."""
+    shown = sorted(recordings, key=lambda recording: -_n_errors(recording))
+    lines = _lines(recordings)
+    while len(lines) > MAX_LINES and len(shown) > 1:  # the recordings with most errors
+        shown = shown[: max(1, len(shown) * MAX_LINES // len(lines))]
+        lines = _lines([recording for recording in recordings if recording in shown])
+    return lines, len(recordings) - len(shown)
 
 
 def _n_errors(recording: Data) -> int:
     return len(recording["false_alarms"]) + sum(not row["is_right"] for row in recording["intervals"])
 
 
-def _lines(recordings: Sequence[Data]) -> list[tuple[str, float, float, Data]]:
+def _lines(recordings: Sequence[Data]) -> list[Line]:
     """Return name, start, end and recording of each line of the time line; long recordings are divided."""
     longest = max(recording["duration_s"] for recording in recordings)
     total = sum(recording["duration_s"] for recording in recordings)
     lengths = [row["end_s"] - row["start_s"] for recording in recordings for row in recording["intervals"]]
     readable = LINE_INTERVALS * float(np.median(lengths)) if lengths else longest
-    line_s = longest / np.ceil(longest / max(readable, total / MAX_LINES) - 1e-9)
+    shortest = max(readable, total / MAX_LINES)
+    round_numbers = [digit * 10.0**power for power in range(-3, 7) for digit in (1, 2, 5)]
+    line_s = min(longest, next(number for number in round_numbers if number >= shortest))
     lines = []
     for recording in recordings:
         n = max(1, int(np.ceil(recording["duration_s"] / line_s - 1e-9)))
@@ -345,29 +379,41 @@ def _lines(recordings: Sequence[Data]) -> list[tuple[str, float, float, Data]]:
     return lines
 
 
-def _draw_timeline(lines: Sequence[tuple[str, float, float, Data]], width: float) -> "Drawing":
+def _x_title(lines: Sequence[Line]) -> str:
     is_divided = any(start > 0 for _, start, _, _ in lines)
-    x_title = "time since the start of the line (s)" if is_divided else "time (s)"
-    figure, axes = row_axes(width, [name for name, *_ in lines], x_title, n_marks=2)
+    return "time since the start of the line (s)" if is_divided else "time (s)"
+
+
+def _draw_timeline(lines: Sequence[Line], width: float) -> "Drawing":
+    figure, axes = row_axes(width, [name for name, *_ in lines], _x_title(lines), n_marks=2)
+    _draw_lines(axes, lines, width)
+    legend_above(figure, axes)
+    return figure
+
+
+def _draw_lines(axes: "Axes", lines: Sequence[Line], width: float) -> None:
+    """Draw intervals and answers; `width` is the width of the figure in inches."""
     line_s = max(end - start for _, start, end, _ in lines)
     axes.set_xlim(0, line_s)
     # A character of this size is about 0.06 inches wide; names take about a quarter of a wide figure.
     seconds_per_character = 0.06 * line_s / (0.75 * width)
+    bars: dict[str, list[tuple[int, float, float]]] = {kind: [] for kind in COLOURS}
     for y, (_, start, end, recording) in enumerate(lines):
         surfaces = {row["surface"] for row in recording["intervals"] if row["is_trained"]}
         alarms = [(one["detected_s"], one["released_s"] or math.inf) for one in recording["false_alarms"]]
         for a, b, label in _clipped(recording["true"], start, end):
             if label != NO_CONTACT:
-                axes.broken_barh([(a - start, b - a)], (y - 0.34, 0.3), color=PALETTE["d2"])
+                axes.barh(y - 0.19, b - a, 0.3, a - start, color=PALETTE["d2"])
                 if (b - a) > seconds_per_character * len(label):
-                    axes.text(
-                        (a + b) / 2 - start, y - 0.19, label, fontsize=6, ha="center", va="center", color=INK
-                    )
+                    middle = (a + b) / 2 - start
+                    axes.text(middle, y - 0.19, label, fontsize=6, ha="center", va="center", color=INK)
         for a, b, true, label in _pairs(recording, start, end):
             if kind := _kind(true, label, surfaces, is_alarm=any(x <= a < z for x, z in alarms)):
-                axes.broken_barh([(a - start, b - a)], (y + 0.02, 0.3), color=COLOURS[kind], label=kind)
-    legend_above(figure, axes)
-    return figure
+                bars[kind].append((y, a - start, b - a))
+    for kind, rows in bars.items():
+        if rows:
+            y_values, lefts, widths = np.transpose(rows)
+            axes.barh(y_values + 0.17, widths, 0.3, lefts, color=COLOURS[kind], label=kind)
 
 
 def _clipped(segments: Iterable[Sequence[Any]], start: float, end: float) -> list[tuple[float, float, str]]:
