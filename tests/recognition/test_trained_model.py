@@ -1,9 +1,11 @@
 """Trained models: answers, unknown surfaces, warnings and reproducible training."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
+from html import escape
 from itertools import count
 from zipfile import ZipFile
 
@@ -13,6 +15,7 @@ from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 
 from texclass.evaluation import cost
 from texclass.recognition import average_answers, train
+from texclass.recognition.model_document import model_document
 from texclass.recognition.model_files import MANIFEST
 from texclass.recognition.novelty import FeatureRanges
 from texclass.recording import Phases
@@ -48,6 +51,28 @@ def test_feature_values_give_the_answer_for_their_recording(model):
     assert model.answer_values(values, recording_id=stroke.recording_id) == model.answer(stroke)
     with pytest.raises(ValueError, match=r"values must have shape \(13,\), one value per column, got \(3,\)"):
         model.answer_values([1, 2, 3])
+
+
+def test_a_notebook_shows_every_fact_of_the_model_card_as_escaped_text(model):
+    shown = model._repr_html_()
+    text = re.sub(r"<[^>]+>", "\n", shown)
+    document = model_document(model)
+    (facts,) = document.blocks
+    assert document.title in text
+    for name, fact in facts.items():
+        assert f"{escape(name)}\n\n{escape(fact)}" in text
+    assert shown.index("Accuracy") < shown.index("<details>") < shown.index("Held out")
+    assert not re.search("color|<style|<script", shown)  # the colours of the notebook, light or dark
+    manifest = model.manifest.model_copy(
+        update={
+            "surfaces": ("<script>alert(1)</script>", "a & b"),
+            "trained_on": {**model.manifest.trained_on, "name": "<img src=x onerror=alert(1)>"},
+        }
+    )
+    shown = replace(model, manifest=manifest)._repr_html_()
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;, a &amp; b" in shown
+    assert "<script" not in shown
+    assert "<img" not in shown
 
 
 def test_only_the_features_of_the_selected_row_are_computed(model):

@@ -7,6 +7,7 @@ opens with the accuracy of nested cross-validation (`run_nested_cv`), which is u
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,8 +91,9 @@ class BenchmarkResult(Result, kind="benchmark"):
         return f"<{type(self).__name__}: {title}; {unbiased}best {mean:.1f} %, {' with '.join(self.best)}>"
 
     def _repr_html_(self) -> str:
-        """Return the table as HTML for a notebook."""
-        return self.table.to_html(index=False, float_format="{:.3g}".format)
+        """Return the summary and the table as HTML for a notebook."""
+        head = f"<p><strong>{escape(repr(self).strip('<>'))}</strong></p>"
+        return head + self.table.to_html(index=False, float_format="{:.3g}".format, na_rep="", border=0)
 
     @property
     def stem(self) -> str:

@@ -239,4 +239,5 @@ class Dataset(Sequence[Recording]):
     def _repr_html_(self) -> str:
         """Return title, size and the first rows of the table for notebooks."""
         head = f"<p><strong>{escape(self.title or self.name)}</strong><br>{escape(repr(self))}</p>"
-        return head + self.table.to_html(max_rows=10, na_rep="", border=0)
+        table = self.table.dropna(axis=1, how="all").astype(object)
+        return head + table.where(table.notna(), "").to_html(max_rows=10, border=0)

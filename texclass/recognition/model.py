@@ -147,6 +147,12 @@ class Model:
         axes = axes or self.manifest.input.axes
         return InputColumns(axes, tuple(signals), friction_features)
 
+    def _repr_html_(self) -> str:
+        """Return the model card for notebooks."""
+        from texclass.recognition.model_document import model_html
+
+        return model_html(self)
+
     @overload  # mypy: a text is an iterable of texts, too, but the first signature comes first
     def predict(  # type: ignore[overload-overlap]
         self, recordings: Recording | str | Path, **options: Unpack[LoadingOptions]

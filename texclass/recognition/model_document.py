@@ -1,6 +1,7 @@
 """Create model cards, and tables of predictions, as documents."""
 
 from collections.abc import Mapping, Sequence
+from html import escape
 from typing import Any
 
 from texclass.recognition.answers import Answer
@@ -8,8 +9,23 @@ from texclass.recognition.contact_check import MIN_LEVEL
 from texclass.recognition.model import Model
 from texclass.recognition.model_files import LATER_RECORDINGS, Manifest
 from texclass.recognition.prediction_sets import describe_sets
+from texclass.recording import describe_axes
 from texclass.reporting import Document, Table
 from texclass.reporting.wording import counted
+
+SHOWN_FACTS = (
+    "Surfaces",
+    "Trained on",
+    "Adapted to",
+    "Pipeline",
+    "Features",
+    "Recordings",
+    "Accuracy",
+    "Probabilities",
+    "Prediction sets",
+    "Versions",
+)
+"""Facts of the model card that a notebook shows at once."""
 
 
 def model_document(model: Model) -> Document:
@@ -53,6 +69,26 @@ def model_document(model: Model) -> Document:
     )
 
 
+def model_html(model: Model) -> str:
+    """Return the model card as HTML for notebooks: the most important facts, then the others on request.
+
+    Parameters
+    ----------
+    model : Model
+        Trained or adapted model.
+    """
+    document = model_document(model)
+    facts = next(block for block in document.blocks if isinstance(block, Mapping))
+    tables = {True: "", False: ""}
+    for name, text in facts.items():
+        cells = f'<th style="text-align: left">{escape(name)}</th><td style="text-align: left">{escape(text)}'
+        tables[name in SHOWN_FACTS] += f'<tr style="vertical-align: top">{cells}</td></tr>'
+    return (
+        f"<p><strong>{escape(document.title)}</strong></p><table>{tables[True]}</table>"
+        f"<details><summary>Further facts</summary><table>{tables[False]}</table></details>"
+    )
+
+
 def _training_set(m: Manifest) -> str:
     data = m.trained_on
     windows = "" if m.window_s is None else f", {data['n_windows']} windows of {m.window_s:g} s"
@@ -79,11 +115,12 @@ def _pipeline(m: Manifest) -> str:
 
 
 def _recordings(m: Manifest) -> str:
-    """Return the phases, sampling rate, unit and length of the recordings that the model accepts."""
+    """Return the phases, sampling rate, unit, axes and length of the recordings that the model accepts."""
     length = f", movements of at least about {m.shortest_s:.2g} s" if m.shortest_s is not None else ""
     if m.window_s is not None:
         length = f", windows of {m.window_s:g} s"
-    return f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{length}"
+    axes = f", {describe_axes(m.input.axes)}" if m.input.axes else ""
+    return f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{axes}{length}"
 
 
 def _accuracy(accuracy: Mapping[str, Any]) -> str:
