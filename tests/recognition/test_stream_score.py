@@ -434,6 +434,13 @@ def test_sources_that_are_no_recordings_are_reported(command, folder, source, pr
     assert (code, problem in err) == (1, True), err
 
 
+def test_a_folder_with_nothing_but_the_table_has_no_recordings(command, folder, tmp_path):
+    table = tmp_path / "intervals.csv"
+    table.write_text("start_s,end_s,surface\n1,2,oak\n")
+    code, _, err = command("score-stream", folder / "toy.skops", tmp_path, "--intervals", table, "--fs", FS)
+    assert (code, f"no recordings to score in {tmp_path}" in err) == (1, True), err
+
+
 def test_an_interval_is_shortened_to_its_recording_with_a_notice(window_model, stream):
     recording = tx.Recording(stream[0], FS, "m/s^2", "stream")
     frame = stream[1].assign(end_s=[*stream[1]["end_s"][:2], 20.0], surface=["Oak", "tin", "cork"])

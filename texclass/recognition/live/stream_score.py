@@ -691,6 +691,8 @@ def score_stream(
         "drop_incomplete": drop_incomplete,
     }
     members = _members(trained, names, reading, table.name)
+    if not members:
+        raise ValueError(f"no recordings to score in {', '.join(map(str, names))}. Expected at least one")
     paths = [Path(name).expanduser() for name in names if isinstance(name, str | Path)]
     folders = [str(path) for path in paths if path.is_dir()]
     try:
