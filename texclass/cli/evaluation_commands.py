@@ -10,6 +10,7 @@ from typer import Argument, Option
 from texclass.atomic_write import check_suffix
 from texclass.cli import parameters as p
 from texclass.cli.app import app
+from texclass.cli.mlflow_run import require_mlflow
 from texclass.cli.output import (
     RECORDING_KERNELS,
     announce_start,
@@ -240,6 +241,15 @@ def benchmark(
         ),
     ] = None,
     json_file: p.JsonFile = None,
+    mlflow: Annotated[
+        bool,
+        p.output_option(
+            "--mlflow",
+            callback=require_mlflow,
+            help="Also log parameters, accuracies, hashes and report as a run of MLflow (pip install mlflow) "
+            "at $MLFLOW_TRACKING_URI.",
+        ),
+    ] = False,
 ) -> None:
     """Evaluate every feature subset and classifier of a pipeline on a dataset.
 
@@ -296,7 +306,7 @@ def benchmark(
             result = run_benchmark(recordings, pipeline and definition, **how, progress=progress)
         else:
             result = study_feature(recordings, definition, new_feature, **how, progress=progress)
-    print_and_save(result, output, json_file)
+    print_and_save(result, output, json_file, mlflow=mlflow)
     if confusion is not None and isinstance(result, BenchmarkResult):
         print_lines("wrote", [result.save_confusion(confusion)])
     if baselines:
@@ -304,7 +314,7 @@ def benchmark(
             comparison = compare_with_baselines(
                 recordings, definition, result, settings, **work, progress=progress
             )
-        print_and_save(comparison, output)
+        print_and_save(comparison, output, mlflow=mlflow)
 
 
 def _baseline_settings(

@@ -52,14 +52,27 @@ def print_lines(prefix: str, lines: Iterable[object]) -> None:
 
 
 def print_and_save(
-    result: "Result", folder: Path, json_file: Path | None = None, *, written: Iterable[Path] = ()
+    result: "Result",
+    folder: Path,
+    json_file: Path | None = None,
+    *,
+    written: Iterable[Path] = (),
+    mlflow: bool = False,
 ) -> None:
-    """Print a result, write its JSON and report, and list the written files, including those in `written`."""
+    """Print a result, write its JSON and report, and list the written files, including those in `written`.
+
+    If `mlflow` is True, the result is also logged as a run of MLflow.
+    """
     from texclass.reporting import print_document
 
     print_document(result.document())
     write_json(json_file, result.to_json())
-    print_lines("wrote", (*result.save(folder), *written))
+    files = (*result.save(folder), *written)
+    print_lines("wrote", files)
+    if mlflow:
+        from texclass.cli.mlflow_run import log_run
+
+        typer.echo(log_run(result, files))
 
 
 def line_start() -> str:
