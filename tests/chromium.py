@@ -23,6 +23,40 @@ SHIM = (
     "os.execv(sys.argv[3], sys.argv[3:])"
 )
 """The browser reads commands from descriptor 3 and writes answers to 4."""
+CONTRASTS = """(() => {
+  const channels = (colour) => colour.match(/[\\d.]+/g).map(Number);
+  const luminance = (rgb) => rgb.slice(0, 3).map((v) => v / 255)
+    .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const behind = (element) => {
+    for (let e = element; e; e = e.parentElement) {
+      const found = channels(getComputedStyle(e).backgroundColor);
+      if (found.length === 3 || found[3] > 0) return found;
+    }
+    return null;  // a page without a colour of its own has no contrast to vouch for
+  };
+  document.querySelectorAll("details").forEach((d) => { d.open = true; });
+  const found = [];
+  const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let t; (t = texts.nextNode());) {
+    const element = t.parentElement, name = element.localName;
+    if (!t.textContent.trim() || ["script", "title"].includes(name)) continue;
+    const style = getComputedStyle(element);
+    if (!element.checkVisibility()) continue;
+    const isDrawn = element instanceof SVGElement;
+    const text = channels(isDrawn ? style.fill : style.color);
+    const inMark = isDrawn && style.fontWeight >= 700;  // a number inside one of these
+    const marks = inMark ? [...element.closest("svg").querySelectorAll(".point use")] : [];
+    const grounds = inMark ? marks.map((m) => channels(getComputedStyle(m).fill)) : [behind(element)];
+    const kind = element.className.baseVal ?? element.className;
+    for (const ground of grounds) {
+      const [high, low] = [luminance(text), luminance(ground)].sort((a, b) => b - a);
+      found.push([(high + 0.05) / (low + 0.05), `${name}.${kind}: ${t.textContent}`]);
+    }
+  }
+  return found.sort((a, b) => a[0] - b[0]);
+})()"""
+"""Expression: the contrast of each text of a page with its background, and the text, lowest first."""
 
 
 class Browser:
@@ -119,11 +153,11 @@ class Browser:
         urls = [one["request"]["url"] for one in sent]
         return said + [url for url in urls if url != page.as_uri() and not url.startswith("data:")]
 
-    def press(self, key: str, code: int) -> None:
-        """Press a key: its name and its Windows code."""
+    def press(self, key: str, code: int, modifiers: int = 0) -> None:
+        """Press a key: its name, its Windows code, and the sum of Alt 1, Ctrl 2 and Shift 8."""
         for kind in ("keyDown", "keyUp"):
             text = {"text": "\r"} if (kind, key) == ("keyDown", "Enter") else {}
-            names = {"key": key, "code": key, "windowsVirtualKeyCode": code}
+            names = {"key": key, "code": key, "windowsVirtualKeyCode": code, "modifiers": modifiers}
             self.call("Input.dispatchKeyEvent", type=kind, **names, **text)
 
     def close(self) -> None:

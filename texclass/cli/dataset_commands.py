@@ -157,7 +157,8 @@ def _repeat(context: typer.Context, left_out: Collection[str]) -> str:
         if name in left_out or source is None or source.name != "COMMANDLINE":
             continue
         flag = [] if parameter.param_type_name == "argument" else [parameter.opts[-1]]
-        words += [*flag, *([] if value is True else [str(value)])]
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        words += [*flag, *([] if value is True else [text])]
     return shlex.join(words)
 
 

@@ -71,11 +71,12 @@
   function restore(from, to, message) {
     if (from.length < (from === done ? 2 : 1)) return;
     to.push(from.pop());
-    const focusedId = selected?.id;
+    const selectedId = selected?.id;
+    selected = null;
     Object.assign(state, JSON.parse(done.at(-1)));
     lastTag = "";
     rebuild();
-    select(items().find((item) => item.id === focusedId) ?? null, true);
+    select(items().find((item) => item.id === selectedId) ?? null, true);
     say(message);
   }
   const undo = () => restore(done, undone, "Undone.");
@@ -120,6 +121,7 @@
     if (!item) return say("Select an interval first.");
     const lane = laneOf(item), name = nameOf(item), i = state[lane].indexOf(item);
     state[lane].splice(i, 1);
+    selected = null;
     rebuild();
     select(state[lane][Math.min(i, state[lane].length - 1)] ?? null, true);
     commit();
