@@ -1,8 +1,10 @@
 """Phases that a user marked replace the detection, in every way to load a recording."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -237,3 +239,11 @@ def test_a_file_whose_name_ends_with_a_number_sign_is_not_a_part(folder):
     assert split_part(folder / "oak/a#2") == (str(folder / "oak/a#2"), 0)
     assert split_part("a.txt#12") == ("a.txt", 12)
     assert split_part("a.txt#0") == ("a.txt#0", 0)
+
+
+def test_the_documented_file_is_valid(tmp_path):
+    page = Path(__file__).parents[2] / "docs" / "recordings.md"
+    (text,) = re.findall(r"```json\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    (tmp_path / "session.phases.json").write_text(text, encoding="utf-8")
+    content = PhasesFile.read(tmp_path / "session.phases.json")
+    assert [part.surface for part in content.surfaces] == ["oak", "cork"]

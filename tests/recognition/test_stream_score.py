@@ -521,3 +521,26 @@ def test_a_saved_result_is_read_again(window_model, stream, tmp_path):
     assert data.pop("kind") == "stream_score"
     again = StreamScore(data)
     pd.testing.assert_frame_equal(again.table, score.table)
+
+
+def test_a_recording_of_several_marked_surfaces_is_played_as_a_whole(command, folder, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drives").mkdir()
+    for path in (folder / "drives").iterdir():
+        (tmp_path / "drives" / path.name).write_bytes(path.read_bytes())
+    arguments = ["score-stream", folder / "toy.skops", "drives", "--intervals", "drives/intervals.csv"]
+    arguments += ["--fs", FS, "--at-rest", "--json", "-"]
+    n = len(np.loadtxt("drives/one.csv"))
+    content = {
+        "format": "texclass phases", "version": 1, "recording": "one.csv", "duration_s": n / FS, "fs_hz": FS,
+        "taps": [], "movement": [],
+        "surfaces": [
+            {"start_s": 0.0, "end_s": 4.0, "surface": "oak"}, {"start_s": 4.0, "end_s": 9.0, "surface": "tin"}
+        ],
+    }  # fmt: skip
+    _, before, _ = command(*arguments)
+    (tmp_path / "drives/one.phases.json").write_text(json.dumps(content), encoding="utf-8")
+    code, out, err = command(*arguments)
+    assert code == 0, err
+    scores = [json.loads(text)["summary"] for text in (before, out)]
+    assert scores[0] == scores[1]

@@ -232,7 +232,7 @@
       }
     } else {
       for (let x = 0; x < w; x++) {
-        const [v0, v1] = range(levels, toSample(x), toSample(x + 1));
+        const [v0, v1] = range(levels, toSample(x) - levels[0].size, toSample(x + 1));  // no gaps between columns
         c.moveTo(x + 0.5, toY(v0) + 0.5);
         c.lineTo(x + 0.5, toY(v1) - 0.5);
       }
@@ -294,6 +294,7 @@
       box.setAttribute("aria-valuenow", value / fs);
       const contact = lane === "taps" ? `, contact ${seconds(item.impact)} s` : "";
       box.setAttribute("aria-valuetext", `${seconds(item.start)} to ${seconds(item.end)} s${contact}; arrow keys move the ${PARTS[active]}`);
+      box.querySelector(".text").style.left = `${Math.max(5, 5 - left)}px`;
       box.querySelector(".text").textContent = lane === "surfaces" ? item.surface || "no name" : lane === "movement" ? "movement" : "";
       const hand = box.querySelector(".hand");
       if (hand) hand.style.width = `${clamp(toX(item.impact) - left, 0, size)}px`;

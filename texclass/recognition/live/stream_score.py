@@ -23,6 +23,7 @@ from scipy.special import chdtri
 from texclass.atomic_write import write_atomic
 from texclass.evaluation.accuracy import MIN_CLUSTERS, cluster_interval, wilson_interval
 from texclass.evaluation.result_facts import CODE_DEPENDENCIES
+from texclass.loaders.phases_files import split_part
 from texclass.loaders.readers import BAG_METADATA, LoadingOptions
 from texclass.provenance import code_provenance, versions
 from texclass.recognition.evaluation import UNKNOWN
@@ -799,7 +800,10 @@ def _members(
             raise ValueError(f"cannot score the live source {name}. Expected recordings: record it first")
         for member in model.manifest.input.members(name, **reading):
             if Path(member.name).expanduser().resolve() != Path(table).expanduser().resolve():
-                members[member.name] = member
+                whole, part = split_part(member.name)  # the parts of a recording are played as a whole
+                is_marked = part > 0 and Path(whole).expanduser().exists()
+                find = partial(model.manifest.input.find, whole, **reading)
+                members[whole if is_marked else member.name] = Member(whole, find) if is_marked else member
     return members
 
 
