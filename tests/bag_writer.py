@@ -66,6 +66,25 @@ def write_drives(folder: Path, n: int = 8) -> None:
             write_bag(folder / floor, "mcap", topics, name=f"drive_{drive}")
 
 
+def write_touches(folder: Path, n: int = 4) -> None:
+    """Write bags of n touches of 2 s of each of two floors, with IMU, wrench and contact microphone."""
+    rng = np.random.default_rng(0)
+    stamps = regular(200, 100.0)
+    for floor, pole, friction in (("carpet", 0.9, 0.5), ("tile", -0.5, 0.2)):
+        for touch in range(1, n + 1):
+            imu, wrench = rng.standard_normal((200, 6)), 0.02 * rng.standard_normal((2000, 6))
+            imu[:, 2] += 9.81
+            wrench[:, 0] += friction
+            sound = lfilter([1], [1, -pole], rng.standard_normal(20_000)).reshape(200, 100, 1)
+            topics = {
+                "/imu": Topic(IMU, imu, stamps),
+                "/wrench": Topic("geometry_msgs/msg/WrenchStamped", wrench, regular(2000, 1000.0)),
+                # A block is received with its last sample.
+                "/microphone": Topic(ARRAY, sound, None, stamps + 9_900_000),
+            }
+            write_bag(folder / floor, "mcap", topics, name=f"touch_{touch}")
+
+
 def _write(writer, store, topics, *, ros1):
     lines = []
     for topic, description in topics.items():

@@ -69,7 +69,7 @@ def follow(page, folder, monkeypatch, capsys) -> str:
     Return the output of the last commands. Where a page shows "...", the output may vary.
     """
     monkeypatch.setenv("COLUMNS", "110")
-    printed = ""
+    printed = of_commands = ""
     monkeypatch.setattr("texclass.features.contract._REGISTRY", list_features())
     names: dict = {}
     for kind, file, text in BLOCK.findall(page.read_text(encoding="utf-8")):
@@ -77,6 +77,7 @@ def follow(page, folder, monkeypatch, capsys) -> str:
             (folder / file).write_text(text)
         elif kind == "python":
             exec(text, names)
+            printed = normalized("".join(capsys.readouterr())) or printed
         elif kind == "text output":
             for part in text.split("..."):
                 assert normalized(part) in printed, page
@@ -84,16 +85,17 @@ def follow(page, folder, monkeypatch, capsys) -> str:
             for command in text.strip().splitlines():
                 if "pip install" not in command:
                     run(command, monkeypatch)
-            printed = normalized("".join(capsys.readouterr()))
-    return printed
+            printed = of_commands = normalized("".join(capsys.readouterr()))
+    return of_commands
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page != NEW_FEATURE], ids=lambda page: page.stem)
 def test_every_command_and_snippet_of_a_page_works(page, folder, monkeypatch, capsys):
     if page.stem == "ros":  # its bags
-        from bag_writer import write_drives
+        from bag_writer import write_drives, write_touches
 
         write_drives(folder / "drives")
+        write_touches(folder / "touches")
     follow(page, folder, monkeypatch, capsys)
 
 

@@ -11,6 +11,7 @@ from texclass.features import load_feature_set
 from texclass.haptics.textures.scan import Scan
 from texclass.loaders.dataset import Dataset
 from texclass.recognition import Session, adapt, load_model, open_source, train
+from texclass.recognition.model_document import model_document
 from texclass.recording import RecordingError
 from texclass.robot.export.sample_graph import check_graphs
 
@@ -54,6 +55,7 @@ def rubbing(tmp_path_factory):
 def test_a_model_stores_the_rates_and_classifies_recordings_with_them(rubbing):
     assert (rubbing.manifest.fs, rubbing.manifest.auxiliary_fs) == (FS, {"friction": SLOW_FS})
     assert rubbing.plan.signals == ("friction",)
+    assert ", friction at 500 Hz" in str(model_document(rubbing))
     for name in SURFACES:
         answer = rubbing.answer(rubbed(name, 50))
         assert (answer.surface, answer.unknown) == (name, False)

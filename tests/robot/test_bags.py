@@ -10,7 +10,7 @@ from bag_writer import ARRAY, IMU, KINDS, START_NS, Topic, regular, write_bag
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from texclass.loaders import find_recording, load_recording, open_dataset
+from texclass.loaders import draft_card, find_recording, load_recording, open_dataset
 from texclass.recording import RecordingError
 from texclass.robot.ros_messages import type_of
 
@@ -259,6 +259,22 @@ def test_a_topic_selects_the_recordings_of_a_folder_of_bags(tmp_path, values):
     assert dataset.table["wheel"].tolist() == ["steel", "wood"] * 2
     with pytest.raises(ValueError, match="topic defines the group 'surfce', which resembles 'surface'"):
         open_dataset(tmp_path / "drives", topic="/(?P<surfce>[a-z]+)/imu")
+
+
+def test_a_card_is_drafted_for_folders_of_bags(tmp_path, values):
+    topics = {"/imu": _imu(values), "/spare": _imu(-values)}
+    for surface in ("steel", "wood"):
+        for k in (1, 2, 3):
+            write_bag(tmp_path / "drives" / surface, "mcap", topics, name=f"run_{k}")
+    text = draft_card(tmp_path / "drives", tmp_path, topic="/imu")
+    (tmp_path / "card.toml").write_text(text)
+    assert "topic = '/imu'" in text
+    assert "QUESTION" not in text
+    dataset = open_dataset(tmp_path / "card.toml")
+    assert [(one.recording_id, one.surface, one.repetition) for one in dataset.entries] == [
+        (f"{surface}/run_{k}", surface, k) for surface in ("steel", "wood") for k in (1, 2, 3)
+    ]
+    np.testing.assert_array_equal(dataset[0].acceleration, values[:, :3])
 
 
 CARD = """

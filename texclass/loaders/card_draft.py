@@ -27,7 +27,14 @@ from texclass.loaders.filesets import match_name
 from texclass.loaders.labels import Labels, find_label_columns, is_label_table
 from texclass.loaders.open import recording_files
 from texclass.loaders.plausibility import folder_level_notes
-from texclass.loaders.readers import ReaderSettings, ReadSignals, as_column_names, formats, quote_names
+from texclass.loaders.readers import (
+    BAG_METADATA,
+    ReaderSettings,
+    ReadSignals,
+    as_column_names,
+    formats,
+    quote_names,
+)
 from texclass.loaders.source_files import AXIS, axis_files
 from texclass.recording import AUXILIARY_UNITS, RecordingError, Samples
 from texclass.reporting.wording import counted
@@ -233,11 +240,15 @@ def _name_layout(names: Sequence[str]) -> _Layout:
     """Return the layout given by subfolders if there are any, otherwise by the file names."""
     session = r"(?P<session>(?i:s|sess|session)[_-]?\d+)[_\- ]+"
     repetition = r"[A-Za-z]*(?P<repetition>\d+)"
-    names_in_subfolders = [name for name in names if "/" in name]
+    # A folder of rosbag2 is one recording, like a file.
+    is_bags = all(PurePosixPath(name).name == BAG_METADATA for name in names)
+    name_of = {name: name.removesuffix(f"/{BAG_METADATA}") if is_bags else name for name in names}
+    names_in_subfolders = [name for name in names if "/" in name_of[name]]
     questions: list[str] = []
     # Patterns of names without axis and suffix, from the most specific one to one that matches all names.
     if names_in_subfolders:
-        heads, names = _folder_patterns(names_in_subfolders), names_in_subfolders
+        names = names_in_subfolders
+        heads = _folder_patterns([name_of[name] for name in names])
         stems = [rf"(?:[^/]*[_\- ])?{session}{repetition}", r"[^/]*?(?P<repetition>\d+)", r"[^/]+?"]
         candidates = [(head, stem) for head in heads for stem in stems]
     else:
@@ -245,9 +256,9 @@ def _name_layout(names: Sequence[str]) -> _Layout:
         stems = [rf"{surface}[_\- ]+{session}{repetition}", rf"{surface}[_\- ]+{repetition}"]
         stems += [r"(?P<surface>[^/]*[^\d/_\- ])(?P<repetition>\d+)", surface]
         candidates = [("", stem) for stem in stems]
-    suffixes, axis = _suffixes(names), _axis(names)
+    ending = f"/{re.escape(BAG_METADATA)}" if is_bags else rf"{_axis(names)}\.(?i:{_suffixes(names)})"
     for head, stem in candidates:
-        pattern = rf"{head}{stem}{axis}\.(?i:{suffixes})"
+        pattern = f"{head}{stem}{ending}"
         layout = _Layout(pattern, _match_names(pattern, names))
         if len(layout.groups) > len(names) / 2 and (len(layout.surfaces) > 1 or names_in_subfolders):
             break

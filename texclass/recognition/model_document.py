@@ -120,7 +120,8 @@ def _recordings(m: Manifest) -> str:
     if m.window_s is not None:
         length = f", windows of {m.window_s:g} s"
     axes = f", {describe_axes(m.input.axes)}" if m.input.axes else ""
-    return f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{axes}{length}"
+    others = "".join(f", {name} at {rate:g} Hz" for name, rate in m.auxiliary_fs.items())
+    return f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{axes}{others}{length}"
 
 
 def _accuracy(accuracy: Mapping[str, Any]) -> str:
