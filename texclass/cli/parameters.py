@@ -294,8 +294,8 @@ def with_reader_options(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def run(**values: Any) -> None:
-        reader = reader_settings(**{option.name: values.pop(option.name) for option in options})
-        command(**values, reader=reader)
+        settings = reader_settings(**{option.name: values.pop(option.name) for option in options})
+        command(**values, reader={name: value for name, value in settings.items() if name not in own})
 
     parameters = [
         parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)

@@ -174,11 +174,12 @@ def stream(
         topic["domain"] = domain
     blocks = open_source(
         source,
+        unit=unit,
         rate=resample,
         model=trained,
         paced=real_time,
         raw_channels=channels,
-        **reader | {"unit": unit},
+        **reader,
         **topic,
     )
     publisher = answer_publisher(publish, diagnostics, domain=domain) if publish else None
