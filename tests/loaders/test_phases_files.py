@@ -227,6 +227,36 @@ def test_marked_files_need_no_folder_and_no_label(folder, tmp_path):
     assert dataset.table["surface"].tolist() == ["oak", "cork", "slate"]
 
 
+def test_a_card_needs_no_surface_for_marked_files(folder):
+    card = folder / "card.toml"
+    card.write_text(
+        f'fs_hz = {FS}\nunit = "m/s^2"\nfiles = "oak/(?P<surface>x)?oak_(?P<session>1|2)[.]txt"\n',
+        encoding="utf-8",
+    )
+    with pytest.raises(RecordingError, match=r"oak_1.txt: no surface. Expected .* or oak_1.phases.json"):
+        open_dataset(card)
+    for k in (1, 2):
+        mark(folder / f"oak/oak_{k}.phases.json", recording=f"oak_{k}.txt", surfaces=TWO)
+    table = open_dataset(card).table
+    assert table["surface"].tolist() == ["oak", "cork", "oak", "cork"]
+    assert table["session"].tolist() == ["1", "1", "2", "2"]
+
+
+def test_the_phases_of_the_export_of_an_app_may_be_outside_of_the_folder(tmp_path):
+    app = tmp_path / "2024-01-31"
+    app.mkdir()
+    table = np.column_stack([np.arange(1000) / 100, np.random.default_rng(0).standard_normal((1000, 3))])
+    for name in ("TotalAcceleration", "Gyroscope"):
+        np.savetxt(app / f"{name}.csv", table, delimiter=",", header="seconds_elapsed,x,y,z", comments="")
+    mark(tmp_path / "2024-01-31.phases.json", recording="2024-01-31", duration_s=10.0, fs_hz=100.0)
+    (tmp_path / "card.toml").write_text(
+        f'folder = "{app.name}"\nfs_hz = 100\nunit = "m/s^2"\nfiles = "(?P<surface>Total)A.+[.]csv"\n',
+        encoding="utf-8",
+    )
+    (recording,) = open_dataset(tmp_path / "card.toml")
+    assert phases_of(recording).movement == (100, 350)
+
+
 def test_copies_of_a_marked_file_are_found_as_a_whole(folder):
     mark(folder / "oak/oak_1.phases.json", surfaces=TWO)
     shutil.copy(folder / "oak/oak_1.txt", folder / "oak/oak_3.txt")

@@ -1,5 +1,6 @@
 """Datasets with one file per recording, one file per axis, or one row of a file per recording."""
 
+import os
 import re
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -153,7 +154,7 @@ def open_files(
         raise reader_error(root, f"it contains no recordings{example}", expected)
     _check_names(entries, root)
     contents = {entry: _content_files(root, entry) for entry in entries}
-    phases_files = [phases_path(root / name).relative_to(root).as_posix() for name in marks]
+    phases_files = [Path(os.path.relpath(phases_path(root / name), root)).as_posix() for name in marks]
     files = [*table_files, *phases_files, *(name for names in contents.values() for name in names)]
     digests = file_digests(root, files)
     keys = {
@@ -555,7 +556,10 @@ def _entries(
         repetition = all_groups.get("repetition")
         if repetition is not None and not repetition.isdecimal():
             raise CardError(f"{path}: repetition is {repetition!r}. Expected a whole number")
-        surface = normalize_name(all_groups.get("surface", "") if is_marked else all_groups["surface"])
+        if "surface" not in all_groups and not is_marked:
+            expected = f"a surface in the name of the file, the label table or {phases_path(path).name}"
+            raise reader_error(path, "no surface", expected)
+        surface = normalize_name(all_groups.get("surface", ""))
         yield Entry(
             recording_id=recording_id,
             surface=renamed.get(surface, surface),
