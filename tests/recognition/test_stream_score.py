@@ -218,6 +218,17 @@ def test_an_answer_after_a_short_contact_belongs_to_its_interval():
     ]
 
 
+def test_a_tap_ends_the_answer_of_the_tap_before():
+    contacts = [DetectedContact(1.0, 1.1, 1.2, 1.7), DetectedContact(1.4, 1.45, 1.5, 2.0)]
+    answers = [
+        StreamAnswer(1.2, 1.0, 1.1, 0, "oak", sure=False),
+        StreamAnswer(1.5, 1.4, 1.45, 1, "cork", sure=False),
+    ]
+    answered = score_recording([], StreamLog(3.0, contacts, answers), TRAINED)["answered"]
+    expected = [(0.0, 1.2, "no contact"), (1.2, 1.5, "oak"), (1.5, 2.0, "cork"), (2.0, 3.0, "no contact")]
+    assert [tuple(segment) for segment in answered] == expected
+
+
 # Tables of intervals
 
 
@@ -229,6 +240,11 @@ def test_conventional_column_names_and_other_columns_of_a_table(tmp_path):
         "b.wav": [Interval(0.0, 1.0, "Oak", 3), Interval(2.5, 4.0, "cork", 2)],
         "c.wav": [],
     }
+
+
+def test_intervals_may_follow_each_other_without_a_gap():
+    frame = pd.DataFrame([(0.0, 2.5, "oak"), (2.5, 4.0, "cork")], columns=["start", "end", "surface"])
+    assert len(read_intervals(frame).intervals[""]) == 2
 
 
 @pytest.mark.parametrize(
