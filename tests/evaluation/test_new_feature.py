@@ -1,6 +1,7 @@
 """Study of a new feature: one that helps, one that repeats another, one that exists already."""
 
 import json
+from types import FunctionType
 
 import numpy as np
 import pandas as pd
@@ -61,6 +62,15 @@ def test_an_existing_feature_name_is_rejected_and_a_new_feature_changes_the_hash
     assert few.with_feature(LOUD).hash != few.hash
     with pytest.raises(ValueError, match=r"'toy' already contains a feature or column 'level'. Rename"):
         few.with_feature(Feature("level", loud, "movement", "g", "test"))
+
+
+def test_a_feature_of_a_notebook_has_the_hash_of_its_cell(few):
+    def in_cell(name):
+        code = loud.__code__.replace(co_filename=f"/tmp/ipykernel_1/{name}.py")
+        return Feature("cell", FunctionType(code, {}), "movement", "g", "test")
+
+    first, same, other = (few.with_feature(in_cell(name)).hash for name in ("11", "11", "22"))
+    assert first == same != other
 
 
 def test_a_missing_phase_is_reported(toy_dataset, few):

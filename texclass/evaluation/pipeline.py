@@ -399,7 +399,9 @@ class PipelineDefinition(StrictModel):
             "additions": (row,),
         }
         extended = self.model_copy(update=update)
-        code = hashlib.sha256(feature.source.read_bytes()).hexdigest()[:8]
+        # A notebook cell has no file: Jupyter derives the name from the code of the cell.
+        file = feature.source
+        code = hashlib.sha256(file.read_bytes() if file.is_file() else file.name.encode()).hexdigest()[:8]
         extended._hash, extended._separate = f"{self.hash}+{code}", (name,)
         return extended
 
