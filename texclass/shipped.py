@@ -9,7 +9,7 @@ points:
 | `texclass.features` | any | module with decorated features |
 | `texclass.readers` | suffix | module with `names(path, settings)` and `read(path, wanted, settings)` |
 | `texclass.dataset_formats` | `format` of a card | module with `open_models(card, root, **attributes)` |
-| `texclass.sources` | "ros2" | module with `topic_blocks` and `AnswerPublisher` |
+| `texclass.sources` | "ros2" | module with `topic_blocks`, `AnswerPublisher` and `SurfacePublisher` |
 | `texclass.exporters` | "onnx" | module with `features_without_graph(feature_set)` |
 | `texclass.commands` | any | module that registers commands with `texclass.cli.app.app.command()` |
 

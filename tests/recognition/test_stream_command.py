@@ -260,6 +260,39 @@ def test_answers_are_published_on_the_stated_topics_and_domain(run, monkeypatch)
     assert all(message[3]["age_s"] >= 0 for message in messages)
 
 
+def test_answers_and_events_are_published_as_typed_messages(run, monkeypatch):
+    published = []
+
+    class Publisher:
+        def __init__(self, topic, diagnostics, *, domain):
+            pass
+
+        def publish_update(self, update, time_of):
+            published.append((update, time_of(update.n_received), time_of(0)))
+
+        def close(self):
+            published.append("closed")
+
+    monkeypatch.setattr(robot, "SurfacePublisher", Publisher, raising=False)
+    before_ns = time.time_ns()
+    _, out, _ = run(*LIVE, "--window", 0.5, "--jsonl", "--publish", "/surface", "--typed")
+    lines = [json.loads(line) for line in out.splitlines()]
+    *messages, last = published
+    assert last == "closed"
+    answers = [message for message in messages if hasattr(message[0], "verdict")]
+    assert [m[0].verdict.surface for m in answers] == [x["surface"] for x in lines if x["type"] == "answer"]
+    assert len(messages) - len(answers) == len([line for line in lines if line["type"] == "event"]) > 0
+    for update, time_ns, start_ns in messages:
+        assert before_ns < time_ns < time.time_ns()
+        assert time_ns - start_ns == pytest.approx(update.n_received / FS * 1e9, abs=1000)
+
+
+def test_typed_messages_require_a_topic(run):
+    code, _, errors = run(*LIVE, "--typed")
+    assert code == 2
+    assert "--typed requires --publish" in errors
+
+
 def test_the_picture_shows_phase_level_surfaces_and_latency(linear_model, samples):
     from texclass.recognition.sources.blocks import Block
 

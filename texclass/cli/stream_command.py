@@ -127,6 +127,14 @@ def stream(
             metavar="TOPIC", help="Publish answers as JSON (std_msgs/String) on this ROS 2 topic."
         ),
     ] = None,
+    typed: Annotated[
+        bool,
+        p.output_option(
+            "--typed",
+            help="Publish answers as texclass_msgs/SurfaceAnswer instead of JSON, and events as "
+            "texclass_msgs/ContactEvent on TOPIC/contact.",
+        ),
+    ] = False,
     diagnostics: Annotated[
         str | None,
         p.output_option(metavar="TOPIC", help="Also publish diagnostic_msgs/DiagnosticArray on this topic."),
@@ -139,8 +147,8 @@ def stream(
 
     Ctrl-C, SIGTERM and SIGHUP end the stream with a final answer.
     """
-    if diagnostics and not publish:
-        raise typer.BadParameter("--diagnostics requires --publish")
+    if (diagnostics or typed) and not publish:
+        raise typer.BadParameter(f"{'--diagnostics' if diagnostics else '--typed'} requires --publish")
     seconds = p.numbers_by_name("--gesture-time", gesture_time)
     from texclass.cli.stream_view import view_of
     from texclass.recognition import (
@@ -164,7 +172,8 @@ def stream(
         always_in_contact=always_in_contact,
     )
     if publish:
-        answer_publisher = shipped.module_of("sources", "ros2").AnswerPublisher
+        publishers = shipped.module_of("sources", "ros2")
+        publisher_class = publishers.SurfacePublisher if typed else publishers.AnswerPublisher
     models = load_gestures(model) if model.is_dir() else {}
     if adapt and models:
         raise typer.BadParameter("--adapt requires a model file, got a folder of models")
@@ -182,7 +191,7 @@ def stream(
         **reader,
         **topic,
     )
-    publisher = answer_publisher(publish, diagnostics, domain=domain) if publish else None
+    publisher = publisher_class(publish, diagnostics, domain=domain) if publish else None
     session = (
         ExplorationSession(models, seconds=seconds, raw=is_live(source), settings=settings)
         if models
@@ -190,7 +199,7 @@ def stream(
     )
     view = view_of(session, source, as_lines, heartbeat)
     view.contacts = None if json_file is None else {}
-    has_answer = _run(view, session, blocks, publisher)
+    has_answer = _run(view, session, blocks, publisher, is_typed=typed)
     if view.contacts is not None:
         contacts = {"source": source, "contacts": [*view.contacts.values()]}
         write_json(json_file, json.dumps(contacts, indent=1))
@@ -198,10 +207,11 @@ def stream(
         raise typer.Exit(3)  # documented in the help of `texclass`
 
 
-def _run(view: Any, session: Any, blocks: Any, publisher: Any) -> bool:
+def _run(view: Any, session: Any, blocks: Any, publisher: Any, *, is_typed: bool) -> bool:
     """Show the answers until the stream ends or is interrupted; return whether there was an answer."""
     from texclass.cli.stream_view import show_and_publish
 
+    publishers = (None, publisher) if is_typed else (publisher, None)
     ending = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     # under nohup, SIGHUP is ignored, and must stay ignored
     handled = [number for number in ending if signal.getsignal(number) != signal.SIG_IGN]
@@ -211,12 +221,12 @@ def _run(view: Any, session: Any, blocks: Any, publisher: Any) -> bool:
             try:
                 view.on_open()
                 for block in blocks:
-                    show_and_publish(view, session.push(block), publisher)
+                    show_and_publish(view, session.push(block), *publishers)
             except KeyboardInterrupt:
                 pass
             finally:
                 blocks.close()
-            show_and_publish(view, session.finish(), publisher)
+            show_and_publish(view, session.finish(), *publishers)
         return bool(view.end())
     except BrokenPipeError:  # the reader has closed the pipe: the answers so far are the result
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

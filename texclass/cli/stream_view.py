@@ -5,7 +5,8 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, Protocol, Self
 
 import typer
@@ -266,22 +267,42 @@ def view_of(session: Session, source: str, as_lines: bool, heartbeat_s: float) -
 
 
 class Publisher(Protocol):
-    """Protocol of publishers of answers, such as `texclass.robot.AnswerPublisher`."""
+    """Protocol of publishers of answers as JSON, such as `texclass.robot.AnswerPublisher`."""
 
     def publish(self, answer: dict[str, Any]) -> None:
         """Publish one answer."""
 
 
+class TypedPublisher(Protocol):
+    """Protocol of publishers of typed messages, such as `texclass.robot.SurfacePublisher`."""
+
+    def publish_update(self, update: Event | WindowAnswer, time_of: Callable[[int], int]) -> None:
+        """Publish one answer or event, given a function that returns the time stamp of a sample in ns."""
+
+
 def show_and_publish(
-    view: TextView, updates: Iterable[Event | WindowAnswer | Notice], publisher: Publisher | None
+    view: TextView,
+    updates: Iterable[Event | WindowAnswer | Notice],
+    publisher: Publisher | None,
+    typed_publisher: TypedPublisher | None = None,
 ) -> None:
-    """Show the events, answers and notices of a block, and publish its answers if there is a publisher."""
+    """Show the events, answers and notices of a block, and publish its answers and events."""
     updates = tuple(updates)
     view.show(updates)
-    if publisher is not None:
-        for update in updates:
-            if isinstance(update, WindowAnswer):
-                publisher.publish(view.facts(update))
+    # The clock of the computer gives the time of the last sample.
+    end_s = time.time() - view.session.age_s
+    for update in updates:
+        if publisher is not None and isinstance(update, WindowAnswer):
+            publisher.publish(view.facts(update))
+        if typed_publisher is not None and not isinstance(update, Notice):
+            typed_publisher.publish_update(update, partial(_time_ns, view.session, end_s))
+
+
+def _time_ns(session: Session, end_s: float, sample: int) -> int:
+    """Return the time stamp of a sample in nanoseconds, given that of the last sample in seconds."""
+    assert session.recogniser is not None
+    n_after = max(0, session.recogniser.n_samples - sample)
+    return round(1e9 * (end_s - n_after / session.recogniser.fs))
 
 
 def _surfaces(answer: WindowAnswer) -> Table:

@@ -1,5 +1,6 @@
 from .dds import AnswerPublisher as AnswerPublisher
 from .dds import ImuPublisher as ImuPublisher
+from .dds import SurfacePublisher as SurfacePublisher
 from .export.graph import OnnxExportError as OnnxExportError
 from .export.onnx_file import check_onnx as check_onnx
 from .export.onnx_file import export_onnx as export_onnx

@@ -25,8 +25,19 @@ from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from texclass import shipped
+from texclass.recognition import Event, WindowAnswer
 from texclass.recording import Samples
-from texclass.robot.answer_messages import OK, WARN, diagnostics_message, header, status_message
+from texclass.robot.answer_messages import (
+    OK,
+    WARN,
+    TimeOf,
+    answer_message,
+    diagnostics_message,
+    event_message,
+    header,
+    status_message,
+    surface_status,
+)
 
 Reliability = Literal["reliable", "best effort"]
 DEPTH = 20_000
@@ -240,6 +251,77 @@ class AnswerPublisher:
     def close(self) -> None:
         """Disconnect from the domain."""
         self._text = self._array = self._participant = None
+
+
+class SurfacePublisher:
+    """Publisher of answers and events as messages of `texclass_msgs`, and of diagnostics.
+
+    Subscribers with ROS need the package `ros2/texclass_msgs`.
+
+    Parameters
+    ----------
+    topic : str
+        Topic of the answers (`texclass_msgs/SurfaceAnswer`). Events (`texclass_msgs/ContactEvent`) are
+        published on `topic` followed by "/contact".
+    diagnostics : str or None
+        Topic of the diagnostics; None disables them.
+    frame : str
+        Name of the frame in the headers.
+    reliability : str
+        "reliable" (the default of ROS 2 subscribers) or "best effort".
+    domain : int, optional
+        DDS domain (default: $ROS_DOMAIN_ID, or 0).
+
+    Examples
+    --------
+    >>> from texclass.recognition import Event
+    >>> from texclass.robot import SurfacePublisher
+    >>> publisher = SurfacePublisher("/surface", diagnostics=None)
+    >>> event = Event("lift-off", sample=1180, n_received=1400, end=1180)
+    >>> publisher.publish_update(event, time_of=lambda sample: sample * 10**6)
+    >>> publisher.close()
+    """
+
+    def __init__(
+        self,
+        topic: str = "/texclass/answer",
+        diagnostics: str | None = "/diagnostics",
+        *,
+        frame: str = "",
+        reliability: Reliability = "reliable",
+        domain: int | None = None,
+    ) -> None:
+        self._participant, qos = participant(domain), quality(reliability, 10)
+        self._frame = frame
+        self._answers = _writer(self._participant, topic, "texclass_msgs/msg/SurfaceAnswer", qos)
+        events = f"{topic.rstrip('/')}/contact"
+        self._events = _writer(self._participant, events, "texclass_msgs/msg/ContactEvent", qos)
+        self._array = None
+        if diagnostics:
+            kind = "diagnostic_msgs/msg/DiagnosticArray"
+            self._array = _writer(self._participant, diagnostics, kind, qos)
+
+    def publish_update(self, update: Event | WindowAnswer, time_of: TimeOf) -> None:
+        """Publish an answer or event.
+
+        Parameters
+        ----------
+        update : Event or WindowAnswer
+            Update of a session.
+        time_of : callable
+            Function that returns the time stamp of a sample in nanoseconds.
+        """
+        if isinstance(update, Event):
+            self._events.write(event_message(make_message, update, time_of, self._frame))
+            return
+        self._answers.write(answer_message(make_message, update, time_of, self._frame))
+        if self._array is not None:
+            status = surface_status(make_message, "texclass: surface", update.verdict)
+            self._array.write(diagnostics_message(make_message, [status], time_of(update.n_received)))
+
+    def close(self) -> None:
+        """Disconnect from the domain."""
+        self._answers = self._events = self._array = self._participant = None
 
 
 class ImuPublisher:
