@@ -39,7 +39,7 @@ def accuracies(seed: int, n_surfaces: int, duration_s: float) -> pd.DataFrame:
             'title = "Catalogue"\nsource = "study"\nlicence = "MIT"\nformat = "simulated"\n[recipe]\n'
             + recipe_text
         )
-        rows = run_benchmark(card, pipeline).data["rows"]
+        rows = run_benchmark(card, pipeline, nested_cv=False).data["rows"]
     return pd.DataFrame(
         {
             "seed": seed,

@@ -91,7 +91,9 @@ def main() -> None:
         if seconds is not None:
             windows = cut_windows(dataset, seconds, per_recording=args.windows, n_jobs=args.jobs)
             length = {"felt_s": seconds, "label": f"{seconds:g}"}
-        benchmark = run_benchmark(windows, pipeline, protocol=args.protocol, n_jobs=args.jobs)
+        benchmark = run_benchmark(
+            windows, pipeline, protocol=args.protocol, nested_cv=False, n_jobs=args.jobs
+        )
         comparison_data = compare_with_baselines(
             windows, pipeline, benchmark, settings, n_jobs=args.jobs
         ).to_dict()

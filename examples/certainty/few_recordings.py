@@ -16,9 +16,7 @@ figure, axis = plt.subplots(figsize=(7, 3.5))
 for pipeline, n_trained, shift in (("strese2015", [3, 4, 6], -0.05), ("surfaces", [1, 3, 4, 6], 0.05)):
     accuracies = []
     for n in n_trained:
-        result = tx.benchmark(
-            dataset, pipeline, protocol=f"repetition=1-{n} -> repetition=7-12", nested_cv=True
-        )
+        result = tx.benchmark(dataset, pipeline, protocol=f"repetition=1-{n} -> repetition=7-12")
         accuracies.append(result.data["nested_cv"]["accuracy"])
     accuracy = 100 * pd.DataFrame(accuracies)[["mean", "low", "high"]]
     error = [accuracy["mean"] - accuracy["low"], accuracy["high"] - accuracy["mean"]]

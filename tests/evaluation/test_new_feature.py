@@ -56,6 +56,9 @@ def test_a_study_is_written_beside_its_benchmark_without_pictures_of_its_own(stu
     assert {path.name for path in tmp_path.iterdir()} == written
     assert {name.rpartition(".")[2] for name in written if "feature" in name} == {"json", "md"}
     assert any(name.endswith(".png") for name in written)
+    (report,) = tmp_path.glob("*-feature.md")
+    nested = 100 * study.data["nested_cv"]["accuracy"]["mean"]
+    assert f"Table with the new feature: {nested:.1f} % [" in report.read_text()
 
 
 def test_an_existing_feature_name_is_rejected_and_a_new_feature_changes_the_hash(few):

@@ -205,9 +205,11 @@ def new_feature_document(data: Data) -> Document:
         Values of a `FeatureStudy`.
     """
     table, new = benchmark_document(data), data["new_feature"]
+    assert table.finding is not None
+    summary = f"Table with the new feature: {table.finding.number} {table.finding.rest}"
     return Document(
         f"New feature {new['name']} on {table.title}",
-        [Heading("The feature itself"), *_feature_blocks(new, data), *benchmark_blocks(data)],
+        [Heading("The feature itself"), *_feature_blocks(new, data), summary, *benchmark_blocks(data)],
         table.subtitle, _finding(data), table.dataset, table.reproduction, table.versions,
     )  # fmt: skip
 

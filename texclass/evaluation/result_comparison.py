@@ -42,7 +42,7 @@ SETTINGS = {
     "code_hash": "Code hash",
 }  # fmt: skip
 """Titles of the settings that are compared, in display order."""
-TITLES = {"nested_cv": "Nested cross-validation", "best": "Best pair on the test folds (optimistic)"}
+TITLES = {"nested_cv": "Nested cross-validation", "best": "Best pair on the test folds, optimistic"}
 """Titles of the accuracies of a benchmark."""
 
 
@@ -141,6 +141,8 @@ def compare_results(
             "first": names[0],
             "second": names[1],
             "dataset": b["dataset"],
+            "protocol": b["protocol"],
+            "seed": b["seed"],
             "input_hash": b["input_hash"],
             "versions": b["versions"],
             "settings": [[key, *values] for key, values in settings.items() if values[0] != values[1]],
@@ -270,7 +272,12 @@ def comparison_document(data: Data) -> Document:
         f"First: {data['first']}; second: {data['second']}. Differences are second minus first",
         _finding(data),
         dataset_facts(data),
-        {"First": data["first"], "Second": data["second"]},
+        {
+            "First": data["first"],
+            "Second": data["second"],
+            "Protocol": data["protocol"],
+            "Seed": str(data["seed"]),
+        },
         data["versions"],
     )
 
