@@ -15,6 +15,7 @@ from texclass.evaluation.windows import cut_windows, files, parents
 from texclass.features import load_feature_set
 from texclass.loaders import open_dataset
 from texclass.recognition import predict
+from texclass.tradeoff.pareto_front import label_data
 
 N_FILES = 5
 READING = {"fs": FS, "unit": "m/s^2"}
@@ -64,6 +65,8 @@ def test_intervals_are_over_files_and_folds_are_limited_by_files(sessions):
     table = metadata(open_dataset(sessions, **READING).entries)
     unit, units = PROTOCOLS["recording"].independent(table)
     assert (unit, len(set(units))) == ("file", N_FILES)
+    groups = label_data(np.zeros((len(table), 1)), table, PROTOCOLS["recording"]).groups
+    assert groups.tolist() == files(table).tolist()  # of the inner folds of trade-offs
     assert min_per_surface(PROTOCOLS["recording"], table) == N_FILES  # cork has twice as many recordings
     with pytest.raises(ValueError, match="has 5 files; 6 folds grouped by file need at least 6"):
         PROTOCOLS["recording"].split(table, 6, seed=0)

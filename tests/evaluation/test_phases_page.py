@@ -16,7 +16,7 @@ from texclass.evaluation.phases_page import phases_page
 from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.phases_files import PhasesFile, phases_path
 from texclass.phases import find_phases
-from texclass.recording import RecordingError
+from texclass.recording import Recording, RecordingError
 
 FS = 10_000.0
 READING = {"fs": FS, "unit": "m/s^2"}
@@ -379,8 +379,21 @@ def test_a_page_of_a_long_recording_is_small(tmp_path, monkeypatch):
     assert np.argmax(high) == 12_345 // trace["block"]
     centred = x - x.mean()
     assert high.max() == pytest.approx(centred.max(), abs=0.01)
-    assert low[0] == pytest.approx(centred[: trace["block"]].min(), abs=0.01)
+    assert low[0] == pytest.approx(centred[: int(trace["block"])].min(), abs=0.01)
     assert len(phases_page(recording)) < 100_000
+
+
+def test_signals_of_another_rate_are_drawn_at_their_times():
+    rng = np.random.default_rng(0)
+    recording = Recording(
+        rng.standard_normal(5000),
+        FS,
+        "m/s^2",
+        friction=rng.standard_normal(50),
+        auxiliary_fs={"friction": 100.0},
+    )
+    assert module._trace("friction", recording)["block"] == 100
+    assert module._trace("acceleration", recording)["block"] == 1
 
 
 def test_names_are_escaped_and_recordings_without_file_are_refused(tmp_path):

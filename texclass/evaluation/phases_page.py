@@ -165,10 +165,11 @@ def _trace(name: str, recording: Recording) -> dict[str, Any]:
     scale = float(np.ptp(x)) / 65_534 or 1.0
     values = np.rint((x - offset) / scale).astype("<i2")
     unit = recording.unit if is_acceleration else AUXILIARY_UNITS[name]
+    ratio = 1.0 if is_acceleration else recording.fs / recording.rate_of(name)
     return {
         "name": name.replace("_", " "),
         "unit": unit.replace("^2", "²"),
-        "block": 2 * block if block > 1 else 1,
+        "block": ratio * (2 * block if block > 1 else 1),  # samples of the acceleration
         "is_envelope": block > 1,
         "scale": scale,
         "offset": offset,
