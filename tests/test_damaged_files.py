@@ -214,12 +214,13 @@ def test_a_feature_table_with_inconsistent_metadata_is_an_error(changes, tmp_pat
 @pytest.mark.parametrize(
     "row",
     [{"features": None}, {"features": [1.0]}, {"features": ["a", "b"]}, {"reasons": "["}, {"reasons": [[1]]},
-     {"flags": 5}, {"ms": None}, {"ms": "x"}, {"ms": float("inf")}, {"axes": None}, {"phases": [1]}],
+     {"flags": 5}, {"ms": None}, {"ms": "x"}, {"ms": float("inf")}, {"axes": None}, {"phases": [1]},
+     {"rates": 5}],
 )  # fmt: skip
 def test_a_damaged_part_of_an_extraction_says_what_to_do(row, tmp_path):
     path = tmp_path / "p.json"
     whole = {"features": [1.0, float("nan")], "reasons": [["mfcc", "short"]], "flags": [], "ms": 1.0}
-    whole |= {"axes": ["x"], "phases": [1, 2.0, 3.0]}
+    whole |= {"axes": ["x"], "rates": {"friction": 100.0}, "phases": [1, 2.0, 3.0]}
     path.write_text(json.dumps([whole]))
     assert read_checkpoint(path, 2)[0].ms == 1.0
     path.write_text(json.dumps([whole | row]))

@@ -358,14 +358,12 @@ class Recording:
         """
         changed = [name for name in names if name in self.auxiliary_fs]
         rates = {name: rate for name, rate in self.auxiliary_fs.items() if name not in changed}
-        signals = {name: self.at_acceleration(name, getattr(self, name)) for name in changed}
+        signals = {name: self.at_acceleration(name) for name in changed}
         return self.with_(**signals, auxiliary_fs=rates) if changed else self
 
-    def at_acceleration(self, name: str, signal: Samples) -> Samples:
-        """Interpolate the samples of an auxiliary signal linearly at the times of the acceleration.
-
-        If it has the rate of the acceleration, it is returned unchanged.
-        """
+    def at_acceleration(self, name: str) -> Samples:
+        """Return an auxiliary signal at the times of the acceleration, interpolated linearly if necessary."""
+        signal: Samples = getattr(self, name)
         if name not in self.auxiliary_fs:
             return signal
         index = np.arange(self.n_samples) * (self.auxiliary_fs[name] / self.fs)

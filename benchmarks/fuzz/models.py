@@ -171,8 +171,8 @@ def _outcome(path: Path) -> object:
 
 
 _PART = (
-    b'[{"features": [1.0, NaN], "axes": ["x"], "phases": [1, 2.0, 3.0], "ms": 2.0, '
-    b'"reasons": [["mfcc", "short"]], "flags": ["clipped"]}]'
+    b'[{"features": [1.0, NaN], "axes": ["x"], "rates": {"friction": 9.0}, "phases": [1, 2.0, 3.0], '
+    b'"ms": 2.0, "reasons": [["mfcc", "short"]], "flags": ["clipped"]}]'
 )
 _OUTCOME = b'{"first_s": 1.0, "versions": {"aeon": "1"}, "missing": false, "message": "x", "predicted": [0]}'
 _SEALED = archives(_sealed, deflate=False)

@@ -361,7 +361,7 @@ class Views:
         first = self.phases.movement[0] if self.phases.movement else 0
         where = self.recording.source or self.recording.recording_id
         speed = exclude_outliers(speed, self.recording.rate_of("speed"), "speed", "mm/s", where)
-        speed = self.recording.at_acceleration("speed", speed)
+        speed = self.recording.with_(speed=speed).at_acceleration("speed")
         steps = 1e-3 * np.abs(speed[first : first + x.size]) / self.recording.fs
         s, integral = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, x * steps))
         undefined_if(s[-1] == 0, "the speed of the tool is always 0. Expected a moving tool")
