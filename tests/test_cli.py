@@ -196,6 +196,7 @@ def test_each_command_has_a_panel_an_example_and_options_with_help_and_kind(name
 def test_every_option_that_a_page_or_a_message_names_exists(folder):
     options = {flag for command in COMMANDS.values() for flag in flags(command)} | {"--help", "--version"}
     options |= {"--rm", "--user"}  # of `docker run`
+    options |= {"--system-site-packages", "--from-paths", "--ignore-src"}  # of the README in `ros2`
     # Of chapters, `ros2 topic info` and the program itself.
     options |= {"--out", "--verbose", "--install-completion"}
     files = [path for path in (ROOT / folder).rglob("*.*") if path.suffix in {".md", ".py", ".toml"}]
