@@ -1,13 +1,9 @@
 """Recordings whose signals have different sampling rates: features, windows and conversions."""
 
-import json
-import re
-
 import numpy as np
 import pytest
 from feature_signals import noise
 
-from texclass.evaluation.phases_page import phases_page
 from texclass.features import FeatureExtractor, load_feature_set
 from texclass.features.friction import friction
 from texclass.features.phase_view import pairs_of, separate_channels, views_of
@@ -165,13 +161,3 @@ def test_recordings_with_different_rates_of_a_signal_are_not_mixed():
         extractor.fit_transform([scraped(), other])
     level = FeatureExtractor(load_feature_set("texclass").restricted_to(["vibration_level"]))
     assert len(level.fit_transform([scraped(), other])) == 2  # no feature reads the friction
-
-
-def test_a_page_to_mark_phases_shows_all_signals_at_the_same_times(tmp_path):
-    path = tmp_path / "scraped.npz"
-    np.savez(path, acceleration=noise(SECONDS * FS))
-    page = phases_page(scraped(source=str(path), recording_id="scraped"))
-    data = json.loads(re.search(r'<script[^>]*id="data"[^>]*>(.*?)</script>', page, re.DOTALL)[1])
-    acceleration, force = data["traces"]
-    assert (force["name"], force["block"]) == ("friction", 1)
-    assert len(force["values"]) == len(acceleration["values"])

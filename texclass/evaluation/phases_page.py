@@ -156,7 +156,7 @@ def recording_file(recording: Recording) -> Path:
 def _trace(name: str, recording: Recording) -> dict[str, Any]:
     """Return a signal as 16-bit integers, decimated to minima and maxima of blocks if it is long."""
     is_acceleration = name == "acceleration"
-    x: Samples = main_direction(recording) if is_acceleration else recording.at_acceleration(name)
+    x: Samples = main_direction(recording) if is_acceleration else getattr(recording, name)
     block = -(-len(x) // MAX_BLOCKS)
     if block > 1:
         starts = np.arange(0, len(x), 2 * block)
