@@ -9,7 +9,7 @@ from every_command import COMMANDS, flags
 from toy_noises import TINY
 from toy_surfaces import FS, recording
 
-from texclass.haptics.exchange import save_texture
+from texclass.haptics.exchange import load_texture, save_texture
 from texclass.haptics.textures import pack
 
 RESULT = Path(__file__).parent / "reporting" / "data" / "benchmark.json"
@@ -157,3 +157,13 @@ def test_report_compares_two_results_and_refuses_others(folder, command):
     assert (code, "the result is damaged" in err) == (1, True)
     assert command("report", "a.json", "--compare")[0] == 2
     assert command("report", "a.json", "--json", "x.json")[0] == 2
+
+
+def test_convert_resamples_a_recording_and_rejects_other_sources(folder, command):
+    assert (
+        command("convert", "signal.txt", *SIGNAL, "--bytes", 64, "--resample", 2000, "-o", "p.texture")[0]
+        == 0
+    )
+    assert load_texture(folder / "p.texture").fs == 2000
+    code, _, err = command("convert", "a.texture", "-o", "b.wav", "--resample", 1000)
+    assert (code, "--resample applies to a recording" in " ".join(err.split())) == (2, True)
