@@ -392,7 +392,9 @@ def test_signals_of_another_rate_are_drawn_at_their_times():
         friction=rng.standard_normal(50),
         auxiliary_fs={"friction": 100.0},
     )
-    assert module._trace("friction", recording)["block"] == 100
+    trace = module._trace("friction", recording)
+    assert trace["block"] == 100
+    assert len(base64.b64decode(trace["values"])) == 2 * 50
     assert module._trace("acceleration", recording)["block"] == 1
 
 
