@@ -74,6 +74,7 @@ def test_every_output_option_is_found():
 
 
 def test_extract_writes_the_format_of_the_suffix_and_resumes_both(command, tmp_path, monkeypatch):
+    pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
     Path("tiny.toml").write_text(TINY, encoding="utf-8")

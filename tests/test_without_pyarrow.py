@@ -70,6 +70,7 @@ def test_recordings_are_written_extracted_evaluated_trained_and_classified(run, 
 
 
 def test_parquet_files_name_the_extra(run, tmp_path):
+    pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
     (tmp_path / "r" / "oak").mkdir(parents=True)
     np.savetxt(tmp_path / "r" / "oak" / "1.txt", np.zeros(10))
     pd.DataFrame({"acceleration": np.zeros(10)}).to_parquet(tmp_path / "1.parquet")

@@ -42,6 +42,7 @@ def _write(path: Path, axes: np.ndarray) -> Path:
             text = frame.to_csv(index=False, header=False, sep="\t", lineterminator="\n")
             path.write_text(above + "".join(f"\t{line}\n" for line in text.splitlines()), encoding="utf-8")
         case ".parquet":
+            pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
             frame.to_parquet(path)
         case ".wav" | ".flac":
             soundfile.write(path, axes.astype(np.int16), int(FS), subtype="PCM_16")

@@ -11,8 +11,6 @@ import zlib
 
 import h5py
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import scipy.io
 from fuzz.contract import judge
@@ -149,6 +147,8 @@ def judged(name, data, tmp_path):
 def test_files_of_a_few_kilobytes_cannot_announce_gigabytes_but_what_deflate_can_shrink_is_read(tmp_path):
     with h5py.File(tmp_path / "r.h5", "w") as file:
         file.create_dataset("acceleration", shape=(900_000_000,), chunks=(1 << 20,), dtype="f8")
+    pa = pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
+    pq = pytest.importorskip("pyarrow.parquet")
     repeated = pa.DictionaryArray.from_arrays(pa.array(np.zeros(20_000_000, np.int8)), pa.array([1.5]))
     pq.write_table(pa.table({"acceleration": repeated}), tmp_path / "r.parquet")
     del repeated

@@ -240,6 +240,7 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path):
 
 
 def test_a_parquet_column_of_text_of_lists_or_with_a_gap_is_refused(tmp_path):
+    pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
     gap = pd.array([1, None, 3], dtype="Int64")
     for column, message in (
         (["1", "2"], "a contains object values. Expected real numbers"),
@@ -323,24 +324,28 @@ def test_a_unit_in_column_names_is_used_and_must_not_be_contradicted(tmp_path, a
         load_recording(path, fs=FS)
 
 
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
 @pytest.mark.parametrize(("between", "zone"), [("T", ""), (" ", ""), ("T", "Z"), (" ", "+02:00")])
 @pytest.mark.parametrize("name", ["timestamp", "datetime", "time_ms"])
-def test_dates_in_a_time_column_give_the_rate(tmp_path, axes, name, between, zone):
+def test_dates_in_a_time_column_give_the_rate(tmp_path, axes, name, between, zone, suffix):
     stamps = np.datetime64("2024-01-01T23:59:59") + (1e6 * TIMES).astype("m8[us]")
     dates = [f"{str(stamp).replace('T', between)}{zone}" for stamp in stamps]
     lines = [f"{date},{x:g},{y:g},{z:g}" for date, (x, y, z) in zip(dates, axes, strict=True)]
-    (tmp_path / "r.csv").write_text("\n".join([f"{name},x,y,z", *lines]))
-    pd.DataFrame({name: stamps, **dict(zip("xyz", axes.T, strict=True))}).to_parquet(tmp_path / "r.parquet")
-    for suffix in ("csv", "parquet"):
-        recording = load_recording(tmp_path / f"r.{suffix}", unit="counts")
-        np.testing.assert_array_equal(recording.acceleration, axes)
-        assert recording.fs == 250
-        with pytest.raises(
-            RecordingError, match=r"fs is 250 Hz according to its column.*, but 250000 Hz was given"
-        ):
-            load_recording(tmp_path / f"r.{suffix}", unit="counts", fs=250_000)
-        with pytest.raises(RecordingError, match=f"{name} contains datetime64.*Expected real numbers"):
-            load_recording(tmp_path / f"r.{suffix}", fs=250, unit="counts", column=name)
+    if suffix == "csv":
+        (tmp_path / "r.csv").write_text("\n".join([f"{name},x,y,z", *lines]))
+    else:
+        pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
+        frame = pd.DataFrame({name: stamps, **dict(zip("xyz", axes.T, strict=True))})
+        frame.to_parquet(tmp_path / "r.parquet")
+    recording = load_recording(tmp_path / f"r.{suffix}", unit="counts")
+    np.testing.assert_array_equal(recording.acceleration, axes)
+    assert recording.fs == 250
+    with pytest.raises(
+        RecordingError, match=r"fs is 250 Hz according to its column.*, but 250000 Hz was given"
+    ):
+        load_recording(tmp_path / f"r.{suffix}", unit="counts", fs=250_000)
+    with pytest.raises(RecordingError, match=f"{name} contains datetime64.*Expected real numbers"):
+        load_recording(tmp_path / f"r.{suffix}", fs=250, unit="counts", column=name)
 
 
 @pytest.mark.parametrize(
