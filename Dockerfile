@@ -14,6 +14,7 @@ COPY feature_defs feature_defs
 COPY pipelines pipelines
 COPY datasets datasets
 COPY ros2/texclass_msgs/msg ros2/texclass_msgs/msg
+COPY reports/leaderboard/leaderboard.csv reports/leaderboard/leaderboard.csv
 RUN python -m venv /opt/texclass && /opt/texclass/bin/pip install --no-cache-dir .
 
 FROM python:3.13.5-slim-bookworm

@@ -13,6 +13,7 @@ from texclass.haptics.exchange import load_texture, save_texture
 from texclass.haptics.textures import pack
 
 RESULT = Path(__file__).parent / "reporting" / "data" / "benchmark.json"
+LEADERBOARD = Path(__file__).parents[1] / "reports" / "leaderboard" / "leaderboard.csv"
 FEW = """
 features = "coarse"
 seed = 1
@@ -52,6 +53,7 @@ JSON_CALLS = {
     "tradeoff": ("tiny.toml", "--features", "coarse", "--no-curves", "--max-features", "2", "--jobs", "1"),
     "stability": ("--quick", "--only", "transforms"),
     "report": ("a.json", "a.json", "--compare"),
+    "suite": (str(LEADERBOARD), "--no-run"),
     "model": ("model.skops",),
     "predict": ("model.skops", "signal.txt", *SIGNAL),
     "stream": ("model.skops", "signal.txt", *SIGNAL),

@@ -27,6 +27,8 @@ EXPECTED = {
     "tradeoff output": "a folder",
     "stability output": "a folder",
     "report output": ".html or .htm or .md",
+    "score-stream output": "a folder",
+    "suite output": "a folder",
     "train output": ".skops",
     "predict confusion": ".csv",
     "predict save": ".skops",

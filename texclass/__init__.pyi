@@ -9,6 +9,7 @@ from . import reporting as reporting
 from . import robot as robot
 from . import simulate as simulate
 from . import stability as stability
+from . import suite as suite
 from . import tradeoff as tradeoff
 from . import vibration as vibration
 from ._version import __version__ as __version__
@@ -32,4 +33,5 @@ from .recognition import train as train
 from .recording import Phases as Phases
 from .recording import Recording as Recording
 from .recording import Tap as Tap
+from .suite import load_leaderboard as load_leaderboard
 from .tradeoff import trade_off as trade_off

@@ -38,6 +38,13 @@ def folder(kind: Kind | Literal["texclass_msgs"]) -> Path:
     return package.parent / ("ros2/texclass_msgs/msg" if kind == "texclass_msgs" else kind)
 
 
+def leaderboard_folder() -> Path:
+    """Return the folder of the published leaderboard, in the installed package or in the repository."""
+    package = Path(__file__).resolve().parent
+    installed = package / "_shipped" / "leaderboard"
+    return installed if installed.is_dir() else package.parent / "reports" / "leaderboard"
+
+
 def names(kind: Kind) -> tuple[str, ...]:
     """Return the sorted names of all definitions of a kind.
 

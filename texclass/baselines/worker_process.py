@@ -39,8 +39,10 @@ N_TIMED = 100
 """Number of recordings, spread over the dataset, on which feature times of texclass are measured."""
 
 
-def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s: float) -> dict[str, Any]:
-    """Evaluate one baseline on a task.
+def run_worker(
+    python: Path, task: Path, baseline: str, out: Path, time_limit_s: float, *, features_only: bool = False
+) -> dict[str, Any]:
+    """Evaluate one baseline on a task, or compute its features.
 
     Parameters
     ----------
@@ -54,6 +56,8 @@ def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s:
         Empty output folder of the worker.
     time_limit_s : float
         Limit of the wall-clock time in s. Folds that finish within the limit are returned.
+    features_only : bool
+        Whether the worker writes the features instead of predictions (default False).
 
     Returns
     -------
@@ -67,6 +71,7 @@ def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s:
     """
     out.mkdir(parents=True, exist_ok=True)
     command = [str(python), "-c", START, str(HERE), str(task), baseline, str(out)]
+    command += ["features"] * features_only
     expired = False
     with (out / "stderr.txt").open("w", encoding="utf-8") as errors:
         try:

@@ -9,7 +9,14 @@ import typer
 
 # Importing a module registers its commands. The help page lists them in this order.
 from texclass import shipped
-from texclass.cli import dataset_commands, evaluation_commands, model_commands, score_command, stream_command
+from texclass.cli import (
+    dataset_commands,
+    evaluation_commands,
+    model_commands,
+    score_command,
+    stream_command,
+    suite_command,
+)
 from texclass.cli.app import app, main
 
 for _name in shipped.entry_point_modules("commands"):

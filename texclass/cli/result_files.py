@@ -23,6 +23,7 @@ from texclass.recognition.live import stream_score  # noqa: F401
 from texclass.reporting import Document, render_markdown, render_page
 from texclass.reporting.result_files import Result, read_result
 from texclass.stability import battery  # noqa: F401
+from texclass.suite import leaderboard  # noqa: F401
 from texclass.tradeoff import study  # noqa: F401
 
 

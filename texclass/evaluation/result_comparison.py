@@ -247,14 +247,18 @@ def _compare_accuracies(a: Data, b: Data) -> Iterator[dict[str, Any]]:
         one, two = ([np.array(list(fold)) == "1" for fold in hits[name][:n]] for hits in (hits_a, hits_b))
         unit = accuracies_b[name][1].get("clusters", protocol.unit)
         difference = compare([two], [one], splits, protocol, (unit, np.array(units)))
-        before, after, tested = np.concatenate(one), np.concatenate(two), np.array(ids[: stops[n - 1]])
+        first_hits, second_hits, tested = (
+            np.concatenate(one),
+            np.concatenate(two),
+            np.array(ids[: stops[n - 1]]),
+        )
         yield {
             "name": name,
             "first": {"by": accuracies_a[name][0], **accuracies_a[name][1]},
             "second": {"by": accuracies_b[name][0], **accuracies_b[name][1]},
             "difference": difference,
-            "gained": tested[after & ~before].tolist(),
-            "lost": tested[before & ~after].tolist(),
+            "gained": tested[second_hits & ~first_hits].tolist(),
+            "lost": tested[first_hits & ~second_hits].tolist(),
         }
 
 

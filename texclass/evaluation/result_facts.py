@@ -16,7 +16,15 @@ if TYPE_CHECKING:
 
     from texclass.loaders.dataset import Dataset
 
-CODE_DEPENDENCIES = ("recording", "signals", "phases", "features", "vibration", "classifiers", "evaluation")
+CODE_DEPENDENCIES: tuple[str, ...] = (
+    "recording",
+    "signals",
+    "phases",
+    "features",
+    "vibration",
+    "classifiers",
+    "evaluation",
+)
 """Subpackages and modules whose code determines results. Each result stores a hash of this code."""
 
 CLASSIFIER_TITLES = {

@@ -81,12 +81,14 @@ def _require_labels(table: pd.DataFrame, labels: Sequence[str]) -> None:
     """Raise ValueError if a table has no column of a label. The message lists the labels with values."""
     identifiers = {"recording_id", "parent", "file_id", "is_train_only"}
     if unknown := [label for label in labels if label not in table or label in identifiers]:
-        known = [
+        label_names = [
             str(name)
             for name, column in table.items()
             if name not in identifiers and column.notna().any() and not pd.api.types.is_float_dtype(column)
         ]
-        raise ValueError(f"no recording has the label {unknown[0]!r}. Expected one of {', '.join(known)}")
+        raise ValueError(
+            f"no recording has the label {unknown[0]!r}. Expected one of {', '.join(label_names)}"
+        )
 
 
 def split_testable(split: Callable[[pd.DataFrame], Splits], table: pd.DataFrame) -> Splits:

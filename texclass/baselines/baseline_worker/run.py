@@ -3,10 +3,12 @@
 The folder of a task contains `task.json` (fs in Hz, seed), `signal_000000.npy`, ... (one per recording, shape
 (n_channels, n_samples)), and `layout.npz` (`labels`: class indices; `train_0`, `test_0`, ...: row indices of
 each fold). The worker writes `started.json`, `fold_<k>.json` after each fold, and finally `done.json` or
-`failed.json` to a separate output folder.
+`failed.json` to a separate output folder. Instead of predictions, it can write the features: `features.npy`,
+or `features_<k>.npy` for each fold if they depend on the training set.
 """
 
 import json
+import pickle
 import sys
 import time
 import traceback
@@ -93,10 +95,11 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 def main() -> int:
     """Evaluate one baseline on one task. Errors are written to `failed.json` instead of being raised."""
     task_folder, name, out = Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])
+    run = write_features if sys.argv[4:] == ["features"] else work
     warnings.simplefilter("ignore")
     baseline = BASELINES[name]
     try:
-        work(baseline, read_task(task_folder), out)
+        run(baseline, read_task(task_folder), out)
     except Exception as error:
         packages = missing_packages(baseline)
         message = f"needs {', '.join(packages)}" if packages else f"{type(error).__name__}: {error}"
@@ -111,8 +114,8 @@ def missing_packages(baseline: Baseline) -> list[str]:
     return [package for package in baseline.packages if _version(package) is None]
 
 
-def work(baseline: Baseline, task: Task, out: Path) -> None:
-    """Compute the features, then fit, predict and write one file for each fold."""
+def _start(baseline: Baseline, task: Task, out: Path) -> Extractor:
+    """Return the extractor of a baseline after a first call, whose time is written to `started.json`."""
     if packages := missing_packages(baseline):
         raise ModuleNotFoundError(", ".join(packages))
     extractor = baseline.make(task.fs, task.seed)
@@ -120,6 +123,36 @@ def work(baseline: Baseline, task: Task, out: Path) -> None:
     _, first_s = timed(lambda: extractor.fit(first_signals).transform(first_signals))
     versions = {package: _version(package) for package in ("numpy", "scikit-learn", *baseline.packages)}
     write_json(out / "started.json", {"first_s": first_s, "versions": versions})
+    return extractor
+
+
+def write_features(baseline: Baseline, task: Task, out: Path) -> None:
+    """Write the features of all recordings, once or for each fold, and their cost.
+
+    The facts of a fold are `feature_s` (CPU time per recording in s), `widths` (number of columns of each
+    transformer) and `kb` (size of the fitted transformers).
+    """
+    extractor = _start(baseline, task, out)
+    for k, (train, test) in enumerate(task.splits if extractor.depends_on_training else task.splits[:1]):
+        if extractor.depends_on_training:
+            extractor.fit(task.select(train))
+            rows = np.concatenate([train, test])
+            features, seconds = timed(partial(extractor.transform, task.select(rows)))
+            table = np.full((len(task.signals), features.shape[1]), np.nan, dtype=features.dtype)
+            table[rows], name = features, f"features_{k}.npy"
+            seconds /= len(rows)
+        else:
+            (table, seconds), name = _feature_table(extractor, task), "features.npy"
+        np.save(out / name, table)
+        kilobytes = len(pickle.dumps(getattr(extractor, "transformers", []))) / 1000
+        facts = {"feature_s": seconds, "widths": getattr(extractor, "widths", []), "kb": kilobytes}
+        write_json(out / f"fold_{k}.json", facts)
+    write_json(out / "done.json", {})
+
+
+def work(baseline: Baseline, task: Task, out: Path) -> None:
+    """Compute the features, then fit, predict and write one file for each fold."""
+    extractor = _start(baseline, task, out)
     megabytes = watch_memory()
     table, seconds = (None, 0.0) if extractor.depends_on_training else _feature_table(extractor, task)
     for k, (train, test) in enumerate(task.splits):
