@@ -82,7 +82,7 @@ def test_the_result_file_is_written_if_the_reader_of_the_lines_stops(model_file,
 def test_predict_and_stream_import_no_library_for_training(model_file, tmp_path, samples):
     np.savetxt(tmp_path / "oak.txt", samples)
     arguments = [str(model_file), str(tmp_path / "oak.txt"), "--fs", str(FS), "--unit", "m/s^2"]
-    heavy = ("sklearn", "pandas", "librosa", "skops", "joblib")
+    heavy = ("sklearn", "librosa", "skops", "joblib")
     code = (
         "import contextlib, sys\n"
         "from texclass.cli import main\n"

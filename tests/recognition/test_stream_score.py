@@ -312,7 +312,7 @@ def rest(seconds, seed):
 
 @pytest.fixture(scope="module")
 def stream():
-    """Return rest, oak, rest, a stranger, rest, cork, rest; and its intervals."""
+    """Return rest, oak, rest, an unknown surface, rest, cork, rest; and its intervals."""
     parts, rows, n = [], [], 0
     for k, (surface, hz) in enumerate(
         {"oak": SURFACES["oak"], "tin": 1250.0, "cork": SURFACES["cork"]}.items()
