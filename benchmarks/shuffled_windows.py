@@ -151,8 +151,8 @@ def main() -> None:
         "A published accuracy often comes from windows that were drawn at random, so that windows of one "
         "recording are in the training set and in the test set. They share the place, the speed, the force "
         "and the state of the sensor. The accuracy then includes the recognition of the recording. This adds "
-        "much where the nearest other window is from the same recording far more often than by chance (second "
-        "table), and little elsewhere.",
+        "much where the nearest other window is from the same recording far more often than by chance "
+        "(second table), and little elsewhere.",
         table(
             shown,
             "dataset = {dataset} | classifier = {classifier} | window s = {window} | windows = {n_windows} | "
