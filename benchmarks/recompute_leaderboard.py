@@ -17,8 +17,10 @@ import pandas as pd
 from study import set_data_folder
 
 from texclass.baselines import BASELINES
-from texclass.suite import SuiteSettings, available_datasets, find_method, load_leaderboard
+from texclass.leaderboard import load_leaderboard
+from texclass.suite import SuiteSettings, available_datasets, find_method
 from texclass.suite.cells import evaluate_cell
+from texclass.suite.methods import PIPELINE_TITLES
 from texclass.suite.runner import CELL_KEYS, list_cells, read_table
 
 MODULES = {"scikit-learn": "sklearn", "pycatch22": "pycatch22"}
@@ -27,9 +29,9 @@ TOLERANCE = 0.005
 
 
 def can_run(name: str) -> bool:
-    """Return whether a method is a pipeline, or a baseline whose packages are installed."""
+    """Return whether a method is a pipeline of texclass, or a baseline whose packages are installed."""
     if name not in BASELINES:
-        return name.removesuffix(".toml") == name
+        return name in PIPELINE_TITLES
     return all(find_spec(MODULES.get(package, package)) for package in BASELINES[name].packages)
 
 

@@ -2,6 +2,7 @@ from . import classifiers as classifiers
 from . import evaluation as evaluation
 from . import features as features
 from . import haptics as haptics
+from . import leaderboard as leaderboard
 from . import loaders as loaders
 from . import phases as phases
 from . import recognition as recognition
@@ -21,6 +22,7 @@ from .front_door import benchmark as benchmark
 from .front_door import compare_results as compare_results
 from .front_door import extract as extract
 from .front_door import plot_recording as plot_recording
+from .leaderboard import load_leaderboard as load_leaderboard
 from .loaders import load_recording as load_recording
 from .loaders import open_dataset as open_dataset
 from .phase_settings import PhaseSettings as PhaseSettings
@@ -33,5 +35,4 @@ from .recognition import train as train
 from .recording import Phases as Phases
 from .recording import Recording as Recording
 from .recording import Tap as Tap
-from .suite import load_leaderboard as load_leaderboard
 from .tradeoff import trade_off as trade_off

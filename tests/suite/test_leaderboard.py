@@ -7,10 +7,10 @@ import pytest
 from chromium import needs_chromium
 
 import texclass as tx
+from texclass.leaderboard import Leaderboard, load_leaderboard, summarize
+from texclass.leaderboard.leaderboard import render_leaderboard
 from texclass.reporting import render_markdown
 from texclass.reporting.result_files import read_result
-from texclass.suite import Leaderboard, load_leaderboard, summarize
-from texclass.suite.leaderboard import render_leaderboard
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_a_message_of_a_failure_is_escaped(table):
 def test_published_table_is_loaded_and_agrees_with_its_summary():
     table = tx.load_leaderboard()
     pd.testing.assert_frame_equal(table, load_leaderboard())
-    folder = tx.suite.leaderboard.shipped.leaderboard_folder()
+    folder = tx.leaderboard.leaderboard.shipped.leaderboard_folder()
     data = read_result(folder / "leaderboard.json").data
     assert Leaderboard.from_table(table).data["rows"] == data["rows"]
     assert Leaderboard.from_table(table).data["table_hash"] == data["table_hash"]

@@ -27,4 +27,5 @@ def test_another_accuracy_of_other_code_is_printed(table, cell, capsys):
 def test_methods_of_users_and_missing_libraries_are_left_out():
     assert can_run("coarse")
     assert can_run("bands")
-    assert not can_run("mine.toml")
+    assert not can_run("mine")
+    assert not can_run("surfaces+crest")

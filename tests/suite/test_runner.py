@@ -9,9 +9,10 @@ import pandas as pd
 import pytest
 
 from texclass.evaluation import find_protocol
+from texclass.leaderboard import summarize
 from texclass.loaders import open_dataset
 from texclass.loaders.cards import read_card
-from texclass.suite import DEFAULT_METHODS, available_datasets, cells, find_method, run_suite, summarize
+from texclass.suite import DEFAULT_METHODS, available_datasets, cells, find_method, run_suite
 from texclass.suite.runner import join_rows, list_cells, read_table
 
 needs_no_aeon = pytest.mark.skipif(find_spec("aeon") is not None, reason="aeon is installed here")
@@ -161,6 +162,10 @@ def test_a_new_feature_is_added_to_the_default_pipeline(card, tmp_path):
     assert set(rows["status"]) == {"done"}
     assert set(rows["author"]) == {"Ada"}
     assert method.hash != find_method("surfaces").hash
+
+
+def test_methods_of_texclass_and_baselines_keep_their_author():
+    assert {find_method(name, author="Ada").author for name in ("surfaces", "mfcc")} == {"texclass"}
 
 
 @pytest.mark.parametrize("name", ["nothing", "missing.toml"])

@@ -18,12 +18,12 @@ from texclass.evaluation.pipeline import load_pipeline
 from texclass.evaluation.result_comparison import ResultComparison, compare_results
 from texclass.evaluation.result_facts import CODE_DEPENDENCIES
 from texclass.features.sets import load_feature_set
+from texclass.leaderboard import leaderboard  # noqa: F401
 from texclass.provenance import code_hash
 from texclass.recognition.live import stream_score  # noqa: F401
 from texclass.reporting import Document, render_markdown, render_page
 from texclass.reporting.result_files import Result, read_result
 from texclass.stability import battery  # noqa: F401
-from texclass.suite import leaderboard  # noqa: F401
 from texclass.tradeoff import study  # noqa: F401
 
 

@@ -85,8 +85,9 @@ def suite(
     from texclass.atomic_write import write_atomic
     from texclass.evaluation import use_backend
     from texclass.evaluation.workers import begin_loading
+    from texclass.leaderboard import Leaderboard
     from texclass.reporting import print_document
-    from texclass.suite import Leaderboard, SuiteSettings, run_suite
+    from texclass.suite import SuiteSettings, run_suite
     from texclass.suite.runner import join_rows, read_table
 
     # The path is not resolved, since the interpreter of a virtual environment is a symbolic link.

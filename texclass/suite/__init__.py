@@ -1,4 +1,4 @@
-"""Benchmark suite: many methods on many datasets under honest splits, and the leaderboard."""
+"""Benchmark suite: many methods on many datasets under honest splits, with the same stored folds."""
 
 import lazy_loader
 

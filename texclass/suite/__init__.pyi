@@ -1,11 +1,6 @@
 from .cells import SuiteSettings as SuiteSettings
-from .leaderboard import Leaderboard as Leaderboard
-from .leaderboard import load_leaderboard as load_leaderboard
 from .methods import DEFAULT_METHODS as DEFAULT_METHODS
 from .methods import Method as Method
 from .methods import find_method as find_method
 from .runner import available_datasets as available_datasets
 from .runner import run_suite as run_suite
-from .statistics import leakage as leakage
-from .statistics import mean_ranks as mean_ranks
-from .statistics import summarize as summarize

@@ -52,7 +52,7 @@ class SuiteSettings:
     folder
         Folder of stored folds and finished cells.
     baselines_python
-        Interpreter with the packages of the baselines, or "" for the running one.
+        Interpreter with the packages of the baselines.
     time_limit_s
         Time limit of the features of a baseline on one dataset in s of wall-clock time.
     """
@@ -152,7 +152,7 @@ def evaluate_cell(cell: Cell, settings: SuiteSettings) -> list[Path]:
     for k, protocol in enumerate(cell.protocols):
         if not is_finished[k]:
             lines = results.get(k) or [{"status": "failed", "message": failures.get(k, "no result")}]
-            lines = [facts | _protocol_facts(protocol, folds.get(k), dataset) | line for line in lines]
+            lines = [facts | _protocol_facts(protocol, folds.get(k)) | line for line in lines]
             write_atomic(paths[k], pd.DataFrame(lines).reindex(columns=list(COLUMNS)).to_csv(index=False))
     return paths
 
@@ -202,24 +202,19 @@ def _facts(cell: Cell, dataset: Dataset, software: Mapping[str, str]) -> dict[st
     }
 
 
-def _protocol_facts(
-    protocol: DeclaredProtocol, folds: StoredFolds | None, dataset: Dataset
-) -> dict[str, Any]:
+def _protocol_facts(protocol: DeclaredProtocol, folds: StoredFolds | None) -> dict[str, Any]:
     facts: dict[str, Any] = {
         "question": protocol.question,
         "protocol": protocol.protocol,
         "window_s": protocol.window_s,
     }
     if folds is not None:
-        unit, units = folds.units
-        tests = np.concatenate([test for _, test in folds.splits])
-        counts = folds.frame["surface"].iloc[tests].value_counts()
-        names = "\n".join(np.unique(units[tests]))
+        counts = folds.frame["surface"].iloc[folds.tests].value_counts()
         facts |= {
             "folds_hash": folds.hash,
-            "unit": unit,
-            "n_units": len(np.unique(units[tests])),
-            "units_hash": hashlib.sha256(names.encode()).hexdigest()[:16],
+            "unit": folds.units[0],
+            "n_units": len(folds.tested_units),
+            "units_hash": hashlib.sha256("\n".join(folds.tested_units).encode()).hexdigest()[:16],
             "chance": float(counts.max() / counts.sum()),
         }
     return facts
@@ -234,15 +229,13 @@ def _score_folds(
 ) -> Iterator[dict[str, Any]]:
     """Yield the scores of each fold, up to the first fold without features."""
     _, units = folds.units
-    tests = np.concatenate([test for _, test in folds.splits])
-    unit_number = dict(zip(np.unique(units[tests]), range(len(tests)), strict=False))
     for k, split in enumerate(folds.splits_of(table)):
         if (X := X_of(k)) is None:
             return
         unknown = unknown_groups(np.unique(table["surface"].to_numpy(dtype=str)), k, len(folds.splits))
         inner = folds.inner(table, split)
         scores, hits = evaluate_fold(choices_of(k), X, table, split, inner, unknown, ms_of)
-        numbers = pd.Series([unit_number[unit] for unit in units[folds.splits[k][1]]])
+        numbers = np.searchsorted(folds.tested_units, units[folds.splits[k][1]])
         sums = pd.Series(hits.astype(int)).groupby(numbers).agg(["sum", "size"])
         unit_hits = " ".join(f"{number}:{a}/{n}" for number, a, n in sums.itertuples())
         yield {"fold": k, **scores, "unit_hits": unit_hits}

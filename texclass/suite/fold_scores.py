@@ -185,9 +185,10 @@ def _calibrated_scores(
     labels: NDArray[np.intp],
 ) -> dict[str, float]:
     """Return calibration error, and coverage and mean size of prediction sets, from held-out decisions."""
-    finite = np.where(np.isfinite(held_out), held_out, np.nan)
     # A class that is missing in an inner training set gets the lowest decision of the row.
-    finite = np.where(np.isnan(finite), np.nanmin(finite, axis=1, keepdims=True), finite)
+    is_finite = np.isfinite(held_out)
+    lowest = held_out.min(axis=1, where=is_finite, initial=np.inf, keepdims=True)
+    finite = np.where(is_finite, held_out, lowest)
     calibration = fit_calibration(finite, held_out_labels)
     odds = log_odds(calibration.beta * finite)[np.arange(len(finite)), held_out_labels]
     threshold = ConformalCalibration.from_answers(odds, recordings).threshold(COVERAGE) - TIE_TOLERANCE

@@ -77,7 +77,7 @@ def find_method(text: str, author: str = "") -> Method:
         `file.py:function` or `module:function`. A feature is added to the default pipeline of `train`, so
         that its result can be compared with this pipeline.
     author : str
-        Author of the entry (default: "texclass").
+        Author of a user's pipeline or feature (default: "texclass").
 
     Raises
     ------
@@ -86,7 +86,7 @@ def find_method(text: str, author: str = "") -> Method:
     """
     author = author or OWN
     if text in BASELINES:
-        return Method(text, BASELINES[text].title, author, baseline=BASELINES[text])
+        return Method(text, BASELINES[text].title, baseline=BASELINES[text])
     if ":" in text and not Path(text).is_file():
         pipeline = _add_to_default(text)
         return Method(pipeline.name, pipeline.name, author, pipeline)
@@ -97,7 +97,8 @@ def find_method(text: str, author: str = "") -> Method:
             f"unknown method {text!r}. Expected a baseline ({', '.join(BASELINES)}), a pipeline or its TOML "
             f"file, or a feature (file.py:function). {error}"
         ) from None
-    return Method(pipeline.name, PIPELINE_TITLES.get(pipeline.name, pipeline.name), author, pipeline)
+    title = PIPELINE_TITLES.get(pipeline.name, pipeline.name)
+    return Method(pipeline.name, title, OWN if text in PIPELINE_TITLES else author, pipeline)
 
 
 def _add_to_default(feature: str) -> PipelineDefinition:

@@ -34,14 +34,26 @@ class StoredFolds:
         Protocol.
     splits : tuple of (train, test)
         Rows of the frame.
-    hash : str
-        Digest of the recordings and of the splits.
     """
 
     frame: pd.DataFrame
     protocol: Protocol
     splits: Splits
-    hash: str
+
+    @property
+    def hash(self) -> str:
+        """Digest of the recordings and of the splits."""
+        return hashlib.sha256(self.to_json().encode()).hexdigest()[:16]
+
+    @property
+    def tests(self) -> NDArray[np.intp]:
+        """Rows of all tests, in fold order."""
+        return np.concatenate([test for _, test in self.splits])
+
+    @property
+    def tested_units(self) -> NDArray[np.str_]:
+        """Sorted names of the independent units that are tested."""
+        return np.unique(self.units[1][self.tests])
 
     @property
     def units(self) -> tuple[str, NDArray[np.str_]]:
@@ -117,11 +129,10 @@ def load_folds(frame: pd.DataFrame, protocol: str, n_folds: int, path: Path) -> 
         splits = _read_splits(path, frame, definition)
     else:
         splits = definition.split(frame, n_folds, SEED)
-    folds = StoredFolds(frame, definition, splits, "")
-    text = folds.to_json()
+    folds = StoredFolds(frame, definition, splits)
     if not path.is_file():
-        write_atomic(path, text)
-    return StoredFolds(frame, definition, splits, hashlib.sha256(text.encode()).hexdigest()[:16])
+        write_atomic(path, folds.to_json())
+    return folds
 
 
 def _read_splits(path: Path, frame: pd.DataFrame, protocol: Protocol) -> Splits:

@@ -20,6 +20,8 @@ SUMMARY_COLUMNS = (
 """Columns of the summary that are computed."""
 PUBLISHED = "published"
 """Question of the published split."""
+FEW_SHOT = "few-shot"
+"""Question of the protocols with a few training recordings per surface."""
 FACTS = ("title", "author", "is_simulated", "licence", "unit", "n_units", "n_surfaces", "chance",
          "dataset_hash", "folds_hash", "units_hash", "versions")  # fmt: skip
 
@@ -133,10 +135,11 @@ def _with_differences(
 
 
 def leakage(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the accuracy of the published split minus that of each other split, by dataset and method.
+    """Return the accuracy of the published split minus that of each honest split, by dataset and method.
 
-    If both protocols test the same independent units, the interval is that of a paired difference over units.
-    Otherwise it combines the widths of both intervals.
+    Few-shot protocols are not compared, because their training sets are much smaller. If both protocols test
+    the same independent units, the interval is that of a paired difference over units. Otherwise it combines
+    the widths of both intervals.
 
     Parameters
     ----------
@@ -153,7 +156,7 @@ def leakage(table: pd.DataFrame) -> pd.DataFrame:
     # A protocol that is published and honest at the same time hides nothing.
     for (dataset, method), rows in done.groupby(["dataset", "method"], sort=False):
         published = rows[rows["question"] == PUBLISHED]
-        honest_rows = rows[rows["question"] != PUBLISHED]
+        honest_rows = rows[~rows["question"].isin([PUBLISHED, FEW_SHOT])]
         for _, honest in honest_rows.groupby(["question", "protocol", "window_s"], sort=False, dropna=False):
             first, windows = honest.iloc[0], published["window_s"]
             same = published[windows.eq(first["window_s"]) | (windows.isna() & pd.isna(first["window_s"]))]
@@ -216,7 +219,7 @@ def by_question(summary: pd.DataFrame) -> pd.DataFrame:
         str(question): _by_method(rows, "accuracy").mean(skipna=False)
         for question, rows in summary.groupby("question", sort=False)
     }
-    few_shot = summary[summary["question"] == "few-shot"]
+    few_shot = summary[summary["question"] == FEW_SHOT]
     if len(few_shot):
         columns["few-shot, worst"] = _by_method(few_shot, "worst").mean(skipna=False)
     accuracy = pd.DataFrame(columns).rename_axis("method")

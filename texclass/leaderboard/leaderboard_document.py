@@ -6,10 +6,10 @@ from typing import Any
 import pandas as pd
 
 from texclass.evaluation.pipeline import DEFAULT_PIPELINE
+from texclass.leaderboard.statistics import KEYS, PUBLISHED, losses, records
 from texclass.reporting import Document, Finding, Heading, Table
 from texclass.reporting.blocks import Block
-from texclass.reporting.wording import counted, digits, p_value
-from texclass.suite.statistics import KEYS, PUBLISHED, losses, records
+from texclass.reporting.wording import counted, digits, gain, interval, p_value, percent
 
 Data = Mapping[str, Any]
 COLUMNS = {
@@ -73,9 +73,8 @@ def _finding(summary: pd.DataFrame) -> Finding | None:
     )
 
 
-def percent_interval(row: Mapping[str, Any]) -> str:
-    """Return an accuracy with its interval, for example "91.7 [88.0, 94.4]"."""
-    return f"{100 * row['accuracy']:.1f} [{100 * row['low']:.1f}, {100 * row['high']:.1f}]"
+def _accuracy(row: Mapping[str, Any]) -> str:
+    return f"{percent(row['accuracy'])} {interval(row)}"
 
 
 def _losses(summary: pd.DataFrame) -> Iterator[Block]:
@@ -88,12 +87,10 @@ def _losses(summary: pd.DataFrame) -> Iterator[Block]:
         "Dataset": [row["dataset"] for row in rows],
         "Question": [row["question"] for row in rows],
         "Best method": [row["best"] for row in rows],
-        "Best %": [f"{100 * row['best_accuracy']:.1f}" for row in rows],
-        "Default of texclass %": [percent_interval(row) for row in rows],
+        "Best %": [percent(row["best_accuracy"]) for row in rows],
+        "Default of texclass %": [_accuracy(row) for row in rows],
         "Difference": [
-            f"{100 * row['difference']:.1f} [{100 * row['difference_low']:.1f}, "
-            f"{100 * row['difference_high']:.1f}]"
-            for row in rows
+            gain({**row, "low": row["difference_low"], "high": row["difference_high"]}) for row in rows
         ],
         "p": [p_value(row["p_value"]) for row in rows],
     }
@@ -112,9 +109,7 @@ def _questions(rows: Sequence[Data], titles: Mapping[str, str]) -> Iterator[Bloc
     frame = {"Method": [titles[row["method"]] for row in rows]}
     for question in questions:
         values = [row[question] for row in rows]
-        frame[f"{question.capitalize()} %"] = [
-            "" if value is None else f"{100 * value:.1f}" for value in values
-        ]
+        frame[f"{question.capitalize()} %"] = ["" if value is None else percent(value) for value in values]
     yield Table(
         frame,
         "Mean accuracy over the datasets of a question; empty if a method has no result on one of them. "
@@ -151,11 +146,9 @@ def _leakage(rows: Sequence[Data], datasets: set[str]) -> Iterator[Block]:
         "Dataset": [row["dataset"] for row in rows],
         "Honest split": [row["question"] for row in rows],
         "Method": [row["title"] for row in rows],
-        "Published %": [f"{100 * row['published']:.1f}" for row in rows],
-        "Honest %": [f"{100 * row['honest']:.1f}" for row in rows],
-        "Leakage": [
-            f"{100 * row['leakage']:.1f} [{100 * row['low']:.1f}, {100 * row['high']:.1f}]" for row in rows
-        ],
+        "Published %": [percent(row["published"]) for row in rows],
+        "Honest %": [percent(row["honest"]) for row in rows],
+        "Leakage": [gain({**row, "difference": row["leakage"]}) for row in rows],
     }
     yield Table(
         frame,
@@ -174,7 +167,7 @@ def _protocols(summary: pd.DataFrame) -> Iterator[Block]:
         lines = records(done)
         frame = {
             "Method": [row["title"] for row in lines],
-            "Accuracy %": [percent_interval(row) for row in lines],
+            "Accuracy %": [_accuracy(row) for row in lines],
         }
         for name, title in COLUMNS.items():
             factor = 100 if title.endswith("%") else 1
@@ -186,7 +179,7 @@ def _protocols(summary: pd.DataFrame) -> Iterator[Block]:
             frame,
             f"{first['dataset']}, {question}: `{first['protocol']}`{window}; "
             f"{counted(int(first['n_tests']), 'test')} of {counted(int(first['n_units']), first['unit'])}, "
-            f"{counted(int(first['n_surfaces']), 'surface')}, chance level {100 * first['chance']:.1f} %. "
+            f"{counted(int(first['n_surfaces']), 'surface')}, chance level {percent(first['chance'])} %. "
             "Bold: the best method, and methods without a significant difference from it.",
             bold_rows=[i for i, row in enumerate(lines) if row["is_tied"]],
             n_narrow=2,

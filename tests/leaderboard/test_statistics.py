@@ -4,8 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from texclass.suite.cells import COLUMNS
-from texclass.suite.statistics import (
+from texclass.leaderboard.statistics import (
     by_question,
     critical_difference,
     leakage,
@@ -14,6 +13,7 @@ from texclass.suite.statistics import (
     summarize,
     unit_counts,
 )
+from texclass.suite.cells import COLUMNS
 
 
 def fold(method, hits, *, dataset="toy", question="same operator", protocol="grouped", number=0, **facts):
@@ -89,6 +89,14 @@ def test_leakage_is_the_paired_difference_of_published_and_honest_split():
 
 def test_a_split_that_is_published_and_honest_hides_nothing():
     rows = table(fold("a", all_units(9), question="published"), fold("a", all_units(9)))
+    assert leakage(rows).empty
+
+
+def test_few_shot_protocols_are_no_measure_of_leakage():
+    rows = table(
+        fold("a", all_units(9), question="published", protocol="shuffled-windows"),
+        fold("a", all_units(3), question="few-shot", protocol="few-shot"),
+    )
     assert leakage(rows).empty
 
 

@@ -12,13 +12,13 @@ from markupsafe import Markup
 
 from texclass import shipped
 from texclass.atomic_write import write_atomic
+from texclass.leaderboard.statistics import by_question, leakage, mean_ranks, records, summarize
 from texclass.provenance import versions
 from texclass.reporting import Document
 from texclass.reporting.page import templates
 from texclass.reporting.result_files import Result
 from texclass.suite.cells import CODE_OF, LIBRARIES
 from texclass.suite.runner import read_table
-from texclass.suite.statistics import by_question, leakage, mean_ranks, records, summarize
 from texclass.suite.stored_folds import SEED
 
 TABLE_NAME = "leaderboard.csv"
@@ -38,7 +38,7 @@ def load_leaderboard(path: str | Path | None = None) -> pd.DataFrame:
     DataFrame
         Among others, the columns `dataset`, `question`, `protocol`, `method`, `fold`, `accuracy`,
         `balanced_accuracy`, `macro_f1`, `auroc_unknown`, `ece`, `coverage`, `ms`, `kb`, `status`, `licence`,
-        `dataset_hash`, `versions` and `author`. `texclass.suite.summarize` adds intervals and paired
+        `dataset_hash`, `versions` and `author`. `texclass.leaderboard.summarize` adds intervals and paired
         differences.
 
     Raises
@@ -101,7 +101,7 @@ class Leaderboard(Result, kind="leaderboard"):
     @property
     def documents(self) -> Mapping[str, Document]:
         """Report on real recordings and, if there are any, report on simulated recordings, by file stem."""
-        from texclass.suite.leaderboard_document import leaderboard_document
+        from texclass.leaderboard.leaderboard_document import leaderboard_document
 
         stems = {False: self.stem, True: f"{self.stem}-simulated"}
         kinds = sorted({row["is_simulated"] for row in self.data["rows"]})
@@ -134,11 +134,11 @@ def render_leaderboard(data: Mapping[str, Any], *, is_simulated: bool) -> str:
     package = files("texclass")
     style = package.joinpath("reporting/templates/page.css").read_text(encoding="utf-8").strip()
     own_style, script = (
-        package.joinpath(f"suite/templates/{name}").read_text(encoding="utf-8").strip()
+        package.joinpath(f"leaderboard/templates/{name}").read_text(encoding="utf-8").strip()
         for name in ("leaderboard.css", "leaderboard.js")
     )
     rows = [row for row in data["rows"] if row["is_simulated"] == is_simulated]
-    return templates("texclass.suite", "templates").get_template("leaderboard.html").render(
+    return templates("texclass.leaderboard", "templates").get_template("leaderboard.html").render(
         title="Leaderboard of surface classification" + ", simulated recordings" * is_simulated,
         is_simulated=is_simulated,
         rows=rows,

@@ -1,0 +1,5 @@
+"""Leaderboard: statistics of the table that the benchmark suite writes, its report and its pages."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
